@@ -1,0 +1,103 @@
+"""The calibration: sets the zero on Polaris and fits the pointing model, when asked."""
+
+import json
+import sys
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+from msg_tools import convert, topics
+from msg_tools.node import MountNode, Param, run_node
+from pointing_model.model import PointingModel
+from pointing_model.units import ARCSEC
+
+from .session import CalibrationSession
+
+PARAMS = (
+    Param('model_file', '', 'pointing model of an earlier night (JSON or YAML), the reference of '
+          'the zero', fixed=True),
+    Param('split_seed', 1, 'seed of the choice of stars held out of the check', 0, 2**31 - 1,
+          fixed=True),
+)
+
+
+class Calibration(MountNode):
+    """Collects observations; publishes zero, model and report, latched."""
+
+    def __init__(self, **kwargs):
+        super().__init__('calibration', PARAMS, hardware_id='pointing model', **kwargs)
+        reference = None
+        if self.value('model_file'):
+            reference = PointingModel.load(self.value('model_file'))
+        self._session = CalibrationSession(reference, self.value('split_seed'))
+        self._zero_pub = self.publisher(topics.ZERO)
+        self._model_pub = self.publisher(topics.MODEL)
+        self._report_pub = self.publisher(topics.CALIBRATION_REPORT)
+        self._status_pub = self.publisher(topics.CALIBRATION_STATUS)
+        self.subscribe(topics.OBSERVATION, self._on_observation)
+        self.create_service(Trigger, 'calibrate_zero', self._on_calibrate_zero)
+        self.create_service(Trigger, 'fit', self._on_fit)
+        self._say('collecting')
+
+    def _on_observation(self, message):
+        self._session.add(convert.cloud_to_run(message),
+                          convert.from_stamp(message.header.stamp))
+        self._say('collecting')
+
+    def _say(self, text):
+        self._status_pub.publish(convert.status(
+            DiagnosticStatus.OK, self.get_fully_qualified_name(), text,
+            observations=len(self._session)))
+
+    def _on_calibrate_zero(self, request, response):
+        try:
+            run, zero = self._session.calibrate_zero()
+        except (ValueError, np.linalg.LinAlgError) as err:
+            response.message = str(err)
+            return response
+        self._zero_pub.publish(convert.joint_state(
+            self._session.last_stamp, [zero.az, zero.el], effort=[zero.sigma_az, zero.sigma_el]))
+        response.success = True
+        response.message = (
+            f'zero of power-on {run}: azimuth {zero.az / ARCSEC:+.2f} +- '
+            f'{zero.sigma_az / ARCSEC:.2f} arcsec, elevation {zero.el / ARCSEC:+.2f} +- '
+            f'{zero.sigma_el / ARCSEC:.2f} arcsec, relative to {zero.reference}')
+        self._say(response.message)
+        return response
+
+    def _on_fit(self, request, response):
+        self._say('fitting')
+        try:
+            model, report = self._session.fit()
+        except (ValueError, np.linalg.LinAlgError) as err:
+            response.message = str(err)
+            self._say(response.message)
+            return response
+        self._report_pub.publish(String(data=json.dumps(report)))
+        self._model_pub.publish(String(data=model.to_json()))
+        held_out = report['steps'][-1]['held_out']['radial']
+        response.success = True
+        response.message = (f'{report["stars"]} stars fitted; {report["steps"][-1]["step"]}: '
+                            f'{held_out:.2f} arcsec radial on stars held out')
+        self._say(response.message)
+        return response
+
+    def required(self):
+        """It needs observations."""
+        return {self.resolve_topic_name(topics.OBSERVATION.name)}
+
+    def details(self):
+        """What has come."""
+        return [('observations', str(len(self._session))),
+                ('power-ons with a zero', str(len(self._session.zeros)))]
+
+
+def main(args=None):
+    """Entry point of ``ros2 run telescope_mount calibration``."""
+    sys.exit(run_node(Calibration, args))
+
+
+if __name__ == '__main__':
+    main()

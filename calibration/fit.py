@@ -1,0 +1,709 @@
+"""Least-squares fits of the pointing model: physical terms as rotations, and harmonics."""
+
+from dataclasses import dataclass
+from math import exp
+from typing import NamedTuple
+
+import numpy as np
+
+from pointing_model import geometry as rotation
+from pointing_model.harmonics import COUNT, Harmonics, basis, sky_factor
+from pointing_model.model import PointingModel, zero_angles
+from pointing_model.terms import PHYSICAL, known_terms, stacked_design
+from pointing_model.units import ARCSEC, wrap
+
+#: Directions in the space of the (column-scaled) coefficients whose singular value is below this
+#: part of the largest are not determined by the stars, and left out.
+RCOND = 1e-5
+RCOND_HARMONICS = 1e-4
+
+_TOLERANCE = 1e-9 * ARCSEC  # of an iteration, on the sky
+# of the normal matrix, scaled to a unit diagonal:
+_GRAM_LIMIT = 1e-10  # smallest ratio of eigenvalues that are accurate
+_SAFE_CONDITION = 1e8  # up to here it may be inverted
+_FINE_CONDITION = 1e5  # and up to here rounding stays below 1e-11 of the coefficients
+_HUBER = 1.5
+_BISQUARE = 7.0
+
+
+class Rms(NamedTuple):
+    """Root mean squares on the sky, arcsec, and the number of rows they are of."""
+
+    x: float
+    y: float
+    radial: float
+    n: int
+
+
+def rms_arcsec(x, y):
+    """RMS per axis and radial of on-sky offsets.
+
+    Parameters
+    ----------
+    x, y : ndarray, shape (n,)
+        Radians; rows that are not finite are left out.
+
+    Returns
+    -------
+    Rms
+        arcsec.
+    """
+    good = np.isfinite(x) & np.isfinite(y)
+    n = int(np.count_nonzero(good))
+    if n == 0:
+        return Rms(np.nan, np.nan, np.nan, 0)
+    xx = float(np.mean(np.square(x[good]))) / ARCSEC**2
+    yy = float(np.mean(np.square(y[good]))) / ARCSEC**2
+    return Rms(xx**0.5, yy**0.5, (xx + yy) ** 0.5, n)
+
+
+class _Spectrum(NamedTuple):
+    """Singular values of the weighted design with columns of unit length, ascending."""
+
+    s: np.ndarray
+    vectors: np.ndarray  # (k, k), right singular vectors in its columns, in that order
+    scale: np.ndarray  # length of the columns
+
+    def rank(self, rcond):
+        return len(self.s) - int(self.s.searchsorted(rcond * self.s[-1], 'right'))
+
+
+class _Solution(NamedTuple):
+    p: np.ndarray
+    inverse: np.ndarray  # of the normal matrix, in the directions kept
+    normal: np.ndarray
+    x_normal: np.ndarray  # the part of the normal matrix that the x rows make
+    residual: np.ndarray
+    rank: int
+
+
+def _spectrum(rows, weights, normal):
+    """From the normal matrix where its eigenvalues are accurate, else from the design."""
+    scale = np.sqrt(normal.diagonal())
+    scale = np.where(scale > 0.0, scale, 1.0)
+    values, vectors = np.linalg.eigh(normal / (scale[:, None] * scale))
+    if values[0] > _GRAM_LIMIT * values[-1]:
+        return _Spectrum(np.sqrt(values), vectors, scale)
+    design = (rows if weights is None else rows * np.sqrt(weights)) / scale[:, None]
+    _, s, v = np.linalg.svd(np.linalg.qr(design.T, mode='r'))
+    return _Spectrum(s[::-1], v[::-1].T, scale)
+
+
+def _solve(rows, b, weights, rcond):
+    """Weighted least squares of b = p @ rows, with singular directions left out.
+
+    The inverse normal matrix where that is accurate, with a step of iterative refinement (which
+    makes it as good as QR) unless it needs none; else the SVD.
+    """
+    n = len(b) // 2
+    weighted = rows if weights is None else rows * weights
+    x_normal = weighted[:, :n] @ rows[:, :n].T
+    normal = x_normal + weighted[:, n:] @ rows[:, n:].T
+    try:
+        inverse = np.linalg.inv(normal)
+        # trace x trace of the scaled matrix and its inverse: never below the condition number
+        condition = len(normal) * float(normal.diagonal() @ inverse.diagonal())
+    except np.linalg.LinAlgError:
+        condition = np.inf
+    if 0.0 < condition < min(_SAFE_CONDITION, 1.0 / rcond**2):
+        rank = len(normal)
+        refinements = 1 if condition > _FINE_CONDITION else 0
+    else:
+        spectrum = _spectrum(rows, weights, normal)
+        rank = spectrum.rank(rcond)
+        half = spectrum.vectors[:, -rank:] / (spectrum.scale[:, None] * spectrum.s[-rank:])
+        inverse = half @ half.T
+        refinements = 3
+    p = inverse @ (weighted @ b)
+    residual = b - p @ rows
+    for _ in range(refinements):
+        p = p + inverse @ (weighted @ residual)
+        residual = b - p @ rows
+    return _Solution(p, inverse, normal, x_normal, residual, rank)
+
+
+def _bisquare_constants(c):
+    """What the bisquare does to Gaussian noise on two axes.
+
+    With u^2 = (r_x/s_x)^2 + (r_y/s_y)^2 = 2t, t is exponential, and w = (1 - t/T)^2, T = c^2/2.
+
+    Returns
+    -------
+    variance : float
+        E[w r^2] / E[w] for unit noise.
+    inflation : float
+        covariance of the estimate = inflation x inverse of the weighted normal matrix.
+    """
+    top = c * c / 2.0
+    moments = [1.0 - exp(-top)]
+    for k in range(1, 6):
+        moments.append(k * moments[-1] - top**k * exp(-top))
+
+    def mean(*polynomial):  # of a polynomial in q = t / T, times t^0
+        return sum(a * moments[k] / top**k for k, a in enumerate(polynomial))
+
+    w = mean(1, -2, 1)
+    wt = top * mean(0, 1, -2, 1)
+    wwt = top * mean(0, 1, -4, 6, -4, 1)
+    slope = mean(1, -4, 3)  # w - 2 q (1 - q)
+    return wt / w, wwt / slope**2 * w
+
+
+_VARIANCE, _INFLATION = _bisquare_constants(_BISQUARE)
+
+
+def _scales(residual, root, n, dof_factor):
+    """Robust noise of each axis: the scaled median of the absolute residuals."""
+    standard = np.abs(residual if root is None else residual * root)
+    factor = 1.4826 * dof_factor
+    floor = _TOLERANCE if root is None else 1e-9
+    return [max(factor * float(np.median(standard[part])), floor)
+            for part in (slice(0, n), slice(n, None))]
+
+
+def _distance(residual, root, n, scales):
+    standard = residual if root is None else residual * root
+    return np.hypot(standard[:n] / scales[0], standard[n:] / scales[1])
+
+
+def _bisquare(u):
+    return np.square(np.maximum(1.0 - np.square(u / _BISQUARE), 0.0))
+
+
+def _robust_solve(rows, b, base, rcond, scales=None, row_weights=None):
+    """Iteratively reweighted least squares: Huber with the scale, then bisquare at that scale.
+
+    A row (both axes of an observation) has one weight.
+
+    Returns
+    -------
+    solution, scales, row_weights
+    """
+    n = len(b) // 2
+    root = None if base is None else np.sqrt(base)
+
+    def solve(w):
+        both = np.concatenate((w, w))
+        return _solve(rows, b, both if base is None else both * base, rcond)
+
+    if scales is None:
+        solution = _solve(rows, b, base, rcond)
+        dof_factor = np.sqrt(2 * n / max(2 * n - solution.rank, 1))
+        for _ in range(30):
+            scales = _scales(solution.residual, root, n, dof_factor)
+            u = _distance(solution.residual, root, n, scales)
+            old, solution = solution, solve(_HUBER / np.maximum(u, _HUBER))
+            moved = _distance(solution.residual - old.residual, root, n, scales).max()
+            if moved < 0.01:
+                break
+        scales = _scales(solution.residual, root, n, dof_factor)
+        # the median is wasteful: take the bisquare's own variance of what it keeps
+        standard = np.square(solution.residual if root is None else solution.residual * root)
+        for _ in range(3):
+            w = _bisquare(_distance(solution.residual, root, n, scales))
+            total = max(float(w.sum()), 1e-9) * _VARIANCE
+            scales = [max(dof_factor * float(np.sqrt(w @ part / total)), scale / 1.5)
+                      for part, scale in zip((standard[:n], standard[n:]), scales)]
+    else:
+        solution = solve(row_weights)
+    for _ in range(100):
+        row_weights = _bisquare(_distance(solution.residual, root, n, scales))
+        old, solution = solution, solve(row_weights)
+        if np.abs(solution.residual - old.residual).max() < _TOLERANCE:
+            break
+    return solution, scales, row_weights
+
+
+def _covariance(solution, base, row_weights, given):
+    """Covariance of the coefficients, and the scatter of each axis.
+
+    The inverse normal matrix if the sigmas were given; else sandwiched with the measured
+    variance of each axis, so that axes of different noise keep their own. The bisquare's loss
+    of efficiency is in it.
+
+    Returns
+    -------
+    covariance : ndarray, shape (k, k)
+    scatter : tuple of float
+        Standard deviation of x and y, in the unit of the residual (sigmas if they were given).
+    """
+    inverse, rank = solution.inverse, solution.rank
+    r = solution.residual if base is None else solution.residual * np.sqrt(base)
+    n = len(r) // 2
+    rx, ry = r[:n], r[n:]
+    if row_weights is None:
+        inflation, consistency, total = 1.0, 1.0, float(n)
+        squares = float(rx @ rx), float(ry @ ry)
+    else:
+        inflation, consistency, total = _INFLATION, _VARIANCE, float(row_weights.sum())
+        squares = float(row_weights @ np.square(rx)), float(row_weights @ np.square(ry))
+    used = float(np.vdot(inverse, solution.x_normal))  # trace of the product
+    pooled = (squares[0] + squares[1]) / max(2 * total - rank, 1e-9)
+    free = total - used, total - rank + used
+    variances = [
+        (square / dof if dof > 0.5 else pooled) / consistency for square, dof in zip(squares, free)
+    ]
+    scatter = variances[0] ** 0.5, variances[1] ** 0.5
+    if given:
+        return inflation * inverse, scatter
+    # H^-1 (vx Gx + vy Gy) H^-1 with Gy = H - Gx
+    covariance = inverse @ solution.x_normal @ inverse
+    covariance *= inflation * (variances[0] - variances[1])
+    covariance += (inflation * variances[1]) * inverse
+    return covariance, scatter
+
+
+def _dropped(spectrum, rank, names):
+    """Directions that the data do not determine, in words."""
+    out = []
+    for i in range(len(names) - rank):
+        row = spectrum.vectors[:, i] / spectrum.scale
+        row = row / row[np.argmax(np.abs(row))]
+        main = [(name, v) for name, v in zip(names, row) if abs(v) >= 0.1]
+        main.sort(key=lambda pair: -abs(pair[1]))
+        text = ' '.join(f'{v:+.2f} {name}' for name, v in main)
+        out.append({
+            'text': text,
+            'direction': dict(main),
+            'relative_singular_value': float(spectrum.s[i] / spectrum.s[-1]),
+        })
+    return out
+
+
+class LinearFit(NamedTuple):
+    """Result of `fit_first_order`; radians."""
+
+    coefficients: np.ndarray
+    covariance: np.ndarray
+    residual_x: np.ndarray
+    residual_y: np.ndarray
+    rank: int
+
+
+def _need_rows(n, k, given):
+    # with given sigmas the covariance needs no redundancy
+    if 2 * n < k or (2 * n == k and not given) or n == 0:
+        raise ValueError(
+            f'{n} usable observations do not determine {k} coefficients; observe at least '
+            f'{k // 2 + 1} stars or fit fewer terms')
+
+
+def fit_first_order(az, el, x, y, names=PHYSICAL, sx=None, sy=None, *, rcond=RCOND):
+    """Linear least-squares fit of first-order terms to on-sky offsets.
+
+    The bare fit, for many stars or many fits; `fit_terms` is the one with everything.
+
+    Parameters
+    ----------
+    az, el : ndarray, shape (n,)
+        Catalogue place, radians.
+    x, y : ndarray, shape (n,)
+        Encoder - catalogue on the sky, radians; finite.
+    names : sequence of str, length k
+        Terms to fit.
+    sx, sy : ndarray, shape (n,), optional
+        1-sigma noise of x and y, radians. Without them all rows weigh the same and the
+        covariance is scaled by the measured scatter of each axis.
+    rcond : float
+        Relative singular value below which a direction is left out.
+
+    Returns
+    -------
+    LinearFit
+
+    Raises
+    ------
+    ValueError
+        Too few rows, an unknown term, or only one of `sx` and `sy`.
+    """
+    n = len(az)
+    _need_rows(n, len(names), sx is not None)
+    if (sx is None) != (sy is None):
+        raise ValueError('a sigma of one axis only; give sx and sy, or none')
+    rows = stacked_design(names, np.asarray(az), np.asarray(el))
+    b = np.concatenate((x, y))
+    base = None
+    if sx is not None:
+        sigma = np.empty(2 * n)
+        sigma[:n], sigma[n:] = sx, sy
+        base = 1.0 / np.square(sigma)
+    solution = _solve(rows, b, base, rcond)
+    covariance, _ = _covariance(solution, base, None, base is not None)
+    r = solution.residual
+    return LinearFit(solution.p, covariance, r[:n], r[n:], solution.rank)
+
+
+@dataclass(frozen=True)
+class FitResult:
+    """A fitted model and how good it is.
+
+    Attributes
+    ----------
+    model : PointingModel
+        What was fitted (on top of the model it was fitted on).
+    names : tuple of str, length k
+        The fitted coefficients.
+    coefficients : ndarray, shape (k,)
+        Radians.
+    covariance : ndarray, shape (k, k)
+        Radians^2. Directions in `dropped` are not in it: there the coefficients are those of the
+        smallest norm, and only predictions among the observed stars have a meaning.
+    covariance_from : {'given sigmas', 'measured scatter'}
+        What the covariance is scaled by.
+    scatter : tuple of float
+        Noise of x and y, radians (per axis, with the degrees of freedom that the fit took).
+    rank : int
+    singular_values : ndarray, shape (k,)
+        Of the weighted design with columns of unit length, descending.
+    dropped : list of dict
+        Directions below `rcond`: ``text`` with the main terms, ``direction``,
+        ``relative_singular_value``.
+    residual_x, residual_y : ndarray, shape (n,)
+        On the sky, radians, a row of the run each; NaN in excluded rows.
+    weights : ndarray, shape (n,)
+        Robust weight of each row, 0 (rejected or excluded) to 1.
+    excluded : list of dict
+        ``row`` and ``reason`` of the rows that could not be used.
+    robust : bool
+        Whether rows were downweighted (never with fewer than 1.5 values a coefficient).
+    iterations : int
+    """
+
+    model: PointingModel
+    names: tuple
+    coefficients: np.ndarray
+    covariance: np.ndarray
+    covariance_from: str
+    scatter: tuple
+    rank: int
+    singular_values: np.ndarray
+    dropped: list
+    residual_x: np.ndarray
+    residual_y: np.ndarray
+    weights: np.ndarray
+    excluded: list
+    robust: bool
+    iterations: int
+
+    @property
+    def sigma(self):
+        """Standard errors of the coefficients, radians, shape (k,)."""
+        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+    @property
+    def correlations(self):
+        """Correlation matrix of the coefficients, shape (k, k)."""
+        sigma = self.sigma
+        sigma = np.where(sigma > 0.0, sigma, 1.0)
+        return self.covariance / np.outer(sigma, sigma)
+
+    @property
+    def condition(self):
+        """Condition number of the design with columns of unit length."""
+        smallest = self.singular_values[-1]
+        return float(self.singular_values[0] / smallest) if smallest > 0.0 else np.inf
+
+    @property
+    def rejected(self):
+        """Indices of the rows that the robust fit gave no weight, without the excluded ones."""
+        return np.flatnonzero((self.weights == 0.0) & np.isfinite(self.residual_x))
+
+    def rms_arcsec(self, rejected=True):
+        """RMS of the residuals on the fitted rows.
+
+        Parameters
+        ----------
+        rejected : bool
+            Whether rows that the robust fit rejected are in it.
+
+        Returns
+        -------
+        Rms
+            arcsec on the sky; `n` is the number of rows.
+        """
+        keep = slice(None) if rejected else self.weights > 0.0
+        return rms_arcsec(self.residual_x[keep], self.residual_y[keep])
+
+
+def _usable(run, encoder, zero):
+    """Finite rows with their offsets.
+
+    Returns
+    -------
+    rows : ndarray of int, shape (m,)
+    az, el, az_enc, el_enc : ndarray, shape (m,)
+    sigmas : ndarray, shape (2m,), or None
+    excluded : list of dict
+    """
+    columns = {name: np.asarray(run[name], float)
+               for name in ('az', 'el', f'az_{encoder}', f'el_{encoder}')}
+    zero_az, zero_el = zero_angles(zero, run)
+    columns[f'az_{encoder}'] = columns[f'az_{encoder}'] - zero_az
+    columns[f'el_{encoder}'] = columns[f'el_{encoder}'] - zero_el
+    sigmas = None
+    if 'sigma_x' in run and 'sigma_y' in run:
+        sigmas = [np.asarray(run[name], float) for name in ('sigma_x', 'sigma_y')]
+        if all(np.isnan(s).all() for s in sigmas):
+            sigmas = None
+    good = np.ones(len(run), bool)
+    for value in columns.values():
+        good &= np.isfinite(value)
+    if sigmas is not None:
+        for value in sigmas:
+            good &= np.isfinite(value) & (value > 0.0)
+    excluded = []
+    if not good.all():
+        for row in np.flatnonzero(~good):
+            bad = [name for name, v in columns.items() if not np.isfinite(v[row])]
+            reason = f'{", ".join(bad)} not finite' if bad else 'sigma not finite and positive'
+            excluded.append({'row': int(row), 'reason': reason})
+    rows = np.flatnonzero(good)
+    if sigmas is not None:
+        sigmas = np.concatenate([s[rows] for s in sigmas])
+    return rows, [v[rows] for v in columns.values()], sigmas, excluded
+
+
+def _check_encoder(run, encoder):
+    if encoder not in ('enc', 'abs'):
+        raise ValueError(f'unknown encoder {encoder!r}; take enc or abs')
+    for name in (f'az_{encoder}', f'el_{encoder}'):
+        if name not in run:
+            raise ValueError(f'pointing run without column {name}; fit the other encoder')
+
+
+def _gauss_newton(start, k, base, robust, rcond, linear):
+    """Iterate `start(p) -> (residual, rows, feasible)` to the (robust) least-squares solution."""
+    p = np.zeros(k)
+    scales = row_weights = None
+    for iteration in range(1, 31):
+        residual, rows, feasible = start(p)
+        weights = base
+        if not feasible.any():
+            raise ValueError(
+                'the fit runs to a mount that can point nowhere; look for rows with degrees of '
+                'error or fit fewer terms')
+        if not feasible.all():
+            both = np.concatenate((feasible, feasible)).astype(float)
+            weights = both if base is None else base * both
+        if robust:
+            if iteration <= 2:
+                scales = None  # the linearisation at zero can be seconds of arc off
+            solution, scales, row_weights = _robust_solve(
+                rows, residual, weights, rcond, scales, row_weights)
+        else:
+            solution = _solve(rows, residual, weights, rcond)
+        p = p + solution.p
+        if linear:
+            break
+        if np.abs(solution.residual - residual).max() < _TOLERANCE and (
+                not robust or iteration > 2):
+            break
+    else:
+        raise ValueError(
+            'the fit does not converge; look for rows with degrees of error or fit fewer terms')
+    return p, solution, rows, weights, row_weights, feasible, iteration
+
+
+def _result(run, names, rows_used, excluded, sigmas, solved, make_model, provenance, notes):
+    p, solution, rows, weights, row_weights, feasible, iterations = solved
+    covariance, scatter = _covariance(solution, weights, row_weights, sigmas is not None)
+    n = len(rows_used)
+    r = solution.residual
+    residual_x, residual_y, w = (np.full(len(run), v) for v in (np.nan, np.nan, 0.0))
+    residual_x[rows_used], residual_y[rows_used] = r[:n], r[n:]
+    w[rows_used] = 1.0 if row_weights is None else row_weights
+    if not feasible.all():
+        lost = rows_used[~feasible]
+        residual_x[lost], residual_y[lost], w[lost] = np.nan, np.nan, 0.0
+        excluded = excluded + [
+            {'row': int(i), 'reason': 'nearer to the zenith than the collimation lets the mount '
+                                      'look'} for i in lost]
+        excluded.sort(key=lambda e: e['row'])
+    if sigmas is not None:
+        x_unit, y_unit = (float(np.sqrt(np.mean(s**2))) for s in (sigmas[:n], sigmas[n:]))
+        scatter = scatter[0] * x_unit, scatter[1] * y_unit
+    rms = rms_arcsec(residual_x, residual_y)
+    covariance_from = 'measured scatter' if sigmas is None else 'given sigmas'
+    if row_weights is not None:
+        both = np.concatenate((row_weights, row_weights))
+        weights = both if weights is None else weights * both
+    spectrum = _spectrum(rows, weights, solution.normal)
+    rank = solution.rank
+    facts = {
+        **notes,
+        'source': run.meta.get('source'),
+        'rows': rms.n,
+        'rows_excluded': len(excluded),
+        'robust': row_weights is not None,
+        'covariance_from': covariance_from,
+        'rank': rank,
+        'fitted_rms_arcsec': {'x': rms.x, 'y': rms.y, 'radial': rms.radial},
+        **(provenance or {}),
+    }
+    return FitResult(
+        model=make_model(p, covariance, facts), names=tuple(names), coefficients=p,
+        covariance=covariance, covariance_from=covariance_from, scatter=scatter, rank=rank,
+        singular_values=spectrum.s[::-1],
+        dropped=_dropped(spectrum, rank, names),
+        residual_x=residual_x, residual_y=residual_y, weights=w, excluded=excluded,
+        robust=row_weights is not None, iterations=iterations)
+
+
+def fit_terms(run, names=PHYSICAL, *, robust=True, geometry='rotation', encoder='enc', zero=None,
+              rcond=RCOND, provenance=None):
+    """Fit pointing terms to a run.
+
+    Gauss-Newton: the geometric terms act as exact rotations (`pointing_model.geometry`) and are
+    linearised only inside the iteration; all other terms are linear.
+
+    Parameters
+    ----------
+    run : PointingRun
+        The columns ``sigma_x`` and ``sigma_y`` weigh the rows if both are there; else all weigh
+        the same. Rows with values that are not finite are left out and listed.
+    names : sequence of str
+        Terms to fit, of `terms.TERMS`.
+    robust : bool
+        Downweight rows far from the fit: Huber to find the noise of each axis (median absolute
+        residual), then Tukey's bisquare of the radial distance at that noise.
+    geometry : {'rotation', 'first_order'}
+        Exact rotations, or first-order columns throughout.
+    encoder : {'enc', 'abs'}
+        The encoder columns to fit.
+    zero : optional
+        Angles to subtract from the encoder's (see `pointing_model.model.zero_angles`).
+    rcond : float
+        Relative singular value below which a direction is left out and reported.
+    provenance : dict, optional
+        Kept in the model beside what the fit itself writes.
+
+    Returns
+    -------
+    FitResult
+
+    Raises
+    ------
+    ValueError
+        Too few usable rows, an unknown term, geometry or encoder, or no convergence.
+    """
+    names = tuple(names)
+    known_terms(names)
+    if not names:
+        raise ValueError('no term to fit; name at least one, for instance IA')
+    if geometry not in ('rotation', 'first_order'):
+        raise ValueError(f'unknown geometry {geometry!r}; take rotation or first_order')
+    _check_encoder(run, encoder)
+    rows_used, (az, el, az_enc, el_enc), sigmas, excluded = _usable(run, encoder, zero)
+    n = len(rows_used)
+    _need_rows(n, len(names), sigmas is not None)
+    observed = np.empty(2 * n)
+    observed[:n] = wrap(az_enc - az) * np.cos(el)
+    observed[n:] = el_enc - el
+    first_order = stacked_design(names, az, el)
+    everywhere = np.ones(n, bool)
+    turned = [i for i, name in enumerate(names) if name in rotation.GEOMETRIC]
+    # IA, IE and TF alone are linear
+    linear = geometry == 'first_order' or not {'CA', 'NPAE', 'AN', 'AW'} & set(names)
+
+    def start(p):
+        if linear or not p.any():
+            return observed - p @ first_order, first_order, everywhere
+        values = {names[i]: float(p[i]) for i in turned}
+        x, y, jacobian = rotation.offsets_and_jacobian(az, el, values, list(values))
+        rest = p.copy()
+        rest[turned] = 0.0
+        residual = observed - rest @ first_order
+        residual[:n] -= x
+        residual[n:] -= y
+        rows = first_order.copy()
+        for i in turned:
+            rows[i, :n], rows[i, n:] = jacobian[names[i]]
+        feasible = np.isfinite(x)
+        if not feasible.all():
+            lost = np.concatenate((~feasible, ~feasible))
+            residual[lost] = 0.0
+            rows[:, lost] = 0.0
+        return residual, rows, feasible
+
+    base = None if sigmas is None else 1.0 / np.square(sigmas)
+    robust = robust and 4 * n >= 3 * len(names)
+    solved = _gauss_newton(start, len(names), base, robust, rcond, linear)
+
+    def make_model(p, covariance, facts):
+        return PointingModel(dict(zip(names, p.tolist())), covariance, None, facts, geometry)
+
+    return _result(run, names, rows_used, excluded, sigmas, solved, make_model, provenance,
+                   {'method': 'terms', 'encoder': encoder, 'rcond': rcond})
+
+
+def fit_harmonics(run, reading='zenith', *, model=None, robust=True, encoder='enc', zero=None,
+                  rcond=RCOND_HARMONICS, provenance=None):
+    """Fit the 13 spherical harmonics an axis of paper 000 (eq. 6-8).
+
+    Least squares of the error on the sky in both readings, so that their residuals compare; the
+    printed reading's f_A = delta-A sin E is weighted accordingly.
+
+    Parameters
+    ----------
+    run : PointingRun
+    reading : {'zenith', 'printed'}
+        What the paper's E means (see `pointing_model.harmonics`).
+    model : PointingModel, optional
+        Fit what this model leaves (physical terms first), and keep its terms in the result.
+    robust, encoder, zero, provenance
+        As in `fit_terms`.
+    rcond : float
+        Relative singular value below which a direction is left out and reported: with few stars
+        the series is ill-conditioned.
+
+    Returns
+    -------
+    FitResult
+        ``names`` are A0..A12, B0..B12; ``model`` has the terms of `model` and the harmonics.
+
+    Raises
+    ------
+    ValueError
+        Too few usable rows, unknown reading or encoder, or `model` has harmonics already.
+    """
+    _check_encoder(run, encoder)
+    if model is not None and model.harmonics is not None:
+        raise ValueError('the model has harmonics already; fit them to its terms alone')
+    rows_used, (az, el, az_enc, el_enc), sigmas, excluded = _usable(run, encoder, zero)
+    if model is not None:
+        at_az, at_el = model.sky_to_encoder(az, el)
+        reachable = np.isfinite(at_az) & np.isfinite(at_el)
+        if not reachable.all():
+            excluded = sorted(
+                excluded + [{'row': int(i), 'reason': 'the model cannot point there'}
+                            for i in rows_used[~reachable]], key=lambda e: e['row'])
+            if sigmas is not None:
+                sigmas = sigmas[np.concatenate((reachable, reachable))]
+            rows_used, az, el, az_enc, el_enc, at_az, at_el = (
+                v[reachable] for v in (rows_used, az, el, az_enc, el_enc, at_az, at_el))
+    else:
+        at_az, at_el = az, el
+    n = len(rows_used)
+    _need_rows(n, 2 * COUNT, sigmas is not None)
+    observed = np.concatenate((wrap(az_enc - at_az) * np.cos(el), el_enc - at_el))
+    functions = basis(az, el, reading).T
+    rows = np.zeros((2 * COUNT, 2 * n))
+    rows[:COUNT, :n] = functions * sky_factor(el, reading)
+    rows[COUNT:, n:] = functions
+    names = [f'A{i}' for i in range(COUNT)] + [f'B{i}' for i in range(COUNT)]
+    base = None if sigmas is None else 1.0 / np.square(sigmas)
+    robust = robust and 4 * n >= 3 * len(names)
+    everywhere = np.ones(n, bool)
+    solved = _gauss_newton(lambda p: (observed, rows, everywhere), 2 * COUNT, base, robust, rcond,
+                           linear=True)
+
+    def make_model(p, covariance, facts):
+        harmonics = Harmonics(reading, p[:COUNT], p[COUNT:], covariance)
+        if model is None:
+            return PointingModel({}, None, harmonics, facts)
+        facts = {**facts, 'terms': model.provenance}
+        return PointingModel(model.terms, model.covariance, harmonics, facts, model.geometry)
+
+    return _result(run, names, rows_used, excluded, sigmas, solved, make_model, provenance,
+                   {'method': f'harmonics, {reading} reading', 'encoder': encoder,
+                    'rcond': rcond})

@@ -1,0 +1,238 @@
+"""The encoders' zero from Polaris: its change since a reference.
+
+Polaris alone measures IA + CA / cos E + (NPAE + AW cos A) tan E + ... in azimuth and
+IE + AN cos A + TF cos E + ... in elevation, so it cannot give IA and IE themselves. It gives
+how much the zero moved since a time when those other terms were the same, and `contamination`
+says by how much a change of each of them would falsify that.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pointing_model.model import PointingModel
+from pointing_model.run import PointingRun
+from pointing_model.terms import PHYSICAL, design
+from pointing_model.units import ARCSEC
+
+from .fit import fit_terms
+
+_FEWEST_FOR_ROBUST = 5  # below, a median says little about the noise
+
+
+@dataclass(frozen=True)
+class PolarisExposures:
+    """Exposures of Polaris in one power-on, for instance the reference.
+
+    Parameters
+    ----------
+    az, el : ndarray, shape (n,)
+        Catalogue place, radians.
+    x, y : ndarray, shape (n,)
+        Encoder - catalogue on the sky, radians.
+    sigma_x, sigma_y : ndarray, shape (n,), optional
+        1-sigma noise of x and y, radians.
+    name : str
+        What the report calls them.
+    """
+
+    az: np.ndarray
+    el: np.ndarray
+    x: np.ndarray
+    y: np.ndarray
+    sigma_x: np.ndarray = None
+    sigma_y: np.ndarray = None
+    name: str = 'an earlier power-on'
+
+    @classmethod
+    def from_run(cls, run, encoder='enc', name='an earlier power-on'):
+        """The rows of a `PointingRun`, all of them Polaris."""
+        x, y = run.offsets(encoder)
+        sigmas = [run.columns.get(c) for c in ('sigma_x', 'sigma_y')]
+        return cls(run['az'], run['el'], x, y, *sigmas, name=name)
+
+
+@dataclass(frozen=True)
+class Zero:
+    """Change of the zero of both axes.
+
+    Attributes
+    ----------
+    az, el : float
+        Coordinate angles (not on the sky), radians: subtract them from the encoder's reading.
+    covariance : ndarray, shape (2, 2)
+        Of (az, el), radians^2: of these exposures and of the reference.
+    n : int
+        Exposures used.
+    scatter_az, scatter_el : float
+        Measured scatter of one exposure, radians (coordinate angles); NaN for one exposure.
+    reference : str
+        What the change is relative to.
+    sigma_from : {'given sigmas', 'measured scatter'}
+        The latter is widened (Student) so that one sigma holds 68 % of the cases.
+    contamination : dict of str to dict of str to float
+        ``contamination['az']['CA']``: by how many seconds of arc the zero is false if that term
+        has changed by one since the reference; ``['el']`` likewise.
+    rejected : int
+        Exposures without weight in the robust mean.
+    excluded : list of dict
+        ``row`` and ``reason`` of the exposures that could not be used.
+    """
+
+    az: float
+    el: float
+    covariance: np.ndarray
+    n: int
+    scatter_az: float
+    scatter_el: float
+    reference: str
+    sigma_from: str
+    contamination: dict
+    rejected: int
+    excluded: list
+
+    @property
+    def sigma_az(self):
+        """Standard error of `az`, radians."""
+        return float(np.sqrt(self.covariance[0, 0]))
+
+    @property
+    def sigma_el(self):
+        """Standard error of `el`, radians."""
+        return float(np.sqrt(self.covariance[1, 1]))
+
+    def to_dict(self):
+        """Numbers for a log or a provenance, in arcsec."""
+        return {
+            'az_arcsec': self.az / ARCSEC,
+            'el_arcsec': self.el / ARCSEC,
+            'sigma_az_arcsec': self.sigma_az / ARCSEC,
+            'sigma_el_arcsec': self.sigma_el / ARCSEC,
+            'exposures': self.n,
+            'rejected': self.rejected,
+            'reference': self.reference,
+            'sigma_from': self.sigma_from,
+            'contamination': self.contamination,
+        }
+
+
+def student_factor(dof):
+    """The 84.13 % point of Student's t: what widens one sigma when it is itself estimated.
+
+    Parameters
+    ----------
+    dof : float
+        Degrees of freedom, at least 1.
+
+    Returns
+    -------
+    float
+        Cornish-Fisher series at one normal sigma, 1.3 % low for one degree of freedom and
+        better than 0.1 % from two.
+    """
+    return 1.0 + 1.0 / (2.0 * dof) + 1.0 / (4.0 * dof**2) + 1.0 / (16.0 * dof**3)
+
+
+def _mean(exposures, model):
+    """Robust mean of (offset - model) as coordinate angles, with its covariance."""
+    az, el, x, y = (np.atleast_1d(np.asarray(v, float)) for v in (
+        exposures.az, exposures.el, exposures.x, exposures.y))
+    if model is not None:
+        model_x, model_y = model.offsets(az, el)
+        x, y = x - model_x, y - model_y
+    columns = {'az': az, 'el': el, 'az_enc': az + x / np.cos(el), 'el_enc': el + y}
+    sigmas = exposures.sigma_x, exposures.sigma_y
+    given = all(s is not None for s in sigmas)
+    if given:
+        columns['sigma_x'], columns['sigma_y'] = (
+            np.broadcast_to(np.asarray(s, float), az.shape) for s in sigmas)
+    finite = np.count_nonzero(np.isfinite(np.sum([az, el, x, y], axis=0)))
+    if finite == 0:
+        raise ValueError(f'no usable exposure of Polaris ({exposures.name}); observe it first')
+    if finite == 1 and not given:
+        raise ValueError(
+            f'one exposure of Polaris ({exposures.name}) has no scatter; give sigma_x and '
+            'sigma_y or expose again')
+    fit = fit_terms(PointingRun(columns), ('IA', 'IE'), geometry='first_order',
+                    robust=finite >= _FEWEST_FOR_ROBUST)
+    covariance = fit.covariance
+    weight = float(fit.weights.sum())
+    if fit.covariance_from == 'measured scatter':
+        covariance = covariance * student_factor(max(weight - 1.0, 1.0)) ** 2
+    used = fit.weights > 0.0
+    scatter = np.array(fit.scatter) if used.sum() > 1 else np.full(2, np.nan)
+    scatter[0] /= np.mean(np.cos(el[used]))
+    return fit, covariance, scatter, az[used], el[used]
+
+
+def _coordinate_columns(names, az, el):
+    """Mean over the exposures of the derivatives of (az, el) encoder angles, shape (2, k)."""
+    x, y = design(names, az, el)
+    return np.stack((np.mean(x / np.cos(el)[:, None], axis=0), np.mean(y, axis=0)))
+
+
+def zero_from_polaris(az, el, x, y, reference, *, sigma_x=None, sigma_y=None, model=None):
+    """Change of the encoders' zero since a reference, from exposures of Polaris.
+
+    Parameters
+    ----------
+    az, el : float or ndarray, shape (n,)
+        Catalogue place of Polaris at each exposure, radians.
+    x, y : float or ndarray, shape (n,)
+        Encoder - catalogue on the sky, radians, with the star's miss distance in it.
+    reference : PolarisExposures or PointingModel
+        Exposures of an earlier power-on, or a model whose prediction at Polaris is the zero
+        that its IA and IE stand for; the model's covariance enters the result's.
+    sigma_x, sigma_y : float or ndarray, optional
+        1-sigma noise of x and y, radians. Without them the scatter of the exposures gives it.
+    model : PointingModel, optional
+        With reference exposures: takes out how the offset changes between the two places of
+        Polaris on its circle (0.6" per minute of arc of collimation). Its covariance enters.
+
+    Returns
+    -------
+    Zero
+
+    Raises
+    ------
+    ValueError
+        No usable exposure, or only one and no sigma, here or in the reference; or `model`
+        beside a reference that is a model.
+    """
+    now = PolarisExposures(az, el, x, y, sigma_x, sigma_y, name='tonight')
+    if isinstance(reference, PointingModel):
+        if model is not None:
+            raise ValueError('the reference is a model already; leave out the second one')
+        model = reference
+    fit, covariance, scatter, now_az, now_el = _mean(now, model)
+    value = fit.coefficients
+    if isinstance(reference, PointingModel):
+        columns = _coordinate_columns(tuple(model.terms), now_az, now_el)
+        covariance = covariance + columns @ model.covariance @ columns.T
+        if model.harmonics is not None:
+            vx, vy = model.harmonics.variance(now_az, now_el)
+            covariance = covariance + np.diag(
+                [np.mean(vx / np.cos(now_el) ** 2), np.mean(vy)])
+        source = model.provenance.get('source')
+        description = 'prediction of the pointing model' + (f' from {source}' if source else '')
+    else:
+        then, then_covariance, _, then_az, then_el = _mean(reference, model)
+        value = value - then.coefficients
+        covariance = covariance + then_covariance
+        if model is not None:
+            names = tuple(model.terms)
+            moved = (_coordinate_columns(names, now_az, now_el)
+                     - _coordinate_columns(names, then_az, then_el))
+            covariance = covariance + moved @ model.covariance @ moved.T
+        description = f'{np.count_nonzero(then.weights)} exposures of Polaris, {reference.name}'
+    others = tuple(name for name in PHYSICAL if name not in ('IA', 'IE'))
+    false = _coordinate_columns(others, now_az, now_el)
+    contamination = {
+        axis: {name: float(v) for name, v in zip(others, row) if v != 0.0}
+        for axis, row in zip(('az', 'el'), false)
+    }
+    return Zero(
+        az=float(value[0]), el=float(value[1]), covariance=covariance, n=len(now_az),
+        scatter_az=float(scatter[0]), scatter_el=float(scatter[1]), reference=description,
+        sigma_from=fit.covariance_from, contamination=contamination,
+        rejected=len(fit.rejected), excluded=fit.excluded)

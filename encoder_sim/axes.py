@@ -1,0 +1,390 @@
+"""Motion of the two axes: slews that catch up with a commanded trajectory, then tracking.
+
+Index 0 is azimuth, 1 elevation. Time is UTC seconds; any monotonic time would do.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pointing_model.units import DEG
+
+from .scenario import AxisLimits
+
+__all__ = ['AxisLimits', 'Leg', 'Move', 'MountAxes', 'Trajectory', 'catch_up', 'plan_move']
+
+AXES = ('azimuth', 'elevation')
+_TURN = 2.0 * np.pi
+# the ringing is damped by this many time constants within the settling time, and swings so often
+_DECAY, _SWINGS = 8.0, 4.0
+
+
+@dataclass(frozen=True)
+class Move:
+    """A trapezoidal move: one acceleration, a cruise, the opposite acceleration, and rest.
+
+    Position and rate count from the start of the move, in the frame of the target.
+    """
+
+    distance: float
+    start_rate: float
+    cruise_rate: float
+    acceleration: float
+    accelerating: float
+    cruising: float
+    braking: float
+
+    @property
+    def duration(self):
+        """Seconds."""
+        return self.accelerating + self.cruising + self.braking
+
+    def at(self, t):
+        """Position (rad) and rate (rad/s) at `t` seconds after the start, of the shape of `t`."""
+        t = np.asarray(t, dtype=float)
+        speeding = np.clip(t, 0.0, self.accelerating)
+        cruising = np.clip(t - self.accelerating, 0.0, self.cruising)
+        braking = np.clip(t - self.accelerating - self.cruising, 0.0, self.braking)
+        gain = self.cruise_rate - self.start_rate
+        first = np.sign(gain) * self.acceleration
+        last = -np.sign(self.cruise_rate) * self.acceleration
+        position = (
+            (self.start_rate + 0.5 * first * speeding) * speeding
+            + self.cruise_rate * cruising
+            + (self.cruise_rate + 0.5 * last * braking) * braking
+        )
+        rate = self.start_rate + first * speeding + last * braking
+        moving = t < self.duration
+        return np.where(moving, position, self.distance), np.where(moving, rate, 0.0)
+
+
+def plan_move(distance, rate, limits, frame_rate=0.0):
+    """The fastest move over `distance` that ends at rest.
+
+    Parameters
+    ----------
+    distance : float
+        rad, signed.
+    rate : float
+        At the start, rad/s.
+    limits : AxisLimits
+        Of the axis.
+    frame_rate : float
+        Rate of the frame in which the move is described: that of a target to be caught, rad/s.
+
+    Returns
+    -------
+    Move
+
+    Raises
+    ------
+    ValueError
+        The target is as fast as the axis can be.
+    """
+    top, a = limits.max_rate - abs(frame_rate), limits.max_acceleration
+    if top <= 0.0:
+        raise ValueError(
+            f'target at {abs(frame_rate) / DEG:.3g} deg/s is faster than the axis '
+            f'({limits.max_rate / DEG:.3g} deg/s): ask for a slower one'
+        )
+    beyond = distance - rate * abs(rate) / (2.0 * a)
+    sign = np.sign(beyond) if beyond != 0.0 else np.sign(rate)
+    d, v = sign * distance, sign * rate
+    peak = min(np.sqrt(max(a * d + 0.5 * v * v, 0.0)), top)
+    accelerating, braking = abs(peak - v) / a, peak / a
+    rest = d - 0.5 * (peak + v) * accelerating - 0.5 * peak * braking
+    cruising = max(rest, 0.0) / peak if peak > 0.0 else 0.0
+    return Move(distance, rate, sign * peak, a, accelerating, cruising, braking)
+
+
+class Trajectory:
+    """A commanded joint trajectory: cubic Hermite between its points.
+
+    Before the first and after the last point the axes go on at the rate of that point, so that
+    one point with a rate tracks for as long as nothing else is commanded.
+
+    Parameters
+    ----------
+    times : array_like, shape (n,)
+        Rising, s.
+    positions : array_like, shape (n, 2)
+        Azimuth and elevation, rad. Azimuth may jump by whole turns.
+    velocities : array_like, shape (n, 2), optional
+        rad/s. Without them, differences of the points.
+
+    Raises
+    ------
+    ValueError
+        No point, wrong shapes, a time that does not rise, a value that is not finite.
+    """
+
+    def __init__(self, times, positions, velocities=None):
+        self.times = np.atleast_1d(np.asarray(times, dtype=float))
+        n = len(self.times)
+        self.positions = np.array(positions, dtype=float)
+        if n == 0 or self.times.ndim != 1 or self.positions.shape != (n, 2):
+            raise ValueError(
+                f'trajectory with times {self.times.shape} and positions {self.positions.shape}: '
+                'n times and n rows of azimuth, elevation are wanted'
+            )
+        if np.any(np.diff(self.times) <= 0.0):
+            raise ValueError('trajectory whose times do not rise: sort its points by time')
+        self.positions[:, 0] = np.unwrap(self.positions[:, 0])
+        if velocities is None:
+            velocities = np.zeros((1, 2))
+            if n > 1:
+                velocities = np.gradient(self.positions, self.times, axis=0)
+        self.velocities = np.array(velocities, dtype=float)
+        if self.velocities.shape != (n, 2):
+            raise ValueError(
+                f'trajectory with velocities {self.velocities.shape} for {n} points: give (n, 2)'
+            )
+        finite = np.isfinite(self.times).all() and np.isfinite(self.positions).all()
+        if not (finite and np.isfinite(self.velocities).all()):
+            raise ValueError('trajectory with a value that is not finite: leave that point out')
+
+    def shifted(self, azimuth):
+        """The same with `azimuth` (rad) added to the azimuth."""
+        return Trajectory(self.times, self.positions + [azimuth, 0.0], self.velocities)
+
+    def at(self, t):
+        """Angles (m, 2) in rad and rates (m, 2) in rad/s at times `t` (m,)."""
+        t = np.atleast_1d(np.asarray(t, dtype=float))
+        if len(self.times) == 1:
+            dt = (t - self.times[0])[:, np.newaxis]
+            return self.positions + dt * self.velocities, np.repeat(self.velocities, len(t), 0)
+        i = np.clip(np.searchsorted(self.times, t, side='right') - 1, 0, len(self.times) - 2)
+        h = (self.times[i + 1] - self.times[i])[:, np.newaxis]
+        dt = (t - self.times[i])[:, np.newaxis]
+        inside = np.clip(dt, 0.0, h)
+        s = inside / h
+        p0, p1 = self.positions[i], self.positions[i + 1]
+        v0, v1 = self.velocities[i], self.velocities[i + 1]
+        step = p1 - p0
+        position = (
+            p0
+            + s * s * (3.0 - 2.0 * s) * step
+            + h * s * (1.0 - s) * ((1.0 - s) * v0 - s * v1)
+        )
+        rate = (
+            6.0 * s * (1.0 - s) * step / h
+            + (1.0 - s) * (1.0 - 3.0 * s) * v0
+            + s * (3.0 * s - 2.0) * v1
+        )
+        return position + (dt - inside) * rate, rate
+
+
+def _short_way(azimuth, trajectory, limits):
+    """Whole turns to add to the trajectory's azimuth, rad: the nearest that fits the travel."""
+    nearest = -np.round((trajectory.positions[0, 0] - azimuth) / _TURN)
+    low, high = trajectory.positions[:, 0].min(), trajectory.positions[:, 0].max()
+    fewest = np.ceil((limits.travel_min - low) / _TURN)
+    most = np.floor((limits.travel_max - high) / _TURN)
+    if fewest > most:
+        raise ValueError(
+            f'azimuth from {low / DEG:.3f} to {high / DEG:.3f} deg does not fit into the travel '
+            f'of {limits.travel_min / DEG:g} to {limits.travel_max / DEG:g} deg'
+        )
+    return _TURN * float(np.clip(nearest, fewest, most))
+
+
+@dataclass(frozen=True)
+class Leg:
+    """One command carried out: the catch-up of each axis, then the trajectory.
+
+    Attributes
+    ----------
+    start : float
+        When it began, s.
+    trajectory : Trajectory
+        Followed, with the azimuth's turns resolved.
+    moves : tuple of Move
+        Catch-up of each axis, in the frame that moves with the target at its arrival.
+    arrival : ndarray, shape (2,)
+        When each axis has caught up, s.
+    settled : float
+        When both have caught up and settled, s.
+    """
+
+    start: float
+    trajectory: Trajectory
+    moves: tuple
+    arrival: np.ndarray
+    settled: float
+    limits: tuple
+    origin: np.ndarray
+    frame_rate: np.ndarray
+
+    @property
+    def approach(self):
+        """Sign of the motion by which each axis came to its target, shape (2,)."""
+        return np.sign([move.cruise_rate for move in self.moves])
+
+    def state(self, t):
+        """Angles (m, 2) and rates (m, 2) of the axes at times `t` (m,)."""
+        t = np.atleast_1d(np.asarray(t, dtype=float))
+        angles, rates = self.trajectory.at(t)
+        for i, move in enumerate(self.moves):
+            dt = t - self.start
+            position, rate = move.at(dt)
+            slewing = t < self.arrival[i]
+            angles[slewing, i] = (self.origin[i] + self.frame_rate[i] * dt + position)[slewing]
+            rates[slewing, i] = (self.frame_rate[i] + rate)[slewing]
+            self._ring(i, t, angles, rates)
+        return angles, rates
+
+    def _ring(self, i, t, angles, rates):
+        limits = self.limits[i]
+        if limits.settling_time <= 0.0 or limits.settling_amplitude <= 0.0:
+            return
+        # a slew that never got fast excites less; it swings on in the direction of the slew
+        size = limits.settling_amplitude * self.moves[i].cruise_rate / limits.max_rate
+        decay = _DECAY / limits.settling_time
+        turn = _TURN * _SWINGS / limits.settling_time
+        dt = np.maximum(t - self.arrival[i], 0.0)
+        envelope = size * np.exp(-decay * dt)
+        swing = 0.5 * (1.0 - np.cos(turn * dt))
+        angles[:, i] += envelope * swing
+        rates[:, i] += envelope * (0.5 * turn * np.sin(turn * dt) - decay * swing)
+
+
+def catch_up(start, angles, rates, trajectory, limits):
+    """Plan how both axes reach a trajectory.
+
+    Parameters
+    ----------
+    start : float
+        Now, s.
+    angles, rates : array_like, shape (2,)
+        State of the axes now, rad and rad/s.
+    trajectory : Trajectory
+        To be followed from then on. Azimuth takes the short way where the travel allows it.
+    limits : sequence of AxisLimits, length 2
+        Of azimuth and elevation.
+
+    Returns
+    -------
+    Leg
+
+    Raises
+    ------
+    ValueError
+        The trajectory leaves the travel of an axis or is faster than an axis.
+    """
+    low, high = trajectory.positions[:, 1].min(), trajectory.positions[:, 1].max()
+    if low < limits[1].travel_min or high > limits[1].travel_max:
+        raise ValueError(
+            f'elevation from {low / DEG:.3f} to {high / DEG:.3f} deg leaves the travel of '
+            f'{limits[1].travel_min / DEG:g} to {limits[1].travel_max / DEG:g} deg'
+        )
+    trajectory = trajectory.shifted(_short_way(angles[0], trajectory, limits[0]))
+    moves, arrival, frame_rate = [], np.empty(2), np.empty(2)
+    for i, limit in enumerate(limits):
+        duration = 0.0
+        # the target's place and rate at the arrival decide the arrival: iterate
+        for _ in range(60):
+            target, rate = (v[0, i] for v in trajectory.at(start + duration))
+            distance = target - rate * duration - angles[i]
+            move = plan_move(distance, rates[i] - rate, limit, rate)
+            before, duration = duration, move.duration
+            if abs(duration - before) < 1e-12:
+                break
+        # a move of a hair's breadth may go to and fro between two roots a microsecond apart
+        if abs(duration - before) > 1e-4:
+            raise ValueError(f'{AXES[i]} cannot catch up with the trajectory: ask for a slower one')
+        moves.append(move)
+        arrival[i], frame_rate[i] = start + duration, rate
+    settled = max(
+        time + limit.settling_time * (move.duration > 0.0)
+        for time, limit, move in zip(arrival, limits, moves)
+    )
+    return Leg(
+        start, trajectory, tuple(moves), arrival, float(settled), tuple(limits),
+        np.array(angles, dtype=float), frame_rate,
+    )
+
+
+class MountAxes:
+    """Both axes with the commands that they were given.
+
+    Parameters
+    ----------
+    azimuth, elevation : AxisLimits
+        Of the axes.
+    time : float
+        At which they stand still at `angles`, s.
+    angles : array_like, shape (2,)
+        rad.
+    memory : int
+        How many commands back `state` can still answer.
+    """
+
+    def __init__(self, azimuth, elevation, time, angles, memory=64):
+        self.limits = (azimuth, elevation)
+        rest = Trajectory([time], [angles], [[0.0, 0.0]])
+        nothing = plan_move(0.0, 0.0, azimuth)
+        self._legs = [
+            Leg(time, rest, (nothing, nothing), np.full(2, time), time, self.limits,
+                np.array(angles, dtype=float), np.zeros(2))
+        ]
+        self._memory = memory
+
+    @property
+    def leg(self):
+        """The command that is being carried out."""
+        return self._legs[-1]
+
+    def arrival(self, start, trajectory):
+        """When both axes would follow `trajectory`, settled, if commanded at `start`: s."""
+        return self._plan(start, trajectory).settled
+
+    def follow(self, start, trajectory):
+        """Carry out `trajectory` from `start` on.
+
+        Parameters
+        ----------
+        start : float
+            Not before the last command, s.
+        trajectory : Trajectory
+
+        Returns
+        -------
+        float
+            When both axes follow it, settled, s.
+
+        Raises
+        ------
+        ValueError
+            As `catch_up`; the axes then keep to the last command.
+        """
+        if start < self._legs[-1].start:
+            raise ValueError('command older than the one being carried out: check its stamp')
+        leg = self._plan(start, trajectory)
+        self._legs = [*self._legs[1 - self._memory :], leg]
+        return leg.settled
+
+    def _plan(self, start, trajectory):
+        angles, rates = (v[0] for v in self.state(start))
+        return catch_up(start, angles, rates, trajectory, self.limits)
+
+    def _leg_numbers(self, t):
+        starts = [leg.start for leg in self._legs]
+        return np.maximum(np.searchsorted(starts, t, side='right') - 1, 0)
+
+    def state(self, t):
+        """Angles (m, 2) in rad, azimuth not wrapped, and rates (m, 2) in rad/s at times `t`."""
+        t = np.atleast_1d(np.asarray(t, dtype=float))
+        angles, rates = np.empty((len(t), 2)), np.empty((len(t), 2))
+        number = self._leg_numbers(t)
+        for k in np.unique(number):
+            rows = number == k
+            angles[rows], rates[rows] = self._legs[k].state(t[rows])
+        return angles, rates
+
+    def approach(self, t):
+        """Sign of the last slew of each axis at times `t`, shape (m, 2): -1, 0, 1."""
+        t = np.atleast_1d(np.asarray(t, dtype=float))
+        signs = np.array([leg.approach for leg in self._legs])
+        for i in range(1, len(signs)):  # an axis that was not asked to move keeps its side
+            signs[i] = np.where(signs[i] == 0.0, signs[i - 1], signs[i])
+        return signs[self._leg_numbers(t)]

@@ -1,0 +1,162 @@
+"""The star camera: where the brightest star of the field lies on the chip."""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from pointing_model.catalogue import load_catalogue
+from pointing_model.earth import TURN_RATE
+from pointing_model.sky import DEFAULT_SITE, DEFAULT_WEATHER, Site, Weather, observed_place
+from pointing_model.units import DEG
+
+from . import keyed_noise
+from .geometry import FORWARD, RIGHT, UP, direction
+
+#: a coarse place leaves out refraction, precession and aberration since the first exposure
+_MARGIN = 0.5 * DEG
+_CHUNK = 64
+
+
+class Exposures(NamedTuple):
+    """What the camera measured in n exposures.
+
+    Attributes
+    ----------
+    miss : ndarray, shape (n, 2)
+        Star - boresight towards +A and +E, rad in the tangent plane; NaN without a star.
+    hip : ndarray of int, shape (n,)
+        The star, 0: none. The camera of a real mount does not know it: for tests.
+    mag : ndarray, shape (n,)
+        Magnitude, NaN without a star.
+    """
+
+    miss: np.ndarray
+    hip: np.ndarray
+    mag: np.ndarray
+
+
+class Camera:
+    """Camera in the tube.
+
+    Parameters
+    ----------
+    params : scenario.Camera
+    seed : int
+    site : sky.Site
+        Where the mount really is.
+    weather : sky.Weather
+        At the start of the night.
+    clock_offset : float
+        True UTC - stamp, s.
+    temperature_rate : float
+        Of the air, degC/s.
+    start : float, optional
+        Start of the night, UTC s, from which the temperature changes; without it the first stamp.
+    """
+
+    def __init__(
+        self, params, seed, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, *, clock_offset=0.0,
+        temperature_rate=0.0, start=None,
+    ):
+        self.params, self.seed = params, seed
+        self.site, self.weather = site, weather
+        self.clock_offset, self.temperature_rate, self.start = clock_offset, temperature_rate, start
+        self._stars = load_catalogue(params.mag_limit)
+        self._coarse = None  # (time, unit vectors of all stars then)
+
+    @classmethod
+    def from_scenario(cls, scenario, seed, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, start=None):
+        """Camera of a scenario; `site` and `weather` hold where the scenario has none."""
+        true_site, air = scenario.site, scenario.weather
+        if true_site is not None:
+            site = Site(true_site.latitude, true_site.longitude, true_site.height)
+        if air is not None:
+            weather = Weather(
+                air.pressure, air.temperature, air.humidity, air.wavelength * 1e6
+            )
+        return cls(
+            scenario.camera, seed, site, weather, clock_offset=scenario.clock_offset,
+            temperature_rate=0.0 if air is None else air.temperature_rate, start=start,
+        )
+
+    def expose(self, stamps, frames):
+        """Measure the brightest star of the field.
+
+        Parameters
+        ----------
+        stamps : int or ndarray of int, shape (n,)
+            ns, of the middle of the exposure.
+        frames : ndarray, shape (n, 3, 3)
+            Of the tube, from `geometry.MountGeometry.frames`.
+
+        Returns
+        -------
+        Exposures
+        """
+        stamps = np.atleast_1d(np.asarray(stamps, dtype=np.int64))
+        frames = np.asarray(frames, dtype=float).reshape(-1, 3, 3)
+        n = len(stamps)
+        miss, hip, mag = np.full((n, 2), np.nan), np.zeros(n, dtype=np.int64), np.full(n, np.nan)
+        if n == 0:
+            return Exposures(miss, hip, mag)
+        if self.start is None:
+            self.start = stamps[0] * 1e-9
+        time = stamps * 1e-9 + self.clock_offset
+        exposure, star = self._candidates(time, frames[:, FORWARD])
+        if len(exposure):
+            exposure, star, place = self._in_field(time, frames, exposure, star)
+            # brightest first, then the first candidate of each exposure
+            order = np.lexsort((self._stars.mag[star], exposure))
+            seen, first = np.unique(exposure[order], return_index=True)
+            chosen = order[first]
+            miss[seen] = self._measure(stamps[seen], place[chosen])
+            hip[seen], mag[seen] = self._stars.hip[star[chosen]], self._stars.mag[star[chosen]]
+        return Exposures(miss, hip, mag)
+
+    def _candidates(self, time, boresight):
+        """Pairs (exposure, star) that lie near enough to be worth an exact place."""
+        if self._coarse is None:
+            no_air = replace(self.weather, pressure_hpa=0.0)
+            place = observed_place(self._stars, time[0], self.site, no_air)
+            self._coarse = time[0], direction(*place)
+        when, stars = self._coarse
+        # turn the boresight back with the sky, about the pole
+        angle = (TURN_RATE * (time - when))[:, np.newaxis]
+        pole = np.array([0.0, np.cos(self.site.latitude), np.sin(self.site.latitude)])
+        back = (
+            np.cos(angle) * boresight
+            + np.sin(angle) * np.cross(pole, boresight)
+            + (1.0 - np.cos(angle)) * (boresight @ pole)[:, np.newaxis] * pole
+        )
+        near = np.cos(self.params.field_of_view / np.sqrt(2.0) + _MARGIN)
+        parts = [
+            np.nonzero(back[i : i + _CHUNK] @ stars.T > near) for i in range(0, len(time), _CHUNK)
+        ]
+        exposure = np.concatenate([rows + _CHUNK * i for i, (rows, _) in enumerate(parts)])
+        return exposure, np.concatenate([column for _, column in parts])
+
+    def _in_field(self, time, frames, exposure, star):
+        """Candidates within the field, and their place in the tangent plane, rad."""
+        moments = time[exposure]
+        weather = self.weather
+        if self.temperature_rate:
+            warmth = weather.temperature_c + self.temperature_rate * (moments - self.start)
+            weather = replace(weather, temperature_c=warmth)
+        towards = direction(*observed_place(self._stars.select(star), moments, self.site, weather))
+        seen = np.einsum('nij,nj->ni', frames[exposure], towards)
+        ahead = np.maximum(seen[:, FORWARD], 1e-9)
+        place = np.stack([seen[:, RIGHT] / ahead, seen[:, UP] / ahead], axis=1)
+        inside = np.all(np.abs(place) <= 0.5 * self.params.field_of_view, axis=1)
+        inside &= towards[:, 2] > 0.0
+        return exposure[inside], star[inside], place[inside]
+
+    def _measure(self, stamps, place):
+        """The camera's own scale, rotation and noise."""
+        p = self.params
+        c, s = np.cos(p.rotation), np.sin(p.rotation)
+        turned = place @ np.array([[c, s], [-s, c]])
+        noise = 0.0
+        if p.star_noise > 0.0:
+            noise = p.star_noise * keyed_noise.normal(self.seed, 'camera', 'star', stamps, 2)
+        return (1.0 + p.scale_error) * turned + noise

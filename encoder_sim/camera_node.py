@@ -1,0 +1,97 @@
+"""The star camera: measures how far the brightest star of the field is from the boresight."""
+
+import sys
+
+import numpy as np
+
+from msg_tools import convert, topics
+from msg_tools.node import MountNode, Param, run_node
+from pointing_model.sky_params import SKY_PARAMS, sky_of
+from pointing_model.units import ARCSEC, wrap
+
+from .camera import Camera
+from .device_params import DEVICE_PARAMS, parse_utc
+from .geometry import MountGeometry
+from .scenario import load_scenario
+
+PARAMS = (
+    *DEVICE_PARAMS, *SKY_PARAMS,
+    Param('exposure_s', 1.0, 'length of an exposure; one follows the other [s]', 0.01, 3600.0),
+    Param('smear_limit_arcsec', 60.0, 'a star that moves farther in an exposure is not measured '
+          '[arcsec]', 0.1, 36000.0),
+)
+
+
+class StarCamera(MountNode):
+    """Exposes whenever true angles come; NaN says that no star was measured."""
+
+    def __init__(self, **kwargs):
+        super().__init__('camera', PARAMS, hardware_id='simulated camera', **kwargs)
+        self._scenario = load_scenario(self.value('scenario'))
+        self._samples = []
+        self._without = 0
+        self._start = parse_utc(self.value('start_time')) * 1e-9
+        self._geometry = MountGeometry(self._scenario.mount, self._start)
+        self._build()
+        self._pub = self.publisher(topics.MISS_DISTANCE)
+        self.subscribe(topics.TRUTH_JOINTS, self._on_truth)
+
+    def _build(self):
+        self._camera = Camera.from_scenario(
+            self._scenario, self.value('seed'), *sky_of(self), self._start)
+
+    def parameters_changed(self, names):
+        """The sky over another site, or through other air."""
+        self._build()
+
+    def _on_truth(self, message):
+        stamp, angles, rates, side = convert.read_joints(message)
+        length = self.value('exposure_s')
+        samples = self._samples
+        # a gap ends an exposure: the mount has moved in between
+        if samples and not 0 < stamp - samples[-1][0] <= 0.6e9 * length:
+            samples.clear()
+        samples.append((stamp, angles, side))
+        if stamp - samples[0][0] >= 1e9 * length - 1:
+            self._expose()
+            self._samples = samples[-1:]
+
+    def _expose(self):
+        stamps = np.array([s for s, _, _ in self._samples])
+        angles = np.array([a for _, a, _ in self._samples])
+        begin, end = stamps[0], stamps[-1]
+        middle = begin + (end - begin) // 2
+        # differences of the stamps: as floats, nanoseconds since 1970 are too coarse
+        at = np.array([0.0, float(middle - begin), float(end - begin)])
+        since = (stamps - begin).astype(float)
+        az = angles[0, 0] + np.interp(at, since, wrap(angles[:, 0] - angles[0, 0]))
+        el = np.interp(at, since, angles[:, 1])
+        moments = np.array([begin, middle, end])
+        side = np.nan_to_num(np.array(self._samples[-1][2]))
+        warmth = self._scenario.temperature(moments * 1e-9, self._start)
+        frames = self._geometry.frames(az, el, time=moments * 1e-9, temperature=warmth,
+                                       approach_az=side[0], approach_el=side[1])
+        seen = self._camera.expose(moments, frames)
+        smear = np.hypot(*(seen.miss[2] - seen.miss[0]))
+        miss = seen.miss[1]
+        if not smear <= self.value('smear_limit_arcsec') * ARCSEC or len(set(seen.hip)) > 1:
+            miss = np.full(2, np.nan)
+        self._without += int(np.isnan(miss[0]))
+        self._pub.publish(convert.vector(int(middle), *miss, 'camera'))
+
+    def required(self):
+        """It sits on the mount."""
+        return {self.resolve_topic_name(topics.TRUTH_JOINTS.name)}
+
+    def details(self):
+        """Exposures without a star."""
+        return [('exposures without a star', str(self._without))]
+
+
+def main(args=None):
+    """Entry point of ``ros2 run telescope_mount camera``."""
+    sys.exit(run_node(StarCamera, args))
+
+
+if __name__ == '__main__':
+    main()

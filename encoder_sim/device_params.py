@@ -1,0 +1,50 @@
+"""Parameters that every simulated device has."""
+
+from datetime import datetime, timezone
+
+from msg_tools.node import Param
+
+from .scenario import load_scenario
+
+
+def parse_utc(text):
+    """Nanoseconds since 1970 of an ISO 8601 date, UTC unless it says otherwise.
+
+    Raises
+    ------
+    ValueError
+        It is no date.
+    """
+    text = text.strip()
+    try:
+        when = datetime.fromisoformat(text[:-1] + '+00:00' if text.endswith('Z') else text)
+    except ValueError:
+        raise ValueError(f'{text!r} is no date; write 2026-01-15T13:00:00') from None
+    when = when if when.tzinfo else when.replace(tzinfo=timezone.utc)
+    return round(when.timestamp()) * 1_000_000_000
+
+
+DEVICE_PARAMS = (
+    Param('scenario', 'default', 'what is wrong with the mount: a name or a YAML file',
+          check=load_scenario, fixed=True),
+    Param('seed', 1, 'seed of every random number of the night', 0, 2**31 - 1, fixed=True),
+    Param('start_time', '2026-01-15T13:00:00', 'UTC at which the night begins, ISO 8601; drifts '
+          'count from it', check=parse_utc, fixed=True),
+)
+MAX_RATE = Param(
+    'max_rate_hz', 0.0, 'most readings a second of simulated time; 0: one for every true angle '
+    '[Hz]', 0.0, 2000.0)
+
+
+class Decimator:
+    """Lets a sample pass when at least 1/rate has gone by since the last one that passed."""
+
+    def __init__(self):
+        self._last = None
+
+    def passes(self, stamp, rate):
+        """Whether the sample at `stamp` (ns) is due at `rate` (Hz; 0: always)."""
+        if rate > 0.0 and self._last is not None and 0 <= stamp - self._last < 1e9 / rate - 1:
+            return False
+        self._last = stamp
+        return True

@@ -1,0 +1,146 @@
+"""Geometry of the mount by rotations alone: axis angles to the true direction of the tube.
+
+No pointing term is used here. Each error is a small rotation of a part, applied in the order in
+which the parts carry each other: ground, azimuth axis, bearing, elevation axis, tube, camera,
+and gravity on the tube.
+
+The frame of the ground is east, north, up (ENU); that of the tube right, forward, up: at
+azimuth 0 and elevation 0 of a perfect mount both are the same. The tube's right is then the
+direction of rising azimuth, its up that of rising elevation.
+"""
+
+import numpy as np
+
+RIGHT, FORWARD, UP = 0, 1, 2
+
+
+def _about(axis, angle):
+    """Rotation matrices about axis 0, 1 or 2, right-handed, shape (..., 3, 3)."""
+    angle = np.asarray(angle, dtype=float)
+    c, s = np.cos(angle), np.sin(angle)
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    out = np.zeros((*angle.shape, 3, 3))
+    out[..., axis, axis] = 1.0
+    out[..., i, i] = out[..., j, j] = c
+    out[..., i, j] = -s
+    out[..., j, i] = s
+    return out
+
+
+def _by_vector(vector):
+    """Rotation matrices of rotation vectors (..., 3): Rodrigues' formula, shape (..., 3, 3)."""
+    vector = np.asarray(vector, dtype=float)
+    square = np.sum(vector * vector, axis=-1)[..., np.newaxis, np.newaxis]
+    angle = np.sqrt(square)
+    x, y, z = np.moveaxis(vector, -1, 0)
+    cross = np.zeros((*vector.shape, 3))
+    cross[..., 0, 1], cross[..., 0, 2], cross[..., 1, 2] = -z, y, -x
+    cross[..., 1, 0], cross[..., 2, 0], cross[..., 2, 1] = z, -y, x
+    # sinc keeps both factors regular at zero
+    return (
+        np.eye(3)
+        + np.sinc(angle / np.pi) * cross
+        + 0.5 * np.sinc(0.5 * angle / np.pi) ** 2 * (cross @ cross)
+    )
+
+
+def _lean(towards_x, towards_y):
+    """Rotation that leans the third axis towards the first and the second."""
+    towards_x, towards_y = np.broadcast_arrays(towards_x, towards_y)
+    return _by_vector(np.stack([-towards_y, towards_x, np.zeros_like(towards_x)], axis=-1))
+
+
+def direction(az, el):
+    """Unit vectors east, north, up of azimuth (north through east) and elevation, (..., 3)."""
+    az, el = np.broadcast_arrays(az, el)
+    return np.stack([np.cos(el) * np.sin(az), np.cos(el) * np.cos(az), np.sin(el)], axis=-1)
+
+
+def azimuth_elevation(vectors):
+    """Azimuth in [0, 2 pi) and elevation of ENU vectors (..., 3), rad."""
+    east, north, up = np.moveaxis(np.asarray(vectors, dtype=float), -1, 0)
+    return np.arctan2(east, north) % (2.0 * np.pi), np.arctan2(up, np.hypot(east, north))
+
+
+class MountGeometry:
+    """The mount's parts and how they are out of true.
+
+    Parameters
+    ----------
+    mount : scenario.Mount
+    start : float, optional
+        Start of the night, UTC s, from which the drifts count; without it the first time asked.
+    """
+
+    def __init__(self, mount, start=None):
+        self.mount = mount
+        self.start = start
+
+    def _drifted(self, name, time, temperature):
+        mount = self.mount
+        value = getattr(mount, name)
+        rate, slope = getattr(mount, f'{name}_rate'), getattr(mount, f'{name}_slope')
+        if rate and time is not None:
+            value = value + rate * (np.asarray(time, dtype=float) - self.start)
+        if slope and temperature is not None:
+            value = value + slope * (np.asarray(temperature) - mount.reference_temperature)
+        return value
+
+    def frames(self, az, el, *, time=None, temperature=None, approach_az=0.0, approach_el=0.0):
+        """The frame of the tube in space.
+
+        Parameters
+        ----------
+        az, el : ndarray, shape (n,)
+            Mechanical angles of the axes, rad.
+        time : float or ndarray, optional
+            UTC s, for drifts; without it there is none.
+        temperature : float or ndarray, optional
+            degC, for drifts with temperature; without it there is none.
+        approach_az, approach_el : float or ndarray
+            Sign of the last slew, for the side on which the tube lies within the backlash.
+
+        Returns
+        -------
+        ndarray, shape (n, 3, 3)
+            Rows are the tube's right, forward (the boresight) and up as ENU unit vectors, so
+            that ``frames @ enu`` are the components seen by the tube.
+        """
+        mount = self.mount
+        if time is not None and self.start is None:
+            self.start = float(np.min(time))
+        az = np.atleast_1d(np.asarray(az, dtype=float))
+        el = np.atleast_1d(np.asarray(el, dtype=float))
+        az, el = np.broadcast_arrays(az, el)
+        an, aw, ca, tf = (self._drifted(n, time, temperature) for n in ('an', 'aw', 'ca', 'tf'))
+
+        # the axis leads, the tube follows behind the play
+        turned = az - mount.ia - 0.5 * mount.backlash_azimuth * np.asarray(approach_az)
+        raised = el - mount.ie - 0.5 * mount.backlash_elevation * np.asarray(approach_el)
+
+        azimuth = _about(UP, -turned)
+        if mount.wobble:
+            azimuth = azimuth @ self._wobble(turned)
+        # up of the azimuth axis in ENU is leant towards east (-aw) and north (an)
+        carried = _lean(-np.asarray(aw), an) @ azimuth @ _about(FORWARD, -mount.npae)
+        tube = carried @ _about(RIGHT, raised) @ _about(UP, ca)
+        if np.any(tf):
+            tube = self._sag(tube, tf) @ tube
+        return np.swapaxes(tube, -1, -2)
+
+    def _wobble(self, turned):
+        leans = {'forward': np.zeros_like(turned), 'left': np.zeros_like(turned)}
+        for part in self.mount.wobble:
+            leans[part.lean] += part.amplitude * np.cos(part.per_turn * turned - part.phase)
+        return _lean(-leans['left'], leans['forward'])
+
+    @staticmethod
+    def _sag(tube, tf):
+        """Bending by gravity, proportional to its pull across the tube."""
+        down = np.array([0.0, 0.0, -1.0])
+        # forward x down: right-handed about it, the boresight turns towards down
+        return _by_vector(np.asarray(tf)[..., np.newaxis] * np.cross(tube[..., FORWARD], down))
+
+    def boresight(self, az, el, **where):
+        """Unit ENU vectors (n, 3) of the boresight; parameters as for `frames`."""
+        return self.frames(az, el, **where)[:, FORWARD]

@@ -1,0 +1,82 @@
+"""The incremental encoders of both axes: count from their reference marks, which drift."""
+
+import sys
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
+from std_srvs.srv import Trigger
+
+from msg_tools import convert, topics
+from msg_tools.node import MountNode, run_node
+from pointing_model.units import ARCSEC
+
+from .device_params import DEVICE_PARAMS, MAX_RATE, Decimator, parse_utc
+from .incremental import IncrementalEncoder
+from .scenario import load_scenario
+
+
+class IncrementalEncoders(MountNode):
+    """Turns true axis angles into counts; NaN until the reference mark has been met."""
+
+    def __init__(self, **kwargs):
+        super().__init__('incremental_encoder', (*DEVICE_PARAMS, MAX_RATE),
+                         hardware_id='simulated incremental encoder', **kwargs)
+        scenario = load_scenario(self.value('scenario'))
+        start = parse_utc(self.value('start_time')) * 1e-9
+        self._encoders = [
+            IncrementalEncoder(getattr(scenario.incremental, axis), self.value('seed'), axis,
+                               start=start)
+            for axis in convert.AXES]
+        self._warmth = lambda stamp: scenario.temperature(stamp * 1e-9, start)
+        self._decimator = Decimator()
+        self._homed = False
+        self._pub = self.publisher(topics.INCREMENTAL)
+        self._zero_pub = self.publisher(topics.TRUTH_ZERO)
+        self.subscribe(topics.TRUTH_JOINTS, self._on_truth)
+        self.create_service(Trigger, 'power_cycle', self._on_power_cycle)
+
+    def _on_truth(self, message):
+        stamp, angles, rates = convert.read_joints(message)[:3]
+        # every sample is counted, whether it is published or not
+        reading = [float(encoder.feed(stamp, angle, rate, self._warmth(stamp))[0])
+                   for encoder, angle, rate in zip(self._encoders, angles, rates)]
+        homed = bool(np.isfinite(reading).all())
+        if homed and not self._homed:
+            self._zero_pub.publish(convert.joint_state(
+                stamp, [encoder.zero_drift for encoder in self._encoders]))
+        self._homed = homed
+        if self._decimator.passes(stamp, self.value('max_rate_hz')):
+            self._pub.publish(convert.joint_state(stamp, reading, rates))
+
+    def _on_power_cycle(self, request, response):
+        for encoder in self._encoders:
+            encoder.power_cycle()
+        self._homed = False
+        response.success = True
+        response.message = f'power-on {self._encoders[0].power_on}; home before measuring'
+        return response
+
+    def required(self):
+        """It needs axes to sit on."""
+        return {self.resolve_topic_name(topics.TRUTH_JOINTS.name)}
+
+    def problems(self):
+        """Not homed yet."""
+        if self._homed:
+            return []
+        return [(DiagnosticStatus.WARN, 'no zero since power-on: call home')]
+
+    def details(self):
+        """Resolution and power-ons."""
+        first = self._encoders[0]
+        return [('homed', str(self._homed)), ('power-on', str(first.power_on)),
+                ('resolution [arcsec]', f'{first.count_angle / ARCSEC:.4f}')]
+
+
+def main(args=None):
+    """Entry point of ``ros2 run telescope_mount incremental_encoder``."""
+    sys.exit(run_node(IncrementalEncoders, args))
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,87 @@
+"""Random numbers that depend on what they are for, never on the order of the calls.
+
+Each number is a hash of (seed, device, purpose, key), where the key is the stamp of the sample or
+another integer of its own. The same night comes out whatever the load of the machine, and a node
+that starts late draws what it would have drawn. The generator is counter-based: SplitMix64
+(Steele, Lea & Flood 2014, OOPSLA), applied to the key and then to the counter.
+"""
+
+import hashlib
+from functools import lru_cache
+
+import numpy as np
+
+_STEP = np.uint64(0x9E3779B97F4A7C15)
+_MULTIPLY_1 = np.uint64(0xBF58476D1CE4E5B9)
+_MULTIPLY_2 = np.uint64(0x94D049BB133111EB)
+_SHIFTS = tuple(np.uint64(n) for n in (30, 27, 31, 11))
+
+
+@lru_cache(maxsize=1024)
+def _stream(seed, device, purpose):
+    text = f'{int(seed)}\0{device}\0{purpose}'.encode()
+    return np.uint64(int.from_bytes(hashlib.blake2b(text, digest_size=8).digest(), 'little'))
+
+
+@lru_cache(maxsize=64)
+def _counters(n):
+    return (np.arange(1, n + 1, dtype=np.uint64) * _STEP)[np.newaxis, :]
+
+
+def _mix(z):
+    z = (z ^ (z >> _SHIFTS[0])) * _MULTIPLY_1
+    z = (z ^ (z >> _SHIFTS[1])) * _MULTIPLY_2
+    return z ^ (z >> _SHIFTS[2])
+
+
+def _uniform(seed, device, purpose, keys, n):
+    """`n` uniform numbers a key in (0, 1), shape (number of keys, n)."""
+    keys = np.atleast_1d(np.asarray(keys, dtype=np.int64)).ravel().view(np.uint64)
+    state = _mix(keys * _STEP + _stream(seed, device, purpose))
+    bits = _mix(state[:, np.newaxis] + _counters(n))
+    return ((bits >> _SHIFTS[3]) + 0.5) * 2.0**-53
+
+
+def uniform(seed, device, purpose, keys):
+    """Uniform random numbers in (0, 1).
+
+    Parameters
+    ----------
+    seed : int
+        Seed of the night.
+    device, purpose : str
+        Which instrument, and what the number is for: each pair is a stream of its own.
+    keys : int or array_like of int, any shape
+        The stamp in nanoseconds, the number of the power-on, ...
+
+    Returns
+    -------
+    ndarray
+        Of the shape of `keys`.
+    """
+    return _uniform(seed, device, purpose, keys, 1).reshape(np.shape(keys))
+
+
+def normal(seed, device, purpose, keys, size=None):
+    """Normal random numbers of mean 0 and standard deviation 1 (Box-Muller).
+
+    Parameters
+    ----------
+    seed, device, purpose, keys
+        As for `uniform`.
+    size : int, optional
+        That many numbers a key, such as one a pixel of a frame.
+
+    Returns
+    -------
+    ndarray
+        Of the shape of `keys`, followed by `size` where it is given.
+    """
+    pairs = 1 if size is None else (size + 1) // 2
+    u = _uniform(seed, device, purpose, keys, 2 * pairs)
+    radius = np.sqrt(-2.0 * np.log(u[:, :pairs]))
+    phase = (2.0 * np.pi) * u[:, pairs:]
+    if size is None:
+        return (radius * np.cos(phase)).reshape(np.shape(keys))
+    out = np.concatenate([radius * np.cos(phase), radius * np.sin(phase)], axis=1)
+    return out[:, :size].reshape((*np.shape(keys), size))

@@ -1,0 +1,108 @@
+"""The simulated mount's drives: axes, the servo that closes on the encoder, and homing."""
+
+import numpy as np
+
+from pointing_model.units import DEG, wrap
+
+from .axes import MountAxes, Trajectory
+
+#: homing crosses the reference marks at this rate, from that far before them, rad/s and rad
+HOME_RATE, HOME_RUN_UP = 0.25 * DEG, 0.5 * DEG
+#: time constant with which the servo takes up an error of the encoder, s
+SERVO_TIME = 0.2
+
+
+class SimulatedMount:
+    """Both drives of a mount, whose servo makes the incremental encoder read the demand.
+
+    Times are seconds since the start of the night.
+
+    Parameters
+    ----------
+    scenario : scenario.Scenario
+    time : float
+        At which the axes stand still, a little before their reference marks.
+    """
+
+    def __init__(self, scenario, time=0.0):
+        self._marks = np.array([scenario.incremental.azimuth.mark_angle,
+                                scenario.incremental.elevation.mark_angle])
+        self._axes = MountAxes(scenario.axes.azimuth, scenario.axes.elevation, time,
+                               self._marks - 2.0 * DEG)
+        # what the encoder reads too much; the servo turns the axes back by it
+        self.servo = np.zeros(2)
+        self._servo_time = None
+
+    def follow(self, start, times, positions, velocities):
+        """Carry out a track of encoder demands from `start` on.
+
+        Returns
+        -------
+        float
+            When both axes follow it, settled.
+
+        Raises
+        ------
+        ValueError
+            Outside the travel, or faster than an axis.
+        """
+        return self._axes.follow(max(start, self._axes.leg.start),
+                                 Trajectory(times, positions, velocities))
+
+    def truth(self, times):
+        """True axis angles (n, 2) in rad and rates (n, 2) in rad/s at `times` (n,)."""
+        angles, rates = self._axes.state(times)
+        return angles - self.servo, rates
+
+    def approach(self, times):
+        """Side from which each axis came, shape (n, 2): -1, 0, 1."""
+        return self._axes.approach(times)
+
+    def feedback(self, time, reading, smooth):
+        """Take an encoder reading into the servo.
+
+        Parameters
+        ----------
+        time : float
+            Of the reading.
+        reading : array_like, shape (2,)
+            rad; NaN (not homed) leaves the servo as it is.
+        smooth : bool
+            Take the error up gradually, as a servo in motion does, or at once.
+        """
+        reading = np.asarray(reading, dtype=float)
+        if not np.isfinite(reading).all():
+            return
+        error = wrap(reading - (self._axes.state([time])[0][0] - self.servo)) - self.servo
+        share = 1.0
+        if smooth:
+            passed = 0.0 if self._servo_time is None else max(0.0, time - self._servo_time)
+            share = 1.0 - np.exp(-passed / SERVO_TIME)
+        self._servo_time = time
+        self.servo = self.servo + share * error
+
+    def home(self, start):
+        """Cross both reference marks slowly, from below, and stop behind them.
+
+        Returns
+        -------
+        first, last : float
+            Times between which the marks are crossed; from `last` on the axes stand still.
+        """
+        start = max(start, self._axes.leg.start)
+        self.servo = np.zeros(2)
+        rate = [[HOME_RATE, HOME_RATE]] * 2
+        before, behind = self._marks - HOME_RUN_UP, self._marks + HOME_RUN_UP
+        span = 2.0 * HOME_RUN_UP / HOME_RATE
+        first = start
+        # the slower axis decides when the crossing can begin
+        for _ in range(3):
+            settled = self._axes.arrival(
+                start, Trajectory([first, first + span], [before, behind], rate))
+            if settled <= first:
+                break
+            first = settled + 1.0
+        self._axes.follow(start, Trajectory([first, first + span], [before, behind], rate))
+        last = first + span
+        self._axes.follow(last, Trajectory([last + 1.0], [behind], [[0.0, 0.0]]))
+        return first, last

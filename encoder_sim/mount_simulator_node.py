@@ -1,0 +1,164 @@
+"""The mount simulator: drives the axes, publishes their true angles, and is the clock."""
+
+import sys
+import time
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.clock import Clock, ClockType
+from rosgraph_msgs.msg import Clock as ClockMessage
+from std_srvs.srv import Trigger
+
+from msg_tools import convert, topics
+from msg_tools.node import MountNode, Param, run_node
+from pointing_model.units import DEG
+
+from .device_params import DEVICE_PARAMS, parse_utc
+from .mount import SimulatedMount
+from .scenario import load_scenario
+
+PARAMS = (
+    *DEVICE_PARAMS,
+    Param('time_scale', 0.0, 'simulated seconds a second; 0: as fast as the graph answers',
+          0.0, 1000.0, fixed=True),
+    Param('sample_rate_hz', 2.0, 'true angles a second of simulated time; with time_scale 0 only '
+          'around the exposures [Hz]', 0.1, 2000.0, fixed=True),
+    Param('exposure_s', 1.0, 'with time_scale 0, time on target for each command [s]', 0.01,
+          3600.0),
+    Param('feedback_timeout_s', 2.0, 'wall time to wait for the encoder that the servo closes on '
+          '[s]', 0.01, 60.0),
+)
+
+
+class MountSimulator(MountNode):
+    """Follows commanded tracks; simulated time passes as events need it."""
+
+    def __init__(self, **kwargs):
+        super().__init__('mount_simulator', PARAMS, hardware_id='simulated mount', **kwargs)
+        self._start = parse_utc(self.value('start_time'))
+        self._mount = SimulatedMount(load_scenario(self.value('scenario')))
+        self._live = self.value('time_scale') > 0.0
+        self._time = 0.0
+        self._settling = None
+        self._open_loop = 0
+        self._truth_pub = self.publisher(topics.TRUTH_JOINTS)
+        self._clock_pub = self.publisher(topics.CLOCK)
+        self._feedback_sub = self.subscribe(topics.INCREMENTAL, self._on_feedback)
+        self.subscribe(topics.COMMAND, self._on_command)
+        self.create_service(Trigger, 'home', self._on_home)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        if self._live:
+            self._began = time.monotonic()
+            self._sample = 0
+            self._clock_sent = -1.0
+            self.create_timer(1.0 / self.value('sample_rate_hz') / self.value('time_scale'),
+                              self._tick, clock=steady)
+        else:
+            self.create_timer(0.1, self._idle, clock=steady)
+
+    # --- commands -----------------------------------------------------------------------------
+
+    def _on_command(self, message):
+        stamp, times, positions, velocities = convert.read_trajectory(message)
+        at = (stamp - self._start) * 1e-9
+        settled = self._mount.follow(max(at, self._time), at + times, positions, velocities)
+        if not self._live:
+            self._settle(settled)
+
+    def _on_home(self, request, response):
+        first, last = self._mount.home(self._time)
+        if not self._live:
+            self._settling = None
+            self._publish(np.linspace(first, last, 5))
+            self._publish(np.array([last + 2.0]))
+            self._set_clock(last + 2.0)
+        response.success = True
+        response.message = 'both axes cross their reference marks'
+        return response
+
+    # --- as fast as the graph answers ---------------------------------------------------------
+
+    def _settle(self, settled):
+        """One reading on target for the servo; the exposure begins when it has come back."""
+        stamp = self._publish(np.array([settled]))[0]
+        self._settling = (stamp, settled, time.monotonic() + self.value('feedback_timeout_s'))
+        if self._feedback_sub.get_publisher_count() == 0:
+            self._expose(closed=False)
+
+    def _on_feedback(self, message):
+        stamp, reading = convert.read_joints(message)[:2]
+        at = (stamp - self._start) * 1e-9
+        if self._live:
+            self._mount.feedback(at, reading, smooth=True)
+        elif self._settling and stamp == self._settling[0]:
+            self._mount.feedback(at, reading, smooth=False)
+            self._expose(closed=bool(np.isfinite(reading).all()))
+
+    def _expose(self, closed):
+        settled = self._settling[1]
+        self._settling = None
+        if not closed:
+            self._open_loop += 1
+        span = self.value('exposure_s')
+        samples = max(2, round(span * self.value('sample_rate_hz')))
+        # the servo's step after the last reading has died out before the shutter opens
+        begin = settled + span
+        self._publish(begin + np.linspace(0.0, span, samples + 1))
+        self._set_clock(begin + span)
+
+    def _idle(self):
+        if self._settling and time.monotonic() > self._settling[2]:
+            self._expose(closed=False)
+        elif not self._settling:
+            # for nodes that came late, and for those that wait for the first time
+            self._set_clock(self._time)
+
+    # --- live ---------------------------------------------------------------------------------
+
+    def _tick(self):
+        now = (time.monotonic() - self._began) * self.value('time_scale')
+        rate = self.value('sample_rate_hz')
+        # a sample belongs to its time: a late timer makes up for those it missed
+        due = int(now * rate)
+        if due > self._sample:
+            self._publish(np.arange(self._sample + 1, due + 1) / rate)
+            self._sample = due
+        if now - self._clock_sent >= 0.01 * self.value('time_scale'):
+            self._clock_sent = now
+            self._set_clock(now)
+
+    # --- out ----------------------------------------------------------------------------------
+
+    def _publish(self, times):
+        angles, rates = self._mount.truth(times)
+        sides = self._mount.approach(times)
+        stamps = self._start + np.rint(times * 1e9).astype(np.int64)
+        for stamp, angle, rate, side in zip(stamps.tolist(), angles, rates, sides):
+            self._truth_pub.publish(convert.joint_state(stamp, angle, rate, side))
+        return stamps
+
+    def _set_clock(self, now):
+        self._time = max(self._time, now)
+        self._clock_pub.publish(
+            ClockMessage(clock=convert.to_stamp(self._start + round(self._time * 1e9))))
+
+    def problems(self):
+        """Pointings without an encoder to close the servo on."""
+        if self._open_loop:
+            return [(DiagnosticStatus.WARN, f'{self._open_loop} pointings with the servo open: no '
+                     'reading of the incremental encoder')]
+        return []
+
+    def details(self):
+        """What the servo takes up."""
+        return [('servo azimuth [arcsec]', f'{self._mount.servo[0] / DEG * 3600:.2f}'),
+                ('servo elevation [arcsec]', f'{self._mount.servo[1] / DEG * 3600:.2f}')]
+
+
+def main(args=None):
+    """Entry point of ``ros2 run telescope_mount mount_simulator``."""
+    sys.exit(run_node(MountSimulator, args))
+
+
+if __name__ == '__main__':
+    main()

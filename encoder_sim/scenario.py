@@ -1,0 +1,503 @@
+"""Scenario files: what is wrong with the simulated mount.
+
+A scenario is a YAML file that only the simulator reads. Its keys carry the unit of a data sheet
+(``an_arcsec``); the dataclasses here hold the same numbers in SI, without the suffix (``an``).
+What a file does not name stays at the value of the scenario it is ``based_on``, or else at the
+ideal: no error, no noise. So each effect is switched by its own number.
+"""
+
+import dataclasses
+import math
+from dataclasses import dataclass, field
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+
+from pointing_model.units import ARCSEC, DEG
+
+_MM, _UM, _MS, _HPA = 1e-3, 1e-6, 1e-3, 1.0
+_HOUR = 3600.0
+_UNITS = {
+    '': 1.0,
+    'arcsec': ARCSEC,
+    'arcmin': 60.0 * ARCSEC,
+    'deg': DEG,
+    'deg_s': DEG,
+    'deg_s2': DEG,
+    'arcsec_per_hour': ARCSEC / _HOUR,
+    'arcsec_per_degc': ARCSEC,
+    's': 1.0,
+    'ms': _MS,
+    'm': 1.0,
+    'mm': _MM,
+    'um': _UM,
+    'px': 1.0,
+    'c': 1.0,
+    'c_per_hour': 1.0 / _HOUR,
+    'hpa': _HPA,
+    'mhz': 1e6,
+    'percent': 0.01,
+}
+
+
+def _number(default, unit, low, high, *, kind=float):
+    """A field with its unit in the file, and its allowed range in that unit.
+
+    The default is in the unit of the file as well.
+    """
+    value = kind(default) if kind is int else default * _UNITS[unit]
+    return field(default=value, metadata={'unit': unit, 'range': (low, high), 'kind': kind})
+
+
+def _numbers(unit, low, high):
+    return field(default=(), metadata={'unit': unit, 'range': (low, high), 'kind': list})
+
+
+def _choice(default, *names):
+    return field(default=default, metadata={'choice': names})
+
+
+def _section(cls):
+    return field(default_factory=cls, metadata={'section': cls})
+
+
+def _sections(cls):
+    return field(default=(), metadata={'sections': cls})
+
+
+def _optional(cls):
+    return field(default=None, metadata={'section': cls})
+
+
+@dataclass(frozen=True)
+class AxisLimits:
+    """How an axis moves.
+
+    Attributes
+    ----------
+    max_rate, max_acceleration : float
+        rad/s and rad/s^2 of the axis.
+    settling_time : float
+        Seconds from the end of a slew until the ringing has died out.
+    settling_amplitude : float
+        Ringing just after a slew at full rate, rad.
+    travel_min, travel_max : float
+        Ends of the travel, rad.
+    """
+
+    max_rate: float = _number(6.0, 'deg_s', 1e-3, 360.0)
+    max_acceleration: float = _number(3.0, 'deg_s2', 1e-3, 3600.0)
+    settling_time: float = _number(1.0, 's', 0.0, 60.0)
+    settling_amplitude: float = _number(0.0, 'arcsec', 0.0, 600.0)
+    travel_min: float = _number(-36000.0, 'deg', -36000.0, 36000.0)
+    travel_max: float = _number(36000.0, 'deg', -36000.0, 36000.0)
+
+
+@dataclass(frozen=True)
+class Axes:
+    """The two axes."""
+
+    azimuth: AxisLimits = _section(AxisLimits)
+    elevation: AxisLimits = _section(AxisLimits)
+
+
+@dataclass(frozen=True)
+class Wobble:
+    """One harmonic of the azimuth bearing: the axis leans by amplitude * cos(k A - phase).
+
+    ``lean`` is the side towards which it leans, as seen by the tube: ``forward``, where the tube
+    points, or ``left`` of it.
+    """
+
+    per_turn: int = _number(1, '', 1, 100, kind=int)
+    lean: str = _choice('forward', 'forward', 'left')
+    amplitude: float = _number(0.0, 'arcsec', -3600.0, 3600.0)
+    phase: float = _number(0.0, 'deg', -360.0, 360.0)
+
+
+@dataclass(frozen=True)
+class Mount:
+    """Geometry of the mount, in the signs of the field: encoder - catalogue.
+
+    Attributes
+    ----------
+    ia, ie : float
+        Zero of the axes, rad: the axis angle is larger than the true angle by this.
+    ca : float
+        Collimation: the boresight lies to the left of the tube's axis where it is positive, rad.
+    npae : float
+        Non-perpendicular axes: the right end of the elevation axis is high where positive, rad.
+    an, aw : float
+        Lean of the azimuth axis towards north and west, rad.
+    tf : float
+        Sag of the horizontal tube, rad.
+    wobble : tuple of Wobble
+        Azimuth bearing.
+    backlash_azimuth, backlash_elevation : float
+        Play between an axis (with its encoders) and the tube, rad, full width.
+    ca_rate, an_rate, aw_rate, tf_rate : float
+        Drift with time, rad/s.
+    ca_slope, an_slope, aw_slope, tf_slope : float
+        Drift with temperature, rad/degC from `reference_temperature`.
+    """
+
+    ia: float = _number(0.0, 'arcsec', -36000.0, 36000.0)
+    ie: float = _number(0.0, 'arcsec', -36000.0, 36000.0)
+    ca: float = _number(0.0, 'arcsec', -36000.0, 36000.0)
+    npae: float = _number(0.0, 'arcsec', -36000.0, 36000.0)
+    an: float = _number(0.0, 'arcsec', -36000.0, 36000.0)
+    aw: float = _number(0.0, 'arcsec', -36000.0, 36000.0)
+    tf: float = _number(0.0, 'arcsec', -3600.0, 3600.0)
+    wobble: tuple = _sections(Wobble)
+    backlash_azimuth: float = _number(0.0, 'arcsec', 0.0, 3600.0)
+    backlash_elevation: float = _number(0.0, 'arcsec', 0.0, 3600.0)
+    ca_rate: float = _number(0.0, 'arcsec_per_hour', -600.0, 600.0)
+    an_rate: float = _number(0.0, 'arcsec_per_hour', -600.0, 600.0)
+    aw_rate: float = _number(0.0, 'arcsec_per_hour', -600.0, 600.0)
+    tf_rate: float = _number(0.0, 'arcsec_per_hour', -600.0, 600.0)
+    ca_slope: float = _number(0.0, 'arcsec_per_degc', -600.0, 600.0)
+    an_slope: float = _number(0.0, 'arcsec_per_degc', -600.0, 600.0)
+    aw_slope: float = _number(0.0, 'arcsec_per_degc', -600.0, 600.0)
+    tf_slope: float = _number(0.0, 'arcsec_per_degc', -600.0, 600.0)
+    reference_temperature: float = _number(10.0, 'c', -60.0, 60.0)
+
+
+@dataclass(frozen=True)
+class EncoderScale:
+    """What every encoder has: a disc off its centre, and a zero that moves.
+
+    Attributes
+    ----------
+    diameter : float
+        Of the graduated circle, m.
+    eccentricity, eccentricity_phase : float
+        Distance of the disc's centre from the axis (m), and the axis angle at which it lies away
+        from the head (rad).
+    zero_offset : float
+        Of the mounting, in the reading, rad.
+    zero_drift : float
+        1-sigma change of the zero from one power-on to the next, in the reading, rad.
+    zero_drifts : tuple of float
+        The change at each power-on instead, in order; the last one stays.
+    zero_rate, zero_slope : float
+        Drift of the reading with time (rad/s) and temperature (rad/degC from
+        `reference_temperature`).
+    latency : float
+        The reading is that old when it gets its stamp, s.
+    """
+
+    diameter: float = _number(300.0, 'mm', 1.0, 10000.0)
+    eccentricity: float = _number(0.0, 'um', 0.0, 1000.0)
+    eccentricity_phase: float = _number(0.0, 'deg', -360.0, 360.0)
+    zero_offset: float = _number(0.0, 'arcsec', -36000.0, 36000.0)
+    zero_drift: float = _number(0.0, 'arcsec', 0.0, 3600.0)
+    zero_drifts: tuple = _numbers('arcsec', -3600.0, 3600.0)
+    zero_rate: float = _number(0.0, 'arcsec_per_hour', -600.0, 600.0)
+    zero_slope: float = _number(0.0, 'arcsec_per_degc', -600.0, 600.0)
+    reference_temperature: float = _number(10.0, 'c', -60.0, 60.0)
+    latency: float = _number(0.0, 'ms', -1000.0, 1000.0)
+
+
+@dataclass(frozen=True)
+class Incremental(EncoderScale):
+    """The incremental encoder of paper 000 on one axis.
+
+    Attributes
+    ----------
+    lines, interpolation : int
+        Lines of the grating, and counts a line.
+    heads : int
+        One reading head, or the mean of two opposite ones.
+    subdivision_1, subdivision_2, subdivision_phase : float
+        Error of the interpolation, once and twice a line (rad), and its phase (rad).
+    mark_angle : float
+        Nominal axis angle of the reference mark, rad.
+    pulse_width : float
+        Width of the index pulse, rad; it is triggered at its near edge, so from above it clears
+        the counter that much further up than from below.
+    pulse_time : float
+        The shortest pulse that is noticed, s.
+    max_count_rate : float
+        Counts a second beyond which counts are lost; 0: never.
+    jitter : float
+        1-sigma noise of one reading, in counts.
+    """
+
+    lines: int = _number(47200, '', 1, 1_000_000, kind=int)
+    interpolation: int = _number(400, '', 1, 100_000, kind=int)
+    heads: int = _number(1, '', 1, 2, kind=int)
+    subdivision_1: float = _number(0.0, 'arcsec', 0.0, 60.0)
+    subdivision_2: float = _number(0.0, 'arcsec', 0.0, 60.0)
+    subdivision_phase: float = _number(0.0, 'deg', -360.0, 360.0)
+    mark_angle: float = _number(180.0, 'deg', -360.0, 360.0)
+    pulse_width: float = _number(0.0, 'arcsec', 0.0, 3600.0)
+    pulse_time: float = _number(0.0, 'ms', 0.0, 1000.0)
+    max_count_rate: float = _number(0.0, 'mhz', 0.0, 1000.0)
+    jitter: float = _number(0.0, '', 0.0, 1000.0)
+
+
+@dataclass(frozen=True)
+class Absolute(EncoderScale):
+    """The absolute encoder of paper 001 on one axis.
+
+    Attributes
+    ----------
+    code : {'table', 'equation2'}
+        The disc of the paper's table 1, or of its eq. 2.
+    bar_wide, bar_narrow : float
+        Width of a '0' and of a '1' on the circle, m.
+    pixels : int
+        Of the linear CCD.
+    bar_pitch, blur : float
+        Pixels a bar period, and 1-sigma of the blur in pixels.
+    base, contrast : float
+        Grey level between the bars and height of a bar in the inverted image (paper 001, eq. 4).
+    noise : float
+        1-sigma of a pixel, grey levels.
+    """
+
+    diameter: float = _number(79.0, 'mm', 1.0, 10000.0)
+    code: str = _choice('table', 'table', 'equation2')
+    bar_wide: float = _number(0.149, 'mm', 0.001, 10.0)
+    bar_narrow: float = _number(0.075, 'mm', 0.001, 10.0)
+    pixels: int = _number(1800, '', 1200, 8192, kind=int)
+    bar_pitch: float = _number(48.0, 'px', 40.0, 65.0)
+    blur: float = _number(6.0, 'px', 0.5, 9.0)
+    base: float = _number(91.0, '', 0.0, 250.0)
+    contrast: float = _number(88.0, '', 1.0, 250.0)
+    noise: float = _number(0.0, '', 0.0, 100.0)
+
+
+@dataclass(frozen=True)
+class IncrementalPair:
+    """The incremental encoders of both axes."""
+
+    azimuth: Incremental = _section(Incremental)
+    elevation: Incremental = _section(Incremental)
+
+
+@dataclass(frozen=True)
+class AbsolutePair:
+    """The absolute encoders of both axes."""
+
+    azimuth: Absolute = _section(Absolute)
+    elevation: Absolute = _section(Absolute)
+
+
+@dataclass(frozen=True)
+class Camera:
+    """The star camera.
+
+    Attributes
+    ----------
+    field_of_view : float
+        Full width of the square field, rad.
+    mag_limit : float
+        The faintest star that it sees.
+    star_noise : float
+        1-sigma of one measured star, per axis, rad.
+    scale_error : float
+        Relative error of the plate scale: distances come out too large by it.
+    rotation : float
+        Measured miss distances are turned by this from +x towards +y, rad.
+    """
+
+    field_of_view: float = _number(40.0, 'arcmin', 0.1, 600.0)
+    mag_limit: float = _number(7.0, '', -2.0, 13.0)
+    star_noise: float = _number(0.0, 'arcsec', 0.0, 600.0)
+    scale_error: float = _number(0.0, 'percent', -50.0, 50.0)
+    rotation: float = _number(0.0, 'deg', -180.0, 180.0)
+
+
+@dataclass(frozen=True)
+class TrueWeather:
+    """The weather that bends the light, whatever the observer believes: hPa, degC, fraction, m.
+
+    The temperature changes by `temperature_rate` (degC/s) from the start of the night on; mount
+    and encoders feel it.
+    """
+
+    pressure: float = _number(955.0, 'hpa', 0.0, 1100.0)
+    temperature: float = _number(10.0, 'c', -60.0, 60.0)
+    humidity: float = _number(50.0, 'percent', 0.0, 100.0)
+    wavelength: float = _number(0.55, 'um', 0.3, 20.0)
+    temperature_rate: float = _number(0.0, 'c_per_hour', -20.0, 20.0)
+
+    def temperature_at(self, time, start):
+        """Temperature (degC) at `time`, of a night that began at `start` (UTC s)."""
+        return self.temperature + self.temperature_rate * (np.asarray(time) - start)
+
+
+@dataclass(frozen=True)
+class TrueSite:
+    """Where the mount really stands, rad, rad, m."""
+
+    latitude: float = _number(34.3, 'deg', -90.0, 90.0)
+    longitude: float = _number(109.0, 'deg', -180.0, 360.0)
+    height: float = _number(500.0, 'm', -500.0, 9000.0)
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """All that the simulator knows and nobody else does.
+
+    Attributes
+    ----------
+    name : str
+    clock_offset : float
+        True UTC - stamp, s.
+    site : TrueSite or None
+        None: where the observer believes to be.
+    weather : TrueWeather or None
+        None: what the observer believes.
+    """
+
+    name: str = 'ideal'
+    clock_offset: float = _number(0.0, 'ms', -600000.0, 600000.0)
+    mount: Mount = _section(Mount)
+    axes: Axes = _section(Axes)
+    incremental: IncrementalPair = _section(IncrementalPair)
+    absolute: AbsolutePair = _section(AbsolutePair)
+    camera: Camera = _section(Camera)
+    site: TrueSite | None = _optional(TrueSite)
+    weather: TrueWeather | None = _optional(TrueWeather)
+
+    def temperature(self, time, start):
+        """Temperature (degC) of mount and encoders at `time`, of a night begun at `start`."""
+        weather = TrueWeather() if self.weather is None else self.weather
+        return weather.temperature_at(time, start)
+
+
+# drifts are named by what they drift with; the file spells the unit out
+_KEYS = {
+    f'{name}_{kind}': f'{name}_arcsec_per_{per}'
+    for name in ('ca', 'an', 'aw', 'tf', 'zero')
+    for kind, per in (('rate', 'hour'), ('slope', 'degc'))
+} | {'temperature_rate': 'temperature_c_per_hour'}
+
+
+def _key(item):
+    """Key of a field in the file."""
+    unit = item.metadata.get('unit')
+    if item.name in _KEYS:
+        return _KEYS[item.name]
+    return f'{item.name}_{unit}' if unit else item.name
+
+
+def _to_number(value, item, where):
+    low, high = item.metadata['range']
+    kind = item.metadata['kind']
+    what = 'a whole number' if kind is int else 'a number'
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        hint = ' (write 1.0e-3, not 1e-3)' if isinstance(value, str) and 'e' in value else ''
+        raise ValueError(f'{where}: {value!r} is not {what} from {low:g} to {high:g}{hint}')
+    if not (math.isfinite(value) and low <= value <= high) or (kind is int and value != int(value)):
+        raise ValueError(f'{where}: {value!r} is not {what} from {low:g} to {high:g}')
+    return int(value) if kind is int else value * _UNITS[item.metadata['unit']]
+
+
+def _to_value(value, item, where, base):
+    if 'choice' in item.metadata:
+        if value not in item.metadata['choice']:
+            names = ', '.join(item.metadata['choice'])
+            raise ValueError(f'{where}: {value!r} is not one of {names}')
+        return value
+    if 'section' in item.metadata:
+        if value is None and item.default is None:
+            return None
+        return _to_section(value, item.metadata['section'], where, base)
+    if 'sections' in item.metadata:
+        if not isinstance(value, list):
+            raise ValueError(f'{where}: {value!r} is not a list')
+        cls = item.metadata['sections']
+        return tuple(_to_section(v, cls, f'{where}[{i}]', None) for i, v in enumerate(value))
+    if item.metadata['kind'] is list:
+        if not isinstance(value, list):
+            raise ValueError(f'{where}: {value!r} is not a list of numbers')
+        return tuple(_to_number(v, item, f'{where}[{i}]') for i, v in enumerate(value))
+    return _to_number(value, item, where)
+
+
+def _to_section(mapping, cls, where, base):
+    """An instance of `cls` from a mapping of the file, upon `base`."""
+    if not isinstance(mapping, dict):
+        raise ValueError(f'{where}: {mapping!r} is not a mapping of keys to values')
+    items = {_key(f): f for f in dataclasses.fields(cls) if f.metadata}
+    base = cls() if base is None else base
+    changes = {}
+    for key, value in mapping.items():
+        if key not in items:
+            allowed = ', '.join(items)
+            raise ValueError(f'{where}: unknown key {key!r}; allowed: {allowed}')
+        item = items[key]
+        inside = f'{where}, {key}' if where.count(',') == 0 else f'{where}.{key}'
+        changes[item.name] = _to_value(value, item, inside, getattr(base, item.name))
+    return dataclasses.replace(base, **changes)
+
+
+def scenario_names():
+    """Names of the scenarios that come with the package."""
+    folder = resources.files('encoder_sim') / 'scenarios'
+    return sorted(f.name[:-5] for f in folder.iterdir() if f.name.endswith('.yaml'))
+
+
+def load_scenario(name_or_path='default'):
+    """Read a scenario.
+
+    Parameters
+    ----------
+    name_or_path : str or Path
+        Name of a scenario of the package, such as ``default`` or ``ideal``, or a YAML file.
+
+    Returns
+    -------
+    Scenario
+        In SI.
+
+    Raises
+    ------
+    ValueError
+        No such scenario, no YAML, an unknown key, a wrong type, or a value out of its range: one
+        line with the file, the key and what is allowed.
+    """
+    return _load(str(name_or_path), ())
+
+
+def _load(text, chain):
+    import yaml
+
+    if text in chain:
+        raise ValueError(f'scenario {text}: based on itself')
+    path = Path(text)
+    if path.suffix in ('.yaml', '.yml'):
+        if not path.is_file():
+            raise ValueError(f'scenario file {text} does not exist')
+        content, name, file = path.read_text(encoding='utf-8'), path.stem, text
+    elif text in scenario_names():
+        resource = resources.files('encoder_sim') / 'scenarios' / f'{text}.yaml'
+        content, name, file = resource.read_text(encoding='utf-8'), text, f'{text}.yaml'
+    else:
+        names = ', '.join(scenario_names())
+        raise ValueError(f'no scenario {text!r}: give a .yaml file or one of {names}')
+    try:
+        mapping = yaml.safe_load(content)
+    except yaml.YAMLError as error:
+        line = ' '.join(str(error).split())
+        raise ValueError(f'scenario {file}: no valid YAML: {line}') from None
+    if mapping is None:
+        mapping = {}
+    base = Scenario()
+    if isinstance(mapping, dict) and 'based_on' in mapping:
+        parent = str(mapping.pop('based_on'))
+        if parent.endswith(('.yaml', '.yml')):
+            parent = str(path.parent / parent)
+        base = _load(parent, (*chain, text))
+    scenario = _to_section(mapping, Scenario, f'scenario {file}', base)
+    for axis in ('azimuth', 'elevation'):
+        limits = getattr(scenario.axes, axis)
+        if limits.travel_min >= limits.travel_max:
+            raise ValueError(
+                f'scenario {file}, axes.{axis}: travel_min_deg must be below travel_max_deg'
+            )
+    return dataclasses.replace(scenario, name=name)

@@ -1,0 +1,212 @@
+"""ROS messages to arrays and back. Stamps are integer nanoseconds, angles radians."""
+
+import numpy as np
+from builtin_interfaces.msg import Time
+
+from pointing_model.run import REQUIRED, PointingRun
+
+AXES = ['azimuth', 'elevation']
+MOUNT_FRAME = 'mount_enu'
+
+
+def to_stamp(ns):
+    """The ROS time message of `ns` nanoseconds since 1970."""
+    return Time(sec=int(ns // 1_000_000_000), nanosec=int(ns % 1_000_000_000))
+
+
+def from_stamp(stamp):
+    """Nanoseconds since 1970 of a ROS time message, int."""
+    return stamp.sec * 1_000_000_000 + stamp.nanosec
+
+
+def joint_state(ns, position, velocity=(np.nan, np.nan), effort=(np.nan, np.nan), frame=''):
+    """A JointState of both axes; all three arrays are filled, NaN is unknown.
+
+    Parameters
+    ----------
+    ns : int
+        Stamp.
+    position, velocity, effort : sequence of 2 float
+        Azimuth and elevation, rad, rad/s, and what the topic defines.
+    """
+    from sensor_msgs.msg import JointState
+    message = JointState(name=AXES, position=[float(v) for v in position],
+                         velocity=[float(v) for v in velocity],
+                         effort=[float(v) for v in effort])
+    message.header.stamp = to_stamp(ns)
+    message.header.frame_id = frame
+    return message
+
+
+def read_joints(message):
+    """Both axes of a JointState, whatever their order.
+
+    Returns
+    -------
+    ns : int
+        Stamp.
+    position, velocity, effort : tuple of 2 float
+        Azimuth and elevation; NaN where the message does not say.
+
+    Raises
+    ------
+    ValueError
+        An axis or its position is missing.
+    """
+    names = list(message.name)
+    try:
+        order = [names.index(axis) for axis in AXES]
+    except ValueError:
+        raise ValueError(f'joint names {names}: need azimuth and elevation') from None
+    if len(message.position) != len(names):
+        raise ValueError(f'{len(message.position)} positions for {len(names)} joints')
+
+    def pick(values):
+        return tuple(values[i] if i < len(values) else np.nan for i in order)
+
+    return (from_stamp(message.header.stamp), pick(message.position), pick(message.velocity),
+            pick(message.effort))
+
+
+def vector(ns, x, y, frame):
+    """A Vector3Stamped with x toward +A and y toward +E on the sky, rad."""
+    from geometry_msgs.msg import Vector3Stamped
+    message = Vector3Stamped()
+    message.header.stamp = to_stamp(ns)
+    message.header.frame_id = frame
+    message.vector.x, message.vector.y = float(x), float(y)
+    return message
+
+
+def trajectory(ns, times, positions, velocities):
+    """A JointTrajectory of both axes.
+
+    Parameters
+    ----------
+    ns : int
+        Stamp of time zero.
+    times : array_like, shape (n,)
+        Seconds from the stamp, increasing.
+    positions, velocities : array_like, shape (n, 2)
+        Azimuth and elevation, rad and rad/s.
+    """
+    from builtin_interfaces.msg import Duration
+    from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+    message = JointTrajectory(joint_names=AXES)
+    message.header.stamp = to_stamp(ns)
+    for t, position, velocity in zip(times, positions, velocities):
+        nanoseconds = round(t * 1e9)
+        message.points.append(JointTrajectoryPoint(
+            positions=[float(v) for v in position], velocities=[float(v) for v in velocity],
+            time_from_start=Duration(sec=nanoseconds // 1_000_000_000,
+                                     nanosec=nanoseconds % 1_000_000_000)))
+    return message
+
+
+def read_trajectory(message):
+    """The way back from `trajectory`.
+
+    Returns
+    -------
+    ns : int
+        Stamp of time zero.
+    times : ndarray, shape (n,)
+        Seconds from the stamp.
+    positions, velocities : ndarray, shape (n, 2)
+        Azimuth and elevation, rad and rad/s; a missing velocity is 0.
+
+    Raises
+    ------
+    ValueError
+        No point, an axis missing, lengths that differ, values not finite, times not increasing.
+    """
+    names = list(message.joint_names)
+    try:
+        order = [names.index(axis) for axis in AXES]
+    except ValueError:
+        raise ValueError(f'joint names {names}: need azimuth and elevation') from None
+    if not message.points:
+        raise ValueError('trajectory without points')
+    for point in message.points:
+        if len(point.positions) != len(names) or len(point.velocities) not in (0, len(names)):
+            raise ValueError(f'a trajectory point needs {len(names)} positions, and as many '
+                             'velocities or none')
+    positions = np.array([[p.positions[i] for i in order] for p in message.points])
+    velocities = np.array([[p.velocities[i] for i in order] if p.velocities else [0.0, 0.0]
+                           for p in message.points])
+    times = np.array([p.time_from_start.sec + 1e-9 * p.time_from_start.nanosec
+                      for p in message.points])
+    if not (np.isfinite(positions).all() and np.isfinite(velocities).all()):
+        raise ValueError('trajectory with a value that is not finite')
+    if np.any(np.diff(times) <= 0.0):
+        raise ValueError('trajectory times must increase')
+    return from_stamp(message.header.stamp), times, positions, velocities
+
+
+_FLOAT32, _FLOAT64 = 7, 8  # PointField.FLOAT32, FLOAT64
+
+
+def run_to_cloud(run, ns):
+    """A PointCloud2, one point an observation: x, y, z on the unit sphere, then its columns.
+
+    Parameters
+    ----------
+    run : PointingRun
+        Numeric columns only.
+    ns : int
+        Stamp.
+    """
+    from sensor_msgs.msg import PointCloud2, PointField
+    names = list(run.columns)
+    dtype = np.dtype([('x', '<f4'), ('y', '<f4'), ('z', '<f4'), ('', '<f4'),
+                      *((name, '<f8') for name in names)])
+    rows = np.zeros(len(run), dtype)
+    az, el = run['az'], run['el']
+    rows['x'], rows['y'] = np.cos(el) * np.sin(az), np.cos(el) * np.cos(az)
+    rows['z'] = np.sin(el)
+    for name in names:
+        rows[name] = run[name]
+    fields = [PointField(name=n, offset=dtype.fields[n][1], datatype=_FLOAT32, count=1)
+              for n in 'xyz']
+    fields += [PointField(name=n, offset=dtype.fields[n][1], datatype=_FLOAT64, count=1)
+               for n in names]
+    message = PointCloud2(height=1, width=len(run), fields=fields, is_bigendian=False,
+                          point_step=dtype.itemsize, row_step=dtype.itemsize * len(run),
+                          data=rows.tobytes(), is_dense=True)
+    message.header.stamp = to_stamp(ns)
+    message.header.frame_id = MOUNT_FRAME
+    return message
+
+
+def cloud_to_run(message):
+    """The float64 columns of a PointCloud2 of observations.
+
+    Returns
+    -------
+    PointingRun
+
+    Raises
+    ------
+    ValueError
+        A required column is missing, or the data do not fill the rows that are declared.
+    """
+    rows = message.width * message.height
+    fields = {f.name: f.offset for f in message.fields if f.datatype == _FLOAT64 and f.count == 1}
+    missing = [name for name in REQUIRED if name not in fields]
+    if missing:
+        raise ValueError(f'observation without float64 field {", ".join(missing)}')
+    step = message.point_step
+    if len(message.data) < rows * step or any(o + 8 > step for o in fields.values()):
+        raise ValueError(f'observation: {len(message.data)} bytes for {rows} rows of {step} bytes')
+    order = '>' if message.is_bigendian else '<'
+    dtype = np.dtype({'names': list(fields), 'formats': [f'{order}f8'] * len(fields),
+                      'offsets': list(fields.values()), 'itemsize': step})
+    data = np.frombuffer(bytes(message.data), dtype, rows)
+    return PointingRun({name: data[name].astype(float) for name in fields})
+
+
+def status(level, name, message, **values):
+    """A DiagnosticStatus with `values` as its key-value rows."""
+    from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+    return DiagnosticStatus(level=level, name=name, message=message, values=[
+        KeyValue(key=key, value=str(value)) for key, value in values.items()])

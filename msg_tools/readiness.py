@@ -1,0 +1,82 @@
+"""Are all the nodes of a graph connected, and has the log everything? Read from diagnostics.
+
+Discovery between processes takes from 0.3 s to several seconds, and one side of a connection
+may see it before the other; a message sent in between is lost. So each node says in its
+diagnostics how many endpoints it is matched with, and whoever starts the work compares.
+"""
+
+
+def parse(status):
+    """The endpoint counts in a DiagnosticStatus of a `MountNode`.
+
+    Returns
+    -------
+    dict
+        ``{'publishes': {topic: matched}, 'subscribes': ..., 'published': {topic: messages},
+        'last': {topic: sequence number}}``.
+    """
+    out = {'publishes': {}, 'subscribes': {}, 'published': {}, 'last': {}}
+    for row in status.values:
+        kind, _, topic = row.key.partition(' ')
+        if kind in out and topic.startswith('/'):
+            out[kind][topic] = int(row.value)
+    return out
+
+
+def unmatched(nodes, reports):
+    """What is missing until every endpoint of `nodes` is connected on both sides.
+
+    Parameters
+    ----------
+    nodes : iterable of str
+        Fully qualified names that must be there.
+    reports : dict of str to dict
+        Node name to what `parse` returned.
+
+    Returns
+    -------
+    list of str
+        Empty when the graph is complete.
+    """
+    nodes = list(nodes)
+    missing = [f'node {name}' for name in nodes if name not in reports]
+    there = [name for name in nodes if name in reports]
+    for name in there:
+        for topic, matched in reports[name]['publishes'].items():
+            expected = sum(topic in reports[other]['subscribes'] for other in there)
+            if matched < expected:
+                missing.append(f'{name} to see {expected - matched} more subscribers of {topic}')
+        for topic, matched in reports[name]['subscribes'].items():
+            expected = sum(topic in reports[other]['publishes'] for other in there)
+            if matched < expected:
+                missing.append(f'{name} to see {expected - matched} more publishers of {topic}')
+    return missing
+
+
+def unreceived(receiver, reports, then):
+    """Messages that the nodes had published `then` and `receiver` has not taken yet.
+
+    Counts of received messages would not do: a receiver that was matched late has fewer.
+    Sequence numbers count from the publisher's first message.
+
+    Parameters
+    ----------
+    receiver : str
+        Node name.
+    reports, then : dict of str to dict
+        Node name to what `parse` returned, now and at the time that counts.
+
+    Returns
+    -------
+    dict of str to int
+        Topic to the number still missing; topics that `receiver` does not subscribe are left
+        out.
+    """
+    last = reports[receiver]['last']
+    sent = {}
+    for name, report in then.items():
+        if name != receiver:
+            for topic, count in report['published'].items():
+                sent[topic] = max(sent.get(topic, 0), count)
+    return {topic: count - last[topic] for topic, count in sent.items()
+            if topic in last and count > last[topic]}

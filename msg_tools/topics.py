@@ -1,0 +1,79 @@
+"""Every topic of the graph: relative name, type, quality of service. Nodes take them from here."""
+
+from dataclasses import dataclass
+from importlib import import_module
+
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+
+def _qos(depth, *, reliable=True, latched=False):
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=depth,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    )
+
+
+RELIABLE = _qos(100)
+# An encoder at 1 kHz may run a few seconds ahead of a busy subscriber before a sample is lost.
+DEEP = _qos(5000)
+LATCHED = _qos(1, latched=True)
+SENSOR = _qos(5, reliable=False)
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A topic of the graph.
+
+    Parameters
+    ----------
+    name : str
+        Relative to the namespace of the mount, absolute where ROS fixes it.
+    type : str
+        As in ``ros2 topic list -t``, for instance ``sensor_msgs/msg/JointState``.
+    qos : rclpy.qos.QoSProfile
+        What both sides ask for; a user may override it by parameter.
+    """
+
+    name: str
+    type: str
+    qos: QoSProfile
+
+    @property
+    def message(self):
+        """The Python class of the message."""
+        package, _, name = self.type.split('/')
+        return getattr(import_module(f'{package}.msg'), name)
+
+    @property
+    def latched(self):
+        """Whether a late subscriber still gets the last message."""
+        return self.qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
+
+
+CLOCK = Topic('/clock', 'rosgraph_msgs/msg/Clock', RELIABLE)
+COMMAND = Topic('command', 'trajectory_msgs/msg/JointTrajectory', RELIABLE)
+TRUTH_JOINTS = Topic('truth/joint_states', 'sensor_msgs/msg/JointState', DEEP)
+TRUTH_ZERO = Topic('truth/incremental_zero', 'sensor_msgs/msg/JointState', _qos(100, latched=True))
+INCREMENTAL = Topic('incremental/joint_states', 'sensor_msgs/msg/JointState', DEEP)
+ABSOLUTE = Topic('absolute/joint_states', 'sensor_msgs/msg/JointState', DEEP)
+ABSOLUTE_FRAME = Topic('absolute/frame', 'sensor_msgs/msg/Image', SENSOR)
+MISS_DISTANCE = Topic('camera/miss_distance', 'geometry_msgs/msg/Vector3Stamped', RELIABLE)
+OBSERVATION = Topic('observation', 'sensor_msgs/msg/PointCloud2', DEEP)
+OBSERVATIONS = Topic('observations', 'sensor_msgs/msg/PointCloud2', LATCHED)
+OFFSET = Topic('offset', 'geometry_msgs/msg/Vector3Stamped', RELIABLE)
+OBSERVER_STATUS = Topic('observer/status', 'diagnostic_msgs/msg/DiagnosticStatus', LATCHED)
+ZERO = Topic('zero', 'sensor_msgs/msg/JointState', LATCHED)
+MODEL = Topic('model', 'std_msgs/msg/String', LATCHED)
+CALIBRATION_REPORT = Topic('calibration/report', 'std_msgs/msg/String', LATCHED)
+CALIBRATION_STATUS = Topic(
+    'calibration/status', 'diagnostic_msgs/msg/DiagnosticStatus', LATCHED)
+TARGET = Topic('target', 'trajectory_msgs/msg/JointTrajectory', RELIABLE)
+DEMAND = Topic('demand', 'trajectory_msgs/msg/JointTrajectory', RELIABLE)
+DEMAND_SIGMA = Topic('demand_sigma', 'geometry_msgs/msg/Vector3Stamped', RELIABLE)
+DIAGNOSTICS = Topic('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', RELIABLE)
+
+ALL = tuple(value for value in list(globals().values()) if isinstance(value, Topic))
+#: only the simulated hardware may subscribe to these
+TRUTH_PREFIX = 'truth/'

@@ -1,0 +1,1 @@
+"""The sky, and the model of the mount's pointing errors."""

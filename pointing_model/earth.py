@@ -1,0 +1,328 @@
+"""Earth orientation: UT1-UTC and polar motion for any date, each with its uncertainty.
+
+From 1962 on the tables of the IERS that the package astropy-iers-data carries are used: the C04
+series, then Bulletin A with its predictions. Interpolation is on UT1-TAI, which no leap second
+tears. Beyond the tables the values are extrapolated and the uncertainty says so:
+
+* UT1-UTC after the table: its last year's rate goes on, with the seasonal variation UT2-UT1. The
+  formula of Bulletin A, 0.00025 s (days)^0.75, is meant for a few weeks: on the C04 series
+  1972-2026 such an extrapolation is wrong by 0.09 s (rms) after 1 year, 0.9 s after 5 and 2.3 s
+  after 10, which `RATE_WALK` reproduces. UTC is kept within 0.9 s of UT1 by leap seconds yet to
+  come, at least until 2035, so the extrapolation is averaged with 0 +- 0.52 s.
+* The pole after or before the table: the IERS secular pole, around which the true one moves by
+  0.12" (rms) in each coordinate.
+* UT1-UTC before 1962: time signals followed the Earth's rotation. Taken as 0 +- 0.1 s from 1960
+  on; before 1960 there was no UTC, the time is understood as universal time, 0 +- 0.5 s.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import astropy_iers_data
+import erfa
+import numpy as np
+
+from .units import ARCSEC
+
+MJD_1970 = 40587.0
+DAY = 86400.0
+TURN_RATE = 2.0 * np.pi * 1.00273781191135448 / DAY  # Earth rotation, rad per second of UT1
+
+RATE_WALK = 0.085  # s, growing with years^1.45: measured on C04, see above
+LEAP_SECONDS = 0.52  # s, standard deviation of a value anywhere within +-0.9 s
+LEAP_SECONDS_END = 64328.0  # MJD of 2035-01-01 (CGPM 2022, resolution 4)
+POLE_WANDER = 0.12 * ARCSEC  # rms about the secular pole, one coordinate
+POLE_MEMORY = 60.0  # days in which the pole forgets where the table ended
+# tides within a day are in neither table (IERS Conventions 2010, ch. 5 and 8)
+TIDES_UT1 = 3e-5  # s
+TIDES_POLE = 2e-4 * ARCSEC
+
+_FIRST, _LAST = -2208988800.0, 4133980800.0  # 1900-01-01, 2101-01-01: where ERFA's Earth is good
+_MJD_1960, _C04_FIRST = 36934.0, 37665.0
+
+#: what `EarthOrientation.source` can say, from the best to the worst
+SOURCES = ('IERS final', 'IERS rapid', 'IERS prediction', 'extrapolated', 'before the IERS table')
+
+
+@dataclass(frozen=True, eq=False)
+class EarthOrientation:
+    """Orientation of the Earth at one time or several; every field has the shape of the time.
+
+    Parameters
+    ----------
+    dut1, sigma_dut1 : float or ndarray
+        UT1-UTC and its standard deviation, seconds.
+    xp, yp, sigma_pole : float or ndarray
+        Coordinates of the pole and the standard deviation of each, radians.
+    source : str or ndarray of str
+        One of `SOURCES`.
+    """
+
+    dut1: float
+    xp: float
+    yp: float
+    sigma_dut1: float
+    sigma_pole: float
+    source: str
+
+    @property
+    def sigma(self):
+        """Standard deviation of a direction on the sky from all of it (at the equator), rad."""
+        return np.hypot(TURN_RATE * np.asarray(self.sigma_dut1), self.sigma_pole)
+
+    def statement(self):
+        """One line for people; of several times the most uncertain."""
+        worst = np.argmax(np.atleast_1d(self.sigma))
+        pick = lambda v: np.atleast_1d(v)[worst]  # noqa: E731
+        return (f'UT1-UTC {pick(self.dut1):+.4f} ± {pick(self.sigma_dut1):.4f} s, '
+                f'pole ± {pick(self.sigma_pole) / ARCSEC:.4f}" ({pick(self.source)}): '
+                f'directions ± {pick(self.sigma) / ARCSEC:.3f}"')
+
+
+def split_utc(time):
+    """Split a time into the two-part UTC that ERFA takes.
+
+    Parameters
+    ----------
+    time : float or ndarray
+        UTC, seconds since 1970-01-01 (POSIX: every day has 86 400 of them, so a leap second has
+        the same number as the second after it).
+
+    Returns
+    -------
+    utc1, utc2 : float or ndarray
+        Julian date of the day's 0h, and the fraction of that day. On a day with a leap second
+        the fraction counts 86 401 seconds, ERFA's convention.
+
+    Raises
+    ------
+    ValueError
+        A time is not finite or outside 1900-2100.
+    """
+    day, second, _, _, step = _calendar(time)
+    return erfa.DJM0 + day, second / (DAY + step)
+
+
+def earth_orientation(time):
+    """UT1-UTC and polar motion with their uncertainty.
+
+    Parameters
+    ----------
+    time : float or ndarray
+        UTC, seconds since 1970-01-01, from 1900 to 2100.
+
+    Returns
+    -------
+    EarthOrientation
+
+    Raises
+    ------
+    ValueError
+        A time is not finite or outside 1900-2100, or an IERS table is damaged.
+
+    Notes
+    -----
+    Four-point Lagrange interpolation of the daily values (IERS Gazette 13). Only the rows
+    around `time` are read.
+    """
+    day, second, dat, drift, _ = _calendar(time)
+    dat = dat + drift * second / DAY
+    mjd = day + second / DAY
+    flat = np.atleast_1d(mjd).ravel()
+    flat_dat = np.atleast_1d(dat).ravel()
+    out = np.empty((5, flat.size))  # dut1, xp, yp, sigma_dut1, sigma_pole
+    source = np.empty(flat.size, int)
+    last = _tables()[2]
+
+    early = flat < _C04_FIRST
+    late = flat > last
+    known = ~(early | late)
+    if np.any(early):
+        t = flat[early]
+        pole = _secular_pole(t)
+        sigma = np.where(t >= _MJD_1960, 0.1, 0.5)
+        out[:, early] = 0.0 * t, *pole, sigma, np.full(t.size, POLE_WANDER)
+        source[early] = 4
+    if np.any(known):
+        t = flat[known]
+        rows, kind = _rows(max(int(t.min()) - 1, int(_C04_FIRST)), min(int(t.max()) + 2, int(last)))
+        value, kind = _interpolate(t, rows, kind)
+        value[0] += flat_dat[known]
+        value[3] = np.hypot(value[3], TIDES_UT1)
+        value[4] = np.hypot(value[4], TIDES_POLE)
+        out[:, known], source[known] = value, kind
+    if np.any(late):
+        rows, _ = _rows(int(last) - 365, int(last))
+        value = extrapolate(flat[late], rows)
+        value[0] += flat_dat[late]
+        value[0], value[3] = _with_leap_seconds(flat[late], value[0], value[3])
+        out[:, late], source[late] = value, 3
+    names = np.array(SOURCES)[source]
+    if np.ndim(time) == 0:
+        return EarthOrientation(*(float(v) for v in out[:, 0]), str(names[0]))
+    return EarthOrientation(*out.reshape(5, *np.shape(time)), names.reshape(np.shape(time)))
+
+
+def extrapolate(mjd, rows):
+    """Continue a table beyond its last row.
+
+    Parameters
+    ----------
+    mjd : ndarray, shape (n,)
+        Modified Julian dates after the last row.
+    rows : ndarray, shape (6, 366)
+        A year and a day of the table: MJD, UT1-TAI (s), xp, yp (rad), their sigmas (s, rad).
+
+    Returns
+    -------
+    ndarray, shape (5, n)
+        UT1-TAI (s), xp, yp (rad), sigma of UT1-TAI (s), sigma of the pole (rad).
+    """
+    years = (mjd - rows[0, -1]) / 365.25
+    level = rows[1] + _seasonal(rows[0])
+    rate = (level[-1] - level[0]) / (rows[0, -1] - rows[0, 0])
+    ut1_tai = level[-1] + rate * (mjd - rows[0, -1]) - _seasonal(mjd)
+    # the table's end may be a prediction: its error and that of its rate come along
+    sigma = rows[4, -1] * (1.0 + 2.0 * years) + RATE_WALK * years**1.45
+    memory = np.exp((rows[0, -1] - mjd) / POLE_MEMORY)
+    pole = _secular_pole(mjd) + (rows[2:4, -1:] - _secular_pole(rows[0, -1:])) * memory
+    sigma_pole = np.sqrt(rows[5, -1] ** 2 + POLE_WANDER**2 * (1.0 - memory**2))
+    return np.stack([ut1_tai, *pole, sigma, sigma_pole])
+
+
+def _with_leap_seconds(mjd, dut1, sigma):
+    """Average of the extrapolation and of what the keepers of UTC promise."""
+    after = np.maximum(mjd - LEAP_SECONDS_END, 0.0) / 365.25
+    promise = np.hypot(LEAP_SECONDS, RATE_WALK * after**1.45)
+    weight = promise**2 / (promise**2 + sigma**2)
+    return dut1 * weight, sigma * np.sqrt(weight)
+
+
+def _interpolate(mjd, rows, kind):
+    start = np.clip((mjd - rows[0, 0]).astype(int) - 1, 0, rows.shape[1] - 4)
+    u = mjd - rows[0, start]
+    weights = np.stack([
+        -(u - 1) * (u - 2) * (u - 3) / 6, u * (u - 2) * (u - 3) / 2,
+        -u * (u - 1) * (u - 3) / 2, u * (u - 1) * (u - 2) / 6])
+    window = start + np.arange(4)[:, None]
+    value = np.einsum('kn,jkn->jn', weights, rows[1:4][:, window])
+    # the sigma and the source of the worse neighbour, not of the whole window
+    near = np.minimum((mjd - rows[0, 0]).astype(int) + np.arange(2)[:, None], rows.shape[1] - 1)
+    sigma = rows[4:][:, near].max(axis=1)
+    return np.concatenate([value, sigma]), kind[near].max(axis=0)
+
+
+def _secular_pole(mjd):
+    years = (mjd - 51544.5) / 365.25  # IERS Conventions 2010, eq. 21 as updated in 2018
+    return np.stack([0.0550 + 0.001677 * years, 0.3205 + 0.003460 * years]) * ARCSEC
+
+
+def _seasonal(mjd):
+    """UT2-UT1, seconds (Bulletin A)."""
+    turn = 2.0 * np.pi * (2000.0 + (mjd - 51544.03) / 365.2422)
+    return (0.022 * np.sin(turn) - 0.012 * np.cos(turn)
+            - 0.006 * np.sin(2.0 * turn) + 0.007 * np.cos(2.0 * turn))
+
+
+def _calendar(time):
+    """MJD of 0h, second of that day, TAI-UTC at 0h, its change over the day, step at its end."""
+    time = np.asarray(time, float)
+    bad = ~((time >= _FIRST) & (time <= _LAST))  # also true for NaN
+    if np.any(bad):
+        raise ValueError(f'time {time[bad].flat[0]:.6g} s is outside 1900 to 2100: '
+                         'give UTC in seconds since 1970-01-01')
+    _leap_seconds()
+    day = np.floor(time / DAY)
+    second = time - day * DAY
+    day = day + MJD_1970
+    today = _tai_utc(day, 0.0)
+    drift = 2.0 * (_tai_utc(day, 0.5) - today)
+    step = _tai_utc(day + 1.0, 0.0) - today - drift
+    return day, second, today, drift, step
+
+
+def _tai_utc(mjd, fraction):
+    year, month, day, _, _ = erfa.ufunc.jd2cal(erfa.DJM0, mjd)
+    return erfa.ufunc.dat(year, month, day, fraction)[0]  # 0 before 1960
+
+
+@lru_cache(maxsize=1)
+def _leap_seconds():
+    """Tell ERFA of the leap seconds that the IERS data know and it does not."""
+    rows = np.loadtxt(astropy_iers_data.IERS_LEAP_SECOND_FILE, comments='#')
+    table = erfa.leap_seconds.get()
+    new = [(int(r[3]), int(r[2]), r[4]) for r in rows
+           if (int(r[3]), int(r[2])) > (int(table['year'][-1]), int(table['month'][-1]))]
+    if new:
+        erfa.leap_seconds.set(np.append(table, np.array(new, table.dtype)))
+
+
+# Both tables have one line a day of constant width, so the line of a day is found by seeking.
+_C04_LINE, _A_LINE, _A_FIRST = 219, 188, 41684
+
+
+@lru_cache(maxsize=1)
+def _tables():
+    """Bytes before the first line of C04, the last day of C04, the last day with a prediction."""
+    with open(astropy_iers_data.IERS_B_FILE, 'rb') as file:
+        header = 0
+        for line in file:
+            if not line.startswith(b'#'):
+                break
+            header += len(line)
+        lines = (file.seek(0, 2) - header) // _C04_LINE
+    with open(astropy_iers_data.IERS_A_FILE, 'rb') as file:
+        low, high = 0, file.seek(0, 2) // _A_LINE  # Bulletin A's lines end in empty ones
+        while high - low > 1:
+            middle = (low + high) // 2
+            file.seek(middle * _A_LINE)
+            low, high = (middle, high) if file.read(78)[58:68].strip() else (low, middle)
+    return header, int(_C04_FIRST) + lines - 1, float(_A_FIRST + low)
+
+
+@lru_cache(maxsize=8)
+def _rows(first, last):
+    """Rows of the days `first` to `last`, at least four: (6, n) values and (n,) kinds."""
+    header, end, limit = _tables()
+    last = max(last, first + 3)
+    first -= max(last - int(limit), 0)
+    last = min(last, int(limit))
+    parts = []
+    if first <= end:
+        lines = _lines(astropy_iers_data.IERS_B_FILE, header, _C04_LINE,
+                       first - int(_C04_FIRST), min(last, end) - first + 1)
+        columns = [(17, 26), (51, 62), (27, 38), (39, 50), (147, 158), (123, 134), (135, 146)]
+        parts.append((_fields(lines, columns), np.zeros(lines.shape[0], int)))
+    if last > end:
+        begin = max(first, end + 1)
+        lines = _lines(astropy_iers_data.IERS_A_FILE, 0, _A_LINE,
+                       begin - _A_FIRST, last - begin + 1)
+        columns = [(8, 15), (59, 68), (19, 27), (38, 46), (69, 78), (28, 36), (47, 55)]
+        predicted = (lines[:, 57] == ord('P')) | (lines[:, 16] == ord('P'))
+        parts.append((_fields(lines, columns), 1 + predicted))
+    table = np.concatenate([p[0] for p in parts], axis=1)
+    mjd, dut1, xp, yp, sigma, sigma_x, sigma_y = table
+    if not np.array_equal(mjd, np.arange(first, last + 1)):
+        raise ValueError(f'IERS table does not hold MJD {first} to {last} where it should: '
+                         'reinstall astropy-iers-data')
+    rows = np.stack([mjd, dut1 - _tai_utc(mjd, 0.0), xp * ARCSEC, yp * ARCSEC,
+                     sigma, np.maximum(sigma_x, sigma_y) * ARCSEC])
+    return rows, np.concatenate([p[1] for p in parts])
+
+
+def _lines(path, header, width, first, count):
+    with open(path, 'rb') as file:
+        file.seek(header + first * width)
+        data = np.frombuffer(file.read(count * width), np.uint8)
+    if data.size != count * width:
+        raise ValueError(f'{path} ends too early: reinstall astropy-iers-data')
+    return data.reshape(count, width)
+
+
+def _fields(lines, columns):
+    text = [np.ascontiguousarray(lines[:, a - 1 : b]).view(f'S{b - a + 1}')[:, 0]
+            for a, b in columns]
+    try:
+        return np.array([t.astype(float) for t in text])
+    except ValueError as error:
+        raise ValueError(f'IERS table is damaged ({error}): reinstall astropy-iers-data') from None

@@ -1,0 +1,150 @@
+"""The spherical harmonics of paper 000 (eq. 6-8): 13 coefficients an axis.
+
+With theta the functions are cos^k(theta), k = 0..4, and cos(A) sin(theta) cos^k(theta) and
+sin(A) sin(theta) cos^k(theta), k = 0..3, in the paper's order. They are spherical harmonics
+(degree <= 4, order <= 1) only where theta is the zenith distance; the paper prints E. Both
+readings are here:
+
+- ``'zenith'``: theta = z, and the azimuth series gives f_A = delta-A sin z = delta-A cos E,
+  which is the offset on the sky;
+- ``'printed'``: theta = E, and f_A = delta-A sin E. It has no limit at the horizon.
+
+The series for the elevation gives delta-E in both.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+READINGS = ('zenith', 'printed')
+
+#: Coefficients an axis. (Eq. 8 has 13 columns; the vectors printed there run to 14 entries.)
+COUNT = 13
+
+
+def _check(reading):
+    if reading not in READINGS:
+        raise ValueError(f'unknown reading of the harmonics {reading!r}; take zenith or printed')
+
+
+def basis(az, el, reading='zenith'):
+    """The 13 functions of eq. 6 and 7 of paper 000.
+
+    Parameters
+    ----------
+    az, el : float or ndarray, shape (n,)
+        Catalogue place, radians.
+    reading : {'zenith', 'printed'}
+        What the paper's E means: the zenith distance, or the elevation as printed.
+
+    Returns
+    -------
+    ndarray, shape (n, 13)
+
+    Raises
+    ------
+    ValueError
+        Unknown reading.
+    """
+    _check(reading)
+    az, el = np.broadcast_arrays(np.atleast_1d(az), np.atleast_1d(el))
+    sin_el, cos_el = np.sin(el), np.cos(el)
+    c, s = (sin_el, cos_el) if reading == 'zenith' else (cos_el, sin_el)
+    out = np.empty((COUNT, len(az)))
+    out[0] = 1.0
+    out[1] = c
+    out[2] = np.cos(az) * s
+    out[3] = np.sin(az) * s
+    for zonal in (4, 7, 10):
+        out[zonal] = out[zonal - 3] * c
+        out[zonal + 1] = out[zonal - 2] * c
+        out[zonal + 2] = out[zonal - 1] * c
+    return out.T
+
+
+def sky_factor(el, reading='zenith'):
+    """Factor from f_A of eq. 6 to the offset on the sky delta-A cos E.
+
+    Parameters
+    ----------
+    el : float or ndarray
+        Catalogue elevation, radians.
+    reading : {'zenith', 'printed'}
+
+    Returns
+    -------
+    float or ndarray
+        1 in the zenith reading, cot E in the printed one.
+    """
+    _check(reading)
+    return np.ones_like(el, dtype=float) if reading == 'zenith' else 1.0 / np.tan(el)
+
+
+@dataclass(frozen=True)
+class Harmonics:
+    """Fitted series of both axes.
+
+    Parameters
+    ----------
+    reading : {'zenith', 'printed'}
+    coef_x, coef_y : ndarray, shape (13,)
+        A_0..A_12 of eq. 6 and B_0..B_12 of eq. 7, radians.
+    covariance : ndarray, shape (26, 26)
+        Of A_0..A_12, B_0..B_12, radians^2.
+
+    Raises
+    ------
+    ValueError
+        Unknown reading, or a wrong number of coefficients.
+    """
+
+    reading: str
+    coef_x: np.ndarray
+    coef_y: np.ndarray
+    covariance: np.ndarray
+
+    def __post_init__(self):
+        _check(self.reading)
+        for name, shape in (
+            ('coef_x', (COUNT,)), ('coef_y', (COUNT,)), ('covariance', (2 * COUNT,) * 2)
+        ):
+            value = np.asarray(getattr(self, name), float)
+            if value.shape != shape:
+                raise ValueError(f'harmonics need {name} of shape {shape}, not {value.shape}')
+            object.__setattr__(self, name, value)
+
+    def offsets(self, az, el):
+        """Encoder - catalogue on the sky.
+
+        Parameters
+        ----------
+        az, el : float or ndarray, shape (n,)
+            Catalogue place, radians.
+
+        Returns
+        -------
+        x, y : ndarray, shape (n,)
+            delta-A cos E and delta-E, radians.
+        """
+        functions = basis(az, el, self.reading)
+        x = functions @ self.coef_x * sky_factor(np.atleast_1d(el), self.reading)
+        return x, functions @ self.coef_y
+
+    def variance(self, az, el):
+        """Variance of `offsets`.
+
+        Parameters
+        ----------
+        az, el : float or ndarray, shape (n,)
+            Catalogue place, radians.
+
+        Returns
+        -------
+        x, y : ndarray, shape (n,)
+            radians^2.
+        """
+        functions = basis(az, el, self.reading)
+        c = self.covariance
+        factor = sky_factor(np.atleast_1d(el), self.reading)
+        x = np.einsum('ni,ij,nj->n', functions, c[:COUNT, :COUNT], functions) * factor**2
+        return x, np.einsum('ni,ij,nj->n', functions, c[COUNT:, COUNT:], functions)

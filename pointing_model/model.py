@@ -1,0 +1,420 @@
+"""The pointing model: fitted terms and harmonics that turn sky into encoder and back."""
+
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from . import geometry as rotation
+from .harmonics import COUNT, Harmonics
+from .terms import Trig, design, known_terms
+from .units import ARCSEC, wrap
+
+FORMAT = 'telescope_mount/pointing_model'
+VERSION = 1
+
+_CONVENTION = (
+    'offset = encoder - catalogue; azimuth from north through east, elevation from the horizon; '
+    'on the sky x = dA cos E, y = dE; terms in TPOINT names (IE has the opposite sign there)'
+)
+
+
+def _as_written(value, unit):
+    # the value that the document's decimal number gives back, so that a round trip changes no bit
+    return np.asarray(value, float) / unit * unit
+
+
+@dataclass(frozen=True)
+class PointingModel:
+    """Offsets of a mount as a function of direction: physical terms, then harmonics on top.
+
+    Parameters
+    ----------
+    terms : dict of str to float
+        Coefficients in radians by the names of `terms.TERMS`, in the order of `covariance`.
+    covariance : ndarray, shape (k, k), optional
+        Of the terms, radians^2; zero if omitted.
+    harmonics : Harmonics, optional
+        Series of what the terms leave.
+    provenance : dict, optional
+        Where the model came from; anything that JSON can hold.
+    geometry : {'rotation', 'first_order'}
+        Whether the geometric terms (IA IE CA NPAE AN AW TF) act as exact rotations or as their
+        first-order columns. All others, and the harmonics, add their columns at the catalogue
+        place.
+
+    Raises
+    ------
+    ValueError
+        An unknown term or geometry, a value that is not finite, or a covariance of wrong shape.
+    """
+
+    terms: dict
+    covariance: np.ndarray = None
+    harmonics: Harmonics | None = None
+    provenance: dict = field(default_factory=dict)
+    geometry: str = 'rotation'
+
+    def __post_init__(self):
+        known_terms(self.terms)
+        if self.geometry not in ('rotation', 'first_order'):
+            raise ValueError(
+                f'unknown geometry {self.geometry!r} of a model; take rotation or first_order')
+        k = len(self.terms)
+        covariance = np.zeros((k, k)) if self.covariance is None else self.covariance
+        covariance = _as_written(covariance, ARCSEC**2)
+        if covariance.shape != (k, k):
+            raise ValueError(
+                f'covariance of shape {covariance.shape} for {k} terms; it must be ({k}, {k})')
+        if not np.isfinite(covariance).all():
+            raise ValueError('pointing model with a covariance that is not finite; fit it again')
+        values = _as_written(list(self.terms.values()), ARCSEC)
+        if not np.isfinite(values).all():
+            bad = [name for name, v in zip(self.terms, values) if not np.isfinite(v)]
+            raise ValueError(f'pointing model with {", ".join(bad)} not finite; fit it again')
+        object.__setattr__(self, 'terms', dict(zip(self.terms, values.tolist())))
+        object.__setattr__(self, 'covariance', covariance)
+        if self.harmonics is not None:
+            h = self.harmonics
+            object.__setattr__(self, 'harmonics', Harmonics(
+                h.reading, _as_written(h.coef_x, ARCSEC), _as_written(h.coef_y, ARCSEC),
+                _as_written(h.covariance, ARCSEC**2)))
+
+    def _split(self):
+        """Coefficients of the rotations, and those that add their columns."""
+        if self.geometry == 'first_order':
+            return {}, self.terms
+        turned = {n: v for n, v in self.terms.items() if n in rotation.GEOMETRIC}
+        return turned, {n: v for n, v in self.terms.items() if n not in turned}
+
+    def _added(self, az, el, columns):
+        """What is added to the encoder angles beyond the rotations, on the sky."""
+        trig = Trig(az, el)
+        x, y = 0.0, 0.0
+        for term in known_terms(columns):
+            of = term.of(trig)
+            x, y = x + columns[term.name] * of[0], y + columns[term.name] * of[1]
+        if self.harmonics is not None:
+            hx, hy = self.harmonics.offsets(np.ravel(az), np.ravel(el))
+            x, y = x + hx.reshape(np.shape(az)), y + hy.reshape(np.shape(az))
+        return x, y
+
+    def sky_to_encoder(self, az, el):
+        """Encoder angles that point at a catalogue place.
+
+        Parameters
+        ----------
+        az, el : float or ndarray
+            Catalogue place, radians.
+
+        Returns
+        -------
+        az_enc, el_enc : ndarray
+            Radians, azimuth on the branch nearest to `az`; NaN where the mount cannot look (see
+            `geometry.sky_to_encoder`).
+        """
+        az, el = np.broadcast_arrays(np.asarray(az, float), np.asarray(el, float))
+        turned, columns = self._split()
+        az_enc, el_enc = rotation.sky_to_encoder(az, el, turned)
+        if columns or self.harmonics is not None:
+            x, y = self._added(az, el, columns)
+            az_enc, el_enc = az_enc + x / np.cos(el), el_enc + y
+        return az_enc, el_enc
+
+    def encoder_to_sky(self, az_enc, el_enc):
+        """Catalogue place at which the mount looks: the inverse of `sky_to_encoder`.
+
+        Parameters
+        ----------
+        az_enc, el_enc : float or ndarray
+            Encoder angles, radians.
+
+        Returns
+        -------
+        az, el : ndarray
+            Radians, inverse below 1e-6 arcsec; NaN where the iteration does not converge
+            (within the size of the offsets from the zenith).
+        """
+        az_enc, el_enc = np.broadcast_arrays(np.asarray(az_enc, float), np.asarray(el_enc, float))
+        turned, columns = self._split()
+        added = None
+        if columns or self.harmonics is not None:
+            def added(az, el):
+                x, y = self._added(az, el, columns)
+                return x / np.cos(el), y
+        return rotation.encoder_to_sky(az_enc, el_enc, turned, added)
+
+    def offsets(self, az, el):
+        """Encoder - catalogue, on the sky.
+
+        Parameters
+        ----------
+        az, el : float or ndarray
+            Catalogue place, radians.
+
+        Returns
+        -------
+        x, y : ndarray
+            delta-A cos E and delta-E, radians.
+        """
+        az_enc, el_enc = self.sky_to_encoder(az, el)
+        return wrap(az_enc - az) * np.cos(el), el_enc - el
+
+    def covariance_at(self, az, el):
+        """Covariance of the on-sky offset from that of the terms (not of the harmonics).
+
+        Parameters
+        ----------
+        az, el : float or ndarray, shape (n,)
+            Catalogue place, radians.
+
+        Returns
+        -------
+        ndarray, shape (n, 2, 2)
+            radians^2.
+        """
+        columns = np.stack(design(tuple(self.terms), az, el), axis=1)  # (n, 2, k)
+        return columns @ self.covariance @ columns.transpose(0, 2, 1)
+
+    def sigma(self, az, el):
+        """Standard error of the predicted offset, from the covariance of all coefficients.
+
+        It is what the fit's noise leaves in the prediction; effects that the model does not have
+        are not in it.
+
+        Parameters
+        ----------
+        az, el : float or ndarray
+            Catalogue place, radians.
+
+        Returns
+        -------
+        sx, sy : ndarray
+            On the sky, radians.
+        """
+        shape = np.broadcast_shapes(np.shape(az), np.shape(el))
+        az, el = (np.broadcast_to(v, shape).ravel() for v in (az, el))
+        variance = self.covariance_at(az, el)
+        x, y = variance[:, 0, 0], variance[:, 1, 1]
+        if self.harmonics is not None:
+            hx, hy = self.harmonics.variance(az, el)
+            x, y = x + hx, y + hy
+        sx, sy = (np.sqrt(np.maximum(v, 0.0)).reshape(shape) for v in (x, y))
+        return sx, sy
+
+    def residuals(self, run, encoder='enc', zero=None):
+        """What the model leaves of a run, on the sky.
+
+        Parameters
+        ----------
+        run : PointingRun
+        encoder : {'enc', 'abs'}
+            The pair of encoder columns.
+        zero : optional
+            Angles to subtract from the encoder's, in any form of `zero_angles`.
+
+        Returns
+        -------
+        x, y : ndarray, shape (n,)
+            (encoder - model) in azimuth x cos E, and in elevation, radians.
+        """
+        az, el = run['az'], run['el']
+        az_enc, el_enc = self.sky_to_encoder(az, el)
+        zero_az, zero_el = zero_angles(zero, run)
+        x = wrap(run[f'az_{encoder}'] - zero_az - az_enc) * np.cos(el)
+        return x, run[f'el_{encoder}'] - zero_el - el_enc
+
+    def to_json(self):
+        """The model as a versioned JSON document.
+
+        Returns
+        -------
+        str
+            Angles in arcsec. `from_json` gives the same model back, to the last bit.
+        """
+        sigma = np.sqrt(np.maximum(np.diag(self.covariance), 0.0)) / ARCSEC
+        document = {
+            'format': FORMAT,
+            'version': VERSION,
+            'convention': _CONVENTION,
+            'geometry': self.geometry,
+            'terms': [
+                {'name': name, 'value_arcsec': value / ARCSEC, 'sigma_arcsec': float(s)}
+                for (name, value), s in zip(self.terms.items(), sigma)
+            ],
+            'covariance_arcsec2': (self.covariance / ARCSEC**2).tolist(),
+            'harmonics': None,
+            'provenance': self.provenance,
+        }
+        if self.harmonics is not None:
+            h = self.harmonics
+            document['harmonics'] = {
+                'reading': h.reading,
+                'azimuth_arcsec': (h.coef_x / ARCSEC).tolist(),
+                'elevation_arcsec': (h.coef_y / ARCSEC).tolist(),
+                'covariance_arcsec2': (h.covariance / ARCSEC**2).tolist(),
+            }
+        return json.dumps(document, indent=1)
+
+    @classmethod
+    def from_json(cls, text):
+        """Read `to_json`'s document.
+
+        Parameters
+        ----------
+        text : str
+
+        Returns
+        -------
+        PointingModel
+
+        Raises
+        ------
+        ValueError
+            It is no JSON, no pointing model, of a later version, or inconsistent.
+        """
+        try:
+            document = json.loads(text)
+        except ValueError as error:
+            raise ValueError(f'pointing model is not JSON: {error}') from None
+        return cls.from_document(document)
+
+    @classmethod
+    def from_document(cls, document):
+        """Read the parsed document (see `from_json`)."""
+        if not isinstance(document, dict) or document.get('format') != FORMAT:
+            raise ValueError(f'not a pointing model: the document has no format {FORMAT!r}')
+        if document.get('version') != VERSION:
+            raise ValueError(
+                f'pointing model of version {document.get("version")!r}, this program reads '
+                f'version {VERSION}; update the program or fit the run again')
+        try:
+            rows = document['terms']
+            terms = {row['name']: float(row['value_arcsec']) * ARCSEC for row in rows}
+            if len(terms) < len(rows):
+                raise ValueError('a term is named twice')
+            k = len(terms)
+            covariance = np.array(document['covariance_arcsec2'], float).reshape(k, k) * ARCSEC**2
+            harmonics = document.get('harmonics')
+            if harmonics is not None:
+                size = 2 * COUNT
+                harmonics = Harmonics(
+                    harmonics['reading'],
+                    np.array(harmonics['azimuth_arcsec'], float) * ARCSEC,
+                    np.array(harmonics['elevation_arcsec'], float) * ARCSEC,
+                    np.array(harmonics['covariance_arcsec2'], float).reshape(size, size)
+                    * ARCSEC**2,
+                )
+            provenance = document.get('provenance') or {}
+            if not isinstance(provenance, dict):
+                raise ValueError('provenance is not an object')
+            geometry = document['geometry']
+        except KeyError as error:
+            raise ValueError(f'pointing model document without {error}') from None
+        except (TypeError, ValueError, AttributeError) as error:
+            raise ValueError(f'pointing model document is damaged: {error}') from None
+        return cls(terms, covariance, harmonics, provenance, geometry)
+
+    def save(self, path):
+        """Write the model to a .json, .yaml or .yml file.
+
+        Parameters
+        ----------
+        path : str or Path
+
+        Raises
+        ------
+        ValueError
+            Another suffix.
+        OSError
+            The file cannot be written.
+        """
+        path = Path(path)
+        text = self.to_json() + '\n'
+        if _is_yaml(path):
+            import yaml
+
+            text = yaml.safe_dump(json.loads(text), sort_keys=False)
+        path.write_text(text, encoding='utf-8')
+
+    @classmethod
+    def load(cls, path):
+        """Read a model that `save` wrote.
+
+        Parameters
+        ----------
+        path : str or Path
+
+        Returns
+        -------
+        PointingModel
+
+        Raises
+        ------
+        ValueError
+            Another suffix, or not a pointing model; the message names the file.
+        OSError
+            The file cannot be read.
+        """
+        path = Path(path)
+        is_yaml = _is_yaml(path)
+        try:
+            text = path.read_text(encoding='utf-8')
+            if not is_yaml:
+                return cls.from_json(text)
+            import yaml
+
+            try:
+                document = yaml.safe_load(text)
+            except yaml.YAMLError as error:
+                line = ' '.join(str(error).split())
+                raise ValueError(f'pointing model is not YAML: {line}') from None
+            return cls.from_document(document)
+        except ValueError as error:
+            raise ValueError(f'{path}: {error}') from None
+
+
+def _is_yaml(path):
+    suffix = path.suffix.lower()
+    if suffix not in ('.json', '.yaml', '.yml'):
+        raise ValueError(f'{path}: a model file ends in .json, .yaml or .yml; rename it')
+    return suffix != '.json'
+
+
+def zero_angles(zero, run=None):
+    """Coordinate angles of a zero, however it is given.
+
+    Parameters
+    ----------
+    zero : None, pair of float or ndarray, object with ``az`` and ``el``, or dict
+        Radians. A dict gives one of the former for each number in the column ``run``.
+    run : PointingRun, optional
+        The rows that a dict is for.
+
+    Returns
+    -------
+    az, el : float or ndarray, shape (n,)
+        Radians, to be subtracted from the encoder's angles.
+
+    Raises
+    ------
+    ValueError
+        A dict lacks a number of the column ``run``, or there is no such column.
+    """
+    if zero is None:
+        return 0.0, 0.0
+    if isinstance(zero, dict):
+        if run is None or 'run' not in run:
+            raise ValueError('zeros by run number need the column run; add it or give one zero')
+        az, el = np.empty(len(run)), np.empty(len(run))
+        for number in np.unique(run['run']):
+            if number not in zero:
+                raise ValueError(f'no zero for run {number}; measure it or leave the run out')
+            rows = run['run'] == number
+            az[rows], el[rows] = zero_angles(zero[number])
+        return az, el
+    if hasattr(zero, 'az'):
+        return zero.az, zero.el
+    az, el = zero
+    return az, el

@@ -1,0 +1,110 @@
+"""A pointing run: what was asked of the sky, what the encoders read, and what else was known."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .units import ARCSEC, DEG, wrap
+
+#: name in memory (SI) -> (name in a CSV file, CSV unit in SI, what it is)
+COLUMNS = {
+    'time': ('time', 1.0, 'UTC, seconds since 1970-01-01'),
+    'run': ('run', 1.0, 'number of the night or of the power-on'),
+    'star': ('star', 1.0, 'Hipparcos number, or the name in a foreign file'),
+    'az': ('az_deg', DEG, 'catalogue azimuth, observed place'),
+    'el': ('el_deg', DEG, 'catalogue elevation, observed place'),
+    'az_enc': ('az_enc_deg', DEG, 'encoder azimuth with the star centred'),
+    'el_enc': ('el_enc_deg', DEG, 'encoder elevation with the star centred'),
+    'az_abs': ('az_abs_deg', DEG, 'second (absolute) encoder, azimuth'),
+    'el_abs': ('el_abs_deg', DEG, 'second (absolute) encoder, elevation'),
+    'sigma_x': ('sigma_az_arcsec', ARCSEC, '1-sigma noise along azimuth, on the sky'),
+    'sigma_y': ('sigma_el_arcsec', ARCSEC, '1-sigma noise along elevation'),
+    'miss_x': ('miss_x_arcsec', ARCSEC, 'measured miss distance along azimuth, on the sky'),
+    'miss_y': ('miss_y_arcsec', ARCSEC, 'measured miss distance along elevation'),
+    'az_rate': ('az_rate_arcsec_s', ARCSEC, 'azimuth rate'),
+    'el_rate': ('el_rate_arcsec_s', ARCSEC, 'elevation rate'),
+    'approach_az': ('approach_az', 1.0, 'sign of the last azimuth motion, -1, 0, 1'),
+    'approach_el': ('approach_el', 1.0, 'sign of the last elevation motion, -1, 0, 1'),
+    'temperature': ('temperature_c', 1.0, 'air temperature, degrees Celsius'),
+    'pressure': ('pressure_hpa', 1.0, 'air pressure, hPa'),
+    'magnitude': ('magnitude', 1.0, 'magnitude of the star'),
+    'block': ('block', 1.0, 'step of the observing plan that took the row'),
+}
+
+REQUIRED = ('az', 'el', 'az_enc', 'el_enc')
+
+
+@dataclass
+class PointingRun:
+    """Columns of equal length, one row an observation.
+
+    Parameters
+    ----------
+    columns : dict of str to ndarray, shape (n,)
+        In SI, by the names of `COLUMNS`; at least `REQUIRED`. A further name is a driver of
+        the user's own. Angles in radians.
+    meta : dict
+        Where the run came from (``source``), its site, what was left out (``excluded``, a list
+        of ``{'row', 'reason'}``) and remarks for the reader (``notes``, a list of str).
+
+    Raises
+    ------
+    ValueError
+        A required column is missing or a column has another length.
+    """
+
+    columns: dict
+    meta: dict = field(default_factory=dict)
+
+    def __post_init__(self):
+        missing = [name for name in REQUIRED if name not in self.columns]
+        if missing:
+            raise ValueError(f'pointing run without column {", ".join(missing)}')
+        self.columns = {name: np.atleast_1d(np.asarray(v)) for name, v in self.columns.items()}
+        lengths = {name: len(v) for name, v in self.columns.items()}
+        if len(set(lengths.values())) > 1:
+            raise ValueError(f'columns of a pointing run differ in length: {lengths}')
+
+    def __len__(self):
+        return len(self.columns['az'])
+
+    def __contains__(self, name):
+        return name in self.columns
+
+    def __getitem__(self, name):
+        """Column `name`, shape (n,)."""
+        return self.columns[name]
+
+    def get(self, name, default=np.nan):
+        """Column `name`, or `default` in every row where the run does not have it."""
+        if name in self.columns:
+            return self.columns[name]
+        return np.full(len(self), default)
+
+    def select(self, rows):
+        """The run with only `rows` (a mask or indices); `meta` is shared."""
+        return PointingRun({name: v[rows] for name, v in self.columns.items()}, self.meta)
+
+    def offsets(self, encoder='enc'):
+        """Encoder minus catalogue, on the sky.
+
+        Parameters
+        ----------
+        encoder : {'enc', 'abs'}
+            The pair of encoder columns: ``az_enc, el_enc`` or ``az_abs, el_abs``.
+
+        Returns
+        -------
+        x, y : ndarray, shape (n,)
+            delta-A cos E and delta-E, radians (paper 000, eq. 2, put on the sky).
+        """
+        az, el = self['az'], self['el']
+        dx = wrap(self[f'az_{encoder}'] - az) * np.cos(el)
+        return dx, self[f'el_{encoder}'] - el
+
+    @classmethod
+    def concatenate(cls, runs):
+        """One run from several: the columns that all of them have, in the order given."""
+        runs = list(runs)
+        names = [n for n in runs[0].columns if all(n in r.columns for r in runs)]
+        return cls({n: np.concatenate([r[n] for r in runs]) for n in names}, dict(runs[0].meta))

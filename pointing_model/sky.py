@@ -1,0 +1,212 @@
+"""Where a star is seen: observed azimuth and elevation by ERFA.
+
+IAU 2006/2000A precession-nutation, light deflection by the Sun, annual and diurnal aberration,
+parallax, Earth rotation with UT1-UTC and polar motion, refraction. Everything that depends on
+the time alone is computed once for each distinct time (``apco13``), then each star costs less
+than a microsecond (``atciq``, ``atioq``). The celestial pole offsets, below 0.001", are left out.
+"""
+
+from dataclasses import dataclass
+
+import erfa
+import numpy as np
+
+from .earth import TURN_RATE, earth_orientation, split_utc
+from .units import DEG
+
+_STEP = 0.02  # s, half the base of the symmetric difference for rates
+
+
+@dataclass(frozen=True)
+class Site:
+    """Where the mount stands.
+
+    Parameters
+    ----------
+    latitude, longitude : float
+        Geodetic (WGS84), radians, north and east positive.
+    height : float
+        Above the ellipsoid, metres.
+
+    Raises
+    ------
+    ValueError
+        Out of range.
+    """
+
+    latitude: float = 34.3 * DEG
+    longitude: float = 109.0 * DEG
+    height: float = 500.0
+
+    def __post_init__(self):
+        _within('latitude', self.latitude / DEG, -90.0, 90.0, 'degrees')
+        _within('longitude', self.longitude / DEG, -360.0, 360.0, 'degrees')
+        _within('height', self.height, -500.0, 10000.0, 'm')
+
+
+@dataclass(frozen=True)
+class Weather:
+    """Air at the mount, for the refraction; each a number or one for each observation.
+
+    Parameters
+    ----------
+    pressure_hpa : float or ndarray
+        Pressure at the mount, not reduced to sea level; 0 means no refraction.
+    temperature_c : float or ndarray
+        Degrees Celsius.
+    humidity : float or ndarray
+        Relative, 0 to 1.
+    wavelength_um : float
+        Micrometres.
+
+    Raises
+    ------
+    ValueError
+        Out of range.
+    """
+
+    pressure_hpa: float = 955.0
+    temperature_c: float = 10.0
+    humidity: float = 0.5
+    wavelength_um: float = 0.55
+
+    def __post_init__(self):
+        _within('pressure', self.pressure_hpa, 0.0, 1200.0, 'hPa')
+        _within('temperature', self.temperature_c, -90.0, 60.0, 'degrees Celsius')
+        _within('humidity', self.humidity, 0.0, 1.0, '(a fraction)')
+        _within('wavelength', self.wavelength_um, 0.2, 1e6, 'micrometres')
+
+
+def _within(name, value, low, high, unit):
+    value = np.asarray(value, float)
+    bad = ~((value >= low) & (value <= high))
+    if np.any(bad):
+        raise ValueError(f'{name} {value[bad].flat[0]:g} is outside {low:g} to {high:g} {unit}')
+
+
+DEFAULT_SITE = Site()
+DEFAULT_WEATHER = Weather()
+
+
+def observed_place(stars, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, orientation=None):
+    """Observed place of catalogue stars.
+
+    Parameters
+    ----------
+    stars : Stars
+        n of them.
+    time : float or ndarray
+        UTC, seconds since 1970-01-01: one time, one for each star, or many for a single star.
+    site : Site
+    weather : Weather
+        ``pressure_hpa=0`` for the direction without refraction.
+    orientation : EarthOrientation, optional
+        Of the shape of `time`; from the IERS tables if not given.
+
+    Returns
+    -------
+    az, el : ndarray, shape (n,)
+        Radians; azimuth from north through east, in [0, 2 pi). ERFA's refraction is good above
+        some 5 degrees and meaningless below the horizon.
+
+    Raises
+    ------
+    ValueError
+        A time is outside 1900-2100, or the number of times does not fit.
+    """
+    return _observe(_cirs(stars, *_frame(time, site, orientation, len(stars))), weather)
+
+
+def observed_rates(stars, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, orientation=None):
+    """Rates of the observed place, for tracking.
+
+    Parameters
+    ----------
+    stars, time, site, weather, orientation
+        As for `observed_place`.
+
+    Returns
+    -------
+    az_rate, el_rate : ndarray, shape (n,)
+        Radians a second, to better than 3e-5 arcsec/s (azimuth: times cos(el)).
+
+    Notes
+    -----
+    Symmetric difference over 0.04 s of the Earth's rotation alone: what changes the star's own
+    place (diurnal and annual aberration, precession, nutation) is slower than that error.
+    """
+    ri, di, astrom = _cirs(stars, *_frame(time, site, orientation, len(stars)))
+    az, el = [], []
+    for sign in (-1.0, 1.0):
+        turned = astrom.copy()
+        turned['eral'] += sign * _STEP * TURN_RATE
+        place = _observe((ri, di, turned), weather)
+        az.append(place[0])
+        el.append(place[1])
+    d_az = (az[1] - az[0] + np.pi) % (2.0 * np.pi) - np.pi
+    return d_az / (2.0 * _STEP), (el[1] - el[0]) / (2.0 * _STEP)
+
+
+def icrs_to_observed(ra, dec, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, orientation=None):
+    """Observed place of ICRS directions at infinity, without proper motion.
+
+    Parameters
+    ----------
+    ra, dec : float or ndarray
+        ICRS, radians.
+    time, site, weather, orientation
+        As for `observed_place`; `ra`, `dec` and `time` broadcast.
+
+    Returns
+    -------
+    az, el : float or ndarray
+        Radians.
+    """
+    ra, dec = np.broadcast_arrays(np.asarray(ra, float), np.asarray(dec, float))
+    count = None if ra.ndim == 0 else ra.size
+    astrom, _ = _frame(time, site, orientation, count)
+    ri, di = erfa.ufunc.atciq(ra, dec, 0.0, 0.0, 0.0, 0.0, astrom)
+    return _observe((ri, di, astrom), weather)
+
+
+def _frame(time, site, orientation, count):
+    """ERFA's astrom for each time, computed once for each distinct one; with no refraction."""
+    time = np.asarray(time, float)
+    if time.ndim > 1 or (time.ndim == 1 and count not in (None, 1) and time.size != count):
+        raise ValueError(f'{time.size} times for {count} stars: give one time, or one for each')
+    moments, inverse = np.unique(time, return_inverse=True)
+    if orientation is None:
+        dut1, xp, yp = _orientation(earth_orientation(moments))
+    else:
+        dut1, xp, yp = (np.broadcast_to(v, time.shape) for v in _orientation(orientation))
+        if moments.size == time.size:
+            moments, inverse = np.atleast_1d(time), np.arange(time.size)
+        first = np.unique(inverse.ravel(), return_index=True)[1]
+        dut1, xp, yp = (v.ravel()[first] for v in (dut1, xp, yp))
+    utc1, utc2 = split_utc(moments)
+    astrom, _, status = erfa.ufunc.apco13(
+        utc1, utc2, dut1, site.longitude, site.latitude, site.height, xp, yp, 0.0, 0.0, 0.0, 0.5)
+    if np.any(status < 0):
+        raise ValueError('time is not one that ERFA can convert: give UTC since 1970-01-01')
+    return astrom[inverse.reshape(time.shape)], time
+
+
+def _orientation(orientation):
+    return orientation.dut1, orientation.xp, orientation.yp
+
+
+def _cirs(stars, astrom, _):
+    ri, di = erfa.ufunc.atciq(*stars.at_j2000, astrom)
+    return ri, di, astrom
+
+
+def _observe(place, weather):
+    ri, di, astrom = place
+    refa, refb = erfa.ufunc.refco(weather.pressure_hpa, weather.temperature_c, weather.humidity,
+                                  weather.wavelength_um)
+    if np.ndim(refa) > astrom.ndim:
+        astrom = np.broadcast_to(astrom, np.shape(refa))
+    astrom = astrom.copy()
+    astrom['refa'], astrom['refb'] = refa, refb
+    az, zenith_distance, *_ = erfa.ufunc.atioq(ri, di, astrom)
+    return az, np.pi / 2.0 - zenith_distance

@@ -1,0 +1,36 @@
+"""Site and weather as parameters of a node."""
+
+from msg_tools.node import Param
+
+from .sky import DEFAULT_SITE, DEFAULT_WEATHER, Site, Weather
+from .units import DEG
+
+SKY_PARAMS = (
+    Param('latitude_deg', DEFAULT_SITE.latitude / DEG, 'geodetic latitude of the site [deg]',
+          -90.0, 90.0),
+    Param('longitude_deg', DEFAULT_SITE.longitude / DEG,
+          'longitude of the site, east positive [deg]', -180.0, 360.0),
+    Param('height_m', DEFAULT_SITE.height, 'height above the ellipsoid [m]', -500.0, 9000.0),
+    Param('pressure_hpa', DEFAULT_WEATHER.pressure_hpa,
+          'air pressure at the site, 0 for no refraction [hPa]', 0.0, 1100.0),
+    Param('temperature_c', DEFAULT_WEATHER.temperature_c, 'air temperature at the site [Celsius]',
+          -90.0, 60.0),
+    Param('humidity', DEFAULT_WEATHER.humidity, 'relative humidity at the site [1]', 0.0, 1.0),
+    Param('wavelength_um', DEFAULT_WEATHER.wavelength_um,
+          'effective wavelength of the camera [um]', 0.2, 1000.0),
+)
+
+
+def sky_of(node):
+    """Site and weather from the parameters of `node`.
+
+    Returns
+    -------
+    site : Site
+    weather : Weather
+    """
+    site = Site(node.value('latitude_deg') * DEG, node.value('longitude_deg') * DEG,
+                node.value('height_m'))
+    weather = Weather(node.value('pressure_hpa'), node.value('temperature_c'),
+                      node.value('humidity'), node.value('wavelength_um'))
+    return site, weather

@@ -1,0 +1,255 @@
+"""Which stars to observe for a pointing model, and in which order."""
+
+import numpy as np
+
+from .sky import DEFAULT_SITE, DEFAULT_WEATHER, observed_place
+from .units import ARCSEC, DEG, wrap
+
+NEIGHBOUR_DISTANCE = 30.0 * 60.0 * ARCSEC  # a field of 30 arcmin to its corner, and a mount 8 off
+NEIGHBOUR_CONTRAST = 2.0  # magnitudes; a fainter neighbour does not disturb
+
+_TRIALS, _STEPS = 48, 300  # changed orders tried a step, steps
+
+
+def choose_stars(stars, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, n=30, seed=0,
+                 min_el=20.0 * DEG, max_el=85.0 * DEG, mag_limit=6.0, exclude=(), duration=0.0,
+                 start=None):
+    """Choose stars all over the sky and put them in observing order.
+
+    Parameters
+    ----------
+    stars : Stars
+        The catalogue. Load it two magnitudes deeper than `mag_limit`, so that disturbing
+        neighbours are known.
+    time : float
+        Begin of the observations, UTC seconds since 1970-01-01.
+    site, weather : Site, Weather
+    n : int
+        How many.
+    seed : int
+        The same seed gives the same stars in the same order.
+    min_el, max_el : float
+        Limits of observed elevation, radians.
+    mag_limit : float
+        Faintest magnitude Hp.
+    exclude : sequence of int
+        Hipparcos numbers that must not be chosen (observed already, or held out).
+    duration : float
+        Seconds that the observations take: a chosen star stays within the limits so long.
+    start : (float, float), optional
+        Azimuth and elevation where the mount stands, radians.
+
+    Returns
+    -------
+    ndarray of int, shape (n,)
+        Rows of `stars`, each once, in observing order.
+
+    Raises
+    ------
+    ValueError
+        Fewer than `n` stars fulfil the conditions.
+
+    Notes
+    -----
+    The sky between the limits is divided into `n` cells of equal area. In each cell that star is
+    taken that adds most to the determinant of the normal equations of paper 000's 13 harmonics.
+    A star with a neighbour within 30' that is less than 2 magnitudes fainter is not taken.
+    The order is that of `observing_order`.
+    """
+    if not (0 <= min_el < max_el <= np.pi / 2.0):
+        raise ValueError(f'elevation limits {min_el / DEG:g} to {max_el / DEG:g} degrees: '
+                         'give 0 <= lower < upper <= 90')
+    if n < 1:
+        raise ValueError(f'{n} stars asked for: give at least 1')
+    rng = np.random.default_rng(seed)
+    bright = np.flatnonzero(stars.mag <= mag_limit)
+    moments = [time] if duration == 0.0 else [time, time + duration / 2.0, time + duration]
+    places = [observed_place(stars.select(bright), t, site, weather) for t in moments]
+    up = np.all([(el >= min_el) & (el <= max_el) for _, el in places], axis=0)
+    known = np.isin(stars.hip[bright], np.fromiter(exclude, int))
+    lonely = np.ones(len(bright), bool)
+    lonely[up] = ~has_neighbour(stars, bright[up])
+    good = up & ~known & lonely
+    if np.count_nonzero(good) < n:
+        if not np.any(up):
+            raise ValueError(
+                f'no star visible to Hp {mag_limit:g} between {min_el / DEG:g} and '
+                f'{max_el / DEG:g} degrees of elevation: widen the limits')
+        raise ValueError(
+            f'{n} stars asked for, {np.count_nonzero(good)} available: of {np.count_nonzero(up)} '
+            f'to Hp {mag_limit:g} between {min_el / DEG:g} and {max_el / DEG:g} degrees of '
+            f'elevation {np.count_nonzero(up & known)} are excluded and '
+            f'{np.count_nonzero(up & ~known & ~lonely)} have a bright neighbour; '
+            'ask for fewer or raise the magnitude limit')
+    az, el = (angle[good] for angle in places[len(places) // 2])
+    chosen = _stratified(az, el, n, min_el, max_el, rng)
+    order = observing_order(az[chosen], el[chosen], rng, start)
+    return bright[good][chosen[order]]
+
+
+def has_neighbour(stars, rows):
+    """Which stars have another one beside them that a camera could take for them.
+
+    Parameters
+    ----------
+    stars : Stars
+        Neighbours are looked for among all of these.
+    rows : ndarray of int, shape (n,)
+        The stars in question.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+    """
+    deep = np.flatnonzero(stars.mag <= stars.mag[rows].max(initial=-9.0) + NEIGHBOUR_CONTRAST)
+    deep = deep[np.argsort(stars.dec[deep], kind='stable')]
+    dec = stars.dec[rows]
+    low = np.searchsorted(stars.dec[deep], dec - NEIGHBOUR_DISTANCE)
+    count = np.searchsorted(stars.dec[deep], dec + NEIGHBOUR_DISTANCE) - low
+    # all pairs of a star in question with the stars of its band of declination
+    one = np.repeat(np.arange(len(rows)), count)
+    other = deep[np.arange(count.sum()) + np.repeat(low - np.cumsum(count) + count, count)]
+    width = wrap(stars.ra[other] - stars.ra[rows][one]) * np.cos(dec[one])
+    keep = np.abs(width) < 1.5 * NEIGHBOUR_DISTANCE  # coarse; near a pole it keeps too many
+    keep |= np.abs(dec[one]) > 80.0 * DEG
+    keep &= (other != rows[one]) & (stars.mag[other] - stars.mag[rows][one] < NEIGHBOUR_CONTRAST)
+    one, other = one[keep], other[keep]
+    a, b = _xyz(stars.ra[rows][one], dec[one]), _xyz(stars.ra[other], stars.dec[other])
+    near = np.zeros(len(rows), bool)
+    near[one[np.linalg.norm(a - b, axis=1) <= 2.0 * np.sin(NEIGHBOUR_DISTANCE / 2.0)]] = True
+    return near
+
+
+def _xyz(az, el):
+    return np.stack([np.cos(el) * np.cos(az), np.cos(el) * np.sin(az), np.sin(el)], axis=-1)
+
+
+def _harmonics(az, el):
+    """The 13 functions of paper 000, eq. 6-7, in zenith distance (n, 13)."""
+    c, s = np.sin(el), np.cos(el)
+    zonal = [c**k for k in range(5)]
+    first = [f * s * c**k for k in range(4) for f in (np.cos(az), np.sin(az))]
+    return np.stack(zonal + first, axis=1)
+
+
+def _stratified(az, el, n, min_el, max_el, rng):
+    """Rows of n stars, one in each of n equal cells of azimuth and sin(elevation)."""
+    bands = max(1, round(np.sqrt(n / 2.0)))
+    count = np.full(bands, n // bands)
+    count[rng.permutation(bands)[: n % bands]] += 1
+    low, high = np.sin(min_el), np.sin(max_el)
+    edges = low + (high - low) * np.cumsum(count)[:-1] / n
+    band = np.searchsorted(edges, np.sin(el), side='right')
+    turn = az / (2.0 * np.pi) + rng.random(bands)[band]
+    column = np.minimum((turn % 1.0 * count[band]).astype(int), count[band] - 1)
+    cell = np.concatenate([[0], np.cumsum(count)])[band] + column
+
+    basis = _harmonics(az, el)
+    # orthonormal over the sky, so that a millionth is small in every direction; einsum because
+    # the threads of a BLAS would keep a core of the other nodes busy
+    gram = np.einsum('ij,ik->jk', basis, basis) / len(az) + 1e-9 * np.eye(basis.shape[1])
+    basis = np.einsum('ij,kj->ik', basis, np.linalg.inv(np.linalg.cholesky(gram)))
+    members = [np.flatnonzero(cell == k) for k in range(n)]
+    chosen = np.array([rng.choice(m) if len(m) else -1 for m in members])
+    _fill(chosen, az, el)
+    normal = basis[chosen].T @ basis[chosen] + 1e-6 * np.eye(basis.shape[1])
+    for _ in range(2):
+        for k, member in enumerate(members):
+            if len(member) < 2:
+                continue
+            normal -= np.outer(basis[chosen[k]], basis[chosen[k]])
+            candidate = basis[member]
+            gain = np.einsum('ij,ij->i', candidate @ np.linalg.inv(normal), candidate)
+            gain[np.isin(member, np.delete(chosen, k))] = -np.inf
+            chosen[k] = member[np.argmax(gain)]
+            normal += np.outer(basis[chosen[k]], basis[chosen[k]])
+    return chosen
+
+
+def _fill(chosen, az, el):
+    """Give each cell without a star the one that is farthest from all chosen, in place."""
+    xyz = _xyz(az, el)
+    have = chosen[chosen >= 0]
+    nearness = (xyz @ xyz[have].T).max(axis=1) if len(have) else xyz @ xyz[0]
+    nearness[have] = np.inf
+    for k in np.flatnonzero(chosen < 0):
+        chosen[k] = np.argmin(nearness)
+        nearness = np.maximum(nearness, xyz @ xyz[chosen[k]])
+        nearness[chosen[k]] = np.inf
+
+
+def observing_order(az, el, rng, start=None):
+    """Order directions so that slews are short and approaches come from all sides.
+
+    Parameters
+    ----------
+    az, el : ndarray, shape (n,)
+        Radians.
+    rng : numpy.random.Generator
+    start : (float, float), optional
+        Where the mount stands before the first, radians.
+
+    Returns
+    -------
+    ndarray of int, shape (n,)
+
+    Notes
+    -----
+    The shortest tour would go once around in azimuth: time, azimuth and the direction of approach
+    would then be one and the same, and so would a drift, an encoder error and a backlash. So
+    the order is searched (simulated annealing) that makes small the mean slew *and* the
+    correlations of time and of the sign of approach of each axis with each other and with
+    sin A, cos A and sin E, and that has both signs equally often. A slew turns the azimuth the
+    shorter way (a cable wrap is the mount's own concern) and both axes move at once.
+    """
+    n = len(az)
+    if n < 3:
+        return np.arange(n)
+    place = _unit(np.stack([np.sin(az), np.cos(az), np.sin(el)], axis=1))
+    line = np.linspace(-1.0, 1.0, n)
+    clock = _unit(np.stack([line, line**2], axis=1))
+    # what a move from one star (row) to another costs and tells: length, signs of both axes;
+    # row n is the way from the start
+    from_az = np.append(az, az[0] if start is None else start[0])[:, None]
+    from_el = np.append(el, el[0] if start is None else start[1])[:, None]
+    move = np.stack([wrap(az - from_az), el - from_el])
+    length = np.abs(move).max(axis=0)
+    typical = length[:n].sum() / (n * (n - 1))
+    sign = np.sign(move) / np.sqrt(n)
+    if start is None:
+        length[n], sign[:, n] = 0.0, 0.0
+
+    def cost(order):
+        before = np.concatenate([np.full((len(order), 1), n), order[:, :-1]], axis=1)
+        approach = sign[:, before, order].transpose(1, 0, 2)  # (trial, axis, n)
+        where = place[order]
+        one_sided = approach.sum(axis=2) ** 2 / n
+        both = np.sum(approach[:, 0] * approach[:, 1], axis=1) ** 2
+        pairs = [approach @ where, approach @ clock, where.transpose(0, 2, 1) @ clock]
+        return (length[before, order].sum(axis=1) / (n * typical) + one_sided.sum(axis=1) + both
+                + sum(np.sum(p**2, axis=(1, 2)) for p in pairs))
+
+    trials = np.argsort(rng.random((_TRIALS, n)), axis=1)
+    value = cost(trials)
+    order, now = trials[np.argmin(value)], value.min()
+    best, best_value = order, now
+    index = np.arange(n)
+    for temperature in np.geomspace(0.1, 0.001, _STEPS):
+        i, j = np.sort(rng.integers(0, n, (2, _TRIALS, 1)), axis=0)
+        inside = (index >= i) & (index <= j)
+        turned = i + j - index  # a stretch of the order reversed
+        moved = np.where(index == i, j, index - 1)  # one star put elsewhere
+        moved = np.where(rng.random((_TRIALS, 1)) < 0.5, turned, moved)
+        trials = order[np.where(inside, moved, index)]
+        value = cost(trials)
+        k = np.argmin(value)
+        if value[k] < now or rng.random() < np.exp((now - value[k]) / temperature):
+            order, now = trials[k], value[k]
+            if now < best_value:
+                best, best_value = order, now
+    return best
+
+
+def _unit(columns):
+    columns = columns - columns.mean(axis=0)
+    return columns / (np.linalg.norm(columns, axis=0) + 1e-12)

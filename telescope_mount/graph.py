@@ -1,0 +1,108 @@
+"""The one description of the graph: which nodes there are, and with which parameters.
+
+`telescope-mount` starts it with processes of its own, `launch/night.launch.py` with ROS launch.
+"""
+
+from dataclasses import dataclass, field
+
+from msg_tools import NAMESPACE
+
+#: executable -> module; setup.py makes one executable of each
+NODES = {
+    'mount_simulator': 'encoder_sim.mount_simulator_node',
+    'incremental_encoder': 'encoder_sim.incremental_encoder_node',
+    'absolute_encoder': 'encoder_sim.absolute_encoder_node',
+    'camera': 'encoder_sim.camera_node',
+    'star_observer': 'pointing_model.star_observer_node',
+    'pointing_corrector': 'pointing_model.pointing_corrector_node',
+    'calibration': 'calibration.calibration_node',
+    'mcap_logger': 'msg_tools.mcap_logger_node',
+    'mcap_replay': 'msg_tools.mcap_replay_node',
+}
+
+SIMULATED = ('mount_simulator', 'incremental_encoder', 'absolute_encoder', 'camera')
+NIGHT = (*SIMULATED, 'star_observer', 'pointing_corrector', 'calibration', 'mcap_logger')
+
+
+@dataclass(frozen=True)
+class NodeSpec:
+    """A node to start: its executable, its module and its parameters."""
+
+    name: str
+    module: str
+    parameters: dict = field(default_factory=dict)
+
+    @property
+    def full_name(self):
+        """Fully qualified node name."""
+        return f'{NAMESPACE}/{self.name}'
+
+
+def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time_scale=0.0,
+                model_file='', first_run=1, sky=None):
+    """The nodes of a simulated night.
+
+    Parameters
+    ----------
+    bag : str
+        Folder of the log, which must not exist; the truth goes beside it.
+    scenario : str
+        What is wrong with the simulated mount; only the simulator's nodes read it.
+    seed : int
+        Of every random number.
+    start_time : str
+        UTC, ISO 8601; empty for the simulator's default.
+    plan : str
+        Steps of the observer; empty for its default.
+    time_scale : float
+        Simulated seconds a second; 0 as fast as the machine can.
+    model_file : str
+        Pointing model in force at the start.
+    first_run : int
+        Run number of the first power-on.
+    sky : dict, optional
+        Parameters of site and weather (`latitude_deg`, ...), for simulator and observer alike.
+
+    Returns
+    -------
+    list of NodeSpec
+    """
+    sky = dict(sky or {})
+    simulator = {'scenario': scenario, 'seed': seed} | (
+        {'start_time': start_time} if start_time else {})
+    parameters = {
+        'mount_simulator': simulator | {'time_scale': time_scale},
+        'incremental_encoder': dict(simulator),
+        'absolute_encoder': dict(simulator),
+        'camera': simulator | sky,
+        'star_observer': {
+            'use_sim_time': True, 'star_seed': seed, 'model_file': model_file,
+            'first_run': first_run, 'wait_for_nodes': [f'{NAMESPACE}/{name}' for name in NIGHT],
+        } | ({'plan': plan} if plan else {}) | sky,
+        'pointing_corrector': {'use_sim_time': True, 'model_file': model_file},
+        'calibration': {'use_sim_time': True, 'model_file': model_file, 'split_seed': seed},
+        'mcap_logger': {'use_sim_time': True, 'folder': bag},
+    }
+    return [NodeSpec(name, NODES[name], parameters[name]) for name in NIGHT]
+
+
+def replay_graph(bag, observation, seed=1, reference=None):
+    """The nodes that calibrate anew on a log.
+
+    Parameters
+    ----------
+    bag : str
+        The log.
+    observation : str
+        Full name of its topic of observations.
+    seed : int
+        Of the choice of held-out stars.
+    reference : str or Path, optional
+        The reference model that the night had.
+    """
+    parameters = {
+        'mcap_replay': {'bag': bag, 'rate': 0.0, 'topics': [observation],
+                        'wait_for_topics': [observation], 'exit_at_end': False},
+        'calibration': {'model_file': str(reference or ''), 'split_seed': seed},
+    }
+    return [NodeSpec(name, NODES[name], values) for name, values in parameters.items()]

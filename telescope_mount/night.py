@@ -1,0 +1,182 @@
+"""A whole night: start the graph, watch it, and put its results into one folder."""
+
+import json
+import time
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from pointing_model.plan import night_plan, parse_plan
+
+from . import domain
+from .graph import night_graph
+
+#: wall seconds without any progress after which a night is given up
+STALL = 60.0
+
+
+@dataclass
+class NightOptions:
+    """What a user chose for a night; see ``telescope-mount night --help``."""
+
+    out: Path
+    seed: int = 1
+    stars: int = 30
+    polaris: int = 16
+    scenario: str = 'default'
+    start_time: str = ''
+    reference: Path | None = None
+    domain: int | None = None
+    time_scale: float = 0.0
+    params_file: Path | None = None
+    first_run: int = 1
+    sky: dict = field(default_factory=dict)
+
+
+class NightFailed(RuntimeError):
+    """The night could not be finished; the text is the one line for the user."""
+
+
+def prepare_folder(folder):
+    """Make the output folder, or refuse it.
+
+    Raises
+    ------
+    ValueError
+        It holds files already, or is one.
+    OSError
+        It cannot be written.
+    """
+    folder = Path(folder)
+    if folder.exists() and not folder.is_dir():
+        raise ValueError(f'{folder} is a file; choose another folder with --out')
+    if folder.is_dir() and any(folder.iterdir()):
+        raise ValueError(f'{folder} is not empty; choose another folder with --out')
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def run_night(options, progress=None):
+    """Observe a night in a graph of processes.
+
+    Parameters
+    ----------
+    options : NightOptions
+    progress : callable, optional
+        Called with (text, done, total) as the night goes on.
+
+    Returns
+    -------
+    dict
+        The calibration report of the night, with the ``files`` that were written.
+
+    Raises
+    ------
+    ValueError, OSError
+        Bad input.
+    NightFailed
+        A node ended, or the plan could not be carried out.
+    """
+    plan = night_plan(options.stars, options.polaris, options.reference is not None)
+    parse_plan(plan)
+    if options.reference is not None:
+        from pointing_model.model import PointingModel
+        PointingModel.load(options.reference)
+    folder = prepare_folder(options.out)
+    lock = domain.claim(options.domain)
+    # after the cheap checks: these imports cost half a second
+    from .processes import Processes
+    from .watcher import Watcher
+    specs = night_graph(
+        bag=str(folder / 'bag'), scenario=options.scenario, seed=options.seed,
+        start_time=options.start_time, plan=plan, time_scale=options.time_scale,
+        model_file=str(options.reference.resolve()) if options.reference else '',
+        first_run=options.first_run, sky=options.sky)
+    nodes = Processes(folder / 'nodes', lock.number, options.params_file)
+    watcher = None
+    try:
+        for spec in specs:
+            nodes.start(spec)
+        watcher = Watcher('night', lock.number)
+        _watch(watcher, nodes, plan, progress or (lambda *_: None))
+        with ThreadPoolExecutor(1) as pool:
+            # files and picture are made while the last messages reach the log
+            written = pool.submit(_write, folder, dict(watcher.latest))
+            missing = watcher.wait_for_log(15.0, each=nodes.check)
+            report = written.result()
+        if missing:
+            raise NightFailed('the logger could not keep up; it lacks messages of '
+                              + ', '.join(missing))
+    except RuntimeError as err:
+        raise NightFailed(f'{err} (log so far: {folder / "bag"})') from None
+    finally:
+        if watcher is not None:
+            watcher.close()
+        nodes.stop()
+        lock.release()
+    _add_truth(folder / 'bag_truth', report)
+    return report
+
+
+def _watch(watcher, nodes, plan, progress):
+    """Follow the observer until the plan is done."""
+    from msg_tools import topics
+    total = sum(step.count for step in parse_plan(plan))
+    last, since = None, time.monotonic()
+    while True:
+        watcher.spin(0.2)
+        nodes.check()
+        status = watcher.latest.get(topics.OBSERVER_STATUS.name)
+        values = watcher.values(topics.OBSERVER_STATUS)
+        now = (values.get('observations'), values.get('step'), values.get('lost'),
+               len(watcher.diagnostics))
+        if now != last:
+            last, since = now, time.monotonic()
+        if status is not None:
+            done = int(values['observations']) + int(values['lost'])
+            text = values['step'] or 'connecting the nodes'
+            if values['state'] == 'failed':
+                raise NightFailed(status.message)
+            progress(text, done, total)
+            if values['state'] == 'done':
+                return
+        if time.monotonic() - since > STALL:
+            what = status.message if status is not None else 'the star observer'
+            raise NightFailed(f'nothing went on for {STALL:g} s: waiting for {what}')
+
+
+def _add_truth(bag, report):
+    """Put the simulated change of the zero beside the measured one, for the reader alone."""
+    from msg_tools.bag import BagReader
+    from pointing_model.units import ARCSEC
+    drifts = [message.data.position for message in BagReader(bag).messages(decode=True)
+              if message.topic.endswith('truth/incremental_zero')]
+    runs = [zero['run'] for zero in report['zeros']]
+    if len(drifts) != len(runs):
+        return
+    by_run = dict(zip(runs, drifts))
+    for change in report['changes']:
+        az, el = (after - before for before, after in zip(
+            by_run[change['from']], by_run[change['to']]))
+        change['simulated'] = {'az_arcsec': az / ARCSEC, 'el_arcsec': el / ARCSEC}
+
+
+def _write(folder, results):
+    """observations.csv, model.json, report.json and the plot."""
+    from calibration.report import plot_night
+    from msg_tools import topics
+    from msg_tools.convert import cloud_to_run
+    from msg_tools.run_files import write_csv
+    from pointing_model.model import PointingModel
+
+    run = cloud_to_run(results[topics.OBSERVATIONS.name])
+    report = json.loads(results[topics.CALIBRATION_REPORT.name].data)
+    model = PointingModel.from_json(results[topics.MODEL.name].data)
+    write_csv(run, folder / 'observations.csv')
+    (folder / 'model.json').write_text(results[topics.MODEL.name].data + '\n')
+    (folder / 'report.json').write_text(json.dumps(report, indent=1) + '\n')
+    plot_night(run, model, report, folder / 'residuals.png')
+    report['files'] = {'log': str(folder / 'bag'), 'model': str(folder / 'model.json'),
+                       'observations': str(folder / 'observations.csv'),
+                       'plot': str(folder / 'residuals.png')}
+    return report

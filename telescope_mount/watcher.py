@@ -1,0 +1,134 @@
+"""The command line's own node: watches the graph and keeps what it publishes last."""
+
+import time
+
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+
+from msg_tools import NAMESPACE, topics
+from msg_tools.readiness import parse, unreceived
+
+
+class Watcher:
+    """Subscribes to status, diagnostics and results of a graph.
+
+    Parameters
+    ----------
+    name : str
+        Node name.
+    domain : int
+        ROS domain.
+
+    Attributes
+    ----------
+    latest : dict of str to message
+        By topic name, the last message of each.
+    diagnostics : dict of str to DiagnosticStatus
+        By node name.
+    """
+
+    KEPT = (topics.OBSERVER_STATUS, topics.CALIBRATION_STATUS, topics.OBSERVATIONS, topics.MODEL,
+            topics.CALIBRATION_REPORT, topics.ZERO)
+
+    def __init__(self, name, domain):
+        self._context = Context()
+        # Ctrl-C belongs to the command line, which ends the nodes in order
+        rclpy.init(context=self._context, domain_id=domain,
+                   signal_handler_options=SignalHandlerOptions.NO)
+        self.node = Node(name, context=self._context, namespace=NAMESPACE,
+                         start_parameter_services=False, enable_rosout=False)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+        self.latest = {}
+        self.diagnostics = {}
+        for topic in self.KEPT:
+            self.node.create_subscription(
+                topic.message, topic.name,
+                lambda message, key=topic.name: self.latest.__setitem__(key, message), topic.qos)
+        self.node.create_subscription(
+            topics.DIAGNOSTICS.message, topics.DIAGNOSTICS.name, self._on_diagnostics,
+            topics.DIAGNOSTICS.qos)
+
+    def _on_diagnostics(self, message):
+        for status in message.status:
+            self.diagnostics[status.name] = status
+
+    def spin(self, seconds):
+        """Take what comes for at most `seconds`; returns early after something came."""
+        self._executor.spin_once(timeout_sec=seconds)
+
+    def spin_until(self, condition, timeout, each=None):
+        """Spin until `condition()`; False when `timeout` seconds went by.
+
+        `each()` is called in between, and may raise.
+        """
+        deadline = time.monotonic() + timeout
+        while not condition():
+            if time.monotonic() > deadline:
+                return False
+            self.spin(0.05)
+            if each is not None:
+                each()
+        return True
+
+    def values(self, topic):
+        """Key-value rows of the last DiagnosticStatus on `topic`, {} before the first."""
+        message = self.latest.get(topic.name)
+        return {} if message is None else {row.key: row.value for row in message.values}
+
+    def call(self, service, timeout=30.0, each=None):
+        """Call a Trigger service of the graph.
+
+        Returns
+        -------
+        str
+            Its answer.
+
+        Raises
+        ------
+        RuntimeError
+            It did not answer or refused.
+        """
+        from std_srvs.srv import Trigger
+        client = self.node.create_client(Trigger, service)
+        if not self.spin_until(client.service_is_ready, timeout, each):
+            raise RuntimeError(f'no node offers the service {client.srv_name}')
+        future = client.call_async(Trigger.Request())
+        if not self.spin_until(future.done, timeout, each):
+            raise RuntimeError(f'{client.srv_name} did not answer within {timeout:g} s')
+        answer = future.result()
+        if not answer.success:
+            raise RuntimeError(f'{service}: {answer.message}')
+        return answer.message
+
+    def reports(self):
+        """Endpoint counts of all nodes, by node name."""
+        return {name: parse(status) for name, status in self.diagnostics.items()}
+
+    def wait_for_log(self, timeout, logger='mcap_logger', each=None):
+        """Wait until the logger has all that the nodes have published by now.
+
+        A message that says "stop" would overtake data on other topics; sequence numbers do not.
+
+        Returns
+        -------
+        dict of str to int
+            Topics of which messages are missing after `timeout` seconds; empty is good.
+        """
+        name = f'{NAMESPACE}/{logger}'
+        # diagnostics that came since: each node reports at least once a second
+        seen = dict(self.diagnostics)
+        self.spin_until(
+            lambda: all(self.diagnostics[n] is not seen[n] for n in seen), 3.0, each)
+        then = self.reports()
+        self.spin_until(lambda: not unreceived(name, self.reports(), then), timeout, each)
+        return unreceived(name, self.reports(), then)
+
+    def close(self):
+        """Leave the graph."""
+        self._executor.shutdown()
+        self.node.destroy_node()
+        self._context.try_shutdown()

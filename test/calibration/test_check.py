@@ -1,0 +1,115 @@
+import numpy as np
+import pytest
+
+from calibration.check import external_check, split_half
+from calibration.fit import fit_harmonics, fit_terms, rms_arcsec
+from pointing_model.model import PointingModel
+from pointing_model.run import PointingRun
+from pointing_model.terms import PHYSICAL
+from pointing_model.units import ARCSEC
+
+MODEL = PointingModel(dict(zip(
+    PHYSICAL, np.array([200, 100, 60, -90, 120, -130, 80]) * ARCSEC)))
+
+
+def make_run(seed, n=60, noise=1.0, **columns):
+    rng = np.random.default_rng(seed)
+    az = rng.uniform(0, 2 * np.pi, n)
+    el = np.arcsin(rng.uniform(np.sin(np.radians(20)), np.sin(np.radians(85)), n))
+    az_enc, el_enc = MODEL.sky_to_encoder(az, el)
+    x, y = rng.normal(size=(2, n)) * noise * ARCSEC
+    return PointingRun({'az': az, 'el': el, 'az_enc': az_enc + x / np.cos(el),
+                        'el_enc': el_enc + y, **columns})
+
+
+@pytest.mark.parametrize('n', [2, 7, 30, 60, 61])
+def test_halves(n):
+    run = make_run(0, n)
+    used = split_half(run, 3)
+    assert abs(2 * used.sum() - n) <= 1
+    assert np.array_equal(used, split_half(run, 3))
+    if n >= 30:
+        assert not np.array_equal(used, split_half(run, 4))
+
+
+def test_halves_are_spread_over_the_sky():
+    """The mean direction of a half stays nearer to that of all than with halves at random."""
+    def distance(run, used):
+        v = np.array([np.cos(run['el']) * np.sin(run['az']), np.cos(run['el']) * np.cos(run['az']),
+                      np.sin(run['el'])])
+        return np.linalg.norm(v[:, used].mean(axis=1) - v.mean(axis=1))
+
+    rng = np.random.default_rng(1)
+    stratified, random = [], []
+    for seed in range(100):
+        run = make_run(seed)
+        stratified.append(distance(run, split_half(run, seed)))
+        random.append(distance(run, rng.permutation(60) < 30))
+    assert np.mean(stratified) < 0.6 * np.mean(random)
+
+
+def test_halves_share_every_night():
+    night = np.repeat([1, 2, 3, 4], [11, 20, 9, 20])
+    run = make_run(2, 60, run=night)
+    used = split_half(run, 5)
+    for number in (1, 2, 3, 4):
+        rows = night == number
+        assert abs(2 * used[rows].sum() - rows.sum()) <= 1
+    assert used.sum() == 30
+
+
+def test_held_out_error_of_seven_terms_on_thirty_stars():
+    held_out = [external_check(make_run(seed), seed=seed).held_out.radial for seed in range(60)]
+    assert np.median(held_out) <= 1.08 * 2**0.5
+    assert np.median(held_out) > 0.98 * 2**0.5  # better than the noise would be a leak
+
+
+def test_numbers_are_of_the_halves():
+    run = make_run(7)
+    check = external_check(run, seed=1)
+    fit = fit_terms(run.select(check.used))
+    assert check.fitted == fit.rms_arcsec() and check.fitted.n == 30
+    assert check.held_out == rms_arcsec(*fit.model.residuals(run.select(~check.used)))
+    assert check.fits[0].model.terms == fit.model.terms
+
+
+def test_both_ways_holds_out_every_row_once():
+    run = make_run(8)
+    one = external_check(run, seed=2)
+    other = external_check(run, used=~one.used)
+    both = external_check(run, seed=2, both_ways=True)
+    assert both.held_out.n == 60 and len(both.fits) == 2
+    assert both.held_out.x**2 == pytest.approx((one.held_out.x**2 + other.held_out.x**2) / 2)
+    assert both.fitted.radial**2 == pytest.approx(
+        (one.fitted.radial**2 + other.fitted.radial**2) / 2)
+
+
+def test_held_out_rows_do_not_reach_the_fit():
+    run = make_run(9)
+    used = split_half(run, 0)
+    before = external_check(run, used=used)
+    run['el_enc'][~used] += 100 * ARCSEC
+    after = external_check(run, used=used)
+    assert after.fits[0].model.terms == before.fits[0].model.terms
+    assert after.fitted == before.fitted
+    assert after.held_out.y == pytest.approx(100, abs=3)
+
+
+def test_options_and_other_fits():
+    run = make_run(10)
+    fewer = external_check(run, names=('IA', 'IE'))
+    assert fewer.held_out.radial > 20
+    harmonics = external_check(run, fit=fit_harmonics, reading='printed', model=MODEL)
+    assert harmonics.fits[0].model.harmonics.reading == 'printed'
+    shifted = PointingRun({**run.columns, 'az_enc': run['az_enc'] + 1e-3})
+    zero = external_check(shifted, zero=(1e-3, 0.0), fit=fit_terms)
+    assert zero.held_out.radial == pytest.approx(external_check(run).held_out.radial, rel=1e-6)
+
+
+def test_bad_input():
+    with pytest.raises(ValueError, match='1 observations'):
+        split_half(make_run(0, 1))
+    with pytest.raises(ValueError, match='rows to judge'):
+        external_check(make_run(0), used=np.ones(60, bool))
+    with pytest.raises(ValueError, match='3 usable'):
+        external_check(make_run(0, 6))

@@ -1,0 +1,156 @@
+import numpy as np
+import pytest
+
+from calibration.zero import PolarisExposures, student_factor, zero_from_polaris
+from pointing_model.model import PointingModel
+from pointing_model.terms import PHYSICAL
+from pointing_model.units import ARCSEC, DEG
+
+LATITUDE = 34.3 * DEG
+MOUNT = PointingModel(dict(zip(
+    PHYSICAL, np.array([200, 100, 60, -90, 120, -130, 80]) * ARCSEC)))
+ZERO = np.array([20.0, -15.0]) * ARCSEC  # coordinate angles
+
+
+def polaris(rng, n, start=None):
+    hour = (rng.uniform(0, 2 * np.pi) if start is None else start) + 0.02 * np.arange(n)
+    radius = 0.65 * DEG
+    return radius * np.sin(hour) / np.cos(LATITUDE), LATITUDE + radius * np.cos(hour)
+
+
+def exposures(rng, n, zero=ZERO, noise=1.0, mount=MOUNT, start=None):
+    az, el = polaris(rng, n, start)
+    x, y = mount.offsets(az, el)
+    dx, dy = rng.normal(size=(2, n)) * noise * ARCSEC
+    return az, el, x + zero[0] * np.cos(el) + dx, y + zero[1] + dy
+
+
+def test_zero_is_a_coordinate_angle_to_subtract():
+    rng = np.random.default_rng(0)
+    az, el, x, y = exposures(rng, 4, noise=0)
+    zero = zero_from_polaris(az, el, x, y, MOUNT)
+    assert zero.az == pytest.approx(ZERO[0], abs=1e-9 * ARCSEC)
+    assert zero.el == pytest.approx(ZERO[1], abs=1e-9 * ARCSEC)
+    az_enc, el_enc = az + x / np.cos(el), el + y
+    np.testing.assert_allclose(
+        (az_enc - zero.az, el_enc - zero.el), MOUNT.sky_to_encoder(az, el), atol=1e-12)
+    assert zero.to_dict()['az_arcsec'] == pytest.approx(20.0)
+
+
+@pytest.mark.parametrize('kind', ['model', 'exposures'])
+def test_four_hundred_nights(kind):
+    error, sigma = [], []
+    for seed in range(400):
+        rng = np.random.default_rng([1, seed])
+        night = exposures(rng, 16)
+        if kind == 'model':
+            zero = zero_from_polaris(*night, MOUNT)
+        else:
+            reference = PolarisExposures(*exposures(rng, 16, (0.0, 0.0)))
+            zero = zero_from_polaris(*night, reference, model=MOUNT)
+        error.append([zero.az - ZERO[0], zero.el - ZERO[1]])
+        sigma.append([zero.sigma_az, zero.sigma_el])
+    error, sigma = np.array(error) / ARCSEC, np.array(sigma) / ARCSEC
+    expected = np.array([1 / np.cos(LATITUDE), 1.0]) / 4 * (2**0.5 if kind == 'exposures' else 1)
+    assert np.all(np.abs(error.mean(axis=0)) < 4 * expected / 20)
+    np.testing.assert_allclose(error.std(axis=0), expected, rtol=0.13)
+    np.testing.assert_allclose(sigma.mean(axis=0), expected, rtol=0.10)
+    inside = np.mean(np.abs(error) < sigma, axis=0)
+    assert np.all(np.abs(inside - 0.683) < 0.08)
+
+
+@pytest.mark.parametrize('n', [2, 3, 4, 6])
+def test_few_exposures_hold_68_percent(n):
+    inside = 0
+    for seed in range(300):
+        zero = zero_from_polaris(*exposures(np.random.default_rng([2, n, seed]), n), MOUNT)
+        inside += int(abs(zero.az - ZERO[0]) < zero.sigma_az) + int(
+            abs(zero.el - ZERO[1]) < zero.sigma_el)
+    assert inside / 600 == pytest.approx(0.683, abs=0.06)
+
+
+def test_one_wild_exposure_does_not_move_it():
+    az, el, x, y = exposures(np.random.default_rng(3), 16)
+    clean = zero_from_polaris(az[1:], el[1:], x[1:], y[1:], MOUNT)
+    x[0] += 20 * ARCSEC
+    zero = zero_from_polaris(az, el, x, y, MOUNT)
+    assert zero.rejected == 1 and zero.n == 15
+    assert zero.az == pytest.approx(clean.az, abs=0.15 * ARCSEC)
+    assert zero.sigma_az == pytest.approx(clean.sigma_az, rel=0.15)
+
+
+def test_one_exposure_needs_a_sigma():
+    night = exposures(np.random.default_rng(4), 1)
+    with pytest.raises(ValueError, match='sigma'):
+        zero_from_polaris(*night, MOUNT)
+    zero = zero_from_polaris(*night, MOUNT, sigma_x=ARCSEC, sigma_y=2 * ARCSEC)
+    assert zero.sigma_from == 'given sigmas' and zero.n == 1
+    # 1.21 sigma_x at latitude 34.3 degrees
+    assert zero.sigma_az / ARCSEC == pytest.approx(1.21, abs=0.02)
+    assert zero.sigma_el / ARCSEC == pytest.approx(2.0)
+    assert np.isnan(zero.scatter_az)
+
+
+def test_the_reference_adds_its_own_uncertainty():
+    night = exposures(np.random.default_rng(5), 16, noise=0.001)
+    covariance = np.zeros((7, 7))
+    covariance[0, 0] = (3 * ARCSEC) ** 2  # IA: straight into the azimuth
+    covariance[2, 2] = (1 * ARCSEC) ** 2  # CA: through 1 / cos E
+    covariance[4, 4] = (2 * ARCSEC) ** 2  # AN: into the elevation
+    zero = zero_from_polaris(*night, PointingModel(MOUNT.terms, covariance))
+    assert zero.sigma_az / ARCSEC == pytest.approx(np.hypot(3, 1.21), rel=0.01)
+    assert zero.sigma_el / ARCSEC == pytest.approx(2.0, rel=0.01)
+
+
+@pytest.mark.parametrize('name', PHYSICAL)
+def test_contamination_is_what_a_changed_term_does(name):
+    rng = np.random.default_rng(6)
+    changed = PointingModel({**MOUNT.terms, name: MOUNT.terms[name] + ARCSEC})
+    night = exposures(rng, 5, (0.0, 0.0), 0, changed)
+    zero = zero_from_polaris(*night, MOUNT)
+    if name in ('IA', 'IE'):
+        expected = (1.0, 0.0) if name == 'IA' else (0.0, 1.0)
+    else:
+        expected = [zero.contamination[axis].get(name, 0.0) for axis in ('az', 'el')]
+    assert zero.az / ARCSEC == pytest.approx(expected[0], abs=0.01)
+    assert zero.el / ARCSEC == pytest.approx(expected[1], abs=0.01)
+
+
+def test_contamination_numbers_at_this_latitude():
+    zero = zero_from_polaris(*exposures(np.random.default_rng(7), 16, start=0.0), MOUNT)
+    assert zero.contamination['az']['CA'] == pytest.approx(1 / np.cos(LATITUDE), rel=0.02)
+    assert zero.contamination['az']['NPAE'] == pytest.approx(np.tan(LATITUDE), rel=0.03)
+    assert zero.contamination['az']['AW'] == pytest.approx(np.tan(LATITUDE), rel=0.03)
+    assert zero.contamination['el']['AN'] == pytest.approx(1.0, rel=0.01)
+    assert zero.contamination['el']['TF'] == pytest.approx(np.cos(LATITUDE), rel=0.02)
+    assert 'CA' not in zero.contamination['el'] and 'TF' not in zero.contamination['az']
+
+
+def test_model_takes_out_the_circle_of_polaris():
+    rng = np.random.default_rng(8)
+    night = exposures(rng, 16, noise=0, start=0.0)
+    reference = PolarisExposures(*exposures(rng, 16, (0.0, 0.0), 0, start=np.pi))
+    raw = zero_from_polaris(*night, reference)
+    assert abs(raw.az - ZERO[0]) > 1 * ARCSEC
+    zero = zero_from_polaris(*night, reference, model=MOUNT)
+    assert zero.az == pytest.approx(ZERO[0], abs=1e-8 * ARCSEC)
+    assert zero.el == pytest.approx(ZERO[1], abs=1e-8 * ARCSEC)
+
+
+def test_unusable_exposures():
+    az, el, x, y = exposures(np.random.default_rng(9), 8)
+    x[2] = np.nan
+    zero = zero_from_polaris(az, el, x, y, MOUNT)
+    assert zero.n == 7 and zero.excluded[0]['row'] == 2
+    with pytest.raises(ValueError, match='no usable exposure'):
+        zero_from_polaris(az, el, x * np.nan, y, MOUNT)
+    with pytest.raises(ValueError, match='second'):
+        zero_from_polaris(az, el, x, y, MOUNT, model=MOUNT)
+
+
+def test_student_factor():
+    from scipy.stats import norm, t
+
+    for dof in (1, 2, 3, 7, 15, 100):
+        exact = t.ppf(norm.cdf(1.0), dof)
+        assert student_factor(dof) == pytest.approx(exact, rel=0.015 if dof == 1 else 0.001)

@@ -1,0 +1,173 @@
+import numpy as np
+import pytest
+
+from encoder_sim.incremental import IncrementalEncoder
+from encoder_sim.scenario import Incremental, load_scenario
+from pointing_model.units import ARCSEC, DEG
+
+COUNT = 1296000.0 / 18_880_000  # arcsec
+MARK = 180 * DEG
+
+
+def stamps(n, step=0.01, start=1_768_482_000.0):
+    return np.rint((start + step * np.arange(n)) * 1e9).astype(np.int64)
+
+
+def crossing(n=101, low=179.0, high=181.0):
+    """Samples that pass the mark at 180 degrees: 2 deg/s."""
+    return stamps(n), np.linspace(low, high, n) * DEG
+
+
+def encoder(**params):
+    power_on = params.pop('power_on', 1)
+    return IncrementalEncoder(Incremental(**params), 1, 'azimuth', power_on)
+
+
+def test_a_count_is_paper_000s():
+    assert encoder().count_angle / ARCSEC == pytest.approx(0.0686, abs=5e-5)
+
+
+def test_unknown_until_the_mark_then_whole_counts():
+    device = encoder()
+    when, angle = crossing()
+    reading = device.feed(when, angle)
+    before = angle < MARK - 1e-9
+    assert np.isnan(reading[before]).all() and np.isfinite(reading[~before]).all()
+    assert device.homed
+    error = (reading - angle)[~before] / ARCSEC
+    assert np.abs(error).max() <= COUNT * 1.01
+    counts = (reading[~before] - MARK) / device.count_angle
+    assert counts == pytest.approx(np.rint(counts), abs=1e-4)
+
+
+def test_without_the_mark_no_reading():
+    device = encoder()
+    assert np.isnan(device.feed(stamps(100), np.linspace(10, 170, 100) * DEG)).all()
+    assert not device.homed
+    assert device.feed([], []).shape == (0,)
+
+
+def test_batches_do_not_matter():
+    when, angle = crossing(173)
+    params = load_scenario('default').incremental.azimuth
+    whole = IncrementalEncoder(params, 5, 'azimuth').feed(when, angle)
+    device = IncrementalEncoder(params, 5, 'azimuth')
+    cuts = [3, 90, 91]
+    pieces = [device.feed(w, a) for w, a in zip(np.split(when, cuts), np.split(angle, cuts))]
+    assert np.array_equal(np.concatenate(pieces), whole, equal_nan=True)
+    device = IncrementalEncoder(params, 5, 'azimuth')
+    single = [device.feed(w, a)[0] for w, a in zip(when, angle)]
+    assert np.array_equal(single, whole, equal_nan=True)
+
+
+def test_zero_drift_shifts_the_reading_until_the_next_power_on():
+    device = encoder(zero_drifts=(0.0, 20 * ARCSEC, -7 * ARCSEC))
+    when, angle = crossing()
+    for drift in (0.0, 20.0, -7.0):
+        error = (device.feed(when, angle) - angle)[-40:] / ARCSEC
+        assert error.mean() == pytest.approx(drift, abs=COUNT)
+        assert np.ptp(error) < 1.1 * COUNT
+        # a second passage changes nothing
+        again = device.feed(when + 10**10, angle) - angle
+        assert np.nanmean(again) / ARCSEC == pytest.approx(drift, abs=COUNT)
+        device.power_cycle()
+        assert not device.homed
+        assert np.isnan(device.feed(when[0] - 1, 3.0)).all()
+    assert device.power_on == 4
+
+
+def test_drawn_drift_differs_per_power_on_and_repeats_per_seed():
+    params = load_scenario('default').incremental.azimuth
+    first = [IncrementalEncoder(params, 1, 'azimuth', k).zero_drift for k in range(1, 9)]
+    again = [IncrementalEncoder(params, 1, 'azimuth', k).zero_drift for k in range(1, 9)]
+    assert first == again and len(set(first)) == 8
+    when, angle = crossing()
+    for k in (1, 5):
+        device = IncrementalEncoder(params, 1, 'azimuth', k)
+        error = np.nanmean(device.feed(when, angle) - angle)
+        assert error == pytest.approx(device.zero_drift, abs=0.3 * ARCSEC)
+
+
+def test_mark_missed_when_passed_too_fast():
+    # 3.6" in 1 ms: 1 deg/s
+    when, angle = crossing()  # 2 deg/s
+    fast = encoder(pulse_width=3.6 * ARCSEC, pulse_time=1e-3)
+    assert np.isnan(fast.feed(when, angle)).all()
+    assert np.isfinite(fast.feed(when[-1] + 10**9 + 3 * (when - when[0]), angle[::-1])[-1])
+    assert np.isfinite(encoder(pulse_width=3.6 * ARCSEC).feed(when, angle)[-1])
+
+
+def test_from_above_the_pulse_begins_at_its_other_edge():
+    when, angle = crossing()
+    up, down = (encoder(pulse_width=5 * ARCSEC) for _ in range(2))
+    error_up = (up.feed(when, angle) - angle)[-1] / ARCSEC
+    error_down = (down.feed(when, angle[::-1]) - angle[::-1])[-1] / ARCSEC
+    assert error_up == pytest.approx(0.0, abs=COUNT)
+    # the counter was cleared 5" too high
+    assert error_down == pytest.approx(-5.0, abs=COUNT)
+
+
+def test_started_within_the_pulse_no_edge_is_met():
+    device = encoder(pulse_width=1 * DEG)
+    assert np.isnan(device.feed(stamps(50), np.linspace(180.5, 200, 50) * DEG)).all()
+    assert np.isnan(encoder(pulse_width=1 * DEG).feed(
+        stamps(50), np.linspace(180.5, 170, 50) * DEG)).all()
+
+
+def test_mark_comes_back_every_turn():
+    for low, high in ((500.0, 560.0), (-200.0, -160.0), (-160.0, -200.0), (560.0, 500.0)):
+        device = encoder()
+        angle = np.linspace(low, high, 100) * DEG
+        reading = device.feed(stamps(100), angle)
+        error = (reading - angle)[-1] % (2 * np.pi)
+        assert min(error, 2 * np.pi - error) < COUNT * ARCSEC
+
+
+def test_eccentricity():
+    device = encoder(eccentricity=1e-6, mark_angle=0.0)
+    angle = np.linspace(-0.01, 6.0, 2000)
+    error = (device.feed(stamps(2000), angle) - angle)[10:] / ARCSEC
+    assert error == pytest.approx(-1.3751 * np.sin(angle[10:]), abs=COUNT)
+
+
+def test_subdivision_repeats_with_each_line():
+    amplitude = 2 * ARCSEC
+    device = encoder(subdivision_1=amplitude)
+    line = 2 * np.pi / 47200
+    device.feed(*crossing())
+    angle = 3.3 + np.linspace(0, 5 * line, 5001)
+    error = device.feed(stamps(5001, start=1.8e9), angle) - angle
+    columns = np.stack([np.cos(47200 * angle), np.sin(47200 * angle), np.ones(5001)], axis=1)
+    cosine, sine, _ = np.linalg.lstsq(columns, error, rcond=None)[0] / amplitude
+    assert (cosine, sine) == pytest.approx((1.0, 0.0), abs=0.01)
+
+
+def test_counts_are_lost_at_speed_and_stay_lost():
+    device = encoder(max_count_rate=18.88e6 / 360)  # a degree a second
+    when, angle = crossing()  # twice that
+    error = (device.feed(when, angle) - angle) / DEG
+    passed = angle[-1] / DEG - 180.0
+    assert error[-1] == pytest.approx(-0.5 * passed, abs=0.03)
+    later = device.feed(when[-1] + 10**9, angle[-1])[0] - angle[-1]
+    assert later / DEG == pytest.approx(error[-1], abs=1e-4)
+    # lost the other way on the way back
+    back = device.feed(when[-1] + 2 * 10**9 + when - when[0], angle[::-1]) - angle[::-1]
+    assert back[-1] / DEG == pytest.approx(error[-1] + 1.0, abs=0.03)
+
+
+def test_latency_time_and_temperature():
+    device = encoder(latency=0.02, zero_rate=0.001, zero_slope=0.01, zero_offset=0.5)
+    when, angle = crossing()
+    device.feed(when, angle, 2 * DEG)
+    reading = device.feed(when[0] + 20 * 10**9, 3.2, 2 * DEG, temperature=13.0)[0]
+    assert reading == pytest.approx(3.2 - 0.04 * DEG + 0.02 + 0.03 + 0.5, abs=COUNT * ARCSEC)
+
+
+def test_jitter_belongs_to_the_stamp():
+    device, other = encoder(jitter=3.0), encoder(jitter=3.0)
+    for d in (device, other):
+        d.feed(*crossing())
+    when = stamps(3000, start=1.8e9)
+    noisy = device.feed(when, np.full(3000, 3.3)) / ARCSEC
+    assert noisy.std() / COUNT == pytest.approx(np.hypot(3.0, 12**-0.5), rel=0.05)
+    assert other.feed(when[7], 3.3)[0] / ARCSEC == noisy[7]

@@ -1,0 +1,100 @@
+import pytest
+
+from encoder_sim.scenario import Mount, load_scenario, scenario_names
+from pointing_model.units import ARCSEC, DEG
+
+
+def write(folder, text, name='mine.yaml'):
+    path = folder / name
+    path.write_text(text, encoding='utf-8')
+    return path
+
+
+def test_packaged_scenarios():
+    assert {'default', 'ideal'} <= set(scenario_names())
+    ideal, default = load_scenario('ideal'), load_scenario()
+    assert ideal.mount == Mount()
+    assert ideal.camera.star_noise == ideal.incremental.azimuth.zero_drift == 0.0
+    assert default.name == 'default'
+    assert default.mount.ia > 100 * ARCSEC
+    assert default.camera.star_noise == pytest.approx(1.0 * ARCSEC)
+    assert default.incremental.elevation.zero_drift == pytest.approx(20.0 * ARCSEC)
+    # from ideal.yaml, on which it is based
+    assert default.axes.elevation.travel_max == pytest.approx(91.0 * DEG)
+    assert default.incremental.azimuth.lines * default.incremental.azimuth.interpolation == 18880000
+
+
+def test_file_changes_only_what_it_names(tmp_path):
+    path = write(
+        tmp_path,
+        'based_on: default\n'
+        'clock_offset_ms: 150\n'
+        'mount:\n  an_arcsec: 60\n  tf_arcsec_per_degc: 0.5\n  ca_arcsec_per_hour: 3.6\n'
+        '  wobble:\n  - {per_turn: 2, lean: left, amplitude_arcsec: 3}\n'
+        'incremental: {azimuth: {zero_drifts_arcsec: [0, 20]}}\n'
+        'weather: {pressure_hpa: 700, humidity_percent: 30}\n',
+    )
+    scenario, default = load_scenario(path), load_scenario('default')
+    assert scenario.clock_offset == pytest.approx(0.15)
+    assert scenario.mount.an == pytest.approx(60 * ARCSEC)
+    assert scenario.mount.tf_slope == pytest.approx(0.5 * ARCSEC)
+    assert scenario.mount.ca_rate == pytest.approx(0.001 * ARCSEC)
+    assert scenario.mount.wobble[0].lean == 'left' and scenario.mount.wobble[0].per_turn == 2
+    assert scenario.incremental.azimuth.zero_drifts == pytest.approx((0.0, 20 * ARCSEC))
+    assert scenario.weather.pressure == 700 and scenario.weather.humidity == pytest.approx(0.3)
+    assert scenario.site is None
+    assert scenario.mount.ia == default.mount.ia
+    assert scenario.incremental.elevation == default.incremental.elevation
+
+
+def test_file_based_on_a_file_beside_it(tmp_path):
+    write(tmp_path, 'mount: {aw_arcsec: 9}\n', 'base.yaml')
+    path = write(tmp_path, 'based_on: base.yaml\nmount: {an_arcsec: 5}\n')
+    mount = load_scenario(path).mount
+    assert (mount.aw, mount.an, mount.ia) == pytest.approx((9 * ARCSEC, 5 * ARCSEC, 0.0))
+
+
+@pytest.mark.parametrize(
+    'text, parts',
+    [
+        ('mount: {an: 5}', ["mount: unknown key 'an'", 'an_arcsec']),
+        ('mounts: {}', ["unknown key 'mounts'", 'mount, axes']),
+        ('mount: {an_arcsec: five}', ['mount.an_arcsec', "'five'", '-36000 to 36000']),
+        ('mount: {an_arcsec: true}', ['mount.an_arcsec', 'True is not a number']),
+        ('mount: {an_arcsec: 1e5}', ['mount.an_arcsec', '1.0e-3']),
+        ('mount: {an_arcsec: .nan}', ['mount.an_arcsec', 'nan']),
+        ('camera: {star_noise_arcsec: -1}', ['camera.star_noise_arcsec', '-1', '0 to 600']),
+        ('incremental: {azimuth: {lines: 2.5}}', ['azimuth.lines', 'a whole number']),
+        ('incremental: {azimuth: 3}', ['incremental.azimuth', 'not a mapping']),
+        ('incremental: {azimuth: {zero_drifts_arcsec: 3}}', ['not a list']),
+        ('mount: {wobble: [{lean: up}]}', ['wobble[0].lean', 'forward, left']),
+        ('absolute: {azimuth: {code: gray}}', ["'gray'", 'table, equation2']),
+        ('axes: {azimuth: {travel_min_deg: 5, travel_max_deg: 5}}', ['axes.azimuth']),
+        ('- 1', ['not a mapping']),
+        ('mount: [', ['no valid YAML']),
+        ('based_on: nothing', ['nothing', 'default, ideal']),
+        ('based_on: mine.yaml', ['based on itself']),
+    ],
+)
+def test_bad_file_is_one_line_with_file_and_key(tmp_path, text, parts):
+    path = write(tmp_path, text + '\n')
+    with pytest.raises(ValueError) as error:
+        load_scenario(path)
+    message = str(error.value)
+    assert '\n' not in message
+    for part in parts if 'nothing' in text else ['mine.yaml', *parts]:
+        assert part in message
+
+
+def test_missing_file_and_unknown_name():
+    with pytest.raises(ValueError, match='does not exist'):
+        load_scenario('/nowhere/mine.yaml')
+    with pytest.raises(ValueError, match='default, ideal'):
+        load_scenario('best')
+
+
+def test_temperature_follows_the_night(tmp_path):
+    path = write(tmp_path, 'weather: {temperature_c: 12, temperature_c_per_hour: -1.5}\n')
+    scenario = load_scenario(path)
+    assert scenario.temperature([0.0, 7200.0], start=0.0) == pytest.approx([12.0, 9.0])
+    assert load_scenario('ideal').temperature(7200.0, start=0.0) == 10.0

@@ -1,0 +1,138 @@
+import numpy as np
+import pytest
+
+from pointing_model import geometry
+from pointing_model.terms import design
+from pointing_model.units import ARCSEC, DEG, wrap
+
+LARGE = dict(zip(geometry.GEOMETRIC, np.array([150, -90, 300, -240, 280, -310, 120]) * ARCSEC))
+
+
+def forward_by_matrices(a, e, c):
+    """Line of sight of a mount, from plain rotation matrices about x east, y north, z up."""
+
+    def about(axis, angle):
+        k = np.zeros((3, 3))
+        x, y, z = axis
+        k[:] = [[0, -z, y], [z, 0, -x], [-y, x, 0]]
+        return np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * k @ k
+
+    tilt = np.hypot(c['AN'], c['AW'])
+    lean = np.array([-c['AW'], c['AN'], 0.0]) / tilt  # horizontal direction of the lean
+    # turning the zenith towards `lean` is a rotation about zenith x lean
+    base = about(np.cross([0, 0, 1], lean), tilt)
+    azimuth = about([0, 0, 1], -a)
+    # the right end of the elevation axis (east when looking north) up: from x to z
+    skew = about([0, 1, 0], -c['NPAE'])
+    elevation = about([1, 0, 0], e)
+    sight = about([0, 0, 1], c['CA']) @ [0, 1, 0]  # to the left of the tube
+    return base @ azimuth @ skew @ elevation @ sight
+
+
+def random_sky(n, top=1.55, seed=1):
+    rng = np.random.default_rng(seed)
+    return rng.uniform(-4, 8, n), rng.uniform(-0.2, top, n)
+
+
+def on_sky(az, el, az2, el2):
+    return np.hypot(wrap(az2 - az) * np.cos(el), el2 - el) / ARCSEC
+
+
+def test_inverse_kinematics_against_rotation_matrices():
+    az, el = random_sky(200)
+    az_enc, el_enc = geometry.sky_to_encoder(az, el, LARGE)
+    for i in range(200):
+        a = az_enc[i] - LARGE['IA']
+        e = el_enc[i] - LARGE['IE'] - LARGE['TF'] * np.cos(el[i])
+        star = [np.cos(el[i]) * np.sin(az[i]), np.cos(el[i]) * np.cos(az[i]), np.sin(el[i])]
+        assert np.linalg.norm(forward_by_matrices(a, e, LARGE) - star) < 1e-9 * ARCSEC + 5e-15
+
+
+@pytest.mark.parametrize('name', geometry.GEOMETRIC)
+def test_first_order_is_the_design_column(name):
+    az, el = random_sky(200, top=1.45)
+    h = 1e-5
+    plus, minus = (geometry.offsets(az, el, {name: s * h}) for s in (1, -1))
+    x, y = design([name], az, el)
+    np.testing.assert_allclose((plus[0] - minus[0]) / (2 * h), x[:, 0], atol=1e-7)
+    np.testing.assert_allclose((plus[1] - minus[1]) / (2 * h), y[:, 0], atol=1e-7)
+
+
+def test_size_of_the_second_order():
+    """60" of tilt with 60" of collimation leave a quarter of an arcsec at 85 deg, 300" 25 times."""
+
+    def worst(size):
+        out = 0.0
+        for direction in np.linspace(0, 2 * np.pi, 73):
+            c = {'AN': size * np.cos(direction) * ARCSEC, 'AW': size * np.sin(direction) * ARCSEC,
+                 'CA': size * ARCSEC}
+            columns = design(tuple(c), [0.4], [85 * DEG])
+            exact = geometry.offsets(0.4, 85 * DEG, c)
+            linear = [col[0] @ list(c.values()) for col in columns]
+            out = max(out, np.hypot(exact[0] - linear[0], exact[1] - linear[1]) / ARCSEC)
+        return out
+
+    assert worst(60) == pytest.approx(0.26, abs=0.02)
+    assert worst(300) == pytest.approx(6.5, rel=0.1)
+
+
+@pytest.mark.parametrize('top', [1.4, np.pi / 2 - 600 * ARCSEC])
+def test_both_ways(top):
+    az, el = random_sky(2000, top)
+    az2, el2 = geometry.encoder_to_sky(*geometry.sky_to_encoder(az, el, LARGE), LARGE)
+    assert on_sky(az, el, az2, el2).max() < 1e-6
+    assert np.abs(az2 - az).max() < np.pi  # the branch of the azimuth is kept
+
+
+def test_both_ways_with_something_added():
+    az, el = random_sky(500, 1.5)
+
+    def added(az, el):
+        return 40 * ARCSEC * np.sin(2 * az), 30 * ARCSEC * np.cos(3 * el)
+
+    a, e = geometry.sky_to_encoder(az, el, LARGE)
+    d_az, d_el = added(az, el)
+    back = geometry.encoder_to_sky(a + d_az, e + d_el, LARGE, added)
+    assert on_sky(az, el, *back).max() < 1e-6
+
+
+def test_zenith_of_a_collimated_mount_cannot_be_seen():
+    c = {'CA': 100 * ARCSEC}
+    el = np.pi / 2 - np.array([50, 99, 101, 3600]) * ARCSEC
+    az_enc, el_enc = geometry.sky_to_encoder(np.full(4, 1.0), el, c)
+    assert np.isnan(az_enc).tolist() == [True, True, False, False]
+    assert np.isnan(el_enc).tolist() == [True, True, False, False]
+    # just outside the hole the axis is nearly a quarter of a turn away, and exact
+    az, el2 = geometry.encoder_to_sky(az_enc[2:], el_enc[2:], c)
+    assert on_sky(1.0, el[2:], az, el2).max() < 1e-6
+    assert wrap(az_enc[2] - 1.0) > 80 * DEG
+
+
+def test_perfect_mount_at_the_zenith():
+    az_enc, el_enc = geometry.sky_to_encoder(1.0, np.pi / 2, {})
+    assert az_enc == pytest.approx(1.0) and el_enc == pytest.approx(np.pi / 2)
+
+
+def test_tube_past_the_zenith_is_understood_backwards():
+    az, el = geometry.encoder_to_sky(0.5, 100 * DEG, {})
+    assert el == pytest.approx(80 * DEG)
+    assert wrap(az - 0.5 - np.pi) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_jacobian_by_differences():
+    az, el = random_sky(200, 1.45)
+    x, y, jacobian = geometry.offsets_and_jacobian(az, el, LARGE, geometry.GEOMETRIC)
+    np.testing.assert_allclose(geometry.offsets(az, el, LARGE), (x, y), atol=1e-14)
+    h = 1e-6
+    for name in geometry.GEOMETRIC:
+        plus, minus = (geometry.offsets(az, el, {**LARGE, name: LARGE[name] + s * h})
+                       for s in (1, -1))
+        for axis in (0, 1):
+            difference = (plus[axis] - minus[axis]) / (2 * h)
+            np.testing.assert_allclose(
+                np.broadcast_to(jacobian[name][axis], az.shape), difference, atol=2e-6)
+
+
+def test_unknown_coefficient():
+    with pytest.raises(ValueError, match='TX'):
+        geometry.sky_to_encoder(0.0, 1.0, {'TX': 1.0})

@@ -1,0 +1,167 @@
+import json
+
+import numpy as np
+import pytest
+
+from pointing_model import geometry
+from pointing_model.harmonics import Harmonics
+from pointing_model.model import PointingModel, zero_angles
+from pointing_model.run import PointingRun
+from pointing_model.terms import TERMS, design
+from pointing_model.units import ARCSEC, wrap
+
+
+def make(reading='zenith', seed=5, **kwargs):
+    rng = np.random.default_rng(seed)
+    names = ('IA', 'IE', 'CA', 'NPAE', 'AN', 'AW', 'TF', 'HASA2', 'TX')
+    root = rng.normal(size=(9, 9)) * ARCSEC
+    h = None
+    if reading:
+        c = rng.normal(size=(2, 13)) * 10 * ARCSEC
+        hroot = rng.normal(size=(26, 26)) * ARCSEC
+        h = Harmonics(reading, *c, hroot @ hroot.T)
+    values = np.array([200, 100, 60, -90, 120, -130, 80, 20, 40]) * ARCSEC
+    return PointingModel(dict(zip(names, values)), root @ root.T, h, {'source': 'x'}, **kwargs)
+
+
+def sky(n=1000, top=1.53):
+    rng = np.random.default_rng(6)
+    return rng.uniform(0, 7, n), rng.uniform(0.2, top, n)
+
+
+@pytest.mark.parametrize('kwargs', [
+    {'reading': None}, {'reading': 'zenith'}, {'reading': 'printed'},
+    {'reading': 'zenith', 'geometry': 'first_order'}])
+def test_forward_and_backward_are_inverse(kwargs):
+    model = make(**kwargs)
+    az, el = sky()
+    az2, el2 = model.encoder_to_sky(*model.sky_to_encoder(az, el))
+    assert np.hypot(wrap(az2 - az) * np.cos(el), el2 - el).max() < 1e-6 * ARCSEC
+
+
+def test_offset_is_rotation_plus_columns_plus_harmonics():
+    model = make()
+    az, el = sky(50)
+    x, y = geometry.offsets(az, el, {n: model.terms[n] for n in geometry.GEOMETRIC})
+    for name in ('HASA2', 'TX'):
+        cx, cy = TERMS[name].columns(az, el)
+        x, y = x + model.terms[name] * cx, y + model.terms[name] * cy
+    hx, hy = model.harmonics.offsets(az, el)
+    np.testing.assert_allclose(model.offsets(az, el), (x + hx, y + hy), atol=1e-14)
+
+
+def test_first_order_geometry_is_the_design():
+    model = make(reading=None, geometry='first_order')
+    az, el = sky(50)
+    coefficients = np.array(list(model.terms.values()))
+    x, y = design(tuple(model.terms), az, el)
+    np.testing.assert_allclose(
+        model.offsets(az, el), (x @ coefficients, y @ coefficients), atol=1e-14)
+
+
+def test_scalars_and_shapes():
+    model = make()
+    az_enc, el_enc = model.sky_to_encoder(1.0, 0.8)
+    assert np.shape(az_enc) == np.shape(el_enc) == ()
+    grid = model.sky_to_encoder(np.full((2, 3), 1.0), 0.8)
+    assert grid[0].shape == (2, 3) and grid[0][1, 2] == pytest.approx(float(az_enc), abs=1e-15)
+    assert model.sigma(np.full((2, 3), 1.0), 0.8)[1].shape == (2, 3)
+
+
+def test_sigma_by_sampling():
+    model = make()
+    rng = np.random.default_rng(7)
+    terms = rng.multivariate_normal(np.zeros(9), model.covariance, 20000)
+    series = rng.multivariate_normal(np.zeros(26), model.harmonics.covariance, 20000)
+    from pointing_model.harmonics import basis
+
+    x, y = design(tuple(model.terms), [2.0], [1.1])
+    f = basis(2.0, 1.1)[0]
+    sx, sy = model.sigma(2.0, 1.1)
+    assert sx == pytest.approx(np.std(terms @ x[0] + series[:, :13] @ f), rel=0.03)
+    assert sy == pytest.approx(np.std(terms @ y[0] + series[:, 13:] @ f), rel=0.03)
+
+
+def test_residuals_and_zeros():
+    model = make()
+    az, el = sky(20)
+    az_enc, el_enc = model.sky_to_encoder(az, el)
+    night = np.repeat([1, 2], 10)
+    shift = np.where(night == 1, 30, -20) * ARCSEC
+    run = PointingRun({'az': az, 'el': el, 'az_enc': az_enc + shift + 2 * np.pi,
+                       'el_enc': el_enc - shift, 'run': night})
+    x, y = model.residuals(run)
+    np.testing.assert_allclose(x, shift * np.cos(el), atol=1e-13)
+    np.testing.assert_allclose(y, -shift, atol=1e-13)
+    zeros = {1: (30 * ARCSEC, -30 * ARCSEC), 2: (-20 * ARCSEC, 20 * ARCSEC)}
+    assert np.abs(model.residuals(run, zero=zeros)).max() < 1e-13
+    with pytest.raises(ValueError, match='run 2'):
+        model.residuals(run, zero={1: (0.0, 0.0)})
+
+
+def test_zero_angles_forms():
+    class Zero:
+        az, el = 1.0, 2.0
+
+    assert zero_angles(None) == (0.0, 0.0)
+    assert zero_angles(Zero()) == (1.0, 2.0) == zero_angles((1.0, 2.0))
+
+
+@pytest.mark.parametrize('suffix', ['json', 'yaml'])
+def test_round_trip_to_the_bit(tmp_path, suffix):
+    for seed in range(20):
+        model = make(seed=seed, reading=['zenith', 'printed', None][seed % 3],
+                     geometry=['rotation', 'first_order'][seed % 2])
+        model.save(tmp_path / f'm.{suffix}')
+        back = PointingModel.load(tmp_path / f'm.{suffix}')
+        assert back.terms == model.terms and list(back.terms) == list(model.terms)
+        assert np.array_equal(back.covariance, model.covariance)
+        assert back.geometry == model.geometry and back.provenance == {'source': 'x'}
+        if model.harmonics:
+            assert back.harmonics.reading == model.harmonics.reading
+            for name in ('coef_x', 'coef_y', 'covariance'):
+                a, b = getattr(back.harmonics, name), getattr(model.harmonics, name)
+                assert np.array_equal(a, b)
+        assert back.to_json() == model.to_json()
+
+
+def test_document_is_in_arcsec():
+    document = json.loads(PointingModel({'CA': 5 * ARCSEC}, [[4 * ARCSEC**2]]).to_json())
+    assert document['format'] == 'telescope_mount/pointing_model' and document['version'] == 1
+    assert document['terms'][0]['name'] == 'CA'
+    assert document['terms'][0]['value_arcsec'] == pytest.approx(5, rel=1e-14)
+    assert document['terms'][0]['sigma_arcsec'] == pytest.approx(2, rel=1e-14)
+
+
+def broken(**changes):
+    document = json.loads(make().to_json())
+    document.update(changes)
+    return json.dumps({k: v for k, v in document.items() if v != 'DELETE'})
+
+
+@pytest.mark.parametrize('text, word', [
+    ('{', 'not JSON'), ('[1]', 'not a pointing model'), ('{"format": "x"}', 'not a pointing'),
+    (broken(version=2), 'version 2'), (broken(terms='DELETE'), 'terms'),
+    (broken(terms=[{'name': 'QQ', 'value_arcsec': 1}], covariance_arcsec2=[[1]]), 'QQ'),
+    (broken(terms=[{'name': 'IA', 'value_arcsec': 'one'}]), 'damaged'),
+    (broken(terms=[{'name': 'IA', 'value_arcsec': 1}] * 2), 'twice'),
+    (broken(covariance_arcsec2=[[1.0]]), 'damaged'),
+    (broken(harmonics={'reading': 'x'}), 'azimuth'),
+    (broken(geometry='flat'), 'flat'), (broken(harmonics=[1]), 'damaged'),
+    (broken(terms=[{'name': 'IA', 'value_arcsec': float('nan')}], covariance_arcsec2=[[1]]), 'IA'),
+])
+def test_bad_documents(text, word):
+    with pytest.raises(ValueError, match=word) as caught:
+        PointingModel.from_json(text)
+    assert '\n' not in str(caught.value)
+
+
+def test_bad_files(tmp_path):
+    with pytest.raises(ValueError, match='rename'):
+        make().save(tmp_path / 'm.txt')
+    (tmp_path / 'm.yaml').write_text('a: [1,\n  b')
+    with pytest.raises(ValueError, match='m.yaml.*not YAML') as caught:
+        PointingModel.load(tmp_path / 'm.yaml')
+    assert '\n' not in str(caught.value)
+    with pytest.raises(OSError):
+        PointingModel.load(tmp_path / 'none.json')
