@@ -17,6 +17,7 @@ from pointing_model.units import ARCSEC, wrap
 RCOND = 1e-5
 RCOND_HARMONICS = 1e-4
 
+_INNER = 0.01  # of rcond, within the directions kept
 _TOLERANCE = 1e-9 * ARCSEC  # of an iteration, on the sky
 # of the normal matrix, scaled to a unit diagonal:
 _GRAM_LIMIT = 1e-10  # smallest ratio of eigenvalues that are accurate
@@ -89,16 +90,21 @@ def _spectrum(rows, weights, normal):
     return _Spectrum(s[::-1], v[::-1].T, scale)
 
 
-def _solve(rows, b, weights, rcond):
+def _normals(rows, weighted):
+    """The x part of the normal matrix, and all of it."""
+    n = rows.shape[1] // 2
+    x_normal = weighted[:, :n] @ rows[:, :n].T
+    return x_normal, x_normal + weighted[:, n:] @ rows[:, n:].T
+
+
+def _solve(rows, b, weights, rcond, normals=None):
     """Weighted least squares of b = p @ rows, with singular directions left out.
 
     The inverse normal matrix where that is accurate, with a step of iterative refinement (which
     makes it as good as QR) unless it needs none; else the SVD.
     """
-    n = len(b) // 2
     weighted = rows if weights is None else rows * weights
-    x_normal = weighted[:, :n] @ rows[:, :n].T
-    normal = x_normal + weighted[:, n:] @ rows[:, n:].T
+    x_normal, normal = _normals(rows, weighted) if normals is None else normals
     try:
         inverse = np.linalg.inv(normal)
         # trace x trace of the scaled matrix and its inverse: never below the condition number
@@ -214,12 +220,12 @@ def _robust_solve(rows, b, base, rcond, scales=None, row_weights=None):
     return solution, scales, row_weights
 
 
-def _covariance(solution, base, row_weights, given):
+def _covariance(solution, base, row_weights, given, lost=0):
     """Covariance of the coefficients, and the scatter of each axis.
 
     The inverse normal matrix if the sigmas were given; else sandwiched with the measured
     variance of each axis, so that axes of different noise keep their own. The bisquare's loss
-    of efficiency is in it.
+    of efficiency is in it. `lost` rows have no weight in `base`.
 
     Returns
     -------
@@ -232,7 +238,7 @@ def _covariance(solution, base, row_weights, given):
     n = len(r) // 2
     rx, ry = r[:n], r[n:]
     if row_weights is None:
-        inflation, consistency, total = 1.0, 1.0, float(n)
+        inflation, consistency, total = 1.0, 1.0, float(n - lost)
         squares = float(rx @ rx), float(ry @ ry)
     else:
         inflation, consistency, total = _INFLATION, _VARIANCE, float(row_weights.sum())
@@ -253,17 +259,18 @@ def _covariance(solution, base, row_weights, given):
     return covariance, scatter
 
 
-def _dropped(spectrum, rank, names):
+def _dropped(spectrum, rank, names, basis=None):
     """Directions that the data do not determine, in words."""
     out = []
-    for i in range(len(names) - rank):
+    for i in range(len(spectrum.s) - rank):
         row = spectrum.vectors[:, i] / spectrum.scale
+        if basis is not None:
+            row = basis @ row
         row = row / row[np.argmax(np.abs(row))]
-        main = [(name, v) for name, v in zip(names, row) if abs(v) >= 0.1]
+        main = [(name, float(v)) for name, v in zip(names, row) if abs(v) >= 0.1]
         main.sort(key=lambda pair: -abs(pair[1]))
-        text = ' '.join(f'{v:+.2f} {name}' for name, v in main)
         out.append({
-            'text': text,
+            'text': ' '.join(f'{v:+.2f} {name}' for name, v in main),
             'direction': dict(main),
             'relative_singular_value': float(spectrum.s[i] / spectrum.s[-1]),
         })
@@ -354,7 +361,8 @@ class FitResult:
         Noise of x and y, radians (per axis, with the degrees of freedom that the fit took).
     rank : int
     singular_values : ndarray, shape (k,)
-        Of the weighted design with columns of unit length, descending.
+        Of the first-order design, weighted by the sigmas, with columns of unit length,
+        descending.
     dropped : list of dict
         Directions below `rcond`: ``text`` with the main terms, ``direction``,
         ``relative_singular_value``.
@@ -452,15 +460,15 @@ def _usable(run, encoder, zero):
         for value in sigmas:
             good &= np.isfinite(value) & (value > 0.0)
     excluded = []
-    if not good.all():
-        for row in np.flatnonzero(~good):
-            bad = [name for name, v in columns.items() if not np.isfinite(v[row])]
-            reason = f'{", ".join(bad)} not finite' if bad else 'sigma not finite and positive'
-            excluded.append({'row': int(row), 'reason': reason})
+    for row in np.flatnonzero(~good):
+        bad = [name for name, v in columns.items() if not np.isfinite(v[row])]
+        reason = f'{", ".join(bad)} not finite' if bad else 'sigma not finite and positive'
+        excluded.append({'row': int(row), 'reason': reason})
     rows = np.flatnonzero(good)
+    keep = rows if excluded else slice(None)
     if sigmas is not None:
-        sigmas = np.concatenate([s[rows] for s in sigmas])
-    return rows, [v[rows] for v in columns.values()], sigmas, excluded
+        sigmas = np.concatenate([s[keep] for s in sigmas])
+    return rows, [v[keep] for v in columns.values()], sigmas, excluded
 
 
 def _check_encoder(run, encoder):
@@ -471,12 +479,35 @@ def _check_encoder(run, encoder):
             raise ValueError(f'pointing run without column {name}; fit the other encoder')
 
 
-def _gauss_newton(start, k, base, robust, rcond, linear):
-    """Iterate `start(p) -> (residual, rows, feasible)` to the (robust) least-squares solution."""
+class _Solved(NamedTuple):
+    p: np.ndarray
+    solution: _Solution  # in the coordinates of `basis`
+    rows: np.ndarray
+    basis: np.ndarray | None  # directions kept, (k, r); None if all are
+    spectrum: _Spectrum  # of the first-order design
+    base: np.ndarray | None
+    row_weights: np.ndarray | None
+    feasible: np.ndarray
+    iterations: int
+
+
+def _gauss_newton(start, first_order, base, robust, rcond, linear):
+    """Iterate `start(p) -> (residual, rows, feasible)` to the (robust) least-squares solution.
+
+    What the stars determine is decided once, by the first-order design: in the second order
+    aliases differ a little, and the iteration would run away along them.
+    """
+    normals = _normals(first_order, first_order if base is None else first_order * base)
+    spectrum = _spectrum(first_order, base, normals[1])
+    rank = spectrum.rank(rcond)
+    k = len(first_order)
+    basis = None if rank == k else spectrum.vectors[:, -rank:] / spectrum.scale[:, None]
     p = np.zeros(k)
     scales = row_weights = None
     for iteration in range(1, 31):
         residual, rows, feasible = start(p)
+        if basis is not None:
+            rows = basis.T @ rows
         weights = base
         if not feasible.any():
             raise ValueError(
@@ -489,10 +520,11 @@ def _gauss_newton(start, k, base, robust, rcond, linear):
             if iteration <= 2:
                 scales = None  # the linearisation at zero can be seconds of arc off
             solution, scales, row_weights = _robust_solve(
-                rows, residual, weights, rcond, scales, row_weights)
+                rows, residual, weights, _INNER * rcond, scales, row_weights)
         else:
-            solution = _solve(rows, residual, weights, rcond)
-        p = p + solution.p
+            known = rows is first_order and weights is base
+            solution = _solve(rows, residual, weights, _INNER * rcond, normals if known else None)
+        p = p + (solution.p if basis is None else basis @ solution.p)
         if linear:
             break
         if np.abs(solution.residual - residual).max() < _TOLERANCE and (
@@ -501,12 +533,18 @@ def _gauss_newton(start, k, base, robust, rcond, linear):
     else:
         raise ValueError(
             'the fit does not converge; look for rows with degrees of error or fit fewer terms')
-    return p, solution, rows, weights, row_weights, feasible, iteration
+    return _Solved(p, solution, rows, basis, spectrum, weights, row_weights, feasible, iteration)
 
 
 def _result(run, names, rows_used, excluded, sigmas, solved, make_model, provenance, notes):
-    p, solution, rows, weights, row_weights, feasible, iterations = solved
-    covariance, scatter = _covariance(solution, weights, row_weights, sigmas is not None)
+    solution, basis, feasible = solved.solution, solved.basis, solved.feasible
+    row_weights = solved.row_weights
+    if row_weights is not None:
+        row_weights = row_weights * feasible
+    covariance, scatter = _covariance(
+        solution, solved.base, row_weights, sigmas is not None, int(np.sum(~feasible)))
+    if basis is not None:
+        covariance = basis @ covariance @ basis.T
     n = len(rows_used)
     r = solution.residual
     residual_x, residual_y, w = (np.full(len(run), v) for v in (np.nan, np.nan, 0.0))
@@ -522,13 +560,14 @@ def _result(run, names, rows_used, excluded, sigmas, solved, make_model, provena
     if sigmas is not None:
         x_unit, y_unit = (float(np.sqrt(np.mean(s**2))) for s in (sigmas[:n], sigmas[n:]))
         scatter = scatter[0] * x_unit, scatter[1] * y_unit
+    dropped = _dropped(solved.spectrum, len(solution.p), names)
+    if solution.rank < len(solution.p):  # the robust weights took the stars that determine it
+        both = np.concatenate((row_weights, row_weights))
+        both = both if solved.base is None else both * solved.base
+        dropped += _dropped(
+            _spectrum(solved.rows, both, solution.normal), solution.rank, names, basis)
     rms = rms_arcsec(residual_x, residual_y)
     covariance_from = 'measured scatter' if sigmas is None else 'given sigmas'
-    if row_weights is not None:
-        both = np.concatenate((row_weights, row_weights))
-        weights = both if weights is None else weights * both
-    spectrum = _spectrum(rows, weights, solution.normal)
-    rank = solution.rank
     facts = {
         **notes,
         'source': run.meta.get('source'),
@@ -536,17 +575,16 @@ def _result(run, names, rows_used, excluded, sigmas, solved, make_model, provena
         'rows_excluded': len(excluded),
         'robust': row_weights is not None,
         'covariance_from': covariance_from,
-        'rank': rank,
+        'rank': solution.rank,
         'fitted_rms_arcsec': {'x': rms.x, 'y': rms.y, 'radial': rms.radial},
         **(provenance or {}),
     }
     return FitResult(
-        model=make_model(p, covariance, facts), names=tuple(names), coefficients=p,
-        covariance=covariance, covariance_from=covariance_from, scatter=scatter, rank=rank,
-        singular_values=spectrum.s[::-1],
-        dropped=_dropped(spectrum, rank, names),
-        residual_x=residual_x, residual_y=residual_y, weights=w, excluded=excluded,
-        robust=row_weights is not None, iterations=iterations)
+        model=make_model(solved.p, covariance, facts), names=tuple(names),
+        coefficients=solved.p, covariance=covariance, covariance_from=covariance_from,
+        scatter=scatter, rank=solution.rank, singular_values=solved.spectrum.s[::-1],
+        dropped=dropped, residual_x=residual_x, residual_y=residual_y, weights=w,
+        excluded=excluded, robust=row_weights is not None, iterations=solved.iterations)
 
 
 def fit_terms(run, names=PHYSICAL, *, robust=True, geometry='rotation', encoder='enc', zero=None,
@@ -606,8 +644,8 @@ def fit_terms(run, names=PHYSICAL, *, robust=True, geometry='rotation', encoder=
     linear = geometry == 'first_order' or not {'CA', 'NPAE', 'AN', 'AW'} & set(names)
 
     def start(p):
-        if linear or not p.any():
-            return observed - p @ first_order, first_order, everywhere
+        if not p.any():
+            return observed, first_order, everywhere
         values = {names[i]: float(p[i]) for i in turned}
         x, y, jacobian = rotation.offsets_and_jacobian(az, el, values, list(values))
         rest = p.copy()
@@ -627,7 +665,7 @@ def fit_terms(run, names=PHYSICAL, *, robust=True, geometry='rotation', encoder=
 
     base = None if sigmas is None else 1.0 / np.square(sigmas)
     robust = robust and 4 * n >= 3 * len(names)
-    solved = _gauss_newton(start, len(names), base, robust, rcond, linear)
+    solved = _gauss_newton(start, first_order, base, robust, rcond, linear)
 
     def make_model(p, covariance, facts):
         return PointingModel(dict(zip(names, p.tolist())), covariance, None, facts, geometry)
@@ -694,7 +732,7 @@ def fit_harmonics(run, reading='zenith', *, model=None, robust=True, encoder='en
     base = None if sigmas is None else 1.0 / np.square(sigmas)
     robust = robust and 4 * n >= 3 * len(names)
     everywhere = np.ones(n, bool)
-    solved = _gauss_newton(lambda p: (observed, rows, everywhere), 2 * COUNT, base, robust, rcond,
+    solved = _gauss_newton(lambda p: (observed, rows, everywhere), rows, base, robust, rcond,
                            linear=True)
 
     def make_model(p, covariance, facts):

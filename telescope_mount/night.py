@@ -99,10 +99,13 @@ def run_night(options, progress=None):
             nodes.start(spec)
         watcher = Watcher('night', lock.number)
         _watch(watcher, nodes, plan, progress or (lambda *_: None))
+        if not watcher.spin_until(lambda: _complete(watcher), 15.0, nodes.check):
+            raise NightFailed('the plan is done, but its results were not published')
         with ThreadPoolExecutor(1) as pool:
             # files and picture are made while the last messages reach the log
             written = pool.submit(_write, folder, dict(watcher.latest))
-            missing = watcher.wait_for_log(15.0, each=nodes.check)
+            missing = watcher.wait_for_log(
+                [spec.full_name for spec in specs], 15.0, each=nodes.check)
             report = written.result()
         if missing:
             raise NightFailed('the logger could not keep up; it lacks messages of '
@@ -143,6 +146,16 @@ def _watch(watcher, nodes, plan, progress):
         if time.monotonic() - since > STALL:
             what = status.message if status is not None else 'the star observer'
             raise NightFailed(f'nothing went on for {STALL:g} s: waiting for {what}')
+
+
+def _complete(watcher):
+    """Whether all results are here: "done" may overtake them on its own topic."""
+    from msg_tools import topics
+    latest = watcher.latest
+    table = latest.get(topics.OBSERVATIONS.name)
+    rows = int(watcher.values(topics.OBSERVER_STATUS)['observations'])
+    return (table is not None and table.width == rows and topics.MODEL.name in latest
+            and topics.CALIBRATION_REPORT.name in latest)
 
 
 def _add_truth(bag, report):

@@ -108,10 +108,17 @@ class Watcher:
         """Endpoint counts of all nodes, by node name."""
         return {name: parse(status) for name, status in self.diagnostics.items()}
 
-    def wait_for_log(self, timeout, logger='mcap_logger', each=None):
+    def wait_for_log(self, nodes, timeout, logger='mcap_logger', each=None):
         """Wait until the logger has all that the nodes have published by now.
 
         A message that says "stop" would overtake data on other topics; sequence numbers do not.
+
+        Parameters
+        ----------
+        nodes : iterable of str
+            Full names of the nodes that publish, the logger among them.
+        timeout : float
+            Seconds.
 
         Returns
         -------
@@ -121,8 +128,11 @@ class Watcher:
         name = f'{NAMESPACE}/{logger}'
         # diagnostics that came since: each node reports at least once a second
         seen = dict(self.diagnostics)
-        self.spin_until(
-            lambda: all(self.diagnostics[n] is not seen[n] for n in seen), 3.0, each)
+        fresh = self.spin_until(
+            lambda: all(self.diagnostics.get(n) is not seen.get(n) for n in nodes), timeout, each)
+        if not fresh:
+            silent = [n for n in nodes if self.diagnostics.get(n) is seen.get(n)]
+            raise RuntimeError(f'no diagnostics of {", ".join(silent)} for {timeout:g} s')
         then = self.reports()
         self.spin_until(lambda: not unreceived(name, self.reports(), then), timeout, each)
         return unreceived(name, self.reports(), then)
