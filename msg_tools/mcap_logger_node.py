@@ -1,5 +1,6 @@
 """The logger: everything on the topics, as received, into a rosbag2-layout MCAP folder."""
 
+import copy
 import sys
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -65,7 +66,7 @@ class McapLogger(MountNode):
             self._take(bag, name, data, info)
 
         sub = self.create_subscription(
-            topic.message, topic.name, take, topic.qos, raw=True,
+            topic.message, topic.name, take, copy.copy(topic.qos), raw=True,
             event_callbacks=NO_SUBSCRIPTION_EVENTS,
             qos_overriding_options=QoSOverridingOptions.with_default_policies())
         if topic is not topics.DIAGNOSTICS:  # it never comes to rest, so its count says nothing

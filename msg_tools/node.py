@@ -1,5 +1,6 @@
 """What every node of the graph shares: parameters, diagnostics, counted messages, a clean end."""
 
+import copy
 import sys
 import time
 from collections.abc import Callable
@@ -22,7 +23,7 @@ from rclpy.parameter import Parameter
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from . import NAMESPACE
-from .topics import DIAGNOSTICS
+from .topics import CLOCK, DIAGNOSTICS
 
 # Each event handler is one more entity that the executor looks at for every message: they took
 # half of a node's time. Incompatible endpoints are found once a second in the graph instead.
@@ -155,7 +156,7 @@ class MountNode(Node):
         self._hardware_id = hardware_id or name
         self._announced = None
         self._announced_at = 0.0
-        self._last_seen = None
+        self._last_counts, self._told = None, (None, None)
         self._unmatched, self._warned = set(), set()
         self.declare(params)
         unknown = [key for key in self._parameter_overrides
@@ -222,8 +223,9 @@ class MountNode(Node):
 
     def publisher(self, topic):
         """A publisher on `topic`, counted, with QoS overrides by parameter."""
+        # rclpy writes overrides into the profile that it is given; topics share theirs
         pub = self.create_publisher(
-            topic.message, topic.name, topic.qos, event_callbacks=NO_PUBLISHER_EVENTS,
+            topic.message, topic.name, copy.copy(topic.qos), event_callbacks=NO_PUBLISHER_EVENTS,
             qos_overriding_options=QoSOverridingOptions.with_default_policies())
         counter = Counter()
         self._publishers_of[pub.topic_name] = (pub, counter)
@@ -251,7 +253,7 @@ class MountNode(Node):
                 self.reject(topic.name, str(err))
 
         sub = self.create_subscription(
-            topic.message, topic.name, guarded, topic.qos,
+            topic.message, topic.name, guarded, copy.copy(topic.qos),
             event_callbacks=NO_SUBSCRIPTION_EVENTS,
             qos_overriding_options=QoSOverridingOptions.with_default_policies())
         self.keep_subscription(sub, counter)
@@ -306,7 +308,9 @@ class MountNode(Node):
 
     def endpoints(self):
         """Matched and counted endpoints as (key, value) rows; `msg_tools.readiness` reads them."""
-        rows = []
+        # whoever begins to listen to the diagnostics changes this row, and so is told at once
+        rows = [(f'publishes {DIAGNOSTICS.name}',
+                 str(self._diagnostics.get_subscription_count()))]
         for name, (pub, counter) in self._publishers_of.items():
             rows.append((f'publishes {name}', str(pub.get_subscription_count())))
             rows.append((f'published {name}', str(counter.count)))
@@ -319,13 +323,16 @@ class MountNode(Node):
 
     def _diagnose(self):
         rows = self.endpoints()
-        now = time.monotonic()
-        # at once when something changed and has come to rest, else once a second
-        quiet = rows == self._last_seen
-        self._last_seen = rows
-        if now - self._announced_at < 1.0 and (rows == self._announced or not quiet):
-            return
-        self.announce(rows)
+        connections = [row for row in rows if row[0].startswith(('publishes', 'subscribes'))]
+        # at once when a connection came or went, or messages have come to rest; the clock never
+        # does; else once a second
+        counts = [row for row in rows if row not in connections and CLOCK.name not in row[0]]
+        quiet = counts == self._last_counts
+        self._last_counts = counts
+        new = connections != self._told[0] or (quiet and counts != self._told[1])
+        if new or time.monotonic() - self._announced_at >= 1.0:
+            self._told = connections, counts
+            self.announce(rows)
 
     def announce(self, rows=None):
         """Publish the diagnostics now."""

@@ -81,7 +81,7 @@ class StarObserver(MountNode):
         self._calibrated = 0
         self._last_stamp = 0
         self._commanded = 0
-        self._state = ('waiting', 'to start')
+        self._state = ('waiting', 'the start')
         self._progress = {'step': '', 'block': 0, 'done': 0, 'total': 0}
         self._lost = 0
         self._status_sent = None
@@ -200,7 +200,7 @@ class StarObserver(MountNode):
 
     def _follow(self, plan):
         """The night as a generator of conditions to wait for."""
-        self._set_state('waiting', 'for the graph')
+        self._set_state('waiting', 'the graph')
         yield lambda: not self.waiting_for()
         yield lambda: self.get_clock().now().nanoseconds > 0
         for number, step in enumerate(parse_plan(plan)):

@@ -97,7 +97,7 @@ def run_night(options, progress=None):
     try:
         for spec in specs:
             nodes.start(spec)
-        watcher = Watcher('night', lock.number)
+        watcher = Watcher('night', lock.number, nodes.environment)
         _watch(watcher, nodes, plan, progress or (lambda *_: None))
         if not watcher.spin_until(lambda: _complete(watcher), 15.0, nodes.check):
             raise NightFailed('the plan is done, but its results were not published')

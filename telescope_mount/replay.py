@@ -56,7 +56,7 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None):
         try:
             for spec in replay_graph(str(Path(log).resolve()), topic.name, seed, reference):
                 nodes.start(spec)
-            watcher = Watcher('replay', lock.number)
+            watcher = Watcher('replay', lock.number, nodes.environment)
 
             def taken():
                 return int(watcher.values(topics.CALIBRATION_STATUS).get('observations', 0))

@@ -1,5 +1,6 @@
 """The command line's own node: watches the graph and keeps what it publishes last."""
 
+import os
 import time
 
 import rclpy
@@ -21,6 +22,8 @@ class Watcher:
         Node name.
     domain : int
         ROS domain.
+    environment : dict of str to str
+        That of the graph, from which DDS takes its settings.
 
     Attributes
     ----------
@@ -28,12 +31,15 @@ class Watcher:
         By topic name, the last message of each.
     diagnostics : dict of str to DiagnosticStatus
         By node name.
+
     """
 
     KEPT = (topics.OBSERVER_STATUS, topics.CALIBRATION_STATUS, topics.OBSERVATIONS, topics.MODEL,
             topics.CALIBRATION_REPORT, topics.ZERO)
 
-    def __init__(self, name, domain):
+    def __init__(self, name, domain, environment):
+        os.environ.update({key: value for key, value in environment.items()
+                           if key.startswith(('ROS_', 'FASTDDS_', 'FASTRTPS_'))})
         self._context = Context()
         # Ctrl-C belongs to the command line, which ends the nodes in order
         rclpy.init(context=self._context, domain_id=domain,

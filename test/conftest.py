@@ -1,0 +1,238 @@
+"""Fixtures of the tests with ROS nodes: a domain for the process, a private context for a test."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+PATIENCE = 60.0  # s until a test gives up waiting; far more than the slowest machine needs
+
+
+@pytest.fixture(scope='session')
+def ros_domain(tmp_path_factory):
+    """A ROS domain that no other process of this machine has, until the session ends."""
+    pytest.importorskip(
+        'rclpy', reason='rclpy is not installed (./install.sh ros)', exc_type=ImportError)
+    from telescope_mount import domain
+    lock = domain.claim()
+    os.environ.update(ROS_DOMAIN_ID=str(lock.number), ROS_AUTOMATIC_DISCOVERY_RANGE='LOCALHOST',
+                      ROS_LOG_DIR=str(tmp_path_factory.mktemp('ros_log')))
+    yield lock.number
+    lock.release()
+
+
+class Graph:
+    """Nodes under test in one private context, and a node that talks to them."""
+
+    def __init__(self, domain):
+        import rclpy
+        from rclpy.context import Context
+        from rclpy.executors import SingleThreadedExecutor
+        from rclpy.node import Node
+        from rclpy.signals import SignalHandlerOptions
+
+        from msg_tools import topics
+        self.context = Context()
+        rclpy.init(context=self.context, domain_id=domain,
+                   signal_handler_options=SignalHandlerOptions.NO)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.tester = Node('tester', context=self.context, namespace='/mount',
+                           start_parameter_services=False, enable_rosout=False)
+        self.executor.add_node(self.tester)
+        self.nodes = []
+        self.publishers, self.subscriptions = [], []
+        self.reports = {}
+        self.listen(topics.DIAGNOSTICS, call=self._on_diagnostics)
+
+    def _on_diagnostics(self, message):
+        for status in message.status:
+            self.reports[status.name.rsplit('/', 1)[-1]] = status
+
+    def add(self, make, **overrides):
+        """A node under test with parameters `overrides`; its constructor's errors pass."""
+        node = make(context=self.context, overrides=overrides)
+        self.executor.add_node(node)
+        self.nodes.append(node)
+        return node
+
+    def remove(self, node):
+        """End a node before the test ends."""
+        self.nodes.remove(node)
+        self.executor.remove_node(node)
+        node.destroy_node()
+
+    def publisher(self, topic, **qos):
+        """A publisher of the tester."""
+        pub = self.tester.create_publisher(topic.message, topic.name, _changed(topic.qos, qos))
+        self.publishers.append(pub)
+        return pub
+
+    def listen(self, topic, call=None, raw=False, **qos):
+        """A list that fills with the messages on `topic`, or a `call` for each."""
+        got = []
+        self.subscriptions.append(self.tester.create_subscription(
+            topic.message, topic.name, call or got.append, _changed(topic.qos, qos), raw=raw))
+        return got
+
+    def service(self, name, answer):
+        """A Trigger service of the tester; `answer()` returns (success, message)."""
+        from std_srvs.srv import Trigger
+
+        def serve(request, response):
+            response.success, response.message = answer()
+            return response
+        return self.tester.create_service(Trigger, name, serve)
+
+    def wait_for(self, condition, what='', timeout=PATIENCE):
+        """Spin until `condition()` is true, and return what it gave."""
+        deadline = time.monotonic() + timeout
+        while not (result := condition()):
+            assert time.monotonic() < deadline, f'waited {timeout:g} s for {what or condition}'
+            self.executor.spin_once(timeout_sec=0.05)
+        return result
+
+    def connect(self):
+        """Wait until every endpoint of the tester has a partner, and all are matched both ways.
+
+        A writer that sees its reader may still be unknown to that reader, which then drops
+        what it sends.
+        """
+        def matched():
+            publishers = {pub.topic_name: pub for pub in self.publishers}
+            subscriptions = {sub.topic_name: sub for sub in self.subscriptions}
+            seen = [(name, 'subscribes', sub.get_publisher_count())
+                    for name, sub in subscriptions.items()]
+            seen += [(name, 'publishes', pub.get_subscription_count())
+                     for name, pub in publishers.items()]
+            if not all(count for _, _, count in seen):
+                return False
+            for node in self.nodes:
+                rows = [(key.split(' ', 1), value) for key, value in node.endpoints()]
+                seen += [(name, kind, int(value)) for (kind, name), value in rows]
+            there = {'subscribes': self.tester.count_publishers,
+                     'publishes': self.tester.count_subscribers}
+            return all(count >= there[kind](name) for name, kind, count in seen if kind in there)
+        self.wait_for(matched, 'the endpoints to match')
+
+    def call(self, name):
+        """Call a Trigger service of a node under test."""
+        from std_srvs.srv import Trigger
+        client = self.tester.create_client(Trigger, name)
+        self.wait_for(client.service_is_ready, f'service {name}')
+        future = client.call_async(Trigger.Request())
+        self.wait_for(future.done, f'{name} to answer')
+        return future.result()
+
+    def set_parameter(self, node, **values):
+        """Set parameters of `node` as ``ros2 param set`` does; (success, reason)."""
+        from rcl_interfaces.srv import SetParametersAtomically
+        from rclpy.parameter import Parameter
+        client = self.tester.create_client(
+            SetParametersAtomically, f'{node.get_fully_qualified_name()}/set_parameters_atomically')
+        self.wait_for(client.service_is_ready, 'parameter service')
+        future = client.call_async(SetParametersAtomically.Request(
+            parameters=[Parameter(k, value=v).to_parameter_msg() for k, v in values.items()]))
+        self.wait_for(future.done, 'parameters to be set')
+        result = future.result().result
+        return result.successful, result.reason
+
+    def report(self, name, text='', key='', value=None):
+        """Wait for diagnostics of node `name` that say `text`, and give row `key` as `value`."""
+        def there():
+            status = self.reports.get(name)
+            if status is None or text not in status.message:
+                return None
+            rows = {row.key: row.value for row in status.values}
+            return status if not key or rows.get(key) == str(value) else None
+        try:
+            return self.wait_for(there, f'{name} to report {text!r} {key} {value}')
+        except AssertionError as err:
+            raise AssertionError(f'{err}; last: {self.reports.get(name)}') from None
+
+    def close(self):
+        """End everything, whatever the test left."""
+        self.executor.shutdown()
+        for node in (*self.nodes, self.tester):
+            node.finish() if hasattr(node, 'finish') else None
+            node.destroy_node()
+        self.context.try_shutdown()
+
+
+def _changed(qos, changes):
+    if not changes:
+        return qos
+    from rclpy.qos import QoSProfile
+    values = {name: getattr(qos, name) for name in ('history', 'depth', 'reliability',
+                                                    'durability')}
+    return QoSProfile(**(values | changes))
+
+
+@pytest.fixture
+def graph(ros_domain):
+    """An empty graph."""
+    graph = Graph(ros_domain)
+    yield graph
+    graph.close()
+
+
+@pytest.fixture
+def process(ros_domain, tmp_path):
+    """Start ``process(module, name=value, ...)``: a node with parameters, ended after the test."""
+    import yaml
+    started = []
+
+    def start(module, *, preexec_fn=None, **parameters):
+        number = len(started)
+        params = tmp_path / f'process_{number}.yaml'
+        params.write_text(yaml.safe_dump({'/**': {'ros__parameters': parameters}}))
+        command = [sys.executable, '-m', module, '--ros-args', '-r', '__ns:=/mount',
+                   '--params-file', str(params)]
+        child = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+                                 stderr=subprocess.PIPE, text=True, preexec_fn=preexec_fn)
+        started.append(child)
+        return child
+
+    yield start
+    for child in started:
+        if child.poll() is None:
+            child.send_signal(signal.SIGKILL)
+        child.communicate()
+
+
+@pytest.fixture(scope='session')
+def cli(ros_domain, tmp_path_factory):
+    """Run ``telescope-mount`` with arguments in a process; the CompletedProcess."""
+    home = tmp_path_factory.mktemp('cli')
+
+    def run(*args):
+        return subprocess.run(
+            [sys.executable, '-m', 'telescope_mount.cli', *map(str, args)], cwd=home,
+            capture_output=True, text=True, timeout=300)
+    return run
+
+
+@pytest.fixture(scope='session')
+def refused(cli):
+    """``refused(*args)``: the one line on stderr of a command that must end with code 2."""
+    def run(*args):
+        done = cli(*args)
+        assert done.returncode == 2, (done.stdout, done.stderr)
+        lines = done.stderr.splitlines()
+        assert len(lines) == 1, done.stderr
+        assert lines[0].startswith('error: '), done.stderr
+        return lines[0]
+    return run
+
+
+@pytest.fixture(scope='session')
+def night(cli, tmp_path_factory):
+    """Folder of a short night: 8 stars, Polaris, power off and on, Polaris, 8 stars."""
+    folder = tmp_path_factory.mktemp('night') / 'night'
+    done = cli('night', '--out', folder, '--stars', 8, '--polaris', 4, '--seed', 3)
+    assert done.returncode == 0, (done.stdout, done.stderr)
+    (folder.parent / 'stdout').write_text(done.stdout)
+    (folder.parent / 'stderr').write_text(done.stderr)
+    return folder

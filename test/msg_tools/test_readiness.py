@@ -1,0 +1,58 @@
+from types import SimpleNamespace
+
+from msg_tools.readiness import parse, unmatched, unreceived
+
+
+def status(**rows):
+    """A DiagnosticStatus with one topic: publishes=2 gives the row 'publishes /t'."""
+    return SimpleNamespace(values=[
+        SimpleNamespace(key=f'{kind} /t', value=str(value)) for kind, value in rows.items()])
+
+
+def test_parse_takes_endpoint_counts_only():
+    rows = status(publishes=2, subscribes=1, published=7, received=5, last=9, gaps=3)
+    rows.values += [SimpleNamespace(key='rate /t [Hz]', value='1.0'),
+                    SimpleNamespace(key='last word', value='no number'),
+                    SimpleNamespace(key='', value='')]
+    assert parse(rows) == {'publishes': {'/t': 2}, 'subscribes': {'/t': 1},
+                           'published': {'/t': 7}, 'last': {'/t': 9}}
+
+
+def test_complete_when_both_sides_see_each_other():
+    reports = {'a': parse(status(publishes=2)), 'b': parse(status(subscribes=1)),
+               'c': parse(status(subscribes=1))}
+    assert unmatched('abc', reports) == []
+
+
+def test_a_node_that_is_not_there_is_missing():
+    assert unmatched(['a', 'b'], {'a': parse(status())}) == ['node b']
+
+
+def test_each_side_alone_is_not_enough():
+    late = {'a': parse(status(publishes=0)), 'b': parse(status(subscribes=1))}
+    assert unmatched('ab', late) == ['a to see 1 more subscribers of /t']
+    late = {'a': parse(status(publishes=1)), 'b': parse(status(subscribes=0))}
+    assert unmatched('ab', late) == ['b to see 1 more publishers of /t']
+
+
+def test_topics_without_another_side_do_not_hold_up():
+    assert unmatched('a', {'a': parse(status(publishes=0))}) == []
+    # the other end belongs to a node that is not wanted
+    reports = {'a': parse(status(publishes=0)), 'b': parse(status(subscribes=0))}
+    assert unmatched('a', reports) == []
+
+
+def test_unreceived_counts_by_the_publishers_number():
+    then = {'a': parse(status(published=9)), 'log': parse(status(last=0))}
+    now = {'a': parse(status(published=30)), 'log': parse(status(last=7))}
+    assert unreceived('log', now, then) == {'/t': 2}
+    now['log'] = parse(status(last=9))
+    assert unreceived('log', now, then) == {}
+
+
+def test_unreceived_leaves_out_what_the_receiver_does_not_take():
+    then = {'a': parse(status(published=9))}
+    assert unreceived('log', {'log': parse(status())}, then) == {}
+    # and what it publishes itself
+    then = {'log': parse(status(published=9))}
+    assert unreceived('log', {'log': parse(status(last=0))}, then) == {}
