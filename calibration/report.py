@@ -89,7 +89,7 @@ def terms_table(terms):
     return out
 
 
-def fit_tables(run, result, encoder='enc'):
+def fit_tables(run, result, encoder='enc', held_out=None):
     """The tables of a fit to a measured run.
 
     Parameters
@@ -98,6 +98,8 @@ def fit_tables(run, result, encoder='enc'):
     result : calibration.fit.FitResult
     encoder : {'enc', 'abs'}
         The pair of encoder columns that was fitted.
+    held_out : Rms, optional
+        Of rows that the fit did not see.
 
     Returns
     -------
@@ -109,6 +111,9 @@ def fit_tables(run, result, encoder='enc'):
     steps.add_row(RAW, *_rms_cells(rms_arcsec(*run.offsets(encoder))._asdict()))
     steps.add_row(f'{len(result.names)} terms, on the rows fitted',
                   *_rms_cells(result.rms_arcsec()._asdict()))
+    if held_out is not None:
+        steps.add_row(f'{len(result.names)} terms, each half judged by a fit to the other',
+                      *_rms_cells(held_out._asdict()))
     terms = [{'name': name, 'value_arcsec': value / ARCSEC, 'sigma_arcsec': sigma / ARCSEC}
              for name, value, sigma in zip(result.names, result.coefficients, result.sigma)]
     lines = [f'sigma from the {result.covariance_from.removeprefix("measured ")}'

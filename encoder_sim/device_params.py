@@ -6,6 +6,9 @@ from msg_tools.node import Param
 
 from .scenario import load_scenario
 
+#: a day before the seconds of builtin_interfaces/Time (int32) run out, for the night itself
+LAST_SECOND = 2**31 - 86400
+
 
 def parse_utc(text):
     """Nanoseconds since 1970 of an ISO 8601 date, UTC unless it says otherwise.
@@ -13,7 +16,7 @@ def parse_utc(text):
     Raises
     ------
     ValueError
-        It is no date.
+        It is no date, or outside of what a ROS time message can hold.
     """
     text = text.strip()
     try:
@@ -21,7 +24,10 @@ def parse_utc(text):
     except ValueError:
         raise ValueError(f'{text!r} is no date; write 2026-01-15T13:00:00') from None
     when = when if when.tzinfo else when.replace(tzinfo=timezone.utc)
-    return round(when.timestamp()) * 1_000_000_000
+    seconds = round(when.timestamp())
+    if not 0 < seconds < LAST_SECOND:
+        raise ValueError(f'{text!r}: ROS messages hold times from 1970 to 2038-01-18 only')
+    return seconds * 1_000_000_000
 
 
 DEVICE_PARAMS = (

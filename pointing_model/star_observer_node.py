@@ -14,6 +14,7 @@ from msg_tools.node import NO_SUBSCRIPTION_EVENTS, MountNode, Param, run_node
 from msg_tools.readiness import parse, unmatched
 
 from .catalogue import POLARIS_HIP, load_catalogue
+from .earth import earth_orientation
 from .model import PointingModel
 from .pairing import centred, interpolate
 from .plan import night_plan, parse_plan
@@ -37,7 +38,7 @@ PARAMS = SKY_PARAMS + (
     Param('magnitude_limit', 6.0, 'faintest star, Hipparcos magnitude', -2.0, 15.0),
     Param('min_elevation_deg', 20.0, 'lowest star [deg]', 0.0, 89.0),
     Param('max_elevation_deg', 85.0, 'highest star [deg]', 1.0, 90.0),
-    Param('recentre_arcsec', 20.0, 'a star farther from the boresight is centred and measured '
+    Param('recentre_arcsec', 60.0, 'a star farther from the boresight is centred and measured '
           'again [arcsec]', 0.1, 36000.0),
     Param('on_target_arcsec', 30.0, 'largest difference of the encoder from its demand in an '
           'exposure that counts [arcsec]', 0.1, 36000.0),
@@ -63,6 +64,7 @@ class StarObserver(MountNode):
         if self.value('model_file'):
             self._model = PointingModel.load(self.value('model_file'))
         self._zero = np.zeros(2)
+        self._carried = np.zeros(2)
         self._zero_stamp = 0
         self._model_stamp = 0
         self._catalogue = None
@@ -84,6 +86,7 @@ class StarObserver(MountNode):
         self._state = ('waiting', 'the start')
         self._progress = {'step': '', 'block': 0, 'done': 0, 'total': 0}
         self._lost = 0
+        self._earth = ''
         self._status_sent = None
 
         self._command_pub = self.publisher(topics.COMMAND)
@@ -154,10 +157,12 @@ class StarObserver(MountNode):
         if not np.isfinite(zero).all():
             raise ValueError('zero is not a number')
         self._zero, self._zero_stamp = np.array(zero), stamp
+        self._carried = np.zeros(2)
         self._advance()
 
     def _on_model(self, message):
         self._model = PointingModel.from_json(message.data)
+        self._carried = np.zeros(2)
         self._model_stamp = int(self._model.provenance.get('last_stamp_ns', 0))
         self._advance()
 
@@ -203,7 +208,13 @@ class StarObserver(MountNode):
         self._set_state('waiting', 'the graph')
         yield lambda: not self.waiting_for()
         yield lambda: self.get_clock().now().nanoseconds > 0
-        for number, step in enumerate(parse_plan(plan)):
+        orientation = earth_orientation(self.get_clock().now().nanoseconds * 1e-9)
+        self._earth = orientation.statement()
+        self.get_logger().info(self._earth)
+        steps = parse_plan(plan)
+        if any(step.verb == 'polaris' for step in steps):
+            self._check_polaris()  # now, not after a block of stars
+        for number, step in enumerate(steps):
             self._progress = {'step': str(step), 'block': number, 'done': 0, 'total': step.count}
             self._set_state('observing', str(step))
             yield from getattr(self, f'_do_{step.verb}')(number, step.count)
@@ -227,15 +238,18 @@ class StarObserver(MountNode):
 
     def _do_polaris(self, block, count):
         yield from self._need_home()
+        self._check_polaris()
+        for _ in range(count):
+            yield from self._observe(self._polaris, block)
+            self._progress['done'] += 1
+
+    def _check_polaris(self):
         if self._polaris is None:
             self._polaris = load_catalogue(hip=[POLARIS_HIP])
         el = observed_place(self._polaris, self._now() * 1e-9, self._site, self._weather)[1]
         if el[0] < self.value('min_elevation_deg') * DEG:
             raise PlanError(f'Polaris stands at {el[0] / DEG:.1f} deg, below min_elevation_deg = '
                             f'{self.value("min_elevation_deg")}: set the zero another way')
-        for _ in range(count):
-            yield from self._observe(self._polaris, block)
-            self._progress['done'] += 1
 
     def _do_home(self, block, count):
         before = self._last_reading[0] if self._last_reading else 0
@@ -288,7 +302,7 @@ class StarObserver(MountNode):
 
     def _observe(self, star, block):
         """Point at `star`, centre it where it is far off, and publish the row."""
-        aim = np.zeros(2)
+        aim = self._carried
         came_from = None
         for attempt in range(3):
             frame = None
@@ -304,10 +318,12 @@ class StarObserver(MountNode):
                 return
             reading, rate = self._at('enc', stamp)
             enc = np.array(centred(*reading, *miss))
-            if np.hypot(*miss) <= self.value('recentre_arcsec') * ARCSEC or attempt == 2:
-                break
             demand = self._demand(star, np.array([stamp]), aim)[0]
             aim = aim + np.array([wrap(enc[0] - demand[0]), enc[1] - demand[1]])
+            # only for pointing: the next star lies nearer to where this one was found
+            self._carried = aim
+            if np.hypot(*miss) <= self.value('recentre_arcsec') * ARCSEC or attempt == 2:
+                break
         try:
             second = np.array(centred(*self._at('abs', stamp)[0], *miss))
         except ValueError:
@@ -456,7 +472,8 @@ class StarObserver(MountNode):
     def details(self):
         """Progress of the plan."""
         return [('plan state', self._state[0]), ('step', self._progress['step']),
-                ('observations', str(len(self._rows))), ('stars lost', str(self._lost))]
+                ('observations', str(len(self._rows))), ('stars lost', str(self._lost)),
+                ('earth orientation', self._earth)]
 
 
 def _table(rows):

@@ -164,6 +164,7 @@ def _print_report(console, report):
 
 
 def _fit(args):
+    from calibration.check import external_check
     from calibration.fit import fit_terms
     from calibration.report import fit_tables
 
@@ -175,7 +176,11 @@ def _fit(args):
     result = fit_terms(run, names, robust=not args.no_robust, encoder=args.encoder,
                        provenance={'source': str(args.file)})
     console = _console()
-    for table in fit_tables(run, result, args.encoder):
+    held_out = None
+    if len(run) >= 4 * len(names):
+        held_out = external_check(run, both_ways=True, names=names, encoder=args.encoder,
+                                  robust=not args.no_robust).held_out
+    for table in fit_tables(run, result, args.encoder, held_out):
         console.print(table)
     if args.save:
         result.model.save(args.save)

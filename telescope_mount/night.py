@@ -1,6 +1,7 @@
 """A whole night: start the graph, watch it, and put its results into one folder."""
 
 import json
+import shutil
 import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -85,6 +86,8 @@ def run_night(options, progress=None):
     folder = prepare_folder(options.out)
     lock = domain.claim(options.domain)
     # after the cheap checks: these imports cost half a second
+    from msg_tools.topics import OBSERVER_STATUS
+
     from .processes import Processes
     from .watcher import Watcher
     specs = night_graph(
@@ -111,7 +114,13 @@ def run_night(options, progress=None):
             raise NightFailed('the logger could not keep up; it lacks messages of '
                               + ', '.join(missing))
     except RuntimeError as err:
-        raise NightFailed(f'{err} (log so far: {folder / "bag"})') from None
+        nodes.stop()
+        if watcher is None or int(watcher.values(OBSERVER_STATUS).get('observations', 0)) == 0:
+            # nothing was observed: let the next try have the folder
+            for name in ('bag', 'bag_truth', 'nodes'):
+                shutil.rmtree(folder / name, ignore_errors=True)
+            raise NightFailed(str(err)) from None
+        raise NightFailed(f'{err} (the log so far is {folder / "bag"})') from None
     finally:
         if watcher is not None:
             watcher.close()
@@ -180,11 +189,16 @@ def _write(folder, results):
     from msg_tools import topics
     from msg_tools.convert import cloud_to_run
     from msg_tools.run_files import write_csv
+    from pointing_model.earth import earth_orientation
     from pointing_model.model import PointingModel
+    from pointing_model.units import ARCSEC
 
     run = cloud_to_run(results[topics.OBSERVATIONS.name])
     report = json.loads(results[topics.CALIBRATION_REPORT.name].data)
     model = PointingModel.from_json(results[topics.MODEL.name].data)
+    orientation = earth_orientation(float(run['time'][0]))
+    if orientation.sigma > 0.1 * ARCSEC:
+        report['notes'].append(orientation.statement())
     write_csv(run, folder / 'observations.csv')
     (folder / 'model.json').write_text(results[topics.MODEL.name].data + '\n')
     (folder / 'report.json').write_text(json.dumps(report, indent=1) + '\n')
