@@ -37,6 +37,8 @@ class Calibration(MountNode):
         self._report_pub = self.publisher(topics.CALIBRATION_REPORT)
         self._status_pub = self.publisher(topics.CALIBRATION_STATUS)
         self.subscribe(topics.OBSERVATION, self._on_observation)
+        # latched: after a restart it brings back the night so far
+        self.subscribe(topics.OBSERVATIONS, self._on_table)
         self.create_service(Trigger, 'calibrate_zero', self._on_calibrate_zero)
         self.create_service(Trigger, 'fit', self._on_fit)
         self._say('collecting')
@@ -45,6 +47,12 @@ class Calibration(MountNode):
         self._session.add(convert.cloud_to_run(message),
                           convert.from_stamp(message.header.stamp))
         self._say('collecting')
+
+    def _on_table(self, message):
+        if message.width:
+            self._session.take_table(convert.cloud_to_run(message),
+                                     convert.from_stamp(message.header.stamp))
+            self._say('collecting')
 
     def _say(self, text):
         self._status_pub.publish(convert.status(
@@ -57,8 +65,7 @@ class Calibration(MountNode):
         except (ValueError, np.linalg.LinAlgError) as err:
             response.message = str(err)
             return response
-        self._zero_pub.publish(convert.joint_state(
-            self._session.last_stamp, [zero.az, zero.el], effort=[zero.sigma_az, zero.sigma_el]))
+        self._publish_zero([zero.az, zero.el], zero)
         response.success = True
         response.message = (
             f'zero of power-on {run}: azimuth {zero.az / ARCSEC:+.2f} +- '
@@ -66,6 +73,10 @@ class Calibration(MountNode):
             f'{zero.sigma_el / ARCSEC:.2f} arcsec, relative to {zero.reference}')
         self._say(response.message)
         return response
+
+    def _publish_zero(self, angles, zero):
+        self._zero_pub.publish(convert.joint_state(
+            self._session.last_stamp, angles, effort=[zero.sigma_az, zero.sigma_el]))
 
     def _on_fit(self, request, response):
         self._say('fitting')
@@ -77,6 +88,11 @@ class Calibration(MountNode):
             return response
         self._report_pub.publish(String(data=json.dumps(report)))
         self._model_pub.publish(String(data=model.to_json()))
+        if self._session.zeros:
+            # the zero that belongs to the model; Polaris alone gave it a little differently
+            newest = max(self._session.zeros_in_force)
+            known = max(self._session.zeros)
+            self._publish_zero(self._session.zeros_in_force[newest], self._session.zeros[known])
         held_out = report['steps'][-1]['held_out']['radial']
         response.success = True
         response.message = (f'{report["stars"]} stars fitted; {report["steps"][-1]["step"]}: '

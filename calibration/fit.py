@@ -1,6 +1,6 @@
 """Least-squares fits of the pointing model: physical terms as rotations, and harmonics."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import exp
 from typing import NamedTuple
 
@@ -375,6 +375,8 @@ class FitResult:
     robust : bool
         Whether rows were downweighted (never with fewer than 1.5 values a coefficient).
     iterations : int
+    run_zeros : dict of float to (float, float), optional
+        Azimuth and elevation by which the zero of each run lies above that of the first, rad.
     """
 
     model: PointingModel
@@ -392,6 +394,7 @@ class FitResult:
     excluded: list
     robust: bool
     iterations: int
+    run_zeros: dict | None = None
 
     @property
     def sigma(self):
@@ -588,7 +591,7 @@ def _result(run, names, rows_used, excluded, sigmas, solved, make_model, provena
 
 
 def fit_terms(run, names=PHYSICAL, *, robust=True, geometry='rotation', encoder='enc', zero=None,
-              rcond=RCOND, provenance=None):
+              run_zeros=False, rcond=RCOND, provenance=None):
     """Fit pointing terms to a run.
 
     Gauss-Newton: the geometric terms act as exact rotations (`pointing_model.geometry`) and are
@@ -610,6 +613,9 @@ def fit_terms(run, names=PHYSICAL, *, robust=True, geometry='rotation', encoder=
         The encoder columns to fit.
     zero : optional
         Angles to subtract from the encoder's (see `pointing_model.model.zero_angles`).
+    run_zeros : bool
+        Fit with the terms how far the zero of each run (column ``run``) lies from that of the
+        first: `FitResult.run_zeros`.
     rcond : float
         Relative singular value below which a direction is left out and reported.
     provenance : dict, optional
@@ -633,15 +639,24 @@ def fit_terms(run, names=PHYSICAL, *, robust=True, geometry='rotation', encoder=
     _check_encoder(run, encoder)
     rows_used, (az, el, az_enc, el_enc), sigmas, excluded = _usable(run, encoder, zero)
     n = len(rows_used)
+    runs = np.unique(run['run'][rows_used]) if run_zeros else ()
+    terms, names = names, names + tuple(
+        f'{axis}[{number:g}]' for number in runs[1:] for axis in ('IA', 'IE'))
     _need_rows(n, len(names), sigmas is not None)
     observed = np.empty(2 * n)
     observed[:n] = wrap(az_enc - az) * np.cos(el)
     observed[n:] = el_enc - el
-    first_order = stacked_design(names, az, el)
+    first_order = stacked_design(terms, az, el)
+    if len(names) > len(terms):
+        member = run['run'][rows_used] == runs[1:, None]
+        nothing = np.zeros_like(member, float)
+        zeros = np.stack((np.hstack((member * np.cos(el), nothing)), np.hstack((nothing, member))),
+                         axis=1)
+        first_order = np.vstack((first_order, zeros.reshape(-1, 2 * n)))
     everywhere = np.ones(n, bool)
-    turned = [i for i, name in enumerate(names) if name in rotation.GEOMETRIC]
+    turned = [i for i, name in enumerate(terms) if name in rotation.GEOMETRIC]
     # IA, IE and TF alone are linear
-    linear = geometry == 'first_order' or not {'CA', 'NPAE', 'AN', 'AW'} & set(names)
+    linear = geometry == 'first_order' or not {'CA', 'NPAE', 'AN', 'AW'} & set(terms)
 
     def start(p):
         if not p.any():
@@ -668,10 +683,18 @@ def fit_terms(run, names=PHYSICAL, *, robust=True, geometry='rotation', encoder=
     solved = _gauss_newton(start, first_order, base, robust, rcond, linear)
 
     def make_model(p, covariance, facts):
-        return PointingModel(dict(zip(names, p.tolist())), covariance, None, facts, geometry)
+        k = len(terms)
+        return PointingModel(
+            dict(zip(terms, p[:k].tolist())), covariance[:k, :k], None, facts, geometry)
 
-    return _result(run, names, rows_used, excluded, sigmas, solved, make_model, provenance,
+    result = _result(run, names, rows_used, excluded, sigmas, solved, make_model, provenance,
                    {'method': 'terms', 'encoder': encoder, 'rcond': rcond})
+    if not run_zeros:
+        return result
+    shifts = result.coefficients[len(terms):].reshape(-1, 2)
+    return replace(result, run_zeros={
+        float(number): (float(a), float(e))
+        for number, (a, e) in zip(runs, np.vstack((np.zeros(2), shifts)))})
 
 
 def fit_harmonics(run, reading='zenith', *, model=None, robust=True, encoder='enc', zero=None,

@@ -158,11 +158,9 @@ def plot_night(run, model, report, path):
 
     stars = run.select(run['star'] != POLARIS_HIP)
     zeros = {float(z['run']): (z['az_arcsec'] * ARCSEC, z['el_arcsec'] * ARCSEC)
-             for z in report['zeros']}
-    if zeros:
-        stars = stars.select(np.isin(stars['run'], list(zeros)))
+             for z in report['zeros_in_force']}
     before = [v / ARCSEC for v in stars.offsets()]
-    after = [v / ARCSEC for v in model.residuals(stars, zero=zeros or None)]
+    after = [v / ARCSEC for v in model.residuals(stars, zero=zeros)]
 
     figure = Figure(figsize=(11.0, 8.5), layout='constrained')
     FigureCanvasAgg(figure)

@@ -21,22 +21,10 @@ TERMS = f'{len(PHYSICAL)} physical terms'
 BOTH = f'{TERMS}, then 13 harmonics'
 
 
-def _harmonics(reading):
-    def fit(run, zero):
-        return fit_harmonics(run, reading, zero=zero)
-    return fit
-
-
-def _both(run, zero):
-    return fit_harmonics(run, model=fit_terms(run, zero=zero).model, zero=zero)
-
-
-#: label in the report -> fit(run, zero) -> FitResult
-FITS = {
-    '13 harmonics, E read as zenith distance': _harmonics('zenith'),
-    '13 harmonics, E read as printed': _harmonics('printed'),
-    TERMS: lambda run, zero: fit_terms(run, zero=zero),
-    BOTH: _both,
+#: label in the report -> reading of E in paper 000's harmonics
+HARMONICS = {
+    '13 harmonics, E read as zenith distance': 'zenith',
+    '13 harmonics, E read as printed': 'printed',
 }
 
 
@@ -58,13 +46,16 @@ class CalibrationSession:
         self._split_seed = split_seed
         self._parts = []
         self.last_stamp = 0
+        #: by Polaris alone, power-on number -> Zero
         self.zeros = {}
+        #: that belong to the fitted model, power-on number -> (azimuth, elevation), rad
+        self.zeros_in_force = {}
 
     def __len__(self):
         return sum(len(part) for part in self._parts)
 
     def add(self, run, stamp):
-        """Take rows of the night.
+        """Take rows of the night; rows that are not newer than those here are known already.
 
         Parameters
         ----------
@@ -81,8 +72,23 @@ class CalibrationSession:
         for name in ('star', 'run'):
             if name not in run:
                 raise ValueError(f'observation without column {name}')
-        self._parts.append(run)
-        self.last_stamp = max(self.last_stamp, stamp)
+        if stamp > self.last_stamp:
+            self._parts.append(run)
+            self.last_stamp = stamp
+
+    def take_table(self, run, stamp):
+        """Take the table of all rows so far, if there is more in it than here.
+
+        Parameters
+        ----------
+        run : PointingRun
+            All rows of the night.
+        stamp : int
+            Of the newest row, ns.
+        """
+        if stamp > self.last_stamp and len(run) > len(self):
+            self._parts.clear()
+            self.add(run, stamp)
 
     def observations(self):
         """All rows so far, a PointingRun.
@@ -126,10 +132,13 @@ class CalibrationSession:
     def fit(self):
         """Fit all stars, and judge each kind of model on stars that it did not see.
 
+        The terms are fitted together with the change of the zero from power-on to power-on, to
+        stars and exposures of Polaris alike: Polaris fixes most of the change, the stars help.
+
         Returns
         -------
         model : PointingModel
-            The physical terms from all stars, for pointing with the zero.
+            The physical terms, for pointing with `zeros_in_force`.
         report : dict
             See `REPORT_FORMAT`; JSON-ready.
 
@@ -139,42 +148,54 @@ class CalibrationSession:
             Too few stars.
         """
         rows = self.observations()
-        stars = rows.select(rows['star'] != POLARIS_HIP)
+        is_star = rows['star'] != POLARIS_HIP
+        stars = rows.select(is_star)
         notes = []
-        zero = None
-        if self.zeros:
-            has_zero = np.isin(stars['run'], list(self.zeros))
-            if not has_zero.all():
-                notes.append(f'{np.count_nonzero(~has_zero)} stars left out: no zero since their '
-                             'power-on')
-                stars = stars.select(has_zero)
-            zero = {float(number): z for number, z in self.zeros.items()}
-        result = fit_terms(stars, zero=zero)
+        result, self.zeros_in_force = self._fit_terms(rows)
         for dropped in result.dropped:
             notes.append(f'the stars do not determine {dropped["text"]}')
         for row in result.excluded:
             notes.append(f'row {row["row"]} left out: {row["reason"]}')
+        in_force = [{'run': number, 'az_arcsec': az / ARCSEC, 'el_arcsec': el / ARCSEC}
+                    for number, (az, el) in self.zeros_in_force.items()]
         report = {
             'format': REPORT_FORMAT, 'version': REPORT_VERSION,
-            'stars': len(stars), 'polaris': int(np.count_nonzero(rows['star'] == POLARIS_HIP)),
+            'stars': len(stars), 'polaris': int(np.count_nonzero(~is_star)),
             'zeros': [{'run': number, **z.to_dict()} for number, z in self.zeros.items()],
             'changes': self._changes(rows, result.model),
+            'zeros_in_force': in_force,
             'terms': _terms(result),
             'correlations': result.correlations.tolist(),
             'condition': result.condition,
             'rejected': len(result.rejected),
-            'steps': self._steps(stars, zero, notes),
-            'external_check': self._external(stars, zero, notes),
+            'steps': self._steps(rows, notes),
+            'external_check': self._external(rows, notes),
             'noise_arcsec': [s / ARCSEC for s in result.scatter],
             'notes': notes,
         }
         provenance = {
             **result.model.provenance, 'last_stamp_ns': self.last_stamp,
-            'zeros': report['zeros'], 'reference': self._source(),
+            'zeros_in_force': in_force, 'reference': self._source(),
         }
         model = PointingModel(result.model.terms, result.model.covariance, None, provenance,
                               result.model.geometry)
         return model, report
+
+    def _fit_terms(self, rows):
+        """Terms, and the zero of each power-on that belongs to them, as (azimuth, elevation)."""
+        first = self._polaris_zeros(rows)[float(rows['run'].min())]
+        result = fit_terms(rows, zero=first, run_zeros=True)
+        return result, {number: (first[0] + az, first[1] + el)
+                        for number, (az, el) in result.run_zeros.items()}
+
+    def _polaris_zeros(self, rows):
+        """Zero of each power-on by Polaris alone; where there is none, the one before it."""
+        out, last = {}, (0.0, 0.0)
+        for number in np.unique(rows['run']):
+            if int(number) in self.zeros:
+                last = self.zeros[int(number)].az, self.zeros[int(number)].el
+            out[float(number)] = last
+        return out
 
     def _source(self):
         if self._reference is None:
@@ -182,65 +203,82 @@ class CalibrationSession:
         return self._reference.provenance.get('source', 'a model of an earlier night')
 
     def _changes(self, rows, model):
-        """Change of the zero from each power-on to the next, with the fitted model's help."""
-        polaris = rows.select(rows['star'] == POLARIS_HIP)
+        """Change of the zero from each power-on to the next, by Polaris alone."""
         numbers = sorted(self.zeros)
-        out = []
-        for before, after in zip(numbers, numbers[1:]):
-            then = PolarisExposures.from_run(
-                polaris.select(polaris['run'] == before), name=f'power-on {before}')
-            now = polaris.select(polaris['run'] == after)
-            x, y = now.offsets()
-            change = zero_from_polaris(now['az'], now['el'], x, y, then, model=model)
-            out.append({'from': before, 'to': after, **change.to_dict()})
-        return out
+        return [{'from': before, 'to': after, **self._change(rows, before, after, model).to_dict()}
+                for before, after in zip(numbers, numbers[1:])]
 
-    def _steps(self, stars, zero, notes):
+    @staticmethod
+    def _change(rows, before, after, model):
+        """`model` says how the offset differs between the two places of Polaris on its circle."""
+        polaris = rows.select(rows['star'] == POLARIS_HIP)
+        then = PolarisExposures.from_run(
+            polaris.select(polaris['run'] == before), name=f'power-on {before:.0f}')
+        now = polaris.select(polaris['run'] == after)
+        x, y = now.offsets()
+        return zero_from_polaris(now['az'], now['el'], x, y, then, model=model)
+
+    def _steps(self, rows, notes):
         """RMS on the stars used and on those held out, from no correction to the full model."""
+        is_star = rows['star'] != POLARIS_HIP
+        stars = rows.select(is_star)
         used = split_half(stars, self._split_seed)
-        halves = {'used': used, 'held_out': ~used}
+        halves = {'used': stars.select(used), 'held_out': stars.select(~used)}
+        seen = ~is_star  # Polaris, and the stars used
+        seen[np.flatnonzero(is_star)[used]] = True
         base = self._reference or PointingModel({})
+        polaris = self._polaris_zeros(rows)
         steps = []
 
-        def judge(label, model, the_zero):
-            row = {'step': label}
-            for name, mask in halves.items():
-                row[name] = _rms(model, stars.select(mask), the_zero)
-            steps.append(row)
+        def judge(label, model, zero):
+            steps.append({'step': label, **{
+                name: _rms(model, half, zero) for name, half in halves.items()}})
 
         judge(RAW if self._reference is None else 'model of the earlier night', base, None)
-        if zero is not None:
-            judge(ZEROED, base, zero)
-        for label, fit in FITS.items():
+        if self.zeros:
+            judge(ZEROED, base, polaris)
+        for label, reading in HARMONICS.items():
             try:
-                judge(label, fit(stars.select(used), zero).model, zero)
+                judge(label, fit_harmonics(halves['used'], reading, zero=polaris).model, polaris)
             except ValueError as err:
                 notes.append(f'{label}: {err}')
+        try:
+            result, zeros = self._fit_terms(rows.select(seen))
+            judge(TERMS, result.model, zeros)
+            judge(BOTH, fit_harmonics(halves['used'], model=result.model, zero=zeros).model, zeros)
+        except ValueError as err:
+            notes.append(f'held-out check: {err}')
         return steps
 
-    def _external(self, stars, zero, notes):
+    def _external(self, rows, notes):
         """The paper's check: coefficients of one power-on on the stars of the next."""
-        if zero is None:
+        stars = rows.select(rows['star'] != POLARIS_HIP)
+        if not self.zeros:
             return []
+        polaris = self._polaris_zeros(rows)
         if self._reference is not None:
             label = 'model of the earlier night on all stars of tonight'
             return [{'check': f'{label}, before Polaris', **_rms(self._reference, stars, None)},
-                    {'check': f'{label}, after Polaris', **_rms(self._reference, stars, zero)}]
+                    {'check': f'{label}, after Polaris', **_rms(self._reference, stars, polaris)}]
         out = []
-        numbers = [n for n in sorted(zero) if np.any(stars['run'] == n)]
+        numbers = [n for n in np.unique(stars['run']) if int(n) in self.zeros]
         for before, after in zip(numbers, numbers[1:]):
+            old = polaris[before]
             try:
-                model = fit_terms(stars.select(stars['run'] == before), zero=zero[before]).model
+                model = fit_terms(rows.select(rows['run'] == before), zero=old).model
             except ValueError as err:
                 notes.append(f'external check: {err}')
                 continue
             later = stars.select(stars['run'] == after)
+            new = np.add(old, _angles(self._change(rows, before, after, model)))
             label = f'model of power-on {before:.0f} on the stars of power-on {after:.0f}'
-            out.append({'check': f'{label}, with the old zero',
-                        **_rms(model, later, zero[before])})
-            out.append({'check': f'{label}, with its own zero',
-                        **_rms(model, later, zero[after])})
+            out.append({'check': f'{label}, with the old zero', **_rms(model, later, old)})
+            out.append({'check': f'{label}, zero by Polaris', **_rms(model, later, new)})
         return out
+
+
+def _angles(zero):
+    return zero.az, zero.el
 
 
 def _rms(model, run, zero):

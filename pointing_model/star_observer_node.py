@@ -26,6 +26,8 @@ from .units import ARCSEC, DEG, wrap
 
 #: seconds between the knots of a commanded track; the cubic between them is good to 1e-3 arcsec
 KNOT = 20.0
+#: readings older than the last by this are of a new simulation, ns
+CLOCK_JUMP = 1_000_000_000
 #: what a star takes, to know that it stays within the limits until its turn, s
 SECONDS_A_STAR = 40.0
 
@@ -143,8 +145,10 @@ class StarObserver(MountNode):
     def _keep(self, encoder, stamp, angle):
         readings = self._readings[encoder]
         if readings and stamp <= readings[-1][0]:
-            raise ValueError('stamp not after the one before: a clock went back, or two encoders '
-                             'publish on one topic')
+            if readings[-1][0] - stamp < CLOCK_JUMP:
+                raise ValueError('stamp not after the one before: two encoders on one topic?')
+            self.get_logger().warning('the clock went back: the simulation started anew')
+            readings.clear()
         readings.append((stamp, angle))
 
     def _on_miss(self, message):
@@ -168,7 +172,11 @@ class StarObserver(MountNode):
 
     def _on_calibration(self, message):
         values = {row.key: row.value for row in message.values}
-        self._calibrated = int(values.get('observations', 0))
+        taken = int(values.get('observations', 0))
+        if taken < self._calibrated:
+            # it was started anew and knows nothing of the night so far
+            self._send_table(again=True)
+        self._calibrated = taken
         self._advance()
 
     def _on_diagnostics(self, message):
@@ -221,7 +229,7 @@ class StarObserver(MountNode):
             self._send_table()
 
     def _do_stars(self, block, count):
-        yield from self._need_home()
+        yield from self._need_home()  # the choice begins at where the mount stands
         if self._catalogue is None:
             # two magnitudes deeper, so that neighbours which would disturb are known
             self._catalogue = load_catalogue(mag_limit=self.value('magnitude_limit') + 2.0)
@@ -237,7 +245,6 @@ class StarObserver(MountNode):
             self._progress['done'] += 1
 
     def _do_polaris(self, block, count):
-        yield from self._need_home()
         self._check_polaris()
         for _ in range(count):
             yield from self._observe(self._polaris, block)
@@ -347,6 +354,7 @@ class StarObserver(MountNode):
 
     def _expose(self, star, aim):
         """Command a track and wait for an exposure on it; None when nobody answered in time."""
+        yield from self._need_home()
         start = self._now()
         # long enough for half a turn, the settling and the exposure
         span = 60.0 + 200.0 / self.value('slew_rate_deg_s')
@@ -426,8 +434,8 @@ class StarObserver(MountNode):
 
     # --- what others see ------------------------------------------------------------------------
 
-    def _send_table(self):
-        if self._rows and len(self._rows) != self._rows_sent:
+    def _send_table(self, again=False):
+        if self._rows and (again or len(self._rows) != self._rows_sent):
             self._rows_sent = len(self._rows)
             self._observations_pub.publish(
                 convert.run_to_cloud(_table(self._rows), self._rows[-1]['stamp']))
