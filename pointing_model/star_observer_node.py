@@ -26,6 +26,8 @@ from .units import ARCSEC, DEG, wrap
 
 #: seconds between the knots of a commanded track; the cubic between them is good to 1e-3 arcsec
 KNOT = 20.0
+#: an axis slower than this stands still, rad/s
+STILL = 0.01 * DEG
 #: readings older than the last by this are of a new simulation, ns
 CLOCK_JUMP = 1_000_000_000
 #: what a star takes, to know that it stays within the limits until its turn, s
@@ -261,8 +263,10 @@ class StarObserver(MountNode):
     def _do_home(self, block, count):
         before = self._last_reading[0] if self._last_reading else 0
         yield from self._call('home')
+        # until the axes stand still: which reading comes in first must not decide what follows
         yield from self._until(
-            lambda: self._homed and self._last_reading[0] > before, 'the encoder to be homed')
+            lambda: self._homed and self._last_reading[0] > before
+            and not np.any(np.abs(self._last_reading[2]) > STILL), 'the encoder to be homed')
 
     def _do_power_cycle(self, block, count):
         self._homed = False

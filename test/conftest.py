@@ -17,9 +17,11 @@ def ros_domain(tmp_path_factory):
     pytest.importorskip(
         'rclpy', reason='rclpy is not installed (./install.sh ros)', exc_type=ImportError)
     from telescope_mount import domain
+    from telescope_mount.processes import dds_environment
     lock = domain.claim()
-    os.environ.update(ROS_DOMAIN_ID=str(lock.number), ROS_AUTOMATIC_DISCOVERY_RANGE='LOCALHOST',
-                      ROS_LOG_DIR=str(tmp_path_factory.mktemp('ros_log')))
+    folder = tmp_path_factory.mktemp('ros')
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+    os.environ.update(dds_environment(folder, lock.number), ROS_LOG_DIR=str(folder))
     yield lock.number
     lock.release()
 
@@ -87,18 +89,18 @@ class Graph:
         return self.tester.create_service(Trigger, name, serve)
 
     def wait_for(self, condition, what='', timeout=PATIENCE):
-        """Spin until `condition()` is true, and return what it gave."""
+        """Spin until `condition()` is true, and return what it gave; `what` says it if not."""
         deadline = time.monotonic() + timeout
         while not (result := condition()):
-            assert time.monotonic() < deadline, f'waited {timeout:g} s for {what or condition}'
+            assert time.monotonic() < deadline, (
+                f'waited {timeout:g} s for {what() if callable(what) else what or condition}')
             self.executor.spin_once(timeout_sec=0.05)
         return result
 
     def connect(self):
         """Wait until every endpoint of the tester has a partner, and all are matched both ways.
 
-        A writer that sees its reader may still be unknown to that reader, which then drops
-        what it sends.
+        A writer that sees its reader may still be unknown to that reader.
         """
         def matched():
             publishers = {pub.topic_name: pub for pub in self.publishers}
@@ -206,11 +208,25 @@ def process(ros_domain, tmp_path):
 def cli(ros_domain, tmp_path_factory):
     """Run ``telescope-mount`` with arguments in a process; the CompletedProcess."""
     home = tmp_path_factory.mktemp('cli')
+    # as a user would start it, with nothing of this session's
+    environment = {name: value for name, value in os.environ.items()
+                   if not name.startswith(('ROS_', 'FASTDDS_', 'FASTRTPS_'))}
+
+    def start(*args):
+        return subprocess.Popen(
+            [sys.executable, '-m', 'telescope_mount.cli', *map(str, args)], cwd=home,
+            env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE, text=True)
 
     def run(*args):
-        return subprocess.run(
-            [sys.executable, '-m', 'telescope_mount.cli', *map(str, args)], cwd=home,
-            capture_output=True, text=True, timeout=300)
+        with start(*args) as child:
+            try:
+                out, err = child.communicate(timeout=300)
+            except BaseException:
+                child.terminate()
+                raise
+        return subprocess.CompletedProcess(child.args, child.returncode, out, err)
+    run.start = start
     return run
 
 

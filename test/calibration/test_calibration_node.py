@@ -1,0 +1,167 @@
+import json
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportError)
+
+from calibration.calibration_node import Calibration
+from msg_tools import convert, topics
+from pointing_model.catalogue import POLARIS_HIP
+from pointing_model.model import PointingModel
+from pointing_model.run import PointingRun
+from pointing_model.terms import PHYSICAL
+from pointing_model.units import ARCSEC, DEG
+
+START = 1_768_482_000_000_000_000
+MOUNT = PointingModel(dict(zip(PHYSICAL, np.array([310, -170, 46, -23, 37, -21, 15]) * ARCSEC)))
+
+
+def rows(n, run=1, star=None, zero=(0.0, 0.0), seed=0):
+    rng = np.random.default_rng(seed)
+    az, el = rng.uniform(0, 2 * np.pi, n), np.arcsin(rng.uniform(0.35, 0.99, n))
+    if star is not None:
+        az, el = 0.4 * DEG + 1e-4 * np.arange(n), 34.9 * DEG + 1e-5 * np.arange(n)
+    az_enc, el_enc = MOUNT.sky_to_encoder(az, el)
+    x, y = rng.normal(size=(2, n)) * 0.3 * ARCSEC
+    return PointingRun({
+        'az': az, 'el': el, 'az_enc': az_enc + zero[0] + x / np.cos(el),
+        'el_enc': el_enc + zero[1] + y, 'run': np.full(n, float(run)),
+        'star': np.arange(n) + 1.0 if star is None else np.full(n, float(star))})
+
+
+class Desk:
+    def __init__(self, graph, **overrides):
+        self.graph = graph
+        self.node = graph.add(Calibration, **overrides)
+        self.pub = graph.publisher(topics.OBSERVATION)
+        graph.connect()
+        self.stamp, self.count = START, 0
+
+    def observe(self, run):
+        """Send `run` row by row and wait until all are taken."""
+        for i in range(len(run)):
+            self.stamp += 10**9
+            self.pub.publish(convert.run_to_cloud(run.select([i]), self.stamp))
+        self.count += len(run)
+        self.graph.report('calibration', '', 'observations', self.count)
+
+
+def test_a_zero_is_refused_with_a_reason_until_polaris_was_seen(graph):
+    desk = Desk(graph)
+    zeros = graph.listen(topics.ZERO)
+    answer = graph.call('calibrate_zero')
+    assert not answer.success and 'no observation has come yet' in answer.message
+    desk.observe(rows(3))
+    answer = graph.call('calibrate_zero')
+    assert not answer.success
+    assert answer.message == 'Polaris was not observed since power-on 1; point at it first'
+    desk.observe(rows(1, star=POLARIS_HIP))
+    answer = graph.call('calibrate_zero')
+    assert not answer.success and 'expose again' in answer.message
+    desk.observe(rows(3, star=POLARIS_HIP, seed=1))
+    assert graph.call('calibrate_zero').success
+    graph.wait_for(lambda: len(zeros) == 1)
+
+
+def test_an_encoder_that_reads_20_too_much_gives_a_zero_of_plus_20(graph, tmp_path):
+    MOUNT.save(tmp_path / 'model.json')
+    desk = Desk(graph, model_file=str(tmp_path / 'model.json'))
+    desk.observe(rows(8, star=POLARIS_HIP, zero=np.array([20.0, -8.0]) * ARCSEC))
+    answer = graph.call('calibrate_zero')
+    assert answer.success
+    assert answer.message.startswith('zero of power-on 1: azimuth +')
+    zeros = graph.listen(topics.ZERO)  # late: it is latched
+    graph.wait_for(lambda: zeros)
+    stamp, zero, _, sigma = convert.read_joints(zeros[0])
+    assert stamp == desk.stamp
+    assert zero[0] / ARCSEC == pytest.approx(20.0, abs=1.0)
+    assert zero[1] / ARCSEC == pytest.approx(-8.0, abs=1.0)
+    assert 0.01 < sigma[0] / ARCSEC < 1.0 and 0.01 < sigma[1] / ARCSEC < 1.0
+    assert f'{zero[0] / ARCSEC:+.2f}' in answer.message
+
+
+def test_model_and_report_are_there_for_those_who_come_late(graph):
+    desk = Desk(graph)
+    desk.observe(rows(30, seed=2))
+    desk.observe(rows(8, star=POLARIS_HIP, seed=3))
+    assert graph.call('calibrate_zero').success
+    answer = graph.call('fit')
+    assert answer.success and answer.message.startswith('30 stars fitted')
+    models, reports = graph.listen(topics.MODEL), graph.listen(topics.CALIBRATION_REPORT)
+    status = graph.listen(topics.CALIBRATION_STATUS)
+    graph.wait_for(lambda: models and reports and status)
+    model = PointingModel.from_json(models[0].data)
+    for name in ('CA', 'AN', 'AW', 'TF'):
+        assert model.terms[name] / ARCSEC == pytest.approx(MOUNT.terms[name] / ARCSEC, abs=3.0)
+    assert model.provenance['last_stamp_ns'] == desk.stamp
+    report = json.loads(reports[0].data)
+    assert report['stars'] == 30 and report['polaris'] == 8
+    assert status[0].message == answer.message
+
+
+def test_a_fit_without_enough_stars_is_refused_with_a_reason(graph):
+    desk = Desk(graph)
+    assert 'no observation has come yet' in graph.call('fit').message
+    desk.observe(rows(2))
+    answer = graph.call('fit')
+    assert not answer.success and 'observe' in answer.message and '\n' not in answer.message
+    status = graph.listen(topics.CALIBRATION_STATUS)
+    graph.wait_for(lambda: status and status[0].message == answer.message)
+
+
+def test_bad_observations_are_counted_and_the_node_lives_on(graph):
+    desk = Desk(graph)
+    good = rows(5)
+    truncated = convert.run_to_cloud(good, START)
+    truncated.data = bytes(truncated.data)[:40]
+    lacking = convert.run_to_cloud(good, START)
+    lacking.fields = [f for f in lacking.fields if f.name != 'az_enc']
+    nameless = convert.run_to_cloud(PointingRun(
+        {name: good[name] for name in ('az', 'el', 'az_enc', 'el_enc')}), START)
+    empty = convert.run_to_cloud(good, START)
+    empty.fields, empty.data = [], b''
+    for message in (truncated, lacking, nameless, empty):
+        desk.pub.publish(message)
+    status = graph.report('calibration', '4 messages refused')
+    assert any('observation without column star' in row.value
+               or 'without float64 field' in row.value for row in status.values)
+    desk.observe(good)
+
+
+def test_values_that_are_not_numbers_are_left_out_of_the_fit_and_said(graph):
+    desk = Desk(graph)
+    bad = rows(2, seed=9)
+    bad['az_enc'][:] = np.nan
+    desk.observe(bad)
+    desk.observe(rows(30, seed=2))
+    assert graph.call('fit').success
+    reports = graph.listen(topics.CALIBRATION_REPORT)
+    graph.wait_for(lambda: reports)
+    notes = json.loads(reports[0].data)['notes']
+    assert sum('left out' in note for note in notes) == 2
+
+
+def test_the_table_brings_back_the_night_after_a_restart(graph):
+    table = graph.publisher(topics.OBSERVATIONS)
+    table.publish(convert.run_to_cloud(rows(12), START))
+    graph.add(Calibration)
+    graph.report('calibration', '', 'observations', 12)
+
+
+def test_the_status_counts_what_came(graph):
+    status = graph.listen(topics.CALIBRATION_STATUS)
+    desk = Desk(graph)
+    graph.report('calibration', '', 'observations', 0)
+    desk.observe(rows(3))
+    graph.wait_for(lambda: status and status[-1].values[0].value == '3')
+    assert status[-1].values[0].key == 'observations'
+
+
+@pytest.mark.parametrize('overrides, text', [
+    ({'model_file': 'absent.json'}, 'absent.json'),
+    ({'split_seed': -1}, 'must be 0 to'),
+])
+def test_bad_start_values(graph, overrides, text):
+    with pytest.raises((ValueError, OSError), match=text):
+        graph.add(Calibration, **overrides)

@@ -1,0 +1,241 @@
+import json
+
+import numpy as np
+import pytest
+
+from calibration.session import (
+    BOTH,
+    HARMONICS,
+    RAW,
+    REPORT_FORMAT,
+    TERMS,
+    ZEROED,
+    CalibrationSession,
+)
+from pointing_model.catalogue import POLARIS_HIP
+from pointing_model.model import PointingModel
+from pointing_model.run import PointingRun
+from pointing_model.terms import PHYSICAL
+from pointing_model.units import ARCSEC, DEG
+
+LATITUDE = 34.3 * DEG
+MOUNT = PointingModel(dict(zip(
+    PHYSICAL, np.array([310, -170, 46, -23, 37, -21, 15]) * ARCSEC)),
+    provenance={'source': 'last night'})
+DRIFT = np.array([20.0, -12.0]) * ARCSEC  # of the second power-on, coordinate angles
+
+
+def rows(az, el, run, stars, rng, zero=(0.0, 0.0), noise=0.5, mount=MOUNT):
+    """Observations through `mount`; the encoder reads `zero` too much."""
+    az_enc, el_enc = mount.sky_to_encoder(az, el)
+    x, y = rng.normal(size=(2, len(az))) * noise * ARCSEC
+    return PointingRun({
+        'az': az, 'el': el, 'az_enc': az_enc + zero[0] + x / np.cos(el),
+        'el_enc': el_enc + zero[1] + y, 'star': np.asarray(stars, float),
+        'run': np.full(len(az), float(run))})
+
+
+def field(rng, n):
+    return rng.uniform(0, 2 * np.pi, n), np.arcsin(rng.uniform(0.35, 0.99, n))
+
+
+def polaris(n):
+    hour = 0.3 + 0.01 * np.arange(n)
+    return (0.65 * DEG * np.sin(hour) / np.cos(LATITUDE), LATITUDE + 0.65 * DEG * np.cos(hour))
+
+
+def night(n=20, second=True, noise=0.5, first_zero=(0.0, 0.0)):
+    """Blocks of a night, in order: stars, Polaris, then a power-on with another zero."""
+    rng = np.random.default_rng(4)
+    zero = np.array(first_zero)
+    blocks = [rows(*field(rng, n), 1, 1000 + np.arange(n), rng, zero, noise),
+              rows(*polaris(8), 1, [POLARIS_HIP] * 8, rng, zero, noise)]
+    if second:
+        blocks += [rows(*polaris(8), 2, [POLARIS_HIP] * 8, rng, zero + DRIFT, noise),
+                   rows(*field(rng, n), 2, 2000 + np.arange(n), rng, zero + DRIFT, noise)]
+    return blocks
+
+
+def session(blocks, zeros=True, **options):
+    out = CalibrationSession(**options)
+    for number, block in enumerate(blocks):
+        out.add(block, (number + 1) * 10**9)
+    if zeros:
+        out.calibrate_zero()
+    return out
+
+
+def test_nothing_observed_is_said():
+    empty = CalibrationSession()
+    assert len(empty) == 0
+    for work in (empty.observations, empty.calibrate_zero, empty.fit):
+        with pytest.raises(ValueError, match='no observation has come yet'):
+            work()
+
+
+def test_rows_come_back_in_order_with_the_newest_stamp():
+    blocks = night()
+    collected = session(blocks, zeros=False)
+    assert len(collected) == sum(map(len, blocks)) == len(collected.observations())
+    assert collected.last_stamp == 4 * 10**9
+    np.testing.assert_array_equal(collected.observations()['az'],
+                                  np.concatenate([b['az'] for b in blocks]))
+
+
+@pytest.mark.parametrize('name', ['star', 'run'])
+def test_rows_without_star_or_power_on_are_refused(name):
+    block = night()[0]
+    columns = {k: v for k, v in block.columns.items() if k != name}
+    collected = CalibrationSession()
+    with pytest.raises(ValueError, match=f'observation without column {name}'):
+        collected.add(PointingRun(columns), 1)
+    assert len(collected) == 0
+
+
+def test_a_zero_needs_polaris_in_the_newest_power_on():
+    blocks = night()
+    with pytest.raises(ValueError, match='Polaris was not observed since power-on 1; point at it'):
+        session(blocks[:1])
+    collected = session(blocks[:2])
+    assert set(collected.zeros) == {1}
+    collected.add(blocks[3], 10**10)
+    with pytest.raises(ValueError, match='since power-on 2'):
+        collected.calibrate_zero()
+
+
+def test_an_encoder_that_reads_20_too_much_has_a_zero_of_plus_20():
+    collected = session(night(second=False, first_zero=np.array([20.0, -7.0]) * ARCSEC, noise=0.01),
+                        reference=MOUNT)
+    zero = collected.zeros[1]
+    assert zero.az / ARCSEC == pytest.approx(20.0, abs=0.1)
+    assert zero.el / ARCSEC == pytest.approx(-7.0, abs=0.1)
+    assert 'last night' in zero.reference
+
+
+def test_without_a_reference_the_change_shows_between_power_ons():
+    collected = session(night())
+    run, zero = collected.calibrate_zero()
+    assert run == 2 and zero is collected.zeros[2]
+    assert abs(zero.az) > 100 * ARCSEC  # all that the mount does at Polaris
+    _, report = collected.fit()
+    change, = report['changes']
+    assert (change['from'], change['to']) == (1, 2)
+    for axis, wanted in zip(('az', 'el'), DRIFT / ARCSEC):
+        assert change[f'{axis}_arcsec'] == pytest.approx(
+            wanted, abs=4 * change[f'sigma_{axis}_arcsec'])
+        assert change[f'sigma_{axis}_arcsec'] < 1.0
+
+
+def test_the_fit_finds_the_mount_and_predicts_stars_that_it_did_not_see():
+    model, report = session(night(n=60)).fit()
+    found = {term['name']: term for term in report['terms']}
+    assert list(found)[:len(PHYSICAL)] == list(PHYSICAL)
+    for name in ('CA', 'NPAE', 'AN', 'AW', 'TF'):  # IA and IE are in the zero
+        assert found[name]['value_arcsec'] == pytest.approx(
+            MOUNT.terms[name] / ARCSEC, abs=4 * found[name]['sigma_arcsec'])
+    steps = {step['step']: step for step in report['steps']}
+    assert list(steps) == [RAW, ZEROED, *HARMONICS, TERMS, BOTH]
+    assert steps[RAW]['held_out']['radial'] > steps[ZEROED]['held_out']['radial'] > 10
+    assert 0.4 < steps[TERMS]['held_out']['radial'] < 1.2  # the noise: 0.7
+    assert steps[TERMS]['used']['n'] + steps[TERMS]['held_out']['n'] == 120
+    # on this mount the harmonics have nothing to find, and alone they cannot do it
+    assert steps[BOTH]['held_out']['radial'] < 2.0
+    assert steps['13 harmonics, E read as zenith distance']['held_out']['radial'] > 2.0
+    assert report['stars'] == 120 and report['polaris'] == 16
+    assert report['notes'] == []
+    assert model.provenance['last_stamp_ns'] == 4 * 10**9
+
+
+def test_the_check_between_power_ons_improves_with_the_zero_by_polaris():
+    checks = session(night(n=60)).fit()[1]['external_check']
+    assert [row['check'] for row in checks] == [
+        'model of power-on 1 on the stars of power-on 2, with the old zero',
+        'model of power-on 1 on the stars of power-on 2, zero by Polaris']
+    assert checks[0]['radial'] > 10 > 2 > checks[1]['radial']
+    assert checks[0]['n'] == checks[1]['n'] == 60
+
+
+def test_a_reference_night_is_judged_before_and_after_polaris():
+    drift = np.array([25.0, 14.0]) * ARCSEC
+    _, report = session(night(n=60, second=False, first_zero=drift), reference=MOUNT).fit()
+    assert report['steps'][0]['step'] == 'model of the earlier night'
+    before, after = report['external_check']
+    assert before['check'].endswith('before Polaris') and before['radial'] > 15
+    assert after['check'].endswith('after Polaris') and after['radial'] < 1.5
+    assert report['changes'] == []
+
+
+def test_stars_alone_give_the_zero_of_a_power_on_without_polaris():
+    rng = np.random.default_rng(8)
+    collected = session(night(n=60, second=False))
+    collected.add(rows(*field(rng, 60), 2, np.arange(60), rng, zero=DRIFT), 10**10)
+    model, report = collected.fit()
+    assert report['stars'] == 120
+    first, second = (np.array(collected.zeros_in_force[number]) for number in (1, 2))
+    np.testing.assert_allclose((second - first) / ARCSEC, DRIFT / ARCSEC, atol=1.0)
+    assert [z['run'] for z in report['zeros_in_force']] == [1, 2]
+
+
+def test_without_any_zero_all_stars_are_fitted_as_they_are():
+    model, report = session(night(n=60, second=False)[:1], zeros=False).fit()
+    assert report['zeros'] == [] and report['external_check'] == []
+    assert [step['step'] for step in report['steps']] == [RAW, *HARMONICS, TERMS, BOTH]
+    assert model.terms['IE'] / ARCSEC == pytest.approx(-170, abs=3)
+
+
+def test_too_few_stars_for_the_harmonics_are_a_note_not_an_end():
+    _, report = session(night(n=8)).fit()
+    assert sum('observe at least 14 stars' in note for note in report['notes']) == 3
+    assert [step['step'] for step in report['steps']] == [RAW, ZEROED, TERMS]
+    assert report['steps'][-1]['held_out']['n'] == 8
+
+
+def test_too_few_stars_for_anything_say_how_many():
+    with pytest.raises(ValueError, match='observe'):
+        session(night(n=2)[:1], zeros=False).fit()
+
+
+def test_the_same_rows_give_the_same_bits():
+    texts = []
+    for pieces in (1, 5):
+        collected = CalibrationSession(split_seed=3)
+        stamp = 0
+        for block in night():
+            for part in np.array_split(np.arange(len(block)), pieces):
+                stamp += 10**9
+                collected.add(block.select(part), stamp)
+        collected.last_stamp = 10**11
+        collected.calibrate_zero()
+        model, report = collected.fit()
+        texts.append((model.to_json(), json.dumps(report)))
+    assert texts[0] == texts[1]
+    assert json.loads(texts[0][1])['format'] == REPORT_FORMAT
+
+
+def test_the_seed_decides_who_is_held_out():
+    reports = [session(night(), split_seed=seed).fit()[1]['steps'] for seed in (1, 1, 2)]
+    assert reports[0] == reports[1] != reports[2]
+
+
+def test_the_model_is_for_pointing_with_the_zero():
+    blocks = night(n=60, noise=0.01)
+    collected = session(blocks)
+    model, _ = collected.fit()
+    assert model.harmonics is None
+    for number, block in ((1, blocks[0]), (2, blocks[3])):
+        az, el = model.sky_to_encoder(block['az'], block['el'])
+        zero = collected.zeros_in_force[number]
+        np.testing.assert_allclose(az + zero[0], block['az_enc'], atol=0.5 * ARCSEC)
+        np.testing.assert_allclose(el + zero[1], block['el_enc'], atol=0.1 * ARCSEC)
+
+
+def test_a_table_brings_back_the_night_after_a_restart():
+    blocks = night()
+    whole = PointingRun.concatenate(blocks)
+    collected = CalibrationSession()
+    collected.take_table(whole, 4 * 10**9)
+    assert len(collected) == len(whole)
+    # what was in it already is not counted twice, and an older table takes nothing away
+    collected.add(blocks[3], 4 * 10**9)
+    collected.take_table(blocks[0], 10**9)
+    assert len(collected) == len(whole)

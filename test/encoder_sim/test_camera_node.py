@@ -1,0 +1,131 @@
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportError)
+
+from encoder_sim.camera_node import StarCamera
+from msg_tools import convert, topics
+from pointing_model.catalogue import load_catalogue
+from pointing_model.sky import DEFAULT_SITE, DEFAULT_WEATHER, observed_place
+from pointing_model.units import ARCSEC, DEG
+
+START = 1_768_482_000_000_000_000  # 2026-01-15T13:00:00
+SIRIUS, CAPELLA = 32349, 24608
+
+
+@pytest.fixture
+def few_stars(tmp_path):
+    """An ideal mount whose camera sees Sirius only."""
+    path = tmp_path / 'few.yaml'
+    path.write_text('based_on: ideal\ncamera: {mag_limit: -1.0}\n')
+    return str(path)
+
+
+def place(hip, ns):
+    az, el = observed_place(load_catalogue(hip=[hip]), ns * 1e-9, DEFAULT_SITE, DEFAULT_WEATHER)
+    return np.array([az[0], el[0]])
+
+
+class Shutter:
+    """Publishes true angles of an exposure; gives what the camera measured."""
+
+    def __init__(self, graph, **overrides):
+        self.graph = graph
+        self.node = graph.add(StarCamera, **{'scenario': 'ideal', **overrides})
+        self.pub = graph.publisher(topics.TRUTH_JOINTS)
+        self.got = graph.listen(topics.MISS_DISTANCE)
+        self.begin = START
+        graph.connect()
+
+    def __call__(self, angles_at, samples=3, step=500_000_000):
+        self.begin += 60 * 10**9
+        for i in range(samples):
+            stamp = self.begin + i * step
+            self.pub.publish(convert.joint_state(stamp, angles_at(stamp), [0.0, 0.0]))
+        middle = self.begin + (samples - 1) * step // 2
+        self.graph.wait_for(
+            lambda: self.got and convert.from_stamp(self.got[-1].header.stamp) == middle,
+            'the exposure')
+        message = self.got[-1]
+        return np.array([message.vector.x, message.vector.y])
+
+
+@pytest.mark.parametrize('hip', [SIRIUS, CAPELLA])
+@pytest.mark.parametrize('shift', [(100.0, 0.0), (0.0, 100.0), (-80.0, 60.0)])
+def test_a_star_towards_plus_a_plus_e_gives_a_positive_miss(graph, hip, shift):
+    shutter = Shutter(graph)
+    shift = np.array(shift) * ARCSEC
+
+    def angles(stamp):  # the mount points short of the star by the shift
+        star = place(hip, stamp)
+        return star - shift / [np.cos(star[1]), 1.0]
+    miss = shutter(angles)
+    np.testing.assert_allclose(miss / ARCSEC, shift / ARCSEC, rtol=0, atol=0.2)
+
+
+def test_a_mount_that_stands_still_is_measured_in_the_middle(graph):
+    shutter = Shutter(graph)
+    at = place(SIRIUS, START + 60 * 10**9 + 500_000_000)
+    miss = shutter(lambda stamp: at)
+    np.testing.assert_allclose(miss / ARCSEC, 0.0, atol=0.02)
+
+
+def test_no_star_and_a_smeared_star_are_not_a_number(graph, few_stars):
+    shutter = Shutter(graph, scenario=few_stars)
+    off = np.array([0.0, 2.0]) * DEG
+    assert np.isnan(shutter(lambda stamp: place(SIRIUS, stamp) + off)).all()
+
+    def moving(stamp):  # 100" a second in elevation
+        return place(SIRIUS, stamp) + [0.0, (stamp - shutter.begin - 5e8) * 1e-7 * ARCSEC]
+    assert np.isnan(shutter(moving)).all()
+    assert np.isfinite(shutter(lambda stamp: place(SIRIUS, stamp))).all()
+    graph.report('camera', '', 'exposures without a star', 2)
+
+
+def test_the_smear_limit_can_be_changed(graph, few_stars):
+    shutter = Shutter(graph, scenario=few_stars)
+    assert graph.set_parameter(shutter.node, smear_limit_arcsec=200.0) == (True, '')
+
+    def moving(stamp):
+        return place(SIRIUS, stamp) + [0.0, (stamp - shutter.begin - 5e8) * 1e-7 * ARCSEC]
+    np.testing.assert_allclose(shutter(moving) / ARCSEC, 0.0, atol=0.1)
+
+
+def test_a_gap_ends_an_exposure(graph, few_stars):
+    shutter = Shutter(graph, scenario=few_stars)
+    # half an exposure elsewhere, long before: it must not become part of the next
+    shutter.pub.publish(convert.joint_state(START, [1.0, 1.0], [0.0, 0.0]))
+    shutter.pub.publish(convert.joint_state(START + 500_000_000, [1.0, 1.0], [0.0, 0.0]))
+    miss = shutter(lambda stamp: place(SIRIUS, stamp))
+    np.testing.assert_allclose(miss / ARCSEC, 0.0, atol=0.02)
+    assert len(shutter.got) == 1
+
+
+def test_samples_across_north_are_no_turn(graph):
+    polaris = 11767
+    shutter = Shutter(graph)
+
+    def angles(stamp):
+        az, el = place(polaris, stamp)
+        return [az + (2 * np.pi if (stamp // 500_000_000) % 2 else 0.0), el]
+    np.testing.assert_allclose(shutter(angles) / ARCSEC, 0.0, atol=0.02)
+
+
+def test_bad_angles_are_refused_and_the_next_exposure_works(graph, few_stars):
+    shutter = Shutter(graph, scenario=few_stars)
+    wrong = convert.joint_state(START, [1.0, 1.0])
+    wrong.name = ['x', 'y']
+    shutter.pub.publish(wrong)
+    graph.report('camera', '1 messages refused')
+    for i in range(3):
+        shutter.pub.publish(convert.joint_state(START + i * 500_000_000, [np.nan, np.nan]))
+    assert np.isfinite(shutter(lambda stamp: place(SIRIUS, stamp))).all()
+
+
+def test_another_site_is_another_sky(graph, few_stars):
+    shutter = Shutter(graph, scenario=few_stars)
+    done, reason = graph.set_parameter(shutter.node, latitude_deg=95.0)
+    assert not done and 'latitude_deg' in reason
+    assert np.isfinite(shutter(lambda stamp: place(SIRIUS, stamp))).all()
+    assert graph.set_parameter(shutter.node, latitude_deg=20.0) == (True, '')
+    assert np.isnan(shutter(lambda stamp: place(SIRIUS, stamp))).all()

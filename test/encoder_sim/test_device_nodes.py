@@ -1,0 +1,203 @@
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportError)
+
+from encoder_sim.absolute_encoder_node import AbsoluteEncoders
+from encoder_sim.device_params import Decimator, parse_utc
+from encoder_sim.incremental_encoder_node import IncrementalEncoders
+from msg_tools import convert, topics
+from pointing_model.units import ARCSEC, DEG
+
+START = 1_768_482_000_000_000_000
+COUNT = 1296000.0 / 18_880_000 * ARCSEC
+MARKS = np.array([180.0, 45.0]) * DEG
+HOMING = MARKS + np.array([[-0.5], [-0.1], [0.1], [0.5]]) * DEG
+
+
+@pytest.fixture
+def drifting(tmp_path):
+    """A scenario without any error but the zero drift of the incremental encoders."""
+    path = tmp_path / 'drifting.yaml'
+    path.write_text('based_on: ideal\nincremental:\n  azimuth: {zero_drift_arcsec: 20.0}\n'
+                    '  elevation: {zero_drift_arcsec: 20.0}\n')
+    return str(path)
+
+
+class Axes:
+    """Publishes true angles, one second apart, and waits for the readings of them."""
+
+    def __init__(self, graph, topic):
+        self.graph = graph
+        self.pub = graph.publisher(topics.TRUTH_JOINTS)
+        self.got = graph.listen(topic)
+        self.stamp = START
+        graph.connect()
+
+    def __call__(self, angles):
+        """Readings (n, 2) of true angles (n, 2), rad."""
+        before = len(self.got)
+        stamps = []
+        for angle in np.atleast_2d(angles):
+            self.stamp += 10**9
+            stamps.append(self.stamp)
+            self.pub.publish(convert.joint_state(self.stamp, angle, [0.0, 0.0]))
+        self.graph.wait_for(lambda: len(self.got) == before + len(stamps), 'readings')
+        rows = [convert.read_joints(message) for message in self.got[before:]]
+        assert [row[0] for row in rows] == stamps
+        return np.array([row[1] for row in rows])
+
+
+# --- incremental --------------------------------------------------------------------------------
+
+
+def test_unknown_until_homed_and_again_after_power_off(graph, drifting):
+    graph.add(IncrementalEncoders, scenario=drifting)
+    axes = Axes(graph, topics.INCREMENTAL)
+    graph.report('incremental_encoder', 'no zero since power-on: call home', 'homed', False)
+    place = MARKS + [20 * DEG, 10 * DEG]
+    assert np.isnan(axes([MARKS - 2 * DEG])).all()
+    # one axis at its mark is not enough for the other
+    reading = axes([MARKS - 1 * DEG, MARKS + [1 * DEG, -1 * DEG]])[-1]
+    assert np.isfinite(reading[0]) and np.isnan(reading[1])
+    assert np.isfinite(axes([place])).all()
+    graph.report('incremental_encoder', 'ok', 'homed', True)
+
+    answer = graph.call('power_cycle')
+    assert answer.success and 'power-on 2' in answer.message
+    assert np.isnan(axes([place])).all()
+    graph.report('incremental_encoder', 'call home', 'power-on', 2)
+    assert np.isfinite(axes(HOMING)[-1]).all()
+
+
+def test_the_zero_drifts_at_each_power_on_as_the_truth_says(graph, drifting):
+    graph.add(IncrementalEncoders, scenario=drifting)
+    truth = graph.listen(topics.TRUTH_ZERO)
+    axes = Axes(graph, topics.INCREMENTAL)
+    place = MARKS + [20 * DEG, 10 * DEG]
+    drifts = []
+    for power_on in range(3):
+        if power_on:
+            graph.call('power_cycle')
+        axes(HOMING)
+        drifts.append((axes([place]) - place)[0])
+        graph.wait_for(lambda n=power_on: len(truth) == n + 1, 'the truth')
+        np.testing.assert_allclose(
+            drifts[-1], convert.read_joints(truth[-1])[1], rtol=0, atol=1.01 * COUNT)
+    steps = np.abs(np.diff(drifts, axis=0))
+    assert (steps > 2 * COUNT).all() and (np.abs(drifts) < 100 * ARCSEC).all()
+
+
+def test_the_seed_decides_the_drift(graph, drifting):
+    found = []
+    for seed in (1, 1, 2):
+        node = graph.add(IncrementalEncoders, scenario=drifting, seed=seed)
+        axes = Axes(graph, topics.INCREMENTAL)
+        found.append(axes(HOMING)[-1])
+        graph.remove(node)
+    assert np.array_equal(found[0], found[1])
+    assert not np.array_equal(found[0], found[2])
+
+
+def test_bad_angles_are_refused_and_the_next_are_read(graph, drifting):
+    graph.add(IncrementalEncoders, scenario=drifting)
+    axes = Axes(graph, topics.INCREMENTAL)
+    axes(HOMING)
+    wrong = convert.joint_state(axes.stamp + 1, [1.0, 1.0])
+    wrong.name = ['x', 'y']
+    axes.pub.publish(wrong)
+    short = convert.joint_state(axes.stamp + 2, [1.0, 1.0])
+    short.position = [1.0]
+    axes.pub.publish(short)
+    place = MARKS + 20 * DEG
+    np.testing.assert_allclose(axes([place])[0], place, rtol=0, atol=100 * ARCSEC)
+    graph.report('incremental_encoder', '2 messages refused')
+
+
+@pytest.mark.parametrize('node, topic', [
+    (IncrementalEncoders, topics.INCREMENTAL), (AbsoluteEncoders, topics.ABSOLUTE)])
+def test_a_sample_that_is_not_a_number_does_no_lasting_harm(graph, node, topic):
+    graph.add(node, scenario='ideal')
+    axes = Axes(graph, topic)
+    axes(HOMING)
+    place = MARKS + 20 * DEG
+    axes.stamp += 10**9
+    axes.pub.publish(convert.joint_state(axes.stamp, [np.nan, np.nan], [np.nan, np.nan]))
+    axes.stamp += 10**9
+    axes.pub.publish(convert.joint_state(axes.stamp, place, [0.0, 0.0]))
+    graph.wait_for(lambda: axes.got and convert.read_joints(axes.got[-1])[0] == axes.stamp)
+    np.testing.assert_allclose(
+        convert.read_joints(axes.got[-1])[1], place, rtol=0, atol=10 * ARCSEC)
+
+
+def test_readings_can_be_thinned_at_runtime(graph):
+    node = graph.add(IncrementalEncoders, scenario='ideal')
+    axes = Axes(graph, topics.INCREMENTAL)
+    axes(HOMING)
+    assert graph.set_parameter(node, max_rate_hz=-1.0)[0] is False
+    assert graph.set_parameter(node, max_rate_hz=0.5) == (True, '')
+    first, before = axes.stamp, len(axes.got)
+    for i in range(1, 9):
+        axes.pub.publish(convert.joint_state(first + i * 10**9, MARKS + i * DEG, [0.0, 0.0]))
+    graph.wait_for(lambda: len(axes.got) >= before + 4)
+    assert [(convert.read_joints(m)[0] - first) // 10**9 for m in axes.got[before:]] == [2, 4, 6, 8]
+
+
+# --- absolute -----------------------------------------------------------------------------------
+
+
+def test_the_absolute_encoder_knows_its_place_at_once(graph):
+    graph.add(AbsoluteEncoders, scenario='ideal')
+    axes = Axes(graph, topics.ABSOLUTE)
+    places = np.array([[10.0, 20.0], [181.3, 45.2], [359.9, 89.0]]) * DEG
+    np.testing.assert_allclose(axes(places), places, rtol=0, atol=10 * ARCSEC)
+
+
+def test_frames_are_made_for_those_who_ask(graph):
+    graph.add(AbsoluteEncoders, scenario='ideal')
+    axes = Axes(graph, topics.ABSOLUTE)
+    axes([[0.5, 0.5]])
+    graph.report('absolute_encoder', '', 'published /mount/absolute/frame', 0)
+    frames = graph.listen(topics.ABSOLUTE_FRAME)
+    graph.connect()
+    axes([[0.6, 0.6]])
+    graph.wait_for(lambda: frames)
+    image = frames[0]
+    assert (image.height, image.width, image.encoding) == (2, 1800, 'mono8')
+    assert image.step == 1800 and len(image.data) == 3600
+    assert convert.from_stamp(image.header.stamp) == axes.stamp
+    rows = np.frombuffer(bytes(image.data), np.uint8).reshape(2, 1800)
+    assert rows.min() < 120 < 150 < rows.max()
+
+
+# --- what they share ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('node', [IncrementalEncoders, AbsoluteEncoders])
+@pytest.mark.parametrize('overrides, text', [
+    ({'scenario': 'absent'}, 'absent'),
+    ({'start_time': 'yesterday'}, 'write 2026-01-15T13:00:00'),
+    ({'seed': -1}, 'must be 0 to'),
+])
+def test_bad_start_values(graph, node, overrides, text):
+    with pytest.raises(ValueError, match=text):
+        graph.add(node, **overrides)
+
+
+def test_parse_utc():
+    assert parse_utc('1970-01-02T00:00:01') == 86_401 * 10**9
+    assert parse_utc('1970-01-02T00:00:01Z') == 86_401 * 10**9
+    assert parse_utc(' 1970-01-02T01:00:01+01:00') == 86_401 * 10**9
+    assert parse_utc('1970-01-02') == 86_400 * 10**9
+    with pytest.raises(ValueError, match='is no date'):
+        parse_utc('soon')
+
+
+def test_decimator():
+    decimator = Decimator()
+    ms = 1_000_000
+    passed = [t for t in range(0, 100, 5) if decimator.passes(t * ms, 50.0)]
+    assert passed == [0, 20, 40, 60, 80]
+    assert decimator.passes(81 * ms, 0.0)
+    # a clock that goes back starts anew
+    assert decimator.passes(10 * ms, 50.0)

@@ -1,0 +1,124 @@
+import numpy as np
+import pytest
+
+from encoder_sim.incremental import IncrementalEncoder
+from encoder_sim.mount import HOME_RATE, SERVO_TIME, SimulatedMount
+from encoder_sim.scenario import load_scenario
+from pointing_model.units import ARCSEC, DEG
+
+MARKS = np.array([180.0, 45.0]) * DEG
+STILL = [[0.0, 0.0]]
+
+
+def mount():
+    return SimulatedMount(load_scenario('ideal'))
+
+
+def held(device, az, el, start=0.0):
+    """Drive to a fixed place (deg), settled: the time."""
+    return device.follow(start, [start], [[az * DEG, el * DEG]], STILL)
+
+
+def test_it_stands_below_its_marks_until_commanded():
+    device = mount()
+    angles, rates = device.truth(np.array([0.0, 100.0]))
+    np.testing.assert_allclose(angles, [MARKS - 2 * DEG] * 2, atol=1e-12)
+    assert not rates.any()
+
+
+def test_it_follows_a_command():
+    device = mount()
+    settled = held(device, 200.0, 60.0)
+    angles, rates = device.truth(np.array([settled, settled + 50.0]))
+    np.testing.assert_allclose(angles, [[200 * DEG, 60 * DEG]] * 2, atol=1e-9)
+    np.testing.assert_allclose(rates, 0.0, atol=1e-12)
+    np.testing.assert_array_equal(device.approach(np.array([settled])), [[1.0, 1.0]])
+
+
+def test_a_track_is_followed_at_its_rate():
+    device = mount()
+    rate = np.array([0.004, -0.003]) * DEG
+    times = np.array([0.0, 100.0, 200.0])
+    places = MARKS + times[:, None] * rate
+    settled = device.follow(0.0, times, places, [rate] * 3)
+    angles, rates = device.truth(np.array([settled + 20.0]))
+    np.testing.assert_allclose(angles[0], MARKS + (settled + 20.0) * rate, atol=1e-9)
+    np.testing.assert_allclose(rates[0], rate, atol=1e-9)
+
+
+def test_out_of_travel_is_refused_and_the_last_command_stays():
+    device = mount()
+    settled = held(device, 200.0, 60.0)
+    with pytest.raises(ValueError, match='leaves the travel'):
+        held(device, 200.0, 120.0, settled)
+    np.testing.assert_allclose(
+        device.truth(np.array([settled + 9.0]))[0], [[200 * DEG, 60 * DEG]], atol=1e-9)
+
+
+def test_the_servo_turns_the_axes_back_by_what_the_encoder_reads_too_much():
+    device = mount()
+    settled = held(device, 200.0, 60.0)
+    drift = np.array([30.0, -12.0]) * ARCSEC
+    for _ in range(2):  # the second reading is of the axes turned back: nothing is left
+        truth = device.truth(np.array([settled]))[0][0]
+        device.feedback(settled, truth + drift, smooth=False)
+        np.testing.assert_allclose(device.servo, drift, atol=1e-12)
+    truth = device.truth(np.array([settled]))[0][0]
+    np.testing.assert_allclose(truth, np.array([200, 60]) * DEG - drift, atol=1e-10)
+
+
+def test_a_whole_turn_is_no_error():
+    device = mount()
+    settled = held(device, 200.0, 60.0)
+    truth = device.truth(np.array([settled]))[0][0]
+    device.feedback(settled, truth + [2 * np.pi, 0.0], smooth=False)
+    np.testing.assert_allclose(device.servo, 0.0, atol=1e-12)
+
+
+def test_an_encoder_that_is_not_homed_leaves_the_servo():
+    device = mount()
+    device.feedback(1.0, [np.nan, 0.7], smooth=False)
+    assert not device.servo.any()
+
+
+def test_a_smooth_servo_takes_an_error_up_with_its_time_constant():
+    device = mount()
+    settled = held(device, 200.0, 60.0)
+    drift = np.array([30.0, -12.0]) * ARCSEC
+
+    def read(time):
+        device.feedback(time, device.truth(np.array([time]))[0][0] + drift, smooth=True)
+    read(settled)
+    assert not device.servo.any()  # no time has passed
+    read(settled + SERVO_TIME)
+    np.testing.assert_allclose(device.servo, drift * (1 - np.exp(-1.0)), atol=1e-12)
+    read(settled + 50.0)
+    np.testing.assert_allclose(device.servo, drift, atol=1e-12)
+
+
+@pytest.mark.parametrize('place', [(10.0, 20.0), (350.0, 80.0), (181.0, 46.0)])
+def test_homing_crosses_both_marks_slowly_from_below(place):
+    device = mount()
+    settled = held(device, *place)
+    device.feedback(settled, device.truth(np.array([settled]))[0][0] + 1.0 * DEG, smooth=False)
+    first, last = device.home(settled)
+    assert not device.servo.any()  # the reading of before means nothing
+    times = np.linspace(first, last, 50)
+    angles, rates = device.truth(times)
+    assert (angles[0] < MARKS).all() and (angles[-1] > MARKS).all()
+    assert (np.diff(angles, axis=0) > 0).all()
+    np.testing.assert_allclose(rates, HOME_RATE, rtol=1e-6)
+    after, still = device.truth(np.array([last + 2.0, last + 100.0]))
+    np.testing.assert_allclose(after[0], after[1], atol=1e-12)
+    assert not still.any() and (after > MARKS).all()
+
+
+def test_homing_finds_the_marks_of_the_default_encoders():
+    scenario = load_scenario('default')
+    device = SimulatedMount(scenario)
+    first, last = device.home(0.0)
+    times = np.linspace(first, last, 5)
+    for i, name in enumerate(('azimuth', 'elevation')):
+        encoder = IncrementalEncoder(getattr(scenario.incremental, name), 1, name)
+        stamps = np.rint(times * 1e9).astype(np.int64)
+        assert np.isfinite(encoder.feed(stamps, device.truth(times)[0][:, i])[-1])

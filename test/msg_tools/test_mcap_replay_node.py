@@ -1,0 +1,126 @@
+import subprocess
+import sys
+
+import pytest
+
+pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportError)
+
+from rclpy.qos import DurabilityPolicy
+from rclpy.serialization import serialize_message
+from rosgraph_msgs.msg import Clock
+from std_msgs.msg import String
+
+from msg_tools import convert, topics
+from msg_tools.bag import BagWriter
+from msg_tools.mcap_replay_node import BATCH, McapReplay
+
+START = 1_768_482_000_000_000_000
+STEP = 1_000_000
+ROWS = 2 * BATCH + 17
+INCREMENTAL, ABSOLUTE = '/mount/incremental/joint_states', '/mount/absolute/joint_states'
+
+
+@pytest.fixture(scope='module')
+def log(tmp_path_factory):
+    """Readings of two encoders, a model, and clocks; (folder, messages in order)."""
+    folder = tmp_path_factory.mktemp('replay') / 'log'
+    rows = []
+    with BagWriter(folder) as bag:
+        for topic in (topics.INCREMENTAL, topics.ABSOLUTE, topics.MODEL, topics.CLOCK,
+                      topics.ZERO, topics.DIAGNOSTICS, topics.COMMAND):
+            bag.add_topic(topic.name if topic.name[0] == '/' else f'/mount/{topic.name}',
+                          topic.type, [topic.qos])
+        for i in range(ROWS):
+            name = ABSOLUTE if i % 3 == 1 else INCREMENTAL
+            rows.append((name, serialize_message(convert.joint_state(i, [i, -i])),
+                         START + i * STEP))
+        rows[10] = ('/clock', serialize_message(Clock(clock=convert.to_stamp(7))), rows[10][2])
+        rows[11] = ('/mount/model', serialize_message(String(data='old')), rows[11][2])
+        rows[12] = ('/mount/zero', serialize_message(convert.joint_state(1, [0, 0])), rows[12][2])
+        for name, data, when in rows:
+            bag.write(name, data, when, when)
+    return folder, rows
+
+
+def test_the_same_bytes_in_the_same_order(graph, log):
+    folder, rows = log
+    node = graph.add(McapReplay, bag=str(folder), rate=0.0, exit_at_end=False,
+                     wait_for_topics=[INCREMENTAL, ABSOLUTE])
+    got = {INCREMENTAL: graph.listen(topics.INCREMENTAL, raw=True),
+           ABSOLUTE: graph.listen(topics.ABSOLUTE, raw=True)}
+    clock = graph.listen(topics.CLOCK, depth=5000)
+    expected = {name: [data for n, data, _ in rows if n == name] for name in got}
+    graph.report('mcap_replay', '', 'state', 'done')
+    graph.wait_for(lambda: all(len(got[n]) >= len(expected[n]) for n in got))
+    assert got == expected
+    # the clock shows the order over all topics; a short queue may skip, and 7 ns was recorded
+    sent = [when for name, _, when in rows if name in got]
+    graph.wait_for(lambda: clock and convert.from_stamp(clock[-1].clock) == sent[-1])
+    times = [convert.from_stamp(message.clock) for message in clock]
+    assert times == sorted(times) and set(times) <= set(sent)
+    assert node.details()[1] == ('messages published', str(len(sent)))
+
+
+def test_what_the_graph_computes_is_left_out_unless_asked_for(graph, log):
+    folder, rows = log
+    node = graph.add(McapReplay, bag=str(folder), wait_for_topics=['/mount/never'])
+    assert list(node._replayed) == [INCREMENTAL, ABSOLUTE, '/mount/command']
+    # not beside its own, and not the recorded one under the same name
+    assert graph.tester.count_publishers('/clock') == 1
+    assert graph.tester.count_publishers('/mount/zero') == 0
+    graph.remove(node)
+    graph.add(McapReplay, bag=str(folder), rate=0.0, exit_at_end=False,
+              topics=['/mount/model'])
+    # latched as it was recorded: a late subscriber has it
+    graph.report('mcap_replay', '', 'state', 'done')
+    model = graph.listen(topics.MODEL, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    graph.wait_for(lambda: model)
+    assert model[0].data == 'old'
+
+
+def test_it_waits_for_subscribers(graph, log):
+    graph.add(McapReplay, bag=str(log[0]), rate=0.0, exit_at_end=False,
+              wait_for_topics=[INCREMENTAL])
+    graph.report('mcap_replay', f'waiting for a subscriber of {INCREMENTAL}', 'state', 'waiting')
+    got = graph.listen(topics.INCREMENTAL)
+    graph.wait_for(lambda: len(got) == sum(name == INCREMENTAL for name, _, _ in log[1]))
+
+
+def test_recorded_pace_keeps_order_and_count(graph, log):
+    folder, rows = log
+    graph.add(McapReplay, bag=str(folder), rate=10.0, exit_at_end=False,
+              wait_for_topics=[INCREMENTAL])
+    got = graph.listen(topics.INCREMENTAL, raw=True)
+    graph.report('mcap_replay', '', 'state', 'done')
+    expected = [data for name, data, _ in rows if name == INCREMENTAL]
+    graph.wait_for(lambda: len(got) >= len(expected))
+    assert got == expected
+
+
+@pytest.mark.parametrize('overrides, text', [
+    ({}, 'parameter bag is empty'),
+    ({'bag': 'absent'}, 'absent does not exist'),
+    ({'bag': 'log', 'topics': ['/mount/ofset']}, '/mount/ofset is not in .*; it has /mount/incr'),
+    ({'bag': 'log', 'rate': -1.0}, 'must be 0.0 to 1000.0'),
+])
+def test_bad_input_is_refused(graph, log, overrides, text):
+    if overrides.get('bag') == 'log':
+        overrides = {**overrides, 'bag': str(log[0])}
+    with pytest.raises(ValueError, match=text):
+        graph.add(McapReplay, **overrides)
+
+
+def test_a_process_ends_with_the_log_and_a_missing_log_is_one_line(graph, process, log, tmp_path):
+    child = process('msg_tools.mcap_replay_node', bag=str(log[0]), rate=0.0,
+                    wait_for_topics=[INCREMENTAL])
+    got = graph.listen(topics.INCREMENTAL)
+    expected = sum(name == INCREMENTAL for name, _, _ in log[1])
+    graph.wait_for(lambda: len(got) == expected)
+    _, err = child.communicate(timeout=60)
+    assert child.returncode == 0, err
+    assert 'Traceback' not in err
+    done = subprocess.run(
+        [sys.executable, '-m', 'msg_tools.mcap_replay_node', '--ros-args', '-p',
+         f'bag:={tmp_path}/absent'], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 2
+    assert done.stderr == f'error: {tmp_path}/absent does not exist\n'

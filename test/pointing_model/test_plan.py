@@ -1,0 +1,42 @@
+import pytest
+
+from pointing_model.plan import VERBS, Step, night_plan, parse_plan
+
+
+def test_a_plan_in_order():
+    assert parse_plan(' home, stars 30,polaris 16 ,fit,') == [
+        Step('home'), Step('stars', 30), Step('polaris', 16), Step('fit')]
+
+
+def test_text_and_back():
+    for reference in (False, True):
+        text = night_plan(7, 3, reference)
+        assert ', '.join(str(step) for step in parse_plan(text)) == text
+
+
+def test_every_verb_is_known_to_the_observer():
+    pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportError)
+    from pointing_model.star_observer_node import StarObserver
+    for verb in VERBS:
+        assert callable(getattr(StarObserver, f'_do_{verb}'))
+
+
+@pytest.mark.parametrize('text, reason', [
+    ('', 'empty'), (' , ,', 'empty'), ('hmoe', "'hmoe' is unknown; use home"),
+    ('home 3', 'home takes no count'), ('stars', 'a count of 1 to 100000'),
+    ('stars 0', 'a count'), ('stars -3', 'a count'), ('stars 3.5', 'a count'),
+    ('stars 3 4', 'a count'), ('stars 100001', 'a count'), ('stars ²', 'a count'),
+])
+def test_a_bad_plan_says_what_is_wrong(text, reason):
+    with pytest.raises(ValueError, match=reason) as caught:
+        parse_plan(text)
+    assert '\n' not in str(caught.value)
+
+
+def test_a_night_has_two_power_ons_unless_it_has_a_reference():
+    verbs = [step.verb for step in parse_plan(night_plan(30, 16))]
+    assert verbs == ['home', 'stars', 'polaris', 'calibrate_zero', 'power_cycle', 'home',
+                     'polaris', 'calibrate_zero', 'stars', 'fit']
+    verbs = [step.verb for step in parse_plan(night_plan(30, 16, reference=True))]
+    assert verbs == ['home', 'stars', 'polaris', 'calibrate_zero', 'stars', 'fit']
+    assert [s.count for s in parse_plan(night_plan(5, 4)) if s.count] == [5, 4, 4, 5]

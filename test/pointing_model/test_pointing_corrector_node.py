@@ -1,0 +1,145 @@
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportError)
+
+from std_msgs.msg import String
+
+from msg_tools import convert, topics
+from pointing_model.model import PointingModel
+from pointing_model.pointing_corrector_node import PointingCorrector
+from pointing_model.terms import PHYSICAL
+from pointing_model.units import ARCSEC, DEG
+
+START = 1_768_482_000_000_000_000
+MODEL = PointingModel(
+    dict(zip(PHYSICAL, np.array([200, 100, 60, -90, 120, -130, 80]) * ARCSEC)),
+    np.diag(np.arange(1.0, 8.0) * ARCSEC) ** 2)
+ZERO, ZERO_SIGMA = np.array([33.0, -21.0]) * ARCSEC, np.array([2.0, 3.0]) * ARCSEC
+
+
+class Desk:
+    def __init__(self, graph, model=None, zero=None, **overrides):
+        self.graph = graph
+        self.model_pub, self.zero_pub, self.target_pub = (
+            graph.publisher(topic) for topic in (topics.MODEL, topics.ZERO, topics.TARGET))
+        self.demands = graph.listen(topics.DEMAND)
+        self.sigmas = graph.listen(topics.DEMAND_SIGMA)
+        # latched: both are there before the node is
+        if model is not None:
+            self.model_pub.publish(String(data=model.to_json()))
+        if zero is not None:
+            self.zero_pub.publish(convert.joint_state(START, zero, effort=ZERO_SIGMA))
+        self.node = graph.add(PointingCorrector, **overrides)
+        graph.connect()
+        if model is not None:
+            graph.report('pointing_corrector', '', 'received /mount/model', 1)
+        if zero is not None:
+            graph.report('pointing_corrector', '', 'received /mount/zero', 1)
+
+    def __call__(self, times, sky, rates):
+        """Demands (n, 2), their rates (n, 2), and the sigma, for wanted directions."""
+        before = len(self.demands)
+        self.target_pub.publish(convert.trajectory(START, times, sky, rates))
+        self.graph.wait_for(lambda: len(self.demands) > before and len(self.sigmas) > before)
+        stamp, got, angles, velocities = convert.read_trajectory(self.demands[-1])
+        assert stamp == START
+        np.testing.assert_allclose(got, times)
+        assert convert.from_stamp(self.sigmas[-1].header.stamp) == START
+        return angles, velocities, np.array(
+            [self.sigmas[-1].vector.x, self.sigmas[-1].vector.y])
+
+
+TIMES = np.array([0.0, 20.0, 40.0])
+RATES = np.array([[0.004, -0.002]] * 3) * DEG
+SKY = np.array([200.0, 50.0]) * DEG + TIMES[:, None] * RATES
+
+
+def test_without_model_and_zero_the_demand_is_the_direction(graph):
+    desk = Desk(graph)
+    angles, rates, sigma = desk(TIMES, SKY, RATES)
+    np.testing.assert_allclose(angles, SKY, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(rates, RATES, rtol=0, atol=1e-12)
+    assert not sigma.any()
+    graph.report('pointing_corrector', 'no model yet: demands are the wanted directions')
+
+
+def test_demand_is_model_plus_zero_applied_once(graph):
+    desk = Desk(graph, MODEL, ZERO)
+    angles, _, sigma = desk(TIMES, SKY, RATES)
+    wanted = np.column_stack(MODEL.sky_to_encoder(*SKY.T)) + ZERO
+    np.testing.assert_allclose(angles, wanted, rtol=0, atol=1e-11)
+    sx, sy = (float(np.ravel(s)[0]) for s in MODEL.sigma(SKY[:1, 0], SKY[:1, 1]))
+    zx, zy = ZERO_SIGMA * [np.cos(SKY[0, 1]), 1.0]
+    np.testing.assert_allclose(sigma, [np.hypot(sx, zx), np.hypot(sy, zy)], rtol=1e-6)
+    # the same question again has the same answer: nothing adds up
+    np.testing.assert_array_equal(desk(TIMES, SKY, RATES)[0], angles)
+    status = graph.report('pointing_corrector', 'ok', 'zero azimuth [arcsec]', '33.000')
+    assert 'NPAE' in next(row.value for row in status.values if row.key == 'model')
+
+
+def test_a_new_zero_takes_the_place_of_the_old(graph):
+    desk = Desk(graph, zero=ZERO)
+    desk.zero_pub.publish(convert.joint_state(START, 2 * ZERO))
+    graph.report('pointing_corrector', '', 'received /mount/zero', 2)
+    np.testing.assert_allclose(desk(TIMES, SKY, RATES)[0], SKY + 2 * ZERO, atol=1e-12)
+
+
+def test_rates_are_those_of_the_demand(graph):
+    desk = Desk(graph, MODEL, ZERO)
+    # close to the zenith, where the model stretches the azimuth most
+    rates = np.array([[0.05, 0.01]] * 2) * DEG
+    times = np.array([0.0, 0.01])
+    sky = np.array([80.0, 87.0]) * DEG + times[:, None] * rates
+    angles, velocities, _ = desk(times, sky, rates)
+    np.testing.assert_allclose(
+        velocities[0], (angles[1] - angles[0]) / 0.01, rtol=0, atol=1e-4 * DEG)
+    assert abs(velocities[0, 0] - rates[0, 0]) > 5e-4 * DEG  # the model does turn it
+
+
+def test_azimuth_goes_on_across_north(graph):
+    desk = Desk(graph, MODEL)
+    az = np.array([359.9, 360.0, 0.1]) * DEG
+    angles, rates, _ = desk(TIMES, np.column_stack([az, np.full(3, 0.9)]),
+                            np.array([[0.005 * DEG, 0.0]] * 3))
+    assert np.abs(np.diff(angles[:, 0])).max() < 0.2 * DEG
+    np.testing.assert_allclose(rates[:, 0], 0.005 * DEG, rtol=0.01)
+
+
+def test_bad_messages_are_refused_and_the_node_lives_on(graph):
+    desk = Desk(graph, MODEL)
+    good = convert.trajectory(START, TIMES, SKY, RATES)
+    bad = [convert.trajectory(START, [], [], []),
+           convert.trajectory(START, TIMES, SKY * np.nan, RATES),
+           convert.trajectory(START, TIMES[::-1], SKY, RATES)]
+    named = convert.trajectory(START, TIMES, SKY, RATES)
+    named.joint_names = ['ra', 'dec']
+    for message in [*bad, named]:
+        desk.target_pub.publish(message)
+    desk.model_pub.publish(String(data='{}'))
+    desk.zero_pub.publish(convert.joint_state(START, [np.nan, np.nan]))
+    graph.report('pointing_corrector', '6 messages refused')
+    assert not desk.demands
+    desk.target_pub.publish(good)
+    graph.wait_for(lambda: desk.demands)
+    np.testing.assert_allclose(
+        convert.read_trajectory(desk.demands[0])[2],
+        np.column_stack(MODEL.sky_to_encoder(*SKY.T)), rtol=0, atol=1e-11)
+
+
+def test_where_the_mount_cannot_point_it_gives_no_demand(graph):
+    desk = Desk(graph, PointingModel({'CA': 600 * ARCSEC}))
+    desk.target_pub.publish(convert.trajectory(START, [0.0], [[1.0, 89.99 * DEG]], [[0.0, 0.0]]))
+    status = graph.report('pointing_corrector', '1 messages refused')
+    assert any('too close to the zenith' in row.value for row in status.values)
+    assert not desk.demands
+
+
+def test_a_model_file_is_in_force_at_the_start(graph, tmp_path):
+    MODEL.save(tmp_path / 'model.yaml')
+    desk = Desk(graph, model_file=str(tmp_path / 'model.yaml'))
+    np.testing.assert_allclose(desk(TIMES, SKY, RATES)[0],
+                               np.column_stack(MODEL.sky_to_encoder(*SKY.T)), rtol=0, atol=1e-11)
+    (tmp_path / 'bad.json').write_text('{"format": "other"}')
+    with pytest.raises(ValueError, match='bad.json: not a pointing model'):
+        graph.add(PointingCorrector, model_file=str(tmp_path / 'bad.json'))

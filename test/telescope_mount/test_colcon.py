@@ -1,0 +1,120 @@
+"""What a machine with ROS 2 makes of the package: built by colcon, looked up as ros2 run does."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from telescope_mount.graph import NODES
+
+ROOT = Path(__file__).resolve().parents[2]
+NAME = 'telescope_mount'
+
+for module in ('colcon_core', 'colcon_ros'):
+    pytest.importorskip(
+        module, reason='colcon is not installed (./install.sh ros,test)', exc_type=ImportError)
+
+
+@pytest.fixture(scope='module')
+def workspace(tmp_path_factory):
+    """A workspace with a copy of the files under version control."""
+    folder = tmp_path_factory.mktemp('colcon')
+    try:
+        listed = subprocess.run(
+            ['git', 'ls-files', '-z', '--cached', '--others', '--exclude-standard'], cwd=ROOT,
+            capture_output=True, check=True).stdout.decode().split('\0')
+    except (OSError, subprocess.CalledProcessError):
+        pytest.skip('not a clone of the repository')
+    for name in filter(None, listed):
+        if (ROOT / name).is_file():
+            target = folder / 'src' / NAME / name
+            target.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(ROOT / name, target)
+    return folder
+
+
+def colcon(workspace, *words):
+    return subprocess.run(
+        [sys.executable, '-m', 'colcon', '--log-base', str(workspace / 'log'), *words],
+        cwd=workspace, capture_output=True, text=True, timeout=300,
+        env={**os.environ, 'COLCON_HOME': str(workspace / 'home'), 'NO_COLOR': '1'})
+
+
+@pytest.fixture(scope='module')
+def prefix(workspace):
+    done = colcon(workspace, 'build', '--build-base', str(workspace / 'build'), '--install-base',
+                  str(workspace / 'install'))
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert '1 package finished' in done.stdout
+    return workspace / 'install' / NAME
+
+
+def test_colcon_takes_it_for_a_ros_package(workspace):
+    done = colcon(workspace, 'list')
+    assert done.stdout.split() == [NAME, f'src/{NAME}', '(ros.ament_python)'], done.stderr
+
+
+def test_the_ament_index_knows_it(prefix):
+    marker = prefix / 'share' / 'ament_index' / 'resource_index' / 'packages' / NAME
+    assert marker.is_file()
+    assert (prefix / 'share' / NAME / 'package.xml').is_file()
+    # the hook that puts the prefix on AMENT_PREFIX_PATH
+    assert list((prefix / 'share' / NAME / 'hook').glob('ament_prefix_path.*'))
+
+
+def test_launch_and_config_are_installed(prefix):
+    share = prefix / 'share' / NAME
+    for folder, pattern in (('launch', '*.launch.py'), ('config', '*.yaml')):
+        wanted = {path.name for path in (ROOT / folder).glob(pattern)}
+        assert wanted and {path.name for path in (share / folder).iterdir()} == wanted
+
+
+def test_each_node_is_where_ros2_run_looks(prefix):
+    found = {path.name for path in (prefix / 'lib' / NAME).iterdir()
+             if os.access(path, os.X_OK) and path.is_file()}
+    assert found == {*NODES, 'telescope-mount'}
+
+
+def test_package_data_is_installed(prefix):
+    site, = prefix.glob('lib/python3*/site-packages')
+    for package, folder in (('encoder_sim', 'scenarios'), ('calibration', 'data')):
+        wanted = {path.name for path in (ROOT / package / folder).iterdir() if path.is_file()}
+        there = {path.name for path in (site / package / folder).iterdir() if path.is_file()}
+        assert wanted <= there
+    assert not (site / 'test').exists()
+
+
+@pytest.mark.parametrize('name', NODES)
+def test_each_executable_starts(prefix, ros_domain, name):
+    """It gets as far as its own parameters, from the installed files alone."""
+    site, = prefix.glob('lib/python3*/site-packages')
+    done = subprocess.run(
+        [str(prefix / 'lib' / NAME / name), '--ros-args', '-p', 'no_such_parameter:=1'],
+        cwd=prefix, capture_output=True, text=True, timeout=120,
+        env={**os.environ, 'PYTHONPATH': str(site)})
+    assert done.returncode == 2, done.stderr
+    assert done.stderr.startswith(f'error: {name}: unknown parameter no_such_parameter; it has ')
+    assert len(done.stderr.splitlines()) == 1
+
+
+def test_package_xml_says_what_is_used():
+    """Every ROS package that the sources import is declared."""
+    import ast
+    from xml.etree import ElementTree
+    package = ElementTree.parse(ROOT / 'package.xml').getroot()
+    declared = {item.text for tag in ('depend', 'exec_depend') for item in package.iter(tag)}
+    used = set()
+    for top in ('encoder_sim', 'pointing_model', 'calibration', 'msg_tools', 'telescope_mount',
+                'launch'):
+        for path in (ROOT / top).rglob('*.py'):
+            for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
+                if isinstance(node, ast.ImportFrom) and node.module and not node.level:
+                    used.add(node.module.split('.')[0])
+    ros = {name for name in used if name.endswith(('_msgs', '_srvs', '_interfaces'))
+           or name in ('rclpy', 'launch', 'launch_ros')}
+    assert ros <= declared, ros - declared
+    assert package.find('export/build_type').text == 'ament_python'
+    assert {item.text for item in package.iter('test_depend')} >= {'python3-pytest'}

@@ -1,0 +1,60 @@
+import socket
+import subprocess
+import sys
+
+import pytest
+
+from telescope_mount import domain
+
+
+def test_a_claimed_domain_is_taken_until_it_is_released():
+    lock = domain.claim()
+    assert 10 <= lock.number <= 99
+    with pytest.raises(ValueError, match=f'domain {lock.number} is in use on this machine'):
+        domain.claim(lock.number)
+    lock.release()
+    domain.claim(lock.number).release()
+
+
+def test_two_never_get_the_same():
+    locks = [domain.claim() for _ in range(5)]
+    assert len({lock.number for lock in locks}) == 5
+    for lock in locks:
+        lock.release()
+
+
+def test_another_process_is_kept_out_and_its_end_lets_go():
+    program = ('from telescope_mount import domain; lock = domain.claim(); '
+               'print(lock.number, flush=True); input()')
+    child = subprocess.Popen([sys.executable, '-c', program], stdin=subprocess.PIPE,
+                             stdout=subprocess.PIPE, text=True)
+    try:
+        number = int(child.stdout.readline())
+        with pytest.raises(ValueError, match='in use'):
+            domain.claim(number)
+    finally:
+        child.kill()
+        child.communicate()
+    domain.claim(number).release()
+
+
+def test_a_participant_that_holds_no_lock_is_seen():
+    lock = domain.claim()
+    number = lock.number
+    lock.release()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.bind(('0.0.0.0', 7400 + 250 * number + 10))
+        with pytest.raises(ValueError, match='in use'):
+            domain.claim(number)
+
+
+@pytest.mark.parametrize('number', [-1, 102, 1000])
+def test_numbers_outside_the_ports_are_refused(number):
+    with pytest.raises(ValueError, match=f'domain {number}: must be 0 to 101'):
+        domain.claim(number)
+
+
+def test_none_free_is_said(monkeypatch):
+    monkeypatch.setattr(domain, '_lock', lambda number: None)
+    with pytest.raises(ValueError, match='no ROS domain from 10 to 99 is free'):
+        domain.claim()

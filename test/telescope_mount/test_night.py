@@ -1,0 +1,188 @@
+"""A whole night in processes."""
+
+import csv
+import json
+import os
+import signal
+
+import numpy as np
+import pytest
+
+from msg_tools.bag import BagReader
+from msg_tools.run_files import read_run
+from pointing_model.catalogue import POLARIS_HIP
+from pointing_model.model import PointingModel
+from pointing_model.units import ARCSEC
+from telescope_mount.graph import NIGHT
+
+pytestmark = pytest.mark.usefixtures('ros_domain')
+
+
+@pytest.fixture(scope='module')
+def report(night):
+    return json.loads((night / 'report.json').read_text())
+
+
+def test_it_says_what_it_did_and_nothing_on_stderr(night):
+    assert (night.parent / 'stderr').read_text() == ''
+    text = (night.parent / 'stdout').read_text()
+    for words in ('Zero on Polaris', 'RMS on the sky', 'External check', 'Terms', 'simulated',
+                  'observe at least 14 stars', str(night / 'model.json')):
+        assert words in text, words
+
+
+def test_the_files_are_there(night):
+    for name in ('observations.csv', 'model.json', 'report.json', 'residuals.png',
+                 'bag/metadata.yaml', 'bag_truth/metadata.yaml'):
+        assert (night / name).stat().st_size > 0, name
+    assert (night / 'residuals.png').read_bytes().startswith(b'\x89PNG')
+    logs = {path.name.removesuffix('.log') for path in (night / 'nodes').glob('*.log')}
+    assert logs >= set(NIGHT)
+
+
+def test_the_report_is_of_this_night(report):
+    assert report['format'] == 'telescope_mount/calibration_report' and report['version'] == 1
+    assert report['stars'] == 16 and report['polaris'] == 8
+    assert [zero['run'] for zero in report['zeros']] == [1, 2]
+    assert all(zero['exposures'] == 4 for zero in report['zeros'])
+    assert sum('observe at least 14 stars' in note for note in report['notes']) == 3
+
+
+def test_calibration_brings_the_held_out_error_down(report):
+    held_out = [step['held_out']['radial'] for step in report['steps']]
+    assert [step['step'] for step in report['steps']][::2] == [
+        'as the encoders read', '7 physical terms']
+    assert held_out[0] > 100 > held_out[1] > 10 > 4 > held_out[2]
+    checks = report['external_check']
+    assert checks[1]['radial'] < checks[0]['radial']
+
+
+def test_the_measured_change_of_the_zero_is_the_simulated_one(night, report):
+    change, = report['changes']
+    drifts = [message.data.position for message in
+              BagReader(night / 'bag_truth').messages('/mount/truth/incremental_zero', decode=True)]
+    assert len(drifts) == 2
+    for i, axis in enumerate(('az', 'el')):
+        simulated = (drifts[1][i] - drifts[0][i]) / ARCSEC
+        assert change[f'{axis}_arcsec'] == pytest.approx(
+            simulated, abs=5 * change[f'sigma_{axis}_arcsec'])
+
+
+def test_observations_can_be_read_back(night, report):
+    run = read_run(night / 'observations.csv')
+    assert len(run) == 24
+    assert list(run['block']) == sorted(run['block'])
+    assert np.count_nonzero(run['star'] == POLARIS_HIP) == 8
+    others = run['star'][run['star'] != POLARIS_HIP]
+    assert len(set(others)) == len(others)
+    assert set(run['run']) == {1.0, 2.0}
+    assert (np.diff(run['time']) > 0).all()
+    assert np.isfinite(run['az_abs']).all()
+    with open(night / 'observations.csv', newline='') as stream:
+        assert 'az_enc_deg' in next(csv.reader(line for line in stream if line[0] != '#'))
+
+
+def test_the_model_is_that_of_the_log(night):
+    text = (night / 'model.json').read_text()
+    model = PointingModel.from_json(text)
+    assert set(model.terms) >= {'IA', 'IE', 'CA', 'NPAE', 'AN', 'AW', 'TF'}
+    logged = [message.data.data for message in
+              BagReader(night / 'bag').messages('/mount/model', decode=True)]
+    assert [entry + '\n' for entry in logged] == [text]
+    # nothing of the simulation in it
+    assert 'scenario' not in text and 'simulated' not in text
+
+
+def test_the_log_is_complete_and_without_the_truth(night):
+    bag, truth = BagReader(night / 'bag'), BagReader(night / 'bag_truth')
+    for reader in (bag, truth):
+        assert reader.complete and reader.problems == []
+    assert not bag.has_truth and truth.has_truth
+    counts = {topic.name: topic.count for topic in bag.topics}
+    assert counts['/mount/observation'] == counts['/mount/offset'] == 24
+    assert counts['/mount/model'] == 1
+    assert counts['/mount/incremental/joint_states'] == counts['/mount/absolute/joint_states']
+    true = {topic.name: topic.count for topic in truth.topics}
+    assert true['/mount/truth/joint_states'] == counts['/mount/incremental/joint_states']
+    assert true['/mount/truth/incremental_zero'] == 2
+    # every node told how it was
+    told = {status.name for message in bag.messages('/diagnostics', decode=True)
+            for status in message.data.status}
+    assert told >= {f'/mount/{name}' for name in NIGHT}
+    # log times are those of the simulated night
+    assert bag.start_time == 1_768_482_000 * 10**9 < bag.end_time
+
+
+def test_no_message_was_lost_or_refused(night):
+    last = {}
+    for message in BagReader(night / 'bag').messages('/diagnostics', decode=True):
+        for status in message.data.status:
+            last[status.name] = {row.key: row.value for row in status.values}
+    for name, rows in last.items():
+        assert not [key for key in rows if key.startswith('refused')], (name, rows)
+        assert all(value == '0' for key, value in rows.items() if key.startswith('gaps')), name
+
+
+def test_the_same_seed_is_the_same_night(night, cli, tmp_path):
+    again = tmp_path / 'again'
+    done = cli('night', '--out', again, '--stars', 8, '--polaris', 4, '--seed', 3)
+    assert done.returncode == 0, done.stderr
+    for name in ('observations.csv', 'model.json', 'report.json'):
+        assert (again / name).read_bytes() == (night / name).read_bytes(), name
+
+
+def children_of(pid):
+    """Process id -> command line, of the direct children of a process."""
+    out = {}
+    for entry in os.listdir('/proc'):
+        if entry.isdigit():
+            try:
+                with open(f'/proc/{entry}/stat') as stat:
+                    parent = int(stat.read().rsplit(')', 1)[1].split()[1])
+                with open(f'/proc/{entry}/cmdline') as command:
+                    words = command.read()
+            except OSError:
+                continue
+            if parent == pid:
+                out[int(entry)] = words
+    return out
+
+
+def wait_for_lines(child, text):
+    """Read the child's output until a line has `text` in it."""
+    for line in child.stdout:
+        if text in line:
+            return
+    raise AssertionError(f'{text!r} never came; stderr: {child.stderr.read()}')
+
+
+def test_a_killed_node_ends_the_night_with_one_line_and_a_readable_log(cli, tmp_path):
+    out = tmp_path / 'night'
+    child = cli.start('night', '--out', out, '--stars', 4, '--polaris', 5000)
+    with child:
+        wait_for_lines(child, 'polaris 5000')
+        nodes = children_of(child.pid)
+        camera, = [pid for pid, words in nodes.items() if 'encoder_sim.camera_node' in words]
+        os.kill(camera, signal.SIGKILL)
+        _, err = child.communicate(timeout=120)
+    assert child.returncode == 2, err
+    assert err.startswith('error: ') and len(err.splitlines()) == 1
+    assert 'camera' in err and str(out / 'bag') in err
+    assert BagReader(out / 'bag').complete
+    assert not [pid for pid in nodes if os.path.exists(f'/proc/{pid}')]
+
+
+def test_ctrl_c_ends_every_node_and_closes_the_log(cli, tmp_path):
+    out = tmp_path / 'night'
+    child = cli.start('night', '--out', out, '--stars', 4, '--polaris', 5000)
+    with child:
+        wait_for_lines(child, 'polaris 5000')
+        nodes = children_of(child.pid)
+        assert len(nodes) == len(NIGHT)
+        child.send_signal(signal.SIGINT)
+        _, err = child.communicate(timeout=120)
+    assert child.returncode == 130
+    assert len(err.splitlines()) == 1 and 'Traceback' not in err
+    bag = BagReader(out / 'bag')
+    assert bag.complete and bag.problems == []
+    assert not [pid for pid in nodes if os.path.exists(f'/proc/{pid}')]

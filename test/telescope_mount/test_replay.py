@@ -1,0 +1,56 @@
+import json
+import shutil
+
+import pytest
+
+from msg_tools.bag import BagReader
+
+pytestmark = pytest.mark.usefixtures('ros_domain')
+
+
+def test_the_log_gives_the_same_model_to_the_bit(night, cli, tmp_path):
+    out = tmp_path / 'model.json'
+    done = cli('replay', night / 'bag', '--seed', 3, '--out', out)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ''
+    assert out.read_bytes() == (night / 'model.json').read_bytes()
+    report = json.loads((night / 'report.json').read_text())
+    for step in report['steps']:
+        assert f'{step["held_out"]["radial"]:.2f}' in done.stdout
+    assert BagReader(night / 'bag').complete  # and the log is as it was
+
+
+def test_what_is_left_of_a_log_is_used(night, cli, tmp_path):
+    """Only its end is missing: no index, and perhaps the last chunk."""
+    file = shutil.copy(next((night / 'bag').glob('*.mcap')), tmp_path / 'cut.mcap')
+    with open(file, 'r+b') as stream:
+        stream.truncate(file.stat().st_size - 100)
+    assert not BagReader(file).complete
+    out = tmp_path / 'model.json'
+    done = cli('replay', file, '--seed', 3, '--out', out)
+    assert done.returncode == 0, done.stderr
+    assert out.read_bytes() == (night / 'model.json').read_bytes()
+
+
+def test_logs_that_cannot_be_replayed(night, refused, tmp_path):
+    assert 'does not exist' in refused('replay', tmp_path / 'absent')
+    assert 'holds the truth of the simulator' in refused('replay', night / 'bag_truth')
+    (tmp_path / 'empty').mkdir()
+    assert 'holds no .mcap file' in refused('replay', tmp_path / 'empty')
+    (tmp_path / 'text.mcap').write_text('this is no log')
+    assert 'is not an MCAP file' in refused('replay', tmp_path / 'text.mcap')
+    (tmp_path / 'nothing.mcap').write_text('')
+    assert 'is empty' in refused('replay', tmp_path / 'nothing.mcap')
+    file = next((night / 'bag').glob('*.mcap'))
+    (tmp_path / 'cut.mcap').write_bytes(file.read_bytes()[:20_000])
+    refused('replay', tmp_path / 'cut.mcap')
+
+
+def test_the_model_cannot_be_written(night, refused, tmp_path):
+    refused('replay', night / 'bag', '--out', tmp_path / 'no' / 'model.json')
+
+
+def test_a_reference_that_is_no_model(night, refused, tmp_path):
+    (tmp_path / 'bad.json').write_text('{}')
+    assert 'not a pointing model' in refused(
+        'replay', night / 'bag', '--reference', tmp_path / 'bad.json')
