@@ -117,6 +117,9 @@ class McapLogger(MountNode):
 
     def finish(self):
         """Write index and metadata; needs no ROS."""
+        for bag, name, data, publish_time, sequence in self._before_clock:
+            # no /clock ever came: the source's time is the best there is
+            self._write(bag, name, data, max(0, publish_time), publish_time, sequence)
         for bag in (self._bag, self._truth_bag):
             if bag is None:
                 continue

@@ -18,7 +18,8 @@ def parse(status):
     out = {'publishes': {}, 'subscribes': {}, 'published': {}, 'last': {}}
     for row in status.values:
         kind, _, topic = row.key.partition(' ')
-        if kind in out and topic.startswith('/'):
+        # whoever else publishes diagnostics may use such keys for something else
+        if kind in out and topic.startswith('/') and row.value.isdecimal():
             out[kind][topic] = int(row.value)
     return out
 

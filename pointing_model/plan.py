@@ -54,7 +54,7 @@ def parse_plan(text):
                 raise ValueError(f'plan step {verb} takes no count')
             steps.append(Step(verb))
             continue
-        if len(rest) != 1 or not rest[0].isdigit() or not 1 <= int(rest[0]) <= 100000:
+        if len(rest) != 1 or not rest[0].isdecimal() or not 1 <= int(rest[0]) <= 100000:
             raise ValueError(f'plan step {part.strip()!r}: write {verb} and a count of 1 to 100000')
         steps.append(Step(verb, int(rest[0])))
     if not steps:

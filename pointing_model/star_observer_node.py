@@ -169,7 +169,8 @@ class StarObserver(MountNode):
     def _on_model(self, message):
         self._model = PointingModel.from_json(message.data)
         self._carried = np.zeros(2)
-        self._model_stamp = int(self._model.provenance.get('last_stamp_ns', 0))
+        stamp = self._model.provenance.get('last_stamp_ns')
+        self._model_stamp = stamp if isinstance(stamp, int) else 0
         self._advance()
 
     def _on_calibration(self, message):
@@ -383,7 +384,6 @@ class StarObserver(MountNode):
             found.extend(self._good_frames())
             return found or time.monotonic() > deadline
 
-        self._set_state('observing', self._progress['step'])
         yield answered
         if not found:
             missing = [name for name, there in (
@@ -392,6 +392,7 @@ class StarObserver(MountNode):
                 if not there]
             self._set_state('waiting', 'an answer of ' + (', '.join(missing) or 'the mount'))
             return None
+        self._set_state('observing', self._progress['step'])
         return found[0]
 
     def _good_frames(self):

@@ -176,12 +176,12 @@ def test_neighbours_are_found():
     minute = 60 * ARCSEC
     ra = np.array([1.0, 1.0 + 10 * minute / np.cos(0.5), 2.0, 2.0, 3.0, 3.0, 0.001 * minute,
                    2 * np.pi - 5 * minute, 0.0, np.pi])
-    dec = np.array([0.5, 0.5, 0.1, 0.1 + 14 * minute, -0.7, -0.7 + 16 * minute, 0.0, 0.0,
+    dec = np.array([0.5, 0.5, 0.1, 0.1 + 14 * minute, -0.7, -0.7 + 32 * minute, 0.0, 0.0,
                     np.pi / 2 - 5 * minute, np.pi / 2 - 5 * minute])
     mag = np.array([3.0, 4.0, 3.0, 5.5, 3.0, 3.0, 3.0, 3.0, 3.0, 3.0])
     zero = np.zeros(10)
     stars = Stars(np.arange(10), ra, dec, zero, zero, zero, zero, mag)
-    # equal pair; faint companion of a bright one; 16' apart; across 0h; across the pole
+    # equal pair; faint companion of a bright one; 32' apart; across 0h; across the pole
     expected = [True, True, False, True, False, False, True, True, True, True]
     assert has_neighbour(stars, np.arange(10)).tolist() == expected
 
@@ -193,7 +193,7 @@ def test_neighbours_against_all_pairs():
     expected = np.zeros(len(stars), bool)
     for k in range(0, len(stars), 500):
         chord = np.sqrt(np.maximum(2 - 2 * v[k : k + 500] @ v.T, 0))
-        close = chord < 2 * np.sin(7.5 * 60 * ARCSEC)
+        close = chord < 2 * np.sin(15.0 * 60 * ARCSEC)
         close &= stars.mag[None, :] - stars.mag[k : k + 500, None] < 2.0
         close[np.arange(len(close)), np.arange(k, k + len(close))] = False
         expected[k : k + 500] = close.any(axis=1)
