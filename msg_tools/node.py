@@ -405,6 +405,8 @@ def run_node(make_node, args=None):
         print(f'error: {err}', file=sys.stderr)
         return 2
     except RCLError as err:
+        if node is not None and not node.context.ok():
+            return 0  # a signal took the context while the executor was at work
         # of rcl's own text only the first sentence is for the user
         print(f'error: {str(err).splitlines()[0].split(", at /")[0]}', file=sys.stderr)
         return 2
