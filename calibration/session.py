@@ -86,8 +86,9 @@ class CalibrationSession:
         stamp : int
             Of the newest row, ns.
         """
-        if stamp > self.last_stamp and len(run) > len(self):
+        if stamp >= self.last_stamp and len(run) > len(self):
             self._parts.clear()
+            self.last_stamp = 0
             self.add(run, stamp)
 
     def observations(self):

@@ -1,5 +1,7 @@
 """The simulated mount's drives: axes, the servo that closes on the encoder, and homing."""
 
+from collections import OrderedDict
+
 import numpy as np
 
 from pointing_model.units import DEG, wrap
@@ -10,6 +12,8 @@ from .axes import MountAxes, Trajectory
 HOME_RATE, HOME_RUN_UP = 0.25 * DEG, 0.5 * DEG
 #: time constant with which the servo takes up an error of the encoder, s
 SERVO_TIME = 0.2
+#: samples that may be under way to the encoder and back
+SENT = 10000
 
 
 class SimulatedMount:
@@ -32,6 +36,8 @@ class SimulatedMount:
         # what the encoder reads too much; the servo turns the axes back by it
         self.servo = np.zeros(2)
         self._servo_time = None
+        # true angles by time in ns, until their readings come back
+        self._sent = OrderedDict()
 
     def follow(self, start, times, positions, velocities):
         """Carry out a track of encoder demands from `start` on.
@@ -52,7 +58,11 @@ class SimulatedMount:
     def truth(self, times):
         """True axis angles (n, 2) in rad and rates (n, 2) in rad/s at `times` (n,)."""
         angles, rates = self._axes.state(times)
-        return angles - self.servo, rates
+        angles = angles - self.servo
+        self._sent.update(zip(np.rint(np.asarray(times) * 1e9).tolist(), angles))
+        while len(self._sent) > SENT:
+            self._sent.popitem(last=False)
+        return angles, rates
 
     def approach(self, times):
         """Side from which each axis came, shape (n, 2): -1, 0, 1."""
@@ -71,9 +81,12 @@ class SimulatedMount:
             Take the error up gradually, as a servo in motion does, or at once.
         """
         reading = np.asarray(reading, dtype=float)
-        if not np.isfinite(reading).all():
+        sent = self._sent.get(round(time * 1e9))
+        # against the angle that was read, not the present one: a late reading would make the
+        # servo swing
+        if sent is None or not np.isfinite(reading).all():
             return
-        error = wrap(reading - (self._axes.state([time])[0][0] - self.servo)) - self.servo
+        error = wrap(reading - sent) - self.servo
         share = 1.0
         if smooth:
             passed = 0.0 if self._servo_time is None else max(0.0, time - self._servo_time)

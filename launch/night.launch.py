@@ -1,6 +1,15 @@
 """A simulated night under ROS launch: the same graph as `telescope-mount night`."""
 
-from launch.actions import DeclareLaunchArgument, EmitEvent, OpaqueFunction, RegisterEventHandler
+import os
+from pathlib import Path
+
+from launch.actions import (
+    DeclareLaunchArgument,
+    EmitEvent,
+    OpaqueFunction,
+    RegisterEventHandler,
+    SetEnvironmentVariable,
+)
 from launch.event_handlers import OnProcessExit
 from launch.events import Shutdown
 from launch.substitutions import LaunchConfiguration
@@ -22,27 +31,53 @@ ARGUMENTS = (
     ('params_file', '', 'ROS parameter file, read after the values above'),
 )
 
+ENVIRONMENT = {
+    # opening the graph to the network is the user's explicit choice
+    'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+    # eight small processes share the cores: threads of BLAS only get in each other's way
+    'OMP_NUM_THREADS': '1',
+    'OPENBLAS_NUM_THREADS': '1',
+}
+
+
+def _number(kind, value, name):
+    try:
+        return kind(value[name])
+    except ValueError:
+        what = 'whole number' if kind is int else 'number'
+        raise ValueError(f'{name}:={value[name]} is no {what}') from None
+
 
 def _nodes(context):
     value = {name: LaunchConfiguration(name).perform(context) for name, _, _ in ARGUMENTS}
+    # launch itself only warns, and the night would run with another site
+    if value['params_file'] and not Path(value['params_file']).is_file():
+        raise ValueError(f'params_file:={value["params_file"]} is no file')
     specs = night_graph(
-        bag=value['bag'], scenario=value['scenario'], seed=int(value['seed']),
-        start_time=value['start_time'], time_scale=float(value['time_scale']),
-        plan=night_plan(int(value['stars']), int(value['polaris'])))
+        bag=value['bag'], scenario=value['scenario'], seed=_number(int, value, 'seed'),
+        start_time=value['start_time'], time_scale=_number(float, value, 'time_scale'),
+        plan=night_plan(_number(int, value, 'stars'), _number(int, value, 'polaris')))
     more = [value['params_file']] if value['params_file'] else []
     nodes = [Node(package='telescope_mount', executable=spec.name, name=spec.name,
                   namespace=NAMESPACE, parameters=[spec.parameters, *more], output='screen')
              for spec in specs]
     # a night without one of its nodes would wait for ever
-    ends = [RegisterEventHandler(OnProcessExit(
-        target_action=node, on_exit=[EmitEvent(event=Shutdown(reason='a node ended'))]))
-        for node in nodes]
+    ends = [RegisterEventHandler(OnProcessExit(target_action=node, on_exit=_end_all))
+            for node in nodes]
     return nodes + ends
+
+
+def _end_all(event, context):
+    if context.is_shutdown:  # Ctrl-C: all end, and each has its signal already
+        return None
+    return EmitEvent(event=Shutdown(reason=f'{event.process_name} ended'))
 
 
 def generate_launch_description():
     """Arguments as `ros2 launch telescope_mount night.launch.py --show-args` lists them."""
     return LaunchDescription([
+        *(SetEnvironmentVariable(name, os.environ.get(name, default))
+          for name, default in ENVIRONMENT.items()),
         *(DeclareLaunchArgument(name, default_value=default, description=text)
           for name, default, text in ARGUMENTS),
         OpaqueFunction(function=_nodes)])

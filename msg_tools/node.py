@@ -1,6 +1,7 @@
 """What every node of the graph shares: parameters, diagnostics, counted messages, a clean end."""
 
 import copy
+import signal
 import sys
 import time
 from collections.abc import Callable
@@ -166,6 +167,10 @@ class MountNode(Node):
             close = difflib.get_close_matches(unknown[0], list(self._params), 1)
             hint = f'did you mean {close[0]}?' if close else f'it has {", ".join(self._params)}'
             raise BadInput(f'{name}: unknown parameter {unknown[0]}; {hint}')
+        try:
+            self.check_together({key: self.value(key) for key in self._params})
+        except ValueError as err:
+            raise BadInput(f'{name}: {err}') from None
         self.add_on_set_parameters_callback(self._validate)
         self.add_post_set_parameters_callback(self._apply)
         self._diagnostics = self.create_publisher(
@@ -199,6 +204,13 @@ class MountNode(Node):
                 raise BadInput(f'{self.get_name()}: {reason}')
             self._params[param.name] = param
 
+    def check_overrides(self):
+        """BadInput where a QoS override fits no endpoint; all endpoints must have been made."""
+        for key in self._parameter_overrides:
+            if not self.has_parameter(key):
+                raise BadInput(f'{self.get_name()}: {key} fits no topic and policy of this node; '
+                               f'see ros2 param list {self.get_fully_qualified_name()}')
+
     def value(self, name):
         """The value of parameter `name`."""
         return self.get_parameter(name).value
@@ -209,7 +221,15 @@ class MountNode(Node):
             reason = known.refuse(parameter.value) if known else None
             if reason:
                 return SetParametersResult(successful=False, reason=reason)
+        try:
+            self.check_together({name: self.value(name) for name in self._params}
+                                | {p.name: p.value for p in parameters})
+        except ValueError as err:
+            return SetParametersResult(successful=False, reason=str(err))
         return SetParametersResult(successful=True)
+
+    def check_together(self, values):
+        """Raise ValueError where parameter values do not go together; for subclasses."""
 
     def _apply(self, parameters):
         names = {p.name for p in parameters} & set(self._params)
@@ -393,9 +413,15 @@ def run_node(make_node, args=None):
         Exit code: 0 after a clean end, 2 after bad input.
     """
     node = None
+    running = False
+    # KeyboardInterrupt could fall into the middle of a record of the log; rclpy shuts the
+    # context down at either signal, and that ends `spin`
+    signal.signal(signal.SIGINT, lambda *_: None)
     try:
         rclpy.init(args=args)
+        running = True
         node = make_node()
+        node.check_overrides()
         executor = SingleThreadedExecutor()
         executor.add_node(node)
         executor.spin()
@@ -405,14 +431,22 @@ def run_node(make_node, args=None):
         print(f'error: {err}', file=sys.stderr)
         return 2
     except RCLError as err:
-        if node is not None and not node.context.ok():
-            return 0  # a signal took the context while the executor was at work
+        if running and not rclpy.ok():
+            return 0  # a signal came while something was being made or published
         # of rcl's own text only the first sentence is for the user
         print(f'error: {str(err).splitlines()[0].split(", at /")[0]}', file=sys.stderr)
+        return 2
+    except RuntimeError as err:
+        if 'QoS override' not in str(err):
+            raise
+        print(f'error: {err}', file=sys.stderr)
         return 2
     finally:
         if node is not None:
             node.finish()
             node.destroy_node()
         rclpy.try_shutdown()
+        # a second signal would find rclpy's handlers gone and end the process hard
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)
     return 0

@@ -55,6 +55,11 @@ PARAMS = SKY_PARAMS + (
 )
 
 
+#: exposures without a star after which it is given up: one that was under way when the mount was
+#: commanded is smeared
+BLANKS = 3
+
+
 class PlanError(Exception):
     """A step of the plan cannot be done; the text says why."""
 
@@ -90,6 +95,7 @@ class StarObserver(MountNode):
         self._state = ('waiting', 'the start')
         self._progress = {'step': '', 'block': 0, 'done': 0, 'total': 0}
         self._lost = 0
+        self._heard = {}
         self._earth = ''
         self._status_sent = None
 
@@ -120,6 +126,12 @@ class StarObserver(MountNode):
 
     # --- parameters -------------------------------------------------------------------------
 
+    def check_together(self, values):
+        """The limits of elevation must leave some sky."""
+        if values['min_elevation_deg'] >= values['max_elevation_deg']:
+            raise ValueError(f'min_elevation_deg = {values["min_elevation_deg"]} must be below '
+                             f'max_elevation_deg = {values["max_elevation_deg"]}')
+
     def parameters_changed(self, names):
         """Take a new site or weather from the next exposure on."""
         self._site, self._weather = sky_of(self)
@@ -137,12 +149,12 @@ class StarObserver(MountNode):
         if homed and not self._homed:
             self._run += 1
         self._homed = homed
-        self._advance()
+        self._hears('mount and incremental encoder')
 
     def _on_absolute(self, message):
         stamp, angle = convert.read_joints(message)[:2]
         self._keep('abs', stamp, angle)
-        self._advance()
+        self._hears('absolute encoder')
 
     def _keep(self, encoder, stamp, angle):
         readings = self._readings[encoder]
@@ -156,7 +168,7 @@ class StarObserver(MountNode):
     def _on_miss(self, message):
         self._frames.append(
             (convert.from_stamp(message.header.stamp), message.vector.x, message.vector.y))
-        self._advance()
+        self._hears('camera')
 
     def _on_zero(self, message):
         stamp, zero = convert.read_joints(message)[:2]
@@ -181,6 +193,15 @@ class StarObserver(MountNode):
             self._send_table(again=True)
         self._calibrated = taken
         self._advance()
+
+    def _hears(self, instrument):
+        self._heard[instrument] = time.monotonic()
+        self._advance()
+
+    def _silent(self):
+        """Instruments that have said nothing for the time of an answer."""
+        limit = time.monotonic() - self.value('answer_timeout_s')
+        return [name for name, heard in self._heard.items() if heard < limit]
 
     def _on_diagnostics(self, message):
         for status in message.status:
@@ -208,6 +229,8 @@ class StarObserver(MountNode):
         except StopIteration:
             self._work = None
             self._set_state('done', 'plan finished')
+            self.get_logger().info(
+                f'plan finished: {len(self._rows)} observations, {self._lost} stars lost')
         except (PlanError, ValueError) as err:
             self._work = None
             self._set_state('failed', str(err))
@@ -263,11 +286,20 @@ class StarObserver(MountNode):
 
     def _do_home(self, block, count):
         before = self._last_reading[0] if self._last_reading else 0
-        yield from self._call('home')
-        # until the axes stand still: which reading comes in first must not decide what follows
-        yield from self._until(
-            lambda: self._homed and self._last_reading[0] > before
-            and not np.any(np.abs(self._last_reading[2]) > STILL), 'the encoder to be homed')
+
+        def homed():
+            # until the axes stand still: which reading comes in first must not decide what follows
+            return (self._homed and self._last_reading[0] > before
+                    and not np.any(np.abs(self._last_reading[2]) > STILL))
+
+        while not homed():
+            yield from self._call('home')
+            # an encoder that was connected late has missed the crossing: home again when it has
+            # fallen silent
+            self._heard['mount and incremental encoder'] = time.monotonic()
+            yield from self._until(
+                lambda: homed() or 'mount and incremental encoder' in self._silent(),
+                'the encoder to be homed')
 
     def _do_power_cycle(self, block, count):
         self._homed = False
@@ -315,15 +347,17 @@ class StarObserver(MountNode):
     def _observe(self, star, block):
         """Point at `star`, centre it where it is far off, and publish the row."""
         aim = self._carried
-        came_from = None
-        for attempt in range(3):
+        self._approach = None
+        seen = blank = 0
+        while True:
             frame = None
             while frame is None:
                 frame = yield from self._expose(star, aim)
             stamp, miss = frame
-            if came_from is None:
-                came_from = self._approach
             if not np.isfinite(miss).all():
+                blank += 1
+                if blank < BLANKS:
+                    continue
                 self._lost += 1
                 self.get_logger().warning(
                     f'HIP {star.hip[0]}: no star in the field; go on with the next')
@@ -334,7 +368,8 @@ class StarObserver(MountNode):
             aim = aim + np.array([wrap(enc[0] - demand[0]), enc[1] - demand[1]])
             # only for pointing: the next star lies nearer to where this one was found
             self._carried = aim
-            if np.hypot(*miss) <= self.value('recentre_arcsec') * ARCSEC or attempt == 2:
+            seen += 1
+            if np.hypot(*miss) <= self.value('recentre_arcsec') * ARCSEC or seen == 3:
                 break
         try:
             second = np.array(centred(*self._at('abs', stamp)[0], *miss))
@@ -347,7 +382,7 @@ class StarObserver(MountNode):
             'star': int(star.hip[0]), 'az': az, 'el': el,
             'az_enc': enc[0], 'el_enc': enc[1], 'az_abs': second[0], 'el_abs': second[1],
             'miss_x': miss[0], 'miss_y': miss[1], 'az_rate': rate[0], 'el_rate': rate[1],
-            'approach_az': came_from[0], 'approach_el': came_from[1],
+            'approach_az': self._approach[0], 'approach_el': self._approach[1],
             'temperature': self.value('temperature_c'), 'pressure': self.value('pressure_hpa'),
             'magnitude': float(star.mag[0]),
         }
@@ -367,7 +402,8 @@ class StarObserver(MountNode):
         track = self._demand(star, start + (times * 1e9).astype(np.int64), aim)
         here = np.array(self._last_reading[1])
         move = np.array([wrap(track[0, 0] - here[0]), track[0, 1] - here[1]])
-        self._approach = np.sign(move)
+        if self._approach is None:  # later moves to the same star are small
+            self._approach = np.sign(move)
         # the shorter way from here; the mount's own limits are the driver's affair
         track[:, 0] = here[0] + move[0] + (np.unwrap(track[:, 0]) - track[0, 0])
         rates = np.gradient(track, KNOT, axis=0, edge_order=2)
@@ -377,20 +413,24 @@ class StarObserver(MountNode):
         self._target = (start, times, track)
         self._commanded = start
         self._command_pub.publish(convert.trajectory(start, times, track, rates))
-        deadline = time.monotonic() + self.value('answer_timeout_s')
+        now = time.monotonic()
+        asked = dict.fromkeys(
+            ('mount and incremental encoder', 'absolute encoder', 'camera'), now)
+        self._heard = dict(asked)
+        end = start + round(times[-1] * 1e9)
         found = []
 
         def answered():
             found.extend(self._good_frames())
-            return found or time.monotonic() > deadline
+            # a slew may take as long as the track
+            return found or self._silent() or self._last_reading[0] > end
 
         yield answered
         if not found:
-            missing = [name for name, there in (
-                ('mount and incremental encoder', self._readings['enc']),
-                ('absolute encoder', self._readings['abs']), ('camera', self._frames))
-                if not there]
-            self._set_state('waiting', 'an answer of ' + (', '.join(missing) or 'the mount'))
+            mute = [name for name, heard in self._heard.items() if heard == asked[name]]
+            silent = ', '.join(mute or self._silent())
+            self._set_state('waiting', f'an answer of {silent}' if silent else
+                            'the mount to come on target')
             return None
         self._set_state('observing', self._progress['step'])
         return found[0]
@@ -400,13 +440,12 @@ class StarObserver(MountNode):
         start, times, track = self._target
         while self._frames:
             stamp, *miss = self._frames[0]
-            if stamp < start:
-                self._frames.popleft()
-                continue
             ready = all(r and r[-1][0] > stamp for r in self._readings.values())
-            if not ready:
+            if stamp >= start and not ready:
                 return
             self._frames.popleft()
+            if stamp < max([start, *(r[0][0] for r in self._readings.values() if r)]):
+                continue  # under way when the command came
             try:
                 reading, _ = self._at('enc', stamp)
             except ValueError as err:

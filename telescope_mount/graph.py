@@ -71,7 +71,9 @@ def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time
     simulator = {'scenario': scenario, 'seed': seed} | (
         {'start_time': start_time} if start_time else {})
     parameters = {
-        'mount_simulator': simulator | {'time_scale': time_scale},
+        # live, the servo and the camera need more than the few samples around an exposure
+        'mount_simulator': simulator | {'time_scale': time_scale} | (
+            {'sample_rate_hz': 10.0} if time_scale else {}),
         'incremental_encoder': dict(simulator),
         'absolute_encoder': dict(simulator),
         'camera': simulator | sky,

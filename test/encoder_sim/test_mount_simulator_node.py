@@ -159,17 +159,17 @@ def test_an_encoder_without_zero_leaves_the_servo_open(graph):
 
 
 def test_live_samples_belong_to_their_times(graph):
-    desk = Desk(graph, encoder=False, time_scale=50.0, sample_rate_hz=10.0)
+    desk = Desk(graph, encoder=False, time_scale=20.0, sample_rate_hz=5.0)
     graph.wait_for(lambda: len(desk.truth) >= 40)
     stamps = np.array([convert.read_joints(message)[0] for message in desk.truth])
-    assert not (stamps - START).astype(np.int64).__mod__(100_000_000).any()
-    np.testing.assert_array_equal(np.diff(stamps), 100_000_000)
+    assert not (stamps - START).astype(np.int64).__mod__(200_000_000).any()
+    np.testing.assert_array_equal(np.diff(stamps), 200_000_000)
     times = [convert.from_stamp(message.clock) for message in desk.clock]
     assert times == sorted(times) and times[-1] > START
 
 
 def test_live_the_servo_closes_too(graph, drifting):
-    desk = Desk(graph, scenario=drifting, time_scale=50.0, sample_rate_hz=10.0)
+    desk = Desk(graph, scenario=drifting, time_scale=10.0, sample_rate_hz=4.0)
     assert graph.call('home').success
     graph.wait_for(lambda: desk.encoder
                    and np.isfinite(convert.read_joints(desk.encoder[-1])[1]).all(), 'home')

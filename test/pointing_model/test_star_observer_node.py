@@ -93,7 +93,7 @@ class Night:
         self.tables = graph.listen(topics.OBSERVATIONS)
         self.status = graph.listen(topics.OBSERVER_STATUS)
         self.node = graph.add(StarObserver, plan=plan, **{
-            'use_sim_time': True, 'magnitude_limit': 3.5, 'answer_timeout_s': 0.5, **overrides})
+            'use_sim_time': True, 'magnitude_limit': 3.5, 'answer_timeout_s': 60.0, **overrides})
 
     def value(self, key):
         return {row.key: row.value for row in self.status[-1].values}[key] if self.status else ''
@@ -229,9 +229,9 @@ def test_the_order_of_start_does_not_matter(graph, observer_first):
 
 def test_a_lost_frame_is_asked_for_again(graph):
     sky = Instruments(graph, miss=lambda number, *_: None if number == 2 else (0.0, 0.0))
-    night = Night(graph, 'stars 3')
-    assert len(night.run()) == 3
-    assert len(sky.commands) == 4
+    rows = Night(graph, 'stars 3', answer_timeout_s=0.5).run()
+    assert len({int(run['star'][0]) for run in rows}) == len(rows) == 3
+    assert len(sky.commands) >= 4
     (_, lost), (_, again) = sky.commands[1:3]
     np.testing.assert_allclose(wrap(lost[0, 0] - again[0, 0]), 0.0, atol=0.01)  # the same star
 
@@ -239,7 +239,7 @@ def test_a_lost_frame_is_asked_for_again(graph):
 def test_a_silent_camera_is_named_and_the_plan_goes_on_when_it_speaks(graph):
     speaks = []
     Instruments(graph, miss=lambda *_: (0.0, 0.0) if speaks else None)
-    night = Night(graph, 'stars 2')
+    night = Night(graph, 'stars 2', answer_timeout_s=0.5)
     assert night.until('waiting', 'an answer of') == 'an answer of camera'
     status = graph.report('star_observer', 'waiting for an answer of camera')
     assert status.level == DiagnosticStatus.WARN
@@ -251,7 +251,7 @@ def test_a_silent_camera_is_named_and_the_plan_goes_on_when_it_speaks(graph):
 
 def test_a_silent_encoder_is_named(graph):
     sky = Instruments(graph, absolute=False)
-    night = Night(graph, 'stars 1')
+    night = Night(graph, 'stars 1', answer_timeout_s=0.5)
     assert night.until('waiting', 'an answer of') == 'an answer of absolute encoder'
     sky.absolute = True
     assert len(night.run()) == 1
@@ -260,7 +260,7 @@ def test_a_silent_encoder_is_named(graph):
 def test_a_mount_that_does_not_answer_is_named(graph):
     sky = Instruments(graph)
     sky.awake = False
-    night = Night(graph, 'stars 1')
+    night = Night(graph, 'stars 1', answer_timeout_s=0.5)
     # at first a reading of before the command may still be on its way
     night.until('waiting', 'an answer of mount and incremental encoder, absolute encoder, camera')
     sky.awake = True
@@ -268,7 +268,9 @@ def test_a_mount_that_does_not_answer_is_named(graph):
 
 
 def test_a_field_without_a_star_is_lost_and_the_next_is_observed(graph):
-    Instruments(graph, miss=lambda number, *_: (np.nan, np.nan) if number == 2 else (0.0, 0.0))
+    # one without a star may have been under way at the command; three in a row are not
+    Instruments(graph, miss=lambda number, *_: (
+        (np.nan, np.nan) if number in (2, 3, 4) else (0.0, 0.0)))
     night = Night(graph, 'stars 3')
     assert len(night.run()) == 2
     assert night.value('lost') == '1'
@@ -278,7 +280,7 @@ def test_a_field_without_a_star_is_lost_and_the_next_is_observed(graph):
 
 def test_an_exposure_off_the_target_does_not_count(graph):
     sky = Instruments(graph, error=(60 * ARCSEC, 60 * ARCSEC))
-    night = Night(graph, 'stars 1', on_target_arcsec=30.0)
+    night = Night(graph, 'stars 1', on_target_arcsec=30.0, answer_timeout_s=0.5)
     graph.wait_for(lambda: len(sky.commands) >= 2)
     assert not night.rows
     sky.error = np.zeros(2)
