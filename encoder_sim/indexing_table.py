@@ -1,0 +1,164 @@
+"""The simulated bench of paper 001, section 3: an indexing table turns the disc to 23 angles."""
+
+import math
+
+import numpy as np
+
+from pointing_model.units import ARCSEC, wrap
+
+from .ccd import INVERSION, LinearCCD
+from .disc import Disc
+from .paper_reading import CentroidReader, PaperReader, ParabolaReader
+from .scenario import Absolute
+from .template_reading import TemplateReader
+
+FACES = 23
+#: readings whose bars are damaged in the paper's fig. 12, counted from 1
+DAMAGED = (5, 10, 15)
+#: the paper's CCD by the two readings of its figures that agree best with its grey levels
+SCALES = {
+    48: Absolute(noise=2.0),
+    60: Absolute(noise=2.0, bar_pitch=60.0, blur=8.0, base=88.0),
+}
+#: largest error of the table that the paper used, rad
+TABLE_ERROR = 0.2 * ARCSEC
+
+
+def readers(params, disc):
+    """Every method under test, by name.
+
+    Parameters
+    ----------
+    params : scenario.Absolute
+    disc : disc.Disc
+    """
+    return {
+        'paper': PaperReader(params, disc),
+        'centroid': CentroidReader(params, disc),
+        'parabola': ParabolaReader(params, disc),
+        'template': TemplateReader(params, disc),
+        'paper_by_centres': PaperReader(params, disc, cycle='centres'),
+        'parabola_at_middle': ParabolaReader(params, disc, at='middle'),
+    }
+
+
+def standard_angles():
+    """The 23 angles of the table, rad: equal parts of a turn."""
+    return 2.0 * np.pi * np.arange(FACES) / FACES
+
+
+class IndexingTable:
+    """A disc and its CCD on an indexing table.
+
+    Parameters
+    ----------
+    params : scenario.Absolute
+    seed : int
+        Of disc, table and noise.
+    methods : iterable of str, optional
+        Names out of `readers`; all of them by default.
+
+    Attributes
+    ----------
+    standard : ndarray, shape (23,)
+        Angles of the table, rad.
+    table_errors : ndarray, shape (23,)
+        By how much the table really turns further, rad.
+    damaged_readings : tuple of int
+        Counted from 1.
+    gross : float
+        Error from which a reading is grossly wrong: half a bar, rad.
+    """
+
+    def __init__(self, params, seed=1, methods=None):
+        self.params, self.seed = params, seed
+        self.disc = Disc(params.code)
+        known = readers(params, self.disc)
+        self.readers = {name: known[name] for name in (methods or known)}
+        self.ccd = LinearCCD(params, self.disc, seed)
+        self.standard = standard_angles()
+        self.damaged_readings = DAMAGED
+        self.gross = 0.5 * self.disc.bar_angle
+        self._rng = np.random.default_rng(seed)
+        self.table_errors = self._rng.uniform(-TABLE_ERROR, TABLE_ERROR, FACES)
+
+    def _frames(self, ccd, angles, noise=True):
+        noise = self._rng.standard_normal((len(angles), self.params.pixels)) if noise else None
+        return ccd.render(angles, noise)
+
+    def _errors(self, frames, angles):
+        return {name: wrap(reader.read(frames).angle - angles)
+                for name, reader in self.readers.items()}
+
+    def turns(self, n, damage=None):
+        """Turn the disc to the standard angles, `n` times.
+
+        Each time the disc sits at another place on the table, which is known.
+
+        Parameters
+        ----------
+        n : int
+        damage : float, optional
+            At the readings `DAMAGED`, one in ten of the bars in view lies off its place by so many
+            bar periods, among them the first whole one.
+
+        Returns
+        -------
+        dict of str to ndarray, shape (n, 23)
+            Reading - standard angle of each method, rad; NaN where it rejected the frame.
+        """
+        parts = []
+        for _ in range(n):
+            at = self._rng.uniform(0.0, 2.0 * np.pi)
+            shown = at + self.standard
+            angles = shown + self.table_errors
+            frames = self._frames(self.ccd, angles)
+            if damage is not None:
+                rows = np.array(DAMAGED) - 1
+                ccd = self._damaged(angles[rows], frames[rows], damage)
+                frames[rows] = self._frames(ccd, angles[rows])
+            parts.append(self._errors(frames, shown))
+        return {name: np.stack([part[name] for part in parts]) for name in self.readers}
+
+    def _damaged(self, angles, frames, damage):
+        """A CCD that looks at the disc with one bar in ten displaced in view of `frames`."""
+        bars = self.disc.bars
+        shift = np.zeros(bars)
+        reach = int(0.5 * self.params.pixels / self.params.bar_pitch)
+        grey = INVERSION - frames.astype(float)
+        first = PaperReader(self.params, self.disc).decode(grey).first
+        for angle, bar in zip(angles, first):
+            middle = round(angle / self.disc.bar_angle)
+            view = middle + np.arange(-reach, reach + 1)
+            chosen = self._rng.choice(view, math.ceil(0.1 * len(view)) - 1, replace=False)
+            shift[np.append(chosen, bar if bar >= 0 else view[0]) % bars] = damage
+        return _DisplacedBars(self.params, self.disc, self.seed, shift)
+
+    def one_bar(self, n=240, noise=True):
+        """Turn the disc through one bar in equal steps.
+
+        Returns
+        -------
+        position : ndarray, shape (n,)
+            Within the bar, from its middle on, rad.
+        errors : dict of str to ndarray, shape (n,)
+        """
+        start = self._rng.integers(self.disc.bars) * self.disc.bar_angle
+        position = self.disc.bar_angle * np.arange(n) / n
+        angles = start + position
+        return position, self._errors(self._frames(self.ccd, angles, noise), angles)
+
+    def fits(self, n):
+        """R-square and period (pixels) of the paper's sine at `n` random angles, shape (n,)."""
+        angles = self._rng.uniform(0.0, 2.0 * np.pi, n)
+        read = PaperReader(self.params, self.disc).read(self._frames(self.ccd, angles))
+        return read.r_square, read.period
+
+class _DisplacedBars(LinearCCD):
+    def __init__(self, params, disc, seed, shift):
+        self._shift = shift
+        super().__init__(params, disc, seed)
+
+    def bar_places(self, device):
+        place, present = super().bar_places(device)
+        return place + self._shift, present

@@ -1,0 +1,374 @@
+"""The reading of paper 001, and the two that the paper compares it with.
+
+They are the baselines of `template_reading` and keep their faults.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .ccd import INVERSION
+from .disc import WINDOW
+from .readings import EXACT, REJECTED, Readings, checked_frames
+
+THRESHOLD = 150.0
+WIDTH_THRESHOLD = 3000.0
+TOLERANCE = 1e-6
+MIN_R_SQUARE = 0.6
+_TURN = 2.0 * np.pi
+_CHUNK = 64  # frames worked on at once, to bound the memory
+
+
+class _BarReader:
+    """Decoding of paper 001, section 2.1, which all three readings share.
+
+    The row is inverted (eq. 4). Bars are the runs of pixels above a threshold, '0' where their
+    integrated grey level reaches the width threshold and '1' below. A bar that touches an end of
+    the row is left out. The first 18 are looked for in the code, for which the paper names the
+    Knuth-Morris-Pratt search; a table of all windows gives the same answer.
+
+    Parameters
+    ----------
+    params : scenario.Absolute
+        Of which they use `pixels` and `bar_pitch`.
+    disc : disc.Disc
+
+    Notes
+    -----
+    With noise the edge of a bar crosses the threshold more than once. The paper does not say what
+    it does about that; here gaps and bars narrower than 5 pixels count for nothing.
+    """
+
+    _SMALLEST = 5
+    _READINGS = Readings
+    _COLUMNS = 1  # that `_place` returns: place in bars, not wrapped, and more
+
+    def __init__(self, params, disc):
+        self.disc, self.pitch, self.pixels = disc, params.bar_pitch, params.pixels
+        self.middle = 0.5 * (self.pixels - 1)
+
+    def read(self, frames):
+        """Read frames.
+
+        Parameters
+        ----------
+        frames : ndarray, shape (n, pixels)
+            Grey levels as the CCD delivers them, bars dark.
+
+        Returns
+        -------
+        readings.Readings
+            EXACT or REJECTED: these readings correct nothing.
+
+        Raises
+        ------
+        ValueError
+            Wrong number of pixels.
+        """
+        frames = checked_frames(frames, self.pixels)
+        columns = np.full((self._COLUMNS, len(frames)), np.nan)
+        for i in range(0, len(frames), _CHUNK):
+            grey = INVERSION - frames[i : i + _CHUNK]
+            bars = self.decode(grey)
+            found = np.flatnonzero(bars.first >= 0)
+            if len(found):
+                columns[:, i + found] = self._place(grey[found], bars.rows(found))
+        angle = columns[0] % self.disc.bars * self.disc.bar_angle
+        # a hair below a full turn is rounded up to it
+        angle = np.where(angle >= _TURN, 0.0, angle)
+        quality = np.where(np.isnan(angle), REJECTED, EXACT).astype(np.int8)
+        return self._READINGS(angle, quality, *columns[1:])
+
+    def decode(self, grey):
+        """The whole bars of inverted frames, shape (n, pixels).
+
+        Returns
+        -------
+        Bars
+        """
+        n, pixels = grey.shape
+        row_length = pixels + 2  # a dark pixel at either end keeps the rows apart
+        bright = np.zeros((n, row_length), dtype=bool)
+        bright[:, 1:-1] = grey > THRESHOLD
+        steps = np.diff(bright.ravel().view(np.int8))
+        starts, ends = np.flatnonzero(steps == 1), np.flatnonzero(steps == -1)
+        # in both, pixel x of row r is at r * row_length + x; `ends` is one past the bar
+        apart = starts[1:] - ends[:-1] >= self._SMALLEST
+        apart |= starts[1:] // row_length != starts[:-1] // row_length
+        if len(starts):
+            starts = starts[np.concatenate([[True], apart])]
+            ends = ends[np.concatenate([apart, [True]])]
+        row = starts // row_length
+        starts, ends = starts - row * row_length, ends - row * row_length
+        whole = (starts > 0) & (ends < pixels) & (ends - starts >= self._SMALLEST)
+        # NaN is never above the threshold: a frame with one is not to be trusted
+        whole &= np.isfinite(grey).all(axis=1)[row]
+        row, starts, ends = row[whole], starts[whole], ends[whole]
+
+        count = np.bincount(row, minlength=n)
+        rank = np.arange(len(row)) - (np.cumsum(count) - count)[row]
+        shape = n, max(WINDOW, int(count.max(initial=0)))
+        start, end = np.zeros(shape, dtype=np.int64), np.zeros(shape, dtype=np.int64)
+        start[row, rank], end[row, rank] = starts, ends
+        total = np.zeros((n, pixels + 1))
+        np.cumsum(grey, axis=1, out=total[:, 1:])
+        rows = np.arange(n)[:, np.newaxis]
+        narrow = total[rows, end[:, :WINDOW]] - total[rows, start[:, :WINDOW]] < WIDTH_THRESHOLD
+        first = np.where(count >= WINDOW, self.disc.find(narrow), -1)
+        return Bars(first, count, start, end)
+
+
+class Bars:
+    """Whole bars of n frames.
+
+    Attributes
+    ----------
+    first : ndarray of int, shape (n,)
+        Number on the disc of the first one; -1 where the first 18 are not on it.
+    count : ndarray of int, shape (n,)
+    start, end : ndarray of int, shape (n, k)
+        First pixel, and one past the last; beyond `count` without meaning.
+    """
+
+    def __init__(self, first, count, start, end):
+        self.first, self.count, self.start, self.end = first, count, start, end
+
+    def rows(self, rows):
+        return Bars(self.first[rows], self.count[rows], self.start[rows], self.end[rows])
+
+    @property
+    def centre(self):
+        """Middle of each run, pixels, shape (n, k)."""
+        return 0.5 * (self.start + self.end - 1)
+
+
+@dataclass(frozen=True)
+class PaperReadings(Readings):
+    """What `PaperReader` says beside angle and quality; NaN where there was nothing to fit.
+
+    Attributes
+    ----------
+    r_square : ndarray, shape (n,)
+        Goodness of the fit (eq. 7).
+    period : ndarray, shape (n,)
+        Of the fitted sine, pixels.
+    """
+
+    r_square: np.ndarray
+    period: np.ndarray
+
+
+class PaperReader(_BarReader):
+    """The paper's own reading: a sine through the whole row (eqs. 5 to 13).
+
+    Newton's method fits ``A sin(w x + phi) + n`` to the inverted row, from a straight line through
+    the decoded bars, until the norm of the step is at most 1e-6; a fit with an R-square below 0.6
+    or without convergence is rejected. The phase at pixel 0, by the rule of eq. 12, is the place
+    within a bar, and the first whole bar the bar. Eq. 11 measures from a first reading; here that
+    is the nominal row with bar 0 in its middle.
+
+    Parameters
+    ----------
+    params, disc
+        As for the others.
+    cycle : {'equation12', 'centres'}
+        How the phase finds its bar: by the paper's rule, or by the centres of the decoded bars.
+
+    Notes
+    -----
+    Eq. 12 holds only where the widest bar takes less than half a period. At 48 pixels a bar the
+    wide bars take 25.9: a phase just below 0 then belongs to a bar that is cut and left out, and
+    the reading is one bar (1200") off.
+
+    The bars that the ends of the row cut bend the fitted period, and the phase at pixel 0
+    extrapolates that: 4 to 5" (1 sigma over the disc).
+    """
+
+    _MAX_ITERATIONS = 30
+    _READINGS = PaperReadings
+    _COLUMNS = 3
+
+    def __init__(self, params, disc, cycle='equation12'):
+        super().__init__(params, disc)
+        if cycle not in ('equation12', 'centres'):
+            raise ValueError(f"cycle {cycle!r} is not one of 'equation12', 'centres'")
+        self.cycle = cycle
+        self._x = np.arange(float(self.pixels))
+
+    def _place(self, grey, bars):
+        rank = np.arange(WINDOW)
+        centre = bars.centre[:, :WINDOW]
+        omega, phase = sine_start(rank, centre)
+        (_, omega, phase, _), r_square = self.fit(grey, omega, phase)
+        if self.cycle == 'equation12':
+            phase = self._equation12(phase, omega, bars.start[:, 0])
+        else:
+            # bar k of the window has its centre at the maximum with this number
+            cycles = (omega[:, np.newaxis] * centre + phase[:, np.newaxis]) / _TURN - 0.25
+            phase = phase - _TURN * np.rint(np.mean(cycles - rank, axis=1))
+        nominal = 0.5 * np.pi - _TURN * self.middle / self.pitch
+        place = bars.first + (phase - nominal) / _TURN  # eq. 11 with p1 = 0
+        place = np.where(r_square >= MIN_R_SQUARE, place, np.nan)
+        return np.stack([place, r_square, _TURN / omega])
+
+    def _equation12(self, phase, omega, start):
+        period = _TURN / (0.5 * (omega + _TURN / self.pitch))  # eq. 13, with the nominal reading
+        return np.where((phase > 0.0) & (start >= period / 3.0), phase - _TURN, phase)
+
+    def fit(self, grey, omega, phase):
+        """Least-squares sine of each row by Newton's method.
+
+        Parameters
+        ----------
+        grey : ndarray, shape (n, pixels)
+            Inverted grey levels.
+        omega, phase : ndarray, shape (n,)
+            Where to start, rad a pixel and rad.
+
+        Returns
+        -------
+        unknowns : ndarray, shape (4, n)
+            Amplitude (positive), frequency, phase at pixel 0 in [-pi, pi) and level (eq. 5).
+        r_square : ndarray, shape (n,)
+            Goodness of the fit (eq. 7), 0 where it did not converge.
+        """
+        x = self._x[: grey.shape[1]]
+        level = grey.mean(axis=1)
+        spread = np.sum((grey - level[:, np.newaxis]) ** 2, axis=1)
+        amplitude = np.sqrt(2.0 * spread / len(x))
+        unknowns = np.stack([amplitude, omega, phase, level], axis=1)
+        misfit = np.empty(len(grey))
+        going = np.arange(len(grey))
+        for _ in range(self._MAX_ITERATIONS):
+            gradient, hessian, misfit[going] = _derivatives(grey[going], x, unknowns[going])
+            # far from the solution the Hessian may be singular: such a fit ends as not converged
+            hessian[np.linalg.det(hessian) == 0.0] = np.eye(4)
+            step = np.linalg.solve(hessian, -gradient[:, :, np.newaxis])[:, :, 0]
+            unknowns[going] += step
+            going = going[~(np.linalg.norm(step, axis=1) <= TOLERANCE)]  # eq. 6
+            if len(going) == 0:
+                break
+        r_square = 1.0 - misfit / np.maximum(spread, 1e-9)
+        r_square[going] = 0.0
+        amplitude, omega, phase, level = unknowns.T
+        phase = np.where(amplitude < 0.0, phase + np.pi, phase)
+        phase = (phase + np.pi) % _TURN - np.pi
+        return np.stack([np.abs(amplitude), omega, phase, level]), r_square
+
+
+def sine_start(rank, centre):
+    """Frequency and phase at pixel 0 of the line through bars, whose centres are maxima.
+
+    Parameters
+    ----------
+    rank : ndarray, shape (k,)
+    centre : ndarray, shape (n, k)
+        Pixels.
+    """
+    slope, start = _line(rank, centre)
+    return _TURN / slope, 0.5 * np.pi - _TURN * start / slope
+
+
+def _line(x, y):
+    """Least-squares straight line through each row of y: slope, value at x = 0."""
+    offset = x - x.mean()
+    slope = y @ offset / (offset @ offset)
+    return slope, y.mean(axis=1) - slope * x.mean()
+
+
+def _derivatives(grey, x, unknowns):
+    """Gradient, Hessian and value of the sum of squares (all but the value: half of it)."""
+    a, w, p, level = unknowns[:, :, np.newaxis].transpose(1, 0, 2)
+    argument = w * x + p
+    sine, cosine = np.sin(argument), np.cos(argument)
+    rest = grey - a * sine - level
+    powers = np.stack([np.ones_like(x), x, x * x], axis=1)
+    s, c = sine @ powers, cosine @ powers
+    ss, sc = (sine * sine) @ powers, (sine * cosine) @ powers
+    cc = powers.sum(axis=0) - ss
+    rs, rc = (rest * sine) @ powers, (rest * cosine) @ powers
+    a = a[:, 0]
+    gradient = -np.stack([rs[:, 0], a * rc[:, 1], a * rc[:, 0], rest.sum(axis=1)], axis=1)
+    hessian = np.empty((len(grey), 4, 4))
+    hessian[:, 0, 0] = ss[:, 0]
+    hessian[:, 0, 1] = hessian[:, 1, 0] = a * sc[:, 1] - rc[:, 1]
+    hessian[:, 0, 2] = hessian[:, 2, 0] = a * sc[:, 0] - rc[:, 0]
+    hessian[:, 0, 3] = hessian[:, 3, 0] = s[:, 0]
+    hessian[:, 1, 1] = a * a * cc[:, 2] + a * rs[:, 2]
+    hessian[:, 1, 2] = hessian[:, 2, 1] = a * a * cc[:, 1] + a * rs[:, 1]
+    hessian[:, 1, 3] = hessian[:, 3, 1] = a * c[:, 1]
+    hessian[:, 2, 2] = a * a * cc[:, 0] + a * rs[:, 0]
+    hessian[:, 2, 3] = hessian[:, 3, 2] = a * c[:, 0]
+    hessian[:, 3, 3] = len(x)
+    return gradient, hessian, np.einsum('ij,ij->i', rest, rest)
+
+
+class CentroidReader(_BarReader):
+    """Centroid of one bar, the first whole one (paper 001, reference 17).
+
+    Its pixels above the threshold are weighted with their inverted grey level, which still holds
+    the base. Noise at the edges decides which pixels count, and one bar has no other to average
+    with.
+    """
+
+    def _place(self, grey, bars):
+        start, end = bars.start[:, 0], bars.end[:, 0]
+        inside = np.arange(self.pixels) < end[:, np.newaxis]
+        inside &= np.arange(self.pixels) >= start[:, np.newaxis]
+        light = np.where(inside, grey, 0.0)
+        centroid = light @ np.arange(float(self.pixels)) / light.sum(axis=1)
+        return bars.first + (self.middle - centroid) / self.pitch
+
+
+class ParabolaReader(_BarReader):
+    """A parabola through the pixels of each decoded bar, a straight line through the 18 vertices.
+
+    A bar whose parabola has no top within it is left out of the line.
+
+    Parameters
+    ----------
+    params, disc
+        As for the others.
+    at : {'start', 'middle'}
+        Where the line is read: at pixel 0, as the paper reads its phase, or where it is best
+        known, in the middle of the 18 bars.
+    """
+
+    def __init__(self, params, disc, at='start'):
+        super().__init__(params, disc)
+        if at not in ('start', 'middle'):
+            raise ValueError(f"at {at!r} is not one of 'start', 'middle'")
+        self.at = at
+
+    def _place(self, grey, bars):
+        rank = np.arange(float(WINDOW))
+        vertex, good = _vertices(grey, bars.start[:, :WINDOW], bars.end[:, :WINDOW])
+        enough = good.sum(axis=1) >= 3
+        weight = np.where(enough[:, np.newaxis], good, 1.0)
+        total = weight.sum(axis=1)
+        mean_rank, mean_pixel = weight @ rank / total, (weight * vertex).sum(axis=1) / total
+        offset = rank - mean_rank[:, np.newaxis]
+        slope = (weight * offset * vertex).sum(axis=1) / (weight * offset**2).sum(axis=1)
+        pixel = 0.0 if self.at == 'start' else mean_pixel
+        place = bars.first + mean_rank + (pixel - mean_pixel) / slope
+        return np.where(enough, place + (self.middle - pixel) / self.pitch, np.nan)
+
+
+def _vertices(grey, start, end):
+    """Top of the parabola through each run of pixels, and whether it is one."""
+    centre = 0.5 * (start + end - 1)
+    offset = np.arange(int((end - start).max()))
+    pixel = start[:, :, np.newaxis] + offset
+    inside = pixel < end[:, :, np.newaxis]
+    rows = np.arange(len(grey))[:, np.newaxis, np.newaxis]
+    value = grey[rows, np.minimum(pixel, grey.shape[1] - 1)] * inside
+    x = (pixel - centre[:, :, np.newaxis]) * inside
+    # the pixels lie symmetrically about the centre, so odd sums vanish
+    n, x2 = inside.sum(axis=2), (x**2).sum(axis=2)
+    x4 = (x**4).sum(axis=2)
+    linear = (x * value).sum(axis=2) / x2
+    square = (n * (x**2 * value).sum(axis=2) - x2 * value.sum(axis=2)) / (n * x4 - x2**2)
+    with np.errstate(divide='ignore', invalid='ignore'):
+        shift = -0.5 * linear / square
+    good = (square < 0.0) & (np.abs(shift) <= 0.5 * (end - start))
+    return centre + np.where(good, shift, 0.0), good

@@ -1,0 +1,210 @@
+import dataclasses
+
+import numpy as np
+import pytest
+
+from encoder_sim.absolute import (
+    CORRECTED,
+    EXACT,
+    REJECTED,
+    AbsoluteEncoder,
+    read_together,
+    reader_of,
+)
+from encoder_sim.keyed_noise import uniform
+from encoder_sim.paper_reading import PaperReader
+from encoder_sim.scenario import Absolute, load_scenario
+from encoder_sim.template_reading import TemplateReader
+from pointing_model.units import ARCSEC, wrap
+
+ANGLES = 2 * np.pi * uniform(11, 'test', 'angles', np.arange(300))
+STAMPS = np.arange(300)
+BAR = 1200.0 * ARCSEC
+
+
+def encoder(axis='azimuth', seed=1, **params):
+    return AbsoluteEncoder(dataclasses.replace(Absolute(), noise=2.0, **params), seed, axis)
+
+
+def errors(device, angles=ANGLES, **how):
+    """arcsec."""
+    return wrap(device.read(np.arange(len(angles)), angles, **how).angle - angles) / ARCSEC
+
+
+def rms(error):
+    return np.sqrt(np.mean(error**2))
+
+
+@pytest.mark.parametrize('params', [
+    {}, {'code': 'equation2'}, {'bar_pitch': 60.0, 'blur': 8.0, 'base': 88.0},
+    {'mounting': 'reversed'}, {'geometry': 'tangent'}, {'scale_error': 0.004},
+    {'shading_tilt': 0.1, 'shading_falloff': 0.2}])
+def test_reading(params):
+    device = encoder(**params)
+    readings = device.read(STAMPS, ANGLES)
+    assert (readings.quality == EXACT).all()
+    assert rms(wrap(readings.angle - ANGLES) / ARCSEC) < 0.45
+
+
+def test_readings_to_choose_from():
+    template, paper = encoder(), encoder(reading='paper')
+    assert isinstance(template.reader, TemplateReader) and isinstance(paper.reader, PaperReader)
+    readings = paper.read(STAMPS, ANGLES)
+    good = readings.quality == EXACT
+    error = wrap(readings.angle - ANGLES)[good] / ARCSEC
+    assert good.mean() > 0.98
+    assert 3.0 < np.median(np.abs(error)) / 0.67 < 6.0
+    assert np.array_equal(paper.frames(STAMPS[:3], ANGLES[:3]),
+                          template.frames(STAMPS[:3], ANGLES[:3]))
+
+
+def test_range_of_the_axes():
+    angles = np.linspace(-0.02, 0.02, 100)
+    azimuth = encoder().read(STAMPS[:100], angles).angle
+    assert azimuth.min() >= 0.0 and azimuth.max() < 2 * np.pi
+    elevation = encoder('elevation').read(STAMPS[:100], angles).angle
+    assert np.abs(elevation - angles).max() < 2 * ARCSEC
+
+
+def test_dirt_is_corrected_or_rejected():
+    device = encoder(ccd_dust=3)
+    readings = device.read(STAMPS, ANGLES)
+    assert np.mean(readings.quality == CORRECTED) > 0.9
+    assert np.nanmax(np.abs(wrap(readings.angle - ANGLES))) < 3 * ARCSEC
+    buried = encoder(ccd_dust=30).read(STAMPS, ANGLES)
+    assert (buried.quality == REJECTED).all() and np.isnan(buried.angle).all()
+    spotted = encoder(disc_dust=60).read(STAMPS, ANGLES)
+    assert (spotted.quality == CORRECTED).any()
+    assert np.nanmax(np.abs(wrap(spotted.angle - ANGLES))) < 3 * ARCSEC
+
+
+@pytest.mark.parametrize('params, low, high', [
+    ({'bar_position_error': 1e-6}, 0.7, 1.2), ({'pixel_nonuniformity': 0.01}, 0.36, 0.6),
+    ({'shifted_bars': 0.1}, 0.36, 0.5), ({'missing_bars': 0.1}, 0.35, 0.45),
+    ({'full_well': 20e3}, 0.36, 0.5)])
+def test_what_flaws_cost(params, low, high):
+    assert low < rms(errors(encoder(**params))) < high
+
+
+def test_eccentricity_with_one_head_and_with_two():
+    off = errors(encoder(eccentricity=2e-6, eccentricity_phase=0.3))
+    columns = np.stack([np.sin(ANGLES - 0.3), np.cos(ANGLES - 0.3), np.ones(len(ANGLES))], axis=1)
+    sine, cosine, _ = np.linalg.lstsq(columns, off, rcond=None)[0]
+    # 5.2" a micrometre
+    assert (sine, cosine) == pytest.approx((-10.44, 0.0), abs=0.1)
+    two = encoder(eccentricity=2e-6, eccentricity_phase=0.3, heads=2)
+    # and the noise of two is less
+    assert rms(errors(two)) < 0.3
+    assert two.frames(STAMPS[:4], ANGLES[:4]).shape == (2, 4, 1800)
+    assert np.abs(errors(two, np.linspace(-0.01, 0.01, 50))).max() < 1.5
+
+
+def test_one_blind_head_of_two_rejects():
+    device = encoder(heads=2)
+    frames = device.frames(STAMPS[:3], ANGLES[:3])
+    frames[1, 2] = 0
+    readings = device.reading(device.reader.read(frames.reshape(6, 1800)))
+    assert readings.quality.tolist() == [EXACT, EXACT, REJECTED]
+    assert np.isnan(readings.angle).tolist() == [False, False, True]
+
+
+def test_offset_and_drift_of_the_zero():
+    shift = 30 * ARCSEC
+    moved = encoder(zero_offset=shift, zero_drifts=(0.0, 2 * shift))
+    assert np.median(errors(moved)) == pytest.approx(30.0, abs=0.1)
+    moved.power_cycle()
+    assert np.median(errors(moved)) == pytest.approx(90.0, abs=0.1)
+    device = encoder(zero_drift=shift)
+    drift = device.zero_drift / ARCSEC
+    assert 0.1 < abs(drift) < 150.0
+    assert np.median(errors(device)) == pytest.approx(drift, abs=0.1)
+    device.power_cycle()
+    assert device.zero_drift / ARCSEC != drift
+
+
+def test_drift_with_time_temperature_and_latency():
+    params = dataclasses.replace(Absolute(), zero_rate=0.001, zero_slope=0.01, latency=0.5)
+    device = AbsoluteEncoder(params, 1, 'azimuth', start=100.0)
+    angle = device.read(int(102e9), 1.0, rates=0.02, temperature=11.0).angle
+    assert angle[0] == pytest.approx(1.0 - 0.01 + 0.002 + 0.01, abs=0.5 * ARCSEC)
+
+
+def test_exposure_smears_at_speed():
+    device = encoder(exposure=1e-3)
+    rate = 8.0 / 48.0 * BAR / 1e-3  # eight pixels
+    assert rms(errors(device, rates=rate)) < 0.5
+    assert not np.array_equal(device.frames(0, 1.0, rate), device.frames(0, 1.0))
+    fast = device.read(STAMPS, ANGLES, rates=8 * rate)
+    assert (fast.quality == REJECTED).all()
+
+
+@pytest.mark.parametrize('dirt', [{}, {'missing_bars': 0.02}])
+def test_same_stamp_same_reading_whatever_the_batch(dirt):
+    device = encoder(**dirt)
+    stamps = 1_768_482_000_000_000_000 + 10**6 * np.arange(300)
+    together = device.read(stamps, ANGLES).angle
+    frames = device.frames(stamps, ANGLES)
+    assert frames.dtype == np.uint8 and frames.shape == (1, 300, 1800)
+    for i in (299, 0, 130):
+        # to the last bit: the same night whatever the load
+        assert device.read(int(stamps[i]), ANGLES[i]).angle[0] == together[i]
+        assert np.array_equal(device.frames(int(stamps[i]), ANGLES[i])[0, 0], frames[0, i])
+    other = encoder('elevation', **dirt)
+    assert not np.array_equal(other.frames(stamps[:1], ANGLES[:1]), frames[:, :1])
+
+
+def test_nothing_to_read():
+    device = encoder()
+    assert device.frames([], []).shape == (1, 0, 1800)
+    assert device.read([], []).angle.shape == device.read([], []).quality.shape == (0,)
+
+
+def test_encoders_read_together():
+    devices = [encoder(), encoder('elevation', heads=2), encoder(bar_pitch=60.0, blur=8.0)]
+    assert devices[0].reader is devices[1].reader is not devices[2].reader
+    angles = np.stack([ANGLES[:40], 0.2 * ANGLES[:40], ANGLES[40:80]], axis=1)
+    readings = read_together(devices, STAMPS[:40], angles, np.zeros_like(angles))
+    assert readings.angle.shape == readings.quality.shape == (40, 3)
+    assert np.abs(wrap(readings.angle - angles)).max() < 2 * ARCSEC
+    for k, device in enumerate(devices):
+        alone = device.read(STAMPS[:40], angles[:, k])
+        assert np.array_equal(readings.angle[:, k], alone.angle)
+
+
+def test_a_design_that_cannot_be_read():
+    with pytest.raises(ValueError, match='cannot be told apart'):
+        reader_of(dataclasses.replace(Absolute(), bar_narrow=0.149e-3))
+
+
+def test_default_scenario_is_close_to_the_truth():
+    for axis in ('azimuth', 'elevation'):
+        params = getattr(load_scenario('default').absolute, axis)
+        error = errors(AbsoluteEncoder(params, 1, axis))
+        assert np.median(error) == pytest.approx(params.zero_offset / ARCSEC, abs=1.0)
+
+
+def test_every_flaw_has_a_key_in_the_scenario(tmp_path):
+    path = tmp_path / 'mine.yaml'
+    path.write_text("""
+absolute:
+  azimuth: {bar_position_error_um: 0.5, missing_bars_percent: 2, shifted_bars_percent: 3,
+    bar_shift: 0.2, heads: 2, mounting: reversed, geometry: tangent, bar_pitch_px: 60,
+    scale_error_percent: 0.1, blur_px: 8, exposure_us: 200, shading_tilt_percent: 5,
+    shading_falloff_percent: 10, pixel_nonuniformity_percent: 1, disc_dust: 5, ccd_dust: 1,
+    dust_size_px: 40, noise: 1.5, full_well_ke: 60, reading: paper}
+""")
+    params = load_scenario(path).absolute.azimuth
+    changed = {'bar_position_error': 0.5e-6, 'missing_bars': 0.02, 'shifted_bars': 0.03,
+               'bar_shift': 0.2, 'scale_error': 0.001, 'exposure': 2e-4, 'shading_tilt': 0.05,
+               'shading_falloff': 0.1, 'pixel_nonuniformity': 0.01, 'dust_size': 40.0,
+               'full_well': 60e3, 'bar_pitch': 60.0, 'blur': 8.0}
+    assert {name: getattr(params, name) for name in changed} == pytest.approx(changed)
+    assert (params.heads, params.mounting, params.geometry, params.reading) == (
+        2, 'reversed', 'tangent', 'paper')
+    default = Absolute()
+    same = [f.name for f in dataclasses.fields(params)
+            if getattr(params, f.name) == getattr(default, f.name)]
+    assert set(same) == {
+        'diameter', 'eccentricity', 'eccentricity_phase', 'zero_offset', 'zero_drift',
+        'zero_drifts', 'zero_rate', 'zero_slope', 'reference_temperature', 'latency', 'code',
+        'bar_wide', 'bar_narrow', 'pixels', 'base', 'contrast'}

@@ -1,0 +1,291 @@
+import dataclasses
+
+import numpy as np
+import pytest
+
+from encoder_sim.ccd import LinearCCD, pixel_noise
+from encoder_sim.disc import BAR_ANGLE, BARS, Disc, windows_of
+from encoder_sim.readings import CORRECTED, EXACT, REJECTED
+from encoder_sim.scenario import Absolute
+from encoder_sim.template_reading import REASONS, TemplateReader
+from pointing_model.units import ARCSEC, wrap
+
+SCALES = {48: {}, 60: {'bar_pitch': 60.0, 'blur': 8.0, 'base': 88.0}}
+GROSS = 600.0  # arcsec: half a bar
+
+
+def design(pitch=48, **changes):
+    return dataclasses.replace(Absolute(), **{'noise': 2.0, **SCALES[pitch], **changes})
+
+
+def angles(n, seed=1):
+    return np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi, n)
+
+
+def frames(params, places, seed=1, disc=None, **how):
+    camera = LinearCCD(params, disc or Disc(params.code), seed)
+    noise = pixel_noise(seed, 'test', np.arange(len(places)), params.pixels)
+    return camera.render(places, noise if params.noise else None, **how)
+
+
+def errors(readings, places):
+    """arcsec, NaN where rejected."""
+    return wrap(readings.angle - places) / ARCSEC
+
+
+def rms(error):
+    return np.sqrt(np.nanmean(error**2))
+
+
+def bound(params):
+    """Cramer-Rao bound (arcsec) of the angle beside scale, contrast, level and their slopes."""
+    camera = LinearCCD(params, Disc())
+    step, x = 10.0 * ARCSEC, np.linspace(-1.0, 1.0, params.pixels)
+    variances = []
+    for place in angles(40, 3):
+        low, light, high = camera.light(place + step * np.array([-1.0, 0.0, 1.0])).astype(float)
+        slope = (high - low) / 20.0
+        ones = np.ones_like(x)
+        columns = np.stack([slope, x * slope, light, x * light, ones, x], axis=1)
+        variances.append(np.linalg.inv(columns.T @ columns)[0, 0])
+    return np.sqrt(np.mean(variances) * (params.noise**2 + 1.0 / 12.0))
+
+
+# --- precision ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('pitch', SCALES)
+def test_noise_reaches_the_bound(pitch):
+    params = design(pitch)
+    places = angles(1500)
+    readings = TemplateReader(params, Disc()).read(frames(params, places))
+    error = errors(readings, places)
+    assert (readings.quality == EXACT).all()
+    assert rms(error) < 1.09 * bound(params)
+    assert abs(error.mean()) < 0.04
+    # what the reading itself says of its error
+    assert rms(readings.sigma / ARCSEC) == pytest.approx(rms(error), rel=0.1)
+    repeated = np.full(1500, 1.234)
+    error = errors(TemplateReader(params, Disc()).read(frames(params, repeated)), repeated)
+    assert error.std() < 1.09 * bound(params) and abs(error.mean()) < 0.05
+
+
+@pytest.mark.parametrize('changes', [
+    {}, {'shading_tilt': 0.3, 'shading_falloff': 0.3}, {'scale_error': 0.005},
+    {'scale_error': -0.005}, {'geometry': 'tangent'}, {'code': 'equation2'},
+    {'bar_pitch': 53.3}, {'contrast': 50.0, 'base': 60.0}])
+@pytest.mark.parametrize('pitch', SCALES)
+def test_no_bias_without_noise(pitch, changes):
+    params = design(pitch, **changes)
+    places = angles(200, 2)
+    light = LinearCCD(params, Disc(params.code)).light(places)
+    nominal = dataclasses.replace(params, scale_error=0.0)
+    error = errors(TemplateReader(nominal, Disc(params.code)).read(light), places)
+    assert np.abs(error).max() < 0.06
+
+
+@pytest.mark.parametrize('blur, limit', [(0.9, 0.2), (1.1, 0.2)])
+def test_little_depends_on_the_focus(blur, limit):
+    params = design()
+    places = angles(300, 2)
+    light = LinearCCD(dataclasses.replace(params, blur=blur * params.blur), Disc()).light(places)
+    assert rms(errors(TemplateReader(params, Disc()).read(light), places)) < limit
+
+
+@pytest.mark.parametrize('pitch, blur', [(40.0, 6.0), (48.0, 0.5), (65.0, 3.0), (65.0, 9.0)])
+def test_other_optics(pitch, blur):
+    params = design(bar_pitch=pitch, blur=blur)
+    places = angles(200)
+    readings = TemplateReader(params, Disc()).read(frames(params, places))
+    assert (readings.quality == EXACT).all()
+    assert rms(errors(readings, places)) < 0.7
+
+
+def test_every_place_of_a_bar_and_the_ends_of_the_circle():
+    params = design()
+    reader = TemplateReader(params, Disc())
+    places = np.concatenate([500 * BAR_ANGLE + np.linspace(0.0, 2 * BAR_ANGLE, 400),
+                             np.linspace(-0.005, 0.005, 200)])
+    readings = reader.read(frames(params, places))
+    assert np.abs(errors(readings, places)).max() < 1.6
+    assert readings.angle.min() >= 0.0 and readings.angle.max() < 2.0 * np.pi
+
+
+def test_the_same_alone_and_among_others():
+    params = design()
+    places = angles(150)
+    images = frames(params, places)
+    reader = TemplateReader(params, Disc())
+    together = reader.read(images).angle
+    for i in (0, 63, 64, 149):
+        assert wrap(reader.read(images[i]).angle[0] - together[i]) == pytest.approx(
+            0.0, abs=0.001 * ARCSEC)
+    # grey levels may be float
+    assert reader.read(images.astype(float)).angle == pytest.approx(together, abs=1e-9)
+
+
+def test_own_disc():
+    disc = Disc(np.random.default_rng(2).integers(0, 2, 720))
+    params = design(diameter=0.0526)
+    places = angles(100)
+    readings = TemplateReader(params, disc).read(frames(params, places, disc=disc))
+    assert (readings.quality == EXACT).all()
+    assert rms(errors(readings, places)) < 0.7
+
+
+# --- dirt and wrong bars ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('pitch', SCALES)
+@pytest.mark.parametrize('flaw', ['shifted', 'missing', 'blobs'])
+def test_dirt(pitch, flaw):
+    share = {'shifted': {'shifted_bars': 0.1}, 'missing': {'missing_bars': 0.1}, 'blobs': {}}[flaw]
+    params = design(pitch, shading_tilt=0.05, shading_falloff=0.1, **share)
+    places = angles(900, 4)
+    blobs = None
+    if flaw == 'blobs':
+        blobs = np.random.default_rng(5).uniform(0.0, params.pixels, (len(places), 3))
+    readings = TemplateReader(params, Disc()).read(frames(params, places, dust=blobs))
+    error = errors(readings, places)
+    assert np.nanmax(np.abs(error)) < 4.0
+    assert rms(error) < 0.5
+    # 60 pixels a bar show 29 bars: some windows without six of them are like others
+    assert np.mean(readings.quality == REJECTED) < (0.002 if pitch == 48 else 0.08)
+    assert np.mean(readings.quality == CORRECTED) > 0.9
+
+
+def test_a_wrong_bit_is_corrected():
+    disc = Disc()
+    wrong = Disc()
+    wrong.bits = wrong.bits.copy()
+    wrong.bits[300] ^= 1
+    params = design()
+    places = (300 + np.linspace(-15.0, 15.0, 61)) * BAR_ANGLE
+    reader = TemplateReader(params, disc)
+    readings = reader.read(frames(params, places, disc=wrong))
+    assert (readings.quality == CORRECTED).all() and (readings.wrong == 1).all()
+    assert np.abs(errors(readings, places)).max() < 2.0
+    far = reader.read(frames(params, places + 1.0, disc=wrong))
+    assert (far.quality == EXACT).all() and (far.wrong == 0).all()
+
+
+def test_a_wrong_bit_that_makes_two_places_alike_is_rejected():
+    """29 bars of the paper's disc in view: two places differ in two bits only."""
+    disc = Disc()
+    windows = windows_of(disc.bits, 29)
+    unlike = (windows[:, np.newaxis] != windows[np.newaxis]).sum(axis=2)
+    one, other = np.argwhere(unlike == 2)[0]
+    changed = np.flatnonzero(windows[one] != windows[other])[0]
+    spoilt = Disc()
+    spoilt.bits = disc.bits.copy()
+    spoilt.bits[(one + changed) % BARS] ^= 1
+    params = design(60)
+    readings = TemplateReader(params, disc).read(
+        frames(params, np.full(5, (one + 14) * BAR_ANGLE), disc=spoilt))
+    assert [REASONS[k] for k in readings.reason] == ['ambiguous'] * 5
+    assert np.isnan(readings.angle).all()
+
+
+def test_another_disc_is_not_read():
+    params = design()
+    places = angles(500)
+    reader = TemplateReader(params, Disc('equation2'))
+    readings = reader.read(frames(params, places))
+    # both codes begin with the same 18 bits, no more
+    assert (readings.quality == REJECTED).all()
+
+
+# --- direction ----------------------------------------------------------------------------------
+
+
+def test_direction():
+    params = design()
+    places = angles(100)
+    images = frames(params, places)
+    images[::2] = images[::2, ::-1]
+    readings = TemplateReader(params, Disc()).read(images)
+    assert readings.backwards.tolist() == [True, False] * 50
+    assert np.abs(errors(readings, places)).max() < 1.6
+    forward = TemplateReader(params, Disc(), direction='forward').read(images)
+    assert (forward.quality == REJECTED).tolist() == [True, False] * 50
+    assert {REASONS[k] for k in forward.reason[::2]} == {'wrong direction'}
+    backward = TemplateReader(params, Disc(), direction='reversed').read(images)
+    assert (backward.quality == REJECTED).tolist() == [False, True] * 50
+    assert backward.angle[::2] == pytest.approx(readings.angle[::2], abs=1e-8)
+
+
+def test_a_reversed_mounting():
+    params = design(mounting='reversed')
+    places = angles(200)
+    reader = TemplateReader(params, Disc())
+    for _ in range(2):
+        readings = reader.read(frames(params, places))
+        assert readings.backwards.all()
+        assert np.abs(errors(readings, places)).max() < 1.6
+
+
+# --- what is no frame ---------------------------------------------------------------------------
+
+
+def test_what_is_no_frame_is_rejected():
+    params = design()
+    good = frames(params, np.array([1.0]))[0].astype(float)
+    rng = np.random.default_rng(1)
+    covered, broken, burnt = good.copy(), good.copy(), good.copy()
+    covered[500:] = 159.0
+    broken[[0, 700]] = np.nan, np.inf
+    burnt[200:400] = 255.0
+    halves = np.concatenate([good[:900], frames(params, np.array([2.0]))[0, 900:]])
+    wave = 115.0 + 40.0 * np.sin(2 * np.pi * np.arange(1800) / 48.0)
+    rows = {
+        'dark': np.zeros(1800), 'saturated': np.full(1800, 255.0), 'blank': np.full(1800, 159.0),
+        'covered': covered, 'broken': broken, 'burnt': burnt, 'halves': halves, 'wave': wave,
+        'noise': rng.uniform(0, 255, 1800), 'shuffled': rng.permutation(good)}
+    images = np.stack([*rows.values(), good])
+    before = images.copy()
+    readings = TemplateReader(params, Disc()).read(images)
+    assert np.array_equal(images, before, equal_nan=True)
+    assert readings.quality.tolist() == [REJECTED] * len(rows) + [EXACT]
+    assert np.isnan(readings.angle[:-1]).all()
+    assert wrap(readings.angle[-1] - 1.0) == pytest.approx(0.0, abs=2 * ARCSEC)
+    reason = dict(zip(rows, (REASONS[k] for k in readings.reason)))
+    assert (reason['dark'], reason['blank']) == ('no contrast', 'no contrast')
+    assert (reason['saturated'], reason['burnt']) == ('saturated', 'saturated')
+    assert reason['broken'] == 'not finite'
+    whole = TemplateReader(params, Disc()).read(np.nan_to_num(images, nan=0, posinf=0).astype(
+        np.uint8))
+    assert whole.quality[[0, 1, 2, 3, 5, 6, 7, 8, 9]].tolist() == [REJECTED] * 9
+
+
+def test_random_garbage_never_becomes_an_angle():
+    rng = np.random.default_rng(3)
+    reader = TemplateReader(design(), Disc())
+    for images in (rng.integers(0, 256, (600, 1800)), rng.normal(120.0, 30.0, (600, 1800)),
+                   np.repeat(rng.integers(70, 160, (600, 75)), 24, axis=1)):
+        readings = reader.read(images.astype(np.uint8))
+        assert np.isnan(readings.angle).all() and (readings.quality == REJECTED).all()
+        assert (readings.reason > 0).all()
+
+
+def test_bars_of_random_bits_never_become_an_angle():
+    params = design()
+    disc = Disc(np.random.default_rng(8).integers(0, 2, BARS))
+    places = angles(600)
+    readings = TemplateReader(params, Disc()).read(frames(params, places, disc=disc))
+    assert (readings.quality == REJECTED).all()
+
+
+def test_nothing_and_the_wrong_number_of_pixels():
+    reader = TemplateReader(design(), Disc())
+    empty = reader.read(np.empty((0, 1800), np.uint8))
+    assert empty.angle.shape == empty.quality.shape == empty.reason.shape == (0,)
+    with pytest.raises(ValueError, match=r'1800 pixels'):
+        reader.read(np.zeros((3, 1799), np.uint8))
+
+
+def test_designs_that_cannot_be_read():
+    with pytest.raises(ValueError, match="'detect', 'forward', 'reversed'"):
+        TemplateReader(design(), Disc(), direction='up')
+    for changes in ({'bar_narrow': 0.148e-3}, {'bar_pitch': 40.0, 'blur': 9.0}):
+        with pytest.raises(ValueError, match='cannot be told apart'):
+            TemplateReader(design(**changes), Disc())
