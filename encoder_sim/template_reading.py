@@ -24,6 +24,7 @@ _DISPLACED = 0.08  # bar periods off its place, from which the width of a bar mi
 _FLAT = 0.01  # relative deviation that is not
 _SHARPEST = 3.0  # blur of the template's slopes, pixels: they move in the series below
 _CUT = 6.0  # of Tukey's weights: costs 2 % where the noise is normal
+_FEWEST = 22  # bars, that tell the direction
 _TINY = np.float32(1e-6)
 _HALF = np.float32(0.5)
 
@@ -64,10 +65,13 @@ class TemplateReader:
     4. The slope of its two edges, of which the code knows whether they are those of a wide or of a
        narrow bar and between which neighbours, gives the shift of each bar; contrast and level
        come from a smooth curve along the row, so that shading does not act as a shift.
-    5. A robust straight line through the shifts gives place and scale. Twice: the second time the
-       template lies at the place that the first time found.
+    5. A robust straight line through the shifts gives place and scale; with the weights of step 4
+       it is the least-squares fit of the whole template. Where the line has moved by more than
+       the response is straight, or bars are off it, once more from there: then it is also known
+       what the displaced and missing bars change in the stretches of their neighbours.
 
-    Weighted so, the line is the least-squares fit of the whole template.
+    A frame that runs against the disc is recognised, for from 22 bars on no window of the codes
+    read backwards is one read forwards; the angle in the middle of the row is the same.
 
     Parameters
     ----------
@@ -80,7 +84,8 @@ class TemplateReader:
     Raises
     ------
     ValueError
-        Unknown direction; bars so blurred that wide and narrow cannot be told apart.
+        Unknown direction; fewer than 22 bars in view; bars so blurred that wide and narrow cannot
+        be told apart.
     """
 
     #: bits by which the match must surpass what chance finds among all places and directions
@@ -232,6 +237,10 @@ class TemplateReader:
     def _prepare_code(self):
         last = self.pixels - 1 - self._half
         reach = int(np.interp(last, np.arange(self.pixels), self._place) + 0.5)
+        if 2 * reach < _FEWEST:
+            raise ValueError(
+                f'{self.pixels} pixels at {self.params.bar_pitch:g} px a bar show {2 * reach} '
+                f'whole bars: {_FEWEST} are needed to tell place and direction')
         self._rank = np.arange(-reach, reach + 1)
         n, bits = len(self._rank), self.disc.bits
         windows = np.roll(windows_of(bits, n), reach, axis=0).astype(np.int64)
@@ -301,17 +310,17 @@ class TemplateReader:
         fields[3][:] = turned
         failed = reason == _NOT_ON_DISC
         if failed.any():
-            rows = np.flatnonzero(failed)
-            again = self._read_one_way(frames[rows] if turned else frames[rows, ::-1])
-            read = again[2] == 0
+            # all of them: the last digit depends on how many are read at once
+            again = self._read_one_way(frames if turned else frames[:, ::-1])
+            rows = np.flatnonzero(failed & (again[2] == 0))
             if self.direction != 'detect':
-                reason[rows[read]] = _WRONG_DIRECTION
-            elif read.any():
+                reason[rows] = _WRONG_DIRECTION
+            else:
                 again[3][:] = not turned
                 for field, values in zip(fields, again):
-                    field[rows[read]] = values[read]
+                    field[rows] = values[rows]
                 # only the speed depends on which is tried first
-                self._backwards ^= np.count_nonzero(read) > 0.5 * len(frames)
+                self._backwards ^= len(rows) > 0.5 * len(frames)
         return fields
 
     def _read_one_way(self, frames):

@@ -20,12 +20,14 @@ def _die_with_parent():
 
 
 #: Without it a participant that starts between two announcements of another may wait for the
-#: next one, 3 s by default.
+#: next one, and a writer that asks for acknowledgement for its next heartbeat: 3 s by default.
 _DDS_PROFILE = """<?xml version="1.0" encoding="UTF-8" ?>
 <dds><profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
 <participant profile_name="quick_discovery" is_default_profile="true"><rtps><builtin>
 <discovery_config><leaseAnnouncement><sec>0</sec><nanosec>200000000</nanosec></leaseAnnouncement>
-</discovery_config></builtin></rtps></participant></profiles></dds>
+</discovery_config></builtin></rtps></participant>
+<data_writer profile_name="quick_repair" is_default_profile="true"><times><heartbeatPeriod>
+<sec>0</sec><nanosec>100000000</nanosec></heartbeatPeriod></times></data_writer></profiles></dds>
 """
 
 

@@ -138,7 +138,7 @@ def test_exposure_smears_at_speed():
     assert (fast.quality == REJECTED).all()
 
 
-@pytest.mark.parametrize('dirt', [{}, {'missing_bars': 0.02}])
+@pytest.mark.parametrize('dirt', [{}, {'missing_bars': 0.02}, {'mounting': 'reversed'}])
 def test_same_stamp_same_reading_whatever_the_batch(dirt):
     device = encoder(**dirt)
     stamps = 1_768_482_000_000_000_000 + 10**6 * np.arange(300)

@@ -289,3 +289,6 @@ def test_designs_that_cannot_be_read():
     for changes in ({'bar_narrow': 0.148e-3}, {'bar_pitch': 40.0, 'blur': 9.0}):
         with pytest.raises(ValueError, match='cannot be told apart'):
             TemplateReader(design(**changes), Disc())
+    with pytest.raises(ValueError, match='show 18 whole bars: 22 are needed'):
+        TemplateReader(design(60, pixels=1200), Disc())
+    assert TemplateReader(design(pixels=1200), Disc()).pixels == 1200

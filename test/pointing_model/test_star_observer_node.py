@@ -240,7 +240,7 @@ def test_a_silent_camera_is_named_and_the_plan_goes_on_when_it_speaks(graph):
     speaks = []
     Instruments(graph, miss=lambda *_: (0.0, 0.0) if speaks else None)
     night = Night(graph, 'stars 2', answer_timeout_s=0.5)
-    assert night.until('waiting', 'an answer of') == 'an answer of camera'
+    night.until('waiting', 'an answer of camera')
     status = graph.report('star_observer', 'waiting for an answer of camera')
     assert status.level == DiagnosticStatus.WARN
     assert not night.rows
@@ -252,7 +252,7 @@ def test_a_silent_camera_is_named_and_the_plan_goes_on_when_it_speaks(graph):
 def test_a_silent_encoder_is_named(graph):
     sky = Instruments(graph, absolute=False)
     night = Night(graph, 'stars 1', answer_timeout_s=0.5)
-    assert night.until('waiting', 'an answer of') == 'an answer of absolute encoder'
+    night.until('waiting', 'an answer of absolute encoder')
     sky.absolute = True
     assert len(night.run()) == 1
 
