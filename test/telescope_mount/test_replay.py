@@ -42,7 +42,7 @@ def test_logs_that_cannot_be_replayed(night, refused, tmp_path):
     (tmp_path / 'nothing.mcap').write_text('')
     assert 'is empty' in refused('replay', tmp_path / 'nothing.mcap')
     file = next((night / 'bag').glob('*.mcap'))
-    (tmp_path / 'cut.mcap').write_bytes(file.read_bytes()[:20_000])
+    (tmp_path / 'cut.mcap').write_bytes(file.read_bytes()[:200])
     refused('replay', tmp_path / 'cut.mcap')
 
 
