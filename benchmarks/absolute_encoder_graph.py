@@ -37,6 +37,7 @@ _RATES = (0.02, -0.01)  # of the axes, rad/s
 def publish(rate, seconds):
     """Child process: warm up until told to go, then publish `seconds` at `rate`; print stamps."""
     import rclpy
+    from rclpy.duration import Duration
     from rclpy.node import Node
 
     from msg_tools import NAMESPACE, convert, topics
@@ -47,7 +48,7 @@ def publish(rate, seconds):
         topics.TRUTH_JOINTS.message, topics.TRUTH_JOINTS.name, topics.TRUTH_JOINTS.qos)
     deadline = time.monotonic() + PATIENCE
     while pub.get_subscription_count() == 0 and time.monotonic() < deadline:
-        time.sleep(0.02)
+        time.sleep(0.02)  # polls; nothing is measured yet
     start = time.time_ns()
 
     def sample():
@@ -61,16 +62,16 @@ def publish(rate, seconds):
         sample()
     if not sys.stdin.readline():
         return  # the other side has gone
-    time.sleep(0.5)
+    time.sleep(0.5)  # the warm-up's last readings must not fall into the measurement
     stamps = np.empty(round(rate * seconds), dtype=np.int64)
     begin = time.monotonic()
     for i in range(len(stamps)):
         pause = begin + i / rate - time.monotonic()
         if pause > 0.0:
-            time.sleep(pause)
+            time.sleep(pause)  # this is the clock of the source
         stamps[i] = sample()
     elapsed = time.monotonic() - begin
-    time.sleep(2.0)  # the writer must outlive its last message
+    pub.wait_for_all_acked(Duration(seconds=PATIENCE))  # the writer must outlive its last message
     sys.stdout.buffer.write(struct.pack('<d', elapsed) + stamps.tobytes())
     sys.stdout.flush()
     node.destroy_node()

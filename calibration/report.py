@@ -8,8 +8,8 @@ from pointing_model.units import ARCSEC, DEG
 from .session import RAW
 
 
-def _table(title, *columns):
-    """A table whose title may be wider than its columns."""
+def new_table(title, *columns):
+    """An empty `rich` table, first column left, the others right; its title may be the widest."""
     from rich import box
     from rich.table import Table
     out = Table(title=title, box=box.SIMPLE_HEAD, title_justify='left', title_style='bold',
@@ -37,7 +37,8 @@ def night_tables(report):
     """
     tables = []
     if report['zeros']:
-        zeros = _table('Zero on Polaris, arcsec', 'power-on', 'azimuth', 'elevation', 'exposures')
+        zeros = new_table(
+            'Zero on Polaris, arcsec', 'power-on', 'azimuth', 'elevation', 'exposures')
         for zero in report['zeros']:
             zeros.add_row(f'{zero["run"]}', *_zero_cells(zero))
         for change in report['changes']:
@@ -47,13 +48,13 @@ def night_tables(report):
                 zeros.add_row('  simulated', f'{truth["az_arcsec"]:+9.2f}       ',
                               f'{truth["el_arcsec"]:+9.2f}       ', '')
         tables.append(zeros)
-    steps = _table('RMS on the sky, arcsec', 'correction', 'used: az', 'el', 'radial',
-                  'held out: az', 'el', 'radial')
+    steps = new_table('RMS on the sky, arcsec', 'correction', 'used: az', 'el', 'radial',
+                      'held out: az', 'el', 'radial')
     for step in report['steps']:
         steps.add_row(step['step'], *_rms_cells(step['used']), *_rms_cells(step['held_out']))
     tables.append(steps)
     if report['external_check']:
-        check = _table('External check, RMS on the sky, arcsec', 'model and stars', 'az', 'el',
+        check = new_table('External check, RMS on the sky, arcsec', 'model and stars', 'az', 'el',
                       'radial', 'stars')
         for row in report['external_check']:
             check.add_row(row['check'], *_rms_cells(row), str(row['n']))
@@ -83,7 +84,7 @@ def terms_table(terms):
     -------
     rich.table.Table
     """
-    out = _table('Terms, encoder − catalogue, arcsec', 'term', 'value', 'sigma')
+    out = new_table('Terms, encoder − catalogue, arcsec', 'term', 'value', 'sigma')
     for term in terms:
         out.add_row(term['name'], f'{term["value_arcsec"]:+.2f}', f'{term["sigma_arcsec"]:.2f}')
     return out
@@ -107,7 +108,8 @@ def fit_tables(run, result, encoder='enc', held_out=None):
         What `rich.console.Console.print` takes: tables and lines of text.
     """
     from .fit import rms_arcsec
-    steps = _table(f'RMS on the sky, arcsec, {len(run)} rows', 'correction', 'az', 'el', 'radial')
+    steps = new_table(
+        f'RMS on the sky, arcsec, {len(run)} rows', 'correction', 'az', 'el', 'radial')
     steps.add_row(RAW, *_rms_cells(rms_arcsec(*run.offsets(encoder))._asdict()))
     steps.add_row(f'{len(result.names)} terms, on the rows fitted',
                   *_rms_cells(result.rms_arcsec()._asdict()))

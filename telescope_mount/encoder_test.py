@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calibration.report import new_table
 from pointing_model.units import ARCSEC
 
 _SECONDS = np.array([3600.0, 60.0, 1.0])
@@ -411,7 +412,7 @@ def tables(report):
     conditions = report['conditions']
     loud = report['noise_of_the_paper']
     out = []
-    methods = _table(
+    methods = new_table(
         f'{conditions["turns"]} turns of 23 angles, noise {conditions["noise_grey_levels"]:g} grey '
         f'levels, {conditions["bar_pitch_px"]:g} px a bar',
         'arcsec', 'std', 'printed', 'max', 'rejected', 'one bar off', 'damaged bars',
@@ -425,13 +426,13 @@ def tables(report):
     out.append(methods)
 
     printed = report['table_2']
-    table = _table('Table 2 of the paper, recomputed', 'arcsec', 'mean', 'std', 'max', 'min')
+    table = new_table('Table 2 of the paper, recomputed', 'arcsec', 'mean', 'std', 'max', 'min')
     table.add_row('as printed', '', '4.57', '7.71', '0.23')
     table.add_row('recomputed', *(f'{printed[f"{key}_arcsec"]:.3f}'
                                   for key in ('mean', 'std', 'max', 'min')))
     out.append(table)
 
-    need = _table('What the rivals would need', 'disturbance alone', 'centroid 26.77"',
+    need = new_table('What the rivals would need', 'disturbance alone', 'centroid 26.77"',
                   'parabola 16.93"', 'sine there', 'R-square there')
     for name in dict.fromkeys(row['disturbance'] for row in report['needed']):
         pair = [row for row in report['needed'] if row['disturbance'] == name]
@@ -465,16 +466,6 @@ def notes(report):
 
 def _cell(value, digits=2):
     return '-' if value is None else f'{value:.{digits}f}'
-
-
-def _table(title, *columns):
-    from rich import box
-    from rich.table import Table
-    out = Table(title=title, box=box.SIMPLE_HEAD, title_justify='left', title_style='bold',
-                pad_edge=False, min_width=len(title) + 2)
-    for i, name in enumerate(columns):
-        out.add_column(name, justify='left' if i == 0 else 'right', no_wrap=True)
-    return out
 
 
 _COLOURS = {'paper': 'C0', 'centroid': 'C1', 'parabola': 'C2', 'template': 'C3'}
