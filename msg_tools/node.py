@@ -18,12 +18,13 @@ from rclpy._rclpy_pybind11 import RCLError
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from . import NAMESPACE
+from .executor import NodeExecutor
 from .topics import CLOCK, DIAGNOSTICS
 
 # Each event handler is one more entity that the executor looks at for every message: they took
@@ -412,7 +413,7 @@ def run_node(make_node, args=None):
     int
         Exit code: 0 after a clean end, 2 after bad input.
     """
-    node = None
+    node = executor = None
     running = False
     # KeyboardInterrupt could fall into the middle of a record of the log; rclpy shuts the
     # context down at either signal, and that ends `spin`
@@ -422,7 +423,7 @@ def run_node(make_node, args=None):
         running = True
         node = make_node()
         node.check_overrides()
-        executor = SingleThreadedExecutor()
+        executor = NodeExecutor()
         executor.add_node(node)
         executor.spin()
     except (KeyboardInterrupt, ExternalShutdownException):
@@ -442,6 +443,8 @@ def run_node(make_node, args=None):
         print(f'error: {err}', file=sys.stderr)
         return 2
     finally:
+        if executor is not None:
+            executor.shutdown()
         if node is not None:
             node.finish()
             node.destroy_node()

@@ -112,7 +112,7 @@ class Processes:
                 words = self.last_words(name).removeprefix('error: ')
                 raise RuntimeError(words or f'node {name} ended with code {code}')
 
-    def stop(self, names=None, patience=8.0):
+    def stop(self, names=None, patience=20.0):
         """End nodes: Ctrl-C first, so that files are closed; the hard way for what stays.
 
         Returns

@@ -5,11 +5,11 @@ import time
 
 import rclpy
 from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from msg_tools import NAMESPACE, topics
+from msg_tools.executor import NodeExecutor
 from msg_tools.readiness import parse, unreceived
 
 
@@ -46,7 +46,7 @@ class Watcher:
                    signal_handler_options=SignalHandlerOptions.NO)
         self.node = Node(name, context=self._context, namespace=NAMESPACE,
                          start_parameter_services=False, enable_rosout=False)
-        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor = NodeExecutor(context=self._context)
         self._executor.add_node(self.node)
         self.latest = {}
         self.diagnostics = {}

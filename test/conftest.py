@@ -32,15 +32,15 @@ class Graph:
     def __init__(self, domain):
         import rclpy
         from rclpy.context import Context
-        from rclpy.executors import SingleThreadedExecutor
         from rclpy.node import Node
         from rclpy.signals import SignalHandlerOptions
 
         from msg_tools import topics
+        from msg_tools.executor import NodeExecutor
         self.context = Context()
         rclpy.init(context=self.context, domain_id=domain,
                    signal_handler_options=SignalHandlerOptions.NO)
-        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor = NodeExecutor(context=self.context)
         self.tester = Node('tester', context=self.context, namespace='/mount',
                            start_parameter_services=False, enable_rosout=False)
         self.executor.add_node(self.tester)

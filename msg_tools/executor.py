@@ -1,0 +1,226 @@
+"""An executor for the nodes of one process: a wait set that is kept, and short ways to callbacks.
+
+rclpy's own builds its wait set anew for every wake-up and wraps each callback in a task: of a
+node that answers small messages that takes more time than the messages do. This one does both
+only where something changed or really has to wait.
+"""
+
+import inspect
+from contextlib import ExitStack
+
+from rclpy.exceptions import InvalidHandle
+from rclpy.executors import (
+    Executor,
+    ExternalShutdownException,
+    TimeoutObject,
+    timeout_sec_to_nsec,
+)
+from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
+from rclpy.subscription import Subscription
+from rclpy.task import Task
+from rclpy.waitable import NumberOfEntities
+
+#: messages that one subscription may take before the others get their turn
+_TAKES = 16
+_KINDS = ('timer', 'subscription', 'guard_condition', 'client', 'service')
+
+
+class NodeExecutor(Executor):
+    """Runs callbacks in the thread that spins, as `rclpy.executors.SingleThreadedExecutor` does.
+
+    Callback groups are not looked at: with one thread, and callbacks that do not await, there is
+    nothing to exclude. Callbacks that do await are finished as tasks.
+
+    Parameters
+    ----------
+    context : rclpy.context.Context, optional
+        A private context (tests).
+    """
+
+    def __init__(self, *, context=None):
+        self._changed = True
+        self._held = ExitStack()
+        self._entities = {}
+        self._waitables = []
+        self._busy = frozenset()
+        self._wait_set = None
+        super().__init__(context=context)
+
+    def wake(self):
+        """Wake from waiting and look at the entities of the nodes anew."""
+        self._changed = True
+        super().wake()
+
+    def add_node(self, node):
+        """Add a node; True if it was new."""
+        self._changed = True
+        return super().add_node(node)
+
+    def remove_node(self, node):
+        """Leave a node alone from now on."""
+        self._changed = True
+        super().remove_node(node)
+
+    def shutdown(self, timeout_sec=None):
+        """Stop; call it before the nodes are destroyed, which waits for their handles."""
+        self._release()
+        return super().shutdown(timeout_sec)
+
+    def spin_once(self, timeout_sec=None):
+        """Wait until something is ready, and run all that is.
+
+        Raises
+        ------
+        rclpy.executors.ExternalShutdownException
+            The context was shut down, for instance by a signal.
+        """
+        if isinstance(timeout_sec, TimeoutObject):
+            timeout_sec = timeout_sec.timeout
+        if self._is_shutdown:
+            return
+        # a task that waits for a future is looked at again after whatever may have set it
+        if self._tasks and self._step_tasks():
+            timeout_sec = 0.0
+        if self._changed:
+            self._rebuild()
+        self._wait(timeout_sec_to_nsec(timeout_sec))
+        if self._is_shutdown:
+            return
+        if not self._context.ok():
+            raise ExternalShutdownException()
+        self._run_ready()
+
+    def spin_once_until_future_complete(self, future, timeout_sec=None):
+        """As `spin_once`; returns as well when `future` is done."""
+        future.add_done_callback(lambda _: self.wake())
+        if not future.done():
+            self.spin_once(timeout_sec)
+
+    def _release(self):
+        self._wait_set = None
+        self._entities, self._waitables = {}, []
+        self._held.close()
+
+    def _rebuild(self):
+        """Collect what to wait for; its handles are held until the next time."""
+        self._changed = False
+        self._release()
+        nodes = self.get_nodes()
+        found = {
+            'timer': [t for node in nodes for t in node.timers],
+            'subscription': [s for node in nodes for s in node.subscriptions],
+            'guard_condition': [
+                *(g for node in nodes for g in node.guards), self._guard, self._sigint_gc],
+            'client': [c for node in nodes for c in node.clients],
+            'service': [s for node in nodes for s in node.services],
+        }
+        self._entities = {kind: {} for kind in _KINDS}
+        for kind, entities in found.items():
+            for entity in entities:
+                try:
+                    self._held.enter_context(entity.handle)
+                except InvalidHandle:
+                    continue  # destroyed meanwhile
+                self._entities[kind][entity.handle.pointer] = entity
+        extra = NumberOfEntities()
+        for waitable in (w for node in nodes for w in node.waitables):
+            try:
+                self._held.enter_context(waitable)
+            except InvalidHandle:
+                continue
+            extra += waitable.get_num_entities()
+            self._waitables.append(waitable)
+        count = {kind: len(entities) for kind, entities in self._entities.items()}
+        with self._context.handle:
+            self._wait_set = _rclpy.WaitSet(
+                count['subscription'] + extra.num_subscriptions,
+                count['guard_condition'] + extra.num_guard_conditions,
+                count['timer'] + extra.num_timers, count['client'] + extra.num_clients,
+                count['service'] + extra.num_services, extra.num_events, self._context.handle)
+
+    def _wait(self, timeout_ns):
+        wait_set = self._wait_set
+        wait_set.clear_entities()
+        for kind in _KINDS:
+            add = getattr(wait_set, f'add_{kind}')
+            for entity in self._entities[kind].values():
+                add(entity.handle)
+        for waitable in self._waitables:
+            waitable.add_to_wait_set(wait_set)
+        with self._context.handle:
+            wait_set.wait(timeout_ns)
+
+    def _run_ready(self):
+        wait_set = self._wait_set
+        ready = {kind: [self._entities[kind][pointer]
+                        for pointer in wait_set.get_ready_entities(kind)
+                        if pointer in self._entities[kind]] for kind in _KINDS}
+        waitables = [w for w in self._waitables if w.is_ready(wait_set)]
+        for timer in ready['timer']:
+            # a cancelled timer counts as ready to rcl
+            if timer.handle.is_timer_ready():
+                self._run(self._take_timer(timer))
+        busy = self._busy
+        self._busy = frozenset(ready['subscription'])
+        for subscription in ready['subscription']:
+            # asking in vain costs as much as a message: only where they come thick and fast
+            self._take_messages(subscription, _TAKES if subscription in busy else 1)
+        for guard in ready['guard_condition']:
+            if guard.callback is not None:
+                self._run(self._take_guard_condition(guard))
+        for client in ready['client']:
+            self._run(self._take_client(client))
+        for service in ready['service']:
+            self._run(self._take_service(service))
+        for waitable in waitables:
+            self._run(self._take_waitable(waitable))
+
+    def _take_messages(self, subscription, most):
+        callback, raw = subscription.callback, subscription.raw
+        if inspect.iscoroutinefunction(callback):
+            self._run(self._take_subscription(subscription))
+            return
+        bare = subscription._callback_type is Subscription.CallbackType.MessageOnly
+        kind = subscription.msg_type
+        for _ in range(most):
+            try:
+                with subscription.handle:
+                    taken = subscription.handle.take_message(kind, raw)
+            except InvalidHandle:
+                return  # destroyed by a callback before this one
+            if taken is None:
+                return
+            if bare:
+                callback(taken[0])
+            else:
+                callback(*taken)
+
+    def _run(self, call):
+        if call is None:
+            return
+        task = Task(call, executor=self)
+        task()
+        if not task.done():
+            with self._tasks_lock:
+                self._tasks.append((task, None, None))
+        elif task.exception() is not None:
+            raise task.exception()
+
+    def _step_tasks(self):
+        """Go on with tasks that wait; whether one came to its end."""
+        with self._tasks_lock:
+            waiting, self._tasks = self._tasks, []
+        ended = False
+        for task, entity, node in waiting:
+            if task.cancelled():
+                continue
+            if not task.done():
+                task()
+            if not task.done():
+                with self._tasks_lock:
+                    self._tasks.append((task, entity, node))
+                continue
+            ended = True
+            if task.exception() is not None:
+                raise task.exception()
+        return ended

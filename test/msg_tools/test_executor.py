@@ -1,0 +1,197 @@
+"""The executor against rclpy's own: the same callbacks, whatever comes and goes."""
+
+import time
+
+import pytest
+
+pytest.importorskip('rclpy', reason='rclpy is not installed (./install.sh ros)',
+                    exc_type=ImportError)
+
+from rclpy.node import Node
+from rclpy.task import Future
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+from msg_tools import topics
+
+
+@pytest.fixture
+def node(graph):
+    made = Node('busy', context=graph.context, namespace='/mount')
+    graph.executor.add_node(made)
+    yield made
+    graph.executor.remove_node(made)
+    made.destroy_node()
+
+
+def matched(graph, node, *pubs):
+    """Wait until each publisher and all subscriptions of `node` on its topic know each other."""
+    subs = [sub for sub in node.subscriptions
+            if sub.topic_name in {pub.topic_name for pub in pubs}]
+    graph.wait_for(lambda: all(sub.get_publisher_count() for sub in subs) and all(
+        pub.get_subscription_count() == sum(s.topic_name == pub.topic_name for s in subs)
+        for pub in pubs), 'the endpoints to match')
+
+
+def test_messages_come_once_and_in_order(graph, node):
+    got = []
+    node.create_subscription(String, 'text', lambda message: got.append(message.data), 1000)
+    pub = graph.tester.create_publisher(String, 'text', 1000)
+    matched(graph, node, pub)
+    for number in range(300):
+        pub.publish(String(data=str(number)))
+    graph.wait_for(lambda: len(got) >= 300)
+    assert got == [str(number) for number in range(300)]
+
+
+def test_a_callback_with_message_info_gets_it(graph, node):
+    got = []
+    node.create_subscription(
+        String, 'text', lambda message, info: got.append((message.data, info)), 10)
+    pub = graph.tester.create_publisher(String, 'text', 10)
+    matched(graph, node, pub)
+    pub.publish(String(data='a'))
+    pub.publish(String(data='b'))
+    graph.wait_for(lambda: len(got) == 2)
+    assert [info['publication_sequence_number'] for _, info in got] == [1, 2]
+
+
+def test_raw_bytes(graph, node):
+    got = []
+    node.create_subscription(String, 'text', got.append, 10, raw=True)
+    pub = graph.tester.create_publisher(String, 'text', 10)
+    matched(graph, node, pub)
+    pub.publish(String(data='abc'))
+    graph.wait_for(lambda: got)
+    assert isinstance(got[0], bytes) and b'abc' in got[0]
+
+
+def test_entities_that_come_and_go_between_callbacks(graph, node):
+    got = []
+    pub = graph.tester.create_publisher(String, 'late', 10)
+    timers = []
+
+    def make():
+        timers.append(node.create_timer(0.001, tick))
+
+    def tick():
+        node.destroy_timer(timers[0])
+        got.append('tick')
+        node.create_subscription(String, 'late', lambda message: got.append(message.data), 10)
+
+    make()
+    graph.wait_for(lambda: got)
+    matched(graph, node, pub)
+    pub.publish(String(data='late'))
+    graph.wait_for(lambda: 'late' in got)
+    assert got == ['tick', 'late']
+
+
+def test_a_subscription_destroyed_by_the_callback_before_it(graph, node):
+    got, subs = [], []
+
+    def first(message):
+        got.append('first')
+        if len(subs) == 2:
+            node.destroy_subscription(subs.pop())
+
+    subs.append(node.create_subscription(String, 'text', first, 10))
+    subs.append(node.create_subscription(String, 'text', lambda _: got.append('second'), 10))
+    pub = graph.tester.create_publisher(String, 'text', 10)
+    matched(graph, node, pub)
+    pub.publish(String())
+    graph.wait_for(lambda: len(subs) == 1)
+    pub.publish(String())
+    graph.wait_for(lambda: got.count('first') == 2)
+    assert got.count('second') <= 1
+
+
+def test_services_clients_and_done_callbacks(graph, node):
+    def serve(request, response):
+        response.success, response.message = True, 'yes'
+        return response
+
+    node.create_service(Trigger, 'ask', serve)
+    client = graph.tester.create_client(Trigger, 'ask')
+    graph.wait_for(client.service_is_ready)
+    told = []
+    future = client.call_async(Trigger.Request())
+    future.add_done_callback(lambda done: told.append(done.result().message))
+    graph.wait_for(lambda: told)
+    assert told == ['yes']
+
+
+def test_a_callback_that_awaits_is_finished_later(graph, node):
+    gate, got = Future(), []
+
+    async def slow(message):
+        got.append('begin')
+        await gate
+        got.append('end')
+
+    node.create_subscription(String, 'text', slow, 10)
+    pub = graph.tester.create_publisher(String, 'text', 10)
+    matched(graph, node, pub)
+    pub.publish(String())
+    graph.wait_for(lambda: got)
+    assert got == ['begin']
+    gate.set_result(None)
+    graph.executor.wake()
+    graph.wait_for(lambda: len(got) == 2)
+    assert got == ['begin', 'end']
+
+
+def test_an_error_in_a_callback_comes_out(graph, node):
+    def fail(message):
+        raise LookupError('here')
+
+    node.create_subscription(String, 'text', fail, 10)
+    pub = graph.tester.create_publisher(String, 'text', 10)
+    matched(graph, node, pub)
+    pub.publish(String())
+    with pytest.raises(LookupError, match='here'):
+        graph.wait_for(lambda: False)
+
+
+def test_a_timeout_is_kept_and_a_wake_ends_it(graph, node):
+    executor = graph.executor
+    for _ in range(200):  # what is left of discovery
+        executor.spin_once(timeout_sec=0.0)
+    begin = time.monotonic()
+    executor.wake()
+    executor.spin_once(timeout_sec=30.0)
+    assert time.monotonic() - begin < 20.0
+
+
+def test_a_flood_on_one_topic_does_not_silence_another(graph, node):
+    got = []
+    node.create_subscription(String, 'flood', lambda _: got.append('flood'), 5000)
+    node.create_subscription(String, 'rare', lambda _: got.append('rare'), 10)
+    flood = graph.tester.create_publisher(String, 'flood', 5000)
+    rare = graph.tester.create_publisher(String, 'rare', 10)
+    matched(graph, node, flood, rare)
+    for _ in range(1000):
+        flood.publish(String())
+    rare.publish(String())
+    graph.wait_for(lambda: 'rare' in got)
+    assert got.count('flood') < 1000
+
+
+def test_it_leaves_nothing_behind(ros_domain):
+    import rclpy
+    from rclpy.context import Context
+    from rclpy.signals import SignalHandlerOptions
+
+    from msg_tools.executor import NodeExecutor
+    context = Context()
+    rclpy.init(context=context, domain_id=ros_domain,
+               signal_handler_options=SignalHandlerOptions.NO)
+    executor = NodeExecutor(context=context)
+    node = Node('short', context=context)
+    node.create_publisher(topics.DIAGNOSTICS.message, topics.DIAGNOSTICS.name, 1)
+    executor.add_node(node)
+    executor.spin_once(timeout_sec=0.0)
+    executor.shutdown()
+    node.destroy_node()
+    context.try_shutdown()
+    executor.spin_once(timeout_sec=0.0)  # of no effect, and no error
