@@ -2,6 +2,7 @@
 
 import json
 import sys
+from dataclasses import replace
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -9,17 +10,23 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from msg_tools import convert, topics
-from msg_tools.node import MountNode, Param, run_node
+from msg_tools.node import NO_SUBSCRIPTION_EVENTS, MountNode, Param, run_node
 from pointing_model.model import PointingModel
 from pointing_model.units import ARCSEC
 
+from .nights import NightSeries
 from .session import CalibrationSession
+from .witnesses import homings_from_diagnostics
 
 PARAMS = (
     Param('model_file', '', 'pointing model of an earlier night (JSON or YAML), the reference of '
           'the zero', fixed=True),
     Param('split_seed', 1, 'seed of the choice of stars held out of the check', 0, 2**31 - 1,
           fixed=True),
+    Param('least_exposures', 16, 'exposures of Polaris below which a zero comes with a warning',
+          1, 100000),
+    Param('reference_age', 0, 'the reference of a zero is the model fitted so many power-ons '
+          'before; 0: model_file for all', 0, 1000, fixed=True),
 )
 
 
@@ -31,7 +38,11 @@ class Calibration(MountNode):
         reference = None
         if self.value('model_file'):
             reference = PointingModel.load(self.value('model_file'))
-        self._session = CalibrationSession(reference, self.value('split_seed'))
+        seed, age = self.value('split_seed'), self.value('reference_age')
+        self._session = (NightSeries(age, reference, seed) if age
+                         else CalibrationSession(reference, seed))
+        self._alarms = []
+        self._encoders = {}
         self._zero_pub = self.publisher(topics.ZERO)
         self._model_pub = self.publisher(topics.MODEL)
         self._report_pub = self.publisher(topics.CALIBRATION_REPORT)
@@ -39,6 +50,9 @@ class Calibration(MountNode):
         self.subscribe(topics.OBSERVATION, self._on_observation)
         # latched: after a restart it brings back the night so far
         self.subscribe(topics.OBSERVATIONS, self._on_table)
+        self.create_subscription(topics.DIAGNOSTICS.message, topics.DIAGNOSTICS.name,
+                                 self._on_diagnostics, topics.DIAGNOSTICS.qos,
+                                 event_callbacks=NO_SUBSCRIPTION_EVENTS)
         self.create_service(Trigger, 'calibrate_zero', self._on_calibrate_zero)
         self.create_service(Trigger, 'fit', self._on_fit)
         self._say('collecting')
@@ -54,10 +68,20 @@ class Calibration(MountNode):
                                      convert.from_stamp(message.header.stamp))
             self._say('collecting')
 
-    def _say(self, text):
+    def _on_diagnostics(self, message):
+        for status in message.status:
+            if any(row.key == 'azimuth homed' for row in status.values):
+                self._encoders = {row.key: row.value for row in status.values}
+
+    def _homings(self):
+        run = self._session.newest
+        # an encoder that has lost its zero since says so itself
+        return [homing for homing in homings_from_diagnostics(self._encoders, run) if homing.homed]
+
+    def _say(self, text, level=DiagnosticStatus.OK, **values):
         self._status_pub.publish(convert.status(
-            DiagnosticStatus.OK, self.get_fully_qualified_name(), text,
-            observations=len(self._session)))
+            level, self.get_fully_qualified_name(), text, observations=len(self._session),
+            **values))
 
     def _on_calibrate_zero(self, request, response):
         try:
@@ -65,14 +89,31 @@ class Calibration(MountNode):
         except (ValueError, np.linalg.LinAlgError) as err:
             response.message = str(err)
             return response
+        old = self._session.reference
+        if self.value('reference_age') and old is not None:
+            # the zero goes with the model that it is relative to
+            self._model_pub.publish(String(data=self._dated(old).to_json()))
         self._publish_zero([zero.az, zero.el], zero)
         response.success = True
         response.message = (
             f'zero of power-on {run}: azimuth {zero.az / ARCSEC:+.2f} +- '
             f'{zero.sigma_az / ARCSEC:.2f} arcsec, elevation {zero.el / ARCSEC:+.2f} +- '
             f'{zero.sigma_el / ARCSEC:.2f} arcsec, relative to {zero.reference}')
-        self._say(response.message)
+        few = zero.n - zero.rejected < self.value('least_exposures')
+        if few:
+            response.message += f'; {zero.n - zero.rejected} exposures only'
+        self._say(response.message, DiagnosticStatus.WARN if few else DiagnosticStatus.OK,
+                  power_on=run, exposures=zero.n, rejected=zero.rejected,
+                  azimuth_arcsec=f'{zero.az / ARCSEC:.3f}',
+                  elevation_arcsec=f'{zero.el / ARCSEC:.3f}',
+                  sigma_azimuth_arcsec=f'{zero.sigma_az / ARCSEC:.3f}',
+                  sigma_elevation_arcsec=f'{zero.sigma_el / ARCSEC:.3f}',
+                  contains=zero.statement())
         return response
+
+    def _dated(self, model):
+        return replace(model, provenance={
+            **model.provenance, 'last_stamp_ns': self._session.last_stamp})
 
     def _publish_zero(self, angles, zero):
         self._zero_pub.publish(convert.joint_state(
@@ -81,11 +122,12 @@ class Calibration(MountNode):
     def _on_fit(self, request, response):
         self._say('fitting')
         try:
-            model, report = self._session.fit()
+            model, report = self._session.fit(self._homings())
         except (ValueError, np.linalg.LinAlgError) as err:
             response.message = str(err)
             self._say(response.message)
             return response
+        self._alarms = report['witnesses']['alarms']
         self._report_pub.publish(String(data=json.dumps(report)))
         self._model_pub.publish(String(data=model.to_json()))
         if self._session.zeros:
@@ -103,6 +145,10 @@ class Calibration(MountNode):
     def required(self):
         """It needs observations."""
         return {self.resolve_topic_name(topics.OBSERVATION.name)}
+
+    def problems(self):
+        """What the three witnesses of the last night disagree on."""
+        return [(DiagnosticStatus.WARN, alarm) for alarm in self._alarms]
 
     def details(self):
         """What has come."""

@@ -158,7 +158,7 @@ def plot_night(run, model, report, path):
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    stars = run.select(run['star'] != POLARIS_HIP)
+    stars = run.select((run['star'] >= 0) & (run['star'] != POLARIS_HIP))
     zeros = {float(z['run']): (z['az_arcsec'] * ARCSEC, z['el_arcsec'] * ARCSEC)
              for z in report['zeros_in_force']}
     before = [v / ARCSEC for v in stars.offsets()]

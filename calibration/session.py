@@ -10,6 +10,7 @@ from pointing_model.units import ARCSEC
 
 from .check import split_half
 from .fit import fit_harmonics, fit_terms, rms_arcsec
+from .witnesses import check_witnesses
 from .zero import PolarisExposures, zero_from_polaris
 
 REPORT_FORMAT = 'telescope_mount/calibration_report'
@@ -39,11 +40,16 @@ class CalibrationSession:
         terms; what changed shows between two power-ons.
     split_seed : int
         Of the choice of the stars that are held out.
+    yesterday : witnesses.Witness, optional
+        How Polaris and the encoders stood to each other the night before.
     """
 
-    def __init__(self, reference=None, split_seed=1):
-        self._reference = reference
+    def __init__(self, reference=None, split_seed=1, yesterday=None):
+        self.reference = reference
         self._split_seed = split_seed
+        self._yesterday = yesterday
+        #: how Polaris and the encoders stand to each other tonight, from `fit` on
+        self.witness = None
         self._parts = []
         self.last_stamp = 0
         #: by Polaris alone, power-on number -> Zero
@@ -53,6 +59,11 @@ class CalibrationSession:
 
     def __len__(self):
         return sum(len(part) for part in self._parts)
+
+    @property
+    def newest(self):
+        """Number of the newest power-on; ValueError before the first row."""
+        return int(self.observations()['run'].max())
 
     def add(self, run, stamp):
         """Take rows of the night; rows that are not newer than those here are known already.
@@ -119,9 +130,9 @@ class CalibrationSession:
             No usable exposure of Polaris in the newest power-on.
         """
         rows = self.observations()
-        newest = int(rows['run'].max())
+        newest = self.newest
         polaris = rows.select(rows['star'] == POLARIS_HIP)
-        reference = self._reference or PointingModel({}, provenance={'source': 'no model'})
+        reference = self.reference or PointingModel({})
         for number in np.unique(polaris['run']):
             part = polaris.select(polaris['run'] == number)
             x, y = part.offsets()
@@ -130,11 +141,16 @@ class CalibrationSession:
             raise ValueError(f'Polaris was not observed since power-on {newest}; point at it first')
         return newest, self.zeros[newest]
 
-    def fit(self):
+    def fit(self, homings=()):
         """Fit all stars, and judge each kind of model on stars that it did not see.
 
         The terms are fitted together with the change of the zero from power-on to power-on, to
         stars and exposures of Polaris alike: Polaris fixes most of the change, the stars help.
+
+        Parameters
+        ----------
+        homings : iterable of witnesses.Homing
+            What the incremental encoders say of themselves.
 
         Returns
         -------
@@ -149,6 +165,7 @@ class CalibrationSession:
             Too few stars.
         """
         rows = self.observations()
+        rows = rows.select(rows['star'] >= 0)  # satellites are for checks only
         is_star = rows['star'] != POLARIS_HIP
         stars = rows.select(is_star)
         notes = []
@@ -172,6 +189,7 @@ class CalibrationSession:
             'steps': self._steps(rows, notes),
             'external_check': self._external(rows, notes),
             'noise_arcsec': [s / ARCSEC for s in result.scatter],
+            'witnesses': self._witnesses(rows, result.model, homings),
             'notes': notes,
         }
         provenance = {
@@ -181,6 +199,13 @@ class CalibrationSession:
         model = PointingModel(result.model.terms, result.model.covariance, None, provenance,
                               result.model.geometry)
         return model, report
+
+    def _witnesses(self, rows, model, homings):
+        if 'az_abs' not in rows:
+            return {'alarms': [], 'notes': ['no second encoder: nothing to compare with']}
+        found = check_witnesses(rows, self._yesterday, model=model, homings=homings)
+        self.witness = found.latest
+        return {'alarms': found.alarms, 'notes': found.notes}
 
     def _fit_terms(self, rows):
         """Terms, and the zero of each power-on that belongs to them, as (azimuth, elevation)."""
@@ -199,9 +224,9 @@ class CalibrationSession:
         return out
 
     def _source(self):
-        if self._reference is None:
+        if self.reference is None:
             return None
-        return self._reference.provenance.get('source', 'a model of an earlier night')
+        return self.reference.provenance.get('source', 'a model of an earlier night')
 
     def _changes(self, rows, model):
         """Change of the zero from each power-on to the next, by Polaris alone."""
@@ -227,7 +252,7 @@ class CalibrationSession:
         halves = {'used': stars.select(used), 'held_out': stars.select(~used)}
         seen = ~is_star  # Polaris, and the stars used
         seen[np.flatnonzero(is_star)[used]] = True
-        base = self._reference or PointingModel({})
+        base = self.reference or PointingModel({})
         polaris = self._polaris_zeros(rows)
         steps = []
 
@@ -235,7 +260,7 @@ class CalibrationSession:
             steps.append({'step': label, **{
                 name: _rms(model, half, zero) for name, half in halves.items()}})
 
-        judge(RAW if self._reference is None else 'model of the earlier night', base, None)
+        judge(RAW if self.reference is None else 'model of the earlier night', base, None)
         if self.zeros:
             judge(ZEROED, base, polaris)
         for label, reading in HARMONICS.items():
@@ -257,10 +282,10 @@ class CalibrationSession:
         if not self.zeros:
             return []
         polaris = self._polaris_zeros(rows)
-        if self._reference is not None:
+        if self.reference is not None:
             label = 'model of the earlier night on all stars of tonight'
-            return [{'check': f'{label}, before Polaris', **_rms(self._reference, stars, None)},
-                    {'check': f'{label}, after Polaris', **_rms(self._reference, stars, polaris)}]
+            return [{'check': f'{label}, before Polaris', **_rms(self.reference, stars, None)},
+                    {'check': f'{label}, after Polaris', **_rms(self.reference, stars, polaris)}]
         out = []
         numbers = [n for n in np.unique(stars['run']) if int(n) in self.zeros]
         for before, after in zip(numbers, numbers[1:]):

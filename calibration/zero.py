@@ -17,6 +17,8 @@ from pointing_model.units import ARCSEC
 
 from .fit import fit_terms
 
+#: reference of a zero that is the whole offset at Polaris
+NO_MODEL = 'no model'
 _FEWEST_FOR_ROBUST = 5  # below, a median says little about the noise
 
 
@@ -101,6 +103,19 @@ class Zero:
         """Standard error of `el`, radians."""
         return float(np.sqrt(self.covariance[1, 1]))
 
+    def statement(self):
+        """What the zero rests on, in words: terms that Polaris cannot tell from it."""
+        def list_of(axis):
+            parts = sorted(self.contamination[axis].items(), key=lambda item: -abs(item[1]))
+            return ', '.join(f'{name} {v:+.2f}' for name, v in parts if abs(v) >= 0.005)
+        if self.reference == NO_MODEL:
+            return ('without a reference the zero contains every other term; for each arcsec of '
+                    f'one the azimuth holds (arcsec): {list_of("az")}; the elevation: '
+                    f'{list_of("el")}')
+        return (f'the zero contains other terms as they were at its reference, {self.reference}; '
+                'for each arcsec by which one has changed since, the azimuth is false by '
+                f'(arcsec): {list_of("az")}; the elevation: {list_of("el")}')
+
     def to_dict(self):
         """Numbers for a log or a provenance, in arcsec."""
         return {
@@ -113,6 +128,7 @@ class Zero:
             'reference': self.reference,
             'sigma_from': self.sigma_from,
             'contamination': self.contamination,
+            'statement': self.statement(),
         }
 
 
@@ -215,6 +231,8 @@ def zero_from_polaris(az, el, x, y, reference, *, sigma_x=None, sigma_y=None, mo
                 [np.mean(vx / np.cos(now_el) ** 2), np.mean(vy)])
         source = model.provenance.get('source')
         description = 'prediction of the pointing model' + (f' from {source}' if source else '')
+        if not model.terms and model.harmonics is None:
+            description = NO_MODEL
     else:
         then, then_covariance, _, then_az, then_el = _mean(reference, model)
         value = value - then.coefficients

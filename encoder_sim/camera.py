@@ -53,20 +53,23 @@ class Camera:
         Of the air, degC/s.
     start : float, optional
         Start of the night, UTC s, from which the temperature changes; without it the first stamp.
+    satellite : target.SatelliteTarget, optional
+        One more light in the sky, bright enough to be seen.
     """
 
     def __init__(
         self, params, seed, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, *, clock_offset=0.0,
-        temperature_rate=0.0, start=None,
+        temperature_rate=0.0, start=None, satellite=None,
     ):
-        self.params, self.seed = params, seed
+        self.params, self.seed, self.satellite = params, seed, satellite
         self.site, self.weather = site, weather
         self.clock_offset, self.temperature_rate, self.start = clock_offset, temperature_rate, start
         self._stars = load_catalogue(params.mag_limit)
         self._coarse = None  # (time, unit vectors of all stars then)
 
     @classmethod
-    def from_scenario(cls, scenario, seed, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, start=None):
+    def from_scenario(cls, scenario, seed, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, start=None,
+                      satellite=None):
         """Camera of a scenario; `site` and `weather` hold where the scenario has none."""
         true_site, air = scenario.site, scenario.weather
         if true_site is not None:
@@ -78,6 +81,7 @@ class Camera:
         return cls(
             scenario.camera, seed, site, weather, clock_offset=scenario.clock_offset,
             temperature_rate=0.0 if air is None else air.temperature_rate, start=start,
+            satellite=satellite,
         )
 
     def expose(self, stamps, frames):
@@ -114,6 +118,31 @@ class Camera:
             hip[seen], mag[seen] = self._stars.hip[star[chosen]], self._stars.mag[star[chosen]]
         return Exposures(miss, hip, mag)
 
+    def expose_satellite(self, stamps, frames):
+        """Measure the satellite.
+
+        Parameters
+        ----------
+        stamps, frames
+            As for `expose`.
+
+        Returns
+        -------
+        ndarray, shape (n, 2)
+            As `Exposures.miss`; NaN where there is none in the field.
+        """
+        stamps = np.atleast_1d(np.asarray(stamps, dtype=np.int64))
+        miss = np.full((len(stamps), 2), np.nan)
+        if self.satellite is None or len(stamps) == 0:
+            return miss
+        if self.start is None:
+            self.start = stamps[0] * 1e-9
+        time = stamps * 1e-9 + self.clock_offset
+        place = self.satellite.place(time, self.site, self._air(time))
+        inside, tangent = self._on_chip(direction(*place), frames)
+        miss[inside] = self._measure(stamps[inside], tangent[inside])
+        return miss
+
     def _candidates(self, time, boresight):
         """Pairs (exposure, star) that lie near enough to be worth an exact place."""
         if self._coarse is None:
@@ -139,17 +168,25 @@ class Camera:
     def _in_field(self, time, frames, exposure, star):
         """Candidates within the field, and their place in the tangent plane, rad."""
         moments = time[exposure]
-        weather = self.weather
-        if self.temperature_rate:
-            warmth = weather.temperature_c + self.temperature_rate * (moments - self.start)
-            weather = replace(weather, temperature_c=warmth)
-        towards = direction(*observed_place(self._stars.select(star), moments, self.site, weather))
-        seen = np.einsum('nij,nj->ni', frames[exposure], towards)
+        place = observed_place(
+            self._stars.select(star), moments, self.site, self._air(moments))
+        inside, tangent = self._on_chip(direction(*place), frames[exposure])
+        return exposure[inside], star[inside], tangent[inside]
+
+    def _air(self, moments):
+        if not self.temperature_rate:
+            return self.weather
+        warmth = self.weather.temperature_c + self.temperature_rate * (moments - self.start)
+        return replace(self.weather, temperature_c=warmth)
+
+    def _on_chip(self, towards, frames):
+        """Whether directions (n, 3) fall on the chip, and their tangent plane (n, 2), rad."""
+        seen = np.einsum('nij,nj->ni', frames, towards)
         ahead = np.maximum(seen[:, FORWARD], 1e-9)
-        place = np.stack([seen[:, RIGHT] / ahead, seen[:, UP] / ahead], axis=1)
-        inside = np.all(np.abs(place) <= 0.5 * self.params.field_of_view, axis=1)
-        inside &= towards[:, 2] > 0.0
-        return exposure[inside], star[inside], place[inside]
+        tangent = np.stack([seen[:, RIGHT] / ahead, seen[:, UP] / ahead], axis=1)
+        inside = np.all(np.abs(tangent) <= 0.5 * self.params.field_of_view, axis=1)
+        inside &= (towards[:, 2] > 0.0) & (seen[:, FORWARD] > 0.0)
+        return inside, tangent
 
     def _measure(self, stamps, place):
         """The camera's own scale, rotation and noise."""

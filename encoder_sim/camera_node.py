@@ -7,6 +7,7 @@ import numpy as np
 from msg_tools import convert, topics
 from msg_tools.node import MountNode, Param, run_node
 from pointing_model.sky_params import SKY_PARAMS, sky_of
+from pointing_model.target import satellite_target
 from pointing_model.units import ARCSEC, wrap
 
 from .camera import Camera
@@ -19,6 +20,8 @@ PARAMS = (
     Param('exposure_s', 1.0, 'length of an exposure; one follows the other [s]', 0.01, 3600.0),
     Param('smear_limit_arcsec', 60.0, 'a star that moves farther in an exposure is not measured '
           '[arcsec]', 0.1, 36000.0),
+    Param('satellite', '', 'one more light in the sky: a file of two-line elements, or gps-26690',
+          check=satellite_target, fixed=True),
 )
 
 
@@ -38,7 +41,8 @@ class StarCamera(MountNode):
 
     def _build(self):
         self._camera = Camera.from_scenario(
-            self._scenario, self.value('seed'), *sky_of(self), self._start)
+            self._scenario, self.value('seed'), *sky_of(self), self._start,
+            satellite_target(self.value('satellite')))
 
     def parameters_changed(self, names):
         """The sky over another site, or through other air."""
@@ -49,7 +53,7 @@ class StarCamera(MountNode):
         length = self.value('exposure_s')
         samples = self._samples
         # a gap ends an exposure: the mount has moved in between
-        if samples and not 0 < stamp - samples[-1][0] <= 0.6e9 * length:
+        if samples and not 0 < stamp - samples[-1][0] <= 1e9 * length:
             samples.clear()
         samples.append((stamp, angles, side))
         if stamp - samples[0][0] >= 1e9 * length - 1:
@@ -72,9 +76,13 @@ class StarCamera(MountNode):
         frames = self._geometry.frames(az, el, time=moments * 1e-9, temperature=warmth,
                                        approach_az=side[0], approach_el=side[1])
         seen = self._camera.expose(moments, frames)
-        smear = np.hypot(*(seen.miss[2] - seen.miss[0]))
-        miss = seen.miss[1]
-        if not smear <= self.value('smear_limit_arcsec') * ARCSEC or len(set(seen.hip)) > 1:
+        stars = seen.miss if len(set(seen.hip)) == 1 else np.full((3, 2), np.nan)
+        # of what is in the field the one that stays on its pixels is the one followed
+        tracks = [stars, self._camera.expose_satellite(moments, frames)]
+        smear = [np.hypot(*(track[2] - track[0])) for track in tracks]
+        best = int(np.argmin(np.nan_to_num(smear, nan=np.inf)))
+        miss = tracks[best][1]
+        if not smear[best] <= self.value('smear_limit_arcsec') * ARCSEC:
             miss = np.full(2, np.nan)
         self._without += int(np.isnan(miss[0]))
         self._pub.publish(convert.vector(int(middle), *miss, 'camera'))

@@ -1,8 +1,10 @@
 """The incremental encoder of paper 000: a counter that a reference mark clears after power-on.
 
-Three stages, each a method of its own: what the grating shows to the head (`_shown`), where the
-index pulse is triggered (`_crossing`), and what the counter makes of both (`feed`).
+What the grating shows to the head (`_shown`), where the index pulse lies (`_pulse`) and when it is
+met (`_passages`), and what the counter makes of both (`feed`).
 """
+
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,6 +12,58 @@ from . import keyed_noise
 from .encoder_scale import ZeroDrift, disc_angle
 
 _TURN = 2.0 * np.pi
+_MILLION = 1e6
+#: counts by which the mark may be off at a later passage: rounding, jitter, a breath of the pulse
+MARK_TOLERANCE = 10
+
+
+class Status(NamedTuple):
+    """What the electronics of an axis know of themselves; no truth in it.
+
+    Attributes
+    ----------
+    homed : bool
+    side : str
+        ``below`` or ``above``: from where the mark was met that cleared the counter; '' before.
+    missed_marks : int
+        Index pulses since power-on that were too short to be taken.
+    passages : int
+        Of the mark since then.
+    mark_error : float
+        Counts by which the counter was off at the last passage, against the first one and the
+        pulse's nominal width; NaN without one. More than `MARK_TOLERANCE`: counts were lost, or
+        the mark moved.
+    supply : float
+        V.
+    power_on : int
+        Number of this power-on.
+    """
+
+    homed: bool
+    side: str
+    missed_marks: int
+    passages: int
+    mark_error: float
+    supply: float
+    power_on: int
+
+    @property
+    def miscounted(self):
+        """Whether the last passage of the mark gave the counter the lie."""
+        return bool(abs(self.mark_error) > MARK_TOLERANCE)
+
+
+class _Passages(NamedTuple):
+    """Pulses met: number of the sample behind each, sense (-1, 1), axis angle of its near edge."""
+
+    row: np.ndarray
+    sense: np.ndarray
+    angle: np.ndarray
+
+
+_NONE = _Passages(np.empty(0, dtype=int), np.empty(0), np.empty(0))
+#: the mark is nowhere else, whatever drifts
+_REACH = 0.2
 
 
 class IncrementalEncoder:
@@ -24,7 +78,7 @@ class IncrementalEncoder:
     power_on : int
         Number of this power-on, 1 for the first: it decides the zero drift.
     start : float, optional
-        Start of the night, UTC s, from which drifts with time count; without it the first stamp.
+        Start of the night, UTC s, from which drifts and faults count; without it the first stamp.
     """
 
     def __init__(self, params, seed, axis, power_on=1, start=None):
@@ -32,7 +86,10 @@ class IncrementalEncoder:
         self.power_on, self.start = power_on, start
         self._device = f'incremental/{axis}'
         self._zero = ZeroDrift(params, seed, self._device)
-        self._count_angle = _TURN / (params.lines * params.interpolation)
+        self._turn_counts = params.lines * params.interpolation
+        self._count_angle = _TURN / self._turn_counts
+        self._cycles = sorted(params.power_cycles)  # still to come
+        self._supply = params.supply
         self._clear()
 
     @property
@@ -50,6 +107,20 @@ class IncrementalEncoder:
         """Shift of the reading since this power-on, rad."""
         return self._zero.at_power_on(self.power_on)
 
+    @property
+    def zero(self):
+        """What homing left in the reading, rad: drift of this power-on, side and shift of the mark.
+
+        NaN before; truth, for the simulator's own log.
+        """
+        return self._homed_zero
+
+    @property
+    def status(self):
+        """`Status` after the last sample."""
+        return Status(self.homed, {0: '', 1: 'below', -1: 'above'}[self._sense], self._missed,
+                      self._passed, self._mark_error, float(self._supply), self.power_on)
+
     def power_cycle(self):
         """Off and on again: the counter is lost, and the mark will be found elsewhere."""
         self.power_on += 1
@@ -57,8 +128,14 @@ class IncrementalEncoder:
 
     def _clear(self):
         self._cleared_at = None  # grating count at which the counter was cleared
+        self._homed_zero = np.nan
+        self._sense = 0  # of the motion that did
         self._last = None  # stamp and angle of the last sample
         self._lost = 0  # counts lost since
+        self._missed = self._passed = 0
+        self._mark_error = np.nan
+
+    # --- grating --------------------------------------------------------------------------------
 
     def _shown(self, angle):
         """Angle that the head's interpolator sees, rad."""
@@ -78,40 +155,89 @@ class IncrementalEncoder:
     def _grating_count(self, angle, shift=0.0):
         return np.floor((self._shown(angle) + shift) / self._count_angle)
 
-    def _crossing(self, stamps, angles):
-        """The first index pulse in the samples.
+    # --- reference mark -------------------------------------------------------------------------
 
-        Returns
-        -------
-        tuple of (int, float) or None
-            Number of the sample after it, and the axis angle at which it was triggered.
-        """
+    def _volts(self, seconds):
         p = self.params
+        volts = p.supply + p.supply_rate * seconds
+        if p.supply_ripple > 0.0:
+            volts = volts + p.supply_ripple * np.sin(_TURN * p.ripple_frequency * seconds)
+        return volts
+
+    def _pulse(self, volts, temperature):
+        """Lower edge and width of the index pulse, rad; no width where the signal is too weak."""
+        p = self.params
+        volts, warmth = volts - p.supply_nominal, temperature - p.reference_temperature
+        peak = (1.0 + p.signal_supply * volts) * (1.0 + p.signal_slope * warmth)
+        there = peak > p.threshold
+        peak = np.where(there, peak, 1.0)
+        width = np.where(there, 2.0 * p.pulse_width * (1.0 - p.threshold / peak), np.nan)
+        shift = self.zero_drift + p.mark_supply * volts + p.mark_slope * warmth
+        return p.mark_angle - shift + 0.5 * (p.pulse_width - width), width
+
+    def _passages(self, stamps, angles, volts, temperature):
+        """`_Passages` that are noticed, and the rows behind those that are too short."""
+        p = self.params
+        if len(stamps) < 2 or self._far_from_mark(angles):
+            return _NONE, _NONE.row
         before, after = angles[:-1], angles[1:]
         sense = np.where(after >= before, 1.0, -1.0)
+        lower, width = (np.broadcast_to(v, before.shape) for v in self._pulse(volts, temperature))
         # the pulse begins at its near edge, met from below or from above, once a turn
-        lower = p.mark_angle - self.zero_drift
-        edge = np.where(sense > 0.0, lower, lower + p.pulse_width)
+        edge = np.where(sense > 0.0, lower, lower + width)
+        # a comparison with NaN, where there is no pulse, is never true
         turns_before = np.floor(sense * (before - edge) / _TURN)
         turns_after = np.floor(sense * (after - edge) / _TURN)
         crossed = turns_after > turns_before
-        if p.pulse_time > 0.0:
-            seconds = np.maximum(np.diff(stamps) * 1e-9, 1e-12)
-            rate = np.abs(after - before) / seconds
-            crossed &= rate * p.pulse_time <= p.pulse_width
-        hits = np.flatnonzero(crossed)
-        if len(hits) == 0:
-            return None
-        i = hits[0]
-        return i + 1, edge[i] + sense[i] * _TURN * (turns_before[i] + 1.0)
+        rate = np.abs(after - before) / np.maximum(np.diff(stamps) * 1e-9, 1e-12)
+        short = crossed & (rate * p.pulse_time > width)
+        rows = np.flatnonzero(crossed & ~short)
+        place = edge[rows] + sense[rows] * _TURN * (turns_before[rows] + 1.0)
+        return _Passages(rows + 1, sense[rows], place), np.flatnonzero(short) + 1
+
+    def _far_from_mark(self, angles):
+        """Whether no passage is possible; most calls end here."""
+        low, high = angles.min() - _REACH, angles.max() + _REACH
+        turn = np.ceil((low - self.params.mark_angle) / _TURN)
+        return self.params.mark_angle + turn * _TURN > high
+
+    def _clears(self, passages):
+        """Which passages may clear the counter."""
+        wanted = {'any': 0.0, 'below': 1.0, 'above': -1.0}[self.params.mark_from]
+        return (passages.sense == wanted) | (wanted == 0.0)
+
+    def _check_mark(self, passages, lost):
+        """Compare the counter with the mark at passages after that which cleared it."""
+        self._passed += len(passages.row)
+        if len(passages.row) == 0:
+            return
+        i = -1  # the last one is what the status shows
+        counts = self._grating_count(passages.angle[i]) - self._cleared_at - lost[passages.row[i]]
+        sides = 0.5 * (self._sense - passages.sense[i])  # 1: cleared from below, passed from above
+        error = counts - sides * self.params.pulse_width / self._count_angle
+        error -= self._turn_counts * np.rint(error / self._turn_counts)
+        self._mark_error = float(np.rint(error))
+
+    # --- counter --------------------------------------------------------------------------------
 
     def _count_losses(self, stamps, angles):
-        """Counts lost up to each sample because the counter could not follow, shape (n,)."""
+        """Counts lost from the first sample up to each, shape (n,)."""
+        p = self.params
         lost = np.zeros(len(stamps))
-        if self.params.max_count_rate > 0.0:
-            counts = np.diff(angles) / self._count_angle
-            excess = np.abs(counts) - self.params.max_count_rate * np.diff(stamps) * 1e-9
+        if not (p.max_count_rate or p.miscounts or p.losses):
+            return lost
+        counts = np.nan_to_num(np.diff(angles) / self._count_angle)  # a bad sample loses none
+        if p.max_count_rate > 0.0:
+            excess = np.abs(counts) - p.max_count_rate * np.diff(stamps) * 1e-9
             lost[1:] = np.cumsum(np.sign(counts) * np.floor(np.maximum(excess, 0.0)))
+        if p.miscounts > 0.0:
+            spread = np.sqrt(p.miscounts * np.abs(counts) / _MILLION)
+            noise = keyed_noise.normal(self.seed, self._device, 'miscounts', stamps[1:])
+            lost[1:] += np.cumsum(np.rint(spread * noise))
+        if p.losses:
+            seconds = stamps * 1e-9 - self.start
+            happened = np.array([loss.counts * (seconds >= loss.at) for loss in p.losses]).sum(0)
+            lost += happened - happened[0]
         return lost
 
     def feed(self, stamps, angles, rates=0.0, temperature=None):
@@ -122,8 +248,9 @@ class IncrementalEncoder:
         stamps : int or ndarray of int, shape (n,)
             ns.
         angles : float or ndarray, shape (n,)
-            True angle of the axis, rad, not wrapped from one sample to the next. Samples must be
-            close enough for the mark to be seen at the rate at which it is passed.
+            True angle of the axis, rad, not wrapped from one sample to the next. Between two
+            samples the motion is taken as uniform: so close they must be for the rate at which
+            the mark is passed and counts are lost.
         rates : float or ndarray, shape (n,)
             rad/s; with the latency they say where the axis was.
         temperature : float or ndarray, optional
@@ -134,38 +261,63 @@ class IncrementalEncoder:
         ndarray, shape (n,)
             Reading, rad, whole counts; NaN until the mark has been met.
         """
-        p = self.params
         stamps = np.atleast_1d(np.asarray(stamps, dtype=np.int64))
         angles = np.atleast_1d(np.asarray(angles, dtype=float))
         if len(stamps) == 0:
             return np.empty(0)
         if self.start is None:
             self.start = stamps[0] * 1e-9
-        temperature = p.reference_temperature if temperature is None else temperature
-        past = angles - np.asarray(rates) * p.latency
+        temperature = self.params.reference_temperature if temperature is None else temperature
+        temperature = np.broadcast_to(np.asarray(temperature, dtype=float), angles.shape)
+        past = angles - np.asarray(rates) * self.params.latency
+        seconds = stamps * 1e-9 - self.start
 
+        parts, begin = [], 0
+        while self._cycles and seconds[-1] >= self._cycles[0]:
+            end = int(np.searchsorted(seconds, self._cycles.pop(0)))
+            parts.append(self._count(stamps[begin:end], past[begin:end], temperature[begin:end]))
+            self.power_cycle()
+            begin = end
+        parts.append(self._count(stamps[begin:], past[begin:], temperature[begin:]))
+        return np.concatenate(parts)
+
+    def _count(self, stamps, past, temperature):
+        """`feed` while the power is on."""
+        if len(stamps) == 0:
+            return np.empty(0)
+        p = self.params
+        seconds = stamps * 1e-9 - self.start
+        volts = self._volts(seconds)
         # the last sample of the call before belongs to the motion seen now
         known = 0 if self._last is None else 1
+        stamps_seen, angles_seen = stamps, past
         if known:
             stamps_seen = np.concatenate([[self._last[0]], stamps])
             angles_seen = np.concatenate([[self._last[1]], past])
-        else:
-            stamps_seen, angles_seen = stamps, past
-        self._last = stamps[-1], past[-1]
+        self._last, self._supply = (stamps[-1], past[-1]), volts[-1]
 
-        lost = self._count_losses(stamps_seen, angles_seen)
+        lost = self._count_losses(stamps_seen, angles_seen) + self._lost
+        passages, short = self._passages(
+            stamps_seen, angles_seen, volts[1 - known:], temperature[1 - known:])
+        self._missed += len(short)
         valid_from = 0
         if not self.homed:
-            hit = self._crossing(stamps_seen, angles_seen)
-            if hit is None:
+            hits = np.flatnonzero(self._clears(passages))
+            if len(hits) == 0:
                 return np.full(len(stamps), np.nan)
-            self._cleared_at = float(self._grating_count(hit[1]))
-            valid_from = hit[0] - known
-            lost = lost - lost[hit[0]]
-        lost = lost[known:] + self._lost
+            row, self._sense, angle = (column[hits[0]] for column in passages)
+            self._cleared_at = float(self._grating_count(angle))
+            off = p.mark_angle - angle
+            self._homed_zero = float(off - _TURN * np.rint(off / _TURN))
+            valid_from = row - known
+            lost = lost - lost[row]
+            passages = _Passages(*(column[hits[0] + 1:] for column in passages))
+        self._check_mark(passages, lost)
+        lost = lost[known:]
         self._lost = lost[-1]
 
-        drift = p.zero_offset + self._zero.later(stamps * 1e-9 - self.start, temperature)
+        drift = (p.zero_offset + self._zero.later(seconds, temperature)
+                 + p.zero_supply * (volts - p.supply_nominal))
         counts = self._grating_count(past, drift) - self._cleared_at - lost
         if p.jitter > 0.0:
             noise = keyed_noise.normal(self.seed, self._device, 'jitter', stamps)

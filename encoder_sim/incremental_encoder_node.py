@@ -43,7 +43,7 @@ class IncrementalEncoders(MountNode):
         homed = bool(np.isfinite(reading).all())
         if homed and not self._homed:
             self._zero_pub.publish(convert.joint_state(
-                stamp, [encoder.zero_drift for encoder in self._encoders]))
+                stamp, [encoder.zero for encoder in self._encoders]))
         self._homed = homed
         if self._decimator.passes(stamp, self.value('max_rate_hz')):
             self._pub.publish(convert.joint_state(stamp, reading, rates))
@@ -61,16 +61,34 @@ class IncrementalEncoders(MountNode):
         return {self.resolve_topic_name(topics.TRUTH_JOINTS.name)}
 
     def problems(self):
-        """Not homed yet."""
-        if self._homed:
-            return []
-        return [(DiagnosticStatus.WARN, 'no zero since power-on: call home')]
+        """Not homed yet, or a counter that the mark gives the lie."""
+        found = []
+        for axis, encoder in zip(convert.AXES, self._encoders):
+            status = encoder.status
+            if not status.homed and status.missed_marks:
+                found.append((DiagnosticStatus.ERROR, f'{axis}: reference mark missed, pulses '
+                              f'too short: {status.missed_marks}; pass it slower'))
+            if status.miscounted:
+                found.append((DiagnosticStatus.WARN, f'{axis}: {status.mark_error:+.0f} counts '
+                              'off at the reference mark: lost counts, or the mark moved'))
+        if not self._homed:
+            found.append((DiagnosticStatus.WARN, 'no zero since power-on: call home'))
+        return found
 
     def details(self):
-        """Resolution and power-ons."""
-        first = self._encoders[0]
-        return [('homed', str(self._homed)), ('power-on', str(first.power_on)),
-                ('resolution [arcsec]', f'{first.count_angle / ARCSEC:.4f}')]
+        """Resolution and power-ons, and of each axis how it was homed."""
+        rows = [('homed', str(self._homed)), ('power-on', str(self._encoders[0].power_on)),
+                ('resolution [arcsec]', f'{self._encoders[0].count_angle / ARCSEC:.4f}')]
+        for axis, encoder in zip(convert.AXES, self._encoders):
+            status, width = encoder.status, encoder.params.pulse_width / ARCSEC
+            rows += [(f'{axis} homed', str(status.homed)),
+                     (f'{axis} mark met from', status.side),
+                     (f'{axis} mark width [arcsec]', f'{width:.2f}'),
+                     (f'{axis} missed marks', str(status.missed_marks)),
+                     (f'{axis} passages of the mark', str(status.passages)),
+                     (f'{axis} mark error [counts]', f'{status.mark_error:.0f}'),
+                     (f'{axis} supply [V]', f'{status.supply:.3f}')]
+        return rows
 
 
 def main(args=None):

@@ -6,14 +6,17 @@ import numpy as np
 
 from pointing_model.units import DEG, wrap
 
-from .axes import MountAxes, Trajectory
+from .axes import AXES, MountAxes, Trajectory
 
-#: homing crosses the reference marks at this rate, from that far before them, rad/s and rad
-HOME_RATE, HOME_RUN_UP = 0.25 * DEG, 0.5 * DEG
+#: homing begins at least that far before the reference marks, and passes them for that long
+HOME_RUN_UP, HOME_SPAN = 0.5 * DEG, 4.0
+#: a mark that was not noticed is passed again, so many times slower, in all so often
+HOME_SLOWER, HOME_ATTEMPTS = 4.0, 3
 #: time constant with which the servo takes up an error of the encoder, s
 SERVO_TIME = 0.2
 #: samples that may be under way to the encoder and back
 SENT = 10000
+STILL = [[0.0, 0.0]]
 
 
 class SimulatedMount:
@@ -29,8 +32,11 @@ class SimulatedMount:
     """
 
     def __init__(self, scenario, time=0.0):
-        self._marks = np.array([scenario.incremental.azimuth.mark_angle,
-                                scenario.incremental.elevation.mark_angle])
+        encoders = scenario.incremental.azimuth, scenario.incremental.elevation
+        self._marks = np.array([encoder.mark_angle for encoder in encoders])
+        self._home_rate = np.array([encoder.home_rate for encoder in encoders])
+        self._home_side = np.array(
+            [1.0 if encoder.home_side == 'below' else -1.0 for encoder in encoders])
         self._axes = MountAxes(scenario.axes.azimuth, scenario.axes.elevation, time,
                                self._marks - 2.0 * DEG)
         # what the encoder reads too much; the servo turns the axes back by it
@@ -94,28 +100,64 @@ class SimulatedMount:
         self._servo_time = time
         self.servo = self.servo + share * error
 
-    def home(self, start):
-        """Cross both reference marks slowly, from below, and stop behind them.
+    def home(self, start, attempt=0):
+        """Pass both reference marks, from the side that the scenario says, and stop behind them.
+
+        Parameters
+        ----------
+        start : float
+            Now.
+        attempt : int
+            0, 1, ... below `HOME_ATTEMPTS`: each is `HOME_SLOWER` times slower.
 
         Returns
         -------
         first, last : float
-            Times between which the marks are crossed; from `last` on the axes stand still.
+            Times between which the marks are passed at a constant rate; from `last` on the axes
+            brake, and a second later they stand still or come back to rest.
+
+        Raises
+        ------
+        ValueError
+            An axis cannot be that fast, or its travel ends there.
         """
         start = max(start, self._axes.leg.start)
         self.servo = np.zeros(2)
-        rate = [[HOME_RATE, HOME_RATE]] * 2
-        before, behind = self._marks - HOME_RUN_UP, self._marks + HOME_RUN_UP
-        span = 2.0 * HOME_RUN_UP / HOME_RATE
+        rate = self._home_side * self._home_rate / HOME_SLOWER**attempt
+        span = max(HOME_SPAN, 2.0 * HOME_RUN_UP / np.abs(rate).min())
+        before, behind = self._marks - 0.5 * span * rate, self._marks + 0.5 * span * rate
         first = start
         # the slower axis decides when the crossing can begin
         for _ in range(3):
             settled = self._axes.arrival(
-                start, Trajectory([first, first + span], [before, behind], rate))
+                start, Trajectory([first, first + span], [before, behind], [rate, rate]))
             if settled <= first:
                 break
             first = settled + 1.0
-        self._axes.follow(start, Trajectory([first, first + span], [before, behind], rate))
+        self._axes.follow(start, Trajectory([first, first + span], [before, behind], [rate, rate]))
         last = first + span
-        self._axes.follow(last, Trajectory([last + 1.0], [behind], [[0.0, 0.0]]))
+        self._axes.follow(last, Trajectory([last + 1.0], [behind], STILL))
         return first, last
+
+    def home_failure(self, reading, attempt=0):
+        """Why homing did not succeed.
+
+        Parameters
+        ----------
+        reading : array_like, shape (2,)
+            Of the incremental encoders after `home`, rad; NaN where the mark was not met.
+        attempt : int
+            The last one.
+
+        Returns
+        -------
+        str
+            One line, or '' where both axes are homed.
+        """
+        rates = self._home_rate / HOME_SLOWER**attempt / DEG
+        unmet = [f'{axis} (at {rate:.3g} deg/s)' for axis, angle, rate in zip(AXES, reading, rates)
+                 if not np.isfinite(angle)]
+        if not unmet:
+            return ''
+        passages = 'a passage' if attempt == 0 else f'{attempt + 1} passages, each slower'
+        return f'no reference mark met in {passages}: {", ".join(unmet)}; check head and mark'

@@ -6,6 +6,7 @@ import time
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.clock import Clock, ClockType
+from rclpy.task import Future
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_srvs.srv import Trigger
 
@@ -14,7 +15,7 @@ from msg_tools.node import MountNode, Param, run_node
 from pointing_model.units import DEG
 
 from .device_params import DEVICE_PARAMS, parse_utc
-from .mount import SimulatedMount
+from .mount import HOME_ATTEMPTS, SimulatedMount
 from .scenario import load_scenario
 
 PARAMS = (
@@ -39,7 +40,7 @@ class MountSimulator(MountNode):
         self._mount = SimulatedMount(load_scenario(self.value('scenario')))
         self._live = self.value('time_scale') > 0.0
         self._time = 0.0
-        self._settling = None
+        self._settling = self._homing = None
         self._open_loop = 0
         self._truth_pub = self.publisher(topics.TRUTH_JOINTS)
         self._clock_pub = self.publisher(topics.CLOCK)
@@ -65,16 +66,47 @@ class MountSimulator(MountNode):
         if not self._live:
             self._settle(settled)
 
-    def _on_home(self, request, response):
-        first, last = self._mount.home(self._time)
+    async def _on_home(self, request, response):
+        """Pass the marks; where one was not noticed, again and slower."""
+        if self._homing is not None:
+            response.message = 'homing is under way'
+            return response
+        reason = ''
+        for attempt in range(HOME_ATTEMPTS):
+            try:
+                first, last = self._mount.home(self._time, attempt)
+            except ValueError as err:
+                response.message = str(err)
+                return response
+            reading = await self._pass_marks(first, last)
+            reason = '' if reading is None else self._mount.home_failure(reading, attempt)
+            if not reason:
+                break
+            self.get_logger().warning(reason)
+        response.success = not reason
+        response.message = reason or (
+            'both axes have met their reference marks' if reading is not None else
+            'both axes have passed their reference marks; no encoder answered')
+        return response
+
+    def _pass_marks(self, first, last):
+        """A future of the first reading after the passage; None where none comes."""
+        rest = last + 2.0
+        future = Future()
+        ahead = (rest - self._time) / self.value('time_scale') if self._live else 0.0
+        stamp = self._start + round(rest * 1e9)
+        self._homing = (stamp, future,
+                        time.monotonic() + ahead + self.value('feedback_timeout_s'))
         if not self._live:
             self._settling = None
             self._publish(np.linspace(first, last, 5))
-            self._publish(np.array([last + 2.0]))
-            self._set_clock(last + 2.0)
-        response.success = True
-        response.message = 'both axes cross their reference marks'
-        return response
+            self._publish(np.array([rest]))
+            self._set_clock(rest)
+        return future
+
+    def _passed(self, reading):
+        future, self._homing = self._homing[1], None
+        future.set_result(reading)
 
     # --- as fast as the graph answers ---------------------------------------------------------
 
@@ -88,6 +120,8 @@ class MountSimulator(MountNode):
     def _on_feedback(self, message):
         stamp, reading = convert.read_joints(message)[:2]
         at = (stamp - self._start) * 1e-9
+        if self._homing is not None and stamp >= self._homing[0]:
+            self._passed(reading)
         if self._live:
             self._mount.feedback(at, reading, smooth=True)
         elif self._settling and stamp == self._settling[0]:
@@ -100,13 +134,19 @@ class MountSimulator(MountNode):
         if not closed:
             self._open_loop += 1
         span = self.value('exposure_s')
-        samples = max(2, round(span * self.value('sample_rate_hz')))
-        # the servo's step after the last reading has died out before the shutter opens
-        begin = settled + span
+        samples = max(1, round(span * self.value('sample_rate_hz')))
+        # the servo's step after the last reading has died out before the shutter opens, and the
+        # gap is longer than an exposure, so that it is none
+        begin = settled + 1.5 * span
         self._publish(begin + np.linspace(0.0, span, samples + 1))
         self._set_clock(begin + span)
 
+    def _give_up_homing(self):
+        if self._homing is not None and time.monotonic() > self._homing[2]:
+            self._passed(None)
+
     def _idle(self):
+        self._give_up_homing()
         if self._settling and time.monotonic() > self._settling[2]:
             self._expose(closed=False)
         elif not self._settling:
@@ -116,6 +156,7 @@ class MountSimulator(MountNode):
     # --- live ---------------------------------------------------------------------------------
 
     def _tick(self):
+        self._give_up_homing()
         now = (time.monotonic() - self._began) * self.value('time_scale')
         rate = self.value('sample_rate_hz')
         # a sample belongs to its time: a late timer makes up for those it missed

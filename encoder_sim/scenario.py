@@ -39,7 +39,13 @@ _UNITS = {
     'c_per_hour': 1.0 / _HOUR,
     'hpa': _HPA,
     'mhz': 1e6,
+    'hz': 1.0,
     'percent': 0.01,
+    'percent_per_degc': 0.01,
+    'percent_per_v': 0.01,
+    'arcsec_per_v': ARCSEC,
+    'v': 1.0,
+    'v_per_hour': 1.0 / _HOUR,
 }
 
 
@@ -202,13 +208,24 @@ class EncoderScale:
 
 
 @dataclass(frozen=True)
+class CountLoss:
+    """A fault: at once the counter is `counts` too low, `at` seconds after the start."""
+
+    at: float = _number(0.0, 's', 0.0, 1e6)
+    counts: int = _number(0, '', -10**9, 10**9, kind=int)
+
+
+@dataclass(frozen=True)
 class Incremental(EncoderScale):
     """The incremental encoder of paper 000 on one axis.
+
+    The reference mark gives a triangular signal (a slit seen through a slit) that a comparator
+    turns into the index pulse. At the reference temperature and the nominal supply its peak is 1.
 
     Attributes
     ----------
     lines, interpolation : int
-        Lines of the grating, and counts a line.
+        Lines of the grating, and counts (edges in quadrature) a line.
     heads : int
         One reading head, or the mean of two opposite ones.
     subdivision_1, subdivision_2, subdivision_phase : float
@@ -216,14 +233,40 @@ class Incremental(EncoderScale):
     mark_angle : float
         Nominal axis angle of the reference mark, rad.
     pulse_width : float
-        Width of the index pulse, rad; it is triggered at its near edge, so from above it clears
-        the counter that much further up than from below.
+        Width of the mark's signal at half its peak, rad. The counter is cleared at the near edge
+        of the pulse, so from above that much further up than from below.
+    threshold : float
+        Of the comparator: it decides how wide the pulse is, and a mark with a weaker signal gives
+        none.
+    signal_slope, signal_supply : float
+        Relative change of the signal by a degC and by a volt.
     pulse_time : float
         The shortest pulse that is noticed, s.
+    mark_from : {'any', 'below', 'above'}
+        The direction from which the mark clears the counter.
+    mark_slope, mark_supply : float
+        How the place of the mark on the grating moves, in the reading: rad/degC, rad/V. It counts
+        when the mark is met.
+    zero_supply : float
+        Drift of the reading with the supply at any time, rad/V.
+    supply, supply_nominal, supply_rate : float
+        Supply at the start (V), that of the data sheet (V), and its change (V/s).
+    supply_ripple, ripple_frequency : float
+        Amplitude (V) and frequency (Hz) of what the mains leave on it.
     max_count_rate : float
-        Counts a second beyond which counts are lost; 0: never.
+        Edges a second that the counter can follow; the others are lost. 0: all.
+    miscounts : float
+        Wrong counts by noise, up or down, in a million counts passed.
     jitter : float
         1-sigma noise of one reading, in counts.
+    power_cycles : tuple of float
+        A fault: the power fails for a moment so many seconds after the start.
+    losses : tuple of CountLoss
+        A fault: counts lost by a disturbance.
+    home_side : {'below', 'above'}
+        From where homing comes to the mark.
+    home_rate : float
+        At which homing passes it, rad/s.
     """
 
     lines: int = _number(47200, '', 1, 1_000_000, kind=int)
@@ -234,9 +277,26 @@ class Incremental(EncoderScale):
     subdivision_phase: float = _number(0.0, 'deg', -360.0, 360.0)
     mark_angle: float = _number(180.0, 'deg', -360.0, 360.0)
     pulse_width: float = _number(0.0, 'arcsec', 0.0, 3600.0)
+    threshold: float = _number(50.0, 'percent', 1.0, 1000.0)
+    signal_slope: float = _number(0.0, 'percent_per_degc', -100.0, 100.0)
+    signal_supply: float = _number(0.0, 'percent_per_v', -1000.0, 1000.0)
     pulse_time: float = _number(0.0, 'ms', 0.0, 1000.0)
+    mark_from: str = _choice('any', 'any', 'below', 'above')
+    mark_slope: float = _number(0.0, 'arcsec_per_degc', -600.0, 600.0)
+    mark_supply: float = _number(0.0, 'arcsec_per_v', -3600.0, 3600.0)
+    zero_supply: float = _number(0.0, 'arcsec_per_v', -3600.0, 3600.0)
+    supply: float = _number(5.0, 'v', 0.0, 100.0)
+    supply_nominal: float = _number(5.0, 'v', 0.1, 100.0)
+    supply_rate: float = _number(0.0, 'v_per_hour', -10.0, 10.0)
+    supply_ripple: float = _number(0.0, 'v', 0.0, 10.0)
+    ripple_frequency: float = _number(100.0, 'hz', 0.01, 1e6)
     max_count_rate: float = _number(0.0, 'mhz', 0.0, 1000.0)
+    miscounts: float = _number(0.0, '', 0.0, 1e5)
     jitter: float = _number(0.0, '', 0.0, 1000.0)
+    power_cycles: tuple = _numbers('s', 0.0, 1e6)
+    losses: tuple = _sections(CountLoss)
+    home_side: str = _choice('below', 'below', 'above')
+    home_rate: float = _number(0.25, 'deg_s', 1e-4, 90.0)
 
 
 @dataclass(frozen=True)
@@ -383,6 +443,26 @@ class TrueWeather:
 
 
 @dataclass(frozen=True)
+class Housing:
+    """Mount and encoders get warmer than the air by `step` degC, `at` seconds after the start.
+
+    With a `time_constant` (s) they approach it gradually.
+    """
+
+    step: float = _number(0.0, 'c', -60.0, 60.0)
+    at: float = _number(0.0, 's', 0.0, 1e6)
+    time_constant: float = _number(0.0, 's', 0.0, 1e6)
+
+    def excess(self, seconds):
+        """Temperature above the air, degC, `seconds` after the start."""
+        since = np.asarray(seconds, dtype=float) - self.at
+        share = np.where(since >= 0.0, 1.0, 0.0)
+        if self.time_constant > 0.0:
+            share = -np.expm1(-np.maximum(since, 0.0) / self.time_constant)
+        return self.step * share
+
+
+@dataclass(frozen=True)
 class TrueSite:
     """Where the mount really stands, rad, rad, m."""
 
@@ -415,19 +495,25 @@ class Scenario:
     camera: Camera = _section(Camera)
     site: TrueSite | None = _optional(TrueSite)
     weather: TrueWeather | None = _optional(TrueWeather)
+    housing: Housing = _section(Housing)
 
     def temperature(self, time, start):
         """Temperature (degC) of mount and encoders at `time`, of a night begun at `start`."""
         weather = TrueWeather() if self.weather is None else self.weather
-        return weather.temperature_at(time, start)
+        return weather.temperature_at(time, start) + self.housing.excess(np.asarray(time) - start)
 
 
 # drifts are named by what they drift with; the file spells the unit out
 _KEYS = {
     f'{name}_{kind}': f'{name}_arcsec_per_{per}'
-    for name in ('ca', 'an', 'aw', 'tf', 'zero')
-    for kind, per in (('rate', 'hour'), ('slope', 'degc'))
-} | {'temperature_rate': 'temperature_c_per_hour'}
+    for name in ('ca', 'an', 'aw', 'tf', 'zero', 'mark')
+    for kind, per in (('rate', 'hour'), ('slope', 'degc'), ('supply', 'v'))
+} | {
+    'signal_slope': 'signal_percent_per_degc',
+    'signal_supply': 'signal_percent_per_v',
+    'supply_rate': 'supply_v_per_hour',
+    'temperature_rate': 'temperature_c_per_hour',
+}
 
 
 def _key(item):

@@ -2,14 +2,16 @@
 
 from dataclasses import dataclass
 
-#: verb -> whether it takes a count
+#: verb -> what its number counts, '' for a verb without one
 VERBS = {
-    'home': False,
-    'power_cycle': False,
-    'stars': True,
-    'polaris': True,
-    'calibrate_zero': False,
-    'fit': False,
+    'home': '',
+    'power_cycle': '',
+    'stars': 'exposures',
+    'polaris': 'exposures',
+    'satellite': 'exposures',
+    'wait': 'hours',
+    'calibrate_zero': '',
+    'fit': '',
 }
 
 
@@ -19,6 +21,11 @@ class Step:
 
     verb: str
     count: int = 0
+
+    @property
+    def exposures(self):
+        """How many observations it makes."""
+        return self.count if VERBS[self.verb] == 'exposures' else 0
 
     def __str__(self):
         return f'{self.verb} {self.count}' if self.count else self.verb
@@ -30,7 +37,8 @@ def parse_plan(text):
     Parameters
     ----------
     text : str
-        Steps separated by commas; `stars` and `polaris` take the number of exposures.
+        Steps separated by commas; `stars`, `polaris` and `satellite` take the number of
+        exposures, `wait` the hours from the begin of the night (or the last `wait`) on.
 
     Returns
     -------

@@ -17,6 +17,8 @@ COLUMNS = {
     'el_enc': ('el_enc_deg', DEG, 'encoder elevation with the star centred'),
     'az_abs': ('az_abs_deg', DEG, 'second (absolute) encoder, azimuth'),
     'el_abs': ('el_abs_deg', DEG, 'second (absolute) encoder, elevation'),
+    'az_raw': ('az_raw_deg', DEG, 'reading of the azimuth encoder, no zero taken off'),
+    'el_raw': ('el_raw_deg', DEG, 'reading of the elevation encoder, no zero taken off'),
     'sigma_x': ('sigma_az_arcsec', ARCSEC, '1-sigma noise along azimuth, on the sky'),
     'sigma_y': ('sigma_el_arcsec', ARCSEC, '1-sigma noise along elevation'),
     'miss_x': ('miss_x_arcsec', ARCSEC, 'measured miss distance along azimuth, on the sky'),
@@ -44,8 +46,10 @@ class PointingRun:
         In SI, by the names of `COLUMNS`; at least `REQUIRED`. A further name is a driver of
         the user's own. Angles in radians.
     meta : dict
-        Where the run came from (``source``), its site, what was left out (``excluded``, a list
-        of ``{'row', 'reason'}``) and remarks for the reader (``notes``, a list of str).
+        Where the run came from (``source``), its ``site``, what was left out (``excluded``, a
+        list of ``{'row', 'reason'}``) and remarks for the reader (``notes``, a list of str).
+        ``time_is_utc`` False: time counts from an arbitrary start. ``raw_reading`` False: the
+        encoder angles are not what the encoders read.
 
     Raises
     ------

@@ -3,6 +3,7 @@
 import sys
 import time
 from collections import deque
+from functools import partial
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -19,9 +20,9 @@ from .model import PointingModel
 from .pairing import centred, interpolate
 from .plan import night_plan, parse_plan
 from .run import PointingRun
-from .sky import observed_place
 from .sky_params import SKY_PARAMS, sky_of
 from .star_choice import choose_stars
+from .target import StarTarget, satellite_target
 from .units import ARCSEC, DEG, wrap
 
 #: seconds between the knots of a commanded track; the cubic between them is good to 1e-3 arcsec
@@ -50,7 +51,12 @@ PARAMS = SKY_PARAMS + (
           '[deg/s]', 0.01, 90.0),
     Param('answer_timeout_s', 5.0, 'wall time after which a pointing without an answer is '
           'commanded again [s]', 0.5, 3600.0),
-    Param('first_run', 1, 'run number of the first power-on', 0, 1000000),
+    Param('first_run', 1, 'run number of the first power-on', -1000000, 1000000),
+    Param('polaris_exposures', 16, 'exposures of Polaris that the service zero_on_polaris makes',
+          1, 10000),
+    Param('satellite', '', 'what the step satellite tracks: a file of two-line elements, or '
+          'gps-26690', check=satellite_target),
+    Param('satellite_interval_s', 20.0, 'least time between two exposures of it [s]', 0.0, 3600.0),
     Param('model_file', '', 'pointing model in force at the start (JSON or YAML)', fixed=True),
 )
 
@@ -78,10 +84,11 @@ class StarObserver(MountNode):
         self._model_stamp = 0
         self._catalogue = None
         self._polaris = None
+        self._earliest = self._evening = 0
         self._site, self._weather = sky_of(self)
         self._readings = {'enc': deque(maxlen=20000), 'abs': deque(maxlen=20000)}
         self._last_reading = None
-        self._homed = False
+        self._homed = self._homes = False
         self._run = self.value('first_run') - 1
         self._frames = deque(maxlen=1000)
         self._target = None
@@ -117,6 +124,7 @@ class StarObserver(MountNode):
         self._asked = {verb: self.create_client(Trigger, verb)
                           for verb in ('home', 'power_cycle', 'calibrate_zero', 'fit')}
         self.create_service(Trigger, 'observe', self._on_observe)
+        self.create_service(Trigger, 'zero_on_polaris', self._on_zero_on_polaris)
         self._work = None
         self._wait = None
         if self.value('autostart'):
@@ -219,6 +227,17 @@ class StarObserver(MountNode):
         response.message = f'plan started: {self.value("plan")}'
         return response
 
+    def _on_zero_on_polaris(self, request, response):
+        if self._work is not None:
+            response.message = 'a plan is under way'
+            return response
+        plan = f'polaris {self.value("polaris_exposures")}, calibrate_zero'
+        self._work = self._follow(plan)
+        self._wait = None
+        response.success = True
+        response.message = f'started: {plan}; progress on {topics.OBSERVER_STATUS.name}'
+        return response
+
     def _advance(self):
         """Go on with the plan as far as the conditions allow."""
         if self._work is None:
@@ -245,11 +264,15 @@ class StarObserver(MountNode):
         orientation = earth_orientation(self.get_clock().now().nanoseconds * 1e-9)
         self._earth = orientation.statement()
         self.get_logger().info(self._earth)
+        self._evening = self.get_clock().now().nanoseconds
         steps = parse_plan(plan)
+        if any(step.verb == 'satellite' for step in steps) and not self.value('satellite'):
+            raise PlanError('the plan has a step satellite: set the parameter satellite')
         if any(step.verb == 'polaris' for step in steps):
             self._check_polaris()  # now, not after a block of stars
         for number, step in enumerate(steps):
-            self._progress = {'step': str(step), 'block': number, 'done': 0, 'total': step.count}
+            self._progress = {'step': str(step), 'block': number, 'done': 0,
+                              'total': step.exposures}
             self._set_state('observing', str(step))
             yield from getattr(self, f'_do_{step.verb}')(number, step.count)
             self._send_table()
@@ -267,7 +290,7 @@ class StarObserver(MountNode):
             exclude=[*observed, POLARIS_HIP], duration=count * SECONDS_A_STAR,
             start=self._last_reading[1])
         for row in rows:
-            yield from self._observe(self._catalogue.select([row]), block)
+            yield from self._observe(StarTarget(self._catalogue.select([row])), block)
             self._progress['done'] += 1
 
     def _do_polaris(self, block, count):
@@ -278,13 +301,35 @@ class StarObserver(MountNode):
 
     def _check_polaris(self):
         if self._polaris is None:
-            self._polaris = load_catalogue(hip=[POLARIS_HIP])
-        el = observed_place(self._polaris, self._now() * 1e-9, self._site, self._weather)[1]
-        if el[0] < self.value('min_elevation_deg') * DEG:
-            raise PlanError(f'Polaris stands at {el[0] / DEG:.1f} deg, below min_elevation_deg = '
-                            f'{self.value("min_elevation_deg")}: set the zero another way')
+            self._polaris = StarTarget(load_catalogue(hip=[POLARIS_HIP]))
+        self._check_height(self._polaris, 'Polaris', 'set the zero another way')
+
+    def _check_height(self, target, name, remedy):
+        el = target.place(np.array([self._now() * 1e-9]), self._site, self._weather)[1][0]
+        if el < self.value('min_elevation_deg') * DEG:
+            raise PlanError(f'{name} stands at {el / DEG:.1f} deg, below min_elevation_deg = '
+                            f'{self.value("min_elevation_deg")}: {remedy}')
+
+    def _do_satellite(self, block, count):
+        yield from self._need_home()
+        satellite = satellite_target(self.value('satellite'))
+        self._check_height(satellite, satellite.name, 'track it at another time')
+        for _ in range(count):
+            yield from self._observe(satellite, block)
+            self._earliest = self._commanded + round(self.value('satellite_interval_s') * 1e9)
+            self._progress['done'] += 1
+
+    def _do_wait(self, block, count):
+        """Stand still until so many hours after the last evening: the next one."""
+        yield from self._need_home()
+        self._evening = self._earliest = self._evening + count * 3_600_000_000_000
+        here = np.array(self._last_reading[1])
+        frame = None
+        while frame is None:
+            frame = yield from self._expose(lambda stamps: np.tile(here, (len(stamps), 1)))
 
     def _do_home(self, block, count):
+        self._homes = True
         before = self._last_reading[0] if self._last_reading else 0
 
         def homed():
@@ -318,6 +363,9 @@ class StarObserver(MountNode):
         yield from self._until(lambda: self._model_stamp >= newest, 'the new model')
 
     def _need_home(self):
+        if not self._homed and self._homes:
+            self.get_logger().warning('the encoder has no zero any more: homing again')
+            yield from self._do_home(0, 0)
         if not self._homed:
             yield from self._until(lambda: self._homed, 'the encoder to be homed (call home)')
 
@@ -344,15 +392,15 @@ class StarObserver(MountNode):
 
     # --- one star -----------------------------------------------------------------------------
 
-    def _observe(self, star, block):
-        """Point at `star`, centre it where it is far off, and publish the row."""
+    def _observe(self, target, block):
+        """Point at `target`, centre it where it is far off, and publish the row."""
         aim = self._carried
         self._approach = None
         seen = blank = 0
         while True:
             frame = None
             while frame is None:
-                frame = yield from self._expose(star, aim)
+                frame = yield from self._expose(partial(self._demand, target, aim=aim))
             stamp, miss = frame
             if not np.isfinite(miss).all():
                 blank += 1
@@ -360,11 +408,11 @@ class StarObserver(MountNode):
                     continue
                 self._lost += 1
                 self.get_logger().warning(
-                    f'HIP {star.hip[0]}: no star in the field; go on with the next')
+                    f'{target.name}: nothing in the field; go on with the next')
                 return
             reading, rate = self._at('enc', stamp)
             enc = np.array(centred(*reading, *miss))
-            demand = self._demand(star, np.array([stamp]), aim)[0]
+            demand = self._demand(target, np.array([stamp]), aim)[0]
             aim = aim + np.array([wrap(enc[0] - demand[0]), enc[1] - demand[1]])
             # only for pointing: the next star lies nearer to where this one was found
             self._carried = aim
@@ -376,15 +424,15 @@ class StarObserver(MountNode):
         except ValueError:
             second = np.full(2, np.nan)
         az, el = (float(v[0]) for v in
-                  observed_place(star, stamp * 1e-9, self._site, self._weather))
+                  target.place(np.array([stamp * 1e-9]), self._site, self._weather))
         row = {
             'stamp': stamp, 'time': stamp * 1e-9, 'run': self._run, 'block': block,
-            'star': int(star.hip[0]), 'az': az, 'el': el,
+            'star': target.number, 'az': az, 'el': el,
             'az_enc': enc[0], 'el_enc': enc[1], 'az_abs': second[0], 'el_abs': second[1],
             'miss_x': miss[0], 'miss_y': miss[1], 'az_rate': rate[0], 'el_rate': rate[1],
             'approach_az': self._approach[0], 'approach_el': self._approach[1],
             'temperature': self.value('temperature_c'), 'pressure': self.value('pressure_hpa'),
-            'magnitude': float(star.mag[0]),
+            'magnitude': target.magnitude,
         }
         self._rows.append(row)
         run = _table([row])
@@ -392,14 +440,17 @@ class StarObserver(MountNode):
         x, y = run.offsets()
         self._offset_pub.publish(convert.vector(stamp, x[0], y[0], convert.MOUNT_FRAME))
 
-    def _expose(self, star, aim):
-        """Command a track and wait for an exposure on it; None when nobody answered in time."""
+    def _expose(self, demand):
+        """Command a track and wait for an exposure on it; None when nobody answered in time.
+
+        `demand` gives the encoder angles (n, 2) for stamps (n,).
+        """
         yield from self._need_home()
-        start = self._now()
+        start = max(self._now(), self._earliest)
         # long enough for half a turn, the settling and the exposure
         span = 60.0 + 200.0 / self.value('slew_rate_deg_s')
         times = np.arange(0.0, span + KNOT, KNOT)
-        track = self._demand(star, start + (times * 1e9).astype(np.int64), aim)
+        track = demand(start + (times * 1e9).astype(np.int64))
         here = np.array(self._last_reading[1])
         move = np.array([wrap(track[0, 0] - here[0]), track[0, 1] - here[1]])
         if self._approach is None:  # later moves to the same star are small
@@ -423,10 +474,13 @@ class StarObserver(MountNode):
         def answered():
             found.extend(self._good_frames())
             # a slew may take as long as the track
-            return found or self._silent() or self._last_reading[0] > end
+            return (found or self._silent() or not self._homed
+                    or self._last_reading[0] > end)
 
         yield answered
         if not found:
+            if not self._homed:
+                return None
             mute = [name for name, heard in self._heard.items() if heard == asked[name]]
             silent = ', '.join(mute or self._silent())
             self._set_state('waiting', f'an answer of {silent}' if silent else
@@ -463,10 +517,9 @@ class StarObserver(MountNode):
         readings = self._readings[encoder]
         return interpolate([s for s, _ in readings], [a for _, a in readings], stamp)
 
-    def _demand(self, star, stamps, aim):
-        """Encoder demands for `star` at each stamp, shape (n, 2), rad."""
-        stars = star.select(np.zeros(len(stamps), int))
-        az, el = observed_place(stars, stamps * 1e-9, self._site, self._weather)
+    def _demand(self, target, stamps, aim):
+        """Encoder demands for `target` at each stamp, shape (n, 2), rad."""
+        az, el = target.place(stamps * 1e-9, self._site, self._weather)
         if self._model is not None:
             az, el = self._model.sky_to_encoder(az, el)
         return np.column_stack([az, el]) + self._zero + aim

@@ -71,6 +71,29 @@ def _parser():
                        help='ROS domain (default: a free one)')
     night.set_defaults(run=_night)
 
+    experiment = commands.add_parser(
+        'experiment', help='the eleven nights and the GPS satellite of paper 000',
+        description='Observe thirteen nights through the node graph: a power-on each, 30 stars, '
+        'Polaris, 30 stars; the model of two nights before corrects tonight, before and after the '
+        'zero calibration. On one night a GPS satellite is tracked. Prints the paper\'s table 1 '
+        'with ours beside it.')
+    experiment.add_argument('--out', type=Path, default=Path('experiment'), metavar='DIR',
+                            help='folder for tables, log and plots (default: experiment)')
+    experiment.add_argument('--seed', type=_whole(0, 2**31 - 1), default=1,
+                            help='of every random number (default: 1)')
+    experiment.add_argument('--drifts', choices=('paper', 'random'), default='paper',
+                            help='of the zero at each power-on: those that give the paper\'s '
+                            'errors before calibration (default), or random ones of that scatter')
+    experiment.add_argument('--stars', type=_whole(8, 500), default=30,
+                            help='in each of the two blocks of a night (default: 30)')
+    experiment.add_argument('--polaris', type=_whole(2, 500), default=16,
+                            help='exposures of Polaris for a zero (default: 16)')
+    experiment.add_argument('--satellite', type=_whole(2, 200), default=20,
+                            help='exposures of the satellite before and after (default: 20)')
+    experiment.add_argument('--domain', type=_whole(0, 101), metavar='N',
+                            help='ROS domain (default: a free one)')
+    experiment.set_defaults(run=_experiment)
+
     fit = commands.add_parser(
         'fit', help='fit pointing terms to a measured run',
         description='Read a pointing run (CSV, TPOINT, or a log of ours) and print the terms and '
@@ -170,12 +193,32 @@ def _night(args):
     console.print('\n'.join(f'{name:<13} {path}' for name, path in report['files'].items()))
 
 
+def _experiment(args):
+    from calibration.experiment_report import experiment_tables
+
+    from .experiment import ExperimentOptions, run_experiment
+    console = _console()
+    options = ExperimentOptions(
+        out=args.out, seed=args.seed, drifts=args.drifts, stars=args.stars, polaris=args.polaris,
+        satellite=args.satellite, domain=args.domain)
+    with _Progress(console) as progress:
+        report = run_experiment(options, progress)
+    for table in experiment_tables(report):
+        console.print(table)
+    for alarm in report['alarms']:
+        console.print(f'alarm: {alarm}')
+    console.print('\n'.join(f'{name:<17} {path}' for name, path in report['files'].items()))
+
+
 def _print_report(console, report):
     from calibration.report import night_tables
     for table in night_tables(report):
         console.print(table)
-    for note in report['notes']:
+    zeros = report['changes'] or report['zeros']
+    for note in [*(zero['statement'] for zero in zeros[-1:]), *report['notes']]:
         console.print(f'note: {note}')
+    for alarm in report['witnesses']['alarms']:
+        console.print(f'alarm: {alarm}')
 
 
 def _fit(args):

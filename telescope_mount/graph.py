@@ -39,7 +39,8 @@ class NodeSpec:
 
 
 def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time_scale=0.0,
-                model_file='', first_run=1, sky=None):
+                model_file='', first_run=1, sky=None, reference_age=0, satellite='',
+                sample_rate_hz=None):
     """The nodes of a simulated night.
 
     Parameters
@@ -62,6 +63,12 @@ def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time
         Run number of the first power-on.
     sky : dict, optional
         Parameters of site and weather (`latitude_deg`, ...), for simulator and observer alike.
+    reference_age : int
+        The zero of a night is relative to the model of so many nights before; 0: to `model_file`.
+    satellite : str
+        What the step `satellite` tracks, in the sky and by the observer.
+    sample_rate_hz : float, optional
+        Readings a second of an exposure.
 
     Returns
     -------
@@ -73,16 +80,19 @@ def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time
     parameters = {
         # live, the servo and the camera need more than the few samples around an exposure
         'mount_simulator': simulator | {'time_scale': time_scale} | (
-            {'sample_rate_hz': 10.0} if time_scale else {}),
+            {'sample_rate_hz': sample_rate_hz} if sample_rate_hz
+            else {'sample_rate_hz': 10.0} if time_scale else {}),
         'incremental_encoder': dict(simulator),
         'absolute_encoder': dict(simulator),
-        'camera': simulator | sky,
+        'camera': simulator | sky | {'satellite': satellite},
         'star_observer': {
             'use_sim_time': True, 'star_seed': seed, 'model_file': model_file,
-            'first_run': first_run, 'wait_for_nodes': [f'{NAMESPACE}/{name}' for name in NIGHT],
+            'first_run': first_run, 'satellite': satellite,
+            'wait_for_nodes': [f'{NAMESPACE}/{name}' for name in NIGHT],
         } | ({'plan': plan} if plan else {}) | sky,
         'pointing_corrector': {'use_sim_time': True, 'model_file': model_file},
-        'calibration': {'use_sim_time': True, 'model_file': model_file, 'split_seed': seed},
+        'calibration': {'use_sim_time': True, 'model_file': model_file, 'split_seed': seed,
+                        'reference_age': reference_age},
         'mcap_logger': {'use_sim_time': True, 'folder': bag},
     }
     return [NodeSpec(name, NODES[name], parameters[name]) for name in NIGHT]

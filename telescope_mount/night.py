@@ -5,6 +5,7 @@ import shutil
 import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 from pointing_model.plan import night_plan, parse_plan
@@ -84,18 +85,52 @@ def run_night(options, progress=None):
         from pointing_model.model import PointingModel
         PointingModel.load(options.reference)
     folder = prepare_folder(options.out)
-    lock = domain.claim(options.domain)
-    # after the cheap checks: these imports cost half a second
-    from msg_tools.topics import OBSERVER_STATUS
-
-    from .processes import Processes
-    from .watcher import Watcher
     specs = night_graph(
         bag=str(folder / 'bag'), scenario=options.scenario, seed=options.seed,
         start_time=options.start_time, plan=plan, time_scale=options.time_scale,
         model_file=str(options.reference.resolve()) if options.reference else '',
         first_run=options.first_run, sky=options.sky)
-    nodes = Processes(folder / 'nodes', lock.number, options.params_file)
+    report = observe(folder, specs, plan, partial(_write, folder), progress,
+                     options.domain, options.params_file)
+    _add_truth(folder / 'bag_truth', report)
+    return report
+
+
+def observe(folder, specs, plan, write, progress=None, domain_number=None, params_file=None):
+    """Carry out a plan in a graph of processes, and write its results.
+
+    Parameters
+    ----------
+    folder : Path
+        For the logs; `bag`, `bag_truth` and `nodes` come to lie in it.
+    specs : list of graph.NodeSpec
+        The nodes, with the logger and the observer among them.
+    plan : str
+        That of the observer.
+    write : callable
+        ``write(latest)``, with the last message of each topic by its name, makes the files; what
+        it returns is returned.
+    progress : callable, optional
+        Called with (text, done, total) as the plan goes on.
+    domain_number : int, optional
+        ROS domain; a free one if omitted.
+    params_file : Path, optional
+        ROS parameter file for all nodes.
+
+    Raises
+    ------
+    ValueError
+        The domain is in use.
+    NightFailed
+        A node ended, or the plan could not be carried out.
+    """
+    lock = domain.claim(domain_number)
+    # after the cheap checks: these imports cost half a second
+    from msg_tools.topics import OBSERVER_STATUS
+
+    from .processes import Processes
+    from .watcher import Watcher
+    nodes = Processes(folder / 'nodes', lock.number, params_file)
     watcher = None
     try:
         for spec in specs:
@@ -106,13 +141,14 @@ def run_night(options, progress=None):
             raise NightFailed('the plan is done, but its results were not published')
         with ThreadPoolExecutor(1) as pool:
             # files and picture are made while the last messages reach the log
-            written = pool.submit(_write, folder, dict(watcher.latest))
+            written = pool.submit(write, dict(watcher.latest))
             missing = watcher.wait_for_log(
                 [spec.full_name for spec in specs], 15.0, each=nodes.check)
-            report = written.result()
+            out = written.result()
         if missing:
             raise NightFailed('the logger could not keep up; it lacks messages of '
                               + ', '.join(missing))
+        return out
     except RuntimeError as err:
         nodes.stop()
         if watcher is None or int(watcher.values(OBSERVER_STATUS).get('observations', 0)) == 0:
@@ -126,14 +162,12 @@ def run_night(options, progress=None):
             watcher.close()
         nodes.stop()
         lock.release()
-    _add_truth(folder / 'bag_truth', report)
-    return report
 
 
 def _watch(watcher, nodes, plan, progress):
     """Follow the observer until the plan is done."""
     from msg_tools import topics
-    total = sum(step.count for step in parse_plan(plan))
+    total = sum(step.exposures for step in parse_plan(plan))
     last, since = None, time.monotonic()
     while True:
         watcher.spin(0.2)

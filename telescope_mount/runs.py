@@ -1,20 +1,26 @@
-"""One way to load a pointing run, whatever it is kept in."""
+"""One way to load pointing runs, whatever they are kept in."""
 
 from pathlib import Path
 
 from msg_tools.bag import BagReader
-from msg_tools.run_files import read_run
+from msg_tools.run_files import NoObservations, read_run, swap_encoders
 
 
-def load_run(path, azimuth_origin=None):
-    """Read a pointing run from a CSV, a TPOINT file, a raw MMT night, or a log.
+def load_run(path, azimuth_origin=None, *, site=None, weather=None, encoder=None):
+    """Read a pointing run from a file of any kind that `read_run` takes, or from a log.
 
     Parameters
     ----------
-    path : Path
+    path : str or Path
         A file, or the folder of a log.
     azimuth_origin : {'N', 'S'}, optional
         Where azimuth 0 is in a TPOINT file.
+    site : pointing_model.sky.Site, optional
+        Kept in ``meta``; needed for a CSV with ``ra_deg, dec_deg``.
+    weather : pointing_model.sky.Weather, optional
+        For the refraction of such a CSV.
+    encoder : {'enc', 'abs'}, optional
+        'abs' takes the second encoder for the first.
 
     Returns
     -------
@@ -28,13 +34,58 @@ def load_run(path, azimuth_origin=None):
         It cannot be read.
     """
     path = Path(path)
-    if path.is_dir() or path.suffix == '.mcap':
-        return run_of_log(path)
-    return read_run(path, azimuth_origin=azimuth_origin)
+    if not path.is_dir() and path.suffix != '.mcap':
+        return read_run(path, azimuth_origin=azimuth_origin, site=site, weather=weather,
+                        encoder=encoder)
+    run = run_of_log(path)
+    if site is not None:
+        run.meta['site'] = site
+    if encoder == 'abs':
+        swap_encoders(path, run.columns, run.meta)
+    return run
+
+
+def load_runs(paths, **options):
+    """Several runs of one mount.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+    **options
+        As for `load_run`.
+
+    Returns
+    -------
+    runs : list of PointingRun
+        One a file, in the order given.
+    empty : list of str
+        A line for each file that holds a header and no observation.
+
+    Raises
+    ------
+    ValueError
+        A file is no run, or no file holds an observation.
+    OSError
+        A file cannot be read.
+    """
+    runs, empty = [], []
+    for path in paths:
+        try:
+            runs.append(load_run(path, **options))
+        except NoObservations as error:
+            empty.append(str(error))
+    if not runs:
+        raise ValueError(empty[0] if empty else 'no file with a pointing run is given')
+    return runs, empty
 
 
 def run_of_log(path):
     """The observations in a log, with the newest zero of each power-on taken off.
+
+    Returns
+    -------
+    PointingRun
+        ``az_raw``, ``el_raw`` are what the encoders read: no zero, no miss distance.
 
     Raises
     ------
@@ -60,18 +111,32 @@ def run_of_log(path):
         elif parts:
             zeros[float(parts[-1]['run'][-1])] = read_joints(message.data)[1]
     if not parts:
-        raise ValueError(f'{path} has no observation in it')
+        raise NoObservations(f'{path} has no observation in it')
     run = PointingRun.concatenate(parts)
     notes = []
     columns = dict(run.columns)
+    columns['az_raw'], columns['el_raw'] = _readings(columns)
+    if zeros:
+        notes.append(f'the zeros that the night set on {len(zeros)} power-ons are taken off')
     for number, (az, el) in zeros.items():
         rows = run['run'] == number
         columns['az_enc'] = columns['az_enc'] - az * rows
         columns['el_enc'] = columns['el_enc'] - el * rows
     columns['az_enc'] = run['az'] + wrap(columns['az_enc'] - run['az'])
-    if zeros:
-        notes.append(f'the zeros that the night set on {len(zeros)} power-ons are taken off')
     stars = columns['star'] != POLARIS_HIP
     notes.append(f'{int((~stars).sum())} exposures of Polaris left out')
     return PointingRun({n: v[stars] for n, v in columns.items()},
                        {'source': str(path), 'notes': notes + bag.problems, 'excluded': []})
+
+
+def _readings(columns):
+    """Readings of the encoders at the exposure, from those with the star centred."""
+    from pointing_model.pairing import centred
+    az, el = columns['az_enc'], columns['el_enc']
+    if 'miss_x' not in columns or 'miss_y' not in columns:
+        return az, el
+    az_raw, el_raw = az, el
+    for _ in range(5):  # each leaves an error smaller by about the miss distance
+        az_centred, el_centred = centred(az_raw, el_raw, columns['miss_x'], columns['miss_y'])
+        az_raw, el_raw = az_raw + (az - az_centred), el_raw + (el - el_centred)
+    return az_raw, el_raw

@@ -154,3 +154,20 @@ def test_student_factor():
     for dof in (1, 2, 3, 7, 15, 100):
         exact = t.ppf(norm.cdf(1.0), dof)
         assert student_factor(dof) == pytest.approx(exact, rel=0.015 if dof == 1 else 0.001)
+
+
+def test_the_statement_names_what_polaris_cannot_tell_from_the_zero():
+    """Erratum 4: IA + CA / cos E + (NPAE + AW) tan E and IE + AN + TF cos E, at the pole."""
+    el = 34.3 * DEG
+    now = np.zeros(4), np.full(4, el), np.zeros(4), np.zeros(4)
+    reference = PolarisExposures(*now, 1e-6, 1e-6, name='night 3')
+    zero = zero_from_polaris(*now, reference, sigma_x=1e-6, sigma_y=1e-6)
+    text = zero.statement()
+    azimuth, elevation = text.split('; the elevation: ')
+    for words in (f'CA {1 / np.cos(el):+.2f}', f'NPAE {np.tan(el):+.2f}', f'AW {np.tan(el):+.2f}',
+                  'night 3'):
+        assert words in azimuth, words
+    assert elevation == f'AN +1.00, TF {np.cos(el):+.2f}'
+    assert zero.to_dict()['statement'] == text
+    assert 'every other term' in zero_from_polaris(
+        *now, PointingModel({}), sigma_x=1e-6, sigma_y=1e-6).statement()

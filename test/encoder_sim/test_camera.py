@@ -9,6 +9,7 @@ from encoder_sim.scenario import Camera as Params
 from encoder_sim.scenario import Mount, load_scenario
 from pointing_model.catalogue import load_catalogue
 from pointing_model.sky import DEFAULT_SITE, DEFAULT_WEATHER, Weather, observed_place
+from pointing_model.target import satellite_target
 from pointing_model.units import ARCSEC, DEG
 
 NIGHT = 1_768_482_000  # 2026-01-15 13:00 UTC
@@ -150,3 +151,16 @@ def test_from_scenario(tmp_path, stars):
     cooling = Camera(Params(), 1, temperature_rate=-2.0, start=NIGHT - 1.0)
     higher = cooling.expose(np.full(len(az), STAMP), GEOMETRY.frames(az, el)).miss[:, 1]
     assert higher / ARCSEC == pytest.approx(57.0 * 955 / 1013 * 2 / 283 / np.tan(el), rel=0.1)
+
+
+def test_a_satellite_is_seen_where_it_is():
+    satellite = satellite_target('gps-26690')
+    night = 1_379_854_800  # 2013-09-22 13:00 UTC
+    az, el = satellite.place(np.array([float(night)]), DEFAULT_SITE, DEFAULT_WEATHER)
+    camera = Camera(Params(), 1, satellite=satellite)
+    stamps = np.array([night * 10**9] * 2)
+    frames = GEOMETRY.frames(np.append(az - 20 * ARCSEC / np.cos(el), az + 3.0), np.repeat(el, 2))
+    miss = camera.expose_satellite(stamps, frames)
+    assert miss[0] / ARCSEC == pytest.approx([20.0, 0.0], abs=0.02)
+    assert np.isnan(miss[1]).all()
+    assert np.isnan(Camera(Params(), 1).expose_satellite(stamps, frames)).all()

@@ -3,10 +3,13 @@ import pytest
 
 pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportError)
 
+from rclpy.parameter import Parameter
+
 from encoder_sim.camera_node import StarCamera
 from msg_tools import convert, topics
 from pointing_model.catalogue import load_catalogue
 from pointing_model.sky import DEFAULT_SITE, DEFAULT_WEATHER, observed_place
+from pointing_model.target import satellite_target
 from pointing_model.units import ARCSEC, DEG
 
 START = 1_768_482_000_000_000_000  # 2026-01-15T13:00:00
@@ -129,3 +132,22 @@ def test_another_site_is_another_sky(graph, few_stars):
     assert np.isfinite(shutter(lambda stamp: place(SIRIUS, stamp))).all()
     assert graph.set_parameter(shutter.node, latitude_deg=20.0) == (True, '')
     assert np.isnan(shutter(lambda stamp: place(SIRIUS, stamp))).all()
+
+
+def test_of_a_star_and_a_satellite_the_one_that_is_followed_is_measured(graph):
+    """Beside the track of the satellite lies a star, which drifts through the field."""
+    start = 1_379_854_800_000_000_000  # 2013-09-22 13:00 UTC
+    shutter = Shutter(graph, satellite='gps-26690', start_time='2013-09-22T13:00:00')
+    shutter.begin = start
+    satellite = satellite_target('gps-26690')
+
+    def follow(stamp):
+        az, el = satellite.place(np.array([stamp * 1e-9]), DEFAULT_SITE, DEFAULT_WEATHER)
+        return [az[0], el[0] - 12.0 * ARCSEC]
+    assert shutter(follow) / ARCSEC == pytest.approx([0.0, 12.0], abs=0.1)
+
+    def stay(stamp):
+        return follow(start)
+    # it moves 30 arcsec a second: seen, but smeared
+    shutter.node.set_parameters([Parameter('smear_limit_arcsec', value=5.0)])
+    assert np.isnan(shutter(stay)).all()

@@ -99,6 +99,65 @@ def test_the_seed_decides_the_drift(graph, drifting):
     assert not np.array_equal(found[0], found[2])
 
 
+def test_the_truth_of_the_zero_holds_the_side(graph):
+    graph.add(IncrementalEncoders, scenario='wrong_side')
+    truth = graph.listen(topics.TRUTH_ZERO)
+    axes = Axes(graph, topics.INCREMENTAL)
+    above = HOMING.copy()
+    above[:, 0] = HOMING[::-1, 0]
+    reading = axes(above)[-1]
+    graph.wait_for(lambda: truth, 'the truth')
+    # eccentricity, subdivision and jitter are left
+    np.testing.assert_allclose(
+        reading - above[-1], convert.read_joints(truth[0])[1], rtol=0, atol=0.5 * ARCSEC)
+    graph.report('incremental_encoder', 'ok', 'azimuth mark met from', 'above')
+    graph.report('incremental_encoder', 'ok', 'elevation mark met from', 'below')
+    graph.report('incremental_encoder', 'ok', 'azimuth mark width [arcsec]', '3.00')
+    graph.report('incremental_encoder', 'ok', 'azimuth supply [V]', '5.000')
+
+
+def test_a_missed_mark_is_told(graph):
+    graph.add(IncrementalEncoders, scenario='home_too_fast')
+    axes = Axes(graph, topics.INCREMENTAL)
+    fast = MARKS + np.array([[-2.0], [-1.0], [1.0], [2.0]]) * DEG  # 2 deg/s
+    reading = axes(fast)[-1]
+    assert np.isnan(reading[0]) and np.isfinite(reading[1])
+    graph.report('incremental_encoder', 'azimuth: reference mark missed, pulses too short: 1; pass',
+                 'azimuth homed', False)
+    graph.report('incremental_encoder', '', 'elevation homed', True)
+    assert np.isfinite(axes(HOMING)[-1]).all()
+    graph.report('incremental_encoder', 'ok', 'azimuth missed marks', 2)
+
+
+def test_lost_counts_show_when_the_mark_is_passed_again(graph, tmp_path):
+    path = tmp_path / 'lost.yaml'
+    path.write_text('based_on: ideal\nincremental:\n  elevation:\n'
+                    '    losses: [{at_s: 6.5, counts: 120}]\n')
+    graph.add(IncrementalEncoders, scenario=str(path))
+    axes = Axes(graph, topics.INCREMENTAL)
+    axes(HOMING)
+    graph.report('incremental_encoder', 'ok', 'elevation mark error [counts]', 'nan')
+    error = axes(np.repeat(MARKS[None] + 1 * DEG, 4, axis=0)) - MARKS - 1 * DEG
+    np.testing.assert_allclose(error[-1], [0.0, -120 * COUNT], rtol=0, atol=1.01 * COUNT)
+    axes(HOMING)
+    graph.report('incremental_encoder', 'elevation: -120 counts off at the reference mark',
+                 'elevation mark error [counts]', -120)
+    graph.report('incremental_encoder', '', 'azimuth mark error [counts]', 0)
+
+
+def test_the_power_fails_as_the_scenario_says(graph, tmp_path):
+    path = tmp_path / 'failing.yaml'
+    path.write_text('based_on: ideal\nincremental:\n  azimuth: {power_cycles_s: [5.5]}\n'
+                    '  elevation: {power_cycles_s: [5.5]}\n')
+    graph.add(IncrementalEncoders, scenario=str(path))
+    axes = Axes(graph, topics.INCREMENTAL)
+    assert np.isfinite(axes(HOMING)[-1]).all()
+    reading = axes(np.repeat(MARKS[None] + 1 * DEG, 4, axis=0))
+    assert np.isfinite(reading[0]).all() and np.isnan(reading[1:]).all()
+    graph.report('incremental_encoder', 'no zero since power-on: call home', 'power-on', 2)
+    assert np.isfinite(axes(HOMING)[-1]).all()
+
+
 def test_bad_angles_are_refused_and_the_next_are_read(graph, drifting):
     graph.add(IncrementalEncoders, scenario=drifting)
     axes = Axes(graph, topics.INCREMENTAL)

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from encoder_sim.incremental import IncrementalEncoder
-from encoder_sim.scenario import Incremental, load_scenario
+from encoder_sim.incremental import MARK_TOLERANCE, IncrementalEncoder
+from encoder_sim.scenario import CountLoss, Incremental, load_scenario
 from pointing_model.units import ARCSEC, DEG
 
 COUNT = 1296000.0 / 18_880_000  # arcsec
@@ -171,3 +171,179 @@ def test_jitter_belongs_to_the_stamp():
     noisy = device.feed(when, np.full(3000, 3.3)) / ARCSEC
     assert noisy.std() / COUNT == pytest.approx(np.hypot(3.0, 12**-0.5), rel=0.05)
     assert other.feed(when[7], 3.3)[0] / ARCSEC == noisy[7]
+
+
+# --- the mark -----------------------------------------------------------------------------------
+
+
+def passage(device, after=0.0, back=False, **feed):
+    """Pass the mark at 2 deg/s, `after` seconds from the first crossing: the error, arcsec."""
+    when, angle = crossing()
+    angle = angle[::-1] if back else angle
+    return (device.feed(when + round(after * 1e9), angle, **feed) - angle)[-1] / ARCSEC
+
+
+def test_nothing_is_known_of_the_side_before_the_mark():
+    device = encoder()
+    assert device.status == (False, '', 0, 0, pytest.approx(np.nan, nan_ok=True), 5.0, 1)
+    assert np.isnan(device.zero)
+    passage(device)
+    assert device.status.homed and device.status.side == 'below'
+    device.power_cycle()
+    passage(device, 10.0, back=True)
+    assert device.status.side == 'above' and device.status.power_on == 2
+
+
+def test_a_higher_threshold_makes_the_pulse_narrower_from_both_sides():
+    # a triangle of 4" at half its peak is 2" wide at three quarters, 1" in on either side
+    params = {'pulse_width': 4 * ARCSEC, 'threshold': 0.75}
+    up, down = encoder(**params), encoder(**params)
+    assert passage(up) == pytest.approx(-1.0, abs=COUNT)
+    assert passage(down, back=True) == pytest.approx(-3.0, abs=COUNT)
+    assert (up.zero / ARCSEC, down.zero / ARCSEC) == pytest.approx((-1.0, -3.0))
+
+
+def test_a_mark_below_the_threshold_gives_no_pulse():
+    params = {'pulse_width': 4 * ARCSEC, 'threshold': 0.8, 'signal_slope': -0.01}
+    assert np.isfinite(passage(encoder(**params), temperature=20.0))
+    device = encoder(**params)
+    assert np.isnan(passage(device, temperature=35.0))  # a quarter of the signal is gone
+    assert device.status.missed_marks == 0
+    weak = encoder(pulse_width=4 * ARCSEC, threshold=0.8, signal_supply=0.5, supply=4.5)
+    assert np.isnan(passage(weak))
+    assert np.isfinite(passage(encoder(pulse_width=4 * ARCSEC, threshold=0.8, signal_supply=0.5)))
+
+
+def test_a_narrow_pulse_is_missed_at_a_rate_at_which_a_wide_one_is_not():
+    # at 2 deg/s 4" last 0.56 ms
+    wide = encoder(pulse_width=4 * ARCSEC, pulse_time=0.4e-3)
+    narrow = encoder(pulse_width=4 * ARCSEC, pulse_time=0.4e-3, threshold=0.75)
+    assert np.isfinite(passage(wide)) and np.isnan(passage(narrow))
+    assert (wide.status.missed_marks, narrow.status.missed_marks) == (0, 1)
+
+
+def test_the_mark_moves_with_temperature_and_supply_until_it_is_met():
+    params = {'mark_slope': 0.5 * ARCSEC, 'mark_supply': 10 * ARCSEC, 'supply': 5.3}
+    device = encoder(**params)
+    error = passage(device, temperature=16.0)
+    assert error == pytest.approx(6 * 0.5 + 0.3 * 10, abs=COUNT)
+    assert device.zero / ARCSEC == pytest.approx(6.0)
+    # what counts is when it was met
+    assert passage(device, 10.0, temperature=30.0) == pytest.approx(error, abs=COUNT)
+
+
+def test_the_reading_moves_with_the_supply_at_any_time():
+    params = {'zero_supply': 10 * ARCSEC, 'supply': 5.2, 'supply_rate': 1.0 / 3600.0}
+    device = encoder(**params)
+    assert passage(device) == pytest.approx(2.0, abs=2 * COUNT)
+    assert passage(device, 1800.0) == pytest.approx(7.0, abs=2 * COUNT)
+    assert device.status.supply == pytest.approx(5.7, abs=1e-3)
+    ripple = encoder(zero_supply=10 * ARCSEC, supply_ripple=0.2, ripple_frequency=0.1)
+    passage(ripple)
+    when = stamps(100, 0.1, start=1_768_482_010.0)
+    error = (ripple.feed(when, np.full(100, 3.3)) - 3.3) / ARCSEC
+    assert error == pytest.approx(2.0 * np.sin(2 * np.pi * 0.01 * np.arange(100)), abs=2 * COUNT)
+
+
+def test_only_from_the_side_that_the_interface_takes():
+    device = encoder(mark_from='below', pulse_width=5 * ARCSEC)
+    assert np.isnan(passage(device, back=True))
+    assert passage(device, 10.0) == pytest.approx(0.0, abs=COUNT)
+    assert device.status.side == 'below'
+    device = encoder(mark_from='above', pulse_width=5 * ARCSEC)
+    assert np.isnan(passage(device))
+    assert passage(device, 10.0, back=True) == pytest.approx(-5.0, abs=COUNT)
+
+
+def test_a_later_passage_checks_the_counter_from_both_sides():
+    params = {'pulse_width': 5 * ARCSEC, 'losses': (CountLoss(15.0, 100),)}
+    for first in (False, True):
+        device = encoder(**params)
+        passage(device, back=first)
+        assert device.status.passages == 0 and not device.status.miscounted
+        passage(device, 5.0, back=not first)
+        assert device.status.passages == 1
+        assert abs(device.status.mark_error) <= 1.0  # its width is no error
+        error = passage(device, 20.0, back=first)
+        assert device.status.mark_error == pytest.approx(-100, abs=1)
+        assert device.status.miscounted and MARK_TOLERANCE < 100
+        shift = -100 * COUNT - (5.0 if first else 0.0)
+        assert error == pytest.approx(shift, abs=COUNT)
+
+
+def test_the_check_knows_whole_turns():
+    device = encoder()
+    device.feed(stamps(721), np.linspace(170.0, 890.0, 721) * DEG)
+    assert device.status.passages == 1 and device.status.mark_error == 0.0
+
+
+def test_the_check_sees_a_mark_that_moved():
+    device = encoder(mark_slope=1.0 * ARCSEC)
+    passage(device, temperature=10.0)
+    passage(device, 10.0, temperature=16.0)
+    # the mark is met 6" earlier on the grating
+    assert device.status.mark_error == pytest.approx(-6.0 / COUNT, abs=1)
+
+
+# --- faults -------------------------------------------------------------------------------------
+
+
+def test_counts_are_lost_at_a_moment():
+    device = encoder(losses=(CountLoss(10.0, 120), CountLoss(20.0, -30)))
+    assert passage(device) == pytest.approx(0.0, abs=COUNT)
+    errors = [(device.feed(stamps(1, start=1_768_482_000.0 + t), 3.3)[0] - 3.3) / ARCSEC / COUNT
+              for t in (9.0, 10.0, 19.9, 20.5, 30.0)]
+    assert errors == pytest.approx([0, -120, -120, -90, -90], abs=1)
+
+
+def test_what_was_lost_before_homing_is_cleared_with_the_counter():
+    device = encoder(losses=(CountLoss(0.2, 500),))
+    assert passage(device) == pytest.approx(0.0, abs=COUNT)
+
+
+def test_the_power_fails_at_a_moment_whatever_the_batches():
+    params = {'power_cycles': (10.0, 40.0), 'zero_drifts': (0.0, 7 * ARCSEC, -9 * ARCSEC)}
+    when = stamps(600, 0.1)
+    angle = (180.0 + 8.0 * np.sin(0.03 * np.arange(600) - 1.0)) * DEG
+    device = encoder(**params)
+    whole = device.feed(when, angle)
+    assert device.status.power_on == 3
+    error = (whole - angle) / ARCSEC
+    assert np.isnan(error[[100, 101, 400]]).all()
+    assert [np.nanmean(part) for part in (error[:100], error[101:400], error[401:])] == (
+        pytest.approx([0.0, 7.0, -9.0], abs=COUNT))
+    device = encoder(**params)
+    pieces = [device.feed(w, a) for w, a in zip(np.array_split(when, 7), np.array_split(angle, 7))]
+    assert np.array_equal(np.concatenate(pieces), whole, equal_nan=True)
+    device = encoder(**params)
+    single = [device.feed(w, a)[0] for w, a in zip(when, angle)]
+    assert np.array_equal(single, whole, equal_nan=True)
+
+
+def test_noise_miscounts_with_the_way_gone():
+    wrong = []
+    for seed in range(40):
+        device = IncrementalEncoder(Incremental(miscounts=50.0), seed, 'azimuth')
+        passage(device)
+        angle = 180.0 * DEG + np.linspace(0.0, 100.0, 51) * DEG
+        last = device.feed(stamps(51, start=1_768_482_100.0), angle)[-1]
+        wrong.append((last - angle[-1]) / ARCSEC / COUNT)
+    # 5.2 million counts, 50 of a million wrong: a random walk of 16
+    assert np.std(wrong) == pytest.approx(np.sqrt(50e-6 * 1e2 / 360 * 18_880_000), rel=0.3)
+
+
+def test_lost_counts_belong_to_the_direction():
+    params = {'max_count_rate': 18.88e6 / 360, 'miscounts': 3.0}
+    when, angle = crossing(173)
+    whole = encoder(**params).feed(when, angle)
+    device = encoder(**params)
+    pieces = [device.feed(w, a) for w, a in zip(np.split(when, [99]), np.split(angle, [99]))]
+    assert np.array_equal(np.concatenate(pieces), whole, equal_nan=True)
+
+
+def test_a_sample_that_is_not_a_number_loses_nothing():
+    device = encoder(max_count_rate=1e6)
+    passage(device)
+    later = stamps(3, start=1_768_482_010.0)
+    reading = device.feed(later, [3.3, np.nan, 3.3])
+    assert np.isnan(reading[1]) and reading[2] == pytest.approx(3.3, abs=COUNT * ARCSEC)

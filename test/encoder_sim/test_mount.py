@@ -1,8 +1,10 @@
+import dataclasses
+
 import numpy as np
 import pytest
 
 from encoder_sim.incremental import IncrementalEncoder
-from encoder_sim.mount import HOME_RATE, SERVO_TIME, SimulatedMount
+from encoder_sim.mount import HOME_ATTEMPTS, SERVO_TIME, SimulatedMount
 from encoder_sim.scenario import load_scenario
 from pointing_model.units import ARCSEC, DEG
 
@@ -107,18 +109,64 @@ def test_homing_crosses_both_marks_slowly_from_below(place):
     angles, rates = device.truth(times)
     assert (angles[0] < MARKS).all() and (angles[-1] > MARKS).all()
     assert (np.diff(angles, axis=0) > 0).all()
-    np.testing.assert_allclose(rates, HOME_RATE, rtol=1e-6)
+    np.testing.assert_allclose(rates, 0.25 * DEG, rtol=1e-6)
     after, still = device.truth(np.array([last + 2.0, last + 100.0]))
     np.testing.assert_allclose(after[0], after[1], atol=1e-12)
     assert not still.any() and (after > MARKS).all()
 
 
-def test_homing_finds_the_marks_of_the_default_encoders():
-    scenario = load_scenario('default')
+def homed(name, attempts=HOME_ATTEMPTS):
+    """Home by a scenario, slower after a failure: encoders, reason, attempts made."""
+    scenario = load_scenario(name)
     device = SimulatedMount(scenario)
-    first, last = device.home(0.0)
-    times = np.linspace(first, last, 5)
-    for i, name in enumerate(('azimuth', 'elevation')):
-        encoder = IncrementalEncoder(getattr(scenario.incremental, name), 1, name)
+    encoders = [IncrementalEncoder(getattr(scenario.incremental, axis), 1, axis)
+                for axis in ('azimuth', 'elevation')]
+    start = 0.0
+    for attempt in range(attempts):
+        first, last = device.home(start, attempt)
+        times = np.append(np.linspace(first, last, 5), last + 2.0)
         stamps = np.rint(times * 1e9).astype(np.int64)
-        assert np.isfinite(encoder.feed(stamps, device.truth(times)[0][:, i])[-1])
+        reading = [encoder.feed(stamps, angle)[-1]
+                   for encoder, angle in zip(encoders, device.truth(times)[0].T)]
+        reason = device.home_failure(reading, attempt)
+        if not reason:
+            break
+        start = last + 2.0
+    return encoders, reason, attempt + 1
+
+
+def test_homing_finds_the_marks_of_the_default_encoders():
+    encoders, reason, attempts = homed('default')
+    assert (reason, attempts) == ('', 1)
+    assert [encoder.status.side for encoder in encoders] == ['below', 'below']
+
+
+def test_homing_from_above():
+    encoders, reason, _ = homed('wrong_side')
+    assert reason == ''
+    assert [encoder.status.side for encoder in encoders] == ['above', 'below']
+    assert (encoders[0].zero - encoders[0].zero_drift) / ARCSEC == pytest.approx(-3.0)
+    assert encoders[1].zero == pytest.approx(encoders[1].zero_drift)
+
+
+def test_a_mark_missed_at_speed_is_found_more_slowly():
+    encoders, reason, _ = homed('home_too_fast', attempts=1)
+    assert reason == ('no reference mark met in a passage: azimuth (at 2 deg/s); check head and '
+                      'mark')
+    assert not encoders[0].homed and encoders[1].homed
+    encoders, reason, attempts = homed('home_too_fast')
+    assert (reason, attempts) == ('', 2) and encoders[0].status.missed_marks > 0
+
+
+def test_a_mark_without_a_pulse_is_never_found():
+    encoders, reason, attempts = homed('mark_missed')
+    assert attempts == HOME_ATTEMPTS and not encoders[0].homed
+    assert reason.startswith('no reference mark met in 3 passages, each slower: azimuth (at 0.0156')
+
+
+def test_homing_faster_than_the_axis_is_refused():
+    scenario = load_scenario('default')
+    axis = dataclasses.replace(scenario.incremental.elevation, home_rate=5.0 * DEG)
+    pair = dataclasses.replace(scenario.incremental, elevation=axis)
+    with pytest.raises(ValueError, match='faster than the axis'):
+        SimulatedMount(dataclasses.replace(scenario, incremental=pair)).home(0.0)

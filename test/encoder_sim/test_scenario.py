@@ -47,6 +47,32 @@ def test_file_changes_only_what_it_names(tmp_path):
     assert scenario.incremental.elevation == default.incremental.elevation
 
 
+def test_incremental_encoder_in_the_units_of_a_data_sheet(tmp_path):
+    path = write(
+        tmp_path,
+        'incremental:\n  azimuth:\n    threshold_percent: 60\n    signal_percent_per_v: 20\n'
+        '    signal_percent_per_degc: -0.5\n    mark_arcsec_per_v: 4\n'
+        '    zero_arcsec_per_v: 3\n    mark_arcsec_per_degc: 2\n    supply_v_per_hour: -0.36\n'
+        '    supply_ripple_v: 0.01\n    max_count_rate_mhz: 20\n    home_rate_deg_s: 2\n'
+        '    mark_from: below\n    power_cycles_s: [60, 120]\n'
+        '    losses: [{at_s: 30, counts: 120}]\n'
+        'housing: {step_c: 6, at_s: 100, time_constant_s: 50}\n')
+    scenario = load_scenario(path)
+    p = scenario.incremental.azimuth
+    assert (p.threshold, p.signal_supply, p.signal_slope) == pytest.approx((0.6, 0.2, -0.005))
+    assert (p.mark_supply, p.zero_supply, p.mark_slope) == pytest.approx(
+        (4 * ARCSEC, 3 * ARCSEC, 2 * ARCSEC))
+    assert (p.supply_rate, p.max_count_rate, p.home_rate) == pytest.approx((-1e-4, 2e7, 2 * DEG))
+    assert (p.losses[0].at, p.losses[0].counts, p.power_cycles) == (30.0, 120, (60.0, 120.0))
+    assert scenario.temperature([99.0, 100.0, 150.0, 1e4], 0.0) == pytest.approx(
+        [10.0, 10.0, 16.0 - 6.0 / 2.718281828, 16.0])
+
+
+@pytest.mark.parametrize('name', scenario_names())
+def test_every_packaged_scenario_can_be_read(name):
+    assert load_scenario(name).name == name
+
+
 def test_file_based_on_a_file_beside_it(tmp_path):
     write(tmp_path, 'mount: {aw_arcsec: 9}\n', 'base.yaml')
     path = write(tmp_path, 'based_on: base.yaml\nmount: {an_arcsec: 5}\n')
@@ -72,7 +98,7 @@ def test_file_based_on_a_file_beside_it(tmp_path):
         ('axes: {azimuth: {travel_min_deg: 5, travel_max_deg: 5}}', ['axes.azimuth']),
         ('- 1', ['not a mapping']),
         ('mount: [', ['no valid YAML']),
-        ('based_on: nothing', ['nothing', 'default, ideal']),
+        ('based_on: nothing', ['nothing', 'one of default, ', ' ideal']),
         ('based_on: mine.yaml', ['based on itself']),
     ],
 )
@@ -89,7 +115,7 @@ def test_bad_file_is_one_line_with_file_and_key(tmp_path, text, parts):
 def test_missing_file_and_unknown_name():
     with pytest.raises(ValueError, match='does not exist'):
         load_scenario('/nowhere/mine.yaml')
-    with pytest.raises(ValueError, match='default, ideal'):
+    with pytest.raises(ValueError, match='one of default, .*ideal'):
         load_scenario('best')
 
 

@@ -10,8 +10,9 @@ from std_msgs.msg import String
 from msg_tools import convert, topics
 from pointing_model.catalogue import POLARIS_HIP, load_catalogue
 from pointing_model.model import PointingModel
-from pointing_model.sky import DEFAULT_SITE, DEFAULT_WEATHER, observed_place
+from pointing_model.sky import DEFAULT_SITE, DEFAULT_WEATHER, Site, observed_place
 from pointing_model.star_observer_node import StarObserver
+from pointing_model.target import satellite_target
 from pointing_model.units import ARCSEC, DEG, wrap
 
 START = 1_768_482_000_000_000_000  # 2026-01-15T13:00:00
@@ -210,6 +211,44 @@ def test_a_model_file_is_in_force_at_the_start(graph, tmp_path):
     assert (track[0, 1] - place(POLARIS_HIP, stamp)[1]) / ARCSEC == pytest.approx(-80.0, abs=0.01)
 
 
+def test_a_satellite_is_tracked_at_its_interval(graph):
+    sky = Instruments(graph)
+    rows = Night(graph, 'satellite 3', satellite='gps-26690', satellite_interval_s=90.0,
+                 latitude_deg=0.0, longitude_deg=60.0).run()
+    target = satellite_target('gps-26690')
+    site = Site(0.0, 60.0 * DEG, DEFAULT_SITE.height)
+    assert [run['star'][0] for run in rows] == [-26690.0] * 3
+    for run, (stamp, track) in zip(rows, sky.commands):
+        wanted = target.place(np.array([stamp * 1e-9]), site, DEFAULT_WEATHER)
+        np.testing.assert_allclose(
+            [wrap(track[0, 0] - wanted[0][0]), track[0, 1] - wanted[1][0]], 0.0,
+            atol=0.5 * ARCSEC)
+        assert np.isnan(run['magnitude'][0])
+    begins = np.diff([stamp for stamp, _ in sky.commands]) * 1e-9
+    np.testing.assert_allclose(begins, 90.0, atol=1e-6)
+
+
+@pytest.mark.parametrize('overrides, text', [
+    ({}, 'set the parameter satellite'),
+    ({'satellite': 'gps-26690', 'min_elevation_deg': 84.9}, 'satellite 26690 stands at'),
+])
+def test_a_satellite_that_cannot_be_tracked_ends_the_plan(graph, overrides, text):
+    Instruments(graph)
+    night = Night(graph, 'satellite 3', **overrides)
+    assert text in night.until('failed')
+
+
+def test_the_next_evening_is_waited_for(graph):
+    sky = Instruments(graph)
+    night = Night(graph, 'polaris 1, wait 24, polaris 1, wait 23, polaris 1')
+    rows = night.run()
+    times = np.array([run['time'][0] for run in rows])
+    # counted from the evening before, not from the last exposure
+    np.testing.assert_allclose(times - times[0], [0.0, 24 * 3600.0, 47 * 3600.0], atol=60.0)
+    assert len(sky.commands) == 5
+    np.testing.assert_array_equal(sky.commands[1][1][0], sky.commands[1][1][-1])  # it stood still
+
+
 # --- instruments that are late, silent or wrong ---------------------------------------------------
 
 
@@ -321,6 +360,29 @@ def test_it_waits_for_an_encoder_that_is_homed(graph):
     assert len(night.run()) == 1
 
 
+def test_a_zero_lost_in_the_night_is_looked_for_again(graph):
+    sky = Instruments(graph)
+    homed = []
+
+    def home():
+        homed.append(len(sky.commands))
+        sky.error = np.zeros(2)
+        sky.now += SECOND
+        sky.read(sky.now, sky.position)
+        return True, 'homed'
+    graph.service('home', home)
+
+    def miss(number, stamp, reading):
+        if number == 2 and len(homed) == 1:
+            sky.error = np.full(2, np.nan)  # the power failed
+        return 0.0, 0.0
+    sky.miss = miss
+    rows = Night(graph, 'home, stars 4').run()
+    assert len(homed) == 2
+    runs = [run['run'][0] for run in rows]
+    assert len(rows) == 4 and runs[0] == runs[1] - 1 == runs[3] - 1
+
+
 def test_services_are_called_in_the_order_of_the_plan(graph):
     sky = Instruments(graph, homed=False)
     calls = []
@@ -416,6 +478,26 @@ def test_it_starts_when_asked_and_once(graph):
     answer = graph.call('observe')
     assert not answer.success and answer.message == 'a plan is under way'
     assert len(night.run()) == 2
+
+
+def test_a_zero_on_polaris_by_service(graph):
+    Instruments(graph)
+    asked = []
+    graph.service('calibrate_zero', lambda: (asked.append(1) or True, 'done'))
+    zero = graph.publisher(topics.ZERO)
+    status = graph.publisher(topics.CALIBRATION_STATUS)
+    night = Night(graph, 'stars 1', autostart=False, polaris_exposures=3)
+    graph.connect()
+    answer = graph.call('zero_on_polaris')
+    assert answer.success and 'polaris 3, calibrate_zero' in answer.message
+    assert not graph.call('observe').success
+    graph.wait_for(lambda: len(night.rows) == 3)
+    status.publish(convert.status(DiagnosticStatus.OK, 'calibration', '', observations=3))
+    graph.wait_for(lambda: asked)
+    stamp = convert.from_stamp(night.rows[-1].header.stamp)
+    zero.publish(convert.joint_state(stamp, [0.0, 0.0]))
+    rows = night.run()
+    assert {run['star'][0] for run in rows} == {POLARIS_HIP}
 
 
 def test_it_waits_for_the_nodes_that_it_was_told_of(graph):

@@ -139,7 +139,8 @@ def test_imports_run_one_way():
         assert not of(imports(path), 'calibration'), path
     for path in sources('msg_tools'):
         names = {n for n in imports(path) if n.startswith('pointing_model.')}
-        allowed = ('pointing_model.run', 'pointing_model.units')
+        # a file may give stars by right ascension: their place takes the sky
+        allowed = ('pointing_model.run', 'pointing_model.units', 'pointing_model.sky')
         assert all(n.startswith(allowed) for n in names), (path, names)
     for package in PACKAGES[:-1]:
         for path in sources(package):

@@ -1,0 +1,216 @@
+"""Nights in a row: the zero and the stars of each are judged by the model of an earlier one.
+
+Paper 000, section 2: coefficients of two nights before correct the stars of tonight, before and
+after the zero calibration. Each power-on is a night here.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from pointing_model.catalogue import POLARIS_HIP
+from pointing_model.terms import design
+from pointing_model.units import ARCSEC
+
+from .fit import fit_harmonics
+from .satellite_check import tracking_errors
+from .session import CalibrationSession
+from .zero import zero_from_polaris
+
+#: the two kinds of model, in the order of the report
+PHYSICAL_TERMS, HARMONICS_ONLY = 'physical', 'harmonics'
+
+
+class NightSeries:
+    """As `CalibrationSession`, for night after night, each a power-on of its own.
+
+    Parameters
+    ----------
+    age : int
+        The reference of a night is the model of so many power-ons before: 2 in the paper.
+    first : PointingModel, optional
+        Reference of the nights that have none.
+    split_seed : int
+        Of the choice of the stars that are held out.
+    """
+
+    def __init__(self, age, first=None, split_seed=1):
+        self._age, self._first, self._split_seed = age, first, split_seed
+        self._sessions = {}
+        self._models = {}  # run -> {kind: PointingModel with its zero folded in}
+        self._rows = {}
+        self.last_stamp = 0
+
+    def __len__(self):
+        return sum(len(session) for session in self._sessions.values())
+
+    @property
+    def newest(self):
+        """Number of the newest power-on; ValueError before the first row."""
+        if not self._sessions:
+            raise ValueError('no observation has come yet; observe first')
+        return max(self._sessions)
+
+    @property
+    def zeros(self):
+        """By Polaris alone, power-on number -> Zero."""
+        return {run: zero for session in self._sessions.values()
+                for run, zero in session.zeros.items()}
+
+    @property
+    def zeros_in_force(self):
+        """That belong to the fitted model of each night, power-on number -> (az, el), rad."""
+        return {run: zero for session in self._sessions.values()
+                for run, zero in session.zeros_in_force.items()}
+
+    @property
+    def reference(self):
+        """The model that the zero of tonight is relative to, or None."""
+        return self._reference(self.newest)
+
+    def _reference(self, run, kind=PHYSICAL_TERMS):
+        old = self._models.get(run - self._age)
+        if old is not None:
+            return old[kind]
+        return self._first if kind == PHYSICAL_TERMS else None
+
+    def add(self, run, stamp):
+        """Take rows; see `CalibrationSession.add`."""
+        if stamp <= self.last_stamp:
+            return
+        if 'run' not in run:
+            raise ValueError('observation without column run')
+        for number in map(int, np.unique(run['run'])):
+            if number not in self._sessions:
+                yesterday = self._sessions.get(number - 1)
+                self._sessions[number] = CalibrationSession(
+                    self._reference(number), self._split_seed, yesterday and yesterday.witness)
+            self._sessions[number].add(run.select(run['run'] == number), stamp)
+        self.last_stamp = stamp
+
+    def take_table(self, run, stamp):
+        """Take the table of all rows so far, if there is more in it than here."""
+        if stamp >= self.last_stamp and len(run) > len(self):
+            self._sessions.clear()
+            self.last_stamp = 0
+            self.add(run, stamp)
+
+    def calibrate_zero(self):
+        """Zero of tonight; see `CalibrationSession.calibrate_zero`."""
+        return self._sessions[self.newest].calibrate_zero()
+
+    def fit(self, homings=()):
+        """Fit tonight, and judge tonight's stars by the model of the earlier night.
+
+        Parameters
+        ----------
+        homings : iterable of witnesses.Homing
+            What the incremental encoders say of themselves.
+
+        Returns
+        -------
+        model : PointingModel
+            Of tonight.
+        report : dict
+            As of `CalibrationSession.fit`; ``nights`` holds a row for every night so far that
+            has a reference and a zero.
+
+        Raises
+        ------
+        ValueError
+            Too few stars.
+        """
+        number = self.newest
+        session = self._sessions[number]
+        model, report = session.fit(homings)
+        rows = session.observations()
+        self._models[number] = {
+            PHYSICAL_TERMS: _folded(model, session.zeros_in_force.get(number, (0.0, 0.0))),
+            HARMONICS_ONLY: fit_harmonics(rows.select(rows['star'] >= 0)).model,
+        }
+        if number in session.zeros and self._reference(number) is not None:
+            self._rows[number] = self._night(number, rows, report['witnesses']['alarms'])
+        report['nights'] = [self._rows[n] for n in sorted(self._rows)]
+        return model, report
+
+    def _night(self, number, rows, alarms):
+        polaris = rows['star'] == POLARIS_HIP
+        stars = rows['star'] >= 0
+        first, last = rows['time'][polaris][[0, -1]]
+        parts = {'before': rows.select(stars & ~polaris & (rows['time'] < first)),
+                 'after': rows.select(stars & ~polaris & (rows['time'] > last))}
+        x, y = rows.select(polaris).offsets()
+        az, el = rows['az'][polaris], rows['el'][polaris]
+        out = {'night': number, 'reference': number - self._age}
+        for kind in (PHYSICAL_TERMS, HARMONICS_ONLY):
+            reference = self._reference(number, kind)
+            if reference is None:
+                continue
+            zero = zero_from_polaris(az, el, x, y, reference)
+            out[kind] = {'zero': zero.to_dict()}
+            for part, angles in (('before', None), ('after', (zero.az, zero.el))):
+                if len(parts[part]):
+                    out[kind][part] = _means(reference, parts[part], angles)
+            if kind == PHYSICAL_TERMS:
+                track = rows['star'] < 0
+                out['satellite'] = None if not track.any() else {
+                    'before': tracking_errors(
+                        reference, rows.select(track & (rows['time'] < first))),
+                    'after': tracking_errors(
+                        reference, rows.select(track & (rows['time'] > last)), (zero.az, zero.el))}
+            if kind == PHYSICAL_TERMS and 'after' in out[kind]:
+                out[kind]['after'].update(
+                    _budget(reference, zero, rows.select(polaris), parts['after']))
+        out['alarms'] = alarms
+        return out
+
+
+def _folded(model, zero):
+    """The model of the encoders as they read: IA and IE with the zero that was in force."""
+    terms = dict(model.terms)
+    for name, angle in zip(('IA', 'IE'), zero):
+        terms[name] = terms.get(name, 0.0) + angle
+    return replace(model, terms=terms)
+
+
+def _means(model, stars, zero):
+    """Mean, scatter and RMS of the stars' residuals, arcsec.
+
+    ``az`` is the coordinate angle, as in the paper's table 1; ``x`` is it on the sky.
+    """
+    x, y = (v / ARCSEC for v in model.residuals(stars, zero=zero))
+    az = x / np.cos(stars['el'])
+    out = {'stars': len(stars)}
+    for name, values in (('az', az), ('x', x), ('el', y)):
+        out[f'{name}_mean_arcsec'] = float(np.mean(values))
+        out[f'{name}_std_arcsec'] = float(np.std(values, ddof=1)) if len(values) > 1 else 0.0
+        out[f'{name}_rms_arcsec'] = float(np.sqrt(np.mean(np.square(values))))
+    out['radial_max_arcsec'] = float(np.max(np.hypot(x, y)))
+    out['radial_rms_arcsec'] = float(np.sqrt(np.mean(np.square(x) + np.square(y))))
+    return out
+
+
+def _budget(model, zero, polaris, stars):
+    """1-sigma of the two means after calibration, as the errors of all that went in predict it.
+
+    Polaris' exposures, the scatter of the stars, and what the reference model's covariance leaves
+    between the place of Polaris and the mean of the stars.
+    """
+    names = tuple(model.terms)
+
+    def mean_columns(run):
+        x, y = design(names, run['az'], run['el'])
+        return np.stack([np.mean(x / np.cos(run['el'])[:, None], axis=0), np.mean(y, axis=0)])
+
+    apart = mean_columns(stars) - mean_columns(polaris)
+    # that of the model at Polaris is in the zero's covariance already: take the difference instead
+    at_polaris = mean_columns(polaris)
+    exposures = zero.covariance - at_polaris @ model.covariance @ at_polaris.T
+    x, y = model.residuals(stars, zero=(zero.az, zero.el))
+    az = x / np.cos(stars['el'])
+    n = len(stars)
+    scatter = np.array([np.var(az, ddof=1), np.var(y, ddof=1)]) / n
+    variance = np.diag(exposures) + np.diag(apart @ model.covariance @ apart.T) + scatter
+    sigma = np.sqrt(np.maximum(variance, 0.0)) / ARCSEC
+    return {'az_sigma_arcsec': float(sigma[0]), 'el_sigma_arcsec': float(sigma[1])}
+

@@ -1,0 +1,129 @@
+"""The check on a GPS satellite: errors of the tracked satellite, as paper 000, section 3, has them.
+
+Measured minus orbit, before and after the zero calibration: mean and standard deviation on each
+axis, beside the paper's, and its figures 1 and 2. What may have left the paper's numbers is the
+subject of `satellite_candidates`.
+"""
+
+import numpy as np
+
+from pointing_model.units import ARCSEC, DEG
+
+#: The four numbers of each curve in paper 000 (azimuth, elevation), in the keys of gps.json.
+PAPER = {
+    'before': {'az_mean_arcsec': 13.99, 'az_std_arcsec': 11.33,
+               'el_mean_arcsec': 11.50, 'el_std_arcsec': 4.81},
+    'after': {'az_mean_arcsec': 5.94, 'az_std_arcsec': 2.04,
+              'el_mean_arcsec': -3.49, 'el_std_arcsec': 2.63},
+}
+
+
+def tracking_errors(model, run, zero=None):
+    """Tracked minus computed place of a satellite, as the paper's curves.
+
+    Parameters
+    ----------
+    model : PointingModel
+        In force when it was tracked.
+    run : PointingRun
+        Exposures of the satellite; the encoder's angles are those with it centred.
+    zero : (float, float), optional
+        That of the encoders, rad.
+
+    Returns
+    -------
+    dict of str to list
+        ``time`` (UTC s), ``el_deg``, ``az_arcsec`` (the coordinate angle, not times cos E),
+        ``el_arcsec``; rows with a NaN are left out.
+    """
+    x, y = model.residuals(run, zero=zero)
+    good = np.isfinite(x) & np.isfinite(y)
+    columns = {'time': run['time'], 'el_deg': run['el'] / DEG,
+               'az_arcsec': x / np.cos(run['el']) / ARCSEC, 'el_arcsec': y / ARCSEC}
+    return {name: values[good].tolist() for name, values in columns.items()}
+
+
+def tracking_statistics(errors):
+    """Mean and standard deviation of tracking errors.
+
+    Parameters
+    ----------
+    errors : dict
+        From `tracking_errors`.
+
+    Returns
+    -------
+    dict
+        ``az_mean_arcsec``, ``az_std_arcsec`` (coordinate, as the paper), ``az_sky_...`` (times
+        cos(elevation)), ``el_...`` and ``n``.
+
+    Raises
+    ------
+    ValueError
+        Fewer than two exposures.
+    """
+    az, el = np.array(errors['az_arcsec']), np.array(errors['el_arcsec'])
+    if len(az) < 2:
+        raise ValueError(f'{len(az)} exposures of the satellite: two at least are needed for a '
+                         'mean and a scatter')
+    sky = az * np.cos(np.array(errors['el_deg']) * DEG)
+    out = {'n': len(az)}
+    for name, values in (('az', az), ('az_sky', sky), ('el', el)):
+        out[f'{name}_mean_arcsec'] = float(np.mean(values))
+        out[f'{name}_std_arcsec'] = float(np.std(values, ddof=1))
+    return out
+
+
+def gps_statistics(tracks):
+    """Content of gps.json: our numbers before and after the zero calibration, and the paper's.
+
+    Parameters
+    ----------
+    tracks : dict
+        ``before`` and ``after`` from `tracking_errors`.
+
+    Returns
+    -------
+    dict
+        ``before``, ``after``: see `tracking_statistics`; ``paper``: `PAPER`.
+    """
+    return {**{part: tracking_statistics(tracks[part]) for part in ('before', 'after')},
+            'paper': PAPER}
+
+
+def plot_gps(before, after, path):
+    """The paper's figures 1 and 2: errors of the tracked satellite against time.
+
+    Parameters
+    ----------
+    before, after : tuple of (ndarray, ndarray, ndarray)
+        Time (s), azimuth and elevation error (arcsec, coordinate), each of shape (n,).
+    path : str or Path
+        PNG to write.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(11.0, 6.5), layout='constrained')
+    FigureCanvasAgg(figure)
+    panels = figure.subplots(2, 2, sharex='col', sharey='row')
+    for column, (key, title, (time, *errors)) in enumerate((
+            ('before', 'Before the zero calibration (paper: fig. 1)', before),
+            ('after', 'After it (paper: fig. 2)', after))):
+        minutes = (np.asarray(time) - np.min(time)) / 60.0
+        for axes, axis, name, error in zip(
+                panels[:, column], ('az', 'el'), ('azimuth', 'elevation'), errors):
+            mean, std = np.mean(error), np.std(error, ddof=1)
+            axes.plot(minutes, error, '.', ms=3)
+            axes.axhline(mean, color='tab:blue', lw=1.0, label=f'{mean:.2f} ± {std:.2f}″')
+            paper = PAPER[key]
+            axes.axhline(paper[f'{axis}_mean_arcsec'], color='tab:orange', ls='--', lw=1.0,
+                         label=f'paper {paper[f"{axis}_mean_arcsec"]:.2f} ± '
+                               f'{paper[f"{axis}_std_arcsec"]:.2f}″')
+            axes.axhline(0.0, color='0.7', lw=0.7)
+            axes.legend(fontsize=8)
+            if column == 0:
+                axes.set_ylabel(f'{name} error [arcsec]')
+        panels[0, column].set_title(title, fontsize=10)
+        panels[1, column].set_xlabel('time [min]')
+    figure.savefig(path, dpi=110)

@@ -1,0 +1,424 @@
+"""The rows of a night as the three witnesses see them: see `calibration.witnesses`."""
+
+from dataclasses import asdict, dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from pointing_model.catalogue import POLARIS_HIP
+from pointing_model.model import PointingModel
+from pointing_model.run import PointingRun
+from pointing_model.terms import design
+from pointing_model.units import ARCSEC, wrap
+
+from .fit import fit_terms
+from .step_scan import (
+    clipped,
+    evidence,
+    log_normal,
+    probabilities,
+    robust_fit,
+    scan,
+    two_sided,
+)
+from .zero import zero_from_polaris
+
+AXES = ('azimuth', 'elevation')
+SHORT = ('az', 'el')
+INCREMENTAL, ABSOLUTE, MOUNT = 'incremental encoder', 'absolute encoder', 'mount or sky'
+
+_OTHER_TERMS = ('CA', 'NPAE', 'AN', 'AW', 'TF')
+_FEWEST_STARS = 12  # to judge by the whole sky
+_SEGMENT = 3  # rows on either side of a step
+_MOST_EVENTS = 3  # of an axis
+_ANYTHING = 3600.0 * ARCSEC
+_LEAST = 0.02 * ARCSEC  # rounding of a fine encoder
+
+
+@dataclass(frozen=True)
+class Witness:
+    """What encoders and Polaris said in one power-on.
+
+    Attributes
+    ----------
+    run : float
+    az, el : float
+        Mean place of Polaris, rad.
+    enc, abs : ndarray, shape (2,)
+        Encoder - sky at Polaris, azimuth and elevation, coordinate angles, rad.
+    covariance : ndarray, shape (2, 2, 2)
+        Of (enc, abs) of each axis, rad^2: they share the star's noise.
+    apart, apart_sigma : ndarray, shape (2,)
+        Incremental - absolute at that place, by all rows of the power-on, and 1 sigma, rad.
+    exposures : int
+        Of Polaris.
+    """
+
+    run: float
+    az: float
+    el: float
+    enc: np.ndarray
+    abs: np.ndarray
+    covariance: np.ndarray
+    apart: np.ndarray
+    apart_sigma: np.ndarray
+    exposures: int
+
+    def to_dict(self):
+        """JSON-ready, to be the reference of a later night; rad."""
+        return {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in asdict(self).items()}
+
+    @classmethod
+    def from_dict(cls, values):
+        """From `to_dict`; ValueError where something is missing."""
+        try:
+            return cls(**{name: np.asarray(values[name]) if isinstance(values[name], list)
+                          else values[name] for name in cls.__dataclass_fields__})
+        except (KeyError, TypeError) as err:
+            raise ValueError(
+                f'reference of the witnesses: {err} is missing or of a wrong type') from None
+
+
+@dataclass(frozen=True)
+class Change:
+    """What moved on an axis from one power-on (or night) to the next, rad.
+
+    `incremental` and `absolute` are against the sky at Polaris, `apart` is incremental - absolute.
+    `pull` is the absolute encoder's change over its `expected` sigma, which holds the noise and
+    what is usual for the encoder: how far the zeros by Polaris and by the absolute encoder
+    disagree. `moved` are posterior probabilities, where something other than the incremental
+    encoder moved.
+    """
+
+    axis: str
+    since: float
+    run: float
+    incremental: float
+    incremental_sigma: float
+    absolute: float
+    absolute_sigma: float
+    apart: float
+    apart_sigma: float
+    expected: float
+    pull: float
+    probability: float
+    alarm: bool
+    moved: dict
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that moved inside a power-on.
+
+    `kind` is ``step`` (amount in rad, at `time`) or ``drift`` (amount in rad/s). The amount is
+    what the witness `moved` names read too much, with that `confidence` (posterior).
+    `probability` is the chance of such a step anywhere in the night without one.
+    """
+
+    axis: str
+    run: float
+    kind: str
+    time: float
+    amount: float
+    sigma: float
+    moved: str
+    confidence: float
+    probability: float
+
+
+class Budget(NamedTuple):
+    """What is usual, 1 sigma in rad (see `check_witnesses`), and the rate of false alarms."""
+
+    absolute: float
+    power_on: float
+    term: float
+    anomaly: float
+    family: float  # false alarms of a family of tests
+
+
+class _Sky(NamedTuple):
+    """Encoder - model on the sky at the rows, and what a refit may change of it."""
+
+    enc: np.ndarray  # (2n,): x of all rows, then y; no zero taken off
+    abs: np.ndarray
+    terms: np.ndarray  # (2n, 5)
+    fixed: np.ndarray  # (2n, k): the terms of each night, the zeros of each power-on
+    noise: float
+
+
+class Night:
+    """Rows of the reference night (numbered below 0) and of tonight, in order of time."""
+
+    def __init__(self, rows):
+        self.rows = rows
+        self.run = rows['run'].astype(float)
+        self.runs = np.unique(self.run)
+        self.tonight = self.runs[self.runs >= 0.0]
+        self.polaris = rows['star'] == POLARIS_HIP
+        self.apart = np.stack([wrap(rows['az_enc'] - rows['az_abs']),
+                               wrap(rows['el_enc'] - rows['el_abs'])])
+        self.cos_el = np.cos(rows['el'])
+
+    @classmethod
+    def of(cls, rows, reference):
+        parts = [rows]
+        if isinstance(reference, PointingRun) and len(reference):
+            number = reference['run'] - reference['run'].max() - 1.0
+            parts.insert(0, PointingRun({**reference.columns, 'run': number}))
+        table = PointingRun.concatenate(parts)
+        usable = np.isfinite([table[name] for name in (
+            'az', 'el', 'az_enc', 'el_enc', 'az_abs', 'el_abs', 'time')]).all(axis=0)
+        table = table.select(np.flatnonzero(usable))
+        return cls(table.select(np.lexsort((table['time'], table['run']))))
+
+    def member(self, run):
+        """1 in the rows of `run`, shape (n,)."""
+        return (self.run == run).astype(float)
+
+    # --- inside a power-on ------------------------------------------------------------------------
+
+    def _apart_design(self, axis):
+        """Power-ons, and the eccentricity of both discs."""
+        angle = self.rows[SHORT[axis]]
+        return np.column_stack([*(self.member(run) for run in self.runs),
+                                np.cos(angle), np.sin(angle)])
+
+    def _moves(self, shortest):
+        """Candidates: (columns (n, m), list of (run, kind, time)), for the power-ons of tonight."""
+        columns, about = [], []
+        for run in self.tonight:
+            at = np.flatnonzero(self.run == run)
+            times = self.rows['time'][at]
+            for i in range(shortest, len(at) - shortest + 1):
+                column = np.zeros(len(self.run))
+                column[at[i:]] = 1.0
+                columns.append(column)
+                about.append((run, 'step', 0.5 * (times[i - 1] + times[i])))
+            if len(at) >= 2 * shortest and np.ptp(times) > 0.0:
+                column = np.zeros(len(self.run))
+                column[at] = times - times.mean()
+                columns.append(column)
+                about.append((run, 'drift', times.mean()))
+        return (np.column_stack(columns) if columns else np.empty((len(self.run), 0))), about
+
+    def apart_events(self, axis, budget):
+        """Steps and drifts of incremental - absolute, a list of `_Found`."""
+        columns, about = self._moves(_SEGMENT)
+        base = self._apart_design(axis)
+        found = []
+        if not about or len(self.run) <= base.shape[1] + _MOST_EVENTS + 1:
+            return found
+        while len(found) < _MOST_EVENTS:
+            full = np.column_stack([base, *(event.column for event in found)])
+            result = scan(full, clipped(full, self.apart[axis]), columns, _LEAST)
+            p = result.probability * len(about)
+            best = int(np.argmin(p))
+            if p[best] >= budget.family / 2.0:  # two axes
+                return found
+            fit = robust_fit(np.column_stack([full, columns[:, best]]), self.apart[axis])
+            found.append(_Found(*about[best], columns[:, best], fit.value[-1],
+                                np.sqrt(fit.covariance[-1, -1]), float(p[best] * 2.0)))
+        return found
+
+    def sky(self, events, model, notes):
+        """Residuals against the sky, with a zero for each stretch between the steps found."""
+        if np.count_nonzero(~self.polaris) < _FEWEST_STARS:
+            notes.append(f'fewer than {_FEWEST_STARS} stars: Polaris alone stands for the sky')
+            return None
+        if model is None:
+            stretch = self.run + sum(
+                (event.column > 0.0) * 2.0 ** -(i + 1) for i, (_, event) in enumerate(events))
+            segmented = PointingRun({**self.rows.columns, 'run': stretch})
+            try:
+                model = fit_terms(segmented, run_zeros=True).model
+            except (ValueError, np.linalg.LinAlgError) as err:
+                notes.append(f'sky not fitted: {err}')
+                return None
+        enc = np.concatenate(model.residuals(self.rows))
+        second = np.concatenate(model.residuals(self.rows, encoder='abs'))
+        terms = np.concatenate(design(_OTHER_TERMS, self.rows['az'], self.rows['el']))
+        fixed = np.column_stack([self._of_nights(terms), self._zeros()])
+        moved = [self._on(axis, event.column) for axis, event in events]
+        noise = robust_fit(np.column_stack([fixed, *moved]), enc).noise
+        return _Sky(enc, second, terms, fixed, noise)
+
+    def _of_nights(self, terms):
+        """Terms of tonight and of the reference night: the mount may have changed between them."""
+        tonight = np.tile(self.run >= 0.0, 2)
+        parts = [terms * (tonight == which)[:, None] for which in (True, False)]
+        return np.column_stack(parts if not tonight.all() else parts[:1])
+
+    def _on(self, axis, column):
+        """What a column of coordinate angles makes on the sky, shape (2n,)."""
+        nothing = np.zeros(len(self.run))
+        return np.concatenate(
+            [column * self.cos_el, nothing] if axis == 0 else [nothing, column])
+
+    def _zeros(self):
+        return np.column_stack([
+            self._on(axis, self.member(run)) for run in self.runs for axis in (0, 1)])
+
+    def attributed(self, axis, found, sky):
+        """Which encoder made a step or drift of incremental - absolute."""
+        trust = 0.5
+        if sky is not None:
+            fit = robust_fit(np.column_stack([sky.fixed, self._on(axis, found.column)]), sky.abs)
+            against, variance = fit.value[-1], fit.covariance[-1, -1]
+            # the absolute encoder stood still, or it moved by as much the other way
+            trust = probabilities({
+                INCREMENTAL: log_normal(against, variance),
+                ABSOLUTE: log_normal(against + found.amount, variance + found.sigma**2),
+            })[INCREMENTAL]
+        moved = INCREMENTAL if trust >= 0.5 else ABSOLUTE
+        sign = 1.0 if moved == INCREMENTAL else -1.0
+        return Event(AXES[axis], float(found.run), found.kind, float(found.time),
+                     float(sign * found.amount), float(found.sigma), moved,
+                     float(max(trust, 1.0 - trust)), found.probability)
+
+    def mount_events(self, sky, events, budget):
+        """Steps against the sky that both encoders share."""
+        columns, about = self._moves(_SEGMENT + 2)
+        if not about:
+            return []
+        full = np.column_stack(
+            [sky.fixed, *(self._on(axis, event.column) for axis, event in events)])
+        y = clipped(full, sky.enc)
+        out = []
+        for axis in (0, 1):
+            on_sky = np.column_stack([self._on(axis, column) for column in columns.T])
+            p = scan(full, y, on_sky, _LEAST).probability * len(about)
+            best = int(np.argmin(p))
+            if p[best] < budget.family / 2.0:
+                fit = robust_fit(np.column_stack([full, on_sky[:, best]]), sky.enc)
+                run, kind, time = about[best]
+                out.append(Event(AXES[axis], float(run), kind, float(time), float(fit.value[-1]),
+                                 float(np.sqrt(fit.covariance[-1, -1])), MOUNT,
+                                 float(1.0 - p[best]), float(2.0 * p[best])))
+        return out
+
+    # --- from power-on to power-on ----------------------------------------------------------------
+
+    def witnesses(self):
+        """A `Witness` for each power-on with Polaris."""
+        out = []
+        for run in self.runs:
+            part = self.rows.select((self.run == run) & self.polaris)
+            if len(part) < 2:
+                continue
+            zeros = [zero_from_polaris(part['az'], part['el'], *part.offsets(encoder),
+                                       PointingModel({})) for encoder in ('enc', 'abs')]
+            place = (float(np.arctan2(np.sin(part['az']).mean(), np.cos(part['az']).mean())),
+                     float(part['el'].mean()))
+            apart = [self.apart_at(axis, run, place[axis]) for axis in (0, 1)]
+            out.append(Witness(
+                float(run), *place, *(np.array([zero.az, zero.el]) for zero in zeros),
+                np.array([self._shared(axis, run, zeros) for axis in (0, 1)]),
+                np.array([value for value, _ in apart]), np.array([sigma for _, sigma in apart]),
+                min(zero.n for zero in zeros)))
+        return out
+
+    def _shared(self, axis, run, zeros):
+        """Covariance of (enc, abs) at Polaris: what they do not share is the encoders' noise."""
+        enc, second = (zero.covariance[axis, axis] for zero in zeros)
+        rows = (self.run == run) & self.polaris
+        between = np.var(self.apart[axis][rows], ddof=1) / np.count_nonzero(rows)
+        both = 0.5 * (enc + second - between)
+        most = np.sqrt(enc * second)
+        both = float(np.clip(both, -most, most))
+        return np.array([[enc, both], [both, second]])
+
+    def apart_at(self, axis, run, place):
+        """Incremental - absolute of a power-on at Polaris, by all its rows; and 1 sigma."""
+        rows = self.run == run
+        angle = self.rows[SHORT[axis]][rows]
+        columns = [np.ones(rows.sum())]
+        at = [1.0]
+        if np.count_nonzero(rows & ~self.polaris) >= _FEWEST_STARS:
+            columns += [np.cos(angle), np.sin(angle)]
+            at += [np.cos(place), np.sin(place)]
+        fit = robust_fit(np.column_stack(columns), self.apart[axis][rows])
+        return float(fit.value @ at), float(np.sqrt(at @ fit.covariance @ at))
+
+    def change(self, axis, before, now, model, budget, tests, sky):
+        """`Change` of an axis between two witnesses."""
+        enc, second = now.enc[axis] - before.enc[axis], now.abs[axis] - before.abs[axis]
+        enc, second = (wrap(enc), wrap(second)) if axis == 0 else (enc, second)
+        covariance = before.covariance[axis] + now.covariance[axis]
+        circle, extra = _circle(before, now, model, budget.term)
+        enc, second = enc - circle[axis], second - circle[axis]
+        covariance = covariance + extra[axis]
+        apart = wrap(now.apart[axis] - before.apart[axis])
+        apart_variance = now.apart_sigma[axis] ** 2 + before.apart_sigma[axis] ** 2
+        noise = covariance[1, 1]
+        expected = np.sqrt(noise + budget.absolute**2)
+        freedom = max(before.exposures + now.exposures - 2, 1)
+        freedom *= (expected**2 / noise) ** 2  # Welch: only the noise was estimated
+        p = float(two_sided(second / expected, freedom)) * tests
+        alarm = p < budget.family
+        moved = {}
+        if alarm:
+            moved = self._suspects(axis, before, now, budget, sky, enc, second, apart,
+                                   covariance, apart_variance)
+        return Change(
+            AXES[axis], before.run, now.run, float(enc), float(np.sqrt(covariance[0, 0])),
+            float(second), float(np.sqrt(noise)), float(apart), float(np.sqrt(apart_variance)),
+            float(expected), float(second / expected), min(p, 1.0), bool(alarm), moved)
+
+    def _suspects(self, axis, before, now, budget, sky, enc, second, apart, covariance,
+                  apart_variance):
+        """Whether the absolute encoder or the mount moved, posterior."""
+        usual = budget.power_on**2
+        # had only the absolute encoder moved, incremental - sky is a usual drift; had the mount,
+        # incremental - absolute is
+        alone = log_normal(enc, covariance[0, 0] + usual)
+        together = log_normal(apart, apart_variance + usual + budget.absolute**2)
+        logs = {ABSOLUTE: alone, MOUNT: together + np.log(0.5), 'tilt': together + np.log(0.5)}
+        rows = np.isin(self.run, (before.run, now.run))
+        stars = [np.count_nonzero((self.run == w.run) & ~self.polaris) for w in (before, now)]
+        if sky is not None and min(stars) >= _FEWEST_STARS:
+            both = np.tile(rows, 2)
+            later = np.tile(self.member(now.run), 2)[:, None]
+            zeros = [self._on(k, self.member(now.run)) for k in (0, 1)]
+            fixed = np.column_stack([sky.terms, *(self._on(k, np.ones(len(rows)))
+                                                  for k in (0, 1)), *zeros])
+            y = clipped(np.column_stack([fixed, sky.terms * later]), sky.abs)[both]
+            width = [budget.anomaly if k == axis else budget.absolute for k in (0, 1)]
+            wide = [_ANYTHING] * 7
+            slip = evidence(fixed[both], y, sky.noise, [*wide, *width])
+            logs[ABSOLUTE] += slip
+            logs[MOUNT] += slip  # about the axis itself: as a slip of both encoders
+            logs['tilt'] += evidence(
+                np.column_stack([fixed, sky.terms * later])[both], y, sky.noise,
+                [*wide, *[budget.absolute] * 2, *[budget.anomaly] * len(_OTHER_TERMS)])
+        out = probabilities(logs)
+        return {ABSOLUTE: out[ABSOLUTE], MOUNT: out[MOUNT] + out['tilt']}
+
+
+class _Found(NamedTuple):
+    run: float
+    kind: str
+    time: float
+    column: np.ndarray
+    amount: float
+    sigma: float
+    probability: float
+
+
+def _circle(before, now, model, term_sigma):
+    """How the offset differs between two places of Polaris, (2,), and its variance, (2,)."""
+    places = [(np.array([w.az]), np.array([w.el])) for w in (before, now)]
+    if model is not None:
+        offsets = []
+        for az, el in places:
+            x, y = model.offsets(az, el)
+            offsets.append(np.array([x[0] / np.cos(el[0]), y[0]]))
+        names, spread = tuple(model.terms), model.covariance
+    else:
+        offsets = [np.zeros(2)] * 2
+        names, spread = _OTHER_TERMS, np.eye(len(_OTHER_TERMS)) * term_sigma**2
+    rows = []
+    for az, el in places:
+        x, y = design(names, az, el)
+        rows.append(np.stack([x[0] / np.cos(el[0]), y[0]]))
+    moved = rows[1] - rows[0]
+    return offsets[1] - offsets[0], np.diag(moved @ spread @ moved.T)

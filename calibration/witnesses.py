@@ -1,0 +1,279 @@
+"""Three witnesses of an axis: the sky (Polaris), the incremental and the absolute encoder.
+
+A change of one of them shows in two of the three differences between them:
+
+- incremental - sky at Polaris:  I + S
+- absolute - sky at Polaris:     B + S
+- incremental - absolute:        I - B, at every star, free of the star's noise
+
+with I and B what the encoders read too much and S what the mount (or the star) is off. The
+incremental encoder is expected to move at a power-on: its zero on Polaris takes care of that.
+Anything else is an alarm. Two equations do not give three unknowns: which of two moved is a
+posterior probability, from what is usual for each (all suspects equally likely before) and from
+how the stars of the whole sky moved.
+"""
+
+from dataclasses import asdict, dataclass, field, replace
+from datetime import datetime, timezone
+from typing import NamedTuple
+
+import numpy as np
+
+from pointing_model.units import ARCSEC, wrap
+
+from .witness_night import (
+    ABSOLUTE,
+    AXES,
+    INCREMENTAL,
+    SHORT,
+    Budget,
+    Change,
+    Event,
+    Night,
+    Witness,
+)
+
+__all__ = ['Change', 'Event', 'Homing', 'Witness', 'WitnessReport', 'check_witnesses',
+           'homings_from_diagnostics']
+
+#: counts by which the mark may be off at a later passage
+MARK_TOLERANCE = 10
+#: families of tests that share the rate of false alarms
+_FAMILIES = 3
+_HOUR = 3600.0
+
+
+class Homing(NamedTuple):
+    """What the incremental encoder of an axis says of itself (`homings_from_diagnostics`)."""
+
+    run: int
+    axis: str
+    homed: bool
+    side: str = ''
+    missed_marks: int = 0
+    mark_error: float = np.nan  # counts
+    count: float = np.nan  # rad
+    pulse_width: float = np.nan  # of the data sheet, rad
+
+
+@dataclass
+class WitnessReport:
+    """What the witnesses say.
+
+    Attributes
+    ----------
+    alarms : list of str
+        One line each: axis, witness, by how much, with what confidence.
+    changes : list of Change
+    events : list of Event
+    notes : list of str
+        What could not be judged.
+    latest : Witness or None
+        Of the newest power-on with Polaris: the reference of the next night.
+    """
+
+    alarms: list = field(default_factory=list)
+    changes: list = field(default_factory=list)
+    events: list = field(default_factory=list)
+    notes: list = field(default_factory=list)
+    latest: Witness | None = None
+
+    def to_dict(self):
+        """JSON-ready; angles in arcsec, rates in arcsec/h."""
+        def plain(item, names):
+            out = asdict(item)
+            for name in names:
+                out[f'{name}_arcsec'] = out.pop(name) / ARCSEC
+            return out
+        angles = ('incremental', 'incremental_sigma', 'absolute', 'absolute_sigma', 'apart',
+                  'apart_sigma', 'expected')
+        events = []
+        for event in self.events:
+            per_hour = _HOUR if event.kind == 'drift' else 1.0
+            row = asdict(event)
+            unit = 'arcsec_per_hour' if event.kind == 'drift' else 'arcsec'
+            row[f'amount_{unit}'] = row.pop('amount') * per_hour / ARCSEC
+            row[f'sigma_{unit}'] = row.pop('sigma') * per_hour / ARCSEC
+            events.append(row)
+        return {'alarms': self.alarms, 'notes': self.notes, 'events': events,
+                'changes': [plain(change, angles) for change in self.changes],
+                'latest': None if self.latest is None else self.latest.to_dict()}
+
+
+def check_witnesses(rows, reference=None, *, model=None, homings=(), absolute_sigma=0.5 * ARCSEC,
+                    power_on_sigma=20.0 * ARCSEC, term_sigma=60.0 * ARCSEC,
+                    anomaly_sigma=20.0 * ARCSEC, false_alarm=0.005, home_side='below'):
+    """Compare the three witnesses of a night.
+
+    Parameters
+    ----------
+    rows : PointingRun
+        Of the night, with ``run``, ``star``, ``time``, ``az_abs``, ``el_abs``.
+    reference : PointingRun or Witness, optional
+        An earlier night, or what `WitnessReport.latest` said of it. Without it the first power-on
+        with exposures of Polaris is the reference of the others.
+    model : PointingModel, optional
+        Takes out how the offset differs between two places of Polaris on its circle. Without it
+        terms of 1 sigma `term_sigma` widen the errors.
+    homings : iterable of Homing
+        What the incremental encoders say of themselves, after they were to be homed.
+    absolute_sigma : float
+        Usual change of the absolute encoder's zero, 1 sigma, rad.
+    power_on_sigma : float
+        Usual change of the incremental encoder's zero at a power-on, 1 sigma, rad.
+    anomaly_sigma : float
+        Size of what is not usual, 1 sigma, rad; only the posterior probabilities depend on it.
+    false_alarm : float
+        Nights with an alarm by chance, at most.
+    home_side : {'below', 'above'}
+        From where the marks are to be met.
+
+    Returns
+    -------
+    WitnessReport
+
+    Raises
+    ------
+    ValueError
+        A column is missing.
+    """
+    for name in ('run', 'star', 'time', 'az_abs', 'el_abs'):
+        if name not in rows:
+            raise ValueError(f'witnesses: observations without column {name}')
+    out = WitnessReport()
+    _hear_encoders(out, homings, home_side)
+    _hear_gaps(out, rows)
+    night = Night.of(rows, reference)
+    budget = Budget(absolute_sigma, power_on_sigma, term_sigma, anomaly_sigma,
+                     false_alarm / _FAMILIES)
+    events = [(axis, event) for axis in (0, 1) for event in night.apart_events(axis, budget)]
+    sky = night.sky(events, model, out.notes)
+    out.events = [night.attributed(axis, event, sky) for axis, event in events]
+    if sky is not None:
+        out.events += night.mount_events(sky, events, budget)
+    out.alarms += [_event_line(event) for event in out.events]
+
+    witnesses = night.witnesses()
+    if isinstance(reference, Witness):
+        witnesses.insert(0, replace(reference, run=-1.0))
+    pairs = [pair for pair in zip(witnesses, witnesses[1:]) if pair[1].run >= 0.0]
+    for before, now in pairs:
+        for axis in (0, 1):
+            change = night.change(axis, before, now, model, budget, 2 * len(pairs), sky)
+            out.changes.append(change)
+            if change.alarm:
+                out.alarms.append(_change_line(change))
+    _uncalibrated(out, night, witnesses, budget)
+    out.latest = witnesses[-1] if witnesses else None
+    return out
+
+
+def homings_from_diagnostics(values, run):
+    """`Homing` of both axes from the diagnostics of the node ``incremental_encoder``.
+
+    Parameters
+    ----------
+    values : dict of str to str
+        Key and value of the status' rows.
+    run : int
+        Number of the power-on in the observations.
+
+    Returns
+    -------
+    list of Homing
+        Of the axes that the diagnostics speak of.
+    """
+    def number(key):
+        try:
+            return float(values.get(key, 'nan'))
+        except ValueError:
+            return np.nan
+    count = number('resolution [arcsec]') * ARCSEC
+    return [
+        Homing(run, axis, values[f'{axis} homed'] == 'True',
+               values.get(f'{axis} mark met from', ''),
+               int(np.nan_to_num(number(f'{axis} missed marks'))),
+               number(f'{axis} mark error [counts]'), count,
+               number(f'{axis} mark width [arcsec]') * ARCSEC)
+        for axis in AXES if f'{axis} homed' in values]
+
+
+# --- words ----------------------------------------------------------------------------------------
+
+
+def _hear_encoders(out, homings, home_side):
+    for h in homings:
+        where = f'{h.axis}: {INCREMENTAL}, power-on {h.run}'
+        if not h.homed:
+            missed = f', missed {h.missed_marks} times (pulse too short)' * bool(h.missed_marks)
+            out.alarms.append(f'{where}: reference mark not met{missed}: it has no zero '
+                              '(confidence 1.00, by its own report)')
+        elif h.side and h.side != home_side:
+            width = h.pulse_width / ARCSEC * (1.0 if h.side == 'below' else -1.0)
+            amount = f' {width:+.2f} arcsec,' if np.isfinite(width) else ''
+            out.alarms.append(
+                f'{where}: homed from {h.side}, not from {home_side}: its zero differs by{amount} '
+                'the width of the index pulse (confidence 1.00, by its own report)')
+        if abs(h.mark_error) > MARK_TOLERANCE:
+            amount = h.mark_error * h.count / ARCSEC
+            out.alarms.append(
+                f'{where}: off by {h.mark_error:+.0f} counts ({amount:+.2f} arcsec) at the '
+                'reference mark: counts lost, or the mark moved (confidence 1.00, by its own '
+                'report)')
+
+
+def _hear_gaps(out, rows):
+    """An encoder that gave no angle."""
+    for encoder, name in (('enc', INCREMENTAL), ('abs', ABSOLUTE)):
+        for axis, short in zip(AXES, SHORT):
+            bad = np.count_nonzero(~np.isfinite(rows[f'{short}_{encoder}']))
+            if bad:
+                why = ': reference mark not met' if encoder == 'enc' else ''
+                out.alarms.append(f'{axis}: {name} gave no angle in {bad} of {len(rows)} '
+                                  f'observations{why} (confidence 1.00)')
+
+
+def _uncalibrated(out, night, witnesses, budget):
+    """Power-ons of tonight after a calibrated one that have no zero of their own."""
+    known = [w for w in witnesses if w.run >= 0.0]
+    for run in night.tonight:
+        before = [w for w in known if w.run < run]
+        rows = night.run == run
+        if not before or any(w.run == run for w in known) or np.count_nonzero(rows) < 2:
+            continue
+        for axis in (0, 1):
+            value, sigma = night.apart_at(axis, run, (before[-1].az, before[-1].el)[axis])
+            moved = wrap(value - before[-1].apart[axis])
+            sigma = np.sqrt(sigma**2 + before[-1].apart_sigma[axis] ** 2 + budget.absolute**2)
+            out.alarms.append(
+                f'{AXES[axis]}: {INCREMENTAL} began power-on {run:.0f} at {_clock(night, run)} '
+                f'and has no zero on Polaris since: moved by {moved / ARCSEC:+.2f} +- '
+                f'{sigma / ARCSEC:.2f} arcsec by the {ABSOLUTE} (confidence 1.00)')
+
+
+def _clock(night, run):
+    return _utc(night.rows['time'][night.run == run][0])
+
+
+def _utc(time):
+    return datetime.fromtimestamp(time, timezone.utc).strftime('%H:%M:%S UTC')
+
+
+def _event_line(event):
+    rate = event.kind == 'drift'
+    scale = _HOUR / ARCSEC if rate else 1.0 / ARCSEC
+    unit = 'arcsec an hour' if rate else 'arcsec'
+    verb = 'drifts' if rate else f'moved at {_utc(event.time)}'
+    return (f'{event.axis}: {event.moved} {verb} inside power-on {event.run:.0f} by '
+            f'{event.amount * scale:+.2f} +- {event.sigma * scale:.2f} {unit} '
+            f'(confidence {event.confidence:.2f}, by chance {event.probability:.1g})')
+
+
+def _change_line(change):
+    who, other = sorted(change.moved, key=change.moved.get, reverse=True)
+    since = 'the reference night' if change.since < 0 else f'power-on {change.since:.0f}'
+    return (f'{change.axis}: {who} moved by {change.absolute / ARCSEC:+.2f} +- '
+            f'{change.absolute_sigma / ARCSEC:.2f} arcsec between {since} and power-on '
+            f'{change.run:.0f}: the zeros by Polaris and by the absolute encoder disagree '
+            f'(confidence {change.moved[who]:.2f}, {other} {change.moved[other]:.2f}, by chance '
+            f'{change.probability:.1g})')

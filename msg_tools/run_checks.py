@@ -1,0 +1,270 @@
+"""From the table of a file to a sound run: places, readings, exclusions, approach."""
+
+import numpy as np
+
+from pointing_model.run import COLUMNS, REQUIRED
+from pointing_model.units import ARCSEC, DEG, wrap
+
+from .run_table import SPECIAL
+
+#: observed elevations outside are no observation (90.1: a star past the zenith)
+ELEVATION_LIMITS = (-5.0, 90.1)
+_PAIRS = (('az', 'el'), ('az_enc', 'el_enc'), ('az_abs', 'el_abs'))
+_TURNS = 10  # an angle beyond is no angle in degrees
+_TURN = 2.0 * np.pi
+_GAP = 6 * 3600.0  # s: in between the mount may have been anywhere
+
+
+def label(name):
+    """Name of a column in a file."""
+    return COLUMNS[name][0] if name in COLUMNS else SPECIAL.get(name, name)
+
+
+def refuse_radians(path, table):
+    """Refuse angles that look like radians; leave out single rows that do.
+
+    Raises
+    ------
+    ValueError
+        A pair of columns, the elevations, or azimuths round the sky stay within 2 pi.
+    """
+    columns, small = table.columns, []
+    sound = table.reasons == 0
+    for pair in _PAIRS:
+        if not set(pair) <= set(columns):
+            continue
+        az, el = (columns[name] for name in pair)
+        used = sound & np.isfinite(az) & np.isfinite(el)
+        if not used.any():
+            continue
+        both = np.maximum(np.abs(az), np.abs(el))
+        highest = np.abs(el[used]).max()
+        if both[used].max() <= _TURN:
+            _radians(path, pair, both[used].max())
+        if used.sum() >= 3 and highest <= np.pi / 2 and np.ptp(el[used]) > 0.05:
+            _radians(path, pair[1:], highest)
+        if (used.sum() >= 8 and np.ptp(az[used]) > 4.0 and az[used].min() >= 0.0
+                and az[used].max() <= _TURN and np.ptp(el[used]) > 15.0):
+            _radians(path, pair[:1], az[used].max())
+        small.append(used & (both <= _TURN) & (np.abs(el) <= np.pi / 2))
+    if small:
+        table.exclude(np.all(small, axis=0), 'all angles below 2 pi: they look like radians')
+
+
+def _radians(path, pair, largest):
+    names = ', '.join(label(name) for name in pair)
+    raise ValueError(f'{path}: {names} never exceed {largest:.3g}: they look like radians; give '
+                     'degrees')
+
+
+def to_si(columns):
+    """Columns of a file to radians and what else `COLUMNS` says, in place."""
+    units = {'ra': DEG, 'dec': DEG, 'x': ARCSEC, 'y': ARCSEC}
+    for name, values in columns.items():
+        unit = COLUMNS[name][1] if name in COLUMNS else units.get(name, 1.0)
+        if unit != 1.0:
+            columns[name] = values * unit
+
+
+def flag_numbers(table):
+    """Leave out rows with a number that is missing where it is needed, infinite or no angle."""
+    needed = set(REQUIRED) | set(SPECIAL)
+    if 'ra' in table.columns:
+        needed.add('time')
+    for name, values in table.columns.items():
+        if values.dtype.kind != 'f':
+            continue
+        if name in needed:
+            table.exclude(np.isnan(values), f'{label(name)} is not a number')
+        table.exclude(np.isinf(values), f'{label(name)} is infinite')
+        if name in ('sigma_x', 'sigma_y'):
+            table.exclude(~(values > 0.0), f'{label(name)} is not positive')
+        if name in sum(_PAIRS, ()) or name in ('ra', 'dec'):
+            with np.errstate(invalid='ignore'):
+                table.exclude(np.abs(values) > _TURNS * _TURN,
+                              f'{label(name)} is beyond {_TURNS} turns')
+
+
+def observe_places(path, table, site, weather, origin):
+    """`az`, `el` of the rows from `ra`, `dec`, `time`, in the file's sense of azimuth.
+
+    Raises
+    ------
+    ValueError
+        No site, a time that is not UTC, weather out of range.
+    """
+    columns, meta = table.columns, table.meta
+    if 'ra' not in columns:
+        return
+    if not all(hasattr(site, name) for name in ('latitude', 'longitude', 'height')):
+        raise ValueError(f'{path}: ra_deg, dec_deg need the site (latitude, longitude, height)')
+    if not meta.get('time_is_utc', True):
+        raise ValueError(f'{path}: ra_deg, dec_deg need time in UTC: ISO 8601, or seconds since '
+                         '1970-01-01')
+    from pointing_model.sky import icrs_to_observed
+    ra, dec, time = (columns.pop('ra'), columns.pop('dec'), columns['time'])
+    table.exclude(np.abs(dec) > np.pi / 2, 'dec_deg is beyond 90')
+    ok = (table.reasons == 0) & np.isfinite(ra) & np.isfinite(dec) & np.isfinite(time)
+    az, el = np.full((2, len(ra)), np.nan)
+    if ok.any():
+        try:
+            air = _air(columns, ok, site, weather, meta)
+            az[ok], el[ok] = icrs_to_observed(ra[ok], dec[ok], time[ok], site, air)
+        except ValueError as error:
+            raise ValueError(f'{path}: {error}') from None
+    columns['az'], columns['el'] = (np.pi - az if origin == 'S' else az), el
+    meta['notes'].append('az, el are observed places of ra_deg, dec_deg (ICRS, no proper motion)')
+
+
+def _air(columns, rows, site, weather, meta):
+    """Weather of each row: its own columns, else what was given, else a standard atmosphere."""
+    from pointing_model.sky import Weather
+    if weather is None:
+        pressure = 1013.25 * (1.0 - 2.25577e-5 * site.height) ** 5.25588
+        weather = Weather(pressure_hpa=pressure, temperature_c=10.0)
+        said = f'refraction for {pressure:.0f} hPa, 10 C (standard atmosphere at the site)'
+    else:
+        said = f'refraction for {weather.pressure_hpa:g} hPa, {weather.temperature_c:g} C'
+    own = {}
+    for name, column in (('pressure_hpa', 'pressure'), ('temperature_c', 'temperature')):
+        values = columns.get(column, np.full(len(rows), np.nan))[rows]
+        own[name] = np.where(np.isfinite(values), values, getattr(weather, name))
+        if np.isfinite(values).any():
+            said += f', in its place {label(column)} where the file has it'
+    meta['notes'].append(said)
+    return Weather(humidity=weather.humidity, wavelength_um=weather.wavelength_um, **own)
+
+
+def read_offsets(table):
+    """Encoder angles from offsets on the sky `x`, `y`, encoder - catalogue."""
+    columns = table.columns
+    if 'x' not in columns:
+        return
+    x, y = columns.pop('x'), columns.pop('y')
+    reach = np.cos(columns['el'])
+    with np.errstate(invalid='ignore', divide='ignore', over='ignore'):
+        table.exclude(np.abs(x) >= np.pi * reach,
+                      'x_arcsec is more than half a turn of azimuth, so near the zenith')
+        columns['az_enc'] = columns['az'] + np.where(table.reasons == 0, x / reach, 0.0)
+        columns['el_enc'] = columns['el'] + y
+    table.meta['raw_reading'] = False
+    table.meta['notes'].append('encoder angles are catalogue plus offset: what the encoders read '
+                               'is not in the file')
+
+
+def from_south(columns):
+    """Azimuth 0 south, 90 east to 0 north, 90 east: the sense of azimuth turns round."""
+    for name in ('az', 'az_enc', 'az_abs', 'az_raw'):
+        if name in columns:
+            columns[name] = np.pi - columns[name]
+    for name in ('az_rate', 'approach_az', 'miss_x'):
+        if name in columns:
+            columns[name] = -columns[name]
+
+
+def flag_rows(table):
+    """Leave out rows below or beyond the sky, and copies of an earlier row."""
+    low, high = ELEVATION_LIMITS
+    el = table.columns['el']
+    with np.errstate(invalid='ignore'):
+        table.exclude((el < low * DEG) | (el > high * DEG),
+                      f'elevation outside {low:g}..{high:g} deg')
+    first = {}
+    copy_of = np.array([first.setdefault(text, number)
+                        for text, number in zip(table.texts, table.lines.tolist())])
+    for i in np.flatnonzero((copy_of != table.lines) & (table.reasons == 0)):
+        table.reasons[i] = f'the same as row {copy_of[i]}'
+
+
+def derive_approach(table):
+    """Directions of approach, where they are missing, from the order of the rows.
+
+    Rows that are left out count: the mount was there. After a row without a place, at the
+    first row, at the first of each run and after 6 hours without a row the direction is
+    unknown, 0. A row where the axis stands still keeps the direction of the motion that brought
+    it there.
+    """
+    columns, derived = table.columns, []
+    if len(table.lines) == 0:
+        return
+    new_run = np.ones(len(table.lines), dtype=bool)
+    new_run[1:] = columns['run'][1:] != columns['run'][:-1] if 'run' in columns else False
+    if 'time' in columns:
+        with np.errstate(invalid='ignore'):
+            new_run[1:] |= np.diff(columns['time']) > _GAP
+    whole_path = False
+    for axis in ('az', 'el'):
+        name = f'approach_{axis}'
+        if name in columns:
+            columns[name] = np.nan_to_num(columns[name], nan=0.0)
+            continue
+        angle = columns[f'{axis}_enc']
+        angle = np.where(np.isfinite(angle), angle, np.nan)
+        move = np.diff(angle, prepend=np.nan)
+        if axis == 'az':
+            whole_path = _tells_the_turn(table, angle)
+            move = move if whole_path else wrap(move)
+        move[new_run] = np.nan
+        columns[name] = _carry(np.sign(move))
+        derived.append(name)
+    if derived:
+        table.meta['notes'].append(
+            f'{", ".join(derived)} derived from the order of the rows, '
+            + ('as the azimuth reads (its range is more than a turn)' if whole_path
+               else 'shortest way'))
+
+
+def _tells_the_turn(table, reading):
+    """Whether azimuths read beyond 0..360 as well as -180..180, by more than their offsets."""
+    sound = table.reasons == 0
+    if not table.meta.get('raw_reading', True) or not sound.any():
+        return False
+    reading = reading[sound]
+    reach = 5.0 * DEG + np.median(np.abs(wrap(reading - table.columns['az'][sound])))
+    low, high = reading.min(), reading.max()
+    return bool((low < -reach and high > np.pi + reach) or low < -np.pi - reach
+                or high > _TURN + reach)
+
+
+def _carry(sign):
+    """0 takes the value before it, NaN becomes 0."""
+    own = np.flatnonzero(sign != 0.0)  # NaN too
+    if own.size == 0:
+        return np.zeros(len(sign))
+    last = np.maximum.accumulate(np.where(sign != 0.0, np.arange(len(sign)), 0))
+    return np.nan_to_num(sign[last], nan=0.0)
+
+
+def finish(path, table):
+    """Masks the rows that are left out; ``meta['excluded']`` lists them all.
+
+    Returns
+    -------
+    dict of str to ndarray
+        The columns of the rows to keep.
+
+    Raises
+    ------
+    ValueError
+        None is left.
+    """
+    keep = table.reasons == 0
+    excluded = [(int(table.lines[i]), table.reasons[i]) for i in np.flatnonzero(~keep)]
+    excluded += [(line, 'commented out') for line in table.commented]
+    table.meta['excluded'] = [{'row': row, 'reason': reason} for row, reason in sorted(excluded)]
+    if not keep.any():
+        row, reason = excluded[0]
+        raise ValueError(f'{path}: none of {len(keep)} rows can be used (row {row}: {reason})')
+    table.meta['lines'] = table.lines[keep]
+    columns = {}
+    for name, values in table.columns.items():
+        values = values[keep]
+        missing = int(np.isnan(values).sum()) if values.dtype.kind == 'f' else 0
+        if missing == len(values) and name not in REQUIRED:
+            table.meta['notes'].append(f'{label(name)} left out: it is empty')
+            continue
+        if missing:
+            table.meta['notes'].append(f'{label(name)} is empty in {missing} of {len(values)} '
+                                       'rows')
+        columns[name] = values
+    return columns

@@ -1,0 +1,286 @@
+"""Pointing runs as CSV, read and written."""
+
+import csv
+import difflib
+
+import numpy as np
+
+from pointing_model.run import COLUMNS
+
+from .run_table import SPECIAL, NoObservations, Table, content, floats, is_number, parse_iso
+
+CSV_NAMES = {csv_name: name for name, (csv_name, _, _) in COLUMNS.items()}
+CSV_NAMES.update({csv_name: name for name, csv_name in SPECIAL.items()})
+_TEXT = ('star', 'block', 'run')  # may hold names in place of numbers
+
+
+def csv_delimiter(lines):
+    """The delimiter if this is a table with a header row, else None."""
+    top = content(lines)[:2]
+    if not top:
+        return None
+    first = top[0][1]
+    for delimiter in ',;\t':
+        names = [cell.strip().strip('"') for cell in first.split(delimiter)]
+        if len(names) < 2 or any(is_number(name) for name in names):
+            continue
+        known = any(name in CSV_NAMES for name in names)
+        alike = len(top) > 1 and top[1][1].count(delimiter) == len(names) - 1 > 2
+        if known or alike:
+            return delimiter
+    return None
+
+
+def read_csv(path, lines, delimiter, encoder=None):
+    """Read a table with a header row.
+
+    Parameters
+    ----------
+    path : Path
+        For messages.
+    lines : list of str
+    delimiter : str
+    encoder : {'enc', 'abs'}, optional
+        Which pair of encoder columns must be there.
+
+    Returns
+    -------
+    Table
+
+    Raises
+    ------
+    ValueError
+        A column is missing or twice there, a cell is no number, a row has another length.
+    """
+    body = content(lines)
+    table = _split(path, body, delimiter)
+    header, rows = table[0], table[1:]
+    numbers = np.array([number for number, _ in body[1:]], dtype=int)
+    twice = [name for name in header if name and header.count(name) > 1]
+    if twice:
+        raise ValueError(f'{path}: column {twice[0]!r} is there twice')
+    _require(path, header, encoder)
+    if not rows:
+        raise NoObservations(f'{path} has a header row but no observations')
+    if set(map(len, rows)) != {len(header)}:
+        bad = next(i for i, row in enumerate(rows) if len(row) != len(header))
+        raise ValueError(f'{path}, row {numbers[bad]}: {len(rows[bad])} cells, but the header '
+                         f'has {len(header)}')
+    columns, meta = {}, {'format': 'csv', 'notes': []}
+    for header_name, cells in zip(header, zip(*rows)):
+        _take_column(path, numbers, header_name, cells, columns, meta)
+    _one_source(columns, meta)
+    commented = [number for number, line in enumerate(lines, 1) if number > body[0][0]
+                 and line.startswith('#') and _is_row(line[1:], delimiter, len(header))]
+    return Table(columns, numbers, ['\0'.join(row) for row in rows], meta, commented=commented)
+
+
+def _split(path, body, delimiter):
+    """Cells of every line; a quoted cell may not run over the end of its line."""
+    try:
+        table = list(csv.reader((line for _, line in body), delimiter=delimiter, strict=True))
+    except csv.Error:
+        table = []
+    if len(table) != len(body):
+        for number, line in body:
+            try:
+                whole = len(list(csv.reader([line], delimiter=delimiter, strict=True))) == 1
+            except csv.Error:
+                whole = False
+            if not whole:
+                raise ValueError(f'{path}, row {number}: a quoted cell does not end on its line')
+    return [[cell.strip() for cell in row] for row in table]
+
+
+def _is_row(line, delimiter, width):
+    cells = line.split(delimiter)
+    return len(cells) == width and sum(is_number(cell) for cell in cells) >= 4
+
+
+def _take_column(path, numbers, header_name, cells, columns, meta):
+    name = CSV_NAMES.get(header_name)
+    if name == 'time':
+        columns['time'] = _time(path, numbers, cells, meta)
+    elif name == 'run':
+        columns['run'] = _run_numbers(cells, meta)
+    elif name in _TEXT:
+        columns[name] = _numbers_or_text(cells)
+    elif name in ('approach_az', 'approach_el'):
+        columns[name] = _approach(path, numbers, header_name, cells)
+    elif name:
+        columns[name] = floats(path, numbers, header_name, cells)
+    elif header_name in COLUMNS:
+        meta['notes'].append(f'column {header_name!r} left out: its unit is unknown, the name is '
+                             f'{COLUMNS[header_name][0]}')
+    elif header_name:
+        bad = next((i for i, cell in enumerate(cells) if cell and not is_number(cell)), None)
+        if bad is None:
+            columns[header_name] = floats(path, numbers, header_name, cells)
+        else:
+            meta['notes'].append(f'column {header_name[:40]!r} left out: it is not numeric (row '
+                                 f'{numbers[bad]}: {cells[bad][:40]!r})')
+    elif any(cells):
+        meta['notes'].append('a column without a name left out')
+
+
+def _one_source(columns, meta):
+    """Offsets beside encoder columns would be a driver that explains everything."""
+    if {'x', 'y'} & set(columns) and {'az_enc', 'az_abs'} & set(columns):
+        for name in 'xy':
+            if columns.pop(name, None) is not None:
+                meta['notes'].append(f'{name}_arcsec left out: the encoder columns are taken')
+    if {'ra', 'dec'} & set(columns) and {'az', 'el'} <= set(columns):
+        for name in ('ra', 'dec'):
+            if columns.pop(name, None) is not None:
+                meta['notes'].append(f'{name}_deg left out: az_deg, el_deg are taken')
+
+
+def _require(path, header, encoder):
+    pair = 'abs' if encoder == 'abs' else 'enc'
+    readings = [f'az_{pair}_deg', f'el_{pair}_deg']
+    if pair == 'enc' and {'x_arcsec', 'y_arcsec'} & set(header) and not set(readings) <= set(
+            header):
+        readings = ['x_arcsec', 'y_arcsec']
+    places = ['az_deg', 'el_deg']
+    if {'ra_deg', 'dec_deg'} & set(header) and not set(places) <= set(header):
+        places = ['ra_deg', 'dec_deg', 'time']
+    required = places + readings
+    missing = [name for name in required if name not in header]
+    if not missing:
+        return
+    said = []
+    for name in missing:
+        near = difflib.get_close_matches(name, [h for h in header if h not in required], 1, 0.4)
+        said.append(f'{name} (closest: {near[0][:40]})' if near else name)
+    hint = ''
+    if pair != 'abs' and {'az_abs_deg', 'el_abs_deg'} <= set(header):
+        hint = "; encoder 'abs' reads az_abs_deg, el_abs_deg in their place"
+    there = ', '.join(h[:40] for h in header[:40])
+    raise ValueError(f'{path}: no column {", ".join(said)}; the file has {there}{hint}')
+
+
+def _numbers_or_text(cells):
+    try:
+        values = np.array(cells, dtype=float)
+    except ValueError:
+        return np.array(cells, dtype=str)
+    whole = np.isfinite(values) & (values == np.floor(values)) & (np.abs(values) < 2.0**53)
+    return values.astype(np.int64) if whole.all() else values
+
+
+def _run_numbers(cells, meta):
+    """Numbers of the runs; names are counted in the order they appear."""
+    values = _numbers_or_text(cells)
+    if values.dtype.kind != 'U':
+        return values
+    names = list(dict.fromkeys(cells))
+    meta['notes'].append('runs are numbered: ' + ', '.join(
+        f'{i} {name[:40]!r}' for i, name in enumerate(names, 1)))
+    number = {name: i for i, name in enumerate(names, 1)}
+    return np.array([number[cell] for cell in cells])
+
+
+def _approach(path, numbers, header_name, cells):
+    values = floats(path, numbers, header_name, cells)
+    bad = ~np.isin(values, (-1.0, 0.0, 1.0)) & ~np.isnan(values)
+    if bad.any():
+        i = int(np.argmax(bad))
+        raise ValueError(f'{path}, row {numbers[i]}, column {header_name}: {cells[i][:40]!r} is '
+                         'not -1, 0 or 1')
+    return values
+
+
+def _time(path, numbers, cells, meta):
+    try:
+        values = np.array([cell or 'nan' for cell in cells], dtype=float)
+    except ValueError:
+        if any(map(is_number, cells)):
+            one = next(i for i, cell in enumerate(cells) if is_number(cell))
+            other = next(i for i, cell in enumerate(cells) if cell and not is_number(cell))
+            if _reads_as_iso(cells[other]):
+                raise ValueError(
+                    f'{path}, column time: mixes seconds (row {numbers[one]}) and ISO 8601 (row '
+                    f'{numbers[other]})') from None
+        return parse_iso(path, numbers, 'time', cells)
+    if np.any(np.abs(values) < 1e8):
+        meta['time_is_utc'] = False
+        meta['notes'].append('time: seconds from an arbitrary start, they are below 1e8')
+    return values
+
+
+def _reads_as_iso(cell):
+    try:
+        parse_iso('', [0], '', [cell])
+    except ValueError:
+        return False
+    return True
+
+
+# ------------------------------------------------------------------------------------- writing
+
+def iso_utc(seconds):
+    """Times as ISO 8601 UTC to the nanosecond: enough for the same float64 when read again.
+
+    Parameters
+    ----------
+    seconds : ndarray, shape (n,)
+        UTC, seconds since 1970; NaN gives an empty text.
+
+    Returns
+    -------
+    list of str
+    """
+    known = np.isfinite(seconds)
+    whole = np.floor(np.where(known, seconds, 0.0))
+    nanoseconds = np.rint((np.where(known, seconds, 0.0) - whole) * 1e9).astype(np.int64)
+    stamps = whole.astype(np.int64).astype('datetime64[s]') \
+        + nanoseconds.astype('timedelta64[ns]')
+    texts = np.datetime_as_string(stamps, unit='ns')
+    return [text + 'Z' if ok else '' for text, ok in zip(texts.tolist(), known.tolist())]
+
+
+def write_csv(run, path):
+    """Write a run as CSV that `read_run` gives back to better than 1e-9 arcsec.
+
+    Parameters
+    ----------
+    run : PointingRun
+    path : str or Path
+        Written anew.
+
+    Raises
+    ------
+    ValueError
+        A name in the run spans lines.
+    OSError
+        The file cannot be written.
+
+    Notes
+    -----
+    Columns in the order of `COLUMNS`, then the user's own; numbers with all their digits;
+    unknown (NaN) is an empty cell; time is ISO 8601 UTC, or seconds where the run's
+    ``meta['time_is_utc']`` is False. The rest of ``meta`` is not written.
+    """
+    names = [name for name in COLUMNS if name in run]
+    names += [name for name in run.columns if name not in COLUMNS]
+    header, table = [], []
+    for name in names:
+        values = run[name]
+        csv_name, unit, _ = COLUMNS.get(name, (name, 1.0, ''))
+        header.append(csv_name)
+        if name == 'time' and run.meta.get('time_is_utc', True):
+            table.append(iso_utc(np.asarray(values, dtype=float)))
+        elif values.dtype.kind in 'fc':
+            values = values if unit == 1.0 else values / unit
+            table.append(['' if v != v else repr(v) for v in values.tolist()])
+        else:
+            table.append(values.tolist())
+    texts = [cell for cells in [header, *table] for cell in cells if isinstance(cell, str)]
+    if any('\n' in text or '\r' in text for text in texts):
+        raise ValueError(f'{path}: a name in the run spans lines; CSV rows are lines here')
+    # a row that begins with the comment sign would be lost
+    quoting = csv.QUOTE_NONNUMERIC if any(t.startswith('#') for t in texts) else csv.QUOTE_MINIMAL
+    with open(path, 'w', newline='', encoding='utf-8') as stream:
+        writer = csv.writer(stream, lineterminator='\n', quoting=quoting)
+        writer.writerow(header)
+        writer.writerows(zip(*table))

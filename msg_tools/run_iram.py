@@ -1,0 +1,93 @@
+"""Pointing logs of the IRAM 30 m telescope, as its bolometer cameras wrote them."""
+
+import re
+
+import numpy as np
+
+from .run_table import Table, content, floats, is_number, parse_iso
+
+_ROW = re.compile(r'#?\s*(\d{4}-\d\d-\d\d)\.(\d+)\s', re.ASCII)
+_NEEDED = ('id', 'UTh', 'AZd', 'ELd', 'pnt.X', 'pnt.Y')
+_NAMES = {'AZd': 'az', 'ELd': 'el', 'pnt.X': 'x', 'pnt.Y': 'y', 'Tamb': 'temperature'}
+_USED = ('id', 'object', 'project', 'pnt.dAZ', 'pnt.dEL')
+
+
+def looks_like_iram(lines):
+    """Whether the first line names columns behind ``# id``."""
+    first = next((line for line in lines if line.strip()), '')
+    return re.match(r'#\s*id\s', first) is not None and 'pnt.' in first
+
+
+def read_iram(path, lines):
+    """IRAM 30 m ``.log``: a header ``# id ...`` names the columns, ``#`` before a row rejects it.
+
+    AZd, ELd are the place (whole degrees, north 0, east 90), pnt.X, pnt.Y the total offset in
+    arcsec on the sky: the correction that was applied plus the offset measured, pnt.dAZ,
+    pnt.dEL. It has the sign of the observers' own models (``.model``), a correction added to the
+    place to point there: encoder - catalogue.
+
+    Parameters
+    ----------
+    path : Path
+        For messages.
+    lines : list of str
+
+    Returns
+    -------
+    Table
+        Rejected rows and rows without an offset carry their reason.
+
+    Raises
+    ------
+    ValueError
+        A column is missing, a row does not fit the header, a cell is no number.
+    """
+    begin, head = next((i, line) for i, line in enumerate(lines) if line.strip())
+    names = [re.sub(r'\(\w*\)$', '', word) for word in head.lstrip('#').split()]
+    missing = [name for name in _NEEDED if name not in names]
+    if missing:
+        raise ValueError(f'{path}: no column {", ".join(missing)} in the header "# id ..."')
+    rows = [(number, line) for number, line in enumerate(lines[begin + 1:], begin + 2)
+            if _ROW.match(line)]
+    strange = [number for number, line in content(lines) if not _ROW.match(line)]
+    if strange:
+        raise ValueError(f'{path}, row {strange[0]}: does not begin with an id such as '
+                         '2012-04-16.3')
+    if not rows:
+        raise ValueError(f'{path} has a header but no observations')
+    cells = [line.lstrip('# ').split() for _, line in rows]
+    for (number, _), words in zip(rows, cells):
+        if len(words) != len(names):
+            raise ValueError(f'{path}, row {number}: {len(words)} values, but the header names '
+                             f'{len(names)} columns')
+    return _table(path, rows, dict(zip(names, zip(*cells))))
+
+
+def _table(path, rows, cells):
+    numbers = np.array([number for number, _ in rows])
+    columns, text = {}, []
+    for name, column in cells.items():
+        column = ['' if set(cell) == {'-'} else cell for cell in column]
+        if name in _USED:
+            continue
+        if name not in (*_NAMES, 'UTh') and not all(is_number(cell or 0) for cell in column):
+            text.append(name)
+            continue
+        columns[_NAMES.get(name, name)] = floats(path, numbers, name, column)
+    days = [ident.split('.')[0] for ident in cells['id']]
+    columns['time'] = parse_iso(path, numbers, 'id', days) + 3600.0 * columns['UTh']
+    if 'object' in cells:
+        columns['star'] = np.array(cells['object'])
+    notes = ['x, y are pnt.X, pnt.Y: applied correction plus measured offset, added to the place '
+             'to point there; pnt.dAZ, pnt.dEL left out, they are a part of it']
+    if np.array_equal(columns['az'], np.rint(columns['az'])):
+        notes.append('places are whole degrees')
+    if text:
+        notes.append(f'columns left out, they are not numeric: {", ".join(text)}')
+    table = Table(columns, numbers, [line.strip() for _, line in rows],
+                  {'format': 'iram', 'notes': notes})
+    rejected = np.array([line.startswith('#') for _, line in rows])
+    table.exclude(rejected, 'rejected by the observers (#)')
+    for name, label in (('x', 'pnt.X'), ('y', 'pnt.Y')):
+        table.exclude(np.isnan(columns[name]), f'{label} was not measured')
+    return table

@@ -1,0 +1,83 @@
+"""Raw pointing nights of the MMT."""
+
+import numpy as np
+
+from .run_table import Table, is_number
+
+_SIDEREAL_HOUR = 3600.0 / 1.00273790935  # s of UT
+_WANTED = {'RAA': ('az', 'el'), 'TAA': ('az_enc', 'el_enc'), 'ABS_AA': ('az_abs', 'el_abs')}
+
+
+def looks_like_mmt(lines):
+    """Whether one of the first lines begins the record of a star."""
+    return any(line.startswith('CAT:') for line in lines[:50])
+
+
+def read_mmt(path, lines):
+    """Raw night of the MMT: per star a CAT: line, then angles as elevation and azimuth.
+
+    RAA is the refracted place of the catalogue star (0.3" from one computed with ERFA for the
+    coordinates and the sidereal time of the record), AA the same with the telescope's own
+    pointing model, TAA the angles of the mount with the star centred, ABS_AA the absolute
+    encoder. All azimuths are from north through east, those of the mount with its cable wrap.
+
+    Parameters
+    ----------
+    path : Path
+        For messages.
+    lines : list of str
+
+    Returns
+    -------
+    Table
+        With both encoders and the sidereal time; ``time`` is that clock in seconds of UT, from
+        an arbitrary start (``meta['time_is_utc']`` is False).
+
+    Raises
+    ------
+    ValueError
+        A record lacks an angle.
+    """
+    starts = [i for i, line in enumerate(lines) if line.startswith('CAT:')]
+    values = {name: [] for pair in _WANTED.values() for name in pair}
+    stars, magnitudes, sidereal, texts = [], [], [], []
+    for start, stop in zip(starts, [*starts[1:], len(lines)]):
+        fields = {}
+        for line in lines[start:stop]:
+            tag, _, rest = line.partition(':')
+            fields[tag.strip()] = rest.split()
+        for tag, (az, el) in _WANTED.items():
+            cells = fields.get(tag, [])
+            if len(cells) != 2 or not all(map(is_number, cells)):
+                raise ValueError(f'{path}, row {start + 1}: the record of this star has no '
+                                 f'"{tag}:" with elevation and azimuth')
+            values[el].append(float(cells[0]))
+            values[az].append(float(cells[1]))
+        catalogue = fields['CAT']
+        stars.append(catalogue[0] if catalogue else '')
+        magnitude = catalogue[5] if len(catalogue) > 5 else ''
+        magnitudes.append(float(magnitude) if is_number(magnitude) else np.nan)
+        sidereal.append(_hours((fields.get('LST') or [''])[0]))
+        texts.append('\n'.join(lines[start:stop]).rstrip())
+    columns = {name: np.array(v) for name, v in values.items()}
+    columns.update(star=np.array(stars), magnitude=np.array(magnitudes))
+    meta = {'format': 'mmt', 'notes': [
+        'az, el are RAA (refracted place), az_enc, el_enc TAA (mount with the star centred), '
+        'az_abs, el_abs ABS_AA; lst_h is the local sidereal time in hours']}
+    if np.isfinite(sidereal).all():
+        hours = np.unwrap(np.array(sidereal), period=24.0)
+        columns['lst_h'] = hours
+        columns['time'] = (hours - hours[0]) * _SIDEREAL_HOUR
+        meta['time_is_utc'] = False
+        meta['notes'].append('time: seconds since the first star, from the sidereal clock')
+    else:
+        meta['notes'].append('no time: a record has no LST')
+    return Table(columns, np.array(starts) + 1, texts, meta)
+
+
+def _hours(clock):
+    parts = clock.split(':')
+    if len(parts) != 3 or not all(map(is_number, parts)):
+        return np.nan
+    hours = sum(float(part) / 60.0**i for i, part in enumerate(parts))
+    return hours if 0.0 <= hours < 24.0 else np.nan

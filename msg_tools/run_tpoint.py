@@ -1,0 +1,135 @@
+"""Pointing runs in TPOINT format 4, and the short form of the same."""
+
+import re
+
+import numpy as np
+
+from pointing_model.run import REQUIRED
+from pointing_model.units import DEG
+
+from .run_table import NoObservations, Table, content, floats, is_number
+
+_ANGLES = ('observed azimuth', 'observed elevation', 'mount azimuth', 'mount elevation')
+
+
+def looks_like_tpoint(lines):
+    """Whether there are option lines, or the short form's line ``A`` or ``E``."""
+    body = content(lines, '!')
+    if any(line.startswith(':') for _, line in body[:10]):
+        return True
+    return len(body) > 1 and body[1][1].strip().upper() in ('A', 'E')
+
+
+def read_tpoint(path, lines):
+    """Caption, options, run parameters, rows of observed and mount azimuth and elevation.
+
+    Parameters
+    ----------
+    path : Path
+        For messages.
+    lines : list of str
+
+    Returns
+    -------
+    Table
+        ``meta['told_origin']`` is what a comment says of azimuth 0: 'N', 'S' or None.
+
+    Raises
+    ------
+    ValueError
+        An equatorial mount, another format, no latitude, a cell that is no number.
+    """
+    comments = ' '.join(line for line in lines if line.lstrip().startswith('!'))
+    # the first mention counts: a comment may go on about what another program does
+    origin = re.search(r'\b(N|S|North|South)\s*=\s*0\b', comments, re.IGNORECASE)
+    meta = {'format': 'tpoint', 'notes': [],
+            'told_origin': origin.group(1)[0].upper() if origin else None}
+    body, commented = _body(lines, meta)
+    if not body:
+        raise ValueError(f'{path} holds only comments')
+    meta['caption'] = body.pop(0)[1]
+    date = re.search(r'\b(\d{4}-\d\d-\d\d)', meta['caption'], re.ASCII)
+    if date:
+        meta['date'] = date.group(1)
+    options = [line[1:].strip().upper() for _, line in body if line.startswith(':')]
+    body = [(number, line) for number, line in body if not line.startswith(':')]
+    if body and body[0][1].upper() in ('A', 'E'):
+        options.append('ALTAZ' if body.pop(0)[1].upper() == 'A' else 'EQUATORIAL')
+    if 'ALTAZ' not in [word for option in options for word in option.split()]:
+        raise ValueError(f'{path}: no option ": ALTAZ"; runs of equatorial mounts are not read')
+    if not body:
+        raise ValueError(f'{path} ends before the line with the latitude')
+    begin, parameters = body.pop(0)
+    _run_parameters(path, begin, parameters, meta)
+    if not body:
+        raise NoObservations(f'{path} has a header but no observations')
+    rotator = any(option.startswith('ROT') for option in options)
+    numbers, cells = _rows(path, body)
+    names = [*_ANGLES, *('rotator_deg' if rotator and i == 0 else f'auxiliary_{i + 1}'
+                         for i in range(len(cells[0]) - 4))]
+    columns = {key: floats(path, numbers, name, column)
+               for key, name, column in zip([*REQUIRED, *names[4:]], names, zip(*cells))}
+    commented = [n for n, words in commented if len(words) == len(cells[0]) and n > begin]
+    return Table(columns, numbers, [' '.join(row) for row in cells], meta, commented=commented)
+
+
+def _body(lines, meta):
+    """(line number, text) without comments up to END; comments that are all numbers."""
+    body, commented = [], []
+    for number, line in enumerate(lines, 1):
+        line, _, comment = line.partition('!')
+        line = line.strip()
+        if line.upper() == 'END':
+            left = len(content(lines[number:], '!'))
+            if left:
+                meta['notes'].append(f'{left} lines after END not read')
+            break
+        if line:
+            body.append((number, line))
+        elif comment and all(map(is_number, comment.split())):
+            commented.append((number, comment.split()))
+    return body, commented
+
+
+def _rows(path, body):
+    numbers = np.array([number for number, _ in body])
+    cells = [line.split() for _, line in body]
+    width = len(cells[0])
+    if not 4 <= width <= 8:
+        raise ValueError(f'{path}, row {numbers[0]}: {width} numbers; only format 4 (observed '
+                         'azimuth and elevation, mount azimuth and elevation) is read')
+    if set(map(len, cells)) != {width}:
+        bad = next(i for i, row in enumerate(cells) if len(row) != width)
+        raise ValueError(f'{path}, row {numbers[bad]}: {len(cells[bad])} numbers, but '
+                         f'{width} in the first row')
+    return numbers, cells
+
+
+def _run_parameters(path, number, line, meta):
+    """Latitude (deg, or deg min sec), then date, temperature, pressure, height, humidity."""
+    where = f'{path}, row {number}'
+    words = line.split()
+    if not all(map(is_number, words)):
+        raise ValueError(f'{where}: {line[:60]!r} is not the line of run parameters, which begins '
+                         'with the latitude')
+    values = [float(word) for word in words]
+    if not np.all(np.isfinite(values)):
+        raise ValueError(f'{where}: {line[:60]!r} has a run parameter that is not finite')
+    latitude = abs(values[0])
+    if len(values) >= 3:
+        if not (0.0 <= values[1] < 60.0 and 0.0 <= values[2] < 60.0):
+            raise ValueError(f'{where}: {line[:60]!r} begins with a latitude whose minutes or '
+                             'seconds are outside 0 to 60')
+        latitude += values[1] / 60.0 + values[2] / 3600.0
+    if latitude > 90.0:
+        raise ValueError(f'{where}: latitude {line[:60]!r} is beyond 90 degrees')
+    sign = -1.0 if words[0].startswith('-') else 1.0
+    meta['site'] = {'latitude': float(sign * latitude * DEG)}
+    if len(values) >= 6:
+        meta['date'] = '{:04.0f}-{:02.0f}-{:02.0f}'.format(*values[3:6])
+    if len(values) >= 8:
+        meta['weather'] = {'temperature_c': values[6], 'pressure_hpa': values[7]}
+    if len(values) >= 9:
+        meta['site']['height'] = values[8]
+    if len(values) >= 10:
+        meta['weather']['humidity'] = values[9]

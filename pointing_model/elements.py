@@ -1,0 +1,190 @@
+"""Two-line elements of a satellite: read, checked, propagated by SGP4."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import erfa
+import numpy as np
+
+from .earth import DAY, MJD_1970, split_utc
+
+#: Elements of the satellite that paper 000 tracked (NORAD 26690, USA 156), 2013 day 264.
+GPS_26690 = (
+    '1 26690U 01004A   13264.32975019 -.00000016  00000-0  00000+0 0  9784',
+    '2 26690  53.1031 214.8630 0147879 241.2580   4.0622  2.00567355 92659',
+)
+
+_FIELDS_1 = (('year', 19, 20), ('day', 21, 32), ('drift of the mean motion', 34, 43))
+_FIELDS_2 = (('inclination', 9, 16), ('node', 18, 25), ('eccentricity', 27, 33),
+             ('perigee', 35, 42), ('mean anomaly', 44, 51), ('mean motion', 53, 63))
+_SGP4_ERRORS = {
+    1: 'the orbit is no ellipse any more', 2: 'its mean motion is negative',
+    3: 'the perturbed orbit is no ellipse any more', 4: 'its semilatus rectum is negative',
+    6: 'it has decayed',
+}
+
+
+@dataclass(frozen=True)
+class Satellite:
+    """An orbit by two-line elements.
+
+    Attributes
+    ----------
+    line1, line2 : str
+        The elements, as `parse_elements` has checked them.
+    """
+
+    line1: str
+    line2: str
+
+    @cached_property
+    def record(self):
+        """The propagator, an `sgp4.api.Satrec`."""
+        from sgp4.api import Satrec
+        return Satrec.twoline2rv(self.line1, self.line2)
+
+    @property
+    def number(self):
+        """Catalogue number."""
+        return self.record.satnum
+
+    @property
+    def epoch(self):
+        """Of the elements: UTC, seconds since 1970-01-01."""
+        record = self.record
+        return (record.jdsatepoch - erfa.DJM0 - MJD_1970 + record.jdsatepochF) * DAY
+
+    def state(self, time):
+        """Position and velocity in TEME.
+
+        Parameters
+        ----------
+        time : float or ndarray
+            UTC, seconds since 1970-01-01.
+
+        Returns
+        -------
+        position, velocity : ndarray, shape (..., 3)
+            Metres and m/s.
+
+        Raises
+        ------
+        ValueError
+            SGP4 cannot go that far from the epoch.
+        """
+        time = np.asarray(time, float)
+        elapsed = (time - self.epoch + _leap_seconds(time) - _leap_seconds(self.epoch)) / DAY
+        start = np.full(elapsed.size, self.record.jdsatepoch)
+        error, position, velocity = self.record.sgp4_array(
+            start, self.record.jdsatepochF + elapsed.ravel())
+        if np.any(error):
+            code = int(error[error != 0][0])
+            raise ValueError(
+                f'satellite {self.number}: {_SGP4_ERRORS.get(code, f"SGP4 error {code}")}, '
+                f'{np.max(np.abs(elapsed)):.0f} days from the epoch of its elements; '
+                'give elements nearer to the time')
+        shape = (*time.shape, 3)
+        return 1e3 * position.reshape(shape), 1e3 * velocity.reshape(shape)
+
+
+def parse_elements(text, number=None):
+    """Two-line elements, checked.
+
+    Parameters
+    ----------
+    text : str or sequence of str
+        The lines; names and empty lines between the pairs are passed over.
+    number : int, optional
+        Catalogue number of the satellite meant, where there are several.
+
+    Returns
+    -------
+    Satellite
+
+    Raises
+    ------
+    ValueError
+        A line is too short, its checksum is wrong, the pair does not belong together, a number
+        in it is none, or the satellite meant is not there or not clear.
+    """
+    lines = text.splitlines() if isinstance(text, str) else list(text)
+    lines = [line.rstrip() for line in lines]
+    starts = [i for i, line in enumerate(lines) if line.startswith('1 ')]
+    if not starts:
+        raise ValueError('no two-line elements: a line that begins with "1 " is missing')
+    found = []
+    for i in starts:
+        if i + 1 == len(lines) or not lines[i + 1].startswith('2 '):
+            raise ValueError(f'two-line elements: line {i + 2} should begin with "2 "')
+        found.append(_pair(lines[i], lines[i + 1], i + 1))
+    if number is not None:
+        chosen = [s for s in found if s.number == number]
+        if not chosen:
+            known = ', '.join(str(s.number) for s in found[:5])
+            raise ValueError(f'no elements of satellite {number}; there are those of {known}')
+        found = chosen
+    if len(found) > 1:
+        raise ValueError(f'{len(found)} sets of elements where one is needed: '
+                         'name the satellite by its number, or leave one set')
+    return found[0]
+
+
+def load_elements(path, number=None):
+    """Read a file of two-line elements.
+
+    Parameters
+    ----------
+    path : str or Path
+    number : int, optional
+        As for `parse_elements`.
+
+    Returns
+    -------
+    Satellite
+
+    Raises
+    ------
+    OSError
+        The file cannot be read.
+    ValueError
+        As `parse_elements`, with the file's name.
+    """
+    text = Path(path).read_text(encoding='ascii', errors='replace')
+    try:
+        return parse_elements(text, number)
+    except ValueError as error:
+        raise ValueError(f'{path}: {error}') from None
+
+
+def _pair(line1, line2, row):
+    from sgp4.io import compute_checksum
+    for line, at in ((line1, row), (line2, row + 1)):
+        if len(line) != 69:
+            raise ValueError(f'two-line elements: line {at} has {len(line)} characters, not 69')
+        if not line[68].isdigit() or compute_checksum(line) != int(line[68]):
+            raise ValueError(f'two-line elements: line {at} has checksum {line[68]}, its digits '
+                             f'make {compute_checksum(line)}; copy it again')
+    if line1[2:7] != line2[2:7]:
+        raise ValueError(f'two-line elements: line {row} is of satellite {line1[2:7].strip()}, '
+                         f'line {row + 1} of {line2[2:7].strip()}')
+    for line, at, fields in ((line1, row, _FIELDS_1), (line2, row + 1, _FIELDS_2)):
+        for what, first, last in fields:
+            try:
+                float(line[first - 1 : last])  # the propagator's own reading takes anything
+            except ValueError:
+                raise ValueError(f'two-line elements: line {at}, columns {first} to {last} '
+                                 f'({what}): {line[first - 1 : last]!r} is no number') from None
+    satellite = Satellite(line1, line2)
+    error = satellite.record.error
+    if error or not satellite.record.no_kozai > 0.0:
+        raise ValueError(f'two-line elements: lines {row} and {row + 1} describe no orbit')
+    return satellite
+
+
+def _leap_seconds(time):
+    """TAI - UTC up to a constant, to count seconds that POSIX time does not."""
+    utc = split_utc(time)
+    tai = erfa.ufunc.utctai(*utc)
+    mjd = (tai[0] - erfa.DJM0 - MJD_1970) + tai[1]
+    return np.round(mjd * DAY - np.asarray(time, float), 3)

@@ -1,0 +1,128 @@
+"""Paper 000's experiment through the graph: eleven nights, and a GPS satellite on one of them."""
+
+import csv
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+from pointing_model.plan import parse_plan
+
+from .graph import night_graph
+from .night import observe, prepare_folder
+
+#: how the zero moves at a power-on -> scenario
+DRIFTS = {'paper': 'eleven_nights', 'random': 'eleven_random_nights'}
+#: the night two before is the reference of each
+REFERENCE_AGE = 2
+NIGHTS = 11
+#: whose drift is next to what the satellite showed in the paper before calibration
+SATELLITE_NIGHT = 4
+#: first night, -1: the satellite of paper 000 (elements of 2013 day 264) is up in its evenings
+START = '2013-09-20T13:00:00'
+#: a plan of that many nights would be an hour of commands at a real telescope
+_HOURS = 24
+
+
+@dataclass
+class ExperimentOptions:
+    """What a user chose; see ``telescope-mount experiment --help``."""
+
+    out: Path
+    seed: int = 1
+    drifts: str = 'paper'
+    stars: int = 30
+    polaris: int = 16
+    satellite: int = 20
+    domain: int | None = None
+
+
+def experiment_plan(stars, polaris, satellite, extra=False):
+    """The plan of all nights.
+
+    Parameters
+    ----------
+    stars : int
+        In each of the two blocks of a night.
+    polaris : int
+        Exposures for a zero.
+    satellite : int
+        Exposures of the satellite before and after the zero calibration of its night.
+    extra : bool
+        One more power-on, for the case of the paper's section 1.1.
+
+    Returns
+    -------
+    str
+    """
+    nights = []
+    for night in range(1 - REFERENCE_AGE, NIGHTS + extra + 1):
+        track = f'satellite {satellite}, ' if night == SATELLITE_NIGHT else ''
+        start = f'wait {_HOURS}, power_cycle, home' if nights else 'home'
+        nights.append(f'{start}, {track}stars {stars}, polaris {polaris}, calibrate_zero, '
+                      f'{track}stars {stars}, fit')
+    return ', '.join(nights)
+
+
+def run_experiment(options, progress=None):
+    """Observe all nights in one graph of processes.
+
+    Parameters
+    ----------
+    options : ExperimentOptions
+    progress : callable, optional
+        Called with (text, done, total) as it goes on.
+
+    Returns
+    -------
+    dict
+        What `calibration.experiment_report` makes of it, with the ``files`` that were written.
+
+    Raises
+    ------
+    ValueError, OSError
+        Bad input.
+    NightFailed
+        A node ended, or the plan could not be carried out.
+    """
+    plan = experiment_plan(options.stars, options.polaris, options.satellite,
+                           extra=options.drifts == 'paper')
+    parse_plan(plan)
+    folder = prepare_folder(options.out)
+    specs = night_graph(
+        bag=str(folder / 'bag'), scenario=DRIFTS[options.drifts], seed=options.seed,
+        start_time=START, plan=plan, first_run=1 - REFERENCE_AGE, reference_age=REFERENCE_AGE,
+        satellite='gps-26690', sample_rate_hz=1.0)
+    return observe(folder, specs, plan, lambda latest: _write(folder, options, latest),
+                   progress, options.domain)
+
+
+def _write(folder, options, latest):
+    """table1.csv, gps.json, report.json, observations.csv and the pictures."""
+    from calibration.experiment_report import (
+        COLUMNS,
+        experiment_report,
+        plot_nights,
+        plot_satellite,
+    )
+    from msg_tools import topics
+    from msg_tools.convert import cloud_to_run
+    from msg_tools.run_files import write_csv
+
+    run = cloud_to_run(latest[topics.OBSERVATIONS.name])
+    calibrated = json.loads(latest[topics.CALIBRATION_REPORT.name].data)
+    report = experiment_report(calibrated['nights'], NIGHTS)
+    report.update(seed=options.seed, drifts=options.drifts)
+    files = {name: folder / name for name in (
+        'table1.csv', 'gps.json', 'report.json', 'observations.csv', 'nights.png', 'gps.png')}
+    with open(files['table1.csv'], 'w', newline='', encoding='utf-8') as file:
+        table = csv.writer(file)
+        table.writerow(COLUMNS)
+        table.writerows([row[name] for name in COLUMNS] for row in report['table1'])
+    files['gps.json'].write_text(json.dumps(report['gps'], indent=1) + '\n')
+    files['report.json'].write_text(json.dumps(report, indent=1) + '\n')
+    write_csv(run, files['observations.csv'])
+    plot_nights(report, files['nights.png'])
+    plot_satellite(report, files['gps.png'])
+    report['files'] = {'log': str(folder / 'bag'),
+                       **{name: str(path) for name, path in files.items()}}
+    return report

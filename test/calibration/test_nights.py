@@ -1,0 +1,215 @@
+import json
+
+import numpy as np
+import pytest
+
+from calibration.experiment_report import (
+    COLUMNS,
+    PAPER_TABLE_1,
+    experiment_report,
+    experiment_tables,
+    plot_nights,
+    plot_satellite,
+    statistics,
+)
+from calibration.nights import NightSeries
+from pointing_model.catalogue import POLARIS_HIP
+from pointing_model.model import PointingModel
+from pointing_model.run import PointingRun
+from pointing_model.terms import PHYSICAL
+from pointing_model.units import ARCSEC, DEG
+
+MOUNT = PointingModel(dict(zip(PHYSICAL, np.array([310, -170, 46, -23, 37, -21, 15]) * ARCSEC)))
+DAY = 86400.0
+#: of the zero in each night; the nights between two of them lie far off
+DRIFTS = {-1: (0.0, 0.0), 0: (100.0, -70.0), 1: (12.0, -9.0), 2: (95.0, -78.0), 3: (3.0, 5.0)}
+SATELLITE = -26690.0
+
+
+def block(rng, run, star, az, el, time, noise=1.0):
+    drift = np.array(DRIFTS[run]) * ARCSEC
+    az_enc, el_enc = MOUNT.sky_to_encoder(az, el)
+    x, y = rng.normal(size=(2, len(az))) * noise * ARCSEC
+    enc = {'az_enc': az_enc + drift[0] + x / np.cos(el), 'el_enc': el_enc + drift[1] + y}
+    second = {name.replace('enc', 'abs'): value - shift
+              for (name, value), shift in zip(enc.items(), drift)}
+    return PointingRun({
+        'az': az, 'el': el, **enc, **second, 'star': np.broadcast_to(star, len(az)).astype(float),
+        'run': np.full(len(az), float(run)), 'time': time + 40.0 * np.arange(len(az))})
+
+
+def night(run, seed=0, stars=30, polaris=16, satellite=False):
+    """Blocks of a night in their order: (satellite,) stars, Polaris, (satellite,) stars."""
+    rng = np.random.default_rng([seed, run + 10])
+    start = 1.38e9 + run * DAY
+
+    def field(first, time):
+        az, el = rng.uniform(0.0, 2.0 * np.pi, stars), np.arcsin(rng.uniform(0.35, 0.99, stars))
+        return block(rng, run, first + np.arange(stars), az, el, time)
+
+    out = [field(1000, start)]
+    hour = 0.01 * np.arange(polaris)
+    out.append(block(rng, run, POLARIS_HIP, 0.6 * DEG * np.sin(hour), 34.9 * DEG + 0.0 * hour,
+                     start + 5000.0))
+    out.append(field(2000, start + 10000.0))
+    if satellite:
+        for time in (start + 2000.0, start + 8000.0):
+            az = np.linspace(1.0, 1.2, 12)
+            out.append(block(rng, run, SATELLITE, az, 0.5 + 0.1 * az, time))
+    return PointingRun.concatenate(out)
+
+
+@pytest.fixture(scope='module')
+def nights():
+    """Rows of the report after night 3, whose satellite was tracked."""
+    series = NightSeries(2)
+    for run in sorted(DRIFTS):
+        series.add(night(run, satellite=run == 3), run + 10)
+        series.calibrate_zero()
+        _, report = series.fit()
+    return report['nights']
+
+
+def test_nights_without_a_model_of_two_nights_before_have_no_row(nights):
+    assert [row['night'] for row in nights] == [1, 2, 3]
+    assert [row['reference'] for row in nights] == [-1, 0, 1]
+    json.dumps(nights)
+
+
+def test_before_is_the_change_since_two_nights_before(nights):
+    for row in nights:
+        then, now = DRIFTS[row['night'] - 2], DRIFTS[row['night']]
+        before = row['physical']['before']
+        assert before['az_mean_arcsec'] == pytest.approx(now[0] - then[0], abs=2.5)
+        assert before['el_mean_arcsec'] == pytest.approx(now[1] - then[1], abs=1.5)
+
+
+def test_after_the_calibration_the_means_are_within_their_errors(nights):
+    for row in nights:
+        after = row['physical']['after']
+        for axis in ('az', 'el'):
+            assert abs(after[f'{axis}_mean_arcsec']) < 4.0 * after[f'{axis}_sigma_arcsec']
+        assert 1.0 < after['radial_rms_arcsec'] < 2.0
+        assert after['x_rms_arcsec'] < 0.95 * after['az_rms_arcsec']  # times cos E
+
+
+def test_predicted_errors_are_those_that_come_out():
+    chi = []
+    for seed in range(40):
+        series = NightSeries(2)
+        for run in (-1, 1):
+            series.add(night(run, seed, stars=12), run + 10)
+            series.calibrate_zero()
+            _, report = series.fit()
+        after = report['nights'][0]['physical']['after']
+        chi.append([after[f'{axis}_mean_arcsec'] / after[f'{axis}_sigma_arcsec']
+                    for axis in ('az', 'el')])
+    # 40 values: their RMS is known to 11 %
+    assert np.sqrt(np.mean(np.square(chi), axis=0)) == pytest.approx([1.0, 1.0], abs=0.35)
+
+
+def test_the_zero_is_published_with_the_model_it_is_relative_to():
+    series = NightSeries(2)
+    for run in (-1, 0):
+        series.add(night(run), run + 10)
+        series.fit()
+        assert series.reference is None
+    series.add(night(1), 11)
+    _, zero = series.calibrate_zero()
+    # the model of night -1 as its encoders read, and the change since then
+    assert series.reference.terms['IA'] / ARCSEC == pytest.approx(310.0, abs=4.0)
+    assert zero.az / ARCSEC == pytest.approx(12.0, abs=3.0)
+    assert zero.el / ARCSEC == pytest.approx(-9.0, abs=2.0)
+
+
+def test_a_satellite_is_judged_and_not_fitted(nights):
+    rng_free = NightSeries(2)
+    with_it = NightSeries(2)
+    for run in (-1, 1):
+        rows = night(run, satellite=run == 1)
+        with_it.add(rows, run + 10)
+        rng_free.add(rows.select(rows['star'] > 0), run + 10)
+        models = []
+        for series in (with_it, rng_free):
+            series.calibrate_zero()
+            models.append(series.fit()[0].to_json())
+    assert models[0] == models[1]
+    track = nights[-1]['satellite']
+    assert np.mean(track['before']['az_arcsec']) == pytest.approx(-9.0, abs=2.5)
+    assert np.mean(track['before']['el_arcsec']) == pytest.approx(14.0, abs=1.5)
+    assert abs(np.mean(track['after']['az_arcsec'])) < 3.0
+    assert abs(np.mean(track['after']['el_arcsec'])) < 1.5
+    assert len(track['before']['time']) == len(track['after']['time']) == 12
+
+
+def test_a_shift_of_the_absolute_encoder_is_an_alarm():
+    series = NightSeries(2)
+    for run in (-1, 0, 1):
+        rows = night(run)
+        if run == 1:
+            rows.columns['el_abs'] = rows['el_abs'] + 9.0 * ARCSEC
+        series.add(rows, run + 10)
+        series.calibrate_zero()
+        _, report = series.fit()
+        alarms = report['witnesses']['alarms']
+        assert bool(alarms) == (run == 1), alarms
+    assert 'elevation' in alarms[0] and 'absolute encoder' in alarms[0]
+    assert report['nights'][0]['alarms'] == alarms
+
+
+def test_a_calibration_started_anew_takes_the_table():
+    series, late = NightSeries(2), NightSeries(2)
+    rows = PointingRun.concatenate([night(-1), night(0)])
+    series.add(rows, 5)
+    late.take_table(rows, 5)
+    assert len(series) == len(late) == len(rows)
+    assert series.calibrate_zero()[1].az == late.calibrate_zero()[1].az
+
+
+def test_nothing_observed_is_said():
+    for work in (NightSeries(2).calibrate_zero, NightSeries(2).fit):
+        with pytest.raises(ValueError, match='observe first'):
+            work()
+
+
+# --- the report of the experiment -----------------------------------------------------------------
+
+
+def test_the_papers_table_recomputed():
+    """Erratum 5: mean, standard deviation, RMS."""
+    wanted = {'before_az_arcsec': (1.12, 8.35, 8.04), 'before_el_arcsec': (2.26, 9.72, 9.54),
+              'after_az_arcsec': (-0.85, 1.12, 1.37), 'after_el_arcsec': (-0.08, 0.56, 0.54)}
+    for name, numbers in statistics(PAPER_TABLE_1).items():
+        ours = [numbers[key] for key in ('mean', 'std', 'rms')]
+        assert ours == pytest.approx(wanted[name], abs=0.006)
+
+
+def test_report_tables_and_pictures(nights, tmp_path):
+    report = experiment_report(nights, 3)
+    assert [row['night'] for row in report['table1']] == [1, 2, 3]
+    assert set(report['table1'][0]) == set(COLUMNS)
+    gps = report['gps']
+    assert gps['before']['n'] == 12
+    assert gps['before']['el_mean_arcsec'] == pytest.approx(14.0, abs=1.5)
+    assert gps['before']['az_sky_mean_arcsec'] == pytest.approx(
+        gps['before']['az_mean_arcsec'] * np.cos(0.61), abs=0.3)
+    assert gps['paper']['after']['az_mean_arcsec'] == 5.94
+    text = ' '.join(str(cell) for table in experiment_tables(report)
+                    for column in table.columns for cell in column.cells)
+    assert '+3.5' in text and '+13.99 ± 11.33' in text
+    for name, plot in (('nights.png', plot_nights), ('gps.png', plot_satellite)):
+        plot(report, tmp_path / name)
+        assert (tmp_path / name).read_bytes().startswith(b'\x89PNG')
+
+
+def test_the_case_after_the_nights(nights):
+    case = experiment_report(nights, 2)['case_1_1']  # night 3: -9, 14 since night 1
+    assert case['polaris_off_arcsec'] == pytest.approx(
+        np.hypot(9.0 * np.cos(34.9 * DEG), 14.0), abs=1.5)
+    assert case['before_rms_arcsec'] > 8.0 > case['after_max_arcsec']
+    assert experiment_report(nights, 3)['case_1_1'] is None
+
+
+def test_a_missing_night_is_said(nights):
+    with pytest.raises(ValueError, match='no calibrated night 4, 5'):
+        experiment_report(nights, 5)

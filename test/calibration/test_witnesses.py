@@ -1,0 +1,253 @@
+import json
+
+import numpy as np
+import pytest
+
+from calibration.witnesses import (
+    Homing,
+    Witness,
+    check_witnesses,
+    homings_from_diagnostics,
+)
+from pointing_model.catalogue import POLARIS_HIP
+from pointing_model.model import PointingModel
+from pointing_model.run import PointingRun
+from pointing_model.units import ARCSEC, DEG
+
+TERMS = {'IA': 310.0, 'IE': -170.0, 'CA': 46.0, 'NPAE': -23.0, 'AN': 37.0, 'AW': -21.0, 'TF': 15.0}
+DAY = 86400.0
+
+
+def mount(**changes):
+    values = {name: (value + changes.get(name, 0.0)) * ARCSEC for name, value in TERMS.items()}
+    return PointingModel(values)
+
+
+def night(seed, inc=(0.0, 0.0), second=(0.0, 0.0), run=1, stars=30, polaris=16, model=None,
+          hour=0.0, start=0.0, noise=1.0):
+    """Stars, Polaris, stars; what the encoders read too much in arcsec."""
+    rng = np.random.default_rng(seed)
+    n = 2 * stars + polaris
+    az, el = rng.uniform(0, 2 * np.pi, n), rng.uniform(20 * DEG, 80 * DEG, n)
+    pole = slice(stars, stars + polaris)
+    az[pole] = 0.76 * DEG * np.sin(hour)
+    el[pole] = (34.3 + 0.63 * np.cos(hour)) * DEG
+    star = rng.integers(20_000, 90_000, n)
+    star[pole] = POLARIS_HIP
+    axes = np.array((model or mount()).sky_to_encoder(az, el))
+    seen = noise * rng.normal(size=(2, n)) * ARCSEC
+    seen[0] /= np.cos(el)
+    enc = axes + seen + np.array(inc)[:, None] * ARCSEC
+    own = 0.35 * noise * rng.normal(size=(2, n))
+    other = axes + seen + (np.array(second)[:, None] + own) * ARCSEC
+    return PointingRun({
+        'time': start + 1.8e9 + 40.0 * np.arange(n), 'run': np.full(n, float(run)), 'star': star,
+        'az': az, 'el': el, 'az_enc': enc[0], 'el_enc': enc[1], 'az_abs': other[0],
+        'el_abs': other[1]})
+
+
+def moved(run, column, arcsec, since=46):
+    """The run with a column moved from row `since` on."""
+    values = run[column].copy()
+    values[since:] += arcsec * ARCSEC
+    return PointingRun({**run.columns, column: values})
+
+
+def test_the_incremental_encoder_moves_at_a_power_on_without_alarm():
+    report = check_witnesses(night(2, (12.0, -7.0)), night(1))
+    assert report.alarms == [] and report.events == []
+    for change, true in zip(report.changes, (12.0, -7.0)):
+        assert change.incremental / ARCSEC == pytest.approx(
+            true, abs=4 * change.incremental_sigma / ARCSEC)
+        assert change.apart / ARCSEC == pytest.approx(true, abs=4 * change.apart_sigma / ARCSEC)
+        assert 0.2 < change.incremental_sigma / ARCSEC < 0.8
+        assert change.apart_sigma < 0.2 * ARCSEC
+        assert abs(change.pull) < 3.0 and change.moved == {}
+
+
+@pytest.mark.parametrize('axis, name', [(0, 'azimuth'), (1, 'elevation')])
+def test_the_absolute_encoder_that_moved_is_named(axis, name):
+    second = [0.0, 0.0]
+    second[axis] = -6.0
+    report = check_witnesses(night(2, (12.0, -7.0), second), night(1))
+    assert len(report.alarms) == 1
+    assert report.alarms[0].startswith(f'{name}: absolute encoder moved by -')
+    change = report.changes[axis]
+    assert change.absolute / ARCSEC == pytest.approx(-6.0, abs=4 * change.absolute_sigma / ARCSEC)
+    # that the whole mount turned about this axis cannot be excluded
+    assert 0.5 < change.moved['absolute encoder'] < 0.9
+
+
+def test_a_mount_that_leans_is_named():
+    report = check_witnesses(night(2, (12.0, -7.0), model=mount(AN=8.0)), night(1))
+    assert [line.split(' moved')[0] for line in report.alarms] == ['elevation: mount or sky']
+    assert report.changes[1].moved['mount or sky'] > 0.99
+
+
+def test_all_moved_together_is_the_mount():
+    # no usual drift of the incremental encoder has the size of what both encoders show
+    report = check_witnesses(night(2, (0.0, 9.0), (0.0, 9.0)), night(1),
+                             power_on_sigma=0.3 * ARCSEC)
+    assert [line.split(' moved')[0] for line in report.alarms] == ['elevation: mount or sky']
+    report = check_witnesses(night(2, (0.0, 0.0), (0.0, 9.0)), night(1),
+                             power_on_sigma=0.3 * ARCSEC)
+    assert [line.split(' moved')[0] for line in report.alarms] == ['elevation: absolute encoder']
+
+
+@pytest.mark.parametrize('column, axis, witness', [
+    ('az_enc', 'azimuth', 'incremental encoder'), ('el_enc', 'elevation', 'incremental encoder'),
+    ('az_abs', 'azimuth', 'absolute encoder'), ('el_abs', 'elevation', 'absolute encoder')])
+@pytest.mark.parametrize('arcsec', [5.0, -20.0])
+def test_a_step_inside_a_power_on(column, axis, witness, arcsec):
+    rows = moved(night(2, (12.0, -7.0)), column, arcsec, since=55)
+    report = check_witnesses(rows, night(1))
+    event = report.events[0]
+    assert len(report.events) == len(report.alarms) == 1
+    assert (event.axis, event.kind, event.moved) == (axis, 'step', witness)
+    assert event.amount / ARCSEC == pytest.approx(arcsec, abs=4 * event.sigma / ARCSEC)
+    assert rows['time'][53] < event.time < rows['time'][56]
+    assert event.confidence > 0.9
+    assert report.alarms[0].startswith(f'{axis}: {witness} moved at ')
+
+
+def test_a_drift_inside_a_power_on():
+    rows = night(2)
+    hours = (rows['time'] - rows['time'][0]) / 3600.0
+    rows = PointingRun({**rows.columns, 'el_abs': rows['el_abs'] + 4.0 * hours * ARCSEC})
+    report = check_witnesses(rows)
+    assert [(e.kind, e.moved) for e in report.events] == [('drift', 'absolute encoder')]
+    assert report.to_dict()['events'][0]['amount_arcsec_per_hour'] == pytest.approx(4.0, abs=0.8)
+    assert 'arcsec an hour' in report.alarms[0]
+
+
+def test_a_mount_that_is_pushed_in_the_night():
+    rows = moved(moved(night(2), 'az_enc', 8.0), 'az_abs', 8.0)
+    report = check_witnesses(rows)
+    assert [(e.axis, e.moved) for e in report.events] == [('azimuth', 'mount or sky')]
+
+
+def test_a_power_on_without_a_zero_of_its_own():
+    first = night(2, (3.0, 0.0))
+    later = night(3, (23.0, -9.0), run=2, polaris=0, start=4000.0)
+    report = check_witnesses(PointingRun.concatenate([first, later]))
+    assert [line.split(' and has')[0] for line in report.alarms] == [
+        f'{axis}: incremental encoder began power-on 2 at 09:06:40 UTC'
+        for axis in ('azimuth', 'elevation')]
+    assert 'moved by +20.' in report.alarms[0] or 'moved by +19.' in report.alarms[0]
+    # with Polaris it is an expected change
+    later = night(3, (23.0, -9.0), run=2, start=4000.0)
+    report = check_witnesses(PointingRun.concatenate([first, later]))
+    assert report.alarms == []
+    assert [(c.since, c.run) for c in report.changes] == [(1.0, 2.0)] * 2
+
+
+def test_the_newest_power_on_of_the_reference_counts():
+    earlier = PointingRun.concatenate(
+        [night(1), night(4, (3.0, 3.0), (9.0, 9.0), run=2, start=4000.0)])
+    report = check_witnesses(night(2, (12.0, -7.0), (9.0, 9.0), start=DAY), earlier)
+    assert report.alarms == [] and len(report.changes) == 2
+    assert report.changes[0].apart / ARCSEC == pytest.approx(9.0, abs=0.6)
+
+
+def test_an_encoder_that_gives_no_angle():
+    rows = night(2)
+    rows['az_enc'][10:20] = np.nan
+    report = check_witnesses(rows)
+    assert report.alarms == [
+        'azimuth: incremental encoder gave no angle in 10 of 76 observations: reference mark not '
+        'met (confidence 1.00)']
+
+
+def test_what_the_encoder_says_of_itself():
+    rows = {'resolution [arcsec]': '0.0686', 'azimuth homed': 'True',
+            'azimuth mark met from': 'above', 'azimuth missed marks': '2',
+            'azimuth mark error [counts]': 'nan', 'azimuth mark width [arcsec]': '3.00',
+            'elevation homed': 'False', 'elevation missed marks': '3'}
+    azimuth, elevation = homings_from_diagnostics(rows, 7)
+    assert (azimuth.side, azimuth.homed, elevation.homed) == ('above', True, False)
+    lines = check_witnesses(night(2), homings=[azimuth, elevation]).alarms
+    assert lines[0].startswith('azimuth: incremental encoder, power-on 7: homed from above, not '
+                               'from below: its zero differs by -3.00 arcsec')
+    assert lines[1].startswith('elevation: incremental encoder, power-on 7: reference mark not '
+                               'met, missed 3 times')
+    assert check_witnesses(night(2), homings=[azimuth], home_side='above').alarms == []
+    lost = Homing(1, 'azimuth', True, 'below', 0, -120.0, 0.0686 * ARCSEC)
+    assert '-120 counts (-8.23 arcsec)' in check_witnesses(night(2), homings=[lost]).alarms[0]
+    assert check_witnesses(night(2), homings=[lost._replace(mark_error=3.0)]).alarms == []
+
+
+def test_the_reference_as_numbers():
+    first = check_witnesses(night(1, (1.0, 2.0)))
+    kept = Witness.from_dict(json.loads(json.dumps(first.to_dict()))['latest'])
+    rows = night(2, (12.0, -7.0), (0.0, 6.0))
+    for change, whole in zip(check_witnesses(rows, kept).changes,
+                             check_witnesses(rows, night(1, (1.0, 2.0))).changes):
+        assert change.incremental == pytest.approx(whole.incremental, abs=1e-12)
+        assert change.pull == pytest.approx(whole.pull, abs=1e-6)
+        assert change.alarm == whole.alarm
+    with pytest.raises(ValueError, match='covariance'):
+        Witness.from_dict({k: v for k, v in kept.to_dict().items() if k != 'covariance'})
+
+
+def test_polaris_goes_round():
+    # 300" of collimation make some arcsec between two places of Polaris on its circle
+    model = mount(CA=300.0)
+    before, now = night(1, model=model), night(2, model=model, hour=np.pi)
+    with_model = check_witnesses(now, before, model=model)
+    assert with_model.alarms == [] and max(abs(c.pull) for c in with_model.changes) < 3.0
+    wide = check_witnesses(now, before, term_sigma=300.0 * ARCSEC)
+    assert max(abs(c.pull) for c in wide.changes) < 3.0
+    assert wide.changes[0].absolute_sigma > 2.0 * with_model.changes[0].absolute_sigma
+    assert max(abs(c.pull) for c in
+               check_witnesses(now, before, term_sigma=1.0 * ARCSEC).changes) > 4.0
+
+
+def test_a_wrong_star_is_no_alarm():
+    rows = night(2, (12.0, -7.0))
+    for name in ('az_enc', 'az_abs', 'el_enc', 'el_abs'):
+        rows[name][[5, 30, 70]] += 300.0 * ARCSEC
+    rows['az_abs'][60] += 1200.0 * ARCSEC
+    assert check_witnesses(rows, night(1)).alarms == []
+
+
+def test_polaris_alone_will_do():
+    report = check_witnesses(night(2, (5.0, 5.0), (0.0, 7.0), stars=0), night(1, stars=0))
+    assert len(report.alarms) == 1 and report.alarms[0].startswith('elevation: ')
+    assert report.changes[1].absolute / ARCSEC == pytest.approx(7.0, abs=1.2)
+    # one star cannot tell a slip from a lean
+    assert report.changes[1].moved['absolute encoder'] == pytest.approx(0.5, abs=0.1)
+    assert 'Polaris alone' in report.notes[0]
+
+
+def test_quiet_nights_are_quiet():
+    reports = [check_witnesses(night(1000 + s, (9.0, 4.0)), night(5000 + s, start=-DAY))
+               for s in range(40)]
+    assert sum(bool(report.alarms) for report in reports) <= 1
+    pulls = np.array([[c.absolute / c.absolute_sigma for c in r.changes] for r in reports])
+    assert 0.75 < pulls.std() < 1.25 and abs(pulls.mean()) < 0.4
+
+
+def test_without_any_noise_nothing_is_seen_in_rounding():
+    assert check_witnesses(night(2, noise=0.0), night(1, noise=0.0)).alarms == []
+    rows = night(2, noise=0.0)
+    rows['az_enc'][:] = np.floor(rows['az_enc'] / (0.0686 * ARCSEC)) * 0.0686 * ARCSEC
+    assert check_witnesses(rows).alarms == []
+    assert len(check_witnesses(moved(rows, 'az_enc', 0.2)).alarms) == 1
+
+
+def test_few_rows_are_no_error():
+    for stars, polaris in ((0, 2), (1, 1), (2, 0), (3, 3), (6, 2), (12, 0)):
+        rows = night(2, (12.0, -7.0), stars=stars, polaris=polaris)
+        for reference in (None, night(1), night(1, stars=0)):
+            report = check_witnesses(rows, reference)
+            assert report.alarms == []
+            json.dumps(report.to_dict())
+    empty = night(2).select(slice(0, 0))
+    assert check_witnesses(empty).to_dict()['latest'] is None
+    assert check_witnesses(empty, night(1)).alarms == []
+
+
+def test_a_missing_column_is_named():
+    columns = {name: value for name, value in night(1).columns.items() if name != 'az_abs'}
+    with pytest.raises(ValueError, match='column az_abs'):
+        check_witnesses(PointingRun(columns))

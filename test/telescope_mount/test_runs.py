@@ -1,0 +1,102 @@
+"""Loading and exporting runs: files, logs, several of them."""
+
+import numpy as np
+import pytest
+
+from calibration.fit import fit_terms
+from msg_tools.run_files import read_run, write_csv
+from pointing_model.catalogue import POLARIS_HIP
+from pointing_model.pairing import centred
+from pointing_model.run import PointingRun
+from pointing_model.units import ARCSEC, DEG
+from telescope_mount.export import export_run
+from telescope_mount.runs import _readings, load_run, load_runs
+
+HEADER = 'az_deg,el_deg,az_enc_deg,el_enc_deg\n'
+ROWS = HEADER + '10,20,10.1,20.1\n350,40,350.2,40.2\n100,60,100.3,60.3\n'
+
+
+def test_a_file_is_read_with_its_options(tmp_path):
+    path = tmp_path / 'run.csv'
+    path.write_text(ROWS)
+    assert load_run(str(path))['az'][0] == pytest.approx(10 * DEG)
+    assert load_run(path, azimuth_origin='S')['az'][0] == pytest.approx(170 * DEG)
+    with pytest.raises(ValueError, match='no column az_abs_deg'):
+        load_run(path, encoder='abs')
+
+
+def test_several_runs(tmp_path):
+    names = ['a.csv', 'empty.csv', 'b.csv']
+    for name, text in zip(names, (ROWS, HEADER, ROWS.replace('10,', '20,'))):
+        (tmp_path / name).write_text(text)
+    runs, empty = load_runs([tmp_path / name for name in names])
+    assert [run['az'][0] / DEG for run in runs] == pytest.approx([10, 20])
+    assert len(empty) == 1 and 'empty.csv' in empty[0] and 'no observations' in empty[0]
+    with pytest.raises(ValueError, match='no observations'):
+        load_runs([tmp_path / 'empty.csv'])
+    (tmp_path / 'b.csv').write_text('nonsense')
+    with pytest.raises(ValueError, match=r'b\.csv is not a pointing run'):
+        load_runs([tmp_path / name for name in names])
+
+
+def test_raw_readings_are_those_that_the_miss_distance_moves():
+    rng = np.random.default_rng(5)
+    az, el = rng.uniform(-7, 7, 50), rng.uniform(0.1, 1.55, 50)
+    miss = rng.normal(size=(2, 50)) * 100 * ARCSEC
+    az_enc, el_enc = centred(az, el, *miss)
+    columns = {'az_enc': az_enc, 'el_enc': el_enc, 'miss_x': miss[0], 'miss_y': miss[1]}
+    got = _readings(columns)
+    assert np.abs(got[0] - az).max() < 1e-6 * ARCSEC
+    assert np.abs(got[1] - el).max() < 1e-6 * ARCSEC
+
+
+def test_export_is_not_written_over_its_source(tmp_path):
+    path = tmp_path / 'run.csv'
+    path.write_text(ROWS)
+    with pytest.raises(ValueError, match='written over'):
+        export_run(path, tmp_path / '.' / 'run.csv')
+    assert path.read_text() == ROWS
+
+
+def test_a_run_with_readings_comes_back(tmp_path):
+    run = PointingRun({'az': [0.1, 3.0], 'el': [0.5, 1.0], 'az_enc': [0.1, 3.0],
+                       'el_enc': [0.5, 1.0], 'az_raw': [6.1, 9.0], 'el_raw': [0.6, 1.1]})
+    write_csv(run, tmp_path / 'run.csv')
+    assert 'az_raw_deg,el_raw_deg' in (tmp_path / 'run.csv').read_text()
+    assert read_run(tmp_path / 'run.csv')['az_raw'] == pytest.approx([6.1, 9.0], abs=1e-15)
+
+
+# --------------------------------------------------------------------------- a log of a night
+
+@pytest.mark.usefixtures('ros_domain')
+def test_an_exported_log_gives_the_same_fit(night, tmp_path):
+    run = export_run(night / 'bag', tmp_path / 'log.csv')
+    back = load_run(tmp_path / 'log.csv')
+    assert len(run) == len(back) == 16 and set(run.columns) == set(back.columns)
+    assert not np.any(back['star'] == POLARIS_HIP)
+    assert np.array_equal(run['time'], back['time'])
+    assert np.array_equal(run['approach_az'], back['approach_az'])
+    for robust in (True, False):
+        mine, theirs = (fit_terms(r, ('IA', 'IE', 'CA', 'AN', 'AW'), robust=robust)
+                        for r in (run, back))
+        assert np.abs(mine.coefficients - theirs.coefficients).max() < 1e-9 * ARCSEC
+        assert np.abs(mine.residual_x - theirs.residual_x).max() < 1e-9 * ARCSEC
+        assert np.abs(mine.residual_y - theirs.residual_y).max() < 1e-9 * ARCSEC
+
+
+@pytest.mark.usefixtures('ros_domain')
+def test_a_log_keeps_what_the_encoders_read(night):
+    run = load_run(night / 'bag')
+    az, el = centred(run['az_raw'], run['el_raw'], run['miss_x'], run['miss_y'])
+    # the zero of each power-on is all that is taken off
+    for number in np.unique(run['run']):
+        rows = run['run'] == number
+        assert np.ptp((el - run['el_enc'])[rows]) < 1e-6 * ARCSEC
+    assert np.abs(run['miss_x']).max() > ARCSEC
+    swapped = load_run(night / 'bag', encoder='abs')
+    assert np.array_equal(swapped['el_enc'], run['el_abs']) and 'az_raw' not in swapped
+
+
+def test_the_truth_is_refused(night):
+    with pytest.raises(ValueError, match='truth of the simulator'):
+        load_run(night / 'bag_truth')
