@@ -84,7 +84,9 @@ def _case(night):
     # on the sky, at the elevation that the zero's contamination by CA tells: 1 / cos E
     cos_el = 1.0 / zero['contamination']['az']['CA']
     return {
-        'polaris_off_arcsec': float(np.hypot(zero['az_arcsec'] * cos_el, zero['el_arcsec'])),
+        'polaris_off_arcsec': float(np.hypot(
+            night['physical']['change_az_arcsec'] * cos_el,
+            night['physical']['change_el_arcsec'])),
         'specification_arcsec': SPECIFICATION_ARCSEC,
         **{f'{part}_{name}_arcsec': values[f'radial_{name}_arcsec']
            for part, values in (('before', before), ('after', after)) for name in ('rms', 'max')},

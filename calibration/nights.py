@@ -4,8 +4,6 @@ Paper 000, section 2: coefficients of two nights before correct the stars of ton
 after the zero calibration. Each power-on is a night here.
 """
 
-from dataclasses import replace
-
 import numpy as np
 
 from pointing_model.catalogue import POLARIS_HIP
@@ -14,7 +12,7 @@ from pointing_model.units import ARCSEC
 
 from .fit import fit_harmonics
 from .satellite_check import tracking_errors
-from .session import CalibrationSession
+from .session import CalibrationSession, zero_in_force
 from .zero import zero_from_polaris
 
 #: the two kinds of model, in the order of the report
@@ -37,7 +35,8 @@ class NightSeries:
     def __init__(self, age, first=None, split_seed=1):
         self._age, self._first, self._split_seed = age, first, split_seed
         self._sessions = {}
-        self._models = {}  # run -> {kind: PointingModel with its zero folded in}
+        self._models = {}  # run -> {kind: PointingModel}, to go with the zero in force then
+        self._zeros = {}
         self._rows = {}
         self.last_stamp = 0
 
@@ -73,6 +72,12 @@ class NightSeries:
         if old is not None:
             return old[kind]
         return self._first if kind == PHYSICAL_TERMS else None
+
+    def _zero_then(self, run):
+        """The zero that was in force with the reference of `run`."""
+        if run - self._age in self._zeros:
+            return self._zeros[run - self._age]
+        return zero_in_force(self._first)
 
     def add(self, run, stamp):
         """Take rows; see `CalibrationSession.add`."""
@@ -124,10 +129,10 @@ class NightSeries:
         session = self._sessions[number]
         model, report = session.fit(homings)
         rows = session.observations()
-        self._models[number] = {
-            PHYSICAL_TERMS: _folded(model, session.zeros_in_force.get(number, (0.0, 0.0))),
-            HARMONICS_ONLY: fit_harmonics(rows.select(rows['star'] >= 0)).model,
-        }
+        self._zeros[number] = zero = session.zeros_in_force.get(number, (0.0, 0.0))
+        stars = rows.select(rows['star'] >= 0)
+        self._models[number] = {PHYSICAL_TERMS: model,
+                                HARMONICS_ONLY: fit_harmonics(stars, zero=zero).model}
         if number in session.zeros and self._reference(number) is not None:
             self._rows[number] = self._night(number, rows, report['witnesses']['alarms'])
         report['nights'] = [self._rows[n] for n in sorted(self._rows)]
@@ -141,21 +146,24 @@ class NightSeries:
                  'after': rows.select(stars & ~polaris & (rows['time'] > last))}
         x, y = rows.select(polaris).offsets()
         az, el = rows['az'][polaris], rows['el'][polaris]
+        then = self._zero_then(number)
         out = {'night': number, 'reference': number - self._age}
         for kind in (PHYSICAL_TERMS, HARMONICS_ONLY):
             reference = self._reference(number, kind)
             if reference is None:
                 continue
             zero = zero_from_polaris(az, el, x, y, reference)
-            out[kind] = {'zero': zero.to_dict()}
-            for part, angles in (('before', None), ('after', (zero.az, zero.el))):
+            out[kind] = {'zero': zero.to_dict(),
+                         'change_az_arcsec': (zero.az - then[0]) / ARCSEC,
+                         'change_el_arcsec': (zero.el - then[1]) / ARCSEC}
+            for part, angles in (('before', then), ('after', (zero.az, zero.el))):
                 if len(parts[part]):
                     out[kind][part] = _means(reference, parts[part], angles)
             if kind == PHYSICAL_TERMS:
                 track = rows['star'] < 0
                 out['satellite'] = None if not track.any() else {
                     'before': tracking_errors(
-                        reference, rows.select(track & (rows['time'] < first))),
+                        reference, rows.select(track & (rows['time'] < first)), then),
                     'after': tracking_errors(
                         reference, rows.select(track & (rows['time'] > last)), (zero.az, zero.el))}
             if kind == PHYSICAL_TERMS and 'after' in out[kind]:
@@ -163,14 +171,6 @@ class NightSeries:
                     _budget(reference, zero, rows.select(polaris), parts['after']))
         out['alarms'] = alarms
         return out
-
-
-def _folded(model, zero):
-    """The model of the encoders as they read: IA and IE with the zero that was in force."""
-    terms = dict(model.terms)
-    for name, angle in zip(('IA', 'IE'), zero):
-        terms[name] = terms.get(name, 0.0) + angle
-    return replace(model, terms=terms)
 
 
 def _means(model, stars, zero):

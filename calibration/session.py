@@ -260,7 +260,8 @@ class CalibrationSession:
             steps.append({'step': label, **{
                 name: _rms(model, half, zero) for name, half in halves.items()}})
 
-        judge(RAW if self.reference is None else 'model of the earlier night', base, None)
+        judge(RAW if self.reference is None else 'model of the earlier night', base,
+              zero_in_force(self.reference))
         if self.zeros:
             judge(ZEROED, base, polaris)
         for label, reading in HARMONICS.items():
@@ -284,7 +285,8 @@ class CalibrationSession:
         polaris = self._polaris_zeros(rows)
         if self.reference is not None:
             label = 'model of the earlier night on all stars of tonight'
-            return [{'check': f'{label}, before Polaris', **_rms(self.reference, stars, None)},
+            return [{'check': f'{label}, before Polaris',
+                     **_rms(self.reference, stars, zero_in_force(self.reference))},
                     {'check': f'{label}, after Polaris', **_rms(self.reference, stars, polaris)}]
         out = []
         numbers = [n for n in np.unique(stars['run']) if int(n) in self.zeros]
@@ -301,6 +303,24 @@ class CalibrationSession:
             out.append({'check': f'{label}, with the old zero', **_rms(model, later, old)})
             out.append({'check': f'{label}, zero by Polaris', **_rms(model, later, new)})
         return out
+
+
+def zero_in_force(model):
+    """The zero that a model went with, as its provenance tells.
+
+    Parameters
+    ----------
+    model : PointingModel or None
+
+    Returns
+    -------
+    az, el : float
+        rad; of the newest power-on that the model was fitted to, 0 where nothing is known.
+    """
+    zeros = [] if model is None else model.provenance.get('zeros_in_force') or []
+    if not zeros:
+        return 0.0, 0.0
+    return zeros[-1]['az_arcsec'] * ARCSEC, zeros[-1]['el_arcsec'] * ARCSEC
 
 
 def _angles(zero):

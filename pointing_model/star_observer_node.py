@@ -282,7 +282,7 @@ class StarObserver(MountNode):
         if self._catalogue is None:
             # two magnitudes deeper, so that neighbours which would disturb are known
             self._catalogue = load_catalogue(mag_limit=self.value('magnitude_limit') + 2.0)
-        observed = {int(row['star']) for row in self._rows}
+        observed = {int(row['star']) for row in self._rows if row['stamp'] >= self._evening}
         rows = choose_stars(
             self._catalogue, self._now() * 1e-9, self._site, self._weather, count,
             self.value('star_seed') + block, self.value('min_elevation_deg') * DEG,

@@ -109,6 +109,16 @@ def _parser():
     fit.add_argument('--save', type=Path, metavar='FILE', help='write the model (.json, .yaml)')
     fit.set_defaults(run=_fit)
 
+    export = commands.add_parser(
+        'export', help='write the observations of a log as CSV',
+        description='Write a pointing run (a log of ours, or any file that fit reads) as a CSV '
+        'that fit reads again.')
+    export.add_argument('file', type=Path, metavar='RUN')
+    export.add_argument('out', type=Path, metavar='CSV')
+    export.add_argument('--azimuth-origin', choices=('N', 'S'),
+                        help='where azimuth 0 is in a TPOINT file')
+    export.set_defaults(run=_export)
+
     replay = commands.add_parser(
         'replay', help='replay a log into a fresh calibration',
         description='Publish a log again, calibrate on it, and print the same tables.')
@@ -243,6 +253,17 @@ def _fit(args):
     if args.save:
         result.model.save(args.save)
         console.print(f'model         {args.save}')
+
+
+def _export(args):
+    from .export import export_run
+    run = export_run(args.file, args.out, azimuth_origin=args.azimuth_origin)
+    console = _console()
+    for row in run.meta['excluded']:
+        console.print(f'row {row["row"]} left out: {row["reason"]}')
+    for note in run.meta['notes']:
+        console.print(f'note: {note}')
+    console.print(f'{len(run)} observations: {args.out}')
 
 
 def _replay(args):

@@ -108,18 +108,25 @@ def test_predicted_errors_are_those_that_come_out():
     assert np.sqrt(np.mean(np.square(chi), axis=0)) == pytest.approx([1.0, 1.0], abs=0.35)
 
 
-def test_the_zero_is_published_with_the_model_it_is_relative_to():
+def test_zeros_of_all_nights_go_with_one_another():
     series = NightSeries(2)
-    for run in (-1, 0):
+    zeros = {}
+    for run in sorted(DRIFTS):
         series.add(night(run), run + 10)
-        series.fit()
-        assert series.reference is None
-    series.add(night(1), 11)
-    _, zero = series.calibrate_zero()
-    # the model of night -1 as its encoders read, and the change since then
-    assert series.reference.terms['IA'] / ARCSEC == pytest.approx(310.0, abs=4.0)
-    assert zero.az / ARCSEC == pytest.approx(12.0, abs=3.0)
-    assert zero.el / ARCSEC == pytest.approx(-9.0, abs=2.0)
+        zeros[run] = series.calibrate_zero()[1]
+        assert (series.reference is None) == (run < 1)
+        _, report = series.fit()
+    for run in (1, 2, 3):
+        # the change of the zero in the report is that of the zeros, and of what was put in
+        change = np.subtract((zeros[run].az, zeros[run].el), series.zeros_in_force[run - 2])
+        row = report['nights'][run - 1]['physical']
+        assert change / ARCSEC == pytest.approx(
+            [row['change_az_arcsec'], row['change_el_arcsec']], abs=1e-9)
+        assert change / ARCSEC == pytest.approx(
+            np.subtract(DRIFTS[run], DRIFTS[run - 2]), abs=2.5)
+    # and of one night from the next, which has no part in its reference
+    apart = np.subtract(series.zeros_in_force[3], series.zeros_in_force[2]) / ARCSEC
+    assert apart == pytest.approx(np.subtract(DRIFTS[3], DRIFTS[2]), abs=4.0)
 
 
 def test_a_satellite_is_judged_and_not_fitted(nights):
