@@ -15,7 +15,7 @@ __all__ = ['CORRECTED', 'EXACT', 'REJECTED', 'AbsoluteEncoder', 'Readings', 'rea
 
 _TURN = 2.0 * np.pi
 _CHUNK = 256  # samples worked on at once, to bound the memory
-_BLOCK = 8  # frames read at once
+_BLOCK = 8  # frames that the paper's reading gets at once
 #: what a reading knows of its encoder: the drawing of the disc and of the optics, no flaw
 _NOMINAL = ('diameter', 'code', 'bar_wide', 'bar_narrow', 'geometry', 'pixels', 'bar_pitch',
             'blur', 'reading')
@@ -71,7 +71,7 @@ class AbsoluteEncoder:
         self.params, self.seed, self.axis = params, seed, axis
         self.power_on, self.start = power_on, start
         device = f'absolute/{axis}'
-        self._zero = ZeroDrift(params, seed, device)
+        self._zero, self._drifts = ZeroDrift(params, seed, device), {}
         self.reader = reader_of(params)
         self.disc = _disc(params.code)
         ccd = LinearCCD(params, self.disc, seed, device)
@@ -80,7 +80,9 @@ class AbsoluteEncoder:
     @property
     def zero_drift(self):
         """Shift of the reading since this power-on, rad."""
-        return self._zero.at_power_on(self.power_on)
+        if self.power_on not in self._drifts:
+            self._drifts[self.power_on] = self._zero.at_power_on(self.power_on)
+        return self._drifts[self.power_on]
 
     def power_cycle(self):
         """Off and on again."""
@@ -120,12 +122,12 @@ class AbsoluteEncoder:
         """
         stamps = np.atleast_1d(np.asarray(stamps, dtype=np.int64))
         angles = np.atleast_1d(np.asarray(angles, dtype=float))
-        rates = np.broadcast_to(np.asarray(rates, dtype=float), angles.shape)
+        rates = np.asarray(rates, dtype=float)
         if len(stamps) == 0:
             return np.empty((len(self.heads), 0, self.params.pixels), dtype=np.uint8)
-        return np.stack([
-            ccd.frames(stamps, self._shown(stamps, angles, rates, temperature, head), rates)
-            for head, ccd in enumerate(self.heads)])
+        rows = [ccd.frames(stamps, self._shown(stamps, angles, rates, temperature, head), rates)
+                for head, ccd in enumerate(self.heads)]
+        return rows[0][np.newaxis] if len(rows) == 1 else np.stack(rows)
 
     def reading(self, readings):
         """The axis from the readings of its heads.
@@ -140,15 +142,15 @@ class AbsoluteEncoder:
         Readings
             Rejected where any head is: a single head would bring the eccentricity back.
         """
-        angle = readings.angle.reshape(len(self.heads), -1)
-        quality = readings.quality.reshape(len(self.heads), -1).max(axis=0)
-        first = angle[0]
+        angle, quality = readings.angle, readings.quality
         if len(self.heads) == 2:
-            apart = (angle[1] - first) % _TURN - np.pi
-            first = (first + 0.5 * apart) % _TURN
+            first, second = angle.reshape(2, -1)
+            apart = (second - first) % _TURN - np.pi
+            angle = (first + 0.5 * apart) % _TURN
+            quality = quality.reshape(2, -1).max(axis=0)
         if self.axis == 'elevation':
-            first = (first + np.pi) % _TURN - np.pi
-        return Readings(first, quality)
+            angle = (angle + np.pi) % _TURN - np.pi
+        return Readings(angle, quality)
 
     def read(self, stamps, angles, rates=0.0, temperature=None):
         """Read the axis; parameters as for `frames`.
@@ -199,26 +201,29 @@ def read_together(encoders, stamps, angles, rates, temperature=None):
 
 def read_frames(encoders, frames):
     """As `read_together`, from the frames of each encoder, shapes (heads, n, pixels)."""
-    out = [None] * len(encoders)
+    n = frames[0].shape[1]
+    angle = np.empty((n, len(encoders)))
+    quality = np.empty((n, len(encoders)), dtype=np.int8)
     for reader in {id(e.reader): e.reader for e in encoders}.values():
         mine = [i for i, e in enumerate(encoders) if e.reader is reader]
         rows = np.concatenate([frames[i].reshape(-1, frames[i].shape[2]) for i in mine])
-        readings = _read_in_blocks(reader, rows)
+        paper = encoders[mine[0]].params.reading == 'paper'
+        readings = _read_in_blocks(reader, rows) if paper else reader.read(rows)
         begin = 0
         for i in mine:
-            end = begin + frames[i].shape[0] * frames[i].shape[1]
-            out[i] = encoders[i].reading(
+            end = begin + frames[i].shape[0] * n
+            axis = encoders[i].reading(
                 Readings(readings.angle[begin:end], readings.quality[begin:end]))
+            angle[:, i], quality[:, i] = axis.angle, axis.quality
             begin = end
-    return Readings(np.stack([r.angle for r in out], axis=1),
-                    np.stack([r.quality for r in out], axis=1))
+    return Readings(angle, quality)
 
 
 def _read_in_blocks(reader, rows):
     """Always so many frames at once.
 
     The last digit of a product of matrices depends on their size. In blocks of one size a reading
-    is the same to the last bit whatever else is read with it.
+    is the same to the last bit whatever else is read with it, as ours is by itself.
     """
     angle, quality = np.empty(len(rows)), np.empty(len(rows), dtype=np.int8)
     for i in range(0, len(rows), _BLOCK):

@@ -4,6 +4,7 @@ The effort of a reading is its quality: 0 exact, 1 corrected, 2 rejected; a reje
 """
 
 import array
+import math
 import sys
 
 import numpy as np
@@ -53,7 +54,7 @@ class AbsoluteEncoders(MountNode):
         for truth in [message, *self._waiting()]:
             try:
                 stamp, angles, rates = convert.read_joints(truth)[:3]
-                if not np.isfinite(angles).all():
+                if not all(map(math.isfinite, angles)):
                     raise ValueError('a true angle is not finite')
             except ValueError as err:
                 self.reject(topics.TRUTH_JOINTS.name, str(err))
@@ -66,8 +67,9 @@ class AbsoluteEncoders(MountNode):
     def _waiting(self):
         """The messages behind the one that the executor brought: it brings one a turn."""
         out = []
+        most = self.value('max_batch') - 1
         with self._truth.handle:
-            while len(out) < self.value('max_batch') - 1:
+            while len(out) < most:
                 taken = self._truth.handle.take_message(self._truth.msg_type, False)
                 if taken is None:
                     break
@@ -79,13 +81,14 @@ class AbsoluteEncoders(MountNode):
         stamps = np.array([sample[0] for sample in samples], dtype=np.int64)
         angles = np.array([sample[1] for sample in samples])
         rates = np.array([sample[2] for sample in samples])
-        known = np.nan_to_num(rates, nan=0.0)
+        known = np.where(np.isfinite(rates), rates, 0.0)
         warmth = self._warmth(stamps)
         frames = [encoder.frames(stamps, angles[:, axis], known[:, axis], warmth)
                   for axis, encoder in enumerate(self._encoders)]
         readings = read_frames(self._encoders, frames)
-        for (stamp, _, rate), angle, quality in zip(samples, readings.angle, readings.quality):
-            self._counts[_BOTH, quality] += 1
+        np.add.at(self._counts, (_BOTH, readings.quality), 1)
+        for (stamp, _, rate), angle, quality in zip(
+                samples, readings.angle.tolist(), readings.quality.tolist()):
             self._pub.publish(convert.joint_state(stamp, angle, rate, quality))
         if self._frame_pub.get_subscription_count() > 0:
             rate = self.value('frame_rate_hz')

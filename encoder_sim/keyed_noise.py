@@ -29,17 +29,37 @@ def _counters(n):
 
 
 def _mix(z):
-    z = (z ^ (z >> _SHIFTS[0])) * _MULTIPLY_1
-    z = (z ^ (z >> _SHIFTS[1])) * _MULTIPLY_2
-    return z ^ (z >> _SHIFTS[2])
+    """Changes `z` itself."""
+    z ^= z >> _SHIFTS[0]
+    z *= _MULTIPLY_1
+    z ^= z >> _SHIFTS[1]
+    z *= _MULTIPLY_2
+    z ^= z >> _SHIFTS[2]
+    return z
+
+
+def bits(seed, device, purpose, keys, n):
+    """Random bits, 64 in each number.
+
+    Parameters
+    ----------
+    seed, device, purpose, keys
+        As for `uniform`.
+    n : int
+        Numbers a key.
+
+    Returns
+    -------
+    ndarray of uint64, shape (number of keys, n)
+    """
+    keys = np.atleast_1d(np.asarray(keys, dtype=np.int64)).ravel().view(np.uint64)
+    state = _mix(keys * _STEP + _stream(seed, device, purpose))
+    return _mix(state[:, np.newaxis] + _counters(n))
 
 
 def _uniform(seed, device, purpose, keys, n):
     """`n` uniform numbers a key in (0, 1), shape (number of keys, n)."""
-    keys = np.atleast_1d(np.asarray(keys, dtype=np.int64)).ravel().view(np.uint64)
-    state = _mix(keys * _STEP + _stream(seed, device, purpose))
-    bits = _mix(state[:, np.newaxis] + _counters(n))
-    return ((bits >> _SHIFTS[3]) + 0.5) * 2.0**-53
+    return ((bits(seed, device, purpose, keys, n) >> _SHIFTS[3]) + 0.5) * 2.0**-53
 
 
 def uniform(seed, device, purpose, keys):

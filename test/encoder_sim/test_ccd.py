@@ -236,3 +236,14 @@ def test_pixel_noise_is_normal():
     for other in (noise[1:, :], np.roll(noise, 1, axis=1)[1:]):
         assert abs(np.mean(noise[: len(other)] * other)) < 0.004
     assert np.abs(np.corrcoef(noise[:, :40].T) - np.eye(40)).max() < 0.2
+
+
+@pytest.mark.parametrize('changes', [
+    {}, {'bar_pitch': 53.37}, {'mounting': 'reversed'}, {'scale_error': 0.004}])
+def test_the_track_is_closed(changes):
+    camera = ccd(**changes)
+    # rows that see the seam in their first, middle and last pixels
+    angles = np.concatenate([np.linspace(-20.0, 20.0, 60) * BAR_ANGLE, [0.0]])
+    before, after = camera.light(angles - 1e-7), camera.light(angles + 1e-7)
+    assert np.abs(after - before).max() < 0.05
+    assert camera.light(angles + 2 * np.pi) == pytest.approx(camera.light(angles), abs=1e-3)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from encoder_sim.keyed_noise import normal, uniform
+from encoder_sim.keyed_noise import bits, normal, uniform
 
 
 def test_order_and_grouping_do_not_matter():
@@ -45,3 +45,14 @@ def test_shapes():
     assert normal(1, 'a', 'b', np.zeros((2, 3), int)).shape == (2, 3)
     assert normal(1, 'a', 'b', 7, 5).shape == (5,)
     assert normal(1, 'a', 'b', [1, 2], 1800).shape == (2, 1800)
+
+
+def test_bits():
+    keys = 1_768_000_000_000_000_000 + np.arange(400) * 1_000_000
+    words = bits(3, 'a', 'b', keys, 30)
+    assert words.dtype == np.uint64 and words.shape == (400, 30)
+    assert np.array_equal(bits(3, 'a', 'b', keys[7], 30)[0], words[7])
+    each = words[..., np.newaxis] >> np.arange(64, dtype=np.uint64) & np.uint64(1)
+    assert np.abs(each.mean(axis=(0, 1)) - 0.5).max() < 0.02
+    # the numbers of `uniform` are their upper 53 bits
+    assert uniform(3, 'a', 'b', keys) == pytest.approx(words[:, 0] / 2.0**64, abs=1e-15)

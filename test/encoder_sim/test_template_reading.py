@@ -1,4 +1,5 @@
 import dataclasses
+import warnings
 
 import numpy as np
 import pytest
@@ -81,7 +82,7 @@ def test_no_bias_without_noise(pitch, changes):
     light = LinearCCD(params, Disc(params.code)).light(places)
     nominal = dataclasses.replace(params, scale_error=0.0)
     error = errors(TemplateReader(nominal, Disc(params.code)).read(light), places)
-    assert np.abs(error).max() < 0.06
+    assert np.abs(error).max() < 0.07
 
 
 @pytest.mark.parametrize('blur, limit', [(0.9, 0.2), (1.1, 0.2)])
@@ -111,17 +112,27 @@ def test_every_place_of_a_bar_and_the_ends_of_the_circle():
     assert readings.angle.min() >= 0.0 and readings.angle.max() < 2.0 * np.pi
 
 
-def test_the_same_alone_and_among_others():
-    params = design()
-    places = angles(150)
-    images = frames(params, places)
+@pytest.mark.parametrize('changes, blobs', [
+    ({}, 0), ({'shifted_bars': 0.1}, 0), ({'mounting': 'reversed'}, 0),
+    ({'geometry': 'tangent', 'shading_tilt': 0.1}, 0), ({'noise': 10.0}, 3)])
+def test_the_same_to_the_last_bit_alone_and_among_others(changes, blobs):
+    params = design(**changes)
+    places = angles(130)
+    dust = np.random.default_rng(5).uniform(0.0, params.pixels, (130, blobs)) if blobs else None
+    images = frames(params, places, dust=dust)
+    images[::3] = images[::3, ::-1]
     reader = TemplateReader(params, Disc())
-    together = reader.read(images).angle
-    for i in (0, 63, 64, 149):
-        assert wrap(reader.read(images[i]).angle[0] - together[i]) == pytest.approx(
-            0.0, abs=0.001 * ARCSEC)
+    together = reader.read(images)
+    for size in (1, 2, 7, 63):
+        for i in range(0, len(images), size):
+            part = reader.read(images[i : i + size])
+            for field in dataclasses.fields(part):
+                whole = getattr(together, field.name)[i : i + size]
+                assert np.array_equal(getattr(part, field.name), whole,
+                                      equal_nan=whole.dtype.kind == 'f')
     # grey levels may be float
-    assert reader.read(images.astype(float)).angle == pytest.approx(together, abs=1e-9)
+    assert reader.read(images.astype(float)).angle == pytest.approx(
+        together.angle, abs=1e-9, nan_ok=True)
 
 
 def test_own_disc():
@@ -243,7 +254,9 @@ def test_what_is_no_frame_is_rejected():
         'noise': rng.uniform(0, 255, 1800), 'shuffled': rng.permutation(good)}
     images = np.stack([*rows.values(), good])
     before = images.copy()
-    readings = TemplateReader(params, Disc()).read(images)
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        readings = TemplateReader(params, Disc()).read(images)
     assert np.array_equal(images, before, equal_nan=True)
     assert readings.quality.tolist() == [REJECTED] * len(rows) + [EXACT]
     assert np.isnan(readings.angle[:-1]).all()
@@ -257,12 +270,17 @@ def test_what_is_no_frame_is_rejected():
     assert whole.quality[[0, 1, 2, 3, 5, 6, 7, 8, 9]].tolist() == [REJECTED] * 9
 
 
-def test_random_garbage_never_becomes_an_angle():
+def test_random_garbage_never_becomes_an_angle_or_a_warning():
     rng = np.random.default_rng(3)
     reader = TemplateReader(design(), Disc())
-    for images in (rng.integers(0, 256, (600, 1800)), rng.normal(120.0, 30.0, (600, 1800)),
-                   np.repeat(rng.integers(70, 160, (600, 75)), 24, axis=1)):
-        readings = reader.read(images.astype(np.uint8))
+    noise = rng.normal(120.0, 30.0, (600, 1800))
+    for images in (rng.integers(0, 256, (600, 1800)).astype(np.uint8), noise.astype(np.uint8),
+                   np.repeat(rng.integers(70, 160, (600, 75)), 24, axis=1).astype(np.uint8),
+                   1e35 * noise, noise - 500.0, np.full((3, 1800), np.nan),
+                   np.full((1, 1800), -np.inf), np.full((2, 1800), 1e300)):
+        with warnings.catch_warnings():
+            warnings.simplefilter('error')
+            readings = reader.read(images)
         assert np.isnan(readings.angle).all() and (readings.quality == REJECTED).all()
         assert (readings.reason > 0).all()
 

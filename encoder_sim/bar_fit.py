@@ -1,0 +1,305 @@
+"""From the places of the single bars to one line through them: place and scale of the image."""
+
+import numpy as np
+
+from .bar_decoding import median
+
+_PASSES = 3
+_OUTLIER = 6.0 * 1.4826  # median deviations at which level or contrast is no bar's
+_FLAT = 0.01  # relative deviation that is not
+_SHARPEST = 3.0  # pixels of blur: the response is straight over a share of it
+_CUT = 6.0  # of Tukey's weights: costs 2 % where the noise is normal
+_FAR = np.float32(4.5)  # 1-sigma: beyond it a bar pulls the line too much
+_DEVIATION = np.float32(1.4826)  # 1-sigma from the median deviation
+_BEND = np.float32(1.4826 / 6.0**0.5)  # and from that of second differences
+_TINY = np.float32(1e-6)
+
+
+class BarLine:
+    """The least-squares template of the decoded bars, as a robust line through their shifts.
+
+    Parameters
+    ----------
+    params : scenario.Absolute
+    lattice : bar_lattice.BarLattice
+    template : bar_template.BarTemplate
+    codes : ndarray of int, shape (disc.bars, bars)
+        For the window with its middle at each bar of the disc, the bits of every bar and its
+        neighbours: 4 * left + 2 * own + right.
+    """
+
+    def __init__(self, params, lattice, template, codes):
+        self._lattice, self._template = lattice, template
+        # bar periods, up to which the response is a straight line: 0.06 % of it are left
+        self._enough = np.float32(0.05 * max(params.blur, _SHARPEST) / params.bar_pitch)
+        per_pixel = float(lattice.per_pixel)
+        self._expected = np.stack(
+            [table[codes] for table in (
+                1.0 / template.contrast_of, template.level_of, template.response,
+                template.ground_moment * per_pixel, template.contrast_moment * per_pixel,
+                per_pixel / template.response_slope)], axis=1).astype(np.float32)
+        rank = lattice.rank.astype(float)
+        n, self._rank, self._turned = len(rank), lattice.rank, lattice.rank[-1] / 3.0
+        powers = np.stack([np.ones(n), rank, rank * rank])
+        slopes = np.stack([np.zeros(n), np.ones(n), 2.0 * rank])
+        self._powers = np.ascontiguousarray(powers.T.astype(np.float32))
+        # the values and the slope of a parabola, from its coefficients
+        self._curves = np.concatenate([powers, slopes], axis=1).astype(np.float32)
+        # parabola through all bars but the first and the last, one of which is often cut
+        inner = np.zeros((n, 3))
+        inner[1:-1] = np.linalg.pinv(powers[:, 1:-1])
+        self._parabola = inner.astype(np.float32)
+        self._parabola_of_all = np.ascontiguousarray(np.linalg.pinv(powers), dtype=np.float32)
+        self._rows = powers.astype(np.float32)
+        self._straight = powers[:2].astype(np.float32)
+        self._lines = self._least_squares(template.response_slope[codes])
+
+    def _least_squares(self, slopes):
+        """From shifts to their weighted least-squares line, shape (disc.bars, 4, bars, 2).
+
+        Second index: which of the first (1) and of the last bar (2) is in it.
+        """
+        out = np.empty((len(slopes), 4, len(self._rank), 2), dtype=np.float32)
+        powers = self._straight.T.astype(float)
+        for ends in range(4):
+            weight = slopes.copy()
+            weight[:, 0] *= ends & 1
+            weight[:, -1] *= ends >> 1
+            weighted = weight[:, :, np.newaxis] * powers
+            out[:, ends] = weighted @ np.linalg.inv(powers.T @ weighted)
+        return out
+
+    def fit(self, bar, bars):
+        """Change of the line ``alpha + beta * rank`` of the bars' places.
+
+        Parameters
+        ----------
+        bar : ndarray of int, shape (n,)
+            Number of the bar in the middle.
+        bars : Bars
+            To which what is found here is added.
+
+        Returns
+        -------
+        alpha, beta : ndarray, shape (n,)
+            Bar periods, and relative.
+        used : ndarray of int, shape (n,)
+            Bars that decide the line.
+        spread : ndarray, shape (n,)
+            1-sigma of a bar about the line, bar periods.
+        """
+        bars.bar, expected = bar, self._expected[bar]
+        curves = np.empty((2, *bars.good.shape), dtype=np.float32)
+        np.multiply(bars.contrast, expected[:, 0], out=curves[1])
+        np.multiply(curves[1], expected[:, 1], out=curves[0])
+        curves[0] += bars.seen[0]
+        values, slopes = self._smooth(curves, bars)
+        bars.contrast_curve = contrast = values[1]
+        ground = slopes[0] * expected[:, 3]
+        ground -= slopes[1] * expected[:, 4]
+        scale = expected[:, 5] / contrast
+        if self._lattice.flat:
+            stretch = self._lattice.stretch(bars.pixel)
+            ground *= stretch
+            scale *= stretch
+        ground -= contrast * expected[:, 2]
+        bars.ground, bars.scale = ground, scale
+        bars.series = np.where(bars.narrow, bars.seen[7:11], bars.seen[3:7])
+        return self._find_line(bars, bars.shift, None, _PASSES - 1)
+
+    # --- level and contrast along the row -----------------------------------------------------
+
+    def _smooth(self, curves, bars):
+        """Parabolas through level and contrast; bars that are not on both are no longer good.
+
+        Returns
+        -------
+        values, slopes : ndarray, shape (2, n, bars)
+            Of the parabolas, and their change from bar to bar.
+        """
+        n = curves.shape[2]
+        both = self._on_parabola(curves, self._parabola)
+        values, slopes = both[..., :n], both[..., n:]
+        rest = curves - values
+        np.abs(rest, out=rest)
+        clean = rest <= median(rest) * _OUTLIER + values * _FLAT
+        good = bars.good = bars.good & clean[0] & clean[1]
+        bars.whole = whole = np.logical_and.reduce(good[:, 1:-1], axis=1)
+        if not np.logical_and.reduce(whole):
+            rows = np.flatnonzero(~whole)
+            both[:, rows], good[rows] = self._smooth_dirty(curves[:, rows], good[rows])
+        return values, slopes
+
+    def _smooth_dirty(self, curves, good):
+        """As `_smooth`; bars that are not on the parabolas are put on them."""
+        # a bar at an end is often cut: there the next one stands for it
+        curves[:, :, 0] = np.where(good[:, 0], curves[:, :, 0], curves[:, :, 1])
+        curves[:, :, -1] = np.where(good[:, -1], curves[:, :, -1], curves[:, :, -2])
+        curves = self._put_on(np.where(good, curves, median(curves)), good)
+        rest = np.abs(curves - self.smooth(curves))
+        clean = rest <= _OUTLIER * median(rest) + _FLAT * curves
+        good = good & clean[0] & clean[1]
+        curves = self._put_on(curves, good)
+        return self._on_parabola(curves, self._parabola_of_all), good
+
+    def _put_on(self, curves, good):
+        for _ in range(3):
+            curves = np.where(good, curves, self.smooth(curves))
+        return curves
+
+    def smooth(self, values):
+        """Least-squares parabola of each row, shape (..., bars)."""
+        fit = np.matmul(values[..., np.newaxis, :], self._parabola_of_all)
+        return np.matmul(fit, self._rows)[..., 0, :]
+
+    def _on_parabola(self, curves, fit):
+        """Values and slopes, one row after the other, shape (2, n, 2 * bars)."""
+        return np.matmul(np.matmul(curves[..., np.newaxis, :], fit), self._curves)[..., 0, :]
+
+    # --- the line -----------------------------------------------------------------------------
+
+    def _find_line(self, bars, shift, crosstalk, more):
+        """The line when the template of each bar lies at `shift`, and `more` times anew from it."""
+        m0, m1, m2, m3 = bars.series
+        # the weights moved by `shift`, as a series
+        rest = m3 * shift
+        rest -= m2
+        rest *= shift
+        rest += m1
+        rest *= shift
+        rest -= m0
+        rest += bars.ground
+        if crosstalk is not None:
+            rest -= crosstalk
+        rest *= bars.scale
+        alpha, beta, weight, spread, left = self._line(rest, bars, crosstalk is None)
+        used = np.add.reduce(weight > 0.0, axis=1)
+        if more:
+            # anew where the line has moved, or bars that are off it disturb their neighbours;
+            # a turn of the line about the middle hardly moves the angle
+            again = np.maximum(np.abs(alpha), np.abs(beta) * self._turned) > self._enough
+            again |= used < np.add.reduce(bars.visible, axis=1)
+            if np.logical_or.reduce(again):
+                rows = np.flatnonzero(again)
+                part = bars.rows(rows)
+                pixels = self._lattice.pixels_of(part.pixel)
+                line = alpha[rows, np.newaxis] + beta[rows, np.newaxis] * self._rank
+                off = part.visible & (weight[rows] == 0.0)
+                crosstalk = self._crosstalk(left[rows] * pixels, off, part)
+                a, b, used[rows], spread[rows] = self._find_line(
+                    part, shift[rows] + line * pixels, crosstalk, more - 1)
+                alpha[rows] += a
+                beta[rows] += b
+        return alpha, beta, used, spread
+
+    def _line(self, values, bars, from_median):
+        """Robust straight line.
+
+        Least squares, as long as no bar (but the ends) is missing in it or far from it; else in
+        two steps with Tukey's weights from the median or from zero.
+
+        Returns
+        -------
+        alpha, beta : ndarray, shape (n,)
+        weight : ndarray, shape (n, bars)
+            Above zero for bars that count.
+        spread : ndarray, shape (n,)
+        rest : ndarray, shape (n, bars)
+        """
+        if not np.logical_or.reduce(bars.whole):
+            return self._robust_line(values, bars.good / bars.scale, from_median)
+        good = bars.good
+        line = np.matmul(values[:, np.newaxis], self._lines[bars.bar, good[:, 0] + 2 * good[:, -1]])
+        rest = values - np.matmul(line, self._straight)[:, 0]
+        size = np.abs(rest)
+        spread = median(size) * _DEVIATION
+        # several wrong bars together tilt the line, and so hide; the bend of three bars does not
+        bend = values[:, 2:] - 2.0 * values[:, 1:-1] + values[:, :-2]
+        calm = median(np.abs(bend)) * _BEND
+        far = size > np.minimum(spread, calm) * _FAR
+        far &= good
+        out = line[:, 0, 0], line[:, 0, 1], good, spread[:, 0], rest
+        simple = bars.whole & ~np.logical_or.reduce(far, axis=1)
+        if not np.logical_and.reduce(simple):
+            rows = np.flatnonzero(~simple)
+            out = (*out[:2], good.astype(np.float32), *out[3:])
+            robust = self._robust_line(values[rows], good[rows] / bars.scale[rows], from_median)
+            for all_rows, part in zip(out, robust):
+                all_rows[rows] = part
+        return out
+
+    def _robust_line(self, values, weight0, from_median):
+        """As `_line`, by Tukey's weights; of full weight `weight0`."""
+        middle = median(values) if from_median else np.float32(0.0)
+        a, b = self._step(values - middle, weight0)[:2]
+        a += middle
+        da, db, weight, cut = self._step(values - a - b * self._rank, weight0)
+        a, b = a + da, b + db
+        rest = values - a - b * self._rank
+        return a[:, 0], b[:, 0], weight, cut[:, 0] * (1.0 / _CUT), rest
+
+    def _step(self, rest, weight0):
+        """Line through `rest` with Tukey's weights, these, and their cut."""
+        cut = median(np.abs(rest)) * (_DEVIATION * np.float32(_CUT)) + _TINY
+        weight = rest / cut
+        weight *= weight
+        np.subtract(1.0, weight, out=weight)
+        np.maximum(weight, 0.0, out=weight)
+        weight *= weight
+        weight *= weight0
+        both = np.empty((2, len(rest), 1, rest.shape[1]), dtype=np.float32)
+        both[0, :, 0] = weight
+        np.multiply(weight, rest, out=both[1, :, 0])
+        sums = np.matmul(both, self._powers)
+        s, t = sums[0], sums[1]
+        s0, s1, s2, t0, t1 = s[:, :, 0], s[:, :, 1], s[:, :, 2], t[:, :, 0], t[:, :, 1]
+        det = s0 * s2 - s1 * s1 + _TINY
+        return (s2 * t0 - s1 * t1) / det, (s0 * t1 - s1 * t0) / det, weight, cut
+
+    def _crosstalk(self, apparent, off, bars):
+        """What bars off the line, at a distance `apparent` (pixels), change in their neighbours."""
+        level = bars.seen[0]
+        missing = off & (np.abs(bars.contrast) < 0.25 * median(bars.contrast))
+        missing &= level > median(level)
+        # level and contrast of a bar, not of a blob
+        ratio = bars.contrast / np.maximum(level, 1.0)
+        shifted = off & (np.abs(ratio / median(ratio) - 1.0) < 0.12)
+        return bars.contrast_curve * self._template.crosstalk(
+            apparent, shifted, missing, bars.narrow)
+
+
+class Bars:
+    """What is known of the bars of n frames; arrays of shape (n, bars) unless said.
+
+    Attributes
+    ----------
+    visible, good : ndarray of bool
+        Whole in the row; legible, and as the code has it.
+    narrow : ndarray of bool
+        By the code.
+    pixel, shift : ndarray
+        Middle of the stretch, and how far the bar is expected beyond it, pixels.
+    seen : ndarray, shape (11, n, bars)
+    contrast : ndarray
+    contrast_curve, ground, scale : ndarray
+        Set by `BarLine.fit`: contrast along the row; response of a bar at its place to a template
+        at its place; bar periods a unit of response.
+    bar, whole : ndarray, shape (n,)
+        The bar in the middle; whether all but the first and the last are good.
+    series : ndarray, shape (4, n, bars)
+        Terms of the response to a moved template.
+    """
+
+    _FIRST = ('visible', 'good', 'narrow', 'pixel', 'shift', 'contrast', 'contrast_curve',
+              'ground', 'scale', 'bar', 'whole')
+    _SECOND = ('seen', 'series')
+
+    def __init__(self, **fields):
+        self.__dict__.update(fields)
+
+    def rows(self, rows):
+        """Those of some frames."""
+        if len(rows) == len(self.visible):
+            return self
+        return Bars(**{name: getattr(self, name)[rows] for name in self._FIRST},
+                    **{name: getattr(self, name)[:, rows] for name in self._SECOND})

@@ -1,0 +1,125 @@
+"""Where the bars lie in the row of pixels, whatever their bits."""
+
+import numpy as np
+
+from .bar_template import fixed_point
+from .ccd import pixel_places
+
+_TURN = 2.0 * np.pi
+_WIDTH, _STEP = 5.0, 2.5  # of the windows, bar periods
+_EVERY = 3  # pixels: enough for a tenth of a pixel
+_LARGEST = 0.012  # relative scale error that is looked for
+_TINY = np.float32(1e-6)
+
+
+class BarLattice:
+    """Phase and scale of the bar period along the row.
+
+    Parameters
+    ----------
+    params : scenario.Absolute
+        Of which it uses the nominal image.
+    bars : int
+        Of the disc.
+    half : int
+        Pixels that a whole bar needs on either side of its middle.
+
+    Attributes
+    ----------
+    rank : ndarray of float32, shape (bars in view,)
+        Numbers of the bars that may be in view; 0 is the one nearest to the middle of the row.
+        All but the first and the last are in view always.
+    per_pixel : float
+        Bar periods a pixel, in the middle of the row.
+    flat : bool
+        They are fewer towards the ends.
+    """
+
+    def __init__(self, params, bars, half):
+        self._half, self._last = half, params.pixels - 1 - half
+        self._pitch = np.float32(params.bar_pitch)
+        self._middle = np.float32(0.5 * (params.pixels - 1))
+        self._place = pixel_places(params, bars)
+        self.flat = params.geometry == 'tangent'
+        self.per_pixel = np.float32(1.0 / params.bar_pitch)
+        self._stretch = (np.gradient(self._place) * params.bar_pitch).astype(np.float32)
+        reach = int(np.interp(self._last, np.arange(params.pixels), self._place) + 0.5)
+        self.rank = np.arange(-reach, reach + 1, dtype=np.float32)
+        self._prepare_windows()
+
+    def _prepare_windows(self):
+        """Windowed sine and cosine of the bar period, shape (pixels / 3, 2 * windows)."""
+        place = self._place[::_EVERY]
+        n = int((place[-1] - place[0] - _WIDTH) / _STEP) + 1
+        middles = _STEP * (np.arange(n) - 0.5 * (n - 1))
+        columns = []
+        for middle in middles:
+            x = place - middle
+            window = np.where(np.abs(x) < 0.5 * _WIDTH, np.cos(np.pi * x / _WIDTH) ** 2, 0.0)
+            # blind to level and slope of the ground
+            ground = np.stack([np.ones_like(x), x], axis=1)
+            wave = -np.exp(-1j * _TURN * place)
+            project = np.linalg.solve(ground.T @ (window[:, None] * ground), ground.T * window)
+            column = window * (wave - ground @ (project @ wave))
+            columns += [column.real, column.imag]
+        self._waves = np.ascontiguousarray(fixed_point(np.array(columns)).T)
+        self._turns = (1j * _TURN * middles).astype(np.complex64)
+        self._lag = min(8, n // 3)
+        self._scale = np.float32(1.0 / (_TURN * _STEP * self._lag))
+
+    def locate(self, frames):
+        """Place of bar 0 and relative scale error.
+
+        Parameters
+        ----------
+        frames : ndarray, shape (n, pixels)
+
+        Returns
+        -------
+        alpha, beta : ndarray of float32, shape (n,)
+            Bar `rank` lies at alpha + (1 + beta) * rank bar periods from the middle of the row.
+        """
+        # pairs of a product, cosine and sine, are seen as complex numbers
+        waves = (frames[:, ::_EVERY].astype(np.float32) @ self._waves).view(np.complex64)
+        # only their phase counts, so that a blob weighs no more than the bars that it hides
+        waves /= np.maximum(np.abs(waves), _TINY)
+        lag = self._lag
+        apart = np.add.reduce(waves[:, lag:] * waves[:, :-lag].conj(), axis=1)
+        scale = np.arctan2(apart.imag, apart.real) * -self._scale
+        scale = np.minimum(np.maximum(scale, -_LARGEST), _LARGEST)
+        waves *= np.exp(scale[:, np.newaxis] * self._turns)
+        total = np.add.reduce(waves, axis=1)
+        return np.arctan2(total.imag, total.real) * (-1.0 / _TURN) * (1.0 + scale), scale
+
+    def pixels(self, alpha, beta):
+        """Where to look for each bar.
+
+        Returns
+        -------
+        pixel : ndarray of int, shape (n, bars)
+            The nearest one whose stretch is in the row.
+        beyond : ndarray of float32, shape (n, bars)
+            How far the bar is beyond its pixel.
+        visible : ndarray of bool, shape (n, bars)
+            Whether the bar is whole in the row.
+        """
+        alpha, beta = alpha[:, np.newaxis], beta[:, np.newaxis]
+        if self.flat:
+            place = alpha + self.rank * (1.0 + beta)
+            exact = np.interp(place, self._place, np.arange(len(self._place)), -1.0,
+                              len(self._place)).astype(np.float32)
+        else:
+            exact = self.rank * (self._pitch + self._pitch * beta)
+            exact += alpha * self._pitch + self._middle
+        pixel = np.rint(exact)
+        inside = np.minimum(np.maximum(pixel, self._half), self._last)
+        exact -= pixel
+        return inside.astype(np.intp), exact, inside == pixel
+
+    def stretch(self, pixel):
+        """Bar periods a pixel there, relative to the middle of the row."""
+        return self._stretch[pixel]
+
+    def pixels_of(self, pixel):
+        """Pixels a bar period there."""
+        return self._pitch / self._stretch[pixel]

@@ -1,0 +1,227 @@
+"""What the bars of the disc look like in the row of pixels, and the weights that measure it."""
+
+import numpy as np
+
+from .ccd import blurred_bar, half_widths
+
+_TURN = 2.0 * np.pi
+_UNLIKE = 0.1  # of the contrast, by which a bar may differ from both kinds
+_DISPLACED = 0.08  # bar periods off its place, from which the width of a bar misleads
+_SHARPEST = 3.0  # blur of the template's slopes, pixels: they move in a short series
+
+
+def fixed_point(weights):
+    """Weights rounded so that their products with grey levels add up without rounding.
+
+    The grey levels are whole, 0 to 255, and the weights become multiples of a power of two, so
+    fine that no sum along the last axis needs more than the 24 bits of a float32. Such a product
+    of matrices is the same to the last bit, in whatever order and blocks it is computed, and so is
+    a reading, whatever else is read with it.
+
+    Parameters
+    ----------
+    weights : ndarray, shape (..., k)
+
+    Returns
+    -------
+    ndarray of float32, shape (..., k)
+    """
+    total = np.abs(weights).sum(axis=-1, keepdims=True)
+    fine = 2.0 ** np.floor(np.log2((2.0**24 / 255.0 - weights.shape[-1]) / total))
+    return (np.rint(weights * fine) / fine).astype(np.float32)
+
+
+class BarTemplate:
+    """The stretch of the row about one bar.
+
+    Parameters
+    ----------
+    params : scenario.Absolute
+        Of which it uses the nominal image.
+    bars : int
+        Of the disc.
+
+    Attributes
+    ----------
+    half : int
+        Pixels of the stretch on either side of its middle.
+    inner : slice
+        One bar period of it.
+    columns : ndarray of float32, shape (14, 2 * half + 1)
+        What to multiply the stretch by: for level, share of a wide and of a narrow bar; for the
+        slope of a wide bar's edges and three terms of its Taylor series; the same of a narrow one;
+        and for what the first three explain, in three parts at right angles to each other.
+    contrast_of, level_of, response, response_slope, ground_moment, contrast_moment : ndarray
+        What an undisturbed bar of contrast 1 shows, by its bits and those of its neighbours, as a
+        number 4 * left + 2 * own + right: shares and level, response of the slope and how it
+        changes with a shift (a pixel), and how the response changes with a tilt of the ground and
+        of the contrast.
+    share : tuple of float
+        Middle and reach of abs(narrow - wide) / contrast of a bar that looks like one.
+    unlike : float
+        Of the contrast: how much a bar may differ (rms) from the nearest sum of both kinds.
+    displaced : float
+        Response, as a share of the contrast, of a bar so far off that its width misleads.
+
+    Raises
+    ------
+    ValueError
+        Bars so blurred that wide and narrow cannot be told apart.
+    """
+
+    def __init__(self, params, bars):
+        self._pitch, self._blur = params.bar_pitch, params.blur
+        self._halves = half_widths(params, bars)
+        self._slope_blur = max(params.blur, _SHARPEST)
+        self.half = int(np.ceil(self._halves[0] + 2.0 * self._slope_blur))
+        self._x = np.arange(-self.half, self.half + 1.0)
+        combos = np.arange(8)
+        self._bits = np.stack([combos >> 2, combos >> 1 & 1, combos & 1], axis=1)
+        solve, basis = self._prepare_kinds()
+        weights = fixed_point(self._prepare_slopes().reshape(8, -1))
+        self.columns = np.concatenate([solve, weights, basis])
+        self._prepare_neighbours(weights.reshape(2, 4, -1)[:, 0].astype(float))
+
+    def _light(self, x, shift=0.0):
+        """Light at pixels `x` from a bar, for all bits of it and its neighbours, shape (8, x)."""
+        return np.array([
+            sum(blurred_bar(np.abs(x - shift - (k - 1) * self._pitch), self._halves[b[k]],
+                            self._blur) for k in range(3)) for b in self._bits])
+
+    def _prepare_kinds(self):
+        """The weights for level, wide and narrow, those for all that these explain."""
+        x = self._x
+        inner = np.abs(x) <= 0.5 * self._pitch
+        lights = self._light(x)
+        wide = lights[[0, 1, 4, 5]].mean(axis=0)
+        narrow = lights[[2, 3, 6, 7]].mean(axis=0)
+        wide, narrow = 0.5 * (wide + wide[::-1]), 0.5 * (narrow + narrow[::-1])
+        shapes = np.stack([np.ones(len(x)), -wide, -narrow], axis=1)[inner]
+        n = np.count_nonzero(inner)
+        exact = np.zeros((6, len(x)))
+        exact[:3, inner] = np.linalg.pinv(shapes)
+        # the first part is even, so that the large level does not spoil the others
+        exact[3:, inner] = np.linalg.qr(shapes)[0].T / np.sqrt(n)
+        rounded = fixed_point(exact)
+        rounded[3, inner] = 2.0**-6
+        self._explained = np.float32(2.0**12 / n**2)
+        solve = rounded[:3].astype(float)
+        self.inner = slice(int(np.argmax(inner)), int(np.argmax(inner)) + np.count_nonzero(inner))
+        seen = lights @ solve.T
+        self.level_of, self.contrast_of = seen[:, 0], -(seen[:, 1] + seen[:, 2])
+        # what a bar may show, which lies half a pixel and a bit off; some noise comes on top
+        share = np.abs(seen[:, 2] - seen[:, 1]) / self.contrast_of
+        if np.linalg.cond(shapes) > 200.0 or share.min() < 0.3:
+            raise ValueError(
+                f'bar_pitch {self._pitch:g} px with blur {self._blur:g} px: wide and narrow bars '
+                'cannot be told apart; use a larger pitch, less blur or other widths')
+        low, high = 0.45 * share.min(), 0.9 + share.max()
+        self.share = 0.5 * (high + low), 0.5 * (high - low)
+        moved = self._light(x, 0.75)
+        rest = self.unexplained(moved.astype(np.float32), rounded[3:] @ moved.T.astype(np.float32))
+        self.unlike = max(_UNLIKE, 1.3 * np.sqrt(rest.max()))
+        return rounded[:3], rounded[3:]
+
+    def unexplained(self, cells, parts):
+        """Mean square of what neither a wide nor a narrow bar explains of each stretch.
+
+        Parameters
+        ----------
+        cells : ndarray, shape (n, 2 * half + 1)
+        parts : ndarray, shape (3, n)
+            Their products with the last three columns.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+        """
+        cells = cells[:, self.inner]
+        left = np.einsum('ij,ij->i', cells, cells)
+        left /= cells.shape[1]
+        level, second, third = np.square(parts)
+        level *= self._explained
+        left -= level
+        left -= second
+        left -= third
+        return left
+
+    def _prepare_slopes(self):
+        """Slope of the edges and the terms of its Taylor series, shape (2, 4, pixels)."""
+        blur, h = self._slope_blur, self.half
+
+        def slope(x, half):
+            # to nothing at the ends, for they move with the template
+            edge = np.clip((h - np.abs(x)) / (0.35 * h), 0.0, 1.0)
+            taper = edge * edge * (3.0 - 2.0 * edge)
+            root = -0.5 / blur**2
+            norm = 1.0 / (np.sqrt(_TURN) * blur)
+            return norm * taper * (np.exp(root * (x - half) ** 2) - np.exp(root * (x + half) ** 2))
+
+        step, rows = 0.05, []
+        for half in self._halves:
+            f = [slope(self._x + k * step, half) for k in (-2, -1, 0, 1, 2)]
+            rows += [f[2], (f[3] - f[1]) / (2 * step), (f[3] - 2 * f[2] + f[1]) / (2 * step**2),
+                     (f[4] - 2 * f[3] + 2 * f[1] - f[0]) / (12 * step**3)]
+        return np.array(rows).reshape(2, 4, -1)
+
+    def _prepare_neighbours(self, slopes):
+        """Responses to the light of a bar and of its neighbours, `slopes` of shape (2, pixels)."""
+        x, pitch = self._x, self._pitch
+        own = slopes[self._bits[:, 1]]
+        low, middle, high = (np.sum(own * self._light(x, s), axis=1) for s in (-0.25, 0.0, 0.25))
+        self.response, self.response_slope = middle, (high - low) / 0.5
+        self.displaced = _DISPLACED * pitch * self.response_slope.min()
+        # a slope of the ground, and of the contrast, acts as a shift
+        self.ground_moment = np.sum(own * x, axis=1)
+        self.contrast_moment = np.sum(own * x * self._light(x), axis=1)
+        # what the right neighbour adds, by both bits, when it is shifted; a left one takes the
+        # same away when it is shifted the other way
+        self._shifts = np.linspace(-0.3, 0.3, 25) * pitch
+        self._neighbour = np.array([
+            [[slopes[mine] @ blurred_bar(np.abs(x - pitch - s), self._halves[other], self._blur)
+              for s in self._shifts] for other in (0, 1)] for mine in (0, 1)])
+        alone = np.array([[slopes[k] @ blurred_bar(np.abs(x - s), self._halves[k], self._blur)
+                           for s in self._shifts] for k in (0, 1)])
+        # a shift so large that the slope is left behind looks smaller
+        middle = len(self._shifts) // 2
+        gain = (alone[:, middle + 1] - alone[:, middle - 1]) / (
+            self._shifts[middle + 1] - self._shifts[middle - 1])
+        self._apparent = np.maximum.accumulate(alone / gain[:, np.newaxis], axis=1)
+
+    def crosstalk(self, apparent, shifted, missing, narrow):
+        """What bars that are not at their place, or not there, change in the response of others.
+
+        Parameters
+        ----------
+        apparent : ndarray, shape (n, bars)
+            Distance from the place, pixels, as if the response were linear.
+        shifted, missing : ndarray of bool, shape (n, bars)
+        narrow : ndarray of bool, shape (n, bars)
+
+        Returns
+        -------
+        ndarray, shape (n, bars)
+            For contrast 1.
+        """
+        out = np.zeros_like(apparent)
+        row, bar = np.nonzero((shifted | missing) & np.isfinite(apparent))
+        kind = narrow[row, bar].astype(np.int64)
+        apparent = apparent[row, bar]
+        shift = np.where(kind > 0, np.interp(apparent, self._apparent[1], self._shifts),
+                         np.interp(apparent, self._apparent[0], self._shifts))
+        gone = missing[row, bar]
+        middle = len(self._shifts) // 2
+        step = self._shifts[1] - self._shifts[0]
+        for side in (-1, 1):
+            # the bar is the neighbour to the `side` of another one
+            other = bar - side
+            inside = (other >= 0) & (other < out.shape[1])
+            r, o, k = row[inside], other[inside], kind[inside]
+            table = self._neighbour[narrow[r, o].astype(np.int64), k]
+            at = np.clip(side * shift[inside] / step + middle, 0.0, 2 * middle - 1e-6)
+            low = at.astype(np.int64)
+            n = np.arange(len(r))
+            value = table[n, low] + (at - low) * (table[n, low + 1] - table[n, low])
+            value = np.where(gone[inside], 0.0, value) - table[:, middle]
+            out[r, o] += side * value
+        return out

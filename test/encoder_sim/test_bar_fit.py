@@ -1,0 +1,90 @@
+import numpy as np
+import pytest
+
+from encoder_sim.bar_fit import BarLine
+from encoder_sim.bar_lattice import BarLattice
+from encoder_sim.bar_template import BarTemplate
+from encoder_sim.disc import BARS, Disc, windows_of
+from encoder_sim.scenario import Absolute
+
+
+class Line:
+    """The line and, beside it, bars of which only their shifts are known."""
+
+    def __init__(self):
+        params = Absolute()
+        template = BarTemplate(params, BARS)
+        self.lattice = BarLattice(params, BARS, template.half)
+        bits = Disc().bits.astype(np.int64)
+        codes = 4 * np.roll(bits, 1) + 2 * bits + np.roll(bits, -1)
+        self.line = BarLine(params, self.lattice, template, np.roll(windows_of(codes, 37), 18, 0))
+
+    def __call__(self, values, good):
+        class Bars:
+            pass
+
+        bars = Bars()
+        bars.good, bars.bar = good, np.arange(len(values)) % BARS
+        bars.scale = np.ones_like(values)
+        bars.whole = good[:, 1:-1].all(axis=1)
+        return self.line._line(values, bars, True)
+
+
+@pytest.fixture(scope='module')
+def line():
+    return Line()
+
+
+def shifts(line, n, noise=0.001):
+    rng = np.random.default_rng(1)
+    values = 0.01 + 0.0005 * line.lattice.rank + noise * rng.standard_normal((n, 37))
+    return values.astype(np.float32), np.ones((n, 37), bool)
+
+
+def test_clean_bars(line):
+    values, good = shifts(line, 400)
+    alpha, beta, weight, spread, rest = line(values, good)
+    # as least squares has it
+    assert np.std(alpha) == pytest.approx(0.001 / np.sqrt(37.0), rel=0.12)
+    assert np.mean(alpha) == pytest.approx(0.01, abs=5e-5)
+    assert np.mean(beta) == pytest.approx(0.0005, abs=5e-6)
+    assert (weight > 0.0).all() and np.median(spread) == pytest.approx(0.001, rel=0.1)
+    assert rest == pytest.approx(
+        values - alpha[:, None] - beta[:, None] * line.lattice.rank, abs=1e-6)
+
+
+@pytest.mark.parametrize('size', [0.02, 0.15, 5.0])
+@pytest.mark.parametrize('wrong', [[3], [0], [30, 31, 33, 36]])
+def test_bars_off_the_line_do_not_pull_it(line, size, wrong):
+    values, good = shifts(line, 400)
+    values[:, wrong] += size
+    alpha, _, weight, _, _ = line(values, good)
+    assert np.std(alpha) < 0.001 / np.sqrt(37.0 - len(wrong)) * 1.3
+    assert np.mean(alpha) == pytest.approx(0.01, abs=8e-5)
+    assert np.mean(weight[:, wrong] > 0.05) < 0.01
+
+
+def test_bars_that_are_not_good_do_not_count(line):
+    values, good = shifts(line, 50)
+    good[:, [0, 7, 20]] = False
+    values[:, [0, 7, 20]] = 3.0
+    alpha, _, weight, _, _ = line(values, good)
+    assert np.abs(alpha - 0.01).max() < 0.001 and not weight[:, [0, 7, 20]].any()
+    # only the ends
+    values, good = shifts(line, 50)
+    good[:, [0, 36]] = False
+    values[:, [0, 36]] = 3.0
+    alpha, _, weight, _, _ = line(values, good)
+    assert np.abs(alpha - 0.01).max() < 0.001 and not weight[:, [0, 36]].any()
+
+
+def test_parabolas(line):
+    rank = line.lattice.rank
+    curves = np.stack([130.0 + 0.3 * rank - 0.02 * rank**2, 88.0 - 0.2 * rank + 0.0 * rank])
+    assert line.line.smooth(curves.astype(np.float32)) == pytest.approx(curves, rel=1e-5)
+    bumpy = curves.astype(np.float32)
+    bumpy[:, 5] += 20.0
+    good = np.ones((1, 37), bool)
+    both, on = line.line._smooth_dirty(bumpy[:, None], good)
+    assert both[:, 0, :37] == pytest.approx(curves, rel=0.003)
+    assert on[0].tolist() == [k != 5 for k in range(37)]
