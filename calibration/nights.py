@@ -4,6 +4,8 @@ Paper 000, section 2: coefficients of two nights before correct the stars of ton
 after the zero calibration. Each power-on is a night here.
 """
 
+from contextlib import suppress
+
 import numpy as np
 
 from pointing_model.catalogue import POLARIS_HIP
@@ -70,7 +72,7 @@ class NightSeries:
     def _reference(self, run, kind=PHYSICAL_TERMS):
         old = self._models.get(run - self._age)
         if old is not None:
-            return old[kind]
+            return old.get(kind)
         return self._first if kind == PHYSICAL_TERMS else None
 
     def _zero_then(self, run):
@@ -131,8 +133,9 @@ class NightSeries:
         rows = session.observations()
         self._zeros[number] = zero = session.zeros_in_force.get(number, (0.0, 0.0))
         stars = rows.select(rows['star'] >= 0)
-        self._models[number] = {PHYSICAL_TERMS: model,
-                                HARMONICS_ONLY: fit_harmonics(stars, zero=zero).model}
+        self._models[number] = {PHYSICAL_TERMS: model}
+        with suppress(ValueError):  # too few stars for 13 of them: the report's notes say so
+            self._models[number][HARMONICS_ONLY] = fit_harmonics(stars, zero=zero).model
         if number in session.zeros and self._reference(number) is not None:
             self._rows[number] = self._night(number, rows, report['witnesses']['alarms'])
         report['nights'] = [self._rows[n] for n in sorted(self._rows)]

@@ -56,10 +56,13 @@ def experiment_plan(stars, polaris, satellite, extra=False):
     """
     nights = []
     for night in range(1 - REFERENCE_AGE, NIGHTS + extra + 1):
+        if night < 1:  # for its coefficients only
+            start = f'wait {_HOURS}, power_cycle, home' if nights else 'home'
+            nights.append(f'{start}, stars {stars}, polaris {polaris}, calibrate_zero, fit')
+            continue
         track = f'satellite {satellite}, ' if night == SATELLITE_NIGHT else ''
-        start = f'wait {_HOURS}, power_cycle, home' if nights else 'home'
-        nights.append(f'{start}, {track}stars {stars}, polaris {polaris}, calibrate_zero, '
-                      f'{track}stars {stars}, fit')
+        nights.append(f'wait {_HOURS}, power_cycle, home, {track}stars {stars}, '
+                      f'polaris {polaris}, calibrate_zero, {track}stars {stars}, fit')
     return ', '.join(nights)
 
 

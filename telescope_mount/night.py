@@ -125,12 +125,12 @@ def observe(folder, specs, plan, write, progress=None, domain_number=None, param
         A node ended, or the plan could not be carried out.
     """
     lock = domain.claim(domain_number)
-    # after the cheap checks: these imports cost half a second
+    from .processes import Processes
+    nodes = Processes(folder / 'nodes', lock.number, params_file)
+    # after the cheap checks, and while the nodes' own go on: these imports cost half a second
     from msg_tools.topics import OBSERVER_STATUS
 
-    from .processes import Processes
     from .watcher import Watcher
-    nodes = Processes(folder / 'nodes', lock.number, params_file)
     watcher = None
     try:
         for spec in specs:

@@ -1,8 +1,9 @@
 """Node processes: start, watch, end."""
 
 import contextlib
-import ctypes
+import json
 import os
+import select
 import signal
 import subprocess
 import sys
@@ -13,11 +14,8 @@ import yaml
 
 from msg_tools import NAMESPACE
 
-
-def _die_with_parent():
-    # a killed command line must not leave nodes behind (Linux: PR_SET_PDEATHSIG = 1)
-    ctypes.CDLL(None, use_errno=True).prctl(1, signal.SIGTERM)
-
+#: eight small processes share the cores: threads of BLAS only get in each other's way
+_ONE_THREAD = {'OMP_NUM_THREADS': '1', 'OPENBLAS_NUM_THREADS': '1'}
 
 #: Without it a participant that starts between two announcements of another may wait for the
 #: next one, and a writer that asks for acknowledgement for its next heartbeat: 3 s by default.
@@ -58,6 +56,126 @@ def dds_environment(folder, domain):
     return out
 
 
+class Node:
+    """A forked node, as far as `subprocess.Popen` is needed.
+
+    Attributes
+    ----------
+    pid : int
+    returncode : int or None
+        None while it runs.
+    """
+
+    def __init__(self, nursery, pid):
+        self._nursery, self.pid, self.returncode = nursery, pid, None
+
+    def poll(self):
+        """The exit code, or None."""
+        if self.returncode is None:
+            self._nursery.listen(0.0)
+        return self.returncode
+
+    def wait(self, timeout):
+        """The exit code; subprocess.TimeoutExpired after `timeout` seconds."""
+        deadline = time.monotonic() + timeout
+        while self.poll() is None:
+            left = deadline - time.monotonic()
+            if left <= 0.0:
+                raise subprocess.TimeoutExpired(f'process {self.pid}', timeout)
+            self._nursery.listen(left)
+        return self.returncode
+
+    def send_signal(self, number):
+        """Send a signal, unless it has ended."""
+        if self.poll() is None:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(self.pid, number)
+
+
+class Nursery:
+    """The process `telescope_mount.nursery`, which forks the nodes.
+
+    Parameters
+    ----------
+    log : Path
+        For what it says when something is wrong.
+    """
+
+    def __init__(self, log):
+        self._log = log
+        with open(log, 'ab') as file:
+            self._process = subprocess.Popen(
+                [sys.executable, '-m', 'telescope_mount.nursery'], stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE, stderr=file, start_new_session=True,
+                env={**os.environ, **_ONE_THREAD, 'PYTHONUNBUFFERED': '1'})
+        self._text = b''
+        self._nodes = {}
+        self._started = []
+
+    def start(self, **request):
+        """Fork a node; see `telescope_mount.nursery`.
+
+        Returns
+        -------
+        Node
+
+        Raises
+        ------
+        RuntimeError
+            It could not be started.
+        """
+        with contextlib.suppress(BrokenPipeError):
+            self._process.stdin.write(json.dumps(request).encode() + b'\n')
+            self._process.stdin.flush()
+        while not self._started:
+            self.listen(1.0)
+            if self._process.poll() is not None and not self._started:
+                words = self._log.read_text(errors='replace').strip().split('\n')[-1]
+                raise RuntimeError(f'nodes cannot be started: {words}')
+        return self._started.pop()
+
+    def listen(self, timeout):
+        """Take answers, waiting at most `timeout` seconds for the first."""
+        out = self._process.stdout
+        while select.select([out], [], [], timeout)[0]:
+            chunk = os.read(out.fileno(), 1 << 16)
+            *lines, self._text = (self._text + chunk).split(b'\n')
+            for line in lines:
+                self._take(json.loads(line))
+            timeout = 0.0
+            if not chunk:
+                self._lost()
+                return
+
+    def _take(self, answer):
+        if 'started' in answer:
+            pid = answer['started']
+            self._nodes[pid] = Node(self, pid)
+            self._started.append(self._nodes[pid])
+        elif answer.get('ended') in self._nodes:
+            self._nodes.pop(answer['ended']).returncode = answer['code']
+
+    def _lost(self):
+        """It has ended: what is still there was told to end, and nobody will tell its code."""
+        for pid in list(self._nodes):
+            if not os.path.exists(f'/proc/{pid}'):
+                self._nodes.pop(pid).returncode = -signal.SIGTERM
+        if self._nodes:
+            time.sleep(0.01)  # nothing to wait on: they are no children of ours
+
+    def close(self):
+        """End it; the nodes must have ended."""
+        if self._process.stdin.closed:
+            return
+        self._process.stdin.close()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(5.0)
+        if self._process.poll() is None:
+            self._process.kill()
+            self._process.wait()
+        self._process.stdout.close()
+
+
 class Processes:
     """The nodes of a graph, each a process of its own.
 
@@ -78,23 +196,22 @@ class Processes:
         self.running = {}
         self.environment = dict(os.environ)
         self.environment.update(dds_environment(self.folder, domain),
-                                ROS_LOG_DIR=str(self.folder), PYTHONUNBUFFERED='1')
-        # eight small processes share the cores: threads of BLAS only get in each other's way
-        self.environment.setdefault('OMP_NUM_THREADS', '1')
-        self.environment.setdefault('OPENBLAS_NUM_THREADS', '1')
+                                ROS_LOG_DIR=str(self.folder))
+        self.environment.update(
+            {key: value for key, value in _ONE_THREAD.items() if key not in self.environment})
+        # at once: it imports while the caller does
+        self._nursery = Nursery(self.folder / 'nursery.log')
 
     def start(self, spec):
         """Start a `graph.NodeSpec`."""
         params = self.folder / f'{spec.name}.params.yaml'
         params.write_text(yaml.safe_dump({'/**': {'ros__parameters': spec.parameters}}))
-        command = [sys.executable, '-m', spec.module, '--ros-args', '-r', f'__ns:={NAMESPACE}',
-                   '--params-file', str(params)]
+        arguments = ['--ros-args', '-r', f'__ns:={NAMESPACE}', '--params-file', str(params)]
         if self.params_file:
-            command += ['--params-file', str(self.params_file)]
-        with open(self.folder / f'{spec.name}.log', 'ab') as log:
-            self.running[spec.name] = subprocess.Popen(
-                command, stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT,
-                env=self.environment, start_new_session=True, preexec_fn=_die_with_parent)
+            arguments += ['--params-file', str(self.params_file)]
+        self.running[spec.name] = self._nursery.start(
+            name=spec.name, module=spec.module, arguments=arguments,
+            environment=self.environment, log=str(self.folder / f'{spec.name}.log'))
 
     def last_words(self, name):
         """The last line that a node wrote, '' for none."""
@@ -130,4 +247,7 @@ class Processes:
             for process in alive:
                 with contextlib.suppress(subprocess.TimeoutExpired):
                     process.wait(max(0.01, deadline - time.monotonic()))
-        return {name: self.running.pop(name).returncode for name in names}
+        codes = {name: self.running.pop(name).returncode for name in names}
+        if not self.running:
+            self._nursery.close()
+        return codes

@@ -25,7 +25,7 @@ def experiment(cli, tmp_path_factory):
 
 def test_plan():
     steps = parse_plan(experiment_plan(30, 16, 20))
-    assert sum(step.exposures for step in steps) == 13 * 76 + 2 * 20
+    assert sum(step.exposures for step in steps) == 11 * 76 + 2 * 46 + 2 * 20
     verbs = [step.verb for step in steps]
     assert verbs.count('fit') == verbs.count('calibrate_zero') == verbs.count('home') == 13
     assert verbs.count('power_cycle') == verbs.count('wait') == 12

@@ -132,20 +132,24 @@ def test_the_same_seed_is_the_same_night(night, cli, tmp_path):
 
 
 def children_of(pid):
-    """Process id -> command line, of the direct children of a process."""
+    """Process id -> name, of the direct children of a process."""
     out = {}
     for entry in os.listdir('/proc'):
         if entry.isdigit():
             try:
                 with open(f'/proc/{entry}/stat') as stat:
-                    parent = int(stat.read().rsplit(')', 1)[1].split()[1])
-                with open(f'/proc/{entry}/cmdline') as command:
-                    words = command.read()
+                    name, rest = stat.read().split('(', 1)[1].rsplit(')', 1)
             except OSError:
                 continue
-            if parent == pid:
-                out[int(entry)] = words
+            if int(rest.split()[1]) == pid:
+                out[int(entry)] = name
     return out
+
+
+def nodes_of(pid):
+    """Process id -> name (15 letters of it), of the nodes of a command line."""
+    nursery, = children_of(pid)
+    return children_of(nursery)
 
 
 def wait_for_lines(child, text):
@@ -161,8 +165,8 @@ def test_a_killed_node_ends_the_night_with_one_line_and_a_readable_log(cli, tmp_
     child = cli.start('night', '--out', out, '--stars', 4, '--polaris', 5000)
     with child:
         wait_for_lines(child, 'polaris 5000')
-        nodes = children_of(child.pid)
-        camera, = [pid for pid, words in nodes.items() if 'encoder_sim.camera_node' in words]
+        nodes = nodes_of(child.pid)
+        camera, = [pid for pid, name in nodes.items() if name == 'camera']
         os.kill(camera, signal.SIGKILL)
         _, err = child.communicate(timeout=120)
     assert child.returncode == 2, err
@@ -177,7 +181,7 @@ def test_ctrl_c_ends_every_node_and_closes_the_log(cli, tmp_path):
     child = cli.start('night', '--out', out, '--stars', 4, '--polaris', 5000)
     with child:
         wait_for_lines(child, 'polaris 5000')
-        nodes = children_of(child.pid)
+        nodes = nodes_of(child.pid)
         assert len(nodes) == len(NIGHT)
         child.send_signal(signal.SIGINT)
         _, err = child.communicate(timeout=120)

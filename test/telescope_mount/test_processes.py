@@ -1,0 +1,96 @@
+"""Forked nodes: what they say, how they end, and what is left."""
+
+import os
+import signal
+import subprocess
+
+import pytest
+
+from telescope_mount.graph import NODES, NodeSpec
+from telescope_mount.processes import Processes
+
+
+@pytest.fixture
+def processes(ros_domain, tmp_path):
+    started = Processes(tmp_path / 'nodes', ros_domain)
+    yield started
+    started.stop()
+
+
+def spec(name, **parameters):
+    return NodeSpec(name, NODES[name], parameters)
+
+
+def ready(processes, name):
+    """Wait until a node has made its parameters' services, so that signals find it spinning."""
+    import rclpy
+    from rclpy.context import Context
+    from rclpy.node import Node
+    from rclpy.signals import SignalHandlerOptions
+
+    from msg_tools.executor import NodeExecutor
+    context = Context()
+    rclpy.init(context=context, domain_id=int(processes.environment['ROS_DOMAIN_ID']),
+               signal_handler_options=SignalHandlerOptions.NO)
+    node = Node('looker', context=context)
+    executor = NodeExecutor(context=context)
+    executor.add_node(node)
+    for _ in range(600):
+        executor.spin_once(timeout_sec=0.1)
+        if name in node.get_node_names():
+            break
+    executor.shutdown()
+    node.destroy_node()
+    context.try_shutdown()
+
+
+def test_a_node_lives_under_its_name_and_ends_cleanly(processes):
+    processes.start(spec('camera'))
+    processes.start(spec('calibration'))
+    pids = {name: node.pid for name, node in processes.running.items()}
+    for name, pid in pids.items():
+        ready(processes, name)
+        with open(f'/proc/{pid}/comm') as comm:
+            assert comm.read().strip() == name
+    processes.check()
+    assert processes.stop() == {'camera': 0, 'calibration': 0}
+    assert not any(os.path.exists(f'/proc/{pid}') for pid in pids.values())
+
+
+def test_bad_input_is_told_in_the_nodes_own_words(processes):
+    processes.start(spec('camera', exposure_s=-1.0))
+    assert processes.running['camera'].wait(60.0) == 2
+    with pytest.raises(RuntimeError, match=r'camera: exposure_s = -1.0: must be 0.01 to 3600'):
+        processes.check()
+
+
+def test_a_killed_node_is_told(processes):
+    processes.start(spec('camera'))
+    os.kill(processes.running['camera'].pid, signal.SIGKILL)
+    assert processes.running['camera'].wait(60.0) == -signal.SIGKILL
+    with pytest.raises(RuntimeError, match='node camera ended with code -9'):
+        processes.check()
+
+
+def test_waiting_for_a_node_that_stays_ends_in_time(processes):
+    processes.start(spec('camera'))
+    with pytest.raises(subprocess.TimeoutExpired):
+        processes.running['camera'].wait(0.05)
+
+
+def test_a_nursery_that_dies_takes_its_nodes_along(processes):
+    processes.start(spec('camera'))
+    node = processes.running['camera']
+    with open(f'/proc/{node.pid}/stat') as stat:
+        nursery = int(stat.read().rsplit(')', 1)[1].split()[1])
+    os.kill(nursery, signal.SIGKILL)
+    assert node.wait(60.0) is not None
+    assert not os.path.exists(f'/proc/{node.pid}')
+
+
+def test_nodes_that_cannot_be_started_are_told(processes, tmp_path):
+    nursery = processes._nursery
+    nursery.close()
+    nursery._log.write_text('error: no rclpy here\n')
+    with pytest.raises((RuntimeError, ValueError), match='no rclpy here|closed file'):
+        processes.start(spec('camera'))
