@@ -12,6 +12,7 @@ import selectors
 import signal
 import socket
 import sys
+from contextlib import suppress
 from importlib import import_module
 
 # Linux: prctl
@@ -27,7 +28,9 @@ def preload():
 
     from .graph import NODES
     for module in NODES.values():
-        import_module(module)
+        # a node that cannot be imported says so itself, when it is started
+        with suppress(ImportError):
+            import_module(module)
     for topic in topics.ALL:
         check_for_type_support(topic.message)
     rclpy.get_rmw_implementation_identifier()  # loads DDS
