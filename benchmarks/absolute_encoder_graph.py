@@ -89,10 +89,10 @@ class Receiver:
 
     def __init__(self):
         import rclpy
-        from rclpy.executors import SingleThreadedExecutor
         from rclpy.node import Node
 
         from msg_tools import NAMESPACE, topics
+        from msg_tools.executor import NodeExecutor
         rclpy.init()
         self.arrivals, self.messages = [], []
         self.truth_arrivals, self.truth_messages = [], []
@@ -104,7 +104,7 @@ class Receiver:
         self._truth = self._node.create_subscription(
             topics.TRUTH_JOINTS.message, topics.TRUTH_JOINTS.name, self._on_truth,
             topics.TRUTH_JOINTS.qos, raw=True)
-        self._executor = SingleThreadedExecutor()
+        self._executor = NodeExecutor()
         self._executor.add_node(self._node)
 
     def _on_reading(self, message):
@@ -169,8 +169,9 @@ def run(rate, seconds, core, scenario, realtime):
         name = 'absolute_encoder'
         processes.start(NodeSpec(name, NODES[name], {'scenario': scenario}))
         pid = processes.running[name].pid
-        # before the node has any thread of its own: they inherit it
-        os.sched_setaffinity(pid, {core})
+        # threads that it makes later inherit it
+        for thread in os.listdir(f'/proc/{pid}/task'):
+            os.sched_setaffinity(int(thread), {core})
         others = os.sched_getaffinity(0) - {core}
         if others:
             os.sched_setaffinity(0, others)

@@ -1,0 +1,136 @@
+"""The diagnosis on measured data: before, after, held out, beside what others got.
+
+    python benchmarks/measured_data.py --data ../shared/data
+
+`--data` is a folder with the runs of an 8 m telescope (spk8m), the ARC 3.5 m (arc35m) and the
+IRAM 30 m (iram30m); where it is absent only the data of this project are taken: the MMT night, and
+the tables of papers 000 and 001.
+"""
+
+import argparse
+import json
+import time
+from pathlib import Path
+
+import numpy as np
+
+from calibration.diagnosis import diagnose
+from calibration.experiment_report import PAPER_TABLE_1
+from pointing_model.run import PointingRun
+from pointing_model.units import ARCSEC, DEG, wrap
+from telescope_mount.encoder_test import TABLE_2_MEASURED, TABLE_2_STANDARD
+from telescope_mount.runs import load_run, load_runs
+
+ROOT = Path(__file__).resolve().parent.parent
+MMT = ROOT / 'calibration' / 'data' / 'mmt_2021-08-21.csv'
+
+
+def mmt(_):
+    """The carried night; seven terms."""
+    return diagnose(load_run(MMT)), 'x 0.51", el 0.80" with two effects (10-fold)'
+
+
+def spk8m(data):
+    """105 stars; six terms."""
+    run = load_run(data / 'spk8m' / 'pmfit_altaz.dat')
+    return diagnose(run, 'standard6'), '1.01" in sample, 1.02" nested, with 18 terms'
+
+
+def arc35m(data):
+    """All runs: the model of 2014 to 2017, judged on 2018 and 2019."""
+    files = sorted((data / 'arc35m').glob('*.dat'))
+    year = [int(path.name.split('_')[1][:4]) for path in files]
+    train, _ = load_runs([p for p, y in zip(files, year) if y <= 2017])
+    later, _ = load_runs([p for p, y in zip(files, year) if y > 2017])
+    # a night's six terms are its own
+    own = ('IA', 'IE', 'CA', 'AN', 'AW', 'TF')
+    return (diagnose(train, 'standard6', own_terms=own, holdout=later),
+            '6.47" with six terms; 5.55" with one effect, 4.96" with 18 terms')
+
+
+def iram(name):
+    """A session of the 30 m; its eight terms are not ours: seven."""
+    def work(data):
+        return (diagnose(load_run(next((data / 'iram30m').glob(f'*{name}*.log')))),
+                {'2012': 'el 3.04" with one effect', '2014': 'az 2.30", el 2.51"'}[name[:4]])
+    return work
+
+
+def table_2(_):
+    """Paper 001: 23 angles of the absolute encoder."""
+    angle, error = TABLE_2_STANDARD, wrap(TABLE_2_MEASURED - TABLE_2_STANDARD)
+    rng = np.random.default_rng(0)
+    # one axis: the other is level and has noise of its own
+    run = PointingRun({'az': angle, 'el': np.zeros(len(angle)), 'az_enc': angle + error,
+                       'el_enc': error.std() * rng.standard_normal(len(angle))})
+    return diagnose(run, 'index'), 'nothing found'
+
+
+def table_1(_):
+    """Paper 000: means of eleven nights after the zero calibration, at the mean of the sky."""
+    rows = PAPER_TABLE_1
+    el = np.full(len(rows), 45.0 * DEG)
+    az = np.zeros(len(rows))
+    run = PointingRun({
+        'time': np.array([86400.0 * row['night'] for row in rows]), 'az': az, 'el': el,
+        'az_enc': az + np.array([row['after_az_arcsec'] for row in rows]) * ARCSEC,
+        'el_enc': el + np.array([row['after_el_arcsec'] for row in rows]) * ARCSEC})
+    return diagnose(run, 'index'), 'two groups in azimuth, unnamed'
+
+
+RUNS = {
+    'MMT 6.5 m, 2021-08-21': (mmt, ''),
+    '8 m (SPK)': (spk8m, 'spk8m'),
+    'ARC 3.5 m, 2014-2019': (arc35m, 'arc35m'),
+    'IRAM 30 m, 2012-04B': (iram('2012'), 'iram30m'),
+    'IRAM 30 m, 2014-04': (iram('2014'), 'iram30m'),
+    'paper 001, table 2': (table_2, ''),
+    'paper 000, table 1 after': (table_1, ''),
+}
+
+
+def row_of(document):
+    """Cells of the table: RMS in arcsec."""
+    before, after = document['before'], document['after']
+
+    def cell(key):
+        if before[key] is None:
+            return '-'
+        return f'{before[key]:.2f} -> {after[key]:.2f}'
+    return [document['verdict'], cell('rms_x_arcsec'), cell('rms_y_arcsec'), cell('rms_arcsec'),
+            cell('cv_rms_arcsec'), cell('holdout_rms_arcsec')]
+
+
+def main():
+    """Run, print a table in Markdown."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('--data', type=Path, default=ROOT.parent / 'shared' / 'data')
+    parser.add_argument('--only', default='', help='names that contain this')
+    parser.add_argument('--json', type=Path)
+    args = parser.parse_args()
+    results = {}
+    print('| data | rows | standard model | verdict | az × cos E | el | radial, fitted | '
+          'cross-validated | held out | published | effects |')
+    print('| --- ' * 11 + '|')
+    for name, (work, folder) in RUNS.items():
+        if args.only.lower() not in name.lower():
+            continue
+        if folder and not (args.data / folder).is_dir():
+            print(f'| {name} | no data in {args.data / folder} |')
+            continue
+        begin = time.process_time()
+        found, published = work(args.data)
+        document = found.to_dict()
+        results[name] = {**document, 'cpu_seconds': time.process_time() - begin}
+        effects = '; '.join(effect['name'] + (f' ({len(effect["alternatives"])} others)'
+                                              if effect['alternatives'] else '')
+                            for effect in document['effects']) or '-'
+        cells = [name, str(document['observations']), ' '.join(document['base_terms']),
+                 *row_of(document), published, effects]
+        print('| ' + ' | '.join(cells) + ' |', flush=True)
+    if args.json:
+        args.json.write_text(json.dumps(results, indent=1) + '\n')
+
+
+if __name__ == '__main__':
+    main()
