@@ -43,6 +43,8 @@ def run_node(request):
         os.setsid()
         libc = ctypes.CDLL(None)
         libc.prctl(_SET_DEATH_SIGNAL, signal.SIGTERM)  # no node outlives its graph
+        if os.getppid() != request['parent']:
+            sys.exit(-signal.SIGTERM)  # it died before that
         libc.prctl(_SET_NAME, request['name'].encode()[:15])
         log = os.open(request['log'], os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
         null = os.open(os.devnull, os.O_RDONLY)
@@ -99,7 +101,8 @@ def main():
     loop = selectors.DefaultSelector()
     loop.register(requests, selectors.EVENT_READ)
     loop.register(ours, selectors.EVENT_READ)
-    answer({'ready': os.getpid()})
+    nursery = os.getpid()
+    answer({'ready': nursery})
     pending = b''
     while True:
         for key, _ in loop.select():
@@ -119,7 +122,7 @@ def main():
                     signal.signal(signal.SIGINT, signal.default_int_handler)
                     for end in (loop, requests, out, ours, theirs):
                         end.close()
-                    run_node(json.loads(line))
+                    run_node({**json.loads(line), 'parent': nursery})
                 answer({'started': pid})
 
 
