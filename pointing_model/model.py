@@ -7,12 +7,15 @@ from pathlib import Path
 import numpy as np
 
 from . import geometry as rotation
+from .context import Context
+from .fitted_effects import FittedEffect, as_context, total
 from .harmonics import COUNT, Harmonics
 from .terms import Trig, design, known_terms
 from .units import ARCSEC, wrap
 
 FORMAT = 'telescope_mount/pointing_model'
-VERSION = 1
+VERSION = 2
+_PLAIN_VERSION = 1  # without effects: as ever, so that older programs read it
 
 _CONVENTION = (
     'offset = encoder - catalogue; azimuth from north through east, elevation from the horizon; '
@@ -27,7 +30,11 @@ def _as_written(value, unit):
 
 @dataclass(frozen=True)
 class PointingModel:
-    """Offsets of a mount as a function of direction: physical terms, then harmonics on top.
+    """Offsets of a mount: physical terms, harmonics on top, and effects of other drivers.
+
+    An effect whose driver (time, temperature, approach, ...) is not given in the `context` of a
+    call, or is NaN there, counts as zero: its driver is centred on the run that it was fitted
+    to. Effects of the direction alone always act. `unknown` tells which rows lack a driver.
 
     Parameters
     ----------
@@ -41,8 +48,9 @@ class PointingModel:
         Where the model came from; anything that JSON can hold.
     geometry : {'rotation', 'first_order'}
         Whether the geometric terms (IA IE CA NPAE AN AW TF) act as exact rotations or as their
-        first-order columns. All others, and the harmonics, add their columns at the catalogue
-        place.
+        first-order columns. All others, the harmonics and the effects add their columns at the
+        catalogue place.
+    effects : sequence of FittedEffect, optional
 
     Raises
     ------
@@ -55,9 +63,11 @@ class PointingModel:
     harmonics: Harmonics | None = None
     provenance: dict = field(default_factory=dict)
     geometry: str = 'rotation'
+    effects: tuple = ()
 
     def __post_init__(self):
         known_terms(self.terms)
+        object.__setattr__(self, 'effects', tuple(self.effects))
         if self.geometry not in ('rotation', 'first_order'):
             raise ValueError(
                 f'unknown geometry {self.geometry!r} of a model; take rotation or first_order')
@@ -100,13 +110,60 @@ class PointingModel:
             x, y = x + hx.reshape(np.shape(az)), y + hy.reshape(np.shape(az))
         return x, y
 
-    def sky_to_encoder(self, az, el):
+    def _from_effects(self, az, el, az_enc, el_enc, context):
+        """What the effects add, on the sky; the angles without them stand for the reading."""
+        shape = np.shape(az)
+        flat = [np.ravel(v) for v in (az, el, az_enc, el_enc)]
+        context = as_context(context, *flat[:2])
+        known = {name for name in ('az_enc', 'el_enc', 'az_raw', 'el_raw')
+                 if name in context.columns}
+        if known:
+            x, y = total(self.effects, context)
+            return x.reshape(shape), y.reshape(shape)
+        # the mount will read what this very model says: each round divides the error by
+        # period / (2 pi amplitude)
+        x, y = np.zeros(len(context)), np.zeros(len(context))
+        for _ in range(12 if self._by_reading() else 1):
+            x, y = total(self.effects, context.at(
+                *flat[:2], az_enc=flat[2] + x / np.cos(flat[1]), el_enc=flat[3] + y))
+        return x.reshape(shape), y.reshape(shape)
+
+    def _by_reading(self):
+        return any(e.effect.driver.startswith('reading') for e in self.effects)
+
+    def unknown(self, az, el, context=None):
+        """Which effects cannot act for want of a driver.
+
+        Parameters
+        ----------
+        az, el : float or ndarray, shape (n,)
+            Catalogue place, radians.
+        context : Context, dict of drivers or PointingRun, optional
+
+        Returns
+        -------
+        dict of str to ndarray of bool, shape (n,)
+            Name of the effect -> rows in which it counts as zero; only those with such rows.
+        """
+        az, el = np.broadcast_arrays(np.atleast_1d(az), np.atleast_1d(el))
+        context = as_context(context, az, el)
+        # the reading is predicted where it is not given
+        context = context.at(az, el, **{f'{axis}_enc': value for axis, value in
+                                        (('az', az), ('el', el))
+                                        if f'{axis}_enc' not in context.columns})
+        rows = {e.effect.name: e.unknown(context) for e in self.effects}
+        return {name: mask for name, mask in rows.items() if mask.any()}
+
+    def sky_to_encoder(self, az, el, context=None):
         """Encoder angles that point at a catalogue place.
 
         Parameters
         ----------
         az, el : float or ndarray
             Catalogue place, radians.
+        context : Context, dict of drivers or PointingRun, optional
+            For the effects: time, temperature, approach_az, ... by the names of `run.COLUMNS`.
+            The encoder's reading is taken from it, else predicted.
 
         Returns
         -------
@@ -120,15 +177,20 @@ class PointingModel:
         if columns or self.harmonics is not None:
             x, y = self._added(az, el, columns)
             az_enc, el_enc = az_enc + x / np.cos(el), el_enc + y
+        if self.effects:
+            x, y = self._from_effects(az, el, az_enc, el_enc, context)
+            az_enc, el_enc = az_enc + x / np.cos(el), el_enc + y
         return az_enc, el_enc
 
-    def encoder_to_sky(self, az_enc, el_enc):
+    def encoder_to_sky(self, az_enc, el_enc, context=None):
         """Catalogue place at which the mount looks: the inverse of `sky_to_encoder`.
 
         Parameters
         ----------
         az_enc, el_enc : float or ndarray
             Encoder angles, radians.
+        context : Context, dict of drivers or PointingRun, optional
+            For the effects; see `sky_to_encoder`.
 
         Returns
         -------
@@ -139,26 +201,35 @@ class PointingModel:
         az_enc, el_enc = np.broadcast_arrays(np.asarray(az_enc, float), np.asarray(el_enc, float))
         turned, columns = self._split()
         added = None
-        if columns or self.harmonics is not None:
+        if columns or self.harmonics is not None or self.effects:
+            reading = {'az_enc': np.ravel(az_enc), 'el_enc': np.ravel(el_enc)}
+
             def added(az, el):
                 x, y = self._added(az, el, columns)
+                if self.effects:
+                    dx, dy = total(self.effects, as_context(
+                        context, np.ravel(az), np.ravel(el)).at(
+                            np.ravel(az), np.ravel(el), **reading))
+                    x, y = x + dx.reshape(np.shape(az)), y + dy.reshape(np.shape(az))
                 return x / np.cos(el), y
         return rotation.encoder_to_sky(az_enc, el_enc, turned, added)
 
-    def offsets(self, az, el):
+    def offsets(self, az, el, context=None):
         """Encoder - catalogue, on the sky.
 
         Parameters
         ----------
         az, el : float or ndarray
             Catalogue place, radians.
+        context : Context, dict of drivers or PointingRun, optional
+            For the effects; see `sky_to_encoder`.
 
         Returns
         -------
         x, y : ndarray
             delta-A cos E and delta-E, radians.
         """
-        az_enc, el_enc = self.sky_to_encoder(az, el)
+        az_enc, el_enc = self.sky_to_encoder(az, el, context)
         return wrap(az_enc - az) * np.cos(el), el_enc - el
 
     def covariance_at(self, az, el):
@@ -177,16 +248,18 @@ class PointingModel:
         columns = np.stack(design(tuple(self.terms), az, el), axis=1)  # (n, 2, k)
         return columns @ self.covariance @ columns.transpose(0, 2, 1)
 
-    def sigma(self, az, el):
+    def sigma(self, az, el, context=None):
         """Standard error of the predicted offset, from the covariance of all coefficients.
 
         It is what the fit's noise leaves in the prediction; effects that the model does not have
-        are not in it.
+        are not in it. The coefficients of the effects it has count as independent.
 
         Parameters
         ----------
         az, el : float or ndarray
             Catalogue place, radians.
+        context : Context, dict of drivers or PointingRun, optional
+            For the effects; see `sky_to_encoder`.
 
         Returns
         -------
@@ -200,6 +273,9 @@ class PointingModel:
         if self.harmonics is not None:
             hx, hy = self.harmonics.variance(az, el)
             x, y = x + hx, y + hy
+        for fitted in self.effects:
+            ex, ey = fitted.variance(as_context(context, az, el))
+            x, y = x + ex, y + ey
         sx, sy = (np.sqrt(np.maximum(v, 0.0)).reshape(shape) for v in (x, y))
         return sx, sy
 
@@ -220,7 +296,8 @@ class PointingModel:
             (encoder - model) in azimuth x cos E, and in elevation, radians.
         """
         az, el = run['az'], run['el']
-        az_enc, el_enc = self.sky_to_encoder(az, el)
+        context = Context.of_run(run, encoder) if self.effects else None
+        az_enc, el_enc = self.sky_to_encoder(az, el, context)
         zero_az, zero_el = zero_angles(zero, run)
         x = wrap(run[f'az_{encoder}'] - zero_az - az_enc) * np.cos(el)
         return x, run[f'el_{encoder}'] - zero_el - el_enc
@@ -236,7 +313,7 @@ class PointingModel:
         sigma = np.sqrt(np.maximum(np.diag(self.covariance), 0.0)) / ARCSEC
         document = {
             'format': FORMAT,
-            'version': VERSION,
+            'version': VERSION if self.effects else _PLAIN_VERSION,
             'convention': _CONVENTION,
             'geometry': self.geometry,
             'terms': [
@@ -255,6 +332,8 @@ class PointingModel:
                 'elevation_arcsec': (h.coef_y / ARCSEC).tolist(),
                 'covariance_arcsec2': (h.covariance / ARCSEC**2).tolist(),
             }
+        if self.effects:
+            document['effects'] = [e.document() for e in self.effects]
         return json.dumps(document, indent=1)
 
     @classmethod
@@ -285,10 +364,10 @@ class PointingModel:
         """Read the parsed document (see `from_json`)."""
         if not isinstance(document, dict) or document.get('format') != FORMAT:
             raise ValueError(f'not a pointing model: the document has no format {FORMAT!r}')
-        if document.get('version') != VERSION:
+        if document.get('version') not in (_PLAIN_VERSION, VERSION):
             raise ValueError(
                 f'pointing model of version {document.get("version")!r}, this program reads '
-                f'version {VERSION}; update the program or fit the run again')
+                f'version {_PLAIN_VERSION} and {VERSION}; update the program or fit the run again')
         try:
             rows = document['terms']
             terms = {row['name']: float(row['value_arcsec']) * ARCSEC for row in rows}
@@ -310,11 +389,12 @@ class PointingModel:
             if not isinstance(provenance, dict):
                 raise ValueError('provenance is not an object')
             geometry = document['geometry']
+            effects = [FittedEffect.from_document(row) for row in document.get('effects') or ()]
         except KeyError as error:
             raise ValueError(f'pointing model document without {error}') from None
         except (TypeError, ValueError, AttributeError) as error:
             raise ValueError(f'pointing model document is damaged: {error}') from None
-        return cls(terms, covariance, harmonics, provenance, geometry)
+        return cls(terms, covariance, harmonics, provenance, geometry, effects)
 
     def save(self, path):
         """Write the model to a .json, .yaml or .yml file.

@@ -141,7 +141,7 @@ def broken(**changes):
 
 @pytest.mark.parametrize('text, word', [
     ('{', 'not JSON'), ('[1]', 'not a pointing model'), ('{"format": "x"}', 'not a pointing'),
-    (broken(version=2), 'version 2'), (broken(terms='DELETE'), 'terms'),
+    (broken(version=3), 'version 3'), (broken(terms='DELETE'), 'terms'),
     (broken(terms=[{'name': 'QQ', 'value_arcsec': 1}], covariance_arcsec2=[[1]]), 'QQ'),
     (broken(terms=[{'name': 'IA', 'value_arcsec': 'one'}]), 'damaged'),
     (broken(terms=[{'name': 'IA', 'value_arcsec': 1}] * 2), 'twice'),

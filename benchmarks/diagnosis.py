@@ -1,0 +1,564 @@
+"""Diagnosis of the residual: false alarms, identification, held-out gain, measured runs, speed.
+
+    python benchmarks/diagnosis.py [--nights N] [--trials N] [--data FOLDER] [--full] [--seed N]
+                                   [--only PART ...]
+
+Simulated mounts are exact rotations (`pointing_model.geometry`) with effects by rules of their
+own (a disc off its centre by arctan, a refraction by Bennett's formula, play in a gear, an axis
+that tilts while the night goes on, ...), scaled to a given lambda = |(1 - P) s| / sigma: the
+effect's signal beyond the seven terms, in units of the noise. Printed beside each figure is a
+peer in the same run: plain selection by BIC, a fit that knew the effect, the six-term model.
+
+Near aliases count as one class: those that are expected on any night (`CLASSES`), and in each run
+those that the true signal would separate by less than the set width of 6 in 2 ln L. `--full` runs
+the sizes at which the targets are stated (an hour of CPU); FOLDER holds spk8m/ and arc35m/ (left
+out where absent).
+"""
+
+import argparse
+import re
+import resource
+import time
+from pathlib import Path
+
+import numpy as np
+
+from calibration.candidates import orthonormal
+from calibration.diagnosis import Base, diagnose
+from calibration.diagnosis import _Work as Work
+from calibration.diagnosis_base import observations
+from calibration.streamed import diagnose_streamed
+from msg_tools.run_files import read_run
+from pointing_model import geometry
+from pointing_model.effects import dictionary
+from pointing_model.run import PointingRun
+from pointing_model.terms import PHYSICAL, STANDARD6, stacked_design
+from pointing_model.units import ARCSEC, DEG, wrap
+
+TRUTH = dict(zip(PHYSICAL, np.array([20.0, -35.0, 25.0, -18.0, 30.0, -22.0, 15.0]) * ARCSEC))
+SITE = {'latitude': 34.3 * DEG, 'longitude': 109.0 * DEG}
+
+
+# --------------------------------------------------------------------------------- simulation
+
+def sky(rng, n):
+    """Stars above 20 degrees in an order that mixes the sky, with all drivers."""
+    az = rng.uniform(0.0, 2.0 * np.pi, n)
+    el = np.arcsin(rng.uniform(np.sin(20.0 * DEG), np.sin(85.0 * DEG), n))
+    return {
+        'az': az, 'el': el, 'time': 1.7e9 + np.cumsum(rng.uniform(60.0, 120.0, n)),
+        'temperature': 12.0 - 4.0 * np.linspace(0.0, 1.0, n)**0.7 + 0.5 * rng.normal(size=n),
+        'approach_az': np.sign(np.append(1.0, np.diff(az))),
+        'approach_el': np.sign(np.append(1.0, np.diff(el))),
+        'magnitude': rng.uniform(1.0, 6.0, n), 'miss_x': 8.0 * ARCSEC * rng.normal(size=n),
+        'miss_y': 8.0 * ARCSEC * rng.normal(size=n),
+    }
+
+
+def noise(rng, kind, el):
+    """Unit noise of both axes."""
+    if kind == 't4':
+        return rng.standard_t(4, size=(2, len(el))) / np.sqrt(2.0)
+    e = rng.normal(size=(2, len(el)))
+    return e / np.sin(el) if kind == '1/sin E' else e
+
+
+def make_run(columns, x, y):
+    """A run with offsets (x, y), arcsec on the sky, beyond the mount's terms."""
+    az_enc, el_enc = geometry.sky_to_encoder(columns['az'], columns['el'], TRUTH)
+    return PointingRun({**columns, 'az_enc': az_enc + x * ARCSEC / np.cos(columns['el']),
+                        'el_enc': el_enc + y * ARCSEC}, {'site': SITE})
+
+
+def _terms_of(c, **values):
+    """Offsets of terms that differ from row to row, by rotations."""
+    exact = np.zeros((2, len(c['az'])))
+    for i, (a, e) in enumerate(zip(c['az'], c['el'])):
+        row = {k: v[i] for k, v in values.items()}
+        both = {k: TRUTH[k] + row.get(k, 0.0) for k in TRUTH}
+        exact[:, i] = np.array(geometry.offsets(a, e, both)) - geometry.offsets(a, e, TRUTH)
+    return exact
+
+
+def _on_az(c, angle):
+    return np.array([angle * np.cos(c['el']), np.zeros_like(angle)])
+
+
+def _on_el(angle):
+    return np.array([np.zeros_like(angle), angle])
+
+
+def _hours(c):
+    return (c['time'] - c['time'].mean()) / 3600.0
+
+
+def _step(c, rng):
+    n = len(c['az'])
+    return 1.0 * (np.arange(n) >= rng.integers(n // 4, 3 * n // 4))
+
+
+def _turned(c, axis, angle):
+    v = np.array([np.cos(c['el']) * np.sin(c['az']), np.cos(c['el']) * np.cos(c['az']),
+                  np.sin(c['el'])])
+    w = v + angle * np.cross(axis, v, axis=0)
+    w /= np.linalg.norm(w, axis=0)
+    return np.array([wrap(np.arctan2(w[0], w[1]) - c['az']) * np.cos(c['el']),
+                     np.arcsin(w[2]) - c['el']])
+
+
+def _equatorial_x(c):
+    lst = SITE['longitude'] + 4.894961212735793 + 2.0 * np.pi * 1.00273790935 * (
+        (c['time'] - 946728000.0) / 86400.0)
+    s, k = np.sin(SITE['latitude']), np.cos(SITE['latitude'])
+    return np.array([-np.sin(lst), -s * np.cos(lst), k * np.cos(lst)])
+
+
+def _aberration(c, v):
+    place = np.array([np.cos(c['el']) * np.sin(c['az']), np.cos(c['el']) * np.cos(c['az']),
+                      np.sin(c['el'])])
+    w = place + v
+    w = w / np.linalg.norm(w, axis=0)
+    return np.array([wrap(np.arctan2(w[0], w[1]) - c['az']) * np.cos(c['el']),
+                     np.arcsin(w[2]) - c['el']])
+
+
+#: near aliases that are expected on any night: parts of names
+CLASSES = (
+    ('refraction', 'second_flexure', 'elevation_encoder'),
+    ('azimuth_zero_with', 'collimation_with'), ('elevation_zero_with', 'flexure_with'),
+    ('azimuth_hysteresis',), ('elevation_hysteresis',), ('tilt_with', 'precession'),
+)
+
+
+def alike(one, two):
+    """Whether two names are of one class."""
+    return one == two or any(one.startswith(c) and two.startswith(c) for c in CLASSES)
+
+
+U = 5.0 * ARCSEC  # size before it is scaled
+#: name in the dictionary -> (columns, rng) -> offsets (2, n), radians
+EFFECTS = {
+    'azimuth_encoder_1': lambda c, r: _on_az(c, wrap(np.arctan2(
+        np.sin(c['az'] - 0.7), np.cos(c['az'] - 0.7) - U) - c['az'] + 0.7)),
+    'azimuth_encoder_2': lambda c, r: _on_az(c, wrap(np.arctan2(
+        (1.0 + U) * np.sin(c['az'] - 1.0), np.cos(c['az'] - 1.0)) - c['az'] + 1.0)),
+    'azimuth_encoder_4': lambda c, r: _on_az(c, U * np.sin(4.0 * c['az'] + r.uniform(0.0, 6.0))),
+    'second_flexure': lambda c, r: _on_el(np.arctan2(
+        np.sin(c['el']), np.cos(c['el']) - U) - c['el']),
+    'elevation_encoder_2': lambda c, r: _on_el(
+        np.arctan2((1.0 + U) * np.sin(c['el']), np.cos(c['el'])) - c['el']),
+    'elevation_encoder_3': lambda c, r: _on_el(U * np.sin(3.0 * c['el'] + 0.5)),
+    'refraction': lambda c, r: _on_el(
+        U / np.tan(c['el'] + 7.31 * DEG / (c['el'] / DEG + 4.4))),
+    'elevation_nod_3': lambda c, r: _on_el(U * np.cos(3.0 * c['az'] + r.uniform(0.0, 6.0))),
+    'azimuth_bearing_wobble_2': lambda c, r: _terms_of(
+        c, AN=U * np.cos(c['az']), AW=-U * np.sin(c['az'])),
+    'fork_cross_term': lambda c, r: _on_el(U * np.sin(c['el']) * np.cos(c['az'] - 0.9)),
+    'elevation_axis_wobble_2': lambda c, r: _terms_of(c, NPAE=U * np.sin(2.0 * c['el'] + 0.3)),
+    'azimuth_zero_with_time': lambda c, r: _on_az(c, U * _hours(c)),
+    'elevation_zero_with_time': lambda c, r: _on_el(U * _hours(c)),
+    'elevation_zero_with_time_squared': lambda c, r: _on_el(U * _hours(c)**2),
+    'azimuth_zero_with_temperature': lambda c, r: _on_az(c, U * (c['temperature'] - 9.0)),
+    'elevation_zero_with_temperature': lambda c, r: _on_el(U * (c['temperature'] - 9.0)),
+    'azimuth_zero_step': lambda c, r: _on_az(c, U * _step(c, r)),
+    'elevation_zero_step': lambda c, r: _on_el(U * _step(c, r)),
+    'azimuth_hysteresis_cosE': lambda c, r: _on_az(c, U * c['approach_az']),
+    'elevation_hysteresis': lambda c, r: _on_el(U * c['approach_el']),
+    'tilt_with_time': lambda c, r: _terms_of(c, AN=0.6 * U * _hours(c), AW=-0.8 * U * _hours(c)),
+    'flexure_with_temperature': lambda c, r: _terms_of(c, TF=U * (c['temperature'] - 9.0)),
+    'collimation_with_time': lambda c, r: _terms_of(c, CA=U * _hours(c)),
+    'precession_or_epoch_error': lambda c, r: _turned(c, _equatorial_x(c), U),
+    'annual_aberration': lambda c, r: _aberration(c, U * _equatorial_x(c)),
+    'camera_rotation': lambda c, r: np.array([
+        np.cos(0.1) * c['miss_x'] - np.sin(0.1) * c['miss_y'] - c['miss_x'],
+        np.sin(0.1) * c['miss_x'] + np.cos(0.1) * c['miss_y'] - c['miss_y']]),
+    'camera_scale': lambda c, r: 0.05 * np.array([c['miss_x'], c['miss_y']]),
+    'magnitude_equation_el': lambda c, r: _on_el(U * (c['magnitude'] - 3.0)),
+}
+
+
+def grating(c, x, y, size):
+    """Interpolation error at the reading that the encoder really shows: not equal phases."""
+    run = make_run(c, x, y)
+    phase = 47200.0 * (run['az_enc'] - c['miss_x'] / np.cos(c['el']))
+    return np.arctan2(np.sin(phase), np.cos(phase) - size * 47200.0) - np.arctan2(
+        np.sin(phase), np.cos(phase))
+
+
+def _square(c, r):
+    waves = int(r.integers(4, 13))
+    return np.sign((c['az'] / (2.0 * np.pi) * waves + r.uniform()) % 1.0 - 0.5)
+
+
+def _bump(c, r):
+    d = wrap(c['az'] - r.uniform(0.0, 2.0 * np.pi))
+    return np.exp(-0.5 * (d / (r.uniform(12.0, 30.0) * DEG))**2)
+
+
+def _gap(c, r):
+    u = (c['time'] - c['time'][0]) / np.ptp(c['time'])
+    start = r.uniform(0.2, 0.6)
+    return 1.0 * ((u > start) & (u < start + 0.25))
+
+
+#: (driver, curve) of effects that no dictionary holds
+OUTSIDE = {
+    'bump in a narrow azimuth range': ('azimuth', _bump),
+    'square wave of azimuth': ('azimuth', _square),
+    'sawtooth of elevation': ('elevation', lambda c, r: (
+        (c['el'] / (r.uniform(14.0, 30.0) * DEG) + r.uniform()) % 1.0) - 0.5),
+    'kink in elevation': ('elevation', lambda c, r: np.maximum(
+        c['el'] - r.uniform(35.0, 55.0) * DEG, 0.0)),
+    'oscillation in time': ('time', lambda c, r: np.sin(
+        2.0 * np.pi * r.uniform(2.0, 5.0) * _hours(c) / np.ptp(_hours(c)) + r.uniform(0.0, 6.0))),
+    'excursion in time': ('time', _gap),
+}
+
+
+def scaled(c, s, size):
+    """The signal with lambda = `size` beyond the seven terms, in units of 1"; None if hidden."""
+    basis = orthonormal(stacked_design(PHYSICAL, c['az'], c['el']))
+    flat = np.asarray(s).ravel()
+    left = np.linalg.norm(flat - (basis @ flat) @ basis)
+    if left < 0.05 * np.linalg.norm(flat):
+        return None
+    return np.asarray(s) * (size / left)
+
+
+# ---------------------------------------------------------------------------------------- parts
+
+class Table:
+    """Rows: what, figure, target, peer."""
+
+    def row(self, what, figure, target, peer='', good=None):
+        mark = '' if good is None else ('ok' if good else 'MISSED')
+        print(f'{what:66s} {figure:>22s}  {target:>14s}  {mark:6s} {peer}', flush=True)
+
+
+def _share(k, n):
+    return f'{100.0 * k / n:.2f} % of {n}'
+
+
+def clean_nights(table, args, rng):
+    """False alarms."""
+    for kind, target in (('gauss', 1.5), ('t4', 2.5), ('1/sin E', 2.5)):
+        for n in (30, 60, 200):
+            alarms = plain = 0
+            for _ in range(args.nights):
+                c = sky(rng, n)
+                run = make_run(c, *noise(rng, kind, c['el']))
+                result = diagnose(run, cross_validation=False, flips=args.flips,
+                                  seed=int(rng.integers(2**31)))
+                alarms += result.verdict != 'none'
+                plain += result.ranking[0]['delta_bic'] > 0.0
+            table.row(f'clean nights, {kind} noise, N = {n}: false effect',
+                      _share(alarms, args.nights), f'<= {target} %',
+                      f'plain delta BIC > 0: {100.0 * plain / args.nights:.0f} %',
+                      100.0 * alarms / args.nights <= target)
+
+
+def _explained(result, entry, s):
+    """Part of the true signal beyond the base that an effect's columns can follow."""
+    c = result.observations.context
+    base = orthonormal(stacked_design(PHYSICAL, c.az, c.el))
+    s = np.asarray(s).ravel()
+    s = s - (base @ s) @ base
+    columns = entry.columns.reshape(len(entry.columns), -1)
+    columns = columns - (columns @ base.T) @ base
+    q = orthonormal(columns)
+    return float(np.square(q @ s).sum() / (s @ s))
+
+
+def _shown(entry):
+    return {entry.fitted.effect.name, *entry.alternatives, *entry.aliases}
+
+
+def one_effect(table, args, rng):
+    """Identification of one undeclared effect: at the edge, and above it."""
+    _one_effect(table, args, rng, 'lambda = 7', lambda: 7.0)
+    _one_effect(table, args, rng, 'lambda 7 to 14', lambda: rng.uniform(7.0, 14.0))
+
+
+def _one_effect(table, args, rng, what, draw):
+    names = [*EFFECTS, 'azimuth_subdivision_grating_1']
+    count = found = top = class_top = in_set = 0
+    missed = []
+    for i in range(args.trials):
+        name, size = names[i % len(names)], draw()
+        c = sky(rng, 60)
+        e = noise(rng, 'gauss', c['el'])
+        if name in EFFECTS:
+            s = scaled(c, EFFECTS[name](c, rng), size)
+        else:
+            angle = grating(c, *e, 2.0 * ARCSEC)
+            s = scaled(c, _on_az(c, angle), size)
+        if s is None:
+            continue
+        count += 1
+        result = diagnose(make_run(c, *(e + s)), cross_validation=False, flips=args.flips,
+                          seed=int(rng.integers(2**31)))
+        found += bool(result.effects)
+        ok = any(name in _shown(x) or x.fitted.effect.name.startswith(name)
+                 for x in result.effects)
+        best = any(name in {x.fitted.effect.name, *x.aliases} for x in result.effects)
+        near = any(alike(name, x.fitted.effect.name)
+                   or size**2 * (1.0 - _explained(result, x, s)) < 6.0 for x in result.effects)
+        in_set, top, class_top = in_set + ok, top + best, class_top + (best or near)
+        if not ok:
+            missed.append(f'{name} -> {[x.fitted.effect.name for x in result.effects]}')
+    label = f'one effect, {what}, 60 stars: '
+    table.row(label + 'detected', _share(found, count), '')
+    table.row(label + 'true one in the set', _share(in_set, count), '>= 98 %',
+              good=in_set >= 0.98 * count)
+    table.row(label + 'top of the ranking, classes as one', _share(class_top, count), '>= 95 %',
+              f'by name alone {100.0 * top / count:.1f} %', class_top >= 0.95 * count)
+    if args.verbose:
+        print('\n'.join('    ' + m for m in missed))
+
+
+def two_effects(table, args, rng, size=10.0):
+    """Identification of two undeclared effects at once."""
+    names, count, both = list(EFFECTS), 0, 0
+    missed = []
+    for _ in range(args.trials // 2):
+        first, second = rng.choice(len(names), 2, replace=False)
+        c = sky(rng, 60)
+        e = noise(rng, 'gauss', c['el'])
+        parts = [scaled(c, EFFECTS[names[k]](c, rng), size) for k in (first, second)]
+        if any(p is None for p in parts):
+            continue
+        # two of one class are one effect
+        base = orthonormal(stacked_design(PHYSICAL, c['az'], c['el']))
+        a, b = (p.ravel() - (base @ p.ravel()) @ base for p in parts)
+        if size**2 * (1.0 - (a @ b)**2 / (a @ a) / (b @ b)) < 36.0:
+            continue
+        count += 1
+        result = diagnose(make_run(c, *(e + parts[0] + parts[1])), cross_validation=False,
+                          flips=args.flips, seed=int(rng.integers(2**31)))
+        shown = set().union(*(_shown(x) for x in result.effects)) if result.effects else set()
+        good = names[first] in shown and names[second] in shown
+        both += good
+        if not good:
+            missed.append(f'{names[first]} + {names[second]} -> '
+                          f'{[x.fitted.effect.name for x in result.effects]}')
+    table.row(f'two effects, lambda = {size:g} each, 60 stars: both in the sets',
+              _share(both, count), '>= 90 %', good=both >= 0.9 * count)
+    if args.verbose:
+        print('\n'.join('    ' + m for m in missed))
+
+
+def held_out(table, args, rng):
+    """Fresh stars of the same mount, against the noise floor and a fit that knew the effect."""
+    names = list(EFFECTS)
+    ours, known, before = [], [], []
+    for i in range(args.trials // 2):
+        name = names[i % len(names)]
+        both = sky(rng, 460)
+        # one night of an hour and a half: nothing is extrapolated in time
+        both['time'] = 1.7e9 + (both['time'] - 1.7e9) * 60.0 / 460.0
+        chosen = np.sort(rng.permutation(460)[:60])
+        rate = rng.uniform(5.0, 10.0) / 5.0  # of the 5" in U
+        s = EFFECTS[name](both, rng)
+        if not name.startswith('camera'):
+            s = s * rate
+        s = s / ARCSEC
+        e = noise(rng, 'gauss', both['el'])
+        whole = make_run(both, *(e + s))
+        others = np.setdiff1d(np.arange(460), chosen)
+        train, test = whole.select(chosen), whole.select(others)
+        result = diagnose(train, cross_validation=False, flips=args.flips,
+                          seed=int(rng.integers(2**31)))
+        floor = np.sqrt(np.mean(np.square(e[:, others]).sum(axis=0)))
+        ours.append(_radial(result.model, test) / floor)
+        before.append(_radial(result.base_model, test) / floor)
+        known.append(_knew(train, test, name) / floor)
+    root = [float(np.sqrt(np.mean(np.square(v)))) for v in (ours, known, before)]
+    median = float(np.median(ours))
+    table.row('held-out radial RMS / noise floor, 60 stars, effects of 5-10"',
+              f'{root[0]:.3f} (median {median:.3f})', '<= 1.06',
+              f'fit that knew the effect {root[1]:.3f}; seven terms {root[2]:.3f}',
+              root[0] <= 1.06)
+
+
+def _radial(model, run):
+    x, y = model.residuals(run)
+    return float(np.sqrt(np.mean(x**2 + y**2))) / ARCSEC
+
+
+def _knew(train, test, name):
+    from calibration.search import Choice
+
+    work = Work(observations(train), Base.parse('physical'), 0.01, True, 'enc')
+    bank = work.problem.dictionary
+    gain = bank.score(work.problem.state([])).delta_bic
+    # of the times of a step the best
+    chosen = [Choice(max((i for i, e in enumerate(bank.effects) if e.name == name),
+                         key=lambda i: gain[i]))]
+    fitted = work.fit(chosen, work.problem.state(chosen, final=True))
+    return _radial(work.model(fitted, chosen)[0], test)
+
+
+def outside(table, args, rng, size=10.0):
+    """Effects that no dictionary holds."""
+    count = found = driver = unknown = 0
+    names = list(OUTSIDE)
+    missed = []
+    for i in range(args.trials):
+        what, curve = OUTSIDE[names[i % len(names)]]
+        c = sky(rng, 60)
+        value = curve(c, rng)
+        axis_el = what == 'elevation' or rng.integers(2)
+        s = scaled(c, _on_el(value) if axis_el else _on_az(c, value), size)
+        if s is None:
+            continue
+        count += 1
+        result = diagnose(make_run(c, *(noise(rng, 'gauss', c['el']) + s)),
+                          cross_validation=False, flips=args.flips,
+                          seed=int(rng.integers(2**31)))
+        drivers = [x.fitted.effect.driver for x in result.effects]
+        found += bool(drivers)
+        driver += what in drivers
+        unknown += result.verdict == 'unknown'
+        if what not in drivers:
+            missed.append(f'{names[i % len(names)]} -> '
+                          f'{[x.fitted.effect.name for x in result.effects]}')
+    label = f'outside the dictionary, lambda = {size:g}, 60 stars: '
+    table.row(label + 'detected', _share(found, count), '>= 98 %', good=found >= 0.98 * count)
+    table.row(label + 'driver right', _share(driver, count), '>= 95 %',
+              f'verdict unknown {100.0 * unknown / count:.0f} %', driver >= 0.95 * count)
+    if args.verbose:
+        print('\n'.join('    ' + m for m in missed))
+
+
+def measured(table, args, rng):
+    """Runs of other telescopes."""
+    folder = Path(args.data) if args.data else None
+    if folder is None or not folder.is_dir():
+        table.row('measured runs', 'left out: no --data', '')
+        return
+    run = read_run(folder / 'spk8m' / 'pmfit_altaz.dat', azimuth_origin='N')
+    values = []
+    for seed in range(args.repeats):
+        result = diagnose(run, seed=seed)
+        values.append(result.after['cv_rms_arcsec'])
+    table.row('spk8m: nested cross-validation, radial (mean over partitions)',
+              f'{np.mean(values):.3f}" ({min(values):.3f}-{max(values):.3f})', '<= 1.05"',
+              f'seven terms {result.before["cv_rms_arcsec"]:.2f}"; published 1.01" in-sample',
+              np.mean(values) <= 1.05)
+    train, test = _arc35m(folder / 'arc35m')
+    start = time.process_time()
+    result = diagnose(train, 'standard6', own_terms=STANDARD6, holdout=test,
+                      cross_validation=False)
+    spent = time.process_time() - start
+    before, after = (v['holdout_rms_arcsec'] for v in (result.before, result.after))
+    table.row(f'arc35m: {len(test)} runs left out, six terms refitted in each',
+              f'{after:.2f}" ({100.0 * (1.0 - after / before):.1f} % below)', '>= 14 % below',
+              f'six terms {before:.2f}"; {len(result.effects)} effects, {spent:.0f} s CPU',
+              after <= 0.86 * before)
+
+
+def _arc35m(folder):
+    train, test = [], []
+    for path in sorted(folder.glob('*.dat')):
+        try:
+            run = read_run(path)
+        except ValueError:  # two files hold 0 and 2 rows
+            continue
+        if len(run) > 6:
+            year = int(re.search(r'ptdata_(\d{4})', path.name).group(1))
+            (train if year < 2018 else test).append(run)
+    return train, test
+
+
+def speed(table, args, rng):
+    """One night."""
+    c = sky(rng, 105)
+    for i in range(23):  # columns of the user's own
+        c[f'own_{i}'] = rng.normal(size=105)
+    run = make_run(c, *noise(rng, 'gauss', c['el']))
+    run.columns['az_enc'] += 4.0 * ARCSEC * c['approach_az']
+    passes, whole = [], []
+    for _ in range(5):
+        start = time.process_time()
+        obs = observations(run)
+        work = Work(obs, Base.parse('physical'), 0.01, True, 'enc', curves=False)
+        state = work.problem.state([])
+        scores = work.problem.dictionary.score(state)
+        passes.append(time.process_time() - start)
+        start = time.process_time()
+        diagnose(run)
+        whole.append(time.process_time() - start)
+    table.row(f'105 stars, {len(scores.dof)} candidates, without resampling',
+              f'{1e3 * min(passes):.1f} ms CPU', '<= 30 ms', good=min(passes) <= 0.030)
+    table.row('105 stars, with resampling and nested cross-validation',
+              f'{min(whole):.2f} s CPU', '<= 5 s', good=min(whole) <= 5.0)
+
+
+def stream(table, args, rng):
+    """Very many rows."""
+    spent = {}
+    for total in (args.rows // 4, args.rows):
+        effects = [e for e in dictionary_of(rng) if e.driver != 'run'][:60]
+
+        def chunks(total=total):
+            for i in range(0, total, 20000):
+                yield _chunk(i, min(20000, total - i))
+
+        start = time.process_time()
+        for _ in chunks():
+            pass
+        made = time.process_time() - start
+        start = time.process_time()
+        result = diagnose_streamed(chunks, effects=effects)
+        spent[total] = time.process_time() - start - 3.0 * made
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+    (small, a), (large, b) = spent.items()
+    table.row(f'{large} rows, {len(effects)} candidate groups, streamed',
+              f'{b:.1f} s CPU, {memory:.0f} MB', '<= 20 s, 1 GB',
+              f'{small} rows {a:.1f} s; found {", ".join(e["name"] for e in result.effects)}',
+              b <= 20.0 and memory <= 1024.0)
+
+
+def dictionary_of(rng):
+    """The candidates for a run like those of the stream."""
+    from pointing_model.context import Context
+
+    return dictionary(Context.of_run(_chunk(0, 200)))[0]
+
+
+def _chunk(first, n):
+    rng = np.random.default_rng(first)
+    c = sky(rng, n)
+    c['time'] = 1.7e9 + 30.0 * (first + np.arange(n))
+    e = noise(rng, '1/sin E', c['el'])
+    return make_run(c, e[0] + 0.03 * c['approach_az'] * np.cos(c['el']),
+                    e[1] + 0.05 * np.sin(3.0 * c['az']))
+
+
+PARTS = {'clean': clean_nights, 'one': one_effect, 'two': two_effects, 'held': held_out,
+         'outside': outside, 'measured': measured, 'speed': speed, 'stream': stream}
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
+    parser.add_argument('--nights', type=int, default=100, help='clean nights of each kind')
+    parser.add_argument('--trials', type=int, default=116, help='nights with effects')
+    parser.add_argument('--rows', type=int, default=200_000, help='of the stream')
+    parser.add_argument('--repeats', type=int, default=3, help='partitions of spk8m')
+    parser.add_argument('--flips', type=int, default=1999)
+    parser.add_argument('--data', help='folder with the measured runs')
+    parser.add_argument('--seed', type=int, default=1)
+    parser.add_argument('--only', nargs='+', choices=PARTS, default=list(PARTS))
+    parser.add_argument('--full', action='store_true',
+                        help='2000 nights, 1160 trials, 1 000 000 rows')
+    parser.add_argument('--verbose', action='store_true', help='list what was missed')
+    args = parser.parse_args()
+    if args.full:
+        args.nights, args.trials, args.rows, args.repeats = 2000, 1160, 1_000_000, 10
+    print(f'{"what":66s} {"figure":>22s}  {"target":>14s}')
+    for name in args.only:
+        PARTS[name](Table(), args, np.random.default_rng(args.seed))
+
+
+if __name__ == '__main__':
+    main()

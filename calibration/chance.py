@@ -1,0 +1,130 @@
+"""How large a candidate's score is by chance: sign flips of leverage-corrected residual pairs."""
+
+import numpy as np
+
+
+def pair_corrected(basis, residual):
+    """Residuals made as large as the noise: (I - H)^(-1/2) of each row's 2 x 2 block.
+
+    Parameters
+    ----------
+    basis : ndarray, shape (rank, 2n)
+        Orthonormal, of what was fitted.
+    residual : ndarray, shape (2n,)
+
+    Returns
+    -------
+    ndarray, shape (2, n)
+    """
+    n = len(residual) // 2
+    x, y = basis[:, :n], basis[:, n:]
+    a = np.clip(1.0 - np.einsum('ij,ij->j', x, x), 1e-3, 1.0)
+    c = np.clip(1.0 - np.einsum('ij,ij->j', y, y), 1e-3, 1.0)
+    off = -np.einsum('ij,ij->j', x, y)
+    off = np.sign(off) * np.minimum(np.abs(off), 0.999 * np.sqrt(a * c))
+    # square root of [[a, off], [off, c]] is (M + s I) / t; invert that
+    s = np.sqrt(a * c - off * off)
+    t = np.sqrt(a + c + 2.0 * s)
+    ma, mc, mo = (a + s) / t, (c + s) / t, off / t
+    det = ma * mc - mo * mo
+    rx, ry = residual[:n], residual[n:]
+    return np.array([(mc * rx - mo * ry) / det, (ma * ry - mo * rx) / det])
+
+
+def normal_score(gain, dof, nu):
+    """Standard normal equivalent of gain / dof ~ F(dof, nu) (Paulson), to compare groups."""
+    a, b = 2.0 / (9.0 * dof), 2.0 / (9.0 * nu)
+    root = np.cbrt(gain / dof)
+    return ((1.0 - b) * root - (1.0 - a)) / np.sqrt(a + b * root * root)
+
+
+class ChanceTest:
+    """Is a group's score beyond what flipped residuals give to the best of all groups?
+
+    The residual that is flipped is that of the model *with* the group, corrected for the
+    leverage of all its columns: a strong effect does not hide itself. Scores are studentised
+    with a variance for each group from that residual (so that noise may differ from row to row),
+    moderated toward the common one of the axis with `_PRIOR` rows (a group on few rows would
+    have a wild variance otherwise).
+
+    Parameters
+    ----------
+    state : State
+        Without the group.
+    scores : Scores
+        On that state.
+    group : int
+        The group to be tested.
+    """
+
+    _PRIOR = 100.0
+
+    def __init__(self, state, scores, group):
+        n, r = state.n, state.residual
+        own = scores.basis(group)
+        own = own[np.einsum('ij,ij->i', own, own) > 0.5]
+        e = pair_corrected(np.vstack((state.basis, own)), r - (own @ r) @ own)
+        variance = np.mean(np.square(e), axis=1) + 1e-30
+        free = 1.0 - len(state.basis) / (2.0 * n)
+        self._parts, self.all = [], np.full(len(scores.dof), -np.inf)
+        for groups, basis, dof in scores.bases:
+            pairs = basis[:, :, :n] * e[0] + basis[:, :, n:] * e[1]
+            v = pairs @ pairs.transpose(0, 2, 1)
+            x = basis[:, :, :n]
+            gram = x @ x.transpose(0, 2, 1)
+            kept = np.einsum('gdi,gdi->gd', basis, basis)[:, :, None] * np.eye(basis.shape[1])
+            common = variance[0] * gram + variance[1] * (kept - gram)
+            energy = np.einsum('gdi,gdi->gi', basis, basis)
+            energy = energy[:, :n] + energy[:, n:]
+            rows = np.square(dof) / np.maximum(np.square(energy).sum(axis=1), 1e-30) * free
+            rows = np.maximum(rows, 0.5)
+            share = (rows / (rows + self._PRIOR))[:, None, None]
+            whiten = _inverse_root(share * v + (1.0 - share) * common)
+            w = rows / (rows + self._PRIOR)
+            # degrees of freedom of that variance, and how fast a fitted group shrinks it
+            nu = 1.0 / (w * w / rows + (1.0 - w * w) / (n * free))
+            shrink = w / rows + (1.0 - w) / (n * free)
+            gain = np.square(np.einsum('gij,gj->gi', whiten, basis @ r)).sum(axis=1)
+            ok = dof > 0
+            self.all[groups[ok]] = normal_score(gain[ok], dof[ok], nu[ok])
+            pairs = (whiten @ pairs)[ok].astype(np.float32)  # thousands of flips: fast enough
+            self._parts.append((pairs, dof[ok], nu[ok], shrink[ok]))
+
+        #: score of the group, and of all (with this group's part out of the variance)
+        self.z = float(self.all[group])
+
+    def flipped_max(self, signs):
+        """Largest score of all groups in each flip.
+
+        Parameters
+        ----------
+        signs : ndarray, shape (B, n)
+            -1 and 1.
+
+        Returns
+        -------
+        ndarray, shape (B,)
+        """
+        best = np.full(len(signs), -np.inf)
+        for pairs, dof, nu, shrink in self._parts:  # (G_d, d, n)
+            g, d, n = pairs.shape
+            step = max(1, 4_000_000 // max(len(signs) * d, 1))
+            for i in range(0, g, step):
+                s = signs @ pairs[i:i + step].reshape(-1, n).T
+                gain = np.square(s).reshape(len(signs), -1, d).sum(axis=2)
+                # what the variance of this flip would be without the group's own part
+                gain = gain / np.maximum(1.0 - gain * shrink[i:i + step], 0.02)
+                z = normal_score(gain, dof[i:i + step], nu[i:i + step])
+                if z.size:
+                    best = np.maximum(best, z.max(axis=1))
+        return best
+
+
+def _inverse_root(v):
+    """V^(-1/2) of a stack of symmetric matrices, on the part that is not (nearly) null."""
+    if v.shape[-1] == 1:
+        return np.where(v > 1e-9, 1.0 / np.sqrt(np.maximum(v, 1e-9)), 0.0)
+    values, vectors = np.linalg.eigh(v)
+    keep = values > 1e-6 * np.maximum(values[:, -1:], 1e-6)
+    factor = np.where(keep, 1.0 / np.sqrt(np.where(keep, values, 1.0)), 0.0)
+    return (vectors * factor[:, None, :]) @ vectors.transpose(0, 2, 1)

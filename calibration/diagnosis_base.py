@@ -1,0 +1,322 @@
+"""What a diagnosis starts from: usable rows, the base model and its columns, decoder slips."""
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+
+from pointing_model import geometry as rotation
+from pointing_model.context import Context
+from pointing_model.effects import PERIODS
+from pointing_model.harmonics import basis, sky_factor
+from pointing_model.run import PointingRun
+from pointing_model.terms import PHYSICAL, STANDARD6, known_terms, stacked_design
+from pointing_model.units import ARCSEC
+
+from .candidates import Columns
+from .fit import fit_terms
+
+_SETS = {'physical': PHYSICAL, 'standard6': STANDARD6, 'index': ('IA', 'IE')}
+_GROSS = 7.0  # robust standard deviations from which a row is looked at for slips
+
+
+@dataclass(frozen=True)
+class Base:
+    """The declared model.
+
+    Attributes
+    ----------
+    terms : tuple of str
+    degree : int
+        Of the spherical harmonics of paper 000 (in zenith distance); 0: none.
+    own : tuple of str
+        Terms that each run fits for itself.
+    """
+
+    terms: tuple
+    degree: int = 0
+    own: tuple = ()
+
+    @classmethod
+    def parse(cls, text, own=()):
+        """From ``physical``, ``standard6``, ``index``, ``sh13``, ``sh1``..``sh4``, names of terms.
+
+        Parameters
+        ----------
+        text : str
+            Parts joined by ``+`` or ``,``. sh13 is sh4: degree 4 has 13 coefficients an axis.
+        own : sequence of str
+            Terms that each run fits for itself.
+
+        Raises
+        ------
+        ValueError
+            An unknown part.
+        """
+        terms, degree = [], 0
+        for part in re.split(r'[+,\s]+', text.strip()):
+            harmonics = re.fullmatch(r'sh(13|[1-4])', part)
+            if harmonics:
+                degree = 4 if harmonics.group(1) == '13' else int(harmonics.group(1))
+            else:
+                terms += [t for t in _SETS.get(part, (part,)) if t not in terms]
+        known_terms(terms)
+        known_terms(own)
+        return cls(tuple(terms), degree, tuple(own))
+
+    @property
+    def harmonic_count(self):
+        """Coefficients of the harmonics an axis."""
+        return 3 * self.degree + 1 if self.degree else 0
+
+    def names(self):
+        """For people and the result."""
+        return [*self.terms, *([f'sh{self.degree}'] if self.degree else [])]
+
+    def columns(self, context, run=None):
+        """First-order columns.
+
+        Parameters
+        ----------
+        context : Context
+        run : ndarray of int, shape (n,), optional
+            Needed for `own`.
+
+        Returns
+        -------
+        Columns
+        """
+        common = tuple(t for t in self.terms if t not in self.own)
+        rows = [stacked_design(common, context.az, context.el)]
+        count = self.harmonic_count
+        if count:
+            functions = basis(context.az, context.el)[:, :count].T
+            nothing = np.zeros_like(functions)
+            rows += [np.hstack((functions * sky_factor(context.el), nothing)),
+                     np.hstack((nothing, functions))]
+        if not self.own:
+            return Columns(np.vstack(rows))
+        return Columns(np.vstack(rows), stacked_design(self.own, context.az, context.el), run)
+
+
+@dataclass
+class Observations:
+    """The usable rows of one or several runs.
+
+    Attributes
+    ----------
+    run : PointingRun
+        All of them, in order.
+    rows : ndarray of int
+        Their numbers in what was given.
+    label : ndarray of int, shape (n,)
+        Number of the run, 0, 1, ...
+    runs : list
+        What the numbers stand for.
+    context : Context
+    observed : ndarray, shape (2n,)
+        Offsets, x then y, radians.
+    inverse_sigma : ndarray, shape (2n,), or None
+    excluded : list of dict
+        ``row`` and ``reason``.
+    notes : list of str
+    """
+
+    run: PointingRun
+    rows: np.ndarray
+    label: np.ndarray
+    runs: list
+    context: Context
+    observed: np.ndarray
+    inverse_sigma: np.ndarray | None
+    excluded: list
+    notes: list
+
+    def __len__(self):
+        return len(self.rows)
+
+
+def observations(runs, encoder='enc'):
+    """Join runs and leave out what cannot be used, with the reason.
+
+    Parameters
+    ----------
+    runs : PointingRun or sequence of PointingRun
+    encoder : {'enc', 'abs'}
+
+    Returns
+    -------
+    Observations
+
+    Raises
+    ------
+    ValueError
+        No usable row, or no such encoder.
+    """
+    runs = [runs] if isinstance(runs, PointingRun) else list(runs)
+    if not runs:
+        raise ValueError('no pointing run to diagnose; give at least one')
+    notes = [note for r in runs for note in r.meta.get('notes', ())]
+    excluded = [{**e, 'source': r.meta.get('source')} for r in runs
+                for e in r.meta.get('excluded', ())]
+    names, label = _labels(runs)
+    run = runs[0] if len(runs) == 1 else PointingRun.concatenate(runs)
+    lost = sorted({n for r in runs for n in r.columns} - set(run.columns))
+    if lost:
+        notes.append(f'not in all runs, so not used: {", ".join(lost)}')
+    if f'az_{encoder}' not in run:
+        raise ValueError(f'the run has no columns az_{encoder}, el_{encoder} to diagnose')
+    columns = dict(run.columns)
+    if len(runs) > 1 or 'run' not in columns or columns['run'].dtype.kind not in 'fiu':
+        columns['run'] = label
+    columns['row'] = np.arange(len(run))
+    run = PointingRun(columns, run.meta)
+    good, sigmas, bad = _usable(run, encoder)
+    if not good.any():
+        raise ValueError(f'none of {len(run)} observations can be used'
+                         + (f' (row {bad[0]["row"]}: {bad[0]["reason"]})' if bad else ''))
+    # the context first: what a row inherits from the one before is lost with the selection
+    context = _selected(Context.of_run(run, encoder), good)
+    used = run.select(good)
+    x, y = used.offsets(encoder)
+    inverse = None if sigmas is None else 1.0 / np.concatenate([s[good] for s in sigmas])
+    return Observations(used, np.flatnonzero(good), label[good], names, context,
+                        np.concatenate((x, y)), inverse, excluded + bad, notes)
+
+
+def _labels(runs):
+    """Names of the runs, and the number of the run of each row."""
+    names, labels = [], []
+    for i, r in enumerate(runs):
+        own = np.asarray(r['run']) if 'run' in r else np.zeros(len(r))
+        for value in np.unique(own):
+            names.append((i, value.item()))
+        values = np.unique(own)
+        labels.append(len(names) - len(values) + np.searchsorted(values, own))
+    several = len(runs) > 1
+    texts = [f'{runs[i].meta.get("source") or i}:{v:g}' if several and not isinstance(v, str)
+             else v for i, v in names]
+    return texts, np.concatenate(labels)
+
+
+_DERIVED = ('order', 'lst', 'reading_az', 'reading_el', 'travel_az', 'travel_el', 'before_az',
+            'before_el')
+
+
+def _selected(context, good):
+    if good.all():
+        return context
+    derived = {name: context.get(name) for name in _DERIVED}
+    columns = {n: v[good] if np.ndim(v) else v for n, v in context.columns.items()}
+    out = Context(context.az[good], context.el[good], columns, context.latitude,
+                  context.longitude)
+    out.time_is_utc, out.raw_reading = context.time_is_utc, context.raw_reading
+    out._derived = {n: None if v is None else v[good] for n, v in derived.items()}
+    return out
+
+
+def _usable(run, encoder):
+    good, excluded, sigmas = np.ones(len(run), bool), [], None
+    for name in ('az', 'el', f'az_{encoder}', f'el_{encoder}'):
+        bad = ~np.isfinite(np.asarray(run[name], float))
+        excluded += [{'row': int(i), 'reason': f'{name} not finite'}
+                     for i in np.flatnonzero(bad & good)]
+        good &= ~bad
+    if 'sigma_x' in run and 'sigma_y' in run:
+        sigmas = [np.asarray(run[name], float) for name in ('sigma_x', 'sigma_y')]
+        if all(np.isnan(s).all() for s in sigmas):
+            return good, None, excluded
+        for s in sigmas:
+            bad = ~(np.isfinite(s) & (s > 0.0))
+            excluded += [{'row': int(i), 'reason': 'sigma not finite and positive'}
+                         for i in np.flatnonzero(bad & good)]
+            good &= ~bad
+    return good, sigmas, excluded
+
+
+def linearised(obs, base):
+    """Start of the exact rotations, and the offsets that they leave.
+
+    Parameters
+    ----------
+    obs : Observations
+    base : Base
+
+    Returns
+    -------
+    start : dict of str to float
+        Coefficients of the geometric terms, radians.
+    left : ndarray, shape (2n,)
+        Radians.
+    feasible : ndarray of bool, shape (n,)
+    """
+    geometric = tuple(t for t in base.terms if t in rotation.GEOMETRIC)
+    if not geometric:
+        return {}, obs.observed, np.ones(len(obs), bool)
+    columns = dict(obs.run.columns)
+    columns['az_enc'] = columns['az'] + obs.observed[:len(obs)] / np.cos(columns['el'])
+    columns['el_enc'] = columns['el'] + obs.observed[len(obs):]
+    start = dict.fromkeys(geometric, 0.0)
+    try:
+        start.update(fit_terms(PointingRun(columns), geometric).model.terms)
+    except ValueError:
+        # directions that do not determine the rotations: from the indices alone
+        obs.notes.append('the directions do not determine all terms of the base: only '
+                         'predictions there have a meaning')
+        few = tuple(t for t in ('IA', 'IE') if t in geometric)
+        if few:
+            start.update(fit_terms(PointingRun(columns), few).model.terms)
+    left, feasible = after_rotation(obs, start)
+    return start, left, feasible
+
+
+def after_rotation(obs, start):
+    """Offsets beyond the exact rotations, shape (2n,), and where the mount can look."""
+    x, y = rotation.offsets(obs.context.az, obs.context.el, start)
+    feasible = np.isfinite(x) & np.isfinite(y)
+    left = obs.observed - np.nan_to_num(np.concatenate((x, y)))
+    return left, feasible
+
+
+def decode_slips(obs, state, alpha):
+    """Gross outliers that are whole bars of the disc or lines of the grating off.
+
+    A single row can be near a multiple of the 27.5" of a line by chance: rows are named together
+    where that chance is below `alpha`.
+
+    Parameters
+    ----------
+    obs : Observations
+    state : State
+        Of the base.
+    alpha : float
+
+    Returns
+    -------
+    list of (str, str, ndarray of int, ndarray of int, float)
+        Axis, graduation, rows (places in `obs`), multiples, chance.
+    """
+    n = len(obs)
+    raw = state.raw.reshape(2, n).copy()
+    given = np.ones((2, n)) if obs.inverse_sigma is None else obs.inverse_sigma.reshape(2, n)
+    noise = state.scale[:, None] / given
+    gross = np.hypot(*(raw / noise)) > _GROSS
+    raw[0] /= obs.context.trig.cos_el
+    noise[0] /= obs.context.trig.cos_el
+    out = []
+    taken = np.zeros((2, n), bool)
+    for graduation in ('bars', 'grating'):
+        period = PERIODS[graduation]
+        for i, axis in enumerate(('az', 'el')):
+            multiple = np.rint(raw[i] / period)
+            # 4 sigma, and no more than a chance of 1 in 6 to be near a multiple
+            width = np.minimum(4.0 * noise[i] + 0.2 * ARCSEC, period / 12.0)
+            hit = gross & ~taken[i] & (multiple != 0) & (np.abs(multiple) <= 30) \
+                & (np.abs(raw[i] - multiple * period) < width)
+            off = np.maximum(np.abs(raw[i] - multiple * period), noise[i])[hit]
+            chance = float(np.prod(np.minimum(2.0 * off / period, 1.0)))
+            if hit.any() and chance <= alpha:
+                taken[i] |= hit
+                rows = np.flatnonzero(hit)
+                out.append((axis, graduation, rows, multiple[rows].astype(int), chance))
+    return out

@@ -1,0 +1,420 @@
+"""Figures and tables of the diagnosis page, each a piece of HTML."""
+
+from pathlib import PurePath
+
+import numpy as np
+
+from .plain_words import arcsec, readable
+from .svg_plot import MAX_ARROWS, Panel, SkyMap, clean, limit_of, svg, ticks
+
+AXES = (('azimuth × cos E', 0), ('elevation', 1))
+_MEASURES = (('holdout_rms_arcsec', 'held out'), ('cv_rms_arcsec', 'cross-validated'),
+             ('rms_arcsec', 'rows fitted'), ('rms_x_arcsec', 'rows fitted, azimuth × cos E'),
+             ('rms_y_arcsec', 'rows fitted, elevation'))
+
+
+def section(title, *parts, note=''):
+    """A part of the page with a heading; nothing if there is nothing in it."""
+    body = ''.join(part for part in parts if part)
+    if not body:
+        return ''
+    note = f'<p class="note">{clean(note)}</p>' if note else ''
+    return f'<section><h2>{clean(title)}</h2>{note}{body}</section>'
+
+
+def figure(drawing, caption):
+    """A drawing with its caption."""
+    caption = f'<figcaption>{clean(caption)}</figcaption>' if caption else ''
+    return f'<figure>{drawing}{caption}</figure>'
+
+
+def table(header, rows, kind=''):
+    """A table; cells are text, except those that begin with a tag of ours."""
+    head = ''.join(f'<th>{clean(cell)}</th>' for cell in header)
+    body = ''.join('<tr>' + ''.join(f'<td>{_cell(cell)}</td>' for cell in row) + '</tr>'
+                   for row in rows)
+    return (f'<div class="scroll"><table class="{kind}"><thead><tr>{head}</tr></thead><tbody>'
+            f'{body}</tbody></table></div>')
+
+
+class Markup(str):
+    """A cell that is HTML already."""
+
+
+def _cell(value):
+    if isinstance(value, Markup):
+        return value
+    return clean('–' if value is None else value)
+
+
+def number(value, digits=2, sign=False):
+    """A number as text; None and NaN are a dash."""
+    if value is None or not np.isfinite(value):
+        return '–'
+    return f'{value:{"+" if sign else ""}.{digits}f}'.replace('-', '−')
+
+
+def probability(p):
+    """A p-value as text."""
+    if p is None or not np.isfinite(p):
+        return '–'
+    return f'{p:.1g}' if p < 0.01 else f'{p:.2f}'
+
+
+# ------------------------------------------------------------------------------ before and after
+
+def gain_bars(document):
+    """Bars of the error before and after, each measure, with the noise floor."""
+    before, after = document['before'], document['after']
+    rows = [(label, before.get(key), after.get(key)) for key, label in _MEASURES
+            if before.get(key) is not None or after.get(key) is not None]
+    if not rows:
+        return ''
+    top = max(v for row in rows for v in row[1:] if v is not None and np.isfinite(v)) or 1.0
+    left, width, step, head = 210.0, 430.0, 46.0, 22.0
+    height = head + step * len(rows)
+    parts = []
+    floor = document.get('noise_floor_arcsec')
+    if floor is not None and np.isfinite(floor) and 0.0 < floor < 1.2 * top:
+        x = left + width * floor / top
+        radial = sum('rows fitted,' not in label for label, *_ in rows)
+        parts.append(f'<path class="floor" d="M{x:.1f} {head - 4:g}V{head + step * radial - 8:.1f}"'
+                     f'/><text class="tick" text-anchor="middle" x="{x:.1f}" y="{head - 9:g}">'
+                     f'noise floor {arcsec(floor)}</text>')
+    for i, (label, *pair) in enumerate(rows):
+        y = head + step * i
+        parts.append(f'<text class="label" text-anchor="end" x="{left - 12:g}" y="{y + 21:g}">'
+                     f'{clean(label)}</text>')
+        for j, (value, style) in enumerate(zip(pair, ('before', 'after'))):
+            if value is None or not np.isfinite(value):
+                continue
+            length = max(width * value / top, 1.0)
+            parts.append(f'<rect class="bar {style}" x="{left:g}" y="{y + 17 * j:g}" '
+                         f'width="{length:.1f}" height="14" rx="2"/><text class="tick strong" '
+                         f'x="{left + length + 6:.1f}" y="{y + 17 * j + 11.5:g}">{arcsec(value)} '
+                         f'{style}</text>')
+    return figure(svg(760, height, parts, 'Error before and after'),
+                  'RMS on the sky in arcsec (″), radial unless an axis is named. A gain counts on '
+                  'rows that neither the fit nor the choice has seen.')
+
+
+# --------------------------------------------------------------------------------------- the sky
+
+def sky_maps(view):
+    """Residual vectors before and after, same scale."""
+    used = view.used
+    lowest = max(0.0, 10.0 * np.floor(np.degrees(view.el[used].min()) / 10.0)) if used.any() else 0
+    lowest = min(lowest, 60.0)
+    radial = np.hypot(*view.before)[used]
+    typical = float(np.quantile(radial, 0.9)) if radial.size else 1.0
+    scale = (34.0 if radial.size <= 150 else 24.0) / max(typical, 1e-6)
+    unit = ticks(0.0, max(2.0 * typical, 1e-6), 2)
+    unit = float(unit[unit > 0][0]) if (unit > 0).any() else 1.0
+    out = []
+    for title, values in (('Before', view.before), ('After', view.after)):
+        sky = SkyMap(400, lowest)
+        x, y = (v[used] for v in values)
+        names = [f'{name}: {number(a, 2, True)}″ azimuth × cos E, {number(b, 2, True)}″ elevation'
+                 for name, a, b in zip(np.asarray(view.names, object)[used], x, y)]
+        sky.arrows(view.az[used], view.el[used], x, y, scale, title.lower(), names)
+        rms = float(np.sqrt(np.mean(x**2 + y**2))) if x.size else np.nan
+        sky.parts.append(f'<path class="{title.lower()} key" d="M12 388h{unit * scale:.1f}"/><text '
+                         f'class="tick" x="12" y="382">{unit:g}″</text>')
+        out.append(figure(svg(400, 400, sky.parts, f'Sky map {title.lower()}'),
+                          f'{title}: {arcsec(rms)} radial RMS. Zenith in the middle, rim at '
+                          f'{lowest:g}° elevation.'))
+    drawn = min(int(used.sum()), MAX_ARROWS)
+    text = f' {drawn} of {int(used.sum())} stars are drawn.' if drawn < used.sum() else ''
+    return '<div class="pair">' + ''.join(out) + '</div>' + (
+        f'<p class="note">Arrows show where the encoders read beyond the model, same scale on both '
+        f'maps.{text}</p>')
+
+
+def histograms(view):
+    """Residuals of each axis before and after, same bins."""
+    out = []
+    for title, axis in AXES:
+        before, after = (v[axis][view.used] for v in (view.before, view.after))
+        limit = limit_of(before, after)
+        bins = int(np.clip(np.sqrt(len(before)) * 1.6, 9, 41)) | 1
+        edges = np.linspace(-limit, limit, bins + 1)
+        counts = [np.histogram(np.clip(v, -limit, limit), edges)[0] for v in (before, after)]
+        panel = Panel((52, 26, 350, 190), (-limit, limit),
+                      (0.0, 1.12 * max(1, *(c.max() for c in counts))))
+        panel.axes(f'residual, {title} [arcsec]', 'observations', title)
+        for values, style in zip(counts, ('before', 'after')):
+            x, y = np.repeat(edges, 2), np.concatenate([[0], np.repeat(values, 2), [0]])
+            panel.line(x, y, f'{style} area', close=True)
+        sigma = float(np.std(after)) if len(after) else np.nan
+        if np.isfinite(sigma) and sigma > 0.0:
+            u = np.linspace(-limit, limit, 120)
+            step = edges[1] - edges[0]
+            panel.line(u, len(after) * step / sigma / np.sqrt(2 * np.pi)
+                       * np.exp(-0.5 * (u / sigma)**2), 'gauss')
+        out.append(figure(svg(420, 262, panel.parts, f'Histogram {title}'),
+                          f'{title}: standard deviation {arcsec(np.std(before))} before, '
+                          f'{arcsec(sigma)} after; dotted: normal distribution of the latter.'))
+    return '<div class="pair">' + ''.join(out) + '</div>' + legend()
+
+
+def legend(fit=False):
+    """What the marks mean."""
+    text = '<span class="swatch before"></span>before <span class="swatch after"></span>after'
+    if fit:
+        text += ' <span class="swatch fit"></span>what the added effects take away'
+    return f'<p class="legend">{text}</p>'
+
+
+# ----------------------------------------------------------------------------- against a driver
+
+def _x_axis(driver):
+    """Range, ticks and their texts."""
+    values = driver.values[np.isfinite(driver.values)]
+    low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 1.0)
+    if driver.levels:
+        return (low - 0.5, high + 0.5), sorted(driver.levels), [
+            driver.levels[k] for k in sorted(driver.levels)]
+    pad = 0.03 * (high - low)
+    return (low - pad, high + pad), None, None
+
+
+def _spread(driver):
+    """Values to draw: those of few levels side by side."""
+    if not driver.levels:
+        return driver.values
+    return driver.values + 0.28 * (np.modf(np.arange(len(driver.values)) * 0.618)[0] - 0.5) * 2
+
+
+def driver_figure(view, driver):
+    """Both axes against one driver: before with the fit drawn in, after below."""
+    out = []
+    limits, places, texts = _x_axis(driver)
+    x = _spread(driver)
+    used = view.used
+    for title, axis in AXES:
+        before, after = view.before[axis], view.after[axis]
+        limit = limit_of(before[used], after[used])
+        top = Panel((58, 24, 350, 120), limits, (-limit, limit))
+        low = Panel((58, 156, 350, 120), limits, (-limit, limit))
+        top.axes('', 'before [arcsec]', title, places, texts)
+        low.axes(driver.label, 'after [arcsec]', '', places, texts)
+        top.points(x[used], before[used], 'before')
+        if view.changed:
+            top.dashes(x[used], (before - after)[used], 'fit')
+        low.points(x[used], after[used], 'after')
+        out.append(svg(420, 320, [*top.parts, *low.parts], f'Residual, {title}, {driver.label}'))
+    missing = int((~np.isfinite(driver.values[used])).sum())
+    caption = f'Unknown in {missing} rows.' if missing else ''
+    return f'<h3>{clean(driver.title)}</h3>' + figure(
+        '<div class="pair">' + ''.join(out) + '</div>', caption)
+
+
+def driver_figures(view, limit=8):
+    """All drivers; those after the first `limit` fold away."""
+    drawn = [driver_figure(view, driver) for driver in view.drivers]
+    if len(drawn) <= limit:
+        return ''.join(drawn)
+    return ''.join(drawn[:limit]) + (
+        f'<details><summary>{len(drawn) - limit} more drivers</summary>'
+        f'{"".join(drawn[limit:])}</details>')
+
+
+def effect_figure(view, effect):
+    """What is left without this effect alone, and the effect drawn in, against its driver."""
+    driver = effect.driver
+    if driver is None or effect.fitted is None:
+        return ''
+    limits, places, texts = _x_axis(driver)
+    x, used = _spread(driver), view.used
+    out = []
+    for title, axis in AXES:
+        fitted = effect.fitted[axis]
+        if not np.any(np.abs(fitted[used]) > 1e-9):
+            continue
+        partial = view.after[axis] + fitted
+        limit = limit_of(partial[used], fitted[used])
+        panel = Panel((58, 26, 350, 190), limits, (-limit, limit))
+        panel.axes(driver.label, 'residual [arcsec]', title, places, texts)
+        panel.points(x[used], partial[used], 'before', np.asarray(view.names, object)[used])
+        panel.dashes(x[used], fitted[used], 'fit', 26.0 if driver.levels else 7.0)
+        out.append(svg(420, 262, panel.parts, f'{effect.name}, {title}'))
+    if not out:
+        return ''
+    drawing = out[0] if len(out) == 1 else '<div class="pair">' + ''.join(out) + '</div>'
+    return figure(drawing,
+                  f'Everything else taken off: what is left (dots) and the fitted effect (strokes) '
+                  f'against {driver.label}.')
+
+
+# ------------------------------------------------------------------------------- the candidates
+
+def ranking(rows, width, limit=15):
+    """Candidates by gain, those that are not told apart marked.
+
+    Parameters
+    ----------
+    rows : list of dict
+        ``name, delta_bic, p_family, in_set, driver, axes``.
+    width : float
+        Of a set, in BIC.
+    limit : int
+        Rows shown; the others fold away.
+    """
+    if not rows:
+        return ''
+    top = max((r['delta_bic'] for r in rows if np.isfinite(r['delta_bic'])), default=1.0)
+
+    cells = [_candidate(i, r, top) for i, r in enumerate(rows, 1)]
+    out = table(_RANKING, cells[:limit], 'ranking')
+    if len(cells) > limit:
+        out += (f'<details><summary>{len(cells) - limit} more candidates</summary>'
+                f'{table(_RANKING, cells[limit:], "ranking")}</details>')
+    return out + (f'<p class="note">Candidates within {width:g} of the best ΔBIC are one set: '
+                  'these observations do not tell them apart. p: how often noise alone gives any '
+                  'candidate such a gain.</p>')
+
+
+_RANKING = ('', 'candidate', 'driver', 'axis', 'gain ΔBIC', 'p (family-wise)', 'set')
+_AXIS = {'az': 'azimuth', 'el': 'elevation'}
+
+
+def _candidate(i, r, top):
+    gain = r['delta_bic']
+    part = np.clip(gain / top, 0.0, 1.0) if np.isfinite(gain) and top > 0 else 0.0
+    bar = Markup(f'<span class="gauge"><i class="{"inset" if r["in_set"] else ""}" '
+                 f'style="width:{100 * part:.0f}%"></i></span>{number(gain, 1)}')
+    return [str(i), readable(r['name']), readable(r.get('driver') or '–'),
+            _AXIS.get(r.get('axes'), r.get('axes')), bar, probability(r.get('p_family')),
+            '● in the set' if r['in_set'] else '']
+
+
+def rivals(rows, limit=6):
+    """The strongest candidates for the place of one effect, folded away."""
+    if len(rows) < 2:
+        return ''
+    top = max((r['delta_bic'] for r in rows if np.isfinite(r['delta_bic'])), default=1.0)
+    cells = [_candidate(i, r, top) for i, r in enumerate(rows[:limit], 1)]
+    cells = [c[:5] + c[6:] for c in cells]
+    header = [*_RANKING[:5], _RANKING[6]]
+    return ('<details><summary>What else was tried in its place, all other effects in the model'
+            f'</summary>{table(header, cells, "ranking")}</details>')
+
+
+# ------------------------------------------------------------------------------ terms, exclusions
+
+def terms_table(terms):
+    """Terms with their standard errors."""
+    rows = [[t['name'], number(t['value'], 3, True), number(t['sigma'], 3),
+             number(abs(t['value'] / t['sigma']), 1) if t['sigma'] else '–', t['unit']]
+            for t in terms]
+    return table(['term', 'value', 'σ', '|value| / σ', 'unit'], rows, 'numbers') if rows else ''
+
+
+def correlation_table(names, matrix, limit=24):
+    """Correlations as coloured cells; of many terms only the strong pairs."""
+    if matrix is None or len(names) < 2:
+        return ''
+    if len(names) > limit:
+        pairs = [(abs(matrix[i, j]), names[i], names[j], matrix[i, j])
+                 for i in range(len(names)) for j in range(i) if abs(matrix[i, j]) > 0.7]
+        rows = [[a, b, number(value, 3, True)] for _, a, b, value in sorted(pairs, reverse=True)]
+        return table(['term', 'term', 'correlation'], rows[:60], 'numbers') if rows else \
+            '<p class="note">No correlation above 0.7.</p>'
+    rows = []
+    for i, name in enumerate(names):
+        cells = [Markup(f'<b>{i + 1}</b>\u2002{clean(name)}')]
+        for j in range(i + 1):
+            value = float(matrix[i, j])
+            strength = min(abs(value), 1.0) if i != j else 0.0
+            colour = '213,94,0' if value > 0 else '0,114,178'
+            cells.append(Markup(f'<span class="corr" style="background:rgba({colour},'
+                                f'{0.75 * strength**1.5:.2f})">{number(value)}</span>'))
+        rows.append(cells + [''] * (len(names) - 1 - i))
+    return table(['', *map(str, range(1, len(names) + 1))], rows, 'correlations')
+
+
+def exclusions(excluded, limit=12):
+    """What was left out, by reason, with the rows."""
+    if not excluded:
+        return '<p>Nothing was left out.</p>'
+    reasons = {}
+    for one in excluded:
+        reasons.setdefault(str(one.get('reason')), []).append(one)
+    several = len({one.get('source') for one in excluded if one.get('source')}) > 1
+    rows = []
+    for reason, ones in sorted(reasons.items(), key=lambda item: -len(item[1])):
+        places = [f'{PurePath(str(one["source"])).name}:{one.get("row")}'
+                  if several and one.get('source') else str(one.get('row')) for one in ones]
+        short = ', '.join(places[:limit])
+        if len(places) > limit:
+            short = Markup(f'{clean(short)} <details><summary>and {len(places) - limit} more'
+                           f'</summary>{clean(", ".join(places[limit:]))}</details>')
+        rows.append([reason, str(len(ones)), short])
+    return table(['reason', 'count', 'rows'], rows)
+
+
+_SIDES = {'approach_az': {-1: 'anticlockwise', 1: 'clockwise'},
+          'approach_el': {-1: 'downward', 1: 'upward'}}
+
+
+def next_observations(rows):
+    """Proposed observations, as tables and on the sky.
+
+    Parameters
+    ----------
+    rows : list of dict
+        As `calibration.next_observations.propose` gives them.
+    """
+    if not rows:
+        return ''
+    groups = {}
+    for i, row in enumerate(rows, 1):
+        groups.setdefault(tuple(row.get('separates') or ()), []).append((i, row))
+    sky = SkyMap(320, 0.0)
+    az, el = (np.radians([float(row[name]) for row in rows]) for name in ('az_deg', 'el_deg'))
+    sky.marks(az, el, 'next', [f'{a:.0f}° azimuth, {e:.0f}° elevation'
+                               for a, e in zip(np.degrees(az), np.degrees(el))])
+    drawing = figure(svg(320, 320, sky.parts, 'Where to observe next'),
+                     'Zenith in the middle, horizon at the rim, numbered as in the tables.')
+    tables = ''.join(_next_group(names, group) for names, group in groups.items())
+    return f'<div class="side">{drawing}<div>{tables}</div></div>'
+
+
+def _next_group(names, group):
+    head = ' from '.join(readable(name) for name in names)
+    timed = any(row.get('after_hours') is not None for _, row in group)
+    cells = []
+    for i, row in group:
+        sides = [words[row[key]] for key, words in _SIDES.items() if row.get(key) in words]
+        hours = [number(row.get('after_hours'), 1)] if timed else []
+        cells.append([str(i), number(row['az_deg'], 0), number(row['el_deg'], 0),
+                      ', '.join(sides), *hours, number(row.get('separation_after'), 1)])
+    now = group[0][1].get('separation_before')
+    text = f'<p class="note">Expected ΔBIC between them with the rows so far: {number(now, 1)}</p>'
+    return (f'<h3>{clean("Tells " + head if head else "Proposed")}</h3>{text}'
+            + table(['', 'azimuth [°]', 'elevation [°]', 'last motion',
+                     *(['hours from the last row [h]'] if timed else []),
+                     'ΔBIC with it and those above'], cells))
+
+
+def untestable(rows):
+    """What the run cannot show, and why, by reason."""
+    if not rows:
+        return ''
+    reasons = {}
+    for name, reason in rows:
+        reasons.setdefault(str(reason), []).append(readable(name))
+    return table(['reason', 'effects'], [[reason, ', '.join(names)]
+                                         for reason, names in reasons.items()])
+
+
+def run_terms_table(runs):
+    """Terms that each run fitted for itself."""
+    if not runs:
+        return ''
+    names = list(dict.fromkeys(name for terms in runs.values() for name in terms))
+    rows = [[PurePath(str(run)).name, *(number(terms.get(name), 2, True) for name in names)]
+            for run, terms in runs.items()]
+    return ('<details><summary>Terms that each run fits for itself</summary>'
+            + table(['run', *(f'{name} [arcsec]' for name in names)], rows, 'numbers')
+            + '</details>')

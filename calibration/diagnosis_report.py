@@ -1,0 +1,246 @@
+"""The page of a diagnosis: one HTML file that opens from disk, offline, and prints."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from . import diagnosis_page as page
+from .diagnosis_style import CSS
+from .plain_words import arcsec, best_pair, verdict_sentences
+from .svg_plot import clean
+
+_VERDICTS = {'none': 'nothing missing', 'identified': 'cause identified',
+             'ambiguous': 'cause ambiguous', 'unknown': 'cause unknown'}
+
+
+@dataclass
+class Driver:
+    """What a residual may depend on, for a figure.
+
+    Attributes
+    ----------
+    name : str
+    label : str
+        With its unit.
+    values : ndarray, shape (n,)
+        In that unit; NaN is unknown.
+    levels : dict, optional
+        value -> text where there are only a few values.
+    plain : bool
+        False: made for one effect only.
+    """
+
+    name: str
+    label: str
+    values: np.ndarray
+    levels: dict | None = None
+    plain: bool = True
+
+    @property
+    def title(self):
+        """The label without its unit."""
+        text = self.label.split(' [')[0]
+        return text[:1].upper() + text[1:]
+
+
+@dataclass
+class FoundEffect:
+    """An effect that was added, for its part of the page.
+
+    Attributes
+    ----------
+    name, sentence : str
+    facts : list of (str, str)
+    fitted : ndarray, shape (2, n), optional
+        What it moves in each row, arcsec on the sky.
+    driver : Driver, optional
+    ranking : list of dict
+        What else could stand in its place, best first, as in `View`.
+    """
+
+    name: str
+    sentence: str
+    facts: list
+    fitted: np.ndarray | None = None
+    driver: Driver | None = None
+    ranking: list = field(default_factory=list)
+
+
+@dataclass
+class View:
+    """All that the page shows.
+
+    Attributes
+    ----------
+    document : dict
+        The JSON result.
+    az, el : ndarray, shape (n,)
+        Radians.
+    before, after : ndarray, shape (2, n)
+        Residuals x, y, arcsec on the sky.
+    used : ndarray of bool, shape (n,)
+        Rows with weight in the fit.
+    names : list of str
+        Of each row, for tooltips.
+    drivers : list of Driver
+    effects : list of FoundEffect
+    ranking : list of dict
+        Candidates on what the declared model leaves: ``name, driver, axes, delta_bic,
+        p_family, in_set``.
+    terms : list of dict
+        ``name, value, sigma, unit``.
+    correlated : list of str
+    correlations : ndarray, shape (k, k), optional
+        Of the coefficients in `correlated`.
+    sources, notes : list of str
+    untestable : list of (str, str)
+        What this run cannot show, and why.
+    run_terms : dict
+        Run -> {term: arcsec} that it fitted for itself.
+    set_width : float
+        BIC.
+    """
+
+    document: dict
+    az: np.ndarray
+    el: np.ndarray
+    before: np.ndarray
+    after: np.ndarray
+    used: np.ndarray
+    names: list
+    drivers: list
+    effects: list
+    ranking: list
+    terms: list
+    correlated: list = field(default_factory=list)
+    correlations: np.ndarray | None = None
+    sources: list = field(default_factory=list)
+    notes: list = field(default_factory=list)
+    untestable: list = field(default_factory=list)
+    run_terms: dict = field(default_factory=dict)
+    set_width: float = 6.0
+
+    @property
+    def changed(self):
+        """Whether anything was added."""
+        return bool(np.any(np.abs(self.before - self.after) > 1e-9))
+
+
+def write_report(diagnosis, path):
+    """Write the page of a diagnosis.
+
+    Parameters
+    ----------
+    diagnosis : calibration.diagnosis.Diagnosis
+    path : str or Path
+        HTML file to write; it refers to nothing outside itself.
+
+    Raises
+    ------
+    OSError
+        It cannot be written.
+    """
+    from .diagnosis_view import view_of
+    Path(path).write_text(render(view_of(diagnosis)), encoding='utf-8')
+
+
+def render(view):
+    """The page as text: HTML that is well-formed XML too.
+
+    Parameters
+    ----------
+    view : View
+
+    Returns
+    -------
+    str
+    """
+    document = view.document
+    title = 'Pointing diagnosis'
+    body = [
+        f'<h1>{title}</h1>', _meta(view), _verdict(view),
+        page.section('Where the residuals are on the sky', page.sky_maps(view)),
+        _effects(view),
+        page.section('Residual against each driver', page.legend(view.changed),
+                     page.driver_figures(view)),
+        page.section('Ranking of the candidate effects',
+                     page.ranking(view.ranking, view.set_width),
+                     note='Each alone, on what the declared model leaves.'),
+        page.section('Distribution of the residuals', page.histograms(view)),
+        page.section('Terms of the model', page.terms_table(view.terms),
+                     page.run_terms_table(view.run_terms), _correlations(view),
+                     note='Encoder − catalogue, σ from the fit.'),
+        page.section('What was left out, and why', page.exclusions(document.get('excluded'))),
+        page.section('What to observe next', page.next_observations(
+            document.get('next_observations') or []),
+            note='Observations that would best tell the members of the set apart.'),
+        page.section('What these observations cannot show', page.untestable(view.untestable)),
+        _notes(view),
+        '<footer>All offsets are encoder − catalogue, azimuth times cos elevation, in seconds of '
+        'arc on the sky (arcsec, ″). RMS values are radial unless an axis is named.</footer>',
+    ]
+    return ('<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"/>'
+            '<meta name="viewport" content="width=device-width, initial-scale=1"/>'
+            f'<title>{title}: {clean(_VERDICTS.get(document["verdict"], document["verdict"]))}'
+            f'</title><style>{CSS}</style></head><body><main>\n' + '\n'.join(b for b in body if b)
+            + '\n</main></body></html>\n')
+
+
+def _meta(view):
+    document = view.document
+    runs = document.get('runs')
+    runs = len(runs) if isinstance(runs, (list, tuple)) else runs
+    text = f'{document["observations"]} observations'
+    if runs and runs > 1:
+        text += f' in {runs} runs'
+    sources = view.sources[:3] + ([f'and {len(view.sources) - 3} more'] if len(view.sources) > 3
+                                  else [])
+    if sources:
+        text += ' · ' + ', '.join(sources)
+    base = document.get('base_terms') or []
+    text += f' · declared model: {", ".join(map(str, base)) if base else "none"}'
+    return f'<p class="meta">{clean(text)}</p>'
+
+
+def _verdict(view):
+    document = view.document
+    verdict = document['verdict']
+    headline, sentences = verdict_sentences(document, [e.sentence for e in view.effects])
+    items = ''.join(f'<li>{clean(s)}</li>' for s in sentences)
+    label, before, after = best_pair(document)
+    cards = []
+    for value, text in ((before, f'before, {label}'), (after, f'after, {label}'),
+                        (document.get('noise_floor_arcsec'), 'noise floor')):
+        if value is not None and not (verdict == 'none' and text.startswith('after')):
+            cards.append(f'<div><b>{arcsec(value)}</b><span>{clean(text)}</span></div>')
+    kind = verdict if verdict in _VERDICTS else ''
+    return (f'<section class="verdict {kind}"><span class="badge">'
+            f'{clean(_VERDICTS.get(verdict, verdict))}</span><h2>{clean(headline)}</h2>'
+            f'<ul>{items}</ul><div class="numbers-row">{"".join(cards)}</div></section>'
+            + page.section('Error before and after', page.gain_bars(document)))
+
+
+def _effects(view):
+    parts = []
+    for effect in view.effects:
+        facts = ''.join(f'<dt>{clean(name)}</dt><dd>{clean(text)}</dd>'
+                        for name, text in effect.facts)
+        drawing = page.effect_figure(view, effect)
+        kind = 'effect one' if drawing.count('<svg') == 1 else 'effect'
+        parts.append(f'<h3>{clean(effect.name)}</h3><p>{clean(effect.sentence)}</p>'
+                     f'<div class="{kind}"><dl>{facts}</dl>{drawing}</div>'
+                     f'{page.rivals(effect.ranking)}')
+    return page.section('What was added to the model', *parts)
+
+
+def _correlations(view):
+    cells = page.correlation_table(view.correlated, view.correlations)
+    return f'<h3>Correlations</h3>{cells}' if cells else ''
+
+
+def _notes(view):
+    if not view.notes:
+        return ''
+    items = ''.join(f'<li>{clean(note)}</li>' for note in view.notes)
+    return page.section('Notes on the data', f'<ul>{items}</ul>')

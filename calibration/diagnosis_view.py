@@ -1,0 +1,283 @@
+"""A diagnosis in the terms of its page: names, units, drivers, sentences."""
+
+from datetime import datetime, timedelta, timezone
+from pathlib import PurePath
+
+import numpy as np
+
+from pointing_model.effects import PERIODS
+from pointing_model.units import ARCSEC, DEG
+
+from .diagnosis_report import Driver, FoundEffect, View
+from .plain_words import arcsec, effect_sentence, readable
+
+_LEVELS = {'approach_az': {-1: 'anticlockwise', 0: 'unknown', 1: 'clockwise'},
+           'approach_el': {-1: 'downward', 0: 'unknown', 1: 'upward'}}
+_LABELS = {
+    'temperature': ('air temperature [°C]', 1.0), 'pressure': ('air pressure [hPa]', 1.0),
+    'magnitude': ('magnitude of the star [mag]', 1.0),
+    'order': ('place in the run [0 first, 1 last]', 1.0), 'run': ('number of the run', 1.0),
+    'row': ('number of the row', 1.0), 'pier_side': ('side of the pier', 1.0),
+    'lst': ('local sidereal time [h]', np.pi / 12.0), 'azimuth': ('azimuth [°]', DEG),
+    'elevation': ('elevation [°]', DEG), 'approach_az': ('last motion of the azimuth axis', 1.0),
+    'approach_el': ('last motion of the elevation axis', 1.0),
+    'travel_az': ('azimuth travelled to the star [°]', DEG),
+    'travel_el': ('elevation travelled to the star [°]', DEG),
+    'miss_x': ('miss distance, azimuth [arcsec]', ARCSEC),
+    'miss_y': ('miss distance, elevation [arcsec]', ARCSEC),
+    'az_rate': ('azimuth rate [arcsec/s]', ARCSEC),
+    'el_rate': ('elevation rate [arcsec/s]', ARCSEC),
+    'pm_x': ('proper motion along azimuth [arcsec/yr]', 1.0),
+    'pm_y': ('proper motion along elevation [arcsec/yr]', 1.0)}
+_ALWAYS = ('azimuth', 'elevation', 'time', 'order', 'temperature', 'approach_az', 'approach_el',
+           'magnitude', 'az_rate')
+_CORRELATED_ROWS = 20000
+
+
+def view_of(diagnosis):
+    """What the page shows of a diagnosis.
+
+    Parameters
+    ----------
+    diagnosis : calibration.diagnosis.Diagnosis
+
+    Returns
+    -------
+    View
+    """
+    obs = diagnosis.observations
+    context = obs.context
+    document = diagnosis.to_dict()
+    effects = [_found(diagnosis, e) for e in diagnosis.effects]
+    names, correlations = _correlations(diagnosis)
+    return View(
+        document={**document, 'excluded': diagnosis.excluded},
+        az=context.az, el=context.el, before=diagnosis.residual_before / ARCSEC,
+        after=diagnosis.residual_after / ARCSEC, used=diagnosis.weights > 0.0,
+        names=_row_names(obs), drivers=_drivers(diagnosis, effects), effects=effects,
+        ranking=diagnosis.ranking, terms=_terms(diagnosis), correlated=names,
+        correlations=correlations, sources=_sources(obs), notes=_notes(diagnosis),
+        untestable=list(diagnosis.untestable), run_terms=diagnosis.run_terms)
+
+
+def effect_sentences(diagnosis):
+    """A sentence a night assistant understands for each effect of a `Diagnosis`.
+
+    Returns
+    -------
+    list of str
+    """
+    return [_found(diagnosis, found).sentence for found in diagnosis.effects]
+
+
+def _row_names(obs):
+    star = obs.run.get('star', '') if 'star' in obs.run else None
+    lines = obs.run.meta.get('lines')
+    if lines is not None and len(obs.rows) and obs.rows.max() < len(lines) \
+            and len(_sources(obs)) == 1:
+        texts = [f'line {lines[row]}' for row in obs.rows.tolist()]
+    else:
+        texts = [f'observation {row + 1}' for row in obs.rows.tolist()]
+    if star is None:
+        return texts
+    return [f'{text}, star {name:g}' if isinstance(name, float) else f'{text}, star {name}'
+            for text, name in zip(texts, np.asarray(star).tolist())]
+
+
+def _sources(obs):
+    several = [str(name).rsplit(':', 1)[0] for name in obs.runs if isinstance(name, str)
+               and ':' in name]
+    sources = several or [obs.run.meta.get('source') or '']
+    return [PurePath(s).name for s in dict.fromkeys(sources) if s]
+
+
+def _notes(diagnosis):
+    notes = list(dict.fromkeys(diagnosis.notes))
+    blocks = diagnosis.cv_contiguous
+    if blocks:
+        notes.append('Cross-validated with folds contiguous in time: '
+                     f'{arcsec(blocks["before"])} before, {arcsec(blocks["after"])} after.')
+    for e in diagnosis.effects:
+        if e.fitted.effect.alias:
+            notes.append(e.fitted.effect.alias)
+    return notes
+
+
+# --------------------------------------------------------------------------------------- drivers
+
+def driver_of(context, name):
+    """A driver with its label and unit, or None where it is not known or does not vary.
+
+    Parameters
+    ----------
+    context : pointing_model.context.Context
+    name : str
+
+    Returns
+    -------
+    Driver or None
+    """
+    values = context.get('pm_x' if name == 'star' else name)
+    if values is None:
+        return None
+    values = np.asarray(values, float)
+    known = values[np.isfinite(values)]
+    if known.size == 0 or known.max() - known.min() <= 1e-12 * max(abs(known.max()), 1e-300):
+        return None
+    if name == 'time':
+        return Driver(name, *_hours(context, values))
+    if name in _LEVELS:
+        levels = {k: v for k, v in _LEVELS[name].items() if (known == k).any()}
+        return Driver(name, _LABELS[name][0], values, levels)
+    label, unit = _LABELS.get('pm_x' if name == 'star' else name, (name, 1.0))
+    if name == 'azimuth':
+        values = np.mod(values, 2.0 * np.pi)
+    return Driver(name, label, values / unit)
+
+
+def _hours(context, values):
+    start = float(np.nanmin(values))
+    hours = (values - start) / 3600.0
+    if not getattr(context, 'time_is_utc', True):
+        return 'hours since the first row [h]', hours
+    if hours[np.isfinite(hours)].max() > 96.0:
+        return f'days since {_utc(start)} [d]', hours / 24.0
+    return f'hours since {_utc(start)} [h]', hours
+
+
+def _utc(seconds):
+    moment = datetime(1970, 1, 1, tzinfo=timezone.utc) + timedelta(seconds=seconds)
+    return moment.strftime('%Y-%m-%d %H:%M UTC')
+
+
+def _drivers(diagnosis, effects):
+    """Drivers for the figures: those of the effects first, then what is known."""
+    context = diagnosis.observations.context
+    names = [e.driver.name for e in effects if e.driver is not None and e.driver.plain]
+    names += [n for n in _ALWAYS if not (n == 'order' and context.get('time') is not None)]
+    names += context.extra()
+    out = (driver_of(context, name) for name in dict.fromkeys(names))
+    return [driver for driver in out if driver is not None]
+
+
+# --------------------------------------------------------------------------------------- effects
+
+def _found(diagnosis, found):
+    context = diagnosis.observations.context
+    e = found.fitted.effect
+    fitted = np.tensordot(found.fitted.coefficients, found.columns, axes=1) / ARCSEC
+    rms = _beyond_base(diagnosis, fitted)
+    raw = context.get(e.driver)
+    known = raw[np.isfinite(raw)] if raw is not None else np.zeros(0)
+    values = found.fitted.coefficients / ARCSEC
+    utc = getattr(context, 'time_is_utc', True)
+    sentence = effect_sentence(
+        e, values, rms, (known.min(), known.max()) if known.size else None,
+        _utc if utc and e.driver == 'time' else None)
+    name = readable(e.name)
+    return FoundEffect(name[:1].upper() + name[1:], sentence, _facts(found), fitted,
+                       _effect_driver(context, e), found.ranking)
+
+
+def _rows(diagnosis):
+    """Rows with weight, at most so many, evenly; and their places in x and y stacked."""
+    rows = np.flatnonzero(diagnosis.weights > 0.0)
+    if len(rows) > _CORRELATED_ROWS:
+        rows = rows[np.linspace(0, len(rows) - 1, _CORRELATED_ROWS).astype(int)]
+    return rows, np.concatenate((rows, rows + len(diagnosis.weights)))
+
+
+def _beyond_base(diagnosis, fitted):
+    """RMS (arcsec) of the part of an effect that the declared terms cannot take up."""
+    obs = diagnosis.observations
+    rows, both = _rows(diagnosis)
+    design = diagnosis.base.columns(obs.context, obs.label).rows(both).dense()
+    length = np.sqrt(np.einsum('ij,ij->i', design, design))
+    design = design / np.where(length > 0.0, length, 1.0)[:, None]
+    values = fitted.reshape(-1)[both]
+    left = values - np.linalg.lstsq(design.T, values, rcond=1e-8)[0] @ design
+    return float(np.sqrt(np.square(left).sum() / max(len(rows), 1)))
+
+
+def _facts(found):
+    e = found.fitted.effect
+    facts = [('Cause', e.cause), ('Formula', e.formula)]
+    values = zip(e.coefficient_names, found.fitted.coefficients / ARCSEC,
+                 found.fitted.sigma / ARCSEC)
+    facts += [(f'Coefficient {name}', f'{value:+.4g} ± {sigma:.2g} {e.unit}'.replace('-', '−'))
+              for name, value, sigma in values]
+    if e.tpoint:
+        facts.append(('TPOINT', e.tpoint))
+    p = found.p_family
+    facts.append(('p (family-wise)', 'not tested' if p is None else f'{p:.2g}'))
+    if found.delta_bic is not None:
+        facts.append(('Gain ΔBIC', f'{found.delta_bic:.1f}'))
+    if found.cv_gain_arcsec is not None:
+        facts.append(('Gain in cross-validation', arcsec(found.cv_gain_arcsec, True)))
+    for label, names in (('Could also be', found.alternatives),
+                         ('The same curve in this run', found.aliases)):
+        if names:
+            facts.append((label, '; '.join(map(readable, names))))
+    return facts
+
+
+def _effect_driver(context, e):
+    """Driver of an effect's figure; of a subdivision the place within its period."""
+    if e.family != 'subdivision':
+        return driver_of(context, e.driver)
+    reading, p = context.get(e.driver), e.parameters
+    if reading is None:
+        return None
+    word = {'grating': 'a line of the grating', 'bars': 'a bar of the disc'}[p['graduation']]
+    period = PERIODS[p['graduation']]
+    return Driver(e.driver, f'place within {word} [0 to 1]', np.mod(reading, period) / period,
+                  plain=False)
+
+
+# ----------------------------------------------------------------------------------------- terms
+
+def _terms(diagnosis):
+    model = diagnosis.model
+    sigma = np.sqrt(np.maximum(np.diag(model.covariance), 0.0)) / ARCSEC
+    own = set(diagnosis.base.own)
+    out = [{'name': name + (' (median of the runs)' if name in own else ''),
+            'value': value / ARCSEC, 'sigma': None if name in own else float(s), 'unit': 'arcsec'}
+           for (name, value), s in zip(model.terms.items(), sigma)]
+    for found in diagnosis.effects:
+        e, f = found.fitted.effect, found.fitted
+        out += [{'name': f'{readable(e.name)}: {name}', 'value': value / ARCSEC,
+                 'sigma': float(s) / ARCSEC, 'unit': e.unit}
+                for name, value, s in zip(e.coefficient_names, f.coefficients, f.sigma)]
+    return out
+
+
+def _correlations(diagnosis):
+    """Names and correlations of the common terms and the effects, all else fitted beside them."""
+    obs, base = diagnosis.observations, diagnosis.base
+    n = len(obs)
+    rows, both = _rows(diagnosis)
+    found = [e for e in diagnosis.effects if e.fitted.effect.family != 'decode_slip']
+    shared = base.columns(obs.context, obs.label).rows(both)
+    parts = [e.columns.reshape(-1, 2 * n)[:, both] for e in found]
+    design = shared.added(parts).dense() if parts else shared.dense()
+    names = [t for t in base.terms if t not in base.own]
+    at = np.arange(len(names)).tolist()
+    start = len(names) + 2 * base.harmonic_count
+    for e in found:
+        count = len(e.fitted.coefficients)
+        names += [readable(e.fitted.effect.name) + (f': {c}' if count > 1 else '')
+                  for c in e.fitted.effect.coefficient_names]
+        at += range(start, start + count)
+        start += count
+    scale = np.sqrt(np.mean(np.square(diagnosis.residual_after[:, rows]), axis=1))
+    weight = np.sqrt(diagnosis.weights[rows])
+    given = np.ones(2 * n) if obs.inverse_sigma is None else obs.inverse_sigma
+    root = given[both] * np.concatenate([weight / max(s, 1e-15) for s in scale])
+    if obs.inverse_sigma is not None:
+        root = given[both] * np.concatenate((weight, weight))
+    white = design * root
+    length = np.sqrt(np.einsum('ij,ij->i', white, white))
+    white /= np.where(length > 0.0, length, 1.0)[:, None]
+    inverse = np.linalg.pinv(white @ white.T, hermitian=True)[np.ix_(at, at)]
+    size = np.sqrt(np.maximum(np.diag(inverse), 1e-300))
+    return names, inverse / np.outer(size, size)

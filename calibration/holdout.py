@@ -1,0 +1,60 @@
+"""Judging a model on runs that were left out: a new night of the same mount."""
+
+import numpy as np
+
+from pointing_model.fitted_effects import total
+from pointing_model.units import ARCSEC
+
+from .candidates import Columns, fit_state
+from .diagnosis_base import after_rotation, observations
+
+
+def holdout_rms(runs, result, own_terms, encoder='enc'):
+    """Radial RMS on left-out runs, without and with the effects.
+
+    The model stays as it is but for `own_terms`, which each run refits robustly on its own rows:
+    so does an observer on a new night.
+
+    Parameters
+    ----------
+    runs : PointingRun or sequence of PointingRun
+    result : Diagnosis
+    own_terms : sequence of str
+    encoder : {'enc', 'abs'}
+
+    Returns
+    -------
+    before, after : float
+        arcsec, of the rows that neither model sets aside.
+    note : str
+    """
+    obs = observations(runs, encoder)
+    left, kept = [], np.ones(len(obs), bool)
+    for model in (result.base_model, result.model):
+        state = _refit(obs, result.base, model, own_terms)
+        left.append(state.raw.reshape(2, -1))
+        kept &= state.weights > 0.0
+    before, after = (float(np.sqrt(np.mean(np.square(r[:, kept]).sum(axis=0)))) / ARCSEC
+                     for r in left)
+    note = (f'held out: {len(obs)} observations of {len(obs.runs)} runs, '
+            f'{", ".join(own_terms)} refitted in each, nothing else; '
+            f'{int(np.sum(~kept))} outliers set aside')
+    return before, after, note
+
+
+def _refit(obs, base, model, own_terms):
+    from pointing_model import geometry
+    from pointing_model.terms import stacked_design
+
+    turned = {n: v for n, v in model.terms.items() if n in geometry.GEOMETRIC}
+    b, _ = after_rotation(obs, turned)
+    others = [n for n in model.terms if n not in turned]
+    if others:
+        design = stacked_design(others, obs.context.az, obs.context.el)
+        b = b - np.array([model.terms[n] for n in others]) @ design
+    if model.harmonics is not None:
+        b = b - np.concatenate(model.harmonics.offsets(obs.context.az, obs.context.el))
+    b = b - np.concatenate(total(model.effects, obs.context))
+    own = stacked_design(tuple(own_terms), obs.context.az, obs.context.el)
+    columns = Columns(own[:0], own, obs.label)
+    return fit_state(columns, b, obs.inverse_sigma, final=True)

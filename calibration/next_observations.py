@@ -1,0 +1,184 @@
+"""What to observe next, so that effects which explain a run equally well come apart.
+
+For two members of a set, each is taken as the truth in turn and the other (with all terms of the
+model) is fitted to what the truth would give. What that fit cannot follow, squared and in units
+of the noise, is the expected separation in 2 ln(likelihood ratio). The next observation is where
+the two disagree most; it is added, and the fit repeated (T-optimal design of Atkinson and
+Fedorov, 1975, one point after the other).
+"""
+
+import numpy as np
+
+from pointing_model.context import Context
+from pointing_model.units import DEG
+
+from .candidates import solve
+
+_COUNT = 6
+_MIN_GAP = 3.0 * DEG
+
+
+def propose(problem, obs, base, found, stands, count=_COUNT):
+    """Observations that separate the best effect from its strongest rival.
+
+    Parameters
+    ----------
+    problem : Problem
+    obs : Observations
+    base : Base
+    found : Found
+    stands : list of Standing
+    count : int
+        Of observations for each ambiguous effect.
+
+    Returns
+    -------
+    list of dict
+        ``az_deg``, ``el_deg``, ``approach_az``, ``approach_el``, ``after_hours`` (since the last
+        row; None if the run has no time), ``separates`` (two names), and ``separation_before``,
+        ``separation_after`` (expected delta BIC between them, all proposals so far included).
+    """
+    out = []
+    for i, (choice, stand) in enumerate(zip(found.chosen, stands)):
+        rivals = [g for g in stand.alternatives if g not in stand.same]
+        if choice.curve or not rivals:
+            continue
+        others = [c.effect(problem) for j, c in enumerate(found.chosen) if j != i]
+        pair = choice.effect(problem), problem.dictionary.effects[rivals[0]]
+        out += _separate(problem, obs, base, found, pair, others, count)
+    return out
+
+
+def _grid(obs):
+    """Possible observations: the sky, both approaches, soon and late.
+
+    Returns
+    -------
+    context : Context
+    later : ndarray
+        Hours after the last row.
+    """
+    low = max(15.0 * DEG, float(obs.context.el.min()))
+    high = min(88.0 * DEG, max(float(obs.context.el.max()), low + 0.1))
+    az, el, s_az, s_el, later = (v.ravel() for v in np.meshgrid(
+        np.arange(0.0, 360.0, 15.0) * DEG, np.linspace(low, high, 9), [-1.0, 1.0], [-1.0, 1.0],
+        [0.25, 2.0, 6.0], indexing='ij'))
+    columns = {'approach_az': s_az, 'approach_el': s_el, 'az_enc': az, 'el_enc': el}
+    known = obs.context.columns
+    time = obs.context.get('time')
+    if time is not None:
+        columns['time'] = np.nanmax(time) + 3600.0 * later
+    else:
+        columns['order'] = np.ones_like(az)
+    temperature = obs.context.get('temperature')
+    if temperature is not None:
+        columns['temperature'] = _forecast(time, temperature, columns.get('time'), len(az))
+    if 'run' in known:
+        columns['run'] = np.full(len(az), known['run'][-1])
+    for axis in ('az', 'el'):
+        columns[f'before_{axis}'] = columns[f'approach_{axis}']
+    context = Context(az, el, columns, obs.context.latitude, obs.context.longitude)
+    context.raw_reading = obs.context.raw_reading
+    return context, later
+
+
+def _forecast(time, temperature, then, n):
+    """Temperature as far as the night's course tells it: the last of it, never beyond its range."""
+    good = np.isfinite(temperature)
+    if time is None or good.sum() < 5:
+        return np.full(n, np.nanmean(temperature))
+    slope, level = np.polyfit((time[good] - time[good].mean()) / 3600.0, temperature[good], 1)
+    guess = level + slope * (then - time[good].mean()) / 3600.0
+    return np.clip(guess, temperature[good].min() - 5.0, temperature[good].max() + 5.0)
+
+
+def _separate(problem, obs, base, found, pair, others, count):
+    context, later = _grid(obs)
+    n, m = problem.n, len(context)
+    state = found.state
+    # the grid is observed in the last run, with its terms
+    label = np.full(m, obs.label[-1])
+    grid_base = base.columns(context, label)
+    common = [e.columns(context).reshape(-1, 2 * m) for e in others]
+    sides = [(e.columns(obs.context).reshape(-1, 2 * n), e.columns(context).reshape(-1, 2 * m))
+             for e in pair]
+    shared = problem.base.added([e.columns(obs.context).reshape(-1, 2 * n) for e in others])
+    grid_dense = _grid_dense(shared, grid_base, common, obs, m)
+    noise = _noise(state, problem, n)
+    views = [_View(shared.dense(), grid_dense, sides[k], sides[1 - k], problem.b, state.root,
+                   noise) for k in (0, 1)]
+    before = min(v.separation() for v in views)
+    proposals, used = [], np.zeros(m, bool)
+    for _ in range(count):
+        gain = np.min([v.disagreement() for v in views], axis=0)
+        gain[used] = -1.0
+        j = int(np.argmax(gain))
+        near = np.hypot((context.az - context.az[j]) * np.cos(context.el[j]),
+                        context.el - context.el[j]) < _MIN_GAP
+        used |= near & (later == later[j])
+        for v in views:
+            v.add(j)
+        after = min(v.separation() for v in views)
+        proposals.append({
+            'az_deg': float(context.az[j] / DEG), 'el_deg': float(context.el[j] / DEG),
+            'approach_az': int(context.columns['approach_az'][j]),
+            'approach_el': int(context.columns['approach_el'][j]),
+            'after_hours': float(later[j]) if 'time' in context.columns else None,
+            'separates': [e.name for e in pair],
+            'separation_before': float(before), 'separation_after': float(after)})
+    return proposals
+
+
+def _grid_dense(shared, grid_base, common, obs, m):
+    """The model's columns at the grid, in the order of ``shared.dense()``."""
+    parts = [grid_base.common, *common]
+    if shared.own is not None:
+        runs = np.unique(obs.label)
+        k = len(shared.own)
+        own = np.zeros((k * len(runs), 2 * m))
+        last = int(np.searchsorted(runs, obs.label[-1]))
+        own[last * k:(last + 1) * k] = grid_base.own
+        parts.append(own)
+    return np.vstack(parts)
+
+
+def _noise(state, problem, n):
+    """Noise of an axis of a new observation, radians."""
+    if problem.inverse_sigma is None:
+        return state.scale
+    return state.scale / np.array([problem.inverse_sigma[:n].mean(),
+                                   problem.inverse_sigma[n:].mean()])
+
+
+class _View:
+    """One member of the pair is true; how well can the other follow it."""
+
+    def __init__(self, shared, shared_grid, truth, rival, b, root, noise):
+        p = solve(np.vstack((shared, truth[0])), b, root)
+        coefficients = p[len(shared):]
+        self._signal = coefficients @ truth[0]
+        self._signal_grid = coefficients @ truth[1]
+        self._rows = np.vstack((shared, rival[0]))
+        self._grid = np.vstack((shared_grid, rival[1]))
+        self._root, self._noise, self._m = root, noise, truth[1].shape[1] // 2
+
+    def _fit(self):
+        return solve(self._rows, self._signal, self._root)
+
+    def separation(self):
+        left = (self._signal - self._fit() @ self._rows) * self._root
+        return float(left @ left)
+
+    def disagreement(self):
+        left = (self._signal_grid - self._fit() @ self._grid).reshape(2, -1)
+        return np.square(left / self._noise[:, None]).sum(axis=0)
+
+    def add(self, j):
+        at = [j, j + self._m]
+        n = len(self._root) // 2
+        place = [n, 2 * n]  # behind the x and behind the y rows
+        self._rows = np.insert(self._rows, place, self._grid[:, at], axis=1)
+        self._signal = np.insert(self._signal, place, self._signal_grid[at])
+        self._root = np.insert(self._root, place, 1.0 / self._noise)
+
+

@@ -1,0 +1,160 @@
+"""Judging a choice of effects on rows that neither the fit nor the choice has seen."""
+
+import numpy as np
+
+from pointing_model.units import ARCSEC
+
+from .candidates import DISTINCT, solve
+from .search import Chance, search
+
+
+def random_folds(n, count, rng):
+    """Row numbers of `count` folds, drawn at random."""
+    return [np.sort(f) for f in np.array_split(rng.permutation(n), count)]
+
+
+def contiguous_folds(order, count):
+    """Row numbers of `count` folds that follow one another in `order` (time, or the rows)."""
+    return [np.sort(f) for f in np.array_split(np.argsort(order, kind='stable'), count)]
+
+
+def run_folds(label, count, rng):
+    """Row numbers of `count` folds of whole runs."""
+    runs = rng.permutation(np.unique(label))
+    return [np.flatnonzero(np.isin(label, part)) for part in np.array_split(runs, count)]
+
+
+def predict(problem, chosen, train, test):
+    """Residuals of `test` rows with everything fitted to `train` rows.
+
+    Columns that each run fits for itself are refitted on the test rows, robustly, as one would
+    on a new night; nothing else of the test rows is used.
+
+    Parameters
+    ----------
+    problem : Problem
+    chosen : list of Choice
+    train, test : ndarray of int
+
+    Returns
+    -------
+    ndarray, shape (2, m)
+        Radians.
+    """
+    part = problem.rows(train)
+    state = part.state(chosen, final=True)
+    return _left(problem, part, chosen, state, test)
+
+
+def _left(problem, part, chosen, state, test):
+    n = problem.n
+    both = np.concatenate((test, test + n))
+    design = part.design(chosen)
+    common = design.common
+    if design.own is None:
+        p = solve(common, part.b, state.root)
+    else:
+        # the part of the common columns that no run can fit for itself
+        own = design.added(())
+        own.common = common[:0]
+        basis = own.basis(state.root)
+        white = common * state.root
+        length = np.sqrt(np.square(white).sum(axis=1))
+        white -= (white @ basis.T) @ basis
+        # what these runs cannot tell from their own terms is not predicted
+        white[np.sqrt(np.square(white).sum(axis=1)) < DISTINCT * length] = 0.0
+        left = part.b * state.root
+        left = left - (basis @ left) @ basis
+        p = solve(white, left, np.ones_like(left)) if len(white) else np.empty(0)
+    other = problem.rows(test)
+    residual = other.b - p @ other.design(chosen).common
+    if design.own is not None:
+        columns = other.base.added(())
+        columns.common = columns.common[:0]
+        other.base, other.b = columns, residual
+        residual = other.state([]).raw
+    return residual.reshape(2, len(test)) if len(both) else residual
+
+
+def rms(residual, keep=None):
+    """Radial RMS in arcsec of residuals of shape (2, m)."""
+    if keep is not None:
+        residual = residual[:, keep]
+    if not residual.size:
+        return None
+    return float(np.sqrt(np.mean(np.square(residual).sum(axis=0)))) / ARCSEC
+
+
+def cross_validate(problem, chosen, folds):
+    """Residuals of every row predicted from the other folds, for a given choice.
+
+    Returns
+    -------
+    ndarray, shape (2, n)
+        Radians.
+    """
+    out = np.empty((2, problem.n))
+    everything = np.arange(problem.n)
+    for fold in folds:
+        out[:, fold] = predict(problem, chosen, np.setdiff1d(everything, fold), fold)
+    return out
+
+
+def confirm(problem, found, folds):
+    """Drop the choices that gain nothing on rows left out, the worst first.
+
+    Parameters
+    ----------
+    problem : Problem
+    found : Found
+        Changed in place.
+    folds : list of ndarray of int
+
+    Returns
+    -------
+    list of float
+        What each remaining choice takes off the cross-validated RMS, arcsec.
+    """
+    keep = found.state.weights > 0.05
+    while True:
+        if not found.chosen:
+            return []
+        whole = rms(cross_validate(problem, found.chosen, folds), keep)
+        gains = [rms(cross_validate(problem, [c for j, c in enumerate(found.chosen) if j != i],
+                                    folds), keep) - whole for i in range(len(found.chosen))]
+        worst = int(np.argmin(gains))
+        if gains[worst] > 0.0:
+            return gains
+        found.dropped_by_cv.append(found.chosen.pop(worst))
+        found.state = problem.state(found.chosen)
+
+
+def nested(problem, folds, alpha, rng, flips=499, curves=True):
+    """As `cross_validate`, with the whole search repeated without each fold.
+
+    Parameters
+    ----------
+    problem : Problem
+    folds : list of ndarray of int
+    alpha : float
+    rng : numpy.random.Generator
+    flips : int
+    curves : bool
+
+    Returns
+    -------
+    residual : ndarray, shape (2, n)
+        Radians.
+    choices : list of list of Choice
+        Of each fold.
+    """
+    out, choices = np.empty((2, problem.n)), []
+    everything = np.arange(problem.n)
+    for fold in folds:
+        train = np.setdiff1d(everything, fold)
+        part = problem.rows(train)
+        found = search(part, alpha, Chance(part.n, flips, rng), curves=curves)
+        state = part.state(found.chosen, found.state.weights, final=True)
+        out[:, fold] = _left(problem, part, found.chosen, state, fold)
+        choices.append(found.chosen)
+    return out, choices

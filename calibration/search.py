@@ -1,0 +1,386 @@
+"""The search for effects that a fit lacks: forward, with a second look at each choice.
+
+A candidate is added while the largest standardised score of all candidates is beyond chance
+(family-wise, by sign flips of leverage-corrected residual pairs); of the candidates the one with
+the largest penalised log-likelihood is taken. After each addition every earlier choice is
+offered all candidates again, and what no longer pays is dropped. What the dictionary leaves is
+then offered curves of each driver: their verdict is *unknown*.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .candidates import Bank, Columns, fit_state, overlap
+from .chance import ChanceTest
+
+#: parts of the family-wise error that the dictionary and the curves may use. Their alarms overlap
+#: and the tests are conservative: together they stay below it (measured, benchmarks/diagnosis.py).
+DICTIONARY_SHARE = 0.85
+CURVE_SHARE = 0.35
+#: candidates within this BIC of the best are not told apart
+SET_WIDTH = 6.0
+#: an effect may be bought only with rows enough
+_ROWS_PER_COLUMN = 1.5
+_SWEEPS = 2
+_FAR = 2.5  # normal standard deviations above the largest of 200 flips
+
+
+@dataclass
+class Problem:
+    """Offsets that the base leaves, the base's columns, and the candidates.
+
+    Attributes
+    ----------
+    base : Columns
+        First-order columns of everything that is fitted anyway.
+    b : ndarray, shape (2n,)
+        Offsets (after the exact rotations of the base), radians.
+    inverse_sigma : ndarray, shape (2n,), or None
+    dictionary, curves : Bank
+    robust : bool
+    """
+
+    base: Columns
+    b: np.ndarray
+    inverse_sigma: np.ndarray | None
+    dictionary: Bank
+    curves: Bank
+    robust: bool = True
+
+    @property
+    def n(self):
+        """Rows."""
+        return len(self.b) // 2
+
+    def rows(self, rows):
+        """The problem of some rows (indices)."""
+        both = np.concatenate((rows, rows + self.n))
+        return Problem(self.base.rows(both), self.b[both],
+                       None if self.inverse_sigma is None else self.inverse_sigma[both],
+                       self.dictionary.rows(rows), self.curves.rows(rows), self.robust)
+
+    def state(self, chosen, weights=None, without=None, final=False):
+        """Fit of the base and the chosen groups."""
+        return fit_state(self.design(chosen, without), self.b, self.inverse_sigma, weights,
+                         self.robust, final)
+
+    def design(self, chosen, without=None):
+        """Columns of the base and the chosen groups."""
+        return self.base.added(
+            [c.columns(self) for i, c in enumerate(chosen) if i != without])
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A group of the dictionary (or of the curves)."""
+
+    group: int
+    curve: bool = False
+
+    def bank(self, problem):
+        """Where it comes from."""
+        return problem.curves if self.curve else problem.dictionary
+
+    def columns(self, problem):
+        """Shape (d, 2n)."""
+        return self.bank(problem).of(self.group)
+
+    def effect(self, problem):
+        """The `Effect`."""
+        return self.bank(problem).effects[self.group]
+
+
+@dataclass
+class Found:
+    """What a search chose.
+
+    Attributes
+    ----------
+    chosen : list of Choice
+    state : State
+        Of the base and the choice.
+    first_p : float
+        Family-wise p of the first test: is there anything at all.
+    dropped, dropped_by_cv : list of Choice
+        Chosen once, and given up: it did not pay any more, or not on rows left out.
+    """
+
+    chosen: list
+    state: object
+    first_p: float
+    dropped: list = field(default_factory=list)
+    dropped_by_cv: list = field(default_factory=list)
+
+
+class Chance:
+    """Sign flips, drawn once and shared by all tests of a search.
+
+    Parameters
+    ----------
+    n : int
+        Rows.
+    count : int
+        Flips.
+    rng : numpy.random.Generator
+    """
+
+    def __init__(self, n, count, rng):
+        self.signs = rng.integers(0, 2, (count, n)).astype(np.float32) * 2.0 - 1.0
+
+    def p(self, state, scores, group, alpha=None):
+        """Family-wise p of a group: share of flips whose best score reaches its own.
+
+        Parameters
+        ----------
+        state : State
+            Without the group.
+        scores : Scores
+        group : int
+        alpha : float, optional
+            Stop when the share is certain to be above.
+        """
+        test = ChanceTest(state, scores, group)
+        count = len(self.signs)
+        limit = count if alpha is None else int(np.ceil(alpha * (count + 1)))
+        hits, start = 0, 0
+        for stop in (*range(200, count, 400), count):
+            best = test.flipped_max(self.signs[start:stop])
+            hits += int(np.sum(best >= test.z))
+            start = stop
+            if hits > limit:
+                return max((hits + 1) / (stop + 1), 1.0001 * alpha)
+            if test.z > best.max() + _FAR:  # no flip will come near
+                break
+        return (hits + 1) / (count + 1)
+
+
+    def p_of_all(self, state, scores):
+        """Family-wise p of every group, with the residual that the best one leaves.
+
+        Returns
+        -------
+        ndarray, shape (G,)
+        """
+        group, _ = _best(scores)
+        if group < 0 or not np.isfinite(scores.delta_bic[group]):
+            return np.ones(len(scores.dof))
+        test = ChanceTest(state, scores, group)
+        best = np.sort(test.flipped_max(self.signs))
+        hits = len(best) - np.searchsorted(best, test.all, side='left')
+        return (hits + 1.0) / (len(best) + 1.0)
+
+
+def _affordable(problem, state, size):
+    return 2 * problem.n - len(state.basis) - size >= _ROWS_PER_COLUMN * size + 2
+
+
+def _best(scores, excluded=()):
+    dbic = scores.delta_bic.copy()
+    dbic[list(excluded)] = -np.inf
+    g = int(np.argmax(dbic)) if len(dbic) else -1
+    return (g, float(dbic[g])) if g >= 0 else (-1, -np.inf)
+
+
+def search(problem, alpha, chance, *, max_effects=20, curves=True):
+    """Choose the effects.
+
+    Parameters
+    ----------
+    problem : Problem
+    alpha : float
+        Family-wise error of the first choice of a clean run.
+    chance : Chance
+    max_effects : int
+    curves : bool
+        Whether unknown curves may be chosen.
+
+    Returns
+    -------
+    Found
+    """
+    found = Found([], problem.state([]), 1.0)
+    _forward(problem, found, alpha * DICTIONARY_SHARE, chance, max_effects)
+    if curves and len(problem.curves):
+        for _ in range(max_effects - len(found.chosen)):
+            if not _add_curve(problem, found, alpha * CURVE_SHARE, chance):
+                break
+            _forward(problem, found, alpha * DICTIONARY_SHARE, chance, max_effects)
+    return found
+
+
+def _forward(problem, found, alpha, chance, max_effects):
+    """Add groups of the dictionary while the best is beyond chance."""
+    seen = {frozenset(found.chosen)}
+    while len(found.chosen) < max_effects:
+        scores = problem.dictionary.score(found.state)
+        g, gain = _best(scores)
+        if gain <= 0.0:
+            break
+        p = chance.p(found.state, scores, g, alpha)
+        if not found.chosen:
+            found.first_p = min(found.first_p, p)
+        if p > alpha or not _affordable(problem, found.state,
+                                        len(problem.dictionary.of(g))):
+            break
+        found.chosen.append(Choice(g))
+        found.state = problem.state(found.chosen, found.state.weights)
+        _second_look(problem, found)
+        # an addition that the second look takes back would go on for ever
+        if frozenset(found.chosen) in seen:
+            found.chosen = list(dict.fromkeys(found.chosen))
+            found.state = problem.state(found.chosen)
+            break
+        seen.add(frozenset(found.chosen))
+
+
+def _second_look(problem, found):
+    """Offer every choice all candidates again, with the others in; drop what does not pay."""
+    for _ in range(_SWEEPS):
+        changed = False
+        i = 0
+        while i < len(found.chosen) and len(found.chosen) > 1:
+            choice = found.chosen[i]
+            if choice.curve:
+                i += 1
+                continue
+            state = problem.state(found.chosen, found.state.weights, without=i)
+            scores = problem.dictionary.score(state)
+            others = [c.group for j, c in enumerate(found.chosen) if j != i and not c.curve]
+            g, gain = _best(scores, others)
+            if gain <= 0.0:
+                found.dropped.append(found.chosen.pop(i))
+                found.state = state
+                changed = True
+                continue
+            if g != choice.group and gain > scores.delta_bic[choice.group] + 0.01:
+                found.chosen[i] = Choice(g)
+                changed = True
+            i += 1
+        if not changed:
+            break
+        found.state = problem.state(found.chosen, found.state.weights)
+
+
+def _add_curve(problem, found, alpha, chance):
+    """A curve beside the choice, or in place of the effects of the same driver."""
+    scores = problem.curves.score(found.state)
+    g, gain = _best(scores)
+    if gain > 0.0:
+        # of curves, the one that chance explains least: BIC would rather have half of a shape
+        z = ChanceTest(found.state, scores, g).all
+        g = int(np.argmax(np.where(scores.delta_bic > 0.0, z, -np.inf)))
+        gain = float(scores.delta_bic[g])
+    p = chance.p(found.state, scores, g, alpha) if gain > 0.0 else 1.0
+    if not found.chosen:
+        found.first_p = min(found.first_p, p)
+    options = []
+    if p <= alpha and gain > 0.0 and _affordable(problem, found.state,
+                                                 len(problem.curves.of(g))):
+        options.append((gain, g, tuple(range(len(found.chosen)))))
+    options += _replacements(problem, found)
+    if not options:
+        return False
+    _, g, keep = max(options)
+    found.chosen = [found.chosen[i] for i in keep] + [Choice(g, True)]
+    found.state = problem.state(found.chosen, found.state.weights)
+    _second_look(problem, found)
+    return True
+
+
+def _replacements(problem, found):
+    """Curves that beat all dictionary effects of one driver together by more than the set width."""
+    out = []
+    effects = [c.effect(problem) for c in found.chosen]
+    drivers = {e.driver for c, e in zip(found.chosen, effects) if not c.curve}
+    for driver in drivers:
+        keep = tuple(i for i, (c, e) in enumerate(zip(found.chosen, effects))
+                     if c.curve or e.driver != driver)
+        if len(found.chosen) - len(keep) < 1:
+            continue
+        kept = [found.chosen[i] for i in keep]
+        state = problem.state(kept, found.state.weights)
+        scores = problem.curves.score(state)
+        same = np.array([e.driver == driver for e in problem.curves.effects])
+        if not same.any():
+            continue
+        g, gain = _best(scores, np.flatnonzero(~same))
+        lost = _bic_between(state, found.state) - sum(
+            len(problem.dictionary.of(c.group)) * np.log(problem.n)
+            for i, c in enumerate(found.chosen) if i not in keep)
+        if gain > lost + SET_WIDTH:
+            out.append((gain - lost, g, keep))
+    return out
+
+
+def _bic_between(small, large):
+    """2 ln(likelihood ratio) of nested fits, at the weights of the larger."""
+    n = small.n
+    w = np.concatenate((large.weights, large.weights))
+    rss = [(w * s.raw**2).reshape(2, n).sum(axis=1) + 1e-60 for s in (small, large)]
+    return float(n * np.log(rss[0] / rss[1]).sum())
+
+
+@dataclass
+class Standing:
+    """How one chosen effect stands with all others in the model.
+
+    Attributes
+    ----------
+    p : float
+        Family-wise, that chance gives any candidate a score like this.
+    delta_bic : float
+        Gain of the effect.
+    alternatives : list of int
+        Groups of other lines of the ranking within `SET_WIDTH` of the best.
+    same : list of int
+        Of these the ones that are the same curve in this run (aliases).
+    scores : Scores
+    """
+
+    p: float
+    delta_bic: float
+    alternatives: list
+    same: list
+    scores: object
+
+
+def standing(problem, found, i, chance, alias=0.98):
+    """Test one choice with the others in the model, and find what could stand in its place.
+
+    Parameters
+    ----------
+    problem : Problem
+    found : Found
+    i : int
+        Of `found.chosen`.
+    chance : Chance
+    alias : float
+        Squared cosine from which two groups are the same curve.
+
+    Returns
+    -------
+    Standing
+    """
+    choice = found.chosen[i]
+    state = problem.state(found.chosen, found.state.weights, without=i)
+    bank = choice.bank(problem)
+    scores = bank.score(state)
+    g = choice.group
+    p = chance.p(state, scores, g)
+    others = {c.group for j, c in enumerate(found.chosen) if j != i and c.curve == choice.curve}
+    limit = scores.delta_bic.max() - SET_WIDTH
+    family = {int(bank.family[g])}
+    near = []
+    if not choice.curve:
+        for other in np.argsort(-scores.delta_bic):
+            if scores.delta_bic[other] < max(limit, 0.0):
+                break
+            if other != g and other not in others and int(bank.family[other]) not in family:
+                family.add(int(bank.family[other]))
+                near.append(int(other))
+    same = []
+    if near:
+        own = scores.basis(g)
+        same = [k for k in near if overlap(own, scores.basis(k))[0] > alias]
+    return Standing(p, float(scores.delta_bic[g]), near, same, scores)

@@ -1,0 +1,262 @@
+"""Small figures as inline SVG: no library to load, crisp on paper, text that can be searched."""
+
+from html import escape
+
+import numpy as np
+
+#: points drawn at most in one panel; the figures beside them are of all rows
+MAX_POINTS = 3000
+MAX_ARROWS = 400
+_NAMED = 400  # up to here every point has its name as a tooltip
+
+
+def clean(text):
+    """`text` for HTML and XML: escaped, without characters that XML does not know."""
+    text = ''.join(c if c.isprintable() else '\ufffd' for c in str(text))
+    return escape(text, quote=True)
+
+
+def ticks(low, high, count=5):
+    """Round values from `low` to `high`, some `count` of them.
+
+    Returns
+    -------
+    ndarray
+    """
+    span = high - low
+    if not span > 0.0 or not np.isfinite(span):
+        return np.array([low])
+    raw = span / max(count, 1)
+    power = 10.0 ** np.floor(np.log10(raw))
+    step = power * min((m for m in (1, 2, 2.5, 5, 10) if m * power >= raw), default=10)
+    first = np.ceil(low / step - 1e-9) * step
+    values = first + step * np.arange(int((high - first) / step + 1e-9) + 1)
+    return np.where(np.abs(values) < 1e-9 * step, 0.0, values)
+
+
+def _tick(value):
+    return f'{value:.6g}'.replace('-', '\u2212')
+
+
+def _n(value):
+    return f'{value:.1f}'.rstrip('0').rstrip('.')
+
+
+def thin(n, limit=MAX_POINTS):
+    """Indices of at most `limit` of n rows, evenly."""
+    return np.arange(n) if n <= limit else np.linspace(0, n - 1, limit).round().astype(int)
+
+
+class Panel:
+    """Axes of one figure: data to drawing, ticks, points, lines.
+
+    Parameters
+    ----------
+    box : tuple of float
+        Left, top, width, height in the drawing.
+    x_range, y_range : tuple of float
+        Limits of the data.
+    """
+
+    def __init__(self, box, x_range, y_range):
+        self.left, self.top, self.width, self.height = box
+        self.x_range, self.y_range = _open(x_range), _open(y_range)
+        self.parts = []
+
+    def x(self, value):
+        """Drawing coordinate."""
+        low, high = self.x_range
+        return self.left + self.width * (np.asarray(value, float) - low) / (high - low)
+
+    def y(self, value):
+        """Drawing coordinate."""
+        low, high = self.y_range
+        return self.top + self.height * (high - np.asarray(value, float)) / (high - low)
+
+    def axes(self, x_label='', y_label='', title='', x_ticks=None, x_texts=None, y_count=4):
+        """Frame, ticks, a line at zero and the labels."""
+        left, right = self.left, self.left + self.width
+        top, bottom = self.top, self.top + self.height
+        out = self.parts
+        out.append(f'<rect class="frame" x="{_n(left)}" y="{_n(top)}" width="{_n(self.width)}" '
+                   f'height="{_n(self.height)}"/>')
+        for value in ticks(*self.y_range, y_count):
+            y = _n(self.y(value))
+            out.append(f'<path class="{"zero" if value == 0 else "grid"}" d="M{_n(left)} {y}H'
+                       f'{_n(right)}"/><text class="tick" text-anchor="end" x="{_n(left - 5)}" '
+                       f'y="{y}" dy=".32em">{_tick(value)}</text>')
+        values = ticks(*self.x_range, 6) if x_ticks is None else x_ticks
+        for i, value in enumerate(values):
+            x, text = _n(self.x(value)), _tick(value) if x_texts is None else x_texts[i]
+            out.append(f'<path class="grid" d="M{x} {_n(bottom)}v4"/>')
+            if x_label:
+                out.append(f'<text class="tick" text-anchor="middle" x="{x}" '
+                           f'y="{_n(bottom + 16)}">{clean(text)}</text>')
+        if x_label:
+            out.append(f'<text class="label" text-anchor="middle" x="{_n((left + right) / 2)}" '
+                       f'y="{_n(bottom + 33)}">{clean(x_label)}</text>')
+        if y_label:
+            x, y = _n(left - 38), _n((top + bottom) / 2)
+            out.append(f'<text class="label" text-anchor="middle" transform="translate({x} {y}) '
+                       f'rotate(-90)">{clean(y_label)}</text>')
+        if title:
+            out.append(f'<text class="title" x="{_n(left)}" y="{_n(top - 7)}">{clean(title)}'
+                       '</text>')
+
+    def points(self, x, y, style, names=None, radius=2.4):
+        """Dots; what lies beyond the frame is drawn at its edge as a triangle."""
+        x, y = np.asarray(x, float), np.asarray(y, float)
+        good = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
+        good = good[thin(len(good))]
+        low, high = self.y_range
+        over = (y[good] < low) | (y[good] > high)
+        px, py = self.x(x[good]), self.y(np.clip(y[good], low, high))
+        inside = ~over
+        if names is not None and len(x) <= _NAMED:
+            self.parts.append(f'<g class="{style}">' + ''.join(
+                f'<circle cx="{_n(a)}" cy="{_n(b)}" r="{radius}"><title>{clean(names[i])}'
+                f'</title></circle>'
+                for a, b, i in zip(px[inside], py[inside], good[inside])) + '</g>')
+        else:
+            d = ''.join(f'M{_n(a)} {_n(b)}h0' for a, b in zip(px[inside], py[inside]))
+            self.parts.append(f'<path class="{style} dots" stroke-width="{1.6 * radius:g}" '
+                              f'd="{d or "M0 0"}"/>')
+        for a, value in zip(px[over], y[good][over]):
+            b, s = (self.top + 1, 6) if value > high else (self.top + self.height - 1, -6)
+            self.parts.append(f'<path class="{style} beyond" d="M{_n(a)} {_n(b)}l4 {s}h-8z">'
+                              f'<title>{value:.1f} arcsec, beyond the frame</title></path>')
+
+    def dashes(self, x, y, style, length=7.0):
+        """A short level stroke at each value: a fit that is no curve of x alone."""
+        x, y = np.asarray(x, float), np.asarray(y, float)
+        good = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
+        good = good[thin(len(good))]
+        px, py = self.x(x[good]), self.y(np.clip(y[good], *self.y_range))
+        d = ''.join(f'M{_n(a - length / 2)} {_n(b)}h{length:g}' for a, b in zip(px, py))
+        self.parts.append(f'<path class="{style}" d="{d or "M0 0"}"/>')
+
+    def line(self, x, y, style, close=False):
+        """A polyline."""
+        px, py = self.x(x), self.y(y)
+        d = 'L'.join(f'{_n(a)} {_n(b)}' for a, b in zip(px, py))
+        self.parts.append(f'<path class="{style}" d="M{d}{"z" if close else ""}"/>')
+
+
+def _open(limits):
+    low, high = (float(v) for v in limits)
+    if not (np.isfinite(low) and np.isfinite(high)):
+        return -1.0, 1.0
+    if high - low <= 1e-12 * max(abs(low), abs(high), 1e-300):
+        pad = 0.5 * abs(low) or 1.0
+        return low - pad, high + pad
+    return low, high
+
+
+def svg(width, height, parts, label):
+    """A whole drawing that scales with the page.
+
+    Parameters
+    ----------
+    width, height : float
+        Of its own coordinates.
+    parts : list of str
+    label : str
+        For readers that do not see it.
+    """
+    return (f'<svg viewBox="0 0 {width:g} {height:g}" role="img" aria-label="{clean(label)}">'
+            f'{"".join(parts)}</svg>')
+
+
+def limit_of(*values):
+    """A limit for residuals, symmetric, that single gross ones do not set.
+
+    Parameters
+    ----------
+    *values : ndarray
+
+    Returns
+    -------
+    float
+    """
+    size = np.abs(np.concatenate([np.ravel(v) for v in values]))
+    size = size[np.isfinite(size)]
+    if not size.size:
+        return 1.0
+    return float(max(min(size.max(), 4.0 * np.quantile(size, 0.9)), 1e-3)) * 1.08
+
+
+class SkyMap:
+    """The sky as a compass lies: zenith in the middle, north up, east to the right.
+
+    Parameters
+    ----------
+    size : float
+        Of the square drawing.
+    lowest : float
+        Elevation at the rim, degrees.
+    """
+
+    def __init__(self, size, lowest):
+        self.centre, self.radius = size / 2, size / 2 - 24
+        self.lowest = lowest
+        self.parts = []
+        c, r = self.centre, self.radius
+        for elevation in np.arange(np.ceil(lowest / 30.0) * 30.0, 90.0, 30.0):
+            rr = r * (90.0 - elevation) / (90.0 - lowest)
+            self.parts.append(f'<circle class="grid" cx="{_n(c)}" cy="{_n(c)}" r="{_n(rr)}"/>')
+            if elevation > lowest:
+                self.parts.append(f'<text class="tick" x="{_n(c + 3)}" y="{_n(c - rr + 11)}">'
+                                  f'{elevation:g}°</text>')
+        self.parts.append(f'<circle class="rim" cx="{_n(c)}" cy="{_n(c)}" r="{_n(r)}"/>'
+                          f'<path class="grid" d="M{_n(c - r)} {_n(c)}h{_n(2 * r)}M{_n(c)} '
+                          f'{_n(c - r)}v{_n(2 * r)}"/>')
+        for text, dx, dy in (('N', 0, -1), ('E', 1, 0), ('S', 0, 1), ('W', -1, 0)):
+            self.parts.append(f'<text class="label" text-anchor="middle" x="{_n(c + dx * (r + 12))}'
+                              f'" y="{_n(c + dy * (r + 12))}" dy=".35em">{text}</text>')
+
+    def place(self, az, el):
+        """Drawing coordinates of directions, radians."""
+        distance = self.radius * (90.0 - np.degrees(el)) / (90.0 - self.lowest)
+        return self.centre + distance * np.sin(az), self.centre - distance * np.cos(az)
+
+    def arrows(self, az, el, x, y, scale, style, names):
+        """Residual vectors: toward growing azimuth and elevation, `scale` drawing units an arcsec.
+
+        Parameters
+        ----------
+        az, el : ndarray, shape (n,)
+            Radians.
+        x, y : ndarray, shape (n,)
+            On the sky, arcsec.
+        """
+        rows = thin(len(az), MAX_ARROWS)
+        px, py = self.place(az[rows], el[rows])
+        s, c = np.sin(az[rows]), np.cos(az[rows])
+        dx = (x[rows] * c - y[rows] * s) * scale
+        dy = (x[rows] * s + y[rows] * c) * scale
+        long = np.hypot(dx, dy)
+        cap = np.minimum(1.0, 0.6 * self.radius / np.maximum(long, 1e-12))
+        for i, a, b, u, v in zip(rows, px, py, dx * cap, dy * cap):
+            self.parts.append(
+                f'<g class="{style}"><title>{clean(names[i])}</title><circle cx="{_n(a)}" '
+                f'cy="{_n(b)}" r="1.7"/><path d="{_arrow(a, b, u, v)}"/></g>')
+
+    def marks(self, az, el, style, texts):
+        """Numbered places."""
+        for i, (a, b) in enumerate(zip(*self.place(az, el))):
+            self.parts.append(
+                f'<g class="{style}"><title>{clean(texts[i])}</title><circle cx="{_n(a)}" '
+                f'cy="{_n(b)}" r="9"/><text text-anchor="middle" x="{_n(a)}" y="{_n(b)}" '
+                f'dy=".35em">{i + 1}</text></g>')
+
+
+def _arrow(x, y, dx, dy):
+    length = float(np.hypot(dx, dy))
+    d = f'M{_n(x)} {_n(y)}l{_n(dx)} {_n(dy)}'
+    if length > 3.0:
+        head = min(5.0, 0.45 * length)
+        ux, uy = dx / length, dy / length
+        for side in (1.0, -1.0):
+            hx, hy = -ux + 0.5 * side * uy, -uy - 0.5 * side * ux
+            d += f'M{_n(x + dx)} {_n(y + dy)}l{_n(head * hx)} {_n(head * hy)}'
+    return d

@@ -1,0 +1,262 @@
+"""What an effect may depend on besides the direction: time, temperature, approach, reading, ..."""
+
+import numpy as np
+
+from .run import COLUMNS
+from .terms import Trig
+from .units import wrap
+
+#: columns of a run that are no drivers of the user's own
+_KNOWN = set(COLUMNS) | {'az_raw', 'el_raw', 'pier_side', 'lst_h', 'ra', 'dec', 'row'}
+_TURN = 2.0 * np.pi
+_SIDEREAL = _TURN / 86164.0905  # rad/s
+_J2000 = 946728000.0  # UTC seconds of 2000-01-01T12:00
+
+
+class Context:
+    """Directions and the drivers that are known for them.
+
+    Parameters
+    ----------
+    az, el : float or ndarray, shape (n,)
+        Catalogue place, radians.
+    columns : dict of str to ndarray or float, optional
+        Drivers by the names of `run.COLUMNS` (SI), and the user's own. NaN is unknown.
+    latitude, longitude : float, optional
+        Of the site, radians, north and east positive.
+
+    Notes
+    -----
+    `get` also derives: ``lst`` (rad, from ``lst_h`` in hours, or from the time and the
+    longitude), ``reading_az``/``reading_el`` (raw encoder angle: ``az_raw``, else ``az_enc`` with
+    the star's miss distance taken out), ``order`` (position of the row in its run, 0 to 1),
+    ``travel_az``/``travel_el`` (from the row before, rad), ``before_az``/``before_el``
+    (approach of the row before), ``az_rate``/``el_rate`` (sidereal, where the site's latitude is
+    known), ``pm_x``/``pm_y`` (proper motion on the sky of the Hipparcos star, arcsec a year).
+    """
+
+    def __init__(self, az, el, columns=None, latitude=None, longitude=None):
+        self.az, self.el = (np.atleast_1d(np.asarray(v, float)) for v in (az, el))
+        self.trig = Trig(self.az, self.el)
+        self.columns = dict(columns or {})
+        self.latitude, self.longitude = latitude, longitude
+        #: False where time counts from an arbitrary start, or the angles are no raw readings
+        self.time_is_utc, self.raw_reading = True, True
+        self._derived = {}
+
+    @classmethod
+    def of_run(cls, run, encoder='enc'):
+        """The context of a run's rows.
+
+        Parameters
+        ----------
+        run : PointingRun
+            ``meta['site']`` (an object or dict with latitude and longitude) is used if there.
+        encoder : {'enc', 'abs'}
+            The encoder that is diagnosed: its angles count as ``az_enc``, ``el_enc``.
+        """
+        columns = dict(run.columns)
+        if encoder != 'enc':
+            columns['az_enc'], columns['el_enc'] = run[f'az_{encoder}'], run[f'el_{encoder}']
+        az, el = columns.pop('az'), columns.pop('el')
+        site = run.meta.get('site') or {}
+        place = {name: site.get(name) if isinstance(site, dict) else getattr(site, name, None)
+                 for name in ('latitude', 'longitude')}
+        context = cls(az, el, columns, **place)
+        context.time_is_utc = run.meta.get('time_is_utc', True)
+        context.raw_reading = run.meta.get('raw_reading', True)
+        return context
+
+    def __len__(self):
+        return len(self.az)
+
+    def at(self, az, el, **columns):
+        """The same drivers at other directions; `columns` replaces some of them."""
+        out = Context(az, el, {**self.columns, **columns}, self.latitude, self.longitude)
+        out.time_is_utc, out.raw_reading = self.time_is_utc, self.raw_reading
+        return out
+
+    def extra(self):
+        """Names of the numeric columns that are the user's own."""
+        return [name for name, v in self.columns.items()
+                if name not in _KNOWN and np.asarray(v).dtype.kind in 'fiub']
+
+    def get(self, name):
+        """Driver `name`, shape (n,), or None where it is not known at all."""
+        if name == 'azimuth':
+            return self.az
+        if name == 'elevation':
+            return self.el
+        if name not in self._derived:
+            self._derived[name] = self._find(name)
+        return self._derived[name]
+
+    def span(self, name):
+        """Finite values of a driver, or the reason why it can show nothing.
+
+        Returns
+        -------
+        values : ndarray or None
+        reason : str or None
+        """
+        value = self.get(name)
+        if value is None:
+            return None, f'{name} is not known'
+        finite = value[np.isfinite(value)]
+        if len(finite) < 0.5 * len(value):
+            return None, f'{name} is known in only {len(finite)} of {len(value)} rows'
+        low, high = float(finite.min()), float(finite.max())
+        if high - low <= 1e-9 * max(abs(low), abs(high)):
+            return None, f'{name} does not vary'
+        return finite, None
+
+    def _find(self, name):
+        value = self.columns.get(name)
+        if value is None:
+            derive = getattr(self, f'_derive_{name}', None)
+            if derive is None:
+                head, _, axis = name.rpartition('_')
+                derive = getattr(self, f'_derive_{head}', None) if axis in ('az', 'el') else None
+                value = derive(axis) if derive else None
+            else:
+                value = derive()
+        if value is None or np.asarray(value).dtype.kind not in 'fiub':
+            return None
+        value = np.broadcast_to(np.asarray(value, float), self.az.shape)
+        return value if np.isfinite(value).any() else None
+
+    # ------------------------------------------------------------------------------- derived
+
+    def _starts(self):
+        """Mask of the rows that begin a run."""
+        starts = np.zeros(len(self), bool)
+        starts[:1] = True
+        run = self.columns.get('run')
+        if run is not None:
+            run = np.broadcast_to(np.asarray(run), self.az.shape)
+            starts[1:] |= run[1:] != run[:-1]
+        return starts
+
+    def _derive_order(self):
+        starts = np.flatnonzero(self._starts())
+        length = np.diff(np.append(starts, len(self)))
+        position = np.arange(len(self)) - np.repeat(starts, length)
+        return position / np.repeat(np.maximum(length - 1, 1), length)
+
+    def _derive_lst(self):
+        hours = self.columns.get('lst_h')
+        if hours is not None:
+            return np.asarray(hours, float) * (np.pi / 12.0)
+        time = self.get('time')
+        if time is None or self.longitude is None or not self.time_is_utc:
+            return None
+        # Greenwich mean sidereal time with UT1 = UTC: 15" at most, the same all night
+        return self.longitude + 4.894961212735793 + _TURN * 1.00273790935 * (
+            (time - _J2000) / 86400.0)
+
+    def _derive_reading(self, axis):
+        raw = self.columns.get(f'{axis}_raw')
+        if raw is not None:
+            return raw
+        if not self.raw_reading:
+            return None
+        angle = self.columns.get(f'{axis}_enc')
+        miss = self.columns.get('miss_x' if axis == 'az' else 'miss_y')
+        if angle is None or miss is None:
+            return angle
+        miss = np.nan_to_num(np.asarray(miss, float))
+        return angle - (miss / self.trig.cos_el if axis == 'az' else miss)
+
+    def _derive_travel(self, axis):
+        angle = self.columns.get(f'{axis}_enc')
+        if angle is None or np.ndim(angle) == 0 or len(self) < 2:
+            return None
+        travel = np.full(len(self), np.nan)
+        travel[1:] = np.abs(wrap(np.diff(angle)))
+        travel[self._starts()] = np.nan
+        return travel
+
+    def _derive_before(self, axis):
+        approach = self.get(f'approach_{axis}')
+        if approach is None or len(self) < 2:
+            return None
+        before = np.full(len(self), np.nan)
+        before[1:] = approach[:-1]
+        before[self._starts()] = np.nan
+        return before
+
+    def _derive_az_rate(self):
+        if self.latitude is None:
+            return None
+        t = self.trig
+        return _SIDEREAL * (np.sin(self.latitude)
+                            - np.cos(self.latitude) * t.cos_az * t.sin_el / t.cos_el)
+
+    def _derive_el_rate(self):
+        if self.latitude is None:
+            return None
+        return _SIDEREAL * np.cos(self.latitude) * self.trig.sin_az
+
+    # ---------------------------------------------------------------------------- the heavens
+
+    def equatorial(self):
+        """East-north-up components of the equatorial axes X, Y, Z, or None.
+
+        Returns
+        -------
+        ndarray, shape (3, 3, n)
+            Axis, component, row. X and Y need the sidereal time.
+        """
+        lst = self.get('lst')
+        if self.latitude is None or lst is None:
+            return None
+        s, c = np.sin(self.latitude), np.cos(self.latitude)
+        sin_t, cos_t = np.sin(lst), np.cos(lst)
+        one = np.ones_like(lst)
+        return np.array([[-sin_t, -s * cos_t, c * cos_t],
+                         [cos_t, -s * sin_t, c * sin_t],
+                         [0 * one, c * one, s * one]])
+
+    def tangent(self):
+        """East-north-up unit vectors toward growing azimuth and elevation, each shape (3, n)."""
+        t = self.trig
+        return (np.array([t.cos_az, -t.sin_az, 0.0 * t.az]),
+                np.array([-t.sin_el * t.sin_az, -t.sin_el * t.cos_az, t.cos_el]))
+
+    def direction(self):
+        """East-north-up unit vectors of the catalogue place, shape (3, n)."""
+        t = self.trig
+        return np.array([t.cos_el * t.sin_az, t.cos_el * t.cos_az, t.sin_el])
+
+    def _proper_motion(self):
+        axes, star = self.equatorial(), self.columns.get('star')
+        if axes is None or star is None or np.asarray(star).dtype.kind not in 'iu':
+            return None
+        from .catalogue import load_catalogue
+        from .units import ARCSEC
+
+        star = np.broadcast_to(star, self.az.shape)
+        try:
+            known = load_catalogue(hip=np.unique(star[star > 0]))
+        except ValueError:  # numbers that are no Hipparcos numbers
+            return None
+        order = np.argsort(known.hip)
+        place = np.minimum(np.searchsorted(known.hip[order], star), len(known) - 1)
+        at = order[place]
+        good = known.hip[at] == star
+        # toward growing right ascension and declination
+        ra, dec = known.ra[at], known.dec[at]
+        east = -np.sin(ra) * axes[0] + np.cos(ra) * axes[1]
+        north = -np.sin(dec) * (np.cos(ra) * axes[0] + np.sin(ra) * axes[1]) \
+            + np.cos(dec) * axes[2]
+        motion = (known.pm_ra_cosdec[at] * east + known.pm_dec[at] * north) / ARCSEC
+        return [np.where(good, np.sum(motion * t, axis=0), np.nan) for t in self.tangent()]
+
+    def _derive_pm_x(self):
+        motion = self._proper_motion()
+        return None if motion is None else motion[0]
+
+    def _derive_pm_y(self):
+        motion = self._proper_motion()
+        return None if motion is None else motion[1]
+

@@ -1,0 +1,156 @@
+"""Curves of one driver, for what no physical effect explains."""
+
+import numpy as np
+
+from .effect_families import AXES, effect, family, make
+
+_TURN = 2.0 * np.pi
+#: drivers that are given waves and bumps; air, stars and columns of the file get splines only
+_WAVY = ('azimuth', 'elevation', 'time', 'order')
+
+
+@family
+def _smooth(axis, driver, shape, factor='1', within=None, **numbers):
+    """A curve of one driver for what no physical effect explains.
+
+    ``shape``: 'fourier' (``orders``, ``period``), 'spline' (``knots``: a natural cubic one),
+    'bump' (``centre``, ``width``, and ``period`` if it closes), 'sawtooth' (``start``,
+    ``period``; from -1/2 to 1/2). Beyond ``within`` the curve keeps its value at the end.
+    """
+    curve = {'fourier': _fourier, 'spline': _natural_spline, 'bump': _bump,
+             'sawtooth': _sawtooth}[shape]
+    count = {'fourier': lambda: 2 * len(numbers['orders']),
+             'spline': lambda: len(numbers['knots']) - 1, 'bump': lambda: 1,
+             'sawtooth': lambda: 1}[shape]()
+
+    def of(c):
+        u = np.asarray(c.get(driver), float)
+        values = curve(u if within is None else np.clip(u, *within), **numbers)
+        if axis == 'az' and factor == 'cosE':
+            return [(v * c.trig.cos_el, 0.0) for v in values]
+        return [(v, 0.0) if axis == 'az' else (0.0, v) for v in values]
+
+    series = shape == 'fourier' and list(numbers['orders']) == list(
+        range(1, len(numbers['orders']) + 1))
+    wave = shape == 'fourier' and (not series or len(numbers['orders']) == 1)
+    if wave:
+        tail = f'wave_{numbers["orders"][0]:g}'
+        tail += f'_overtones_{len(numbers["orders"])}' if len(numbers['orders']) > 1 else ''
+    else:
+        tail = f'{shape}_{count // 2 if series else count}' if count > 1 else shape
+    scan = shape if shape in ('bump', 'sawtooth') else 'wave' if wave else None
+    return make('smooth', {'axis': axis, 'driver': driver, 'shape': shape, 'factor': factor,
+                            'within': within, **numbers},
+                 f'smooth_of_{driver}_{axis}_{tail}' + ('_cosE' if factor == 'cosE' else ''),
+                 f'unknown cause: the {AXES[axis]} error follows the {driver} '
+                 f'({shape})', f'{shape} of {driver}'
+                 + (' x cos E' if factor == 'cosE' else ''), driver, axis,
+                 tuple(f'{shape[0]}{i + 1}' for i in range(count)), of, source='fall-back',
+                 requires=() if driver in ('azimuth', 'elevation') else (driver,), kind='smooth',
+                 scan=scan)
+
+
+def _fourier(u, orders, period):
+    phase = _TURN / period * u
+    return [f(k * phase) for k in orders for f in (np.cos, np.sin)]
+
+
+def _bump(u, centre, width, period=None):
+    d = u - centre
+    if period:
+        d = np.mod(d + period / 2, period) - period / 2
+    return [np.exp(-0.5 * np.square(d / width))]
+
+
+def _sawtooth(u, start, period):
+    return [np.mod((u - start) / period, 1.0) - 0.5]
+
+
+def _natural_spline(u, knots):
+    knots = np.asarray(knots, float)
+    span = knots[-1] - knots[0]
+    v = (u - knots[0]) / span
+    t = (knots - knots[0]) / span
+    # constant beyond the data: what is not observed is not extrapolated
+    v = np.clip(v, 0.0, 1.0)
+    last = np.maximum(v - t[-1], 0.0) ** 3
+
+    def d(k):
+        return (np.maximum(v - t[k], 0.0) ** 3 - last) / (t[-1] - t[k])
+
+    end = d(len(t) - 2)
+    return [v, *(d(k) - end for k in range(len(t) - 2))]
+
+
+def smooths(context, drivers=None):
+    """Curves of each driver and axis, for what the dictionary does not explain.
+
+    Fourier series (azimuth, one turn), natural splines, single waves and single bumps scanned in
+    place and width.
+
+    Parameters
+    ----------
+    context : Context
+    drivers : sequence of str, optional
+        By default azimuth, elevation, time or order, temperature, magnitude, the user's own.
+
+    Returns
+    -------
+    list of Effect
+        None of the order of the rows for several runs: a place in one is none in another.
+    """
+    clock = 'time' if context.get('time') is not None else 'order'
+    if drivers is None:
+        drivers = ['azimuth', 'elevation', clock, 'temperature', 'magnitude', *context.extra()]
+    run = context.get('run')
+    several = run is not None and len(np.unique(run)) > 1
+    out = []
+    for driver in drivers:
+        values, reason = context.span(driver)
+        if reason or len(np.unique(values)) < 12 or (driver == 'order' and several):
+            continue
+        for axis, factor in (('az', 'cosE'), ('az', '1'), ('el', '1')):
+            out += _smooths_of(axis, driver, factor, values)
+    return out
+
+
+def _smooths_of(axis, driver, factor, values):
+    closed = driver == 'azimuth'
+    low, high = float(values.min()), float(values.max())
+    period = _TURN if closed else high - low
+    out = []
+
+    def add(shape, **numbers):
+        out.append(effect('smooth', axis=axis, driver=driver, shape=shape, factor=factor,
+                          within=None if closed else [low, high], **numbers))
+
+    if closed:
+        for top in (3, 6):
+            add('fourier', orders=list(range(1, top + 1)), period=period)
+        for order in range(4, 16):
+            add('fourier', orders=[order], period=period)
+            if order <= 10:
+                add('fourier', orders=[order, 2 * order, 3 * order], period=period)
+    else:
+        for count in (4, 6, 9):
+            knots = np.unique(np.quantile(values, np.linspace(0.0, 1.0, count)))
+            if len(knots) == count:
+                add('spline', knots=knots.tolist())
+        if driver not in _WAVY:
+            return out
+        if driver == 'elevation' and (axis == 'el' or factor == 'cosE'):
+            for order in np.arange(1.5, 6.1, 0.25):
+                for start in np.arange(8.0) / 8.0 * period / order:
+                    add('sawtooth', start=float(low + start), period=float(period / order))
+        for order in np.arange(1.0, 8.5, 0.5):
+            add('fourier', orders=[float(order)], period=period)
+            if 1.5 <= order <= 6.0:  # sharp edges, as those of a sawtooth, have overtones
+                add('fourier', orders=[float(k * order) for k in (1, 2, 3)], period=period)
+    for width in (1 / 36, 1 / 18, 1 / 9):
+        width = width * (period if closed else 1.5 * period)
+        count = int(period / width)
+        start = 0.0 if closed else low
+        for centre in start + (np.arange(count) + 0.5) * period / count:
+            add('bump', centre=float(centre), width=float(width),
+                **({'period': period} if closed else {}))
+    return out

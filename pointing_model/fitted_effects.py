@@ -1,0 +1,114 @@
+"""Effects with their fitted coefficients, as a pointing model carries them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .context import Context
+from .effects import Effect, of_document
+from .units import ARCSEC
+
+
+@dataclass(frozen=True)
+class FittedEffect:
+    """An effect and how large it is.
+
+    Parameters
+    ----------
+    effect : Effect
+    coefficients : ndarray, shape (k,)
+        Radians per the effect's unit.
+    sigma : ndarray, shape (k,), optional
+        Standard errors; zero if omitted.
+
+    Raises
+    ------
+    ValueError
+        A wrong number of coefficients, or a value that is not finite.
+    """
+
+    effect: Effect
+    coefficients: np.ndarray
+    sigma: np.ndarray = None
+
+    def __post_init__(self):
+        k = len(self.effect.coefficient_names)
+        for name in ('coefficients', 'sigma'):
+            value = getattr(self, name)
+            value = np.zeros(k) if value is None else np.asarray(value, float)
+            if value.shape != (k,) or not np.isfinite(value).all():
+                raise ValueError(f'effect {self.effect.name} needs {k} finite {name}')
+            # as the document's decimal numbers give it back
+            object.__setattr__(self, name, value / ARCSEC * ARCSEC)
+
+    def offsets(self, context):
+        """Encoder - catalogue on the sky, x and y of shape (n,), radians."""
+        x, y = np.tensordot(self.coefficients, self.effect.columns(context), axes=1)
+        return x, y
+
+    def variance(self, context):
+        """Variance of `offsets` with the coefficients taken as independent."""
+        x, y = np.tensordot(self.sigma**2, self.effect.columns(context) ** 2, axes=1)
+        return x, y
+
+    def unknown(self, context):
+        """Mask of the rows in which a driver is unknown and the effect counts as zero."""
+        out = np.zeros(len(context), bool)
+        for name in self.effect.requires:
+            value = context.get(name)
+            out |= True if value is None else ~np.isfinite(value)
+        return out
+
+    def document(self):
+        """Entry of the JSON document."""
+        e = self.effect
+        rows = zip(e.coefficient_names, self.coefficients / ARCSEC, self.sigma / ARCSEC)
+        return {
+            'name': e.name, 'family': e.family, 'parameters': e.parameters, 'cause': e.cause,
+            'formula': e.formula, 'driver': e.driver, 'unit': e.unit,
+            'coefficients': [{'name': name, 'value_arcsec': float(v), 'sigma_arcsec': float(s)}
+                             for name, v, s in rows],
+        }
+
+    @classmethod
+    def from_document(cls, row):
+        """Read `document`'s entry.
+
+        Raises
+        ------
+        KeyError, ValueError, TypeError
+            It is damaged.
+        """
+        values = row['coefficients']
+        effect = of_document(row)
+        names = tuple(v['name'] for v in values)
+        if names != effect.coefficient_names:
+            raise ValueError(f'effect {effect.name} has coefficients '
+                             f'{", ".join(effect.coefficient_names)}, not {", ".join(names)}')
+        return cls(effect, np.array([v['value_arcsec'] for v in values], float) * ARCSEC,
+                   np.array([v['sigma_arcsec'] for v in values], float) * ARCSEC)
+
+
+def as_context(context, az, el):
+    """A `Context` at (az, el), from a Context, a dict of drivers, a PointingRun or None.
+
+    Parameters
+    ----------
+    context : Context, dict, PointingRun or None
+    az, el : ndarray, shape (n,)
+        Radians.
+    """
+    if context is None or isinstance(context, dict):
+        return Context(az, el, context)
+    if not isinstance(context, Context):
+        context = Context.of_run(context)
+    return context.at(az, el)
+
+
+def total(effects, context):
+    """Sum of the effects, x and y of shape (n,), radians."""
+    x, y = np.zeros(len(context)), np.zeros(len(context))
+    for fitted in effects:
+        dx, dy = fitted.offsets(context)
+        x, y = x + dx, y + dy
+    return x, y

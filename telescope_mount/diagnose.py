@@ -1,0 +1,157 @@
+"""What is wrong with a mount: ``telescope-mount diagnose``, and ``ros2 run telescope_mount``."""
+
+import json
+from pathlib import Path
+
+BASES = 'physical, standard6, index, sh13 (or sh1 to sh4), or terms, joined by +'
+
+
+def add_arguments(parser):
+    """The options of the command."""
+    parser.add_argument('runs', nargs='+', type=Path, metavar='RUN',
+                        help='pointing runs of one mount: logs, CSV, TPOINT, MMT or IRAM files')
+    parser.add_argument('--base', default='physical', metavar='MODEL',
+                        help=f'what the model has already: {BASES} (default: physical)')
+    parser.add_argument('--own', metavar='TERMS', help='terms that each run fits for itself '
+                        '(default: IA,IE if there are several runs)')
+    parser.add_argument('--alpha', type=float, default=0.01,
+                        help='chance that a run with nothing wrong gets any effect (default: 0.01)')
+    parser.add_argument('--holdout', nargs='+', type=Path, default=[], metavar='RUN',
+                        help='judge on these as well; only the terms of --own (or IA,IE) are '
+                        'refitted there, as on a new night')
+    parser.add_argument('--json', type=Path, metavar='FILE', help='write the result')
+    parser.add_argument('--report', type=Path, metavar='FILE.html', help='write a page')
+    parser.add_argument('--save', type=Path, metavar='FILE',
+                        help='write the model with what was found (.json, .yaml)')
+    parser.add_argument('--encoder', choices=('enc', 'abs'), default='enc',
+                        help='which pair of encoder columns (default: enc)')
+    parser.add_argument('--azimuth-origin', choices=('N', 'S'),
+                        help='where azimuth 0 is in a TPOINT file')
+    for name, unit, what in (('latitude', 'DEG', 'of the site'), ('longitude', 'DEG', ', east +'),
+                             ('height', 'M', 'above the ellipsoid')):
+        parser.add_argument(f'--{name}', type=float, metavar=unit,
+                            help=f'{what.lstrip(", ")}; for runs in right ascension')
+    parser.add_argument('--pressure', type=float, metavar='HPA',
+                        help='for runs in right ascension; 0: no refraction')
+    parser.add_argument('--seed', type=int, default=0, help='of the resampling (default: 0)')
+
+
+def run(args, console):
+    """Load, diagnose, print, write.
+
+    Raises
+    ------
+    ValueError, OSError
+        One line for the user.
+    """
+    from calibration.diagnosis import diagnose
+
+    from .runs import load_runs
+    for path, suffixes in ((args.json, None), (args.report, ('.html', '.htm')),
+                           (args.save, ('.json', '.yaml', '.yml'))):
+        _check_target(path, suffixes)
+    options = {'azimuth_origin': args.azimuth_origin, **_place(args)}
+    runs, empty = load_runs(args.runs, **options)
+    held, empty_held = load_runs(args.holdout, **options) if args.holdout else (None, [])
+    for line in [*empty, *empty_held]:
+        console.print(f'note: {line}', markup=False)
+    own = None if args.own is None else tuple(t.strip() for t in args.own.split(',') if t.strip())
+    found = diagnose(runs, args.base, args.alpha, holdout=held, own_terms=own,
+                     encoder=args.encoder, seed=args.seed)
+    show(found, console)
+    if args.json:
+        args.json.write_text(json.dumps(found.to_dict(), indent=1) + '\n', encoding='utf-8')
+        console.print(f'result        {args.json}', markup=False)
+    if args.report:
+        from calibration.diagnosis_report import write_report
+        write_report(found, args.report)
+        console.print(f'page          {args.report}', markup=False)
+    if args.save:
+        found.model.save(args.save)
+        console.print(f'model         {args.save}', markup=False)
+    return found
+
+
+def _check_target(path, suffixes):
+    """Before the work, not after it."""
+    if path is None:
+        return
+    if suffixes and path.suffix.lower() not in suffixes:
+        raise ValueError(f'{path}: the name must end in {" or ".join(suffixes)}')
+    if path.is_dir() or not path.absolute().parent.is_dir():
+        raise ValueError(f'{path} cannot be written: '
+                         + ('it is a folder' if path.is_dir() else 'there is no such folder'))
+
+
+def _place(args):
+    """Site and weather, where options give them."""
+    from dataclasses import replace
+
+    from pointing_model.sky import DEFAULT_WEATHER, Site
+    from pointing_model.units import DEG
+    out = {}
+    given = (args.latitude, args.longitude)
+    if any(v is not None for v in (*given, args.height)):
+        if None in given:
+            raise ValueError('a site needs --latitude and --longitude')
+        out['site'] = Site(args.latitude * DEG, args.longitude * DEG, args.height or 0.0)
+    if args.pressure is not None:
+        out['weather'] = replace(DEFAULT_WEATHER, pressure_hpa=args.pressure)
+    return out
+
+
+def show(found, console):
+    """The verdict in words, the error before and after, the effects, what was left out."""
+    from calibration.diagnosis_view import effect_sentences
+    from calibration.plain_words import readable, verdict_sentences
+    from calibration.report import new_table
+    document = found.to_dict()
+    headline, sentences = verdict_sentences(document, effect_sentences(found), limit=20)
+    console.print(headline, style='bold', markup=False)
+    for sentence in sentences:
+        console.print(f'  {sentence}', markup=False)
+    console.print()
+    errors = new_table(f'RMS on the sky, arcsec, {document["observations"]} observations',
+                       'judged on', 'before: az', 'el', 'radial', 'after: az', 'el', 'radial')
+    before, after = document['before'], document['after']
+    errors.add_row('the rows fitted', *(_number(part[key]) for part in (before, after)
+                                        for key in ('rms_x_arcsec', 'rms_y_arcsec', 'rms_arcsec')))
+    for key, label in (('cv_rms_arcsec', 'rows left out (the choice repeated)'),
+                       ('holdout_rms_arcsec', 'runs held out')):
+        if before[key] is not None:
+            errors.add_row(label, '', '', _number(before[key]), '', '', _number(after[key]))
+    console.print(errors)
+    console.print(f'noise floor {_number(document["noise_floor_arcsec"])} arcsec radial\n')
+    if found.effects:
+        effects = new_table('Effects', 'effect', 'on', 'driver', 'p', 'ΔBIC', 'gain',
+                            'explains it as well')
+        for effect in document['effects']:
+            others = ', '.join(readable(name) for name in effect['alternatives']) or '-'
+            effects.add_row(readable(effect['name']), effect['axes'], effect['driver'],
+                            _number(effect['p_family'], 4), _number(effect['delta_bic'], 1),
+                            _number(effect['cv_gain_arcsec']), others)
+        console.print(effects)
+    for row in document['excluded'][:20]:
+        console.print(f'row {row["row"]} left out: {row["reason"]}', markup=False)
+    if len(document['excluded']) > 20:
+        console.print(f'... and {len(document["excluded"]) - 20} rows more')
+    for note in found.notes:
+        console.print(f'note: {note}', markup=False)
+    for item in document['next_observations'][:5]:
+        after_hours = item.get('after_hours')
+        when = f', {after_hours:g} h later' if after_hours else ''
+        console.print(
+            f'next: azimuth {item["az_deg"]:.0f}°, elevation {item["el_deg"]:.0f}°{when}: tells '
+            + ' from '.join(readable(name) for name in item['separates']), markup=False)
+
+
+def _number(value, digits=2):
+    return '-' if value is None else f'{value:.{digits}f}'
+
+
+def main(argv=None):
+    """Entry point of ``ros2 run telescope_mount diagnose``; returns the exit code."""
+    import sys
+
+    from .cli import main as command
+    return command(['diagnose', *(sys.argv[1:] if argv is None else argv)])

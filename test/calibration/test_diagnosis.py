@@ -1,0 +1,308 @@
+"""Diagnosis on simulated nights: exact rotations and rules that are not the fitted columns."""
+
+import json
+
+import numpy as np
+import pytest
+
+from calibration.diagnosis import diagnose
+from calibration.diagnosis_base import Base, observations
+from calibration.streamed import diagnose_streamed
+from pointing_model import geometry
+from pointing_model.run import PointingRun
+from pointing_model.terms import PHYSICAL, STANDARD6
+from pointing_model.units import ARCSEC, DEG, wrap
+
+TRUTH = dict(zip(PHYSICAL, np.array([20.0, -35.0, 25.0, -18.0, 30.0, -22.0, 15.0]) * ARCSEC))
+SITE = {'latitude': 34.3 * DEG, 'longitude': 109.0 * DEG}
+FAST = {'flips': 999, 'cross_validation': False}
+
+
+def night(seed, n=60, effect=None, noise=None, terms=TRUTH):
+    """Stars above 20 degrees; `effect(columns) -> (d_az, d_el)` is added to the encoder angles."""
+    rng = np.random.default_rng(seed)
+    az = rng.uniform(0.0, 2.0 * np.pi, n)
+    el = np.arcsin(rng.uniform(np.sin(20.0 * DEG), np.sin(85.0 * DEG), n))
+    az_enc, el_enc = geometry.sky_to_encoder(az, el, terms)
+    columns = {
+        'az': az, 'el': el, 'time': 1.7e9 + np.cumsum(rng.uniform(60.0, 120.0, n)),
+        'temperature': 12.0 - 4.0 * np.linspace(0.0, 1.0, n)**0.7 + 0.3 * rng.normal(size=n),
+        'approach_az': np.sign(np.append(1.0, np.diff(az))),
+        'approach_el': np.sign(np.append(1.0, np.diff(el))),
+        'magnitude': rng.uniform(1.0, 6.0, n),
+    }
+    e = rng.normal(size=(2, n)) if noise is None else noise(rng, el)
+    d_az, d_el = (0.0, 0.0) if effect is None else effect(columns)
+    columns['az_enc'] = az_enc + d_az + e[0] * ARCSEC / np.cos(el)
+    columns['el_enc'] = el_enc + d_el + e[1] * ARCSEC
+    return PointingRun(columns, {'site': SITE})
+
+
+def backlash(size):
+    return lambda c: (0.5 * size * ARCSEC * c['approach_az'], 0.0)
+
+
+def off_centre(size):
+    """A disc off its centre, exactly."""
+    def of(c):
+        d, a = size * ARCSEC, c['az'] - 0.7
+        return wrap(np.arctan2(np.sin(a), np.cos(a) - d) - a), 0.0
+    return of
+
+
+def names(result):
+    return [e.fitted.effect.name for e in result.effects]
+
+
+KEYS = {'observations', 'runs', 'base_terms', 'verdict', 'before', 'after', 'noise_floor_arcsec',
+        'effects', 'excluded', 'next_observations'}
+RMS = {'rms_arcsec', 'rms_x_arcsec', 'rms_y_arcsec', 'cv_rms_arcsec', 'holdout_rms_arcsec'}
+EFFECT = {'name', 'tpoint', 'driver', 'axes', 'coefficients_arcsec', 'sigma_arcsec', 'p_family',
+          'delta_bic', 'alternatives', 'cv_gain_arcsec'}
+
+
+def test_backlash_is_named_and_taken_out():
+    run, fresh = night(1, effect=backlash(12.0)), night(2, effect=backlash(12.0))
+    result = diagnose(run, holdout=fresh, flips=999, folds=5)
+    assert names(result) == ['azimuth_hysteresis_cosE']
+    row = json.loads(json.dumps(result.to_dict()))
+    assert set(row) == KEYS and set(row['before']) == set(row['after']) == RMS
+    assert row['verdict'] in ('identified', 'ambiguous') and row['observations'] == 60
+    (effect,) = row['effects']
+    assert set(effect) == EFFECT
+    # half of the 12" between the sides, encoder - catalogue positive for approach +1
+    assert effect['coefficients_arcsec']['half_difference'] == pytest.approx(6.0, abs=0.9)
+    assert 0.1 < effect['sigma_arcsec']['half_difference'] < 0.4
+    assert effect['p_family'] <= 0.01 and effect['cv_gain_arcsec'] > 1.0
+    assert row['before']['cv_rms_arcsec'] > 3.0 and row['after']['cv_rms_arcsec'] < 1.8
+    assert row['before']['holdout_rms_arcsec'] > 3.0
+    assert row['after']['holdout_rms_arcsec'] < 1.75
+    assert row['noise_floor_arcsec'] == pytest.approx(np.sqrt(2.0), rel=0.2)
+    # the model points the fresh night, with the drivers from its run
+    x, y = result.model.residuals(fresh)
+    assert np.sqrt(np.mean(x**2 + y**2)) < 1.8 * ARCSEC
+    x, y = result.base_model.residuals(fresh)
+    assert np.sqrt(np.mean(x**2 + y**2)) > 3.0 * ARCSEC
+
+
+def test_the_fit_with_effects_is_exact():
+    big = {name: 6.0 * v for name, v in TRUTH.items()}
+    run = night(3, effect=off_centre(40.0), noise=lambda rng, el: 0.05 * rng.normal(
+        size=(2, len(el))), terms=big)
+    result = diagnose(run, **FAST)
+    assert names(result) == ['azimuth_encoder_1']
+    assert result.after['rms_arcsec'] < 0.09
+    assert np.allclose(result.model.residuals(run), result.residual_after, atol=1e-5 * ARCSEC)
+    for name, v in big.items():
+        assert result.model.terms[name] == pytest.approx(v, abs=0.15 * ARCSEC)
+    # d sin(a - 0.7) on the angle
+    c = result.effects[0].fitted.coefficients / ARCSEC
+    assert c == pytest.approx([-40.0 * np.sin(0.7), 40.0 * np.cos(0.7)], abs=0.1)
+
+
+def test_clean_nights_stay_as_they_are():
+    found = [diagnose(night(100 + i, n=40), **FAST) for i in range(25)]
+    assert sum(r.verdict != 'none' for r in found) <= 1
+    clean = next(r for r in found if r.verdict == 'none')
+    assert clean.before == clean.after and clean.to_dict()['effects'] == []
+    assert clean.model.terms == clean.base_model.terms and not clean.model.effects
+
+
+def test_noise_that_grows_toward_the_horizon_is_no_effect():
+    found = [diagnose(night(200 + i, n=40, noise=lambda rng, el: rng.normal(size=(2, len(el)))
+                            / np.sin(el)), **FAST).verdict for i in range(25)]
+    assert sum(v != 'none' for v in found) <= 1
+
+
+CASES = {
+    'drift': (lambda c: (0.0, 4.0 * ARCSEC * (c['time'] - 1.7e9) / 3600.0),
+              {'elevation_zero_with_time', 'elevation_zero_with_temperature',
+               'flexure_with_time', 'elevation_zero_step'}),
+    'step': (lambda c: (7.0 * ARCSEC * (np.arange(len(c['az'])) >= 23), 0.0),
+             {'azimuth_zero_step'}),
+    'oval disc': (lambda c: (5.0 * ARCSEC * np.cos(2.0 * c['az'] + 0.3), 0.0),
+                  {'azimuth_encoder_2'}),
+    'refraction': (lambda c: (0.0, -5.0 * ARCSEC / np.tan(c['el'] + 0.001)),
+                   {'refraction', 'refraction_cube', 'elevation_encoder_2', 'second_flexure',
+                    'elevation_encoder_1', 'elevation_encoder_3'}),
+    'magnitude': (lambda c: (0.0, 1.2 * ARCSEC * c['magnitude']), {'magnitude_equation_el'}),
+    'grating': (lambda c: (6.0 * ARCSEC * np.sin(
+        47200.0 * (geometry.sky_to_encoder(c['az'], c['el'], TRUTH)[0])), 0.0), set()),
+}
+
+
+@pytest.mark.parametrize('case', [k for k in CASES if k != 'grating'])
+def test_effects_are_found(case):
+    effect, expected = CASES[case]
+    result = diagnose(night(11, effect=effect), **FAST)
+    assert result.verdict in ('identified', 'ambiguous')
+    (one,) = result.effects
+    shown = {one.fitted.effect.name, *one.alternatives, *one.aliases}
+    assert one.fitted.effect.name in expected
+    assert expected & shown
+    assert result.after['rms_arcsec'] < 0.75 * result.before['rms_arcsec']
+
+
+def test_step_is_found_at_its_time():
+    result = diagnose(night(11, effect=CASES['step'][0]), **FAST)
+    (one,) = result.effects
+    time = night(11)['time']
+    assert time[20] < one.fitted.effect.parameters['at'] < time[26]
+    assert one.fitted.coefficients[0] / ARCSEC == pytest.approx(7.0, abs=1.5)
+
+
+def test_two_effects_at_once():
+    def both(c):
+        return (off_centre(6.0)(c)[0] + backlash(8.0)(c)[0],
+                3.0 * ARCSEC * (c['time'] - 1.7e9) / 3600.0)
+    result = diagnose(night(5, n=80, effect=both), **FAST)
+    shown = [{e.fitted.effect.name, *e.alternatives, *e.aliases} for e in result.effects]
+    for wanted in ('azimuth_encoder_1', 'azimuth_hysteresis_cosE', 'elevation_zero_with_time'):
+        assert any(wanted in s for s in shown), wanted
+
+
+def test_aliases_of_terms_are_never_effects():
+    def clock(c):
+        # 1.5 s of time, exactly: the sky turned about the pole
+        lat, turn = SITE['latitude'], 1.5 * 15.0 * ARCSEC
+        v = np.array([np.cos(c['el']) * np.sin(c['az']), np.cos(c['el']) * np.cos(c['az']),
+                      np.sin(c['el'])])
+        pole = np.array([0.0, np.cos(lat), np.sin(lat)])[:, None]
+        w = v * np.cos(turn) + np.cross(pole, v, axis=0) * np.sin(turn) \
+            + pole * (pole * v).sum(axis=0) * (1.0 - np.cos(turn))
+        return wrap(np.arctan2(w[0], w[1]) - c['az']), np.arcsin(w[2]) - c['el']
+    result = diagnose(night(6, effect=clock), **FAST)
+    assert result.verdict == 'none'
+    hidden = dict(result.untestable)
+    assert 'IA + AW' in hidden['clock_or_longitude'] and 'IA + AW' in hidden['latency']
+    assert 'AN' in hidden['latitude']
+    # what AW took up
+    assert result.model.terms['AW'] / ARCSEC == pytest.approx(
+        TRUTH['AW'] / ARCSEC + 22.5 * np.cos(SITE['latitude']), abs=1.0)
+
+
+def test_time_and_temperature_alike_are_ambiguous_and_it_says_what_to_observe():
+    def drift(c):
+        c['temperature'] = 12.0 - 4.0 * np.linspace(0.0, 1.0, len(c['az']))**0.8
+        return 0.0, -1.2 * ARCSEC * c['temperature']
+    result = diagnose(night(8, effect=drift), **FAST)
+    assert result.verdict == 'ambiguous'
+    (one,) = result.effects
+    shown = {one.fitted.effect.name, *one.alternatives}
+    assert {'elevation_zero_with_temperature', 'elevation_zero_with_time'} <= shown
+    assert result.next_observations
+    for row in result.next_observations:
+        assert 15.0 <= row['el_deg'] <= 88.0 and row['approach_az'] in (-1, 1)
+        assert row['separation_after'] > row['separation_before'] >= 0.0
+    json.dumps(result.to_dict())
+
+
+def test_exact_aliases_in_a_run_are_one_class():
+    run = night(9, effect=lambda c: (0.0, 3.0 * ARCSEC * (c['time'] - 1.7e9) / 3600.0))
+    run.columns['temperature'] = 20.0 - (run['time'] - 1.7e9) / 1800.0
+    result = diagnose(run, **FAST)
+    (one,) = result.effects
+    assert {one.fitted.effect.name, *one.aliases} >= {
+        'elevation_zero_with_time', 'elevation_zero_with_temperature'}
+    assert 'elevation_zero_with_temperature' not in one.alternatives
+
+
+def bump(c):
+    return 0.0, 9.0 * ARCSEC * np.exp(-0.5 * ((c['az'] - 2.0) / (12.0 * DEG))**2)
+
+
+def test_unknown_shapes_are_said_to_be_unknown():
+    result = diagnose(night(12, n=80, effect=bump), **FAST)
+    assert result.verdict == 'unknown'
+    curve = next(e for e in result.effects if e.fitted.effect.kind == 'smooth')
+    assert curve.fitted.effect.driver == 'azimuth' and curve.fitted.effect.axes == 'el'
+    fresh = night(13, effect=bump)
+    x, y = result.model.residuals(fresh)
+    assert np.sqrt(np.mean(x**2 + y**2)) < 2.0 * ARCSEC
+    run = night(14, n=80, effect=lambda c: (0.0, 0.4 * ARCSEC * ((c['el'] / DEG) % 16.0 - 8.0)))
+    result = diagnose(run, **FAST)
+    assert {e.fitted.effect.driver for e in result.effects} == {'elevation'}
+
+
+def test_outliers_and_slips():
+    run = night(15)
+    run.columns['az_enc'][7] += 2.0 * 1200.0 * ARCSEC
+    run.columns['el_enc'][30] -= 1200.0 * ARCSEC
+    run.columns['el_enc'][40] += 431.0 * ARCSEC
+    run.columns['az_enc'][50] = np.nan
+    result = diagnose(run, **FAST)
+    slips = {e.fitted.effect.name: e.fitted.effect.parameters for e in result.effects}
+    assert slips['azimuth_decode_slip_bars']['rows'] == [7]
+    assert slips['azimuth_decode_slip_bars']['multiples'] == [2]
+    assert slips['elevation_decode_slip_bars']['multiples'] == [-1]
+    assert [e['row'] for e in result.excluded] == [50, 40]
+    assert 'not finite' in result.excluded[0]['reason']
+    assert result.after['rms_arcsec'] < 1.7
+
+
+def test_several_runs_get_zeros_of_their_own():
+    runs = []
+    for i in range(4):
+        shifted = {**TRUTH, 'IA': (20.0 + 300.0 * i) * ARCSEC}
+        run = night(30 + i, n=30, effect=backlash(8.0), terms=shifted)
+        run.columns['time'] += 86400.0 * i
+        runs.append(run)
+    result = diagnose(runs[:3], holdout=runs[3], **FAST)
+    assert names(result) == ['azimuth_hysteresis_cosE']
+    assert result.to_dict()['runs'] == 3
+    zeros = [terms['IA'] for terms in result.run_terms.values()]
+    assert np.diff(zeros) == pytest.approx([300.0, 300.0], abs=5.0)
+    assert result.before['holdout_rms_arcsec'] > 2.0 > result.after['holdout_rms_arcsec']
+    assert any('IA, IE refitted' in note for note in result.notes)
+
+
+def test_base_is_read_and_refused():
+    assert Base.parse('physical').terms == PHYSICAL
+    assert Base.parse('standard6+TX').terms == (*STANDARD6, 'TX')
+    assert Base.parse('physical+sh4') == Base(PHYSICAL, 4) and Base.parse('sh13').degree == 4
+    with pytest.raises(ValueError, match='unknown pointing term NONSENSE'):
+        Base.parse('IA+NONSENSE')
+    result = diagnose(night(16), 'physical+sh2', **FAST)
+    assert result.base.names() == [*PHYSICAL, 'sh2'] and result.model.harmonics is not None
+    assert np.allclose(result.model.residuals(night(16)), result.residual_after,
+                       atol=0.02 * ARCSEC)
+
+
+def test_bad_input_is_refused():
+    with pytest.raises(ValueError, match='do not determine'):
+        diagnose(night(1, n=5))
+    run = night(1)
+    run.columns['az'] = run['az'] * np.nan
+    with pytest.raises(ValueError, match='none of 60 observations'):
+        diagnose(run)
+    with pytest.raises(ValueError, match='alpha'):
+        diagnose(night(1), alpha=1.0)
+    with pytest.raises(ValueError, match='no pointing run'):
+        observations([])
+
+
+def test_same_seed_same_answer():
+    run = night(1, effect=backlash(6.0))
+    one, two = (diagnose(run, flips=499, folds=4).to_dict() for _ in range(2))
+    assert one == two
+
+
+def test_streamed_agrees_with_the_search_in_memory():
+    def chunks():
+        for i in range(5):
+            yield night(50 + i, n=800, effect=lambda c: (
+                0.5 * ARCSEC * np.cos(2.0 * c['az']), 0.4 * ARCSEC * c['approach_el']))
+    result = diagnose_streamed(chunks)
+    found = {e['name'] for e in result.effects}
+    assert found == {'azimuth_encoder_2', 'elevation_hysteresis'}
+    values = {f.effect.name: f.coefficients / ARCSEC for f in result.model.effects}
+    assert values['azimuth_encoder_2'] == pytest.approx([0.5, 0.0], abs=0.12)
+    assert values['elevation_hysteresis'] == pytest.approx([0.4], abs=0.08)
+    assert result.rows == 4000 and result.after_rms_arcsec == pytest.approx(2.0**0.5, rel=0.03)
+    assert result.model.terms['AN'] == pytest.approx(TRUTH['AN'], abs=0.3 * ARCSEC)
+
+    def clean():
+        for i in range(3):
+            yield night(70 + i, n=800, noise=lambda rng, el: rng.normal(size=(2, len(el)))
+                        / np.sin(el))
+    assert diagnose_streamed(clean).effects == []

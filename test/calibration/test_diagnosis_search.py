@@ -1,0 +1,259 @@
+"""The search behind the diagnosis: its algebra, its chance level, no look at held-out rows."""
+
+import numpy as np
+import pytest
+
+from calibration.candidates import Bank, Columns, fit_state, orthonormal, overlap, solve
+from calibration.chance import ChanceTest, normal_score, pair_corrected
+from calibration.resampling import (
+    confirm,
+    contiguous_folds,
+    cross_validate,
+    nested,
+    predict,
+    random_folds,
+    run_folds,
+)
+from calibration.search import Chance, Choice, Found, Problem, search, standing
+from pointing_model.context import Context
+from pointing_model.effects import dictionary, effect, smooths, steps
+from pointing_model.terms import PHYSICAL, stacked_design
+from pointing_model.units import ARCSEC
+
+
+def make_context(rng, n=60):
+    az = rng.uniform(0.0, 2.0 * np.pi, n)
+    el = np.arcsin(rng.uniform(0.34, 0.99, n))
+    columns = {
+        'time': 1.7e9 + np.cumsum(rng.uniform(60.0, 120.0, n)),
+        'temperature': rng.normal(8.0, 2.0, n), 'approach_az': rng.choice([-1.0, 1.0], n),
+        'approach_el': rng.choice([-1.0, 1.0], n), 'magnitude': rng.uniform(1.0, 6.0, n)}
+    return Context(az, el, columns)
+
+
+def make_problem(seed, n=60, signal=None, curves=False, noise=None):
+    rng = np.random.default_rng(seed)
+    context = make_context(rng, n)
+    e = rng.normal(size=(2, n)) if noise is None else noise(rng, context)
+    b = e * ARCSEC
+    if signal is not None:
+        b = b + signal(context)
+    effects = dictionary(context)[0] + steps(context)
+    return Problem(Columns(stacked_design(PHYSICAL, context.az, context.el)), b.ravel(), None,
+                   Bank(effects, context), Bank(smooths(context) if curves else [], context))
+
+
+def index(problem, name):
+    return next(i for i, e in enumerate(problem.dictionary.effects) if e.name == name)
+
+
+def play(size):
+    return lambda c: np.array([size * ARCSEC * c.get('approach_az') * np.cos(c.el), 0.0 * c.el])
+
+
+def test_columns_of_single_runs_are_the_dense_ones():
+    rng = np.random.default_rng(1)
+    own, common, run = rng.normal(size=(2, 80)), rng.normal(size=(3, 80)), np.arange(40) % 3
+    columns = Columns(common, own, run)
+    root = rng.uniform(0.5, 2.0, 80)
+    basis = columns.basis(root)
+    dense = columns.dense()
+    assert len(columns) == len(dense) == 9 and np.allclose(basis @ basis.T, np.eye(9), atol=1e-12)
+    white = dense * root
+    assert np.allclose((white @ basis.T) @ basis, white, atol=1e-10)
+    part = columns.rows(np.concatenate((np.flatnonzero(run < 2), 40 + np.flatnonzero(run < 2))))
+    assert len(part) == 7
+    # a column that runs fit for themselves has nothing left of its own
+    again = Columns(np.vstack((common, own[:1])), own, run)
+    assert len(again.basis(root)) == 9
+
+
+def test_state_ignores_gross_outliers_and_fills_their_residual():
+    problem = make_problem(2)
+    clean = fit_state(problem.base, problem.b, final=True)
+    b = problem.b.copy()
+    b[7] += 900.0 * ARCSEC
+    dirty = fit_state(problem.base, b, final=True)
+    assert dirty.weights[7] == 0.0 and np.count_nonzero(dirty.weights == 0.0) == 1
+    assert dirty.raw[7] / ARCSEC == pytest.approx(900.0 + clean.raw[7] / ARCSEC, abs=1.0)
+    p = solve(problem.base.common, problem.b, np.ones(120))
+    exact, *_ = np.linalg.lstsq(problem.base.common.T, problem.b, rcond=None)
+    assert np.allclose(p, exact, rtol=1e-8)
+
+
+def test_leverage_correction_gives_the_noise_back():
+    rng = np.random.default_rng(3)
+    rows = rng.normal(size=(30, 100)) * np.linspace(0.2, 3.0, 100)
+    basis = orthonormal(rows)
+    total, raw = np.zeros(2), np.zeros(2)
+    for _ in range(400):
+        e = rng.normal(size=100)
+        r = e - (basis @ e) @ basis
+        corrected = pair_corrected(basis, r)
+        total += np.square(corrected).mean(axis=1) / 400.0
+        raw += np.square(r.reshape(2, 50)).mean(axis=1) / 400.0
+    assert total == pytest.approx([1.0, 1.0], abs=0.03) and raw.max() < 0.9
+
+
+def test_scores_of_groups_of_any_size_are_alike():
+    from scipy.stats import f, norm
+
+    for dof, nu in ((1, 40), (2, 25), (6, 80)):
+        for p in (0.05, 1e-3, 1e-5):
+            z = normal_score(dof * f.isf(p, dof, nu), dof, nu)
+            assert z == pytest.approx(norm.isf(p), abs=0.25)
+
+
+def test_first_test_is_true_to_its_level():
+    p = []
+    for i in range(120):
+        problem = make_problem(1000 + i, n=40)
+        state = problem.state([])
+        scores = problem.dictionary.score(state)
+        chance = Chance(40, 199, np.random.default_rng(i))
+        p.append(chance.p(state, scores, int(np.argmax(scores.delta_bic))))
+    p = np.array(p)
+    # 12 expected below 0.1; 24 would be 4 sigma
+    assert np.sum(p <= 0.1) <= 24 and np.median(p) > 0.3
+    assert np.sum(p <= 0.5) >= 30  # nor does it never find anything
+
+
+def test_noise_that_grows_toward_the_horizon_keeps_the_level():
+    alarms = 0
+    for i in range(60):
+        problem = make_problem(3000 + i, n=40, noise=lambda rng, c: rng.normal(
+            size=(2, 40)) / np.sin(c.el)**1.5)
+        found = search(problem, 0.05, Chance(40, 399, np.random.default_rng(i)))
+        alarms += bool(found.chosen)
+    assert alarms <= 8  # 3 expected
+
+
+def test_identification_at_lambda_nine():
+    names = ('azimuth_encoder_2', 'elevation_hysteresis', 'second_flexure', 'azimuth_zero_step',
+             'elevation_nod_3', 'magnitude_equation_az', 'elevation_zero_with_temperature')
+    good = 0
+    for i in range(28):
+        problem = make_problem(4000 + i)
+        g = index(problem, names[i % len(names)]) + (8 if 'step' in names[i % len(names)] else 0)
+        columns = problem.dictionary.of(g)
+        s = np.random.default_rng(i).normal(size=len(columns)) @ columns
+        q = orthonormal(problem.base.common)
+        problem.b = problem.b + s * 9.0 * ARCSEC / np.linalg.norm(s - (q @ s) @ q)
+        chance = Chance(60, 499, np.random.default_rng(i))
+        found = search(problem, 0.01, chance)
+        family = problem.dictionary.family
+        shown = set()
+        for j, choice in enumerate(found.chosen):
+            s = standing(problem, found, j, chance)
+            shown |= {int(family[k]) for k in (choice.group, *s.alternatives)}
+        good += int(family[g]) in shown
+    assert good >= 26
+
+
+def test_p_counts_the_flips():
+    problem = make_problem(5, signal=play(1.2))
+    state = problem.state([])
+    scores = problem.dictionary.score(state)
+    g = index(problem, 'azimuth_hysteresis_cosE')
+    chance = Chance(60, 399, np.random.default_rng(0))
+    test = ChanceTest(state, scores, g)
+    expected = (np.sum(test.flipped_max(chance.signs) >= test.z) + 1) / 400
+    assert chance.p(state, scores, g) == pytest.approx(expected)
+    assert chance.p_of_all(state, scores)[int(np.argmax(scores.delta_bic))] < 0.2
+    # the mirrored residual has the same score: the sign of an effect is not the test's business
+    problem.b = -problem.b
+    assert ChanceTest(problem.state([]), problem.dictionary.score(problem.state([])),
+                      g).z == pytest.approx(test.z)
+
+
+def test_overlap_knows_aliases():
+    problem = make_problem(6)
+    state = problem.state([])
+    scores = problem.dictionary.score(state)
+    flexure, encoder = (scores.basis(index(problem, n))
+                        for n in ('second_flexure', 'elevation_encoder_1'))
+    # cos E is TF already, so an encoder off its centre is a second flexure here
+    assert overlap(flexure, encoder)[0] == pytest.approx(1.0, abs=1e-6)
+    other = scores.basis(index(problem, 'azimuth_hysteresis'))
+    assert overlap(flexure, other)[1] < 0.3
+    assert scores.dof[index(problem, 'latitude')] == 0
+
+
+def test_folds_cover_every_row_once():
+    rng = np.random.default_rng(0)
+    label = np.repeat(np.arange(6), 5)
+    for folds in (random_folds(30, 7, rng), contiguous_folds(-np.arange(30.0), 7),
+                  run_folds(label, 3, rng)):
+        assert np.array_equal(np.sort(np.concatenate(folds)), np.arange(30))
+    assert all(len(np.unique(label[f])) == 2 for f in run_folds(label, 3, rng))
+    assert contiguous_folds(-np.arange(30.0), 7)[0].min() == 25
+
+
+def test_held_out_rows_are_not_looked_at():
+    problem = make_problem(7, signal=play(2.0))
+    folds = random_folds(60, 6, np.random.default_rng(1))
+    left, choices = nested(problem, folds, 0.01, np.random.default_rng(2), flips=199)
+    assert all(any(problem.dictionary.effects[c.group].family == 'hysteresis' for c in chosen)
+               for chosen in choices)
+    # if one row reads 40" more, its own residual is 40" more, to rounding
+    row = int(folds[3][2])
+    moved = Problem(problem.base, problem.b.copy(), None, problem.dictionary, problem.curves)
+    moved.b[60 + row] += 40.0 * ARCSEC
+    again, _ = nested(moved, folds, 0.01, np.random.default_rng(2), flips=199)
+    assert np.allclose(again[:, folds[3]] - left[:, folds[3]],
+                       [[0.0] * 10, 40.0 * ARCSEC * (folds[3] == row)], atol=1e-9 * ARCSEC)
+
+
+def test_cross_validation_tells_gain_from_decoration():
+    problem = make_problem(8, signal=play(2.0))
+    folds = random_folds(60, 10, np.random.default_rng(1))
+    good = Choice(index(problem, 'azimuth_hysteresis_cosE'))
+    idle = Choice(index(problem, 'azimuth_encoder_5'))
+    plain, better, more = (np.mean(cross_validate(problem, c, folds)**2)
+                           for c in ([], [good], [good, idle]))
+    assert better < 0.7 * plain and more > better
+    found = Found([good, idle], problem.state([good, idle]), 0.0)
+    (gain,) = confirm(problem, found, folds)
+    assert found.chosen == [good] and found.dropped_by_cv == [idle] and gain > 0.3
+
+
+def test_new_runs_refit_their_own_terms_only():
+    rng = np.random.default_rng(9)
+    context = make_context(rng, 90)
+    run = np.repeat([0, 1, 2], 30)
+    own = stacked_design(('IA', 'IE'), context.az, context.el)
+    common = stacked_design(('CA', 'AN', 'AW', 'TF'), context.az, context.el)
+    truth = np.array([30.0, -20.0, 10.0, 15.0]) * ARCSEC
+    shift = np.array([[0.0, 400.0, -90.0][r] for r in run]) * ARCSEC
+    b = truth @ common + np.concatenate((shift * np.cos(context.el), -shift)) \
+        + 0.1 * ARCSEC * rng.normal(size=180)
+    problem = Problem(Columns(common, own, run), b, None, Bank([], context), Bank([], context))
+    left = predict(problem, [], np.flatnonzero(run != 1), np.flatnonzero(run == 1))
+    assert np.sqrt(np.mean(left**2)) < 0.2 * ARCSEC
+    # terms that all share are not refitted: a tilt of the new run only stays
+    tilted = Problem(problem.base, b + np.concatenate((run == 1, run == 1)) * 5.0 * ARCSEC
+                     * stacked_design(('AN',), context.az, context.el)[0], None,
+                     problem.dictionary, problem.curves)
+    left = predict(tilted, [], np.flatnonzero(run != 1), np.flatnonzero(run == 1))
+    assert np.sqrt(np.mean(left**2)) > 1.5 * ARCSEC
+
+
+def test_curves_take_the_place_of_effects_that_only_imitate_them():
+    def bump(c):
+        return np.array([0.0 * c.az, 8.0 * ARCSEC * np.exp(
+            -0.5 * ((c.az - 3.0) / 0.25)**2)])
+    problem = make_problem(10, n=80, signal=bump, curves=True)
+    found = search(problem, 0.01, Chance(80, 999, np.random.default_rng(0)))
+    assert any(c.curve for c in found.chosen)
+    effects = [c.effect(problem) for c in found.chosen]
+    assert {e.driver for e in effects} == {'azimuth'} and len(effects) <= 2
+
+
+def test_effects_without_columns_of_their_own_cannot_win():
+    problem = make_problem(11)
+    context = make_context(np.random.default_rng(11))
+    bank = Bank([effect('latitude'), effect('clock', latitude=0.6)], context)
+    scores = bank.score(problem.state([]))
+    assert not scores.dof.any() and np.all(scores.delta_bic == -np.inf)
+    problem.dictionary = bank
+    assert search(problem, 0.5, Chance(60, 99, np.random.default_rng(0))).chosen == []

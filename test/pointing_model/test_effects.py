@@ -1,0 +1,388 @@
+"""Candidate effects against independent geometry; what they do when a driver is missing."""
+
+import json
+
+import erfa
+import numpy as np
+import pytest
+
+from pointing_model import geometry
+from pointing_model.catalogue import load_catalogue
+from pointing_model.context import Context
+from pointing_model.effects import PERIODS, dictionary, effect, of_document, smooths, steps
+from pointing_model.fitted_effects import FittedEffect
+from pointing_model.model import PointingModel
+from pointing_model.run import PointingRun
+from pointing_model.terms import PHYSICAL, design
+from pointing_model.units import ARCSEC, DEG, wrap
+
+LATITUDE, LONGITUDE = 34.3 * DEG, 109.0 * DEG
+RNG = np.random.default_rng(7)
+
+
+def make_columns(n=60, seed=1):
+    rng = np.random.default_rng(seed)
+    az = rng.uniform(0.0, 2.0 * np.pi, n)
+    el = np.arcsin(rng.uniform(0.35, 0.99, n))
+    return {
+        'az': az, 'el': el, 'az_enc': az + 0.001, 'el_enc': el - 0.001,
+        'time': 1.6e9 + np.cumsum(rng.uniform(50.0, 150.0, n)),
+        'temperature': rng.normal(8.0, 2.0, n), 'approach_az': rng.choice([-1.0, 1.0], n),
+        'approach_el': rng.choice([-1.0, 1.0], n), 'magnitude': rng.uniform(1.0, 6.0, n),
+        'miss_x': rng.normal(size=n) * ARCSEC, 'miss_y': rng.normal(size=n) * ARCSEC,
+        'pier_side': rng.choice([-1.0, 1.0], n), 'humidity_pct': rng.uniform(20.0, 80.0, n),
+        'star': np.array([11767, 32349, 24436] * (n // 3)), 'run': np.repeat([4, 9], n // 2),
+    }
+
+
+def make_context(n=60, seed=1, drop=(), **more):
+    columns = {k: v for k, v in {**make_columns(n, seed), **more}.items() if k not in drop}
+    return Context(columns.pop('az'), columns.pop('el'), columns, LATITUDE, LONGITUDE)
+
+
+def hour_frame(az, el):
+    """Hour angle and declination."""
+    sin_dec = np.sin(el) * np.sin(LATITUDE) + np.cos(el) * np.cos(LATITUDE) * np.cos(az)
+    dec = np.arcsin(sin_dec)
+    hour = np.arctan2(-np.sin(az) * np.cos(el),
+                      np.sin(el) * np.cos(LATITUDE) - np.cos(el) * np.sin(LATITUDE) * np.cos(az))
+    return hour, dec
+
+
+def horizon(hour, dec, latitude=LATITUDE):
+    el = np.arcsin(np.sin(dec) * np.sin(latitude)
+                   + np.cos(dec) * np.cos(latitude) * np.cos(hour))
+    az = np.arctan2(-np.cos(dec) * np.sin(hour),
+                    np.sin(dec) * np.cos(latitude) - np.cos(dec) * np.sin(latitude) * np.cos(hour))
+    return az, el
+
+
+def on_sky(az, el, az0, el0):
+    return np.array([wrap(az - az0) * np.cos(el0), el - el0])
+
+
+def test_the_dictionary_holds_what_is_asked_for():
+    effects, untestable = dictionary(make_context())
+    names = {e.name for e in effects}
+    assert len(names) == len(effects)
+    wanted = {
+        'refraction', 'refraction_cube', 'second_flexure', 'annual_aberration',
+        'diurnal_aberration', 'precession_or_epoch_error', 'proper_motion', 'latency',
+        'camera_rotation', 'camera_scale', 'magnitude_equation_az', 'magnitude_equation_el',
+        'pier_side_az', 'pier_side_el', 'azimuth_zero_per_run', 'elevation_zero_per_run',
+        'humidity_pct_az', 'humidity_pct_el', 'clock_or_longitude', 'latitude',
+        'fork_cross_term', 'elevation_axis_wobble_1', 'azimuth_hysteresis',
+        'azimuth_hysteresis_cosE', 'azimuth_hysteresis_memory_10deg', 'elevation_hysteresis',
+        'elevation_hysteresis_cosE', 'elevation_hysteresis_cosE_memory_10deg',
+    }
+    wanted |= {f'elevation_encoder_{k}' for k in (1, 2, 3)}
+    wanted |= {f'azimuth_encoder_{k}' for k in range(1, 7)}
+    wanted |= {f'azimuth_bearing_wobble_{k}' for k in (1, 2, 3)}
+    wanted |= {f'{t}_with_{d}' for d in ('time', 'temperature') for t in (
+        'azimuth_zero', 'elevation_zero', 'tilt', 'flexure', 'collimation')}
+    wanted |= {'azimuth_zero_with_time_squared', 'elevation_zero_with_time_squared'}
+    wanted |= {f'{a}_subdivision_{g}_{k}' for a in ('azimuth', 'elevation')
+               for g in ('grating', 'bars') for k in (1, 2)}
+    assert wanted <= names, wanted - names
+    assert not untestable
+    for e in effects:
+        assert e.cause and e.formula and e.driver and e.source, e.name
+    assert {e.name for e in steps(make_context())} == {'azimuth_zero_step', 'elevation_zero_step'}
+
+
+def test_every_effect_comes_back_from_its_document():
+    context = make_context()
+    for e in dictionary(context)[0] + steps(context)[:2] + smooths(context)[::40]:
+        again = of_document(json.loads(json.dumps({'family': e.family,
+                                                   'parameters': e.parameters})))
+        assert again == e
+        columns = e.columns(context)
+        assert columns.shape == (len(e.coefficient_names), 2, len(context))
+        assert columns.any() and np.isfinite(columns).all(), e.name
+        assert np.array_equal(again.columns(context), columns)
+        if e.axes == 'az':
+            assert not columns[:, 1].any(), e.name
+        if e.axes == 'el':
+            assert not columns[:, 0].any(), e.name
+
+
+def test_missing_and_constant_drivers_are_named():
+    context = make_context(drop=('temperature', 'pier_side', 'miss_x', 'time'),
+                           magnitude=np.full(60, 3.0))
+    effects, untestable = dictionary(context)
+    reasons = dict(untestable)
+    assert reasons['drift with temperature'] == 'temperature is not known'
+    assert reasons['magnitude'] == 'magnitude does not vary'
+    assert 'camera rotation and scale' in reasons and 'pier_side' in reasons
+    # without times the order of the rows stands for them
+    assert 'azimuth_zero_with_order' in {e.name for e in effects}
+
+
+def test_unknown_driver_counts_as_zero():
+    temperature = make_columns()['temperature'].copy()
+    temperature[5] = np.nan
+    e = effect('drift', of='IA', driver='temperature', origin=8.0)
+    columns = e.columns(make_context(temperature=temperature))
+    assert columns[0, 0, 5] == 0.0 and columns[0, 0, 6] != 0.0
+    assert not e.columns(make_context(drop=('temperature',))).any()
+
+
+def test_drift_and_curves_are_not_extrapolated_for_ever():
+    context = make_context()
+    time = context.columns['time']
+    span = np.ptp(time)
+    drift = next(e for e in dictionary(context)[0] if e.name == 'elevation_zero_with_time')
+    later = Context(np.zeros(3), np.full(3, 0.5), {
+        'time': time.max() + np.array([0.3, 0.5, 20.0]) * span})
+    y = drift.columns(later)[0, 1]
+    assert y[0] == pytest.approx((later.columns['time'][0] - time.mean()) / 3600.0)
+    assert y[2] == y[1] > y[0]
+    for curve in smooths(context, ['time'])[::15]:
+        ends = curve.columns(context.at(context.az, np.full(60, 0.5), time=time.max()))
+        beyond = curve.columns(context.at(context.az, np.full(60, 0.5), time=time.max() + 1e5))
+        assert np.array_equal(ends, beyond), curve.name
+
+
+def test_disc_off_its_centre():
+    # a reading head looks at a disc whose centre lies d to the north of the axis, radius 1
+    d, az = 3e-5, RNG.uniform(0.0, 2.0 * np.pi, 50)
+    reading = np.arctan2(np.sin(az), np.cos(az) - d)
+    context = Context(az, np.full(50, 0.8))
+    x = effect('encoder', axis='az', order=1).columns(context)[:, 0]
+    expected = wrap(reading - az) * np.cos(0.8)
+    assert np.allclose(d * x[1], expected, atol=2e-9)
+    assert not np.allclose(d * x[0], expected, atol=1e-6)
+
+
+def test_wobble_is_a_tilt_that_turns_with_the_azimuth():
+    # axis leans away from where the mount looks by w cos(2A): AN, AW of each row by rotations
+    w, context = 20.0 * ARCSEC, make_context()
+    az, el = context.az, context.el
+    exact = np.array([geometry.offsets(a, e, {'AN': w * np.cos(2 * a)}) for a, e in zip(az, el)]).T
+    # (sin A sin E, cos A) cos 2A is made of the first and third harmonics of the wobble
+    columns = np.vstack([effect('bearing_wobble', order=k).columns(context).reshape(-1, 120)
+                         for k in (1, 3)])
+    p, *_ = np.linalg.lstsq(columns.T, exact.ravel(), rcond=None)
+    assert np.abs(exact.ravel() - p @ columns).max() < 0.01 * ARCSEC
+
+
+def test_clock_and_latitude_are_the_terms_that_they_are_said_to_be():
+    context = make_context()
+    hour, dec = hour_frame(context.az, context.el)
+    late = 5.0 * ARCSEC
+    # the sky seems ahead by `late` in hour angle
+    moved = on_sky(*horizon(hour + late, dec), context.az, context.el)
+    clock = effect('clock', latitude=LATITUDE).columns(context)[0]
+    assert np.allclose(clock * late, moved, atol=1e-8 * late / ARCSEC + 1e-9)
+    x, y = design(('IA', 'AW'), context.az, context.el)
+    p, left, *_ = np.linalg.lstsq(np.vstack((x, y)), clock.ravel(), rcond=None)
+    assert left[0] < 1e-20 and np.allclose(p, [np.sin(LATITUDE), -np.cos(LATITUDE)])
+    moved = on_sky(*horizon(hour, dec, LATITUDE + late), context.az, context.el)
+    north = effect('latitude').columns(context)[0]
+    assert np.allclose(north * late, moved, atol=2e-8)
+
+
+def test_latency_of_stars_is_a_clock_error_and_of_satellites_is_not():
+    stars = make_context()
+    clock = effect('clock', latitude=LATITUDE).columns(stars)[0]
+    latency = effect('latency').columns(stars)[0]
+    sidereal = 15.0410686  # "/s
+    assert np.allclose(latency, sidereal * clock, atol=1e-5)
+    fast = make_context(az_rate=RNG.normal(size=60) * 1e-3, el_rate=RNG.normal(size=60) * 1e-3)
+    late = effect('latency').columns(fast)[0] * 0.1 * ARCSEC  # 0.1 s
+    assert np.allclose(late[0], 0.1 * fast.columns['az_rate'] * np.cos(fast.el))
+    assert np.allclose(late[1], 0.1 * fast.columns['el_rate'])
+
+
+def test_places_of_another_equinox():
+    context = make_context()
+    lst = context.get('lst')
+    hour, dec = hour_frame(context.az, context.el)
+    place = erfa.s2c(lst - hour, dec)
+    # rotate all stars about the equatorial X axis by 30"
+    angle = 30.0 * ARCSEC
+    rotated = place @ np.array([[1, 0, 0], [0, np.cos(angle), np.sin(angle)],
+                                [0, -np.sin(angle), np.cos(angle)]])
+    ra, new_dec = erfa.c2s(rotated)
+    moved = on_sky(*horizon(lst - ra, new_dec), context.az, context.el)
+    columns = effect('epoch_error').columns(context)
+    assert np.abs(columns[0] * angle - moved).max() < 0.01 * ARCSEC
+    assert np.abs(columns[1] * angle - moved).max() > ARCSEC
+
+
+def test_annual_aberration_is_a_dipole_toward_the_velocity():
+    context = make_context()
+    lst = context.get('lst')
+    hour, dec = hour_frame(context.az, context.el)
+    place = erfa.s2c(lst - hour, dec)
+    v = np.array([0.3, -0.8, 0.35]) * 1e-4
+    seen = place + v
+    ra, new_dec = erfa.c2s(seen / np.linalg.norm(seen, axis=1)[:, None])
+    moved = on_sky(*horizon(lst - ra, new_dec), context.az, context.el)
+    columns = effect('annual_aberration').columns(context)
+    assert np.abs(np.tensordot(v, columns, 1) - moved).max() < 0.01 * ARCSEC
+    east = effect('diurnal_aberration').columns(context)[0]
+    seen = np.array([np.cos(context.el) * np.sin(context.az) + 1e-6,
+                     np.cos(context.el) * np.cos(context.az), np.sin(context.el)])
+    moved = on_sky(np.arctan2(seen[0], seen[1]), np.arctan2(seen[2], np.hypot(*seen[:2])),
+                   context.az, context.el)
+    assert np.allclose(east * 1e-6, moved, atol=1e-10)
+
+
+def test_proper_motion_left_out():
+    stars = load_catalogue(hip=[37279, 11767, 69673, 97649] * 15)
+    context = make_context()
+    hour = context.get('lst') - stars.ra
+    az, el = horizon(hour, stars.dec)
+    years = 50.0
+    later = horizon(hour - years * stars.pm_ra_cosdec / np.cos(stars.dec),
+                    stars.dec + years * stars.pm_dec)
+    columns = {**context.columns, 'star': stars.hip}
+    column = effect('proper_motion').columns(
+        Context(az, el, columns, LATITUDE, LONGITUDE))[0] * ARCSEC
+    up = el > 0.1
+    moved = on_sky(*later, az, el)
+    assert np.abs(column * years - moved)[:, up].max() < 0.1 * ARCSEC
+    assert np.abs(moved[:, up]).max() > 20.0 * ARCSEC
+
+
+def test_mean_sidereal_time():
+    context = make_context()
+    time = context.columns['time']
+    jd = 2440587.5 + time / 86400.0
+    expected = erfa.gmst82(jd, 0.0) + LONGITUDE
+    assert np.abs(wrap(context.get('lst') - expected)).max() < 20.0 * ARCSEC
+
+
+def test_hysteresis_and_its_memory():
+    az = np.array([0.0, 40.0, 30.0, 29.0]) * DEG
+    context = Context(az, np.full(4, 0.7), {
+        'az_enc': az, 'approach_az': np.array([0.0, 1.0, -1.0, -1.0])})
+    plain = effect('hysteresis', axis='az').columns(context)[0, 0]
+    assert plain.tolist() == [0.0, 1.0, -1.0, -1.0]
+    faded = effect('hysteresis', axis='az', memory_deg=5.0).columns(context)[0, 0]
+    # the second row comes from 0 over 40 degrees, the third turns back over 10
+    assert faded[1] == pytest.approx(1.0 - np.exp(-8.0), abs=1e-9)
+    assert faded[2] == pytest.approx(-1.0 + 2.0 * np.exp(-2.0))
+    cosine = effect('hysteresis', axis='az', shape='cosE').columns(context)[0, 0]
+    assert np.allclose(cosine, plain * np.cos(0.7))
+
+
+def test_subdivision_follows_the_raw_reading():
+    n = 400
+    az = RNG.uniform(0.0, 2.0 * np.pi, n)
+    raw = az + 1.234  # zero not taken off
+    error = 3.0 * ARCSEC * np.sin(2.0 * np.pi * raw / PERIODS['grating'] + 0.4)
+    e = effect('subdivision', axis='az', graduation='grating', order=1)
+    context = Context(az, np.full(n, 0.5), {'az_raw': raw, 'az_enc': az})
+    wrapped = Context(az, np.full(n, 0.5), {'az_raw': raw + 2.0 * np.pi, 'az_enc': az})
+    columns = e.columns(context)[:, 0]
+    p, *_ = np.linalg.lstsq(columns.T, error * np.cos(0.5), rcond=None)
+    assert np.hypot(*p) == pytest.approx(3.0 * ARCSEC, rel=1e-6)
+    assert np.allclose(columns, e.columns(wrapped)[:, 0], atol=1e-6)
+    assert PERIODS['grating'] / ARCSEC == pytest.approx(27.457627) and \
+        PERIODS['bars'] / ARCSEC == pytest.approx(1200.0)
+    # the miss distance is no part of the reading
+    missed = Context(az, np.full(n, 0.5), {
+        'az_enc': raw + 8.0 * ARCSEC / np.cos(0.5), 'miss_x': np.full(n, 8.0 * ARCSEC)})
+    assert np.allclose(columns, e.columns(missed)[:, 0], atol=1e-6)
+
+
+def test_camera_turned():
+    context = make_context()
+    angle = 0.002
+    m = np.array([context.columns['miss_x'], context.columns['miss_y']])
+    turned = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]) @ m
+    column = effect('camera', of='rotation').columns(context)[0] * ARCSEC
+    assert np.allclose(column * angle, turned - m, atol=1e-10)
+
+
+@pytest.mark.parametrize('family, parameters, text', [
+    ('no_such', {}, 'unknown effect'), ('encoder', {'axis': 'az'}, 'wrong parameters'),
+    ('drift', {'of': 'XX', 'driver': 'time'}, 'wrong parameters'),
+])
+def test_bad_effects(family, parameters, text):
+    with pytest.raises(ValueError, match=text):
+        effect(family, **parameters)
+
+
+# ------------------------------------------------------------------------------ in the model
+
+def make_model(*effects):
+    terms = dict(zip(PHYSICAL, np.array([20.0, -35.0, 25.0, -18.0, 30.0, -22.0, 15.0]) * ARCSEC))
+    return PointingModel(terms, effects=effects)
+
+
+def fitted(family, values, **parameters):
+    e = effect(family, **parameters)
+    return FittedEffect(e, np.array(values) * ARCSEC, np.full(len(values), 0.1) * ARCSEC)
+
+
+def test_model_applies_an_effect_by_its_driver():
+    step = fitted('step', [7.0], axis='el', at=1000.0)
+    model, plain = make_model(step), make_model()
+    az, el = np.array([0.3, 2.0, 4.0]), np.array([0.5, 0.9, 1.3])
+    x0, y0 = plain.offsets(az, el)
+    x, y = model.offsets(az, el, {'time': np.array([999.0, 1001.0, np.nan])})
+    assert np.allclose(x, x0, atol=1e-15)
+    assert np.allclose((y - y0) / ARCSEC, [0.0, 7.0, 0.0], atol=1e-9)
+    assert np.allclose(model.offsets(az, el)[1], y0, atol=1e-15)
+    unknown = model.unknown(az, el, {'time': np.array([999.0, 1001.0, np.nan])})
+    assert unknown['elevation_zero_step'].tolist() == [False, False, True]
+    assert model.unknown(az, el, {'time': 5.0}) == {}
+    sx, sy = model.sigma(az, el, {'time': 1001.0})
+    assert np.allclose(sy, 0.1 * ARCSEC) and not sx.any()
+
+
+def test_model_goes_there_and_back_with_effects():
+    context = {'approach_az': 1.0, 'temperature': 12.0}
+    model = make_model(
+        fitted('hysteresis', [3.0], axis='az', shape='cosE'),
+        fitted('drift', [0.5, -0.4], of='tilt', driver='temperature', origin=8.0),
+        fitted('subdivision', [2.0, 1.0], axis='az', graduation='grating', order=1))
+    az, el = RNG.uniform(0.0, 6.0, (3, 20)), RNG.uniform(0.3, 1.4, (3, 20))
+    az_enc, el_enc = model.sky_to_encoder(az, el, context)
+    assert az_enc.shape == (3, 20)
+    # the subdivision error at the angle that the encoder will read
+    again = model.sky_to_encoder(az.ravel(), el.ravel(), {
+        **context, 'az_enc': az_enc.ravel(), 'el_enc': el_enc.ravel()})
+    assert np.abs(wrap(again[0] - az_enc.ravel())).max() < 0.3 * ARCSEC
+    az_back, el_back = model.encoder_to_sky(*again, context={
+        **context, 'az_raw': az_enc.ravel(), 'el_raw': el_enc.ravel()})
+    assert np.abs(wrap(az_back - az.ravel())).max() < 1e-6 * ARCSEC
+    assert np.abs(el_back - el.ravel()).max() < 1e-6 * ARCSEC
+    alone = make_model(fitted('hysteresis', [3.0], axis='az', shape='cosE'))
+    assert model.sky_to_encoder(0.3, 0.5, context)[0] != alone.sky_to_encoder(0.3, 0.5, context)[0]
+
+
+def test_residuals_take_the_drivers_from_the_run():
+    columns = make_columns()
+    model = make_model(fitted('hysteresis', [4.0], axis='el'))
+    x, y = model.offsets(columns['az'], columns['el'], {'approach_el': columns['approach_el']})
+    columns['az_enc'] = columns['az'] + x / np.cos(columns['el'])
+    columns['el_enc'] = columns['el'] + y
+    left = model.residuals(PointingRun(columns))
+    assert np.abs(left).max() < 1e-9 * ARCSEC
+    wrong = make_model(fitted('hysteresis', [-4.0], axis='el')).residuals(PointingRun(columns))
+    assert np.abs(wrong[1]).min() > 7.9 * ARCSEC
+
+
+def test_document_with_effects_to_the_bit():
+    model = make_model(fitted('hysteresis', [np.pi], axis='az'),
+                       fitted('smooth', [1.0, 2.0, 1 / 3], axis='el', driver='elevation',
+                              shape='spline', knots=[0.2, 0.5, 0.9, 1.3]))
+    text = model.to_json()
+    assert json.loads(text)['version'] == 2
+    again = PointingModel.from_json(text)
+    assert again.to_json() == text
+    for one, two in zip(model.effects, again.effects):
+        assert np.array_equal(one.coefficients, two.coefficients) and one.effect == two.effect
+    assert json.loads(make_model().to_json())['version'] == 1
+    document = json.loads(text)
+    document['effects'][0]['coefficients'][0]['name'] = 'other'
+    with pytest.raises(ValueError, match='damaged.*half_difference'):
+        PointingModel.from_document(document)
+    document = json.loads(text)
+    document['effects'][0]['family'] = 'nothing'
+    with pytest.raises(ValueError, match='damaged.*unknown effect'):
+        PointingModel.from_document(document)
