@@ -216,7 +216,9 @@ def cli(ros_domain, tmp_path_factory):
         return subprocess.Popen(
             [sys.executable, '-m', 'telescope_mount.cli', *map(str, args)], cwd=home,
             env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE, text=True)
+            stderr=subprocess.PIPE, text=True,
+            # a suite in the background of a script ignores Ctrl-C, and its children would too
+            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
 
     def run(*args):
         with start(*args) as child:
