@@ -45,22 +45,22 @@ def _drifts(driver, scale, values):
             yield effect('drift', of=of, power=2, **about)
 
 
-def _of_axis(axis):
-    """(driver, what, effects) of one axis."""
+def _of_axis(axis, place):
+    """(driver, what, effects) of one axis, whose stars stand at `place`."""
     yield f'approach_{axis}', f'{AXES[axis]} hysteresis', lambda _: [
         effect('hysteresis', axis=axis, shape=shape) for shape in ('1', 'cosE')]
     yield f'before_{axis}', f'{AXES[axis]} hysteresis with memory', lambda _: [
         effect('hysteresis', axis=axis, shape=shape, memory_deg=memory)
         for shape in ('1', 'cosE') for memory in _MEMORIES]
-    yield f'reading_{axis}', f'{AXES[axis]} encoder subdivision', lambda v: [
+    yield f'reading_{axis}', f'{AXES[axis]} encoder subdivision', lambda _: [
         effect('subdivision', axis=axis, graduation=graduation, order=order)
-        for graduation, period in PERIODS.items() if _spread(v, period) for order in (1, 2)]
+        for graduation, period in PERIODS.items() if _spread(place, period) for order in (1, 2)]
 
 
-def _spread(reading, period):
-    """Whether readings lie all over the period: where they do not, the reading's own error would
-    be taken for its cause."""
-    return abs(np.mean(np.exp(2j * np.pi / period * np.mod(reading, period)))) < 0.8
+def _spread(place, period):
+    """Whether the stars lie all over the period: where they do not, the reading moves through it
+    by its own error alone, which would then be taken for its cause."""
+    return abs(np.mean(np.exp(2j * np.pi / period * np.mod(place, period)))) < 0.8
 
 
 def _of_columns(context):
@@ -69,7 +69,7 @@ def _of_columns(context):
     yield clock, 'drift in time', lambda v: _drifts(clock, unit, v)
     yield 'temperature', 'drift with temperature', lambda v: _drifts('temperature', 1.0, v)
     for axis in AXES:
-        yield from _of_axis(axis)
+        yield from _of_axis(axis, context.az if axis == 'az' else context.el)
     yield 'pm_x', 'proper motion', lambda _: [effect('proper_motion')]
     yield 'az_rate', 'latency', lambda _: [effect('latency')]
     yield 'miss_x', 'camera rotation and scale', lambda _: [

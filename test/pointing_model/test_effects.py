@@ -386,3 +386,14 @@ def test_document_with_effects_to_the_bit():
     document['effects'][0]['family'] = 'nothing'
     with pytest.raises(ValueError, match='damaged.*unknown effect'):
         PointingModel.from_document(document)
+
+
+def test_stars_at_one_elevation_show_no_subdivision_of_its_encoder():
+    """The reading then runs through the period by its own error alone."""
+    rng = np.random.default_rng(3)
+    az = rng.uniform(0.0, 2.0 * np.pi, 60)
+    for el, shown in ((np.full(60, 0.7), False), (rng.uniform(0.4, 1.4, 60), True)):
+        noise = 5.0 * ARCSEC * rng.standard_normal(60)
+        run = PointingRun({'az': az, 'el': el, 'az_enc': az, 'el_enc': el + noise})
+        names = {e.name for e in dictionary(Context.of_run(run))[0]}
+        assert ('elevation_subdivision_grating_1' in names) == shown
