@@ -4,6 +4,8 @@ import argparse
 import sys
 from pathlib import Path
 
+from .diagnose import add_arguments as add_diagnose_arguments
+
 
 class _Parser(argparse.ArgumentParser):
     def error(self, message):
@@ -108,6 +110,14 @@ def _parser():
     fit.add_argument('--no-robust', action='store_true', help='plain least squares')
     fit.add_argument('--save', type=Path, metavar='FILE', help='write the model (.json, .yaml)')
     fit.set_defaults(run=_fit)
+
+    diagnose = commands.add_parser(
+        'diagnose', help='find what a pointing model lacks, on logs and measured runs',
+        description='Fit the declared model to pointing runs, look at what it leaves, name the '
+        'physical effect that explains it, and prove the gain on data that neither the fit nor '
+        'the choice has seen.')
+    add_diagnose_arguments(diagnose)
+    diagnose.set_defaults(run=_diagnose)
 
     export = commands.add_parser(
         'export', help='write the observations of a log as CSV',
@@ -253,6 +263,11 @@ def _fit(args):
     if args.save:
         result.model.save(args.save)
         console.print(f'model         {args.save}')
+
+
+def _diagnose(args):
+    from .diagnose import run
+    run(args, _console())
 
 
 def _export(args):
