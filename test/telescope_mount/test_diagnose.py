@@ -1,0 +1,87 @@
+"""The command `diagnose` on files."""
+
+import json
+
+import numpy as np
+import pytest
+
+from msg_tools.run_files import write_csv
+from pointing_model.model import PointingModel
+from pointing_model.run import PointingRun
+from pointing_model.units import ARCSEC
+from telescope_mount.cli import main
+
+KEYS = {'observations', 'runs', 'base_terms', 'verdict', 'before', 'after', 'noise_floor_arcsec',
+        'effects', 'excluded', 'next_observations'}
+RMS = {'rms_arcsec', 'rms_x_arcsec', 'rms_y_arcsec', 'cv_rms_arcsec', 'holdout_rms_arcsec'}
+EFFECT = {'name', 'tpoint', 'driver', 'axes', 'coefficients_arcsec', 'sigma_arcsec', 'p_family',
+          'delta_bic', 'alternatives', 'cv_gain_arcsec'}
+
+
+def night(path, seed, effect=0.0, n=60):
+    """A run whose azimuth reads `effect` arcsec differently by the side it came from."""
+    rng = np.random.default_rng(seed)
+    az, el = rng.uniform(0.0, 2.0 * np.pi, n), np.arcsin(rng.uniform(0.35, 0.99, n))
+    model = PointingModel({'IA': 80 * ARCSEC, 'IE': 30 * ARCSEC, 'CA': 20 * ARCSEC})
+    az_enc, el_enc = model.sky_to_encoder(az, el)
+    side = rng.choice([-1.0, 1.0], n)
+    x, y = rng.normal(size=(2, n)) * ARCSEC
+    write_csv(PointingRun({
+        'az': az, 'el': el, 'az_enc': az_enc + effect * side * ARCSEC + x / np.cos(el),
+        'el_enc': el_enc + y, 'approach_az': side, 'approach_el': np.ones(n),
+        'time': 1.7e9 + 60.0 * np.arange(n)}), path)
+    return str(path)
+
+
+@pytest.fixture(scope='module')
+def found(tmp_path_factory):
+    folder = tmp_path_factory.mktemp('diagnose')
+    run, later = night(folder / 'a.csv', 1, 8.0), night(folder / 'b.csv', 2, 8.0)
+    code = main(['diagnose', run, '--holdout', later, '--json', str(folder / 'd.json'),
+                 '--report', str(folder / 'd.html'), '--save', str(folder / 'm.json')])
+    assert code == 0
+    return folder
+
+
+def test_the_result_has_its_keys_and_the_effect(found):
+    result = json.loads((found / 'd.json').read_text())
+    assert set(result) == KEYS
+    assert set(result['before']) == set(result['after']) == RMS
+    assert result['verdict'] in ('identified', 'ambiguous')
+    assert set(result['effects'][0]) == EFFECT
+    first = result['effects'][0]
+    assert any('azimuth_hysteresis' in name for name in (first['name'], *first['alternatives']))
+    held = [result[part]['holdout_rms_arcsec'] for part in ('after', 'before')]
+    assert held[0] < 1.7 < 3.0 < held[1]
+
+
+def test_the_page_and_the_model_are_written(found):
+    page = (found / 'd.html').read_text()
+    assert page.lstrip().lower().startswith('<!doctype html') and 'http' not in page
+    model = PointingModel.load(found / 'm.json')
+    here = model.offsets(1.0, 0.7, context={'approach_az': 1.0})[0]
+    there = model.offsets(1.0, 0.7, context={'approach_az': -1.0})[0]
+    assert float(here - there) / ARCSEC == pytest.approx(16.0 * np.cos(0.7), abs=2.5)
+
+
+def test_a_clean_run_is_left_alone(tmp_path, capsys):
+    assert main(['diagnose', night(tmp_path / 'clean.csv', 5)]) == 0
+    assert 'lacks nothing' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize('arguments, text', [
+    (['nowhere.csv'], 'No such file'),
+    (['{run}', '--base', 'magic'], 'magic'),
+    (['{run}', '--alpha', '2'], 'alpha'),
+    (['{run}', '--report', 'page.txt'], 'must end in .html'),
+    (['{run}', '--json', '/nowhere/at/all.json'], 'no such folder'),
+    (['{run}', '--latitude', '10'], '--longitude'),
+    (['{bad}'], 'bad.csv'),
+])
+def test_bad_input_is_one_line_and_code_2(tmp_path, capsys, arguments, text):
+    run = night(tmp_path / 'run.csv', 1, n=20)
+    (tmp_path / 'bad.csv').write_text('az_deg,el_deg,az_enc_deg,el_enc_deg\n1,2,x,4\n')
+    places = {'run': run, 'bad': str(tmp_path / 'bad.csv')}
+    assert main(['diagnose', *(word.format(**places) for word in arguments)]) == 2
+    err = capsys.readouterr().err
+    assert err.startswith('error: ') and err.count('\n') == 1 and text in err
