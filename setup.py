@@ -66,7 +66,7 @@ setup(
     entry_points={
         'console_scripts': [
             'telescope-mount = telescope_mount.cli:main',
-            'diagnose = telescope_mount.diagnose:main',
+            'diagnose = telescope_mount.cli:diagnose',
             *(f'{name} = {module}:main' for name, module in nodes().items()),
         ],
     },

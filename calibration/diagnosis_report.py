@@ -1,130 +1,15 @@
 """The page of a diagnosis: one HTML file that opens from disk, offline, and prints."""
 
-from dataclasses import dataclass, field
 from pathlib import Path
-
-import numpy as np
 
 from . import diagnosis_page as page
 from .diagnosis_style import CSS
+from .diagnosis_view import view_of
 from .plain_words import arcsec, best_pair, verdict_sentences
 from .svg_plot import clean
 
 _VERDICTS = {'none': 'nothing missing', 'identified': 'cause identified',
              'ambiguous': 'cause ambiguous', 'unknown': 'cause unknown'}
-
-
-@dataclass
-class Driver:
-    """What a residual may depend on, for a figure.
-
-    Attributes
-    ----------
-    name : str
-    label : str
-        With its unit.
-    values : ndarray, shape (n,)
-        In that unit; NaN is unknown.
-    levels : dict, optional
-        value -> text where there are only a few values.
-    plain : bool
-        False: made for one effect only.
-    """
-
-    name: str
-    label: str
-    values: np.ndarray
-    levels: dict | None = None
-    plain: bool = True
-
-    @property
-    def title(self):
-        """The label without its unit."""
-        text = self.label.split(' [')[0]
-        return text[:1].upper() + text[1:]
-
-
-@dataclass
-class FoundEffect:
-    """An effect that was added, for its part of the page.
-
-    Attributes
-    ----------
-    name, sentence : str
-    facts : list of (str, str)
-    fitted : ndarray, shape (2, n), optional
-        What it moves in each row, arcsec on the sky.
-    driver : Driver, optional
-    ranking : list of dict
-        What else could stand in its place, best first, as in `View`.
-    """
-
-    name: str
-    sentence: str
-    facts: list
-    fitted: np.ndarray | None = None
-    driver: Driver | None = None
-    ranking: list = field(default_factory=list)
-
-
-@dataclass
-class View:
-    """All that the page shows.
-
-    Attributes
-    ----------
-    document : dict
-        The JSON result.
-    az, el : ndarray, shape (n,)
-        Radians.
-    before, after : ndarray, shape (2, n)
-        Residuals x, y, arcsec on the sky.
-    used : ndarray of bool, shape (n,)
-        Rows with weight in the fit.
-    names : list of str
-        Of each row, for tooltips.
-    drivers : list of Driver
-    effects : list of FoundEffect
-    ranking : list of dict
-        Candidates on what the declared model leaves: ``name, driver, axes, delta_bic,
-        p_family, in_set``.
-    terms : list of dict
-        ``name, value, sigma, unit``.
-    correlated : list of str
-    correlations : ndarray, shape (k, k), optional
-        Of the coefficients in `correlated`.
-    sources, notes : list of str
-    untestable : list of (str, str)
-        What this run cannot show, and why.
-    run_terms : dict
-        Run -> {term: arcsec} that it fitted for itself.
-    set_width : float
-        BIC.
-    """
-
-    document: dict
-    az: np.ndarray
-    el: np.ndarray
-    before: np.ndarray
-    after: np.ndarray
-    used: np.ndarray
-    names: list
-    drivers: list
-    effects: list
-    ranking: list
-    terms: list
-    correlated: list = field(default_factory=list)
-    correlations: np.ndarray | None = None
-    sources: list = field(default_factory=list)
-    notes: list = field(default_factory=list)
-    untestable: list = field(default_factory=list)
-    run_terms: dict = field(default_factory=dict)
-    set_width: float = 6.0
-
-    @property
-    def changed(self):
-        """Whether anything was added."""
-        return bool(np.any(np.abs(self.before - self.after) > 1e-9))
 
 
 def write_report(diagnosis, path):
@@ -141,7 +26,6 @@ def write_report(diagnosis, path):
     OSError
         It cannot be written.
     """
-    from .diagnosis_view import view_of
     Path(path).write_text(render(view_of(diagnosis)), encoding='utf-8')
 
 

@@ -1,5 +1,6 @@
 """A diagnosis in the terms of its page: names, units, drivers, sentences."""
 
+from dataclasses import dataclass, field
 from datetime import datetime, timedelta, timezone
 from pathlib import PurePath
 
@@ -8,7 +9,6 @@ import numpy as np
 from pointing_model.effects import PERIODS
 from pointing_model.units import ARCSEC, DEG
 
-from .diagnosis_report import Driver, FoundEffect, View
 from .plain_words import arcsec, effect_sentence, readable
 
 _LEVELS = {'approach_az': {-1: 'anticlockwise', 0: 'unknown', 1: 'clockwise'},
@@ -32,6 +32,119 @@ _LABELS = {
 _ALWAYS = ('azimuth', 'elevation', 'time', 'order', 'temperature', 'approach_az', 'approach_el',
            'magnitude', 'az_rate')
 _CORRELATED_ROWS = 20000
+
+
+@dataclass
+class Driver:
+    """What a residual may depend on, for a figure.
+
+    Attributes
+    ----------
+    name : str
+    label : str
+        With its unit.
+    values : ndarray, shape (n,)
+        In that unit; NaN is unknown.
+    levels : dict, optional
+        value -> text where there are only a few values.
+    plain : bool
+        False: made for one effect only.
+    """
+
+    name: str
+    label: str
+    values: np.ndarray
+    levels: dict | None = None
+    plain: bool = True
+
+    @property
+    def title(self):
+        """The label without its unit."""
+        text = self.label.split(' [')[0]
+        return text[:1].upper() + text[1:]
+
+
+@dataclass
+class FoundEffect:
+    """An effect that was added, for its part of the page.
+
+    Attributes
+    ----------
+    name, sentence : str
+    facts : list of (str, str)
+    fitted : ndarray, shape (2, n), optional
+        What it moves in each row, arcsec on the sky.
+    driver : Driver, optional
+    ranking : list of dict
+        What else could stand in its place, best first, as in `View`.
+    """
+
+    name: str
+    sentence: str
+    facts: list
+    fitted: np.ndarray | None = None
+    driver: Driver | None = None
+    ranking: list = field(default_factory=list)
+
+
+@dataclass
+class View:
+    """All that the page shows.
+
+    Attributes
+    ----------
+    document : dict
+        The JSON result.
+    az, el : ndarray, shape (n,)
+        Radians.
+    before, after : ndarray, shape (2, n)
+        Residuals x, y, arcsec on the sky.
+    used : ndarray of bool, shape (n,)
+        Rows with weight in the fit.
+    names : list of str
+        Of each row, for tooltips.
+    drivers : list of Driver
+    effects : list of FoundEffect
+    ranking : list of dict
+        Candidates on what the declared model leaves: ``name, driver, axes, delta_bic,
+        p_family, in_set``.
+    terms : list of dict
+        ``name, value, sigma, unit``.
+    correlated : list of str
+    correlations : ndarray, shape (k, k), optional
+        Of the coefficients in `correlated`.
+    sources, notes : list of str
+    untestable : list of (str, str)
+        What this run cannot show, and why.
+    run_terms : dict
+        Run -> {term: arcsec} that it fitted for itself.
+    set_width : float
+        BIC.
+    """
+
+    document: dict
+    az: np.ndarray
+    el: np.ndarray
+    before: np.ndarray
+    after: np.ndarray
+    used: np.ndarray
+    names: list
+    drivers: list
+    effects: list
+    ranking: list
+    terms: list
+    correlated: list = field(default_factory=list)
+    correlations: np.ndarray | None = None
+    sources: list = field(default_factory=list)
+    notes: list = field(default_factory=list)
+    untestable: list = field(default_factory=list)
+    run_terms: dict = field(default_factory=dict)
+    set_width: float = 6.0
+
+    @property
+    def changed(self):
+        """Whether anything was added."""
+        return bool(np.any(np.abs(self.before - self.after) > 1e-9))
 
 
 def view_of(diagnosis):

@@ -329,6 +329,11 @@ def main(argv=None):
     return 0
 
 
+def diagnose():
+    """Entry point of ``ros2 run telescope_mount diagnose``."""
+    return main(['diagnose', *sys.argv[1:]])
+
+
 def _one_line(err):
     if isinstance(err, OSError) and err.strerror:
         return f'{err.filename}: {err.strerror}' if err.filename else err.strerror

@@ -1,4 +1,4 @@
-"""What is wrong with a mount: ``telescope-mount diagnose``, and ``ros2 run telescope_mount``."""
+"""What is wrong with a mount: the command ``diagnose``."""
 
 import json
 from pathlib import Path
@@ -148,10 +148,3 @@ def show(found, console):
 def _number(value, digits=2):
     return '-' if value is None else f'{value:.{digits}f}'
 
-
-def main(argv=None):
-    """Entry point of ``ros2 run telescope_mount diagnose``; returns the exit code."""
-    import sys
-
-    from .cli import main as command
-    return command(['diagnose', *(sys.argv[1:] if argv is None else argv)])

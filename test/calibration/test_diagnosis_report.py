@@ -8,8 +8,8 @@ import pytest
 
 from calibration.diagnosis import diagnose
 from calibration.diagnosis_page import exclusions, next_observations, ranking
-from calibration.diagnosis_report import Driver, FoundEffect, View, render, write_report
-from calibration.diagnosis_view import driver_of, view_of
+from calibration.diagnosis_report import render, write_report
+from calibration.diagnosis_view import Driver, FoundEffect, View, driver_of, view_of
 from calibration.plain_words import arcsec, best_pair, effect_sentence, readable, verdict_sentences
 from calibration.svg_plot import Panel, SkyMap, limit_of, ticks
 from pointing_model.context import Context
