@@ -75,7 +75,7 @@ def test_launch_and_config_are_installed(prefix):
 def test_each_node_is_where_ros2_run_looks(prefix):
     found = {path.name for path in (prefix / 'lib' / NAME).iterdir()
              if os.access(path, os.X_OK) and path.is_file()}
-    assert found == {*NODES, 'telescope-mount'}
+    assert found == {*NODES, 'telescope-mount', 'diagnose'}
 
 
 def test_package_data_is_installed(prefix):
