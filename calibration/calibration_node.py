@@ -3,6 +3,7 @@
 import json
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -12,11 +13,25 @@ from std_srvs.srv import Trigger
 from msg_tools import convert, topics
 from msg_tools.node import NO_SUBSCRIPTION_EVENTS, MountNode, Param, run_node
 from pointing_model.model import PointingModel
-from pointing_model.units import ARCSEC
+from pointing_model.units import ARCSEC, DEG
 
 from .nights import NightSeries
 from .session import CalibrationSession
 from .witnesses import homings_from_diagnostics
+
+
+def _site(text):
+    """Latitude and longitude in rad from two numbers in degrees, or None for an empty text."""
+    if not text.strip():
+        return None
+    try:
+        latitude, longitude = (float(part) for part in text.split(','))
+    except ValueError:
+        raise ValueError('write latitude and longitude in degrees, "34.3, 109.0"') from None
+    if not (-90.0 <= latitude <= 90.0 and -360.0 <= longitude <= 360.0):
+        raise ValueError('a latitude of -90 to 90 and a longitude of -360 to 360 degrees')
+    return {'latitude': latitude * DEG, 'longitude': longitude * DEG}
+
 
 PARAMS = (
     Param('model_file', '', 'pointing model of an earlier night (JSON or YAML), the reference of '
@@ -27,6 +42,11 @@ PARAMS = (
           1, 100000),
     Param('reference_age', 0, 'the reference of a zero is the model fitted so many power-ons '
           'before; 0: model_file for all', 0, 1000, fixed=True),
+    Param('alpha', 0.01, 'chance that the service diagnose adds an effect to a clean night', 1e-6,
+          0.5),
+    Param('site', '', 'latitude and longitude of the mount [deg], such as "34.3, 109.0", for '
+          'what follows the stars; empty: unknown', check=_site),
+    Param('diagnosis_page', '', 'HTML file that the service diagnose writes; empty: none'),
 )
 
 
@@ -42,10 +62,12 @@ class Calibration(MountNode):
         self._session = (NightSeries(age, reference, seed) if age
                          else CalibrationSession(reference, seed))
         self._alarms = []
+        self._finding = ''
         self._encoders = {}
         self._zero_pub = self.publisher(topics.ZERO)
         self._model_pub = self.publisher(topics.MODEL)
         self._report_pub = self.publisher(topics.CALIBRATION_REPORT)
+        self._diagnosis_pub = self.publisher(topics.DIAGNOSIS)
         self._status_pub = self.publisher(topics.CALIBRATION_STATUS)
         self.subscribe(topics.OBSERVATION, self._on_observation)
         # latched: after a restart it brings back the night so far
@@ -55,6 +77,7 @@ class Calibration(MountNode):
                                  event_callbacks=NO_SUBSCRIPTION_EVENTS)
         self.create_service(Trigger, 'calibrate_zero', self._on_calibrate_zero)
         self.create_service(Trigger, 'fit', self._on_fit)
+        self.create_service(Trigger, 'diagnose', self._on_diagnose)
         self._say('collecting')
 
     def _on_observation(self, message):
@@ -129,18 +152,58 @@ class Calibration(MountNode):
             return response
         self._alarms = report['witnesses']['alarms']
         self._report_pub.publish(String(data=json.dumps(report)))
-        self._model_pub.publish(String(data=model.to_json()))
-        if self._session.zeros:
-            # the zero that belongs to the model; Polaris alone gave it a little differently
-            newest = max(self._session.zeros_in_force)
-            known = max(self._session.zeros)
-            self._publish_zero(self._session.zeros_in_force[newest], self._session.zeros[known])
+        self._publish_model(model)
         held_out = report['steps'][-1]['held_out']['radial']
         response.success = True
         response.message = (f'{report["stars"]} stars fitted; {report["steps"][-1]["step"]}: '
                             f'{held_out:.2f} arcsec radial on stars held out')
         self._say(response.message)
         return response
+
+    def _publish_model(self, model):
+        """The model, and the zero that belongs to it; Polaris alone gave it a little otherwise."""
+        self._model_pub.publish(String(data=model.to_json()))
+        zeros, by_polaris = self._session.zeros_in_force, self._session.zeros
+        sigma = [np.nan, np.nan]
+        if by_polaris:
+            known = by_polaris[max(by_polaris)]
+            sigma = [known.sigma_az, known.sigma_el]
+        self._zero_pub.publish(convert.joint_state(
+            self._session.last_stamp, zeros[max(zeros)], effort=sigma))
+
+    def _on_diagnose(self, request, response):
+        # the node hears nothing until it is done: seconds
+        self._say('diagnosing')
+        try:
+            found = self._session.diagnose(self.value('alpha'), _site(self.value('site')))
+        except (ValueError, np.linalg.LinAlgError) as err:
+            response.message = str(err)
+            self._say(response.message)
+            return response
+        document = found.document
+        self._diagnosis_pub.publish(String(data=json.dumps(document)))
+        self._publish_model(found.model)
+        self._finding = document['verdict']
+        if document['applied']:
+            self._finding += ': ' + ', '.join(document['applied'])
+        response.success = True
+        response.message = (f'{self._finding}; {document["before"]["rms_arcsec"]:.2f} arcsec '
+                            f'radial before, {document["after"]["rms_arcsec"]:.2f} after')
+        self._write_page(found.diagnosis, response)
+        self._say(response.message, verdict=document['verdict'],
+                  effects=', '.join(document['applied']))
+        return response
+
+    def _write_page(self, diagnosis, response):
+        page = self.value('diagnosis_page')
+        if not page:
+            return
+        from .diagnosis_report import write_report
+        try:
+            write_report(diagnosis, Path(page))
+        except OSError as err:
+            response.message += f'; the page was not written: {err}'
+            self.get_logger().error(response.message)
 
     def required(self):
         """It needs observations."""
@@ -153,7 +216,8 @@ class Calibration(MountNode):
     def details(self):
         """What has come."""
         return [('observations', str(len(self._session))),
-                ('power-ons with a zero', str(len(self._session.zeros)))]
+                ('power-ons with a zero', str(len(self._session.zeros))),
+                ('diagnosis', self._finding or 'none yet')]
 
 
 def main(args=None):

@@ -13,6 +13,7 @@ from pointing_model.terms import design
 from pointing_model.units import ARCSEC
 
 from .fit import fit_harmonics
+from .kept_out import for_fitting
 from .satellite_check import tracking_errors
 from .session import CalibrationSession, zero_in_force
 from .zero import zero_from_polaris
@@ -132,7 +133,7 @@ class NightSeries:
         model, report = session.fit(homings)
         rows = session.observations()
         self._zeros[number] = zero = session.zeros_in_force.get(number, (0.0, 0.0))
-        stars = rows.select(rows['star'] >= 0)
+        stars = for_fitting(rows)
         self._models[number] = {PHYSICAL_TERMS: model}
         with suppress(ValueError):  # too few stars for 13 of them: the report's notes say so
             self._models[number][HARMONICS_ONLY] = fit_harmonics(stars, zero=zero).model
@@ -140,6 +141,14 @@ class NightSeries:
             self._rows[number] = self._night(number, rows, report['witnesses']['alarms'])
         report['nights'] = [self._rows[n] for n in sorted(self._rows)]
         return model, report
+
+    def diagnose(self, alpha=0.01, site=None):
+        """What tonight's model lacks; see `CalibrationSession.diagnose`.
+
+        Later nights keep the model without the effects as their reference: what follows the time
+        of one night says nothing about another.
+        """
+        return self._sessions[self.newest].diagnose(alpha, site)
 
     def _night(self, number, rows, alarms):
         polaris = rows['star'] == POLARIS_HIP

@@ -10,6 +10,7 @@ from pointing_model.units import ARCSEC
 
 from .check import split_half
 from .fit import fit_harmonics, fit_terms, rms_arcsec
+from .kept_out import for_fitting, with_check
 from .witnesses import check_witnesses
 from .zero import PolarisExposures, zero_from_polaris
 
@@ -52,6 +53,8 @@ class CalibrationSession:
         self.witness = None
         self._parts = []
         self.last_stamp = 0
+        #: that `fit` made last, PointingModel
+        self.model = None
         #: by Polaris alone, power-on number -> Zero
         self.zeros = {}
         #: that belong to the fitted model, power-on number -> (azimuth, elevation), rad
@@ -84,7 +87,7 @@ class CalibrationSession:
             if name not in run:
                 raise ValueError(f'observation without column {name}')
         if stamp > self.last_stamp:
-            self._parts.append(run)
+            self._parts.append(with_check(run))
             self.last_stamp = stamp
 
     def take_table(self, run, stamp):
@@ -144,6 +147,8 @@ class CalibrationSession:
     def fit(self, homings=()):
         """Fit all stars, and judge each kind of model on stars that it did not see.
 
+        Rows with ``check`` 1 are left out: see `kept_out`.
+
         The terms are fitted together with the change of the zero from power-on to power-on, to
         stars and exposures of Polaris alike: Polaris fixes most of the change, the stars help.
 
@@ -165,7 +170,7 @@ class CalibrationSession:
             Too few stars.
         """
         rows = self.observations()
-        rows = rows.select(rows['star'] >= 0)  # satellites are for checks only
+        rows = for_fitting(rows)
         is_star = rows['star'] != POLARIS_HIP
         stars = rows.select(is_star)
         notes = []
@@ -198,7 +203,38 @@ class CalibrationSession:
         }
         model = PointingModel(result.model.terms, result.model.covariance, None, provenance,
                               result.model.geometry)
+        self.model = model
         return model, report
+
+    def diagnose(self, alpha=0.01, site=None):
+        """What the fitted model lacks, and the model with it; see `session_diagnosis`.
+
+        Parameters
+        ----------
+        alpha : float
+            Chance that a clean night gets any effect.
+        site : dict, optional
+            ``latitude``, ``longitude`` in rad.
+
+        Returns
+        -------
+        session_diagnosis.Amended
+            Its zeros are `zeros_in_force` from now on.
+
+        Raises
+        ------
+        ValueError
+            Too few stars.
+        """
+        from .session_diagnosis import amend
+        rows = self.observations()
+        zeros = self.zeros_in_force
+        if self.model is None:
+            zeros = {int(n): zero for n, zero in self._polaris_zeros(rows).items()}
+        provenance = {'last_stamp_ns': self.last_stamp, 'reference': self._source()}
+        amended = amend(rows, zeros, self.model, provenance, alpha, site)
+        self.zeros_in_force = amended.zeros
+        return amended
 
     def _witnesses(self, rows, model, homings):
         if 'az_abs' not in rows:

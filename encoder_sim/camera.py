@@ -49,8 +49,8 @@ class Camera:
         At the start of the night.
     clock_offset : float
         True UTC - stamp, s.
-    temperature_rate : float
-        Of the air, degC/s.
+    temperature : callable, optional
+        ``temperature(time, start)`` of the air, degC; without it that of `weather`.
     start : float, optional
         Start of the night, UTC s, from which the temperature changes; without it the first stamp.
     satellite : target.SatelliteTarget, optional
@@ -59,11 +59,11 @@ class Camera:
 
     def __init__(
         self, params, seed, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, *, clock_offset=0.0,
-        temperature_rate=0.0, start=None, satellite=None,
+        temperature=None, start=None, satellite=None,
     ):
         self.params, self.seed, self.satellite = params, seed, satellite
         self.site, self.weather = site, weather
-        self.clock_offset, self.temperature_rate, self.start = clock_offset, temperature_rate, start
+        self.clock_offset, self.temperature, self.start = clock_offset, temperature, start
         self._stars = load_catalogue(params.mag_limit)
         self._coarse = None  # (time, unit vectors of all stars then)
 
@@ -80,7 +80,7 @@ class Camera:
             )
         return cls(
             scenario.camera, seed, site, weather, clock_offset=scenario.clock_offset,
-            temperature_rate=0.0 if air is None else air.temperature_rate, start=start,
+            temperature=None if air is None else air.temperature_at, start=start,
             satellite=satellite,
         )
 
@@ -114,8 +114,8 @@ class Camera:
             order = np.lexsort((self._stars.mag[star], exposure))
             seen, first = np.unique(exposure[order], return_index=True)
             chosen = order[first]
-            miss[seen] = self._measure(stamps[seen], place[chosen])
             hip[seen], mag[seen] = self._stars.hip[star[chosen]], self._stars.mag[star[chosen]]
+            miss[seen] = self._measure(stamps[seen], place[chosen], mag[seen])
         return Exposures(miss, hip, mag)
 
     def expose_satellite(self, stamps, frames):
@@ -174,10 +174,9 @@ class Camera:
         return exposure[inside], star[inside], tangent[inside]
 
     def _air(self, moments):
-        if not self.temperature_rate:
+        if self.temperature is None:
             return self.weather
-        warmth = self.weather.temperature_c + self.temperature_rate * (moments - self.start)
-        return replace(self.weather, temperature_c=warmth)
+        return replace(self.weather, temperature_c=self.temperature(moments, self.start))
 
     def _on_chip(self, towards, frames):
         """Whether directions (n, 3) fall on the chip, and their tangent plane (n, 2), rad."""
@@ -188,11 +187,13 @@ class Camera:
         inside &= (towards[:, 2] > 0.0) & (seen[:, FORWARD] > 0.0)
         return inside, tangent
 
-    def _measure(self, stamps, place):
-        """The camera's own scale, rotation and noise."""
+    def _measure(self, stamps, place, mag=4.0):
+        """The camera's own scale, rotation, trail and noise."""
         p = self.params
         c, s = np.cos(p.rotation), np.sin(p.rotation)
         turned = place @ np.array([[c, s], [-s, c]])
+        if p.trail:
+            turned[:, 0] += p.trail * 10.0 ** (0.04 * (mag - 4.0))
         noise = 0.0
         if p.star_noise > 0.0:
             noise = p.star_noise * keyed_noise.normal(self.seed, 'camera', 'star', stamps, 2)

@@ -38,6 +38,31 @@ def disc_angle(angle, eccentricity, phase, radius, heads=1):
     return angle - lead
 
 
+def tilted_angle(angle, tilt, phase):
+    """Angle that a disc shows whose plane is not across its axis.
+
+    Parameters
+    ----------
+    angle : ndarray
+        Of the axis, rad; turns are kept.
+    tilt : float
+        Between the disc's plane and that across the axis, rad.
+    phase : float
+        Axis angle at which the line of both planes lies at the head, rad.
+
+    Returns
+    -------
+    ndarray
+        rad: the graduation projected on the plane of the head, tan(shown) = tan(angle) / cos tilt
+        from that line on; about angle + (tilt^2 / 4) sin 2(angle - phase).
+    """
+    if tilt == 0.0:
+        return np.array(angle, dtype=float)
+    s, c = np.sin(angle - phase), np.cos(angle - phase)
+    # the difference alone, so that turns are kept
+    return angle + np.arctan2((1.0 - np.cos(tilt)) * s * c, np.cos(tilt) * c * c + s * s)
+
+
 class ZeroDrift:
     """The zero of an encoder: mounting, power-on, time, temperature.
 

@@ -11,6 +11,8 @@ direction of rising azimuth, its up that of rising elevation.
 
 import numpy as np
 
+from pointing_model.units import wrap
+
 RIGHT, FORWARD, UP = 0, 1, 2
 
 
@@ -118,9 +120,12 @@ class MountGeometry:
         turned = az - mount.ia - 0.5 * mount.backlash_azimuth * np.asarray(approach_az)
         raised = el - mount.ie - 0.5 * mount.backlash_elevation * np.asarray(approach_el)
 
+        if mount.creep:
+            raised = raised - mount.creep * np.mod(raised / mount.creep_period, 1.0)
+
         azimuth = _about(UP, -turned)
-        if mount.wobble:
-            azimuth = azimuth @ self._wobble(turned)
+        if mount.wobble or mount.bumps:
+            azimuth = azimuth @ self._bearing(turned)
         # up of the azimuth axis in ENU is leant towards east (-aw) and north (an)
         carried = _lean(-np.asarray(aw), an) @ azimuth @ _about(FORWARD, -mount.npae)
         tube = carried @ _about(RIGHT, raised) @ _about(UP, ca)
@@ -128,10 +133,13 @@ class MountGeometry:
             tube = self._sag(tube, tf) @ tube
         return np.swapaxes(tube, -1, -2)
 
-    def _wobble(self, turned):
+    def _bearing(self, turned):
         leans = {'forward': np.zeros_like(turned), 'left': np.zeros_like(turned)}
         for part in self.mount.wobble:
             leans[part.lean] += part.amplitude * np.cos(part.per_turn * turned - part.phase)
+        for bump in self.mount.bumps:
+            away = wrap(turned - bump.at)
+            leans[bump.lean] += bump.amplitude * np.exp(-0.5 * (away / bump.width) ** 2)
         return _lean(-leans['left'], leans['forward'])
 
     @staticmethod

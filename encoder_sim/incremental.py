@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from . import keyed_noise
-from .encoder_scale import ZeroDrift, disc_angle
+from .encoder_scale import ZeroDrift, disc_angle, tilted_angle
 
 _TURN = 2.0 * np.pi
 _MILLION = 1e6
@@ -143,6 +143,8 @@ class IncrementalEncoder:
         shown = disc_angle(
             angle, p.eccentricity, p.eccentricity_phase, 0.5 * p.diameter, p.heads
         )
+        if p.tilt:
+            shown = tilted_angle(shown, p.tilt, p.tilt_phase)
         if p.subdivision_1 or p.subdivision_2:
             phase = p.lines * shown
             shown = (

@@ -18,6 +18,9 @@ from .device_params import DEVICE_PARAMS, parse_utc
 from .mount import HOME_ATTEMPTS, SimulatedMount
 from .scenario import load_scenario
 
+#: change of the air's temperature that the thermometer tells, degC
+THERMOMETER_STEP = 0.05
+
 PARAMS = (
     *DEVICE_PARAMS,
     Param('time_scale', 0.0, 'simulated seconds a second; 0: as fast as the graph answers',
@@ -37,13 +40,18 @@ class MountSimulator(MountNode):
     def __init__(self, **kwargs):
         super().__init__('mount_simulator', PARAMS, hardware_id='simulated mount', **kwargs)
         self._start = parse_utc(self.value('start_time'))
-        self._mount = SimulatedMount(load_scenario(self.value('scenario')))
+        scenario = load_scenario(self.value('scenario'))
+        self._mount = SimulatedMount(scenario)
+        # without weather of its own the air is what the observer believes
+        self._air, self._warmth = scenario.weather, None
         self._live = self.value('time_scale') > 0.0
         self._time = 0.0
         self._settling = self._homing = None
         self._open_loop = 0
         self._truth_pub = self.publisher(topics.TRUTH_JOINTS)
         self._clock_pub = self.publisher(topics.CLOCK)
+        self._thermometer_pub = self.publisher(topics.AMBIENT)
+        self._read_thermometer(0.0)
         self._feedback_sub = self.subscribe(topics.INCREMENTAL, self._on_feedback)
         self.subscribe(topics.COMMAND, self._on_command)
         self.create_service(Trigger, 'home', self._on_home)
@@ -99,6 +107,7 @@ class MountSimulator(MountNode):
                         time.monotonic() + ahead + self.value('feedback_timeout_s'))
         if not self._live:
             self._settling = None
+            self._read_thermometer(first)
             self._publish(np.linspace(first, last, 5))
             self._publish(np.array([rest]))
             self._set_clock(rest)
@@ -112,6 +121,8 @@ class MountSimulator(MountNode):
 
     def _settle(self, settled):
         """One reading on target for the servo; the exposure begins when it has come back."""
+        # before the angles, so that it is known when the exposure is answered
+        self._read_thermometer(settled)
         stamp = self._publish(np.array([settled]))[0]
         self._settling = (stamp, settled, time.monotonic() + self.value('feedback_timeout_s'))
         if self._feedback_sub.get_publisher_count() == 0:
@@ -162,6 +173,7 @@ class MountSimulator(MountNode):
         # a sample belongs to its time: a late timer makes up for those it missed
         due = int(now * rate)
         if due > self._sample:
+            self._read_thermometer(now)
             self._publish(np.arange(self._sample + 1, due + 1) / rate)
             self._sample = due
         if now - self._clock_sent >= 0.01 * self.value('time_scale'):
@@ -169,6 +181,16 @@ class MountSimulator(MountNode):
             self._set_clock(now)
 
     # --- out ----------------------------------------------------------------------------------
+
+    def _read_thermometer(self, now):
+        if self._air is None:
+            return
+        start = self._start * 1e-9
+        warmth = float(self._air.temperature_at(start + now, start))
+        if self._warmth is None or abs(warmth - self._warmth) > THERMOMETER_STEP:
+            self._warmth = warmth
+            self._thermometer_pub.publish(
+                convert.temperature(self._start + round(now * 1e9), warmth))
 
     def _publish(self, times):
         angles, rates = self._mount.truth(times)

@@ -28,6 +28,7 @@ _UNITS = {
     'arcsec_per_hour': ARCSEC / _HOUR,
     'arcsec_per_degc': ARCSEC,
     's': 1.0,
+    'h': _HOUR,
     'ms': _MS,
     'us': _US,
     'm': 1.0,
@@ -125,6 +126,19 @@ class Wobble:
 
 
 @dataclass(frozen=True)
+class Bump:
+    """A bump of the azimuth track: where the tube points over it, the axis leans by `amplitude`.
+
+    It falls off on both sides as a Gaussian of 1-sigma `width`; ``lean`` as for `Wobble`.
+    """
+
+    at: float = _number(0.0, 'deg', -360.0, 360.0)
+    width: float = _number(10.0, 'deg', 0.1, 180.0)
+    lean: str = _choice('forward', 'forward', 'left')
+    amplitude: float = _number(0.0, 'arcsec', -3600.0, 3600.0)
+
+
+@dataclass(frozen=True)
 class Mount:
     """Geometry of the mount, in the signs of the field: encoder - catalogue.
 
@@ -142,6 +156,11 @@ class Mount:
         Sag of the horizontal tube, rad.
     wobble : tuple of Wobble
         Azimuth bearing.
+    bumps : tuple of Bump
+        Azimuth track.
+    creep, creep_period : float
+        The tube creeps back against the elevation drive by up to `creep` (rad) as the axis turns
+        through `creep_period` (rad), and then snaps back: a sawtooth.
     backlash_azimuth, backlash_elevation : float
         Play between an axis (with its encoders) and the tube, rad, full width.
     ca_rate, an_rate, aw_rate, tf_rate : float
@@ -158,6 +177,9 @@ class Mount:
     aw: float = _number(0.0, 'arcsec', -36000.0, 36000.0)
     tf: float = _number(0.0, 'arcsec', -3600.0, 3600.0)
     wobble: tuple = _sections(Wobble)
+    bumps: tuple = _sections(Bump)
+    creep: float = _number(0.0, 'arcsec', -3600.0, 3600.0)
+    creep_period: float = _number(15.0, 'deg', 0.1, 360.0)
     backlash_azimuth: float = _number(0.0, 'arcsec', 0.0, 3600.0)
     backlash_elevation: float = _number(0.0, 'arcsec', 0.0, 3600.0)
     ca_rate: float = _number(0.0, 'arcsec_per_hour', -600.0, 600.0)
@@ -226,6 +248,9 @@ class Incremental(EncoderScale):
     ----------
     lines, interpolation : int
         Lines of the grating, and counts (edges in quadrature) a line.
+    tilt, tilt_phase : float
+        Of the disc against the plane across the axis (rad), and the axis angle at which the line
+        of both planes lies at the head (rad).
     heads : int
         One reading head, or the mean of two opposite ones.
     subdivision_1, subdivision_2, subdivision_phase : float
@@ -271,6 +296,8 @@ class Incremental(EncoderScale):
 
     lines: int = _number(47200, '', 1, 1_000_000, kind=int)
     interpolation: int = _number(400, '', 1, 100_000, kind=int)
+    tilt: float = _number(0.0, 'deg', 0.0, 30.0)
+    tilt_phase: float = _number(0.0, 'deg', -360.0, 360.0)
     heads: int = _number(1, '', 1, 2, kind=int)
     subdivision_1: float = _number(0.0, 'arcsec', 0.0, 60.0)
     subdivision_2: float = _number(0.0, 'arcsec', 0.0, 60.0)
@@ -414,6 +441,9 @@ class Camera:
         Relative error of the plate scale: distances come out too large by it.
     rotation : float
         Measured miss distances are turned by this from +x towards +y, rad.
+    trail : float
+        Charge that the read-out leaves behind draws the image of a star of magnitude 4 towards
+        +x by this, rad; less of a bright one (its flux to the power -0.1).
     """
 
     field_of_view: float = _number(40.0, 'arcmin', 0.1, 600.0)
@@ -421,14 +451,16 @@ class Camera:
     star_noise: float = _number(0.0, 'arcsec', 0.0, 600.0)
     scale_error: float = _number(0.0, 'percent', -50.0, 50.0)
     rotation: float = _number(0.0, 'deg', -180.0, 180.0)
+    trail: float = _number(0.0, 'arcsec', -600.0, 600.0)
 
 
 @dataclass(frozen=True)
 class TrueWeather:
     """The weather that bends the light, whatever the observer believes: hPa, degC, fraction, m.
 
-    The temperature changes by `temperature_rate` (degC/s) from the start of the night on; mount
-    and encoders feel it.
+    The temperature changes by `temperature_rate` (degC/s) from the start of the night on, and
+    swings by `temperature_swing` (degC) about that once in `swing_period` (s); mount and encoders
+    feel it.
     """
 
     pressure: float = _number(955.0, 'hpa', 0.0, 1100.0)
@@ -436,10 +468,15 @@ class TrueWeather:
     humidity: float = _number(50.0, 'percent', 0.0, 100.0)
     wavelength: float = _number(0.55, 'um', 0.3, 20.0)
     temperature_rate: float = _number(0.0, 'c_per_hour', -20.0, 20.0)
+    temperature_swing: float = _number(0.0, 'c', -30.0, 30.0)
+    swing_period: float = _number(1.0, 'h', 0.01, 1000.0)
 
     def temperature_at(self, time, start):
         """Temperature (degC) at `time`, of a night that began at `start` (UTC s)."""
-        return self.temperature + self.temperature_rate * (np.asarray(time) - start)
+        seconds = np.asarray(time) - start
+        swing = np.sin(2.0 * np.pi * seconds / self.swing_period)
+        return (self.temperature + self.temperature_rate * seconds
+                + self.temperature_swing * swing)
 
 
 @dataclass(frozen=True)
@@ -575,6 +612,15 @@ def _to_section(mapping, cls, where, base):
     return dataclasses.replace(base, **changes)
 
 
+def _drop_description(mapping, file):
+    """Take out ``undeclared``, which says to people what the scenario does."""
+    said = mapping.pop('undeclared', {'what': ''})
+    if not (isinstance(said, dict) and isinstance(said.get('what'), str)
+            and set(said) <= {'what', 'shows_as'}):
+        raise ValueError(f'scenario {file}, undeclared: {said!r} is not a mapping of what: a text '
+                         'and shows_as: names of effects')
+
+
 def scenario_names():
     """Names of the scenarios that come with the package."""
     folder = resources.files('encoder_sim') / 'scenarios'
@@ -627,6 +673,8 @@ def _load(text, chain):
     if mapping is None:
         mapping = {}
     base = Scenario()
+    if isinstance(mapping, dict):
+        _drop_description(mapping, file)
     if isinstance(mapping, dict) and 'based_on' in mapping:
         parent = str(mapping.pop('based_on'))
         if parent.endswith(('.yaml', '.yml')):

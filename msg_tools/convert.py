@@ -143,6 +143,29 @@ def read_trajectory(message):
     return from_stamp(message.header.stamp), times, positions, velocities
 
 
+def temperature(ns, celsius, frame='ambient'):
+    """A Temperature message; its variance is unknown (0)."""
+    from sensor_msgs.msg import Temperature
+    message = Temperature(temperature=float(celsius))
+    message.header.stamp = to_stamp(ns)
+    message.header.frame_id = frame
+    return message
+
+
+def read_temperature(message):
+    """Stamp (ns) and degC of a Temperature message.
+
+    Raises
+    ------
+    ValueError
+        It is no number, or below the absolute zero.
+    """
+    celsius = message.temperature
+    if not -273.15 <= celsius < np.inf:
+        raise ValueError(f'temperature {celsius} degC')
+    return from_stamp(message.header.stamp), celsius
+
+
 _FLOAT32, _FLOAT64 = 7, 8  # PointField.FLOAT32, FLOAT64
 
 

@@ -1,30 +1,70 @@
 """The logger: everything on the topics, as received, into a rosbag2-layout MCAP folder."""
 
 import copy
+import json
 import sys
+import time
+from importlib import resources
+from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy._rclpy_pybind11 import RCLError
 from rclpy.clock import Clock, ClockType
 from rclpy.qos_overriding_options import QoSOverridingOptions
+from std_srvs.srv import SetBool, Trigger
 
 from . import topics
 from .bag import BagWriter
-from .node import NO_SUBSCRIPTION_EVENTS, Counter, MountNode, Param, run_node
+from .bag_gaps import SequenceGaps
+from .bag_provenance import RECORD, ParameterCollector, as_text
+from .bag_recording import Ring, Selection, adapt_qos, check_patterns, versions
+from .node import NO_SUBSCRIPTION_EVENTS, MountNode, Param, run_node
+from .topics import Topic
 
 #: a frame is rendered only for those who ask
 NOT_BY_DEFAULT = (topics.ABSOLUTE_FRAME.name,)
+#: bytes that may wait for the first /clock before they are written with their sources' times
+BEFORE_CLOCK = 64 * 2**20
+#: s between two looks at the graph for topics and publishers
+DISCOVERY = 0.25
 
 PARAMS = (
     Param('folder', 'telescope_mount_log', 'folder of the log; it must not exist or be empty',
           fixed=True),
     Param('truth_folder', '', 'folder for truth/*; empty: beside the log, with _truth added',
           fixed=True),
-    Param('topics', [''], 'what to record, by the names of the graph; empty: everything',
-          fixed=True),
+    Param('topics', [''], 'what to record, by the names of the graph or full names; empty, and '
+          'no pattern: the whole graph but its frames', fixed=True),
+    Param('patterns', [''], 'regular expressions; a topic whose full name matches one is recorded',
+          check=check_patterns, fixed=True),
+    Param('exclude', [''], 'regular expressions; a topic whose full name matches one is not',
+          check=check_patterns, fixed=True),
+    Param('all', False, 'record every topic there is, whenever it appears', fixed=True),
     Param('compression', 'zstd', 'of the chunks', choices=('zstd', 'lz4', 'none'), fixed=True),
-    Param('flush_period_s', 1.0, 'wall time after which what came is safe on the disk [s]', 0.1,
+    Param('flush_period_s', 0.5, 'wall time after which what came is safe on the disk [s]', 0.05,
           60.0, fixed=True),
+    Param('max_file_mb', 0.0, 'size after which a new file is begun [MB]; 0: never', 0.0, 1e6,
+          fixed=True),
+    Param('max_file_s', 0.0, 'log time after which a new file is begun [s]; 0: never', 0.0, 1e7,
+          fixed=True),
+    Param('snapshot_mb', 0.0, 'keep so much in memory and write it only when ~/snapshot is called '
+          '[MB]; 0: record all', 0.0, 4096.0, fixed=True),
+    Param('provenance', True, 'ask all nodes for their parameters and put them into the log',
+          fixed=True),
 )
+
+
+class _Received:
+    """Messages of a recorded topic, as the diagnostics show them."""
+
+    def __init__(self, latched):
+        self.count = 0
+        self.last = 0
+        self.sequence = SequenceGaps(latched)
+
+    @property
+    def gaps(self):
+        return self.sequence.gaps
 
 
 class McapLogger(MountNode):
@@ -32,101 +72,348 @@ class McapLogger(MountNode):
 
     def __init__(self, **kwargs):
         super().__init__('mcap_logger', PARAMS, hardware_id='log', **kwargs)
+        self._known = {self.resolve_topic_name(topic.name): topic for topic in topics.ALL}
+        self._selection = self._select()
+        self._folder = self.value('folder')
+        self._truth_folder = self.value('truth_folder') or self._folder.rstrip('/') + '_truth'
+        self._error = None
+        self._before_clock, self._before_size = [], 0
+        self._written = 0
+        self._paused = False
+        self._held = {}  # latched messages that came while paused
+        size = self.value('snapshot_mb')
+        self._ring = Ring(round(size * 1e6)) if size else None
+        self._recorded = {}  # full name -> (subscription, counter, bag)
+        self._refused, self._suspect, self._gaps_told = set(), set(), {}
+        self._of_nodes, self._model, self._attached = {}, None, set()
+        self._truth_bag = None
+        self._bag = self._make_bag(self._folder)
+        for name, topic in self._known.items():
+            if name in self._selection:
+                self._record(name, topic.type, topic.qos, [topic.qos])
+        self._collector = ParameterCollector(self, self._take_parameters)
+        if self.value('provenance'):
+            self._take_parameters(self.get_fully_qualified_name(), {
+                name: as_text(self.value(name)) for name in self._params})
+        self._make_services()
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(self.value('flush_period_s'), self._flush, clock=steady)
+        self.create_timer(DISCOVERY, self._discover, clock=steady)
+
+    # --- what is recorded -------------------------------------------------------------------
+
+    def _select(self):
+        by_name = {topic.name: full for full, topic in self._known.items()}
         wanted = [name for name in self.value('topics') if name]
-        by_name = {topic.name: topic for topic in topics.ALL}
-        unknown = [name for name in wanted if name not in by_name]
+        unknown = [n for n in wanted if n not in by_name and not n.startswith('/')]
         if unknown:
             raise ValueError(f'mcap_logger: topics: {unknown[0]} is not a topic of the graph; '
-                             f'it has {", ".join(by_name)}')
-        chosen = [by_name[name] for name in wanted] if wanted else [
-            topic for topic in topics.ALL if topic.name not in NOT_BY_DEFAULT]
-        folder = self.value('folder')
-        truth_folder = self.value('truth_folder') or folder.rstrip('/') + '_truth'
-        self._error = None
-        self._before_clock = []
-        self._written = 0
-        self._bag = BagWriter(folder, compression=self.value('compression'))
-        # truth has a bag of its own, which fit and diagnose refuse
-        truth = [topic for topic in chosen if topic.name.startswith(topics.TRUTH_PREFIX)]
-        self._truth_bag = None
-        if truth:
-            self._truth_bag = BagWriter(truth_folder, compression=self.value('compression'))
-        for topic in chosen:
-            self._record(topic, self._truth_bag if topic in truth else self._bag)
-        self.create_timer(self.value('flush_period_s'), self._flush,
-                          clock=Clock(clock_type=ClockType.STEADY_TIME))
+                             f'it has {", ".join(by_name)}; other topics by their full names')
+        patterns, exclude = ([p for p in self.value(name) if p] for name in ('patterns', 'exclude'))
+        names = [by_name.get(name, name) for name in wanted]
+        # whether topics that nobody knows yet may belong to it
+        self._waits = bool(self.value('all') or patterns or set(names) - set(self._known))
+        if not names and not patterns and not self.value('all'):
+            names = [full for name, full in by_name.items() if name not in NOT_BY_DEFAULT]
+        return Selection(names, patterns, exclude, self.value('all'))
 
-    def _record(self, topic, bag):
-        name = self.resolve_topic_name(topic.name)
-        counter = Counter(topic.latched)
-        bag.add_topic(name, topic.type, [topic.qos])
+    def _make_bag(self, folder):
+        return BagWriter(
+            folder, compression=self.value('compression'), chunk_seconds=self.value(
+                'flush_period_s'), max_bytes=round(self.value('max_file_mb') * 1e6),
+            max_seconds=self.value('max_file_s'), metadata=versions())
+
+    def _bag_for(self, name):
+        # truth has a bag of its own, which fit and diagnose refuse
+        if '/' + topics.TRUTH_PREFIX not in name:
+            return self._bag
+        if self._truth_bag is None:
+            self._truth_bag = self._make_bag(self._truth_folder)
+            for node, values in self._of_nodes.items():
+                self._truth_bag.add_metadata(RECORD + node, values)
+        return self._truth_bag
+
+    def _record(self, name, type_name, qos, offers, counter=None):
+        """Subscribe to a topic; raises what the middleware or the bag have against it."""
+        latched = qos.durability == topics.LATCHED.durability
+        topic = Topic(name, type_name, qos)
+        message = topic.message
+        bag = self._bag_for(name)
+        bag.add_topic(name, type_name, offers)
+        again = counter is not None
+        counter = counter or _Received(latched)
+        keep = name == self.resolve_topic_name(topics.MODEL.name)
+        clock, add = self.get_clock(), counter.sequence.add
 
         def take(data, info):
-            counter.received(info)
-            self._take(bag, name, data, info)
+            number = info['publication_sequence_number']
+            counter.count += 1
+            counter.last = number
+            add(number)
+            if clock.ros_time_is_active:
+                now = clock.now().nanoseconds
+            else:
+                now = info['received_timestamp'] or time.time_ns()
+            if keep:
+                self._model = data
+            self._take((bag, name, data, now, info['source_timestamp'], number), latched)
 
+        options = {} if again or name not in self._known else {
+            'qos_overriding_options': QoSOverridingOptions.with_default_policies()}
         sub = self.create_subscription(
-            topic.message, topic.name, take, copy.copy(topic.qos), raw=True,
-            event_callbacks=NO_SUBSCRIPTION_EVENTS,
-            qos_overriding_options=QoSOverridingOptions.with_default_policies())
-        if topic is not topics.DIAGNOSTICS:  # it never comes to rest, so its count says nothing
-            self.keep_subscription(sub, counter)
+            message, name, take, copy.copy(qos), raw=True,
+            event_callbacks=NO_SUBSCRIPTION_EVENTS, **options)
+        self._recorded[name] = sub, counter, bag
+        if name != topics.DIAGNOSTICS.name:  # it never comes to rest, so its count says nothing
+            self._subscriptions_of[name] = [(sub, counter)]
 
-    def _take(self, bag, name, data, info):
-        now = self.get_clock().now().nanoseconds
-        entry = (bag, name, data, info['source_timestamp'], info['publication_sequence_number'])
-        if now <= 0:
-            # under simulated time nothing has a time of reception before the first /clock
-            self._before_clock.append(entry)
+    def _discover(self):
+        """Topics that have appeared, publishers that are not heard, parameters of new nodes."""
+        if self._waits:
+            for name, types in self.get_topic_names_and_types():
+                if name not in self._recorded and name in self._selection:
+                    self._appeared(name, types)
+        for name, (sub, counter, bag) in list(self._recorded.items()):
+            if sub.get_publisher_count() < self.count_publishers(name):
+                # a match may still be under way: what is seen twice counts
+                if name in self._suspect:
+                    self._adapt(name, sub, counter, bag)
+                self._suspect ^= {name}
+            elif name in self._suspect:
+                self._suspect.discard(name)
+            self._tell_gaps(name, counter)
+        if self.value('provenance') and not self._error:
+            self._collector.step()
+
+    def _appeared(self, name, types):
+        offers = [info.qos_profile for info in self.get_publishers_info_by_topic(name)]
+        if not offers or name in self._refused:
             return
-        for earlier in self._before_clock:
-            self._write(*earlier[:3], now, *earlier[3:])
-        self._before_clock.clear()
-        self._write(*entry[:3], now, *entry[3:])
+        if len(types) > 1:
+            self._refuse(name, f'it has {len(types)} types, {", ".join(types)}')
+            return
+        qos, warnings = adapt_qos(offers)
+        try:
+            self._record(name, types[0], qos, offers)
+        except (ValueError, OSError, ImportError, AttributeError, RCLError) as err:
+            self._refuse(name, str(err).split(', at /')[0])
+            return
+        self._warn(name, warnings)
+
+    def _refuse(self, name, why):
+        self._refused.add(name)
+        self.get_logger().warning(f'{name} is not recorded: {why}')
+
+    def _warn(self, name, warnings):
+        for text in warnings:
+            self.get_logger().warning(f'{name}: {text}')
+
+    def _adapt(self, name, sub, counter, bag):
+        """Subscribe anew where a publisher asks for less than this subscription wants."""
+        infos = self.get_publishers_info_by_topic(name)
+        own = self._known[name].type if name in self._known else None
+        other = {info.topic_type for info in infos} - {own} if own else set()
+        if other:
+            if name not in self._refused:
+                self._refuse(name, f'a publisher sends it as {", ".join(other)}')
+            return
+        offers = [info.qos_profile for info in infos]
+        if not offers:
+            return
+        qos, warnings = adapt_qos(offers)
+        before = self._gaps_told.get(f'qos {name}')
+        if before == (qos.reliability, qos.durability):
+            return
+        self._gaps_told[f'qos {name}'] = qos.reliability, qos.durability
+        type_name = infos[0].topic_type
+        self.destroy_subscription(sub)
+        try:
+            self._record(name, type_name, qos, offers, counter)
+        except (ValueError, OSError, RCLError) as err:
+            del self._recorded[name]
+            self._refuse(name, str(err).split(', at /')[0])
+            return
+        self._warn(name, [f'subscribed anew, {qos.reliability.name.lower()} and '
+                          f'{qos.durability.name.lower()}, as its publishers offer', *warnings])
+
+    def _tell_gaps(self, name, counter):
+        lost = counter.gaps
+        if lost > self._gaps_told.get(name, 0):
+            self.get_logger().warning(
+                f'{name}: {lost} messages lost so far, of {counter.sequence.publishers} publishers')
+        self._gaps_told[name] = lost
+
+    # --- messages ---------------------------------------------------------------------------
+
+    def _take(self, entry, latched):
+        if entry[3] <= 0:
+            # under simulated time nothing has a time of reception before the first /clock
+            self._before_clock.append((entry, latched))
+            self._before_size += len(entry[2])
+            if self._before_size > BEFORE_CLOCK:
+                self.get_logger().warning(
+                    'no /clock: messages are written with the times of their sources')
+                self._write_before(None)
+            return
+        if self._before_clock:
+            self._write_before(entry[3])
+        self._sort(entry, latched)
+
+    def _write_before(self, now):
+        waiting, self._before_clock, self._before_size = self._before_clock, [], 0
+        for (bag, name, data, _, publish_time, sequence), latched in waiting:
+            # where no /clock ever came the source's time is the best there is
+            when = max(0, publish_time) if now is None else now
+            self._sort((bag, name, data, when, publish_time, sequence), latched)
+
+    def _sort(self, entry, latched):
+        """Write, keep for a snapshot, or leave out while paused."""
+        if self._paused:
+            if latched:
+                self._held[entry[1]] = entry
+        elif self._ring is not None:
+            self._ring.add(entry, len(entry[2]) + 100)
+        else:
+            self._write(*entry)
 
     def _write(self, bag, name, data, log_time, publish_time, sequence):
         if self._error:
             return
         try:
-            bag.write(name, data, log_time, max(0, publish_time), sequence or 0)
+            bag.write(name, data, log_time, publish_time if publish_time > 0 else 0, sequence or 0)
             self._written += 1
         except OSError as err:
             self._fail(err)
 
+    def _bags(self):
+        return [bag for bag in (self._bag, self._truth_bag) if bag is not None]
+
     def _flush(self):
-        if self._error:
-            return
+        self._guard(lambda bag: bag.refresh(wait=False))
+
+    def _guard(self, call):
+        """Do something with every bag; False after the disk has refused."""
         try:
-            for bag in (self._bag, self._truth_bag):
-                if bag is not None:
-                    bag.refresh()
+            for bag in self._bags():
+                if self._error:
+                    break
+                call(bag)
         except OSError as err:
             self._fail(err)
+        return not self._error
 
     def _fail(self, err):
         self._error = f'recording stopped: {err}'
         self.get_logger().error(f'{self._error}; what was written before is safe')
 
+    # --- services ---------------------------------------------------------------------------
+
+    def _make_services(self):
+        for name, call in (('pause', self._pause), ('resume', self._resume),
+                           ('is_paused', self._is_paused), ('split_bagfile', self._split),
+                           ('snapshot', self._snapshot)):
+            self.create_service(Trigger, f'~/{name}', self._answer(call))
+        self.create_service(
+            SetBool, '~/set_paused',
+            lambda request, response: self._answer(
+                self._pause if request.data else self._resume)(request, response))
+
+    @staticmethod
+    def _answer(call):
+        def serve(request, response):
+            response.success, response.message = call()
+            return response
+        return serve
+
+    def _pause(self):
+        self._paused = True
+        return True, f'paused after {self._written} messages'
+
+    def _resume(self):
+        self._paused = False
+        held, self._held = self._held, {}
+        for entry in held.values():
+            self._sort(entry, True)
+        return True, f'recording; {len(held)} latched messages that came meanwhile are taken'
+
+    def _is_paused(self):
+        return self._paused, 'paused' if self._paused else 'recording'
+
+    def _split(self):
+        if not self._guard(lambda bag: bag.split()):
+            return False, self._error
+        return True, f'recording goes on in {self._bag.file.name}'
+
+    def _snapshot(self):
+        if self._ring is None:
+            return False, 'not in snapshot mode; start the logger with snapshot_mb above 0'
+        rows = self._ring.take()
+        for row in rows:
+            self._write(*row)
+        if not self._guard(lambda bag: bag.refresh()):
+            return False, self._error
+        return True, f'{len(rows)} messages written'
+
+    # --- provenance -------------------------------------------------------------------------
+
+    def _take_parameters(self, node, values):
+        self._of_nodes[node] = values
+        self._guard(lambda bag: bag.add_metadata(RECORD + node, values))
+        # what a node was given to read belongs to its parameters
+        for key, name, bag in (('model_file', 'reference_model.json', self._bag),
+                               ('scenario', 'scenario.yaml', self._truth_bag)):
+            text = json.loads(values.get(key, '""'))
+            if text and bag is not None and name not in self._attached and not self._error:
+                data = _file_of(text)
+                if data is not None:
+                    self._attached.add(name)
+                    self._guard(lambda other, bag=bag, name=name, data=data: (
+                        other.add_attachment(name, 'application/octet-stream', data)
+                        if other is bag else None))
+
     def problems(self):
-        """A disk that refused."""
-        return [(DiagnosticStatus.ERROR, self._error)] if self._error else []
+        """A disk that refused, topics that cannot be had."""
+        out = [(DiagnosticStatus.ERROR, self._error)] if self._error else []
+        return out + [(DiagnosticStatus.WARN, f'{name} is not recorded')
+                      for name in sorted(self._refused)]
 
     def details(self):
-        """Where the log is."""
-        return [('folder', str(self._bag.folder)), ('messages written', str(self._written))]
+        """Where the log is, and what was lost of whom."""
+        state = 'stopped' if self._error else 'paused' if self._paused else (
+            'snapshot' if self._ring is not None else 'recording')
+        rows = [('folder', str(self._bag.folder)), ('file', self._bag.file.name),
+                ('messages written', str(self._written)), ('state', state)]
+        return rows + [
+            (f'lost {name}', f'{counter.gaps} of {counter.sequence.publishers} publishers')
+            for name, (_, counter, _) in self._recorded.items() if counter.gaps]
 
     def finish(self):
         """Write index and metadata; needs no ROS."""
-        for bag, name, data, publish_time, sequence in self._before_clock:
-            # no /clock ever came: the source's time is the best there is
-            self._write(bag, name, data, max(0, publish_time), publish_time, sequence)
-        for bag in (self._bag, self._truth_bag):
-            if bag is None:
-                continue
+        self._write_before(None)
+        if self._model is not None and not self._error:
+            size = int.from_bytes(self._model[4:8], 'little')
+            try:
+                self._bag.add_attachment(
+                    'model.json', 'application/json', self._model[8:7 + size])
+            except OSError as err:
+                self._error = str(err)
+        for bag in self._bags():
             try:
                 bag.close()
             except OSError as err:
                 print(f'error: {bag.folder}: {err}', file=sys.stderr)
+
+
+def _file_of(text):
+    """Bytes of a file that a parameter names, or of a scenario that comes with the simulator."""
+    path = Path(text)
+    try:
+        if path.is_file():
+            return path.read_bytes()
+        path = resources.files('encoder_sim') / 'scenarios' / f'{Path(text).name}.yaml'
+        return path.read_bytes() if path.is_file() else None
+    except (OSError, ModuleNotFoundError):
+        return None
 
 
 def main(args=None):

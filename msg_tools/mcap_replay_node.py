@@ -1,31 +1,68 @@
 """The replay: publishes a log again, byte for byte, in its order."""
 
+import re
 import sys
 import time
 
 import rclpy
 from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock as ClockMessage
+from std_srvs.srv import Trigger
 
 from . import topics
-from .bag import BagReader
-from .node import MountNode, Param, run_node
+from .bag_recording import check_patterns
+from .bag_sqlite import open_bag
+from .convert import to_stamp
+from .node import NO_SUBSCRIPTION_EVENTS, MountNode, Param, run_node
+from .readiness import parse
 from .topics import Topic
 
 #: what a replay makes anew: the clock, and what the nodes under test compute from the rest
 NOT_BY_DEFAULT = (
     topics.CLOCK, topics.DIAGNOSTICS, topics.ZERO, topics.MODEL, topics.CALIBRATION_REPORT,
-    topics.CALIBRATION_STATUS, topics.OBSERVER_STATUS, topics.DEMAND, topics.DEMAND_SIGMA,
+    topics.DIAGNOSIS, topics.CHECKS, topics.CALIBRATION_STATUS, topics.OBSERVER_STATUS,
+    topics.DEMAND, topics.DEMAND_SIGMA,
 )
 #: messages after which a replay as fast as possible waits for the subscribers
 BATCH = 500
+#: s before a message is due from when on the replay waits for it and does nothing else
+NEAR = 0.0012
+#: s after which subscribers that have sent no diagnostics are taken for foreign ones: they get no
+#: more than what DDS has acknowledged, and lose messages if their queue is shorter than the batch
+FOREIGN = 1.5
+#: s between two looks at services and parameters while nothing is due
+IDLE = 0.02
+
+
+def _check_remaps(values):
+    for value in values:
+        old, mark, new = value.partition(':=')
+        if value and not (mark and old.startswith('/') and re.fullmatch(r'(/[A-Za-z]\w*)+', new)):
+            raise ValueError(f'{value!r}: write /old/name:=/new/name')
+
 
 PARAMS = (
-    Param('bag', '', 'the log: a folder or an .mcap file', fixed=True),
+    Param('bag', '', 'the log: a folder, an .mcap or a .db3 file', fixed=True),
     Param('topics', [''], 'full names of the topics to publish; empty: all but the clock and '
           'what the graph computes', fixed=True),
+    Param('exclude', [''], 'regular expressions; a topic whose full name matches one is left out',
+          check=check_patterns, fixed=True),
+    Param('remaps', [''], 'new names of topics, as /old/name:=/new/name', check=_check_remaps,
+          fixed=True),
     Param('rate', 1.0, 'recorded seconds a second; 0: as fast as the subscribers take it', 0.0,
-          1000.0, fixed=True),
+          1000.0),
+    Param('start_offset_s', 0.0, 'recorded time to leave out at the start [s]', 0.0, 1e9,
+          fixed=True),
+    Param('duration_s', 0.0, 'recorded time to play [s]; 0: to the end', 0.0, 1e9, fixed=True),
+    Param('loop', False, 'begin again at the end'),
+    Param('start_paused', False, 'wait for ~/resume or ~/play_next', fixed=True),
+    Param('seek_s', 0.0, 'recorded time since the start to go on at [s]; setting it, or ~/seek, '
+          'goes there', 0.0, 1e9),
+    Param('burst_count', 10, 'messages that ~/burst publishes at once', 1, 1_000_000),
+    Param('clock_hz', 0.0, 'publish /clock so often in recorded time [Hz]; 0: with every message',
+          0.0, 10000.0, fixed=True),
     Param('wait_for_topics', [''], 'full names of topics that need a subscriber before the replay '
           'starts', fixed=True),
     Param('exit_at_end', True, 'end the node when the log has been published', fixed=True),
@@ -40,44 +77,71 @@ class McapReplay(MountNode):
         if not self.value('bag'):
             raise ValueError('mcap_replay: parameter bag is empty; give a log with '
                              '-p bag:=FOLDER')
-        self._reader = BagReader(self.value('bag'))
+        self._reader = open_bag(self.value('bag'))
         for problem in self._reader.problems:
             self.get_logger().warning(f'{self.value("bag")}: {problem}')
         chosen = self._choose()
-        self._rate = self.value('rate')
-        self._replayed = {topic.name: self._publisher(topic) for topic in chosen}
+        self._begin = (self._reader.start_time or 0) + round(self.value('start_offset_s') * 1e9)
+        duration = round(self.value('duration_s') * 1e9)
+        self._stop = self._begin + duration if duration else 2**63 - 1
+        remaps = dict(r.split(':=') for r in self.value('remaps') if r)
+        self._replayed = {topic.name: self._publisher(topic, remaps.get(topic.name, topic.name))
+                          for topic in chosen}
+        self._latched = [topic.name for topic in chosen if _is_latched(topic)]
+        # so many may be under way: a subscriber's queue is as deep as its publisher's here
+        self._most = {topic.name: _depth(topic) // 2 for topic in chosen
+                      if not _is_latched(topic)}
+        self._under_way = dict.fromkeys(self._most, 0)
         self._clock_pub = self.publisher(topics.CLOCK)
-        self._messages = self._reader.messages(topics=[topic.name for topic in chosen])
-        self._next = None
-        self._sent = 0
-        self._began = None
+        self._clock_step = round(1e9 / self.value('clock_hz')) if self.value('clock_hz') else 0
+        self._reports = {}
+        self.create_subscription(topics.DIAGNOSTICS.message, topics.DIAGNOSTICS.name,
+                                 self._on_diagnostics, topics.DIAGNOSTICS.qos,
+                                 event_callbacks=NO_SUBSCRIPTION_EVENTS)
+        self._sent = self._loops = 0
+        self._paused = self.value('start_paused')
         self._state = 'waiting'
+        self._go_to(self._begin)
+        self._make_services()
         self._timer = self.create_timer(
-            0.02, self._wait, clock=Clock(clock_type=ClockType.STEADY_TIME))
+            IDLE, self._wait, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    # --- topics -----------------------------------------------------------------------------
 
     def _choose(self):
-        there = {topic.name: topic for topic in self._reader.topics}
+        there = {topic.name: topic for topic in self._reader.topics if topic.type}
         wanted = [name for name in self.value('topics') if name]
         missing = [name for name in wanted if name not in there]
         if missing:
             raise ValueError(f'mcap_replay: {missing[0]} is not in {self.value("bag")}; it has '
                              f'{", ".join(there)}')
-        if wanted:
-            return [there[name] for name in wanted]
         left_out = {self.resolve_topic_name(topic.name) for topic in NOT_BY_DEFAULT}
-        return [topic for name, topic in there.items() if name not in left_out]
+        exclude = [re.compile(pattern) for pattern in self.value('exclude') if pattern]
+        names = wanted or [name for name in there if name not in left_out]
+        chosen = [there[n] for n in names if not any(e.fullmatch(n) for e in exclude)]
+        return [topic for topic in chosen if self._installed(topic, topic.name in wanted)]
 
-    def _publisher(self, recorded):
+    def _installed(self, topic, asked_for):
+        try:
+            return Topic(topic.name, topic.type, None).message is not None
+        except (ImportError, AttributeError, ValueError):
+            text = f'{topic.name}: {topic.type} is not installed'
+            if asked_for:
+                raise ValueError(f'mcap_replay: {text}') from None
+            self.get_logger().warning(f'{text}; not replayed')
+            return False
+
+    def _publisher(self, recorded, name):
         qos = recorded.qos[0] if recorded.qos else {}
         profile = QoSProfile(
-            history=HistoryPolicy.KEEP_LAST, depth=max(int(qos.get('depth', 10)), 2 * BATCH),
+            history=HistoryPolicy.KEEP_LAST,
+            depth=_depth(recorded) if _is_latched(recorded) else max(_depth(recorded), 2 * BATCH),
             reliability=(ReliabilityPolicy.BEST_EFFORT
                          if qos.get('reliability') == 'best_effort'
                          else ReliabilityPolicy.RELIABLE),
-            durability=(DurabilityPolicy.TRANSIENT_LOCAL
-                        if qos.get('durability') == 'transient_local'
+            durability=(DurabilityPolicy.TRANSIENT_LOCAL if _is_latched(recorded)
                         else DurabilityPolicy.VOLATILE))
-        return self.publisher(Topic(recorded.name, recorded.type, profile))
+        return self.publisher(Topic(name, recorded.type, profile))
 
     def waiting_for(self):
         """Subscribers without whom the replay does not start."""
@@ -87,49 +151,165 @@ class McapReplay(MountNode):
                 and (name not in self._replayed
                      or self._replayed[name].get_subscription_count() == 0)]
 
+    # --- time -------------------------------------------------------------------------------
+
+    def _go_to(self, ns):
+        """Go on with the first message at or after `ns`; with what is latched there."""
+        self._messages = self._reader.messages(
+            topics=list(self._replayed), start=ns, end=self._stop)
+        self._next = None
+        self._earlier = self._reader.last_before(self._latched, ns) if self._latched else []
+        self._clock_told = None
+        self._position = ns
+        self._anchor(ns)
+
+    def _anchor(self, ns):
+        """Recorded time `ns` is now."""
+        self._anchored = time.monotonic(), ns
+
+    def _now(self):
+        """Recorded time that has come by the rate."""
+        wall, ns = self._anchored
+        return ns + int((time.monotonic() - wall) * self.value('rate') * 1e9)
+
+    def parameters_changed(self, names):
+        """A new rate counts from now on; a new place is gone to."""
+        if 'rate' in names and self._state == 'playing':
+            self._anchor(self._position)
+        if 'seek_s' in names:
+            self._seek()
+
+    def _seek(self):
+        self._go_to((self._reader.start_time or 0) + round(self.value('seek_s') * 1e9))
+        if self._state == 'done':
+            self._resume_playing()
+        return True, f'at {self.value("seek_s"):g} s'
+
+    # --- playing ----------------------------------------------------------------------------
+
     def _wait(self):
-        if self.waiting_for():
-            return
+        if not self.waiting_for():
+            self._resume_playing()
+
+    def _resume_playing(self):
         self._state = 'playing'
         self._timer.cancel()
-        self._began = time.monotonic()
-        period = 0.0 if self._rate == 0.0 else 0.001
+        self.destroy_timer(self._timer)
+        self._anchor(self._position)
+        self._since = time.monotonic()
         self._timer = self.create_timer(
-            period, self._play, clock=Clock(clock_type=ClockType.STEADY_TIME))
+            0.001, self._play, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _play(self):
+        rate = self.value('rate')
+        if self._paused:
+            self._anchor(self._position)
+            self._sleep(IDLE)
+            return
         for _ in range(BATCH):
-            if self._next is None:
+            message = self._peek()
+            if message is None:
+                self._at_end()
+                return
+            if rate > 0.0:
+                wall, ns = self._anchored
+                left = wall + (message.log_time - ns) * 1e-9 / rate - time.monotonic()
+                if left > NEAR:
+                    self._tick(self._now())
+                    if self._clock_step:
+                        left = min(left, NEAR + self._clock_step * 1e-9 / rate)
+                    self._sleep(left - NEAR)
+                    return
+                if left > 0.0:
+                    time.sleep(left)
+            elif not self._taken(message.topic):
+                self._sleep(0.001)
+                return
+            self._publish(message)
+        self._sleep(0.0)
+
+    def _sleep(self, seconds):
+        """Look again after so many seconds at the latest."""
+        period = int(min(max(seconds, 1e-5), IDLE) * 1e9)
+        if self._timer.timer_period_ns != period:
+            self._timer.timer_period_ns = period
+        self._timer.reset()
+
+    def _peek(self):
+        """The next message, or None at the end."""
+        if self._next is None:
+            if self._earlier:
+                # sent before, but in force: it comes now
+                self._next = self._earlier.pop(0)._replace(log_time=self._anchored[1])
+            else:
                 self._next = next(self._messages, None)
-                if self._next is None:
-                    self._end()
-                    return
-            message = self._next
-            if self._rate > 0.0:
-                due = (message.log_time - self._reader.start_time) * 1e-9 / self._rate
-                if due > time.monotonic() - self._began:
-                    return
-            self._set_clock(message.log_time)
-            self._replayed[message.topic].publish(message.data)
-            self._sent += 1
-            self._next = None
-        if self._rate == 0.0:
-            self._all_acknowledged()
+        return self._next
 
-    def _all_acknowledged(self):
-        from rclpy.duration import Duration
-        for pub in self._replayed.values():
-            pub.wait_for_all_acked(Duration(seconds=30))
+    def _publish(self, message):
+        self._tick(message.log_time, always=not self._clock_step)
+        self._replayed[message.topic].publish(message.data)
+        if message.topic in self._under_way:
+            self._under_way[message.topic] += 1
+        self._position = message.log_time
+        self._sent += 1
+        self._next = None
 
-    def _set_clock(self, ns):
-        from rosgraph_msgs.msg import Clock as ClockMessage
+    def _tick(self, ns, always=False):
+        """Publish /clock if it is time to."""
+        if always:
+            due = True
+        else:
+            due = self._clock_step and (
+                self._clock_told is None or ns - self._clock_told >= self._clock_step)
+        if due:
+            self._clock_told = ns
+            self._clock_pub.publish(ClockMessage(clock=to_stamp(ns)))
 
-        from .convert import to_stamp
-        self._clock_pub.publish(ClockMessage(clock=to_stamp(ns)))
+    # --- back-pressure ----------------------------------------------------------------------
+
+    def _on_diagnostics(self, message):
+        for status in message.status:
+            if status.name != self.get_fully_qualified_name():
+                self._reports[status.name] = parse(status)
+
+    def _taken(self, topic):
+        """Whether another message on `topic` finds room in every subscriber's queue."""
+        if sum(self._under_way.values()) < BATCH and (
+                self._under_way.get(topic, 0) < max(1, self._most.get(topic, BATCH))):
+            return True
+        for name, count in self._under_way.items():
+            if count and not self._has_all(name):
+                return False
+        self._under_way = dict.fromkeys(self._under_way, 0)
+        return True
+
+    def _has_all(self, name):
+        """Acknowledged, which DDS does for what is queued, and taken by the nodes that tell."""
+        pub = self._replayed[name]
+        if not pub.wait_for_all_acked(Duration(seconds=0.05)):
+            return False
+        topic, (_, counter) = pub.topic_name, self._publishers_of[pub.topic_name]
+        last = [report['last'][topic] for report in self._reports.values()
+                if topic in report['last']]
+        if len(last) < pub.get_subscription_count() and (
+                time.monotonic() - self._since < FOREIGN):
+            return False  # who they are is not known yet
+        return all(number >= counter.count for number in last)
+
+    # --- the end ----------------------------------------------------------------------------
+
+    def _at_end(self):
+        if self.value('loop') and self._sent:
+            self._loops += 1
+            self._go_to(self._begin)
+            self._sleep(0.0)
+            return
+        self._end()
 
     def _end(self):
         self._timer.cancel()
-        self._all_acknowledged()
+        for pub in self._replayed.values():
+            pub.wait_for_all_acked(Duration(seconds=30))
         self._state = 'done'
         self.get_logger().info(f'{self._sent} messages published')
         for problem in self._reader.problems:
@@ -138,10 +318,60 @@ class McapReplay(MountNode):
         if self.value('exit_at_end'):
             rclpy.try_shutdown(context=self.context)
 
+    # --- services ---------------------------------------------------------------------------
+
+    def _make_services(self):
+        for name, call in (
+                ('pause', lambda: self._set_paused(True)),
+                ('resume', lambda: self._set_paused(False)),
+                ('toggle_paused', lambda: self._set_paused(not self._paused)),
+                ('is_paused', lambda: (self._paused, 'paused' if self._paused else self._state)),
+                ('get_rate', lambda: (True, repr(self.value('rate')))),
+                ('play_next', lambda: self._play_some(1)),
+                ('burst', lambda: self._play_some(self.value('burst_count'))),
+                ('seek', self._seek), ('stop', self._on_stop)):
+            def serve(request, response, call=call):
+                response.success, response.message = call()
+                return response
+            self.create_service(Trigger, f'~/{name}', serve)
+
+    def _set_paused(self, paused):
+        if self._state == 'playing' and not paused and self._paused:
+            self._anchor(self._position)
+            self._sleep(0.0)
+        self._paused = paused
+        return True, 'paused' if paused else self._state
+
+    def _play_some(self, count):
+        if not self._paused or self._state != 'playing':
+            return False, f'only while paused (~/pause); the replay is {self._state}'
+        for number in range(count):
+            message = self._peek()
+            if message is None:
+                return number > 0, f'{number} messages published; the log ends here'
+            self._publish(message)
+        return True, f'{count} messages published'
+
+    def _on_stop(self):
+        if self._state == 'done':
+            return False, 'the replay is done'
+        self._end()
+        return True, f'stopped after {self._sent} messages'
+
     def details(self):
         """How far the replay is."""
         return [('state', self._state), ('messages published', str(self._sent)),
-                ('messages in the log', str(self._reader.message_count))]
+                ('messages in the log', str(self._reader.message_count)),
+                ('paused', str(self._paused)), ('times from the start again', str(self._loops))]
+
+
+def _is_latched(topic):
+    return bool(topic.qos) and topic.qos[0].get('durability') == 'transient_local'
+
+
+def _depth(topic):
+    qos = topic.qos[0] if topic.qos else {}
+    return min(max(int(qos.get('depth', 10)), 1), 100_000)
 
 
 def main(args=None):

@@ -9,9 +9,11 @@ VERBS = {
     'stars': 'exposures',
     'polaris': 'exposures',
     'satellite': 'exposures',
+    'check': 'exposures',
     'wait': 'hours',
     'calibrate_zero': '',
     'fit': '',
+    'diagnose': '',
 }
 
 
@@ -37,8 +39,9 @@ def parse_plan(text):
     Parameters
     ----------
     text : str
-        Steps separated by commas; `stars`, `polaris` and `satellite` take the number of
-        exposures, `wait` the hours from the begin of the night (or the last `wait`) on.
+        Steps separated by commas; `stars`, `polaris`, `satellite` and `check` (fresh stars
+        pointed at blind, to judge by) take the number of exposures, `wait` the hours from the
+        begin of the night (or the last `wait`) on.
 
     Returns
     -------

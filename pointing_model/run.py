@@ -31,6 +31,7 @@ COLUMNS = {
     'pressure': ('pressure_hpa', 1.0, 'air pressure, hPa'),
     'magnitude': ('magnitude', 1.0, 'magnitude of the star'),
     'block': ('block', 1.0, 'step of the observing plan that took the row'),
+    'check': ('check', 1.0, '1: a fresh star to judge by, kept out of every fit and choice'),
 }
 
 REQUIRED = ('az', 'el', 'az_enc', 'el_enc')

@@ -3,18 +3,22 @@
 import sys
 import time
 from collections import deque
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.clock import Clock, ClockType
+from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from msg_tools import convert, topics
 from msg_tools.node import NO_SUBSCRIPTION_EVENTS, MountNode, Param, run_node
 from msg_tools.readiness import parse, unmatched
 
+from . import blind_check
 from .catalogue import POLARIS_HIP, load_catalogue
+from .drivers import Thermometer, demand_angles, pointing_context
 from .earth import earth_orientation
 from .model import PointingModel
 from .pairing import centred, interpolate
@@ -82,6 +86,9 @@ class StarObserver(MountNode):
         self._carried = np.zeros(2)
         self._zero_stamp = 0
         self._model_stamp = 0
+        self._models = 0
+        self._thermometer = Thermometer()
+        self._checks = []
         self._catalogue = None
         self._polaris = None
         self._earliest = self._evening = 0
@@ -98,7 +105,7 @@ class StarObserver(MountNode):
         self._reports = {}
         self._calibrated = 0
         self._last_stamp = 0
-        self._commanded = 0
+        self._commanded = self._exposed = 0
         self._state = ('waiting', 'the start')
         self._progress = {'step': '', 'block': 0, 'done': 0, 'total': 0}
         self._lost = 0
@@ -111,6 +118,10 @@ class StarObserver(MountNode):
         self._observations_pub = self.publisher(topics.OBSERVATIONS)
         self._offset_pub = self.publisher(topics.OFFSET)
         self._status_pub = self.publisher(topics.OBSERVER_STATUS)
+        self._checks_pub = self.publisher(topics.CHECKS)
+        # before the camera's: of what waits to be taken, the thermometer comes first, so that an
+        # exposure is always corrected with the same reading
+        self.subscribe(topics.AMBIENT, self._on_temperature)
         self.subscribe(topics.INCREMENTAL, self._on_incremental)
         self.subscribe(topics.ABSOLUTE, self._on_absolute)
         self.subscribe(topics.MISS_DISTANCE, self._on_miss)
@@ -122,7 +133,8 @@ class StarObserver(MountNode):
                                      self._on_diagnostics, topics.DIAGNOSTICS.qos,
                                      event_callbacks=NO_SUBSCRIPTION_EVENTS)
         self._asked = {verb: self.create_client(Trigger, verb)
-                          for verb in ('home', 'power_cycle', 'calibrate_zero', 'fit')}
+                          for verb in ('home', 'power_cycle', 'calibrate_zero', 'fit',
+                                       'diagnose')}
         self.create_service(Trigger, 'observe', self._on_observe)
         self.create_service(Trigger, 'zero_on_polaris', self._on_zero_on_polaris)
         self._work = None
@@ -178,6 +190,9 @@ class StarObserver(MountNode):
             (convert.from_stamp(message.header.stamp), message.vector.x, message.vector.y))
         self._hears('camera')
 
+    def _on_temperature(self, message):
+        self._thermometer.take(*convert.read_temperature(message))
+
     def _on_zero(self, message):
         stamp, zero = convert.read_joints(message)[:2]
         if not np.isfinite(zero).all():
@@ -191,6 +206,7 @@ class StarObserver(MountNode):
         self._carried = np.zeros(2)
         stamp = self._model.provenance.get('last_stamp_ns')
         self._model_stamp = stamp if isinstance(stamp, int) else 0
+        self._models += 1
         self._advance()
 
     def _on_calibration(self, message):
@@ -265,6 +281,7 @@ class StarObserver(MountNode):
         self._earth = orientation.statement()
         self.get_logger().info(self._earth)
         self._evening = self.get_clock().now().nanoseconds
+        self._exposed = self._evening + 1
         steps = parse_plan(plan)
         if any(step.verb == 'satellite' for step in steps) and not self.value('satellite'):
             raise PlanError('the plan has a step satellite: set the parameter satellite')
@@ -279,6 +296,24 @@ class StarObserver(MountNode):
 
     def _do_stars(self, block, count):
         yield from self._need_home()  # the choice begins at where the mount stands
+        for target in self._fresh_stars(block, count):
+            yield from self._observe(target, block)
+            self._progress['done'] += 1
+
+    def _do_check(self, block, count):
+        """Point at fresh stars blind: the miss distance is the pointing error."""
+        yield from self._need_home()
+        first, lost = len(self._rows), self._lost
+        for target in self._fresh_stars(block, count):
+            yield from self._observe(target, block, blind=True)
+            self._progress['done'] += 1
+        self._checks.append({'block': block, **blind_check.summary(
+            [[row['miss_x'], row['miss_y']] for row in self._rows[first:]], self._lost - lost,
+            self._model)})
+        self._checks_pub.publish(String(data=blind_check.document(self._checks)))
+
+    def _fresh_stars(self, block, count):
+        """Targets all over the sky that were not observed tonight, in observing order."""
         if self._catalogue is None:
             # two magnitudes deeper, so that neighbours which would disturb are known
             self._catalogue = load_catalogue(mag_limit=self.value('magnitude_limit') + 2.0)
@@ -289,9 +324,7 @@ class StarObserver(MountNode):
             self.value('max_elevation_deg') * DEG, self.value('magnitude_limit'),
             exclude=[*observed, POLARIS_HIP], duration=count * SECONDS_A_STAR,
             start=self._last_reading[1])
-        for row in rows:
-            yield from self._observe(StarTarget(self._catalogue.select([row])), block)
-            self._progress['done'] += 1
+        return [StarTarget(self._catalogue.select([row])) for row in rows]
 
     def _do_polaris(self, block, count):
         self._check_polaris()
@@ -357,10 +390,28 @@ class StarObserver(MountNode):
         yield from self._until(lambda: self._zero_stamp >= newest, 'the new zero')
 
     def _do_fit(self, block, count):
+        yield from self._new_model('fit')
+
+    def _do_diagnose(self, block, count):
+        yield from self._new_model('diagnose')
+
+    def _new_model(self, verb):
         yield from self._calibration_has_all()
-        yield from self._call('fit')
+        before = self._models
+        yield from self._call(verb)
         newest = self._rows[-1]['stamp'] if self._rows else 0
-        yield from self._until(lambda: self._model_stamp >= newest, 'the new model')
+        yield from self._until(
+            lambda: self._models > before and self._model_stamp >= newest, 'the new model')
+        # they come on two topics, and one without the other points elsewhere
+        yield from self._until(self._zero_of_model, 'the zero of the new model')
+
+    def _zero_of_model(self):
+        """Whether the zero in force is the one that the model tells of, if it tells."""
+        told = self._model.provenance.get('zeros_in_force')
+        if not isinstance(told, list) or not told:
+            return True
+        wanted = np.array([told[-1]['az_arcsec'], told[-1]['el_arcsec']]) * ARCSEC
+        return bool(np.all(np.abs(self._zero - wanted) < 1e-6 * ARCSEC))
 
     def _need_home(self):
         if not self._homed and self._homes:
@@ -392,9 +443,12 @@ class StarObserver(MountNode):
 
     # --- one star -----------------------------------------------------------------------------
 
-    def _observe(self, target, block):
-        """Point at `target`, centre it where it is far off, and publish the row."""
-        aim = self._carried
+    def _observe(self, target, block, blind=False):
+        """Point at `target`, centre it where it is far off, and publish the row.
+
+        `blind`: with model and zero alone, and the first exposure counts.
+        """
+        aim = np.zeros(2) if blind else self._carried
         self._approach = None
         seen = blank = 0
         while True:
@@ -412,6 +466,8 @@ class StarObserver(MountNode):
                 return
             reading, rate = self._at('enc', stamp)
             enc = np.array(centred(*reading, *miss))
+            if blind:
+                break
             demand = self._demand(target, np.array([stamp]), aim)[0]
             aim = aim + np.array([wrap(enc[0] - demand[0]), enc[1] - demand[1]])
             # only for pointing: the next star lies nearer to where this one was found
@@ -423,15 +479,16 @@ class StarObserver(MountNode):
             second = np.array(centred(*self._at('abs', stamp)[0], *miss))
         except ValueError:
             second = np.full(2, np.nan)
+        air = self._air()
         az, el = (float(v[0]) for v in
-                  target.place(np.array([stamp * 1e-9]), self._site, self._weather))
+                  target.place(np.array([stamp * 1e-9]), self._site, air))
         row = {
             'stamp': stamp, 'time': stamp * 1e-9, 'run': self._run, 'block': block,
-            'star': target.number, 'az': az, 'el': el,
+            'check': float(blind), 'star': target.number, 'az': az, 'el': el,
             'az_enc': enc[0], 'el_enc': enc[1], 'az_abs': second[0], 'el_abs': second[1],
             'miss_x': miss[0], 'miss_y': miss[1], 'az_rate': rate[0], 'el_rate': rate[1],
             'approach_az': self._approach[0], 'approach_el': self._approach[1],
-            'temperature': self.value('temperature_c'), 'pressure': self.value('pressure_hpa'),
+            'temperature': air.temperature_c, 'pressure': air.pressure_hpa,
             'magnitude': target.magnitude,
         }
         self._rows.append(row)
@@ -450,6 +507,7 @@ class StarObserver(MountNode):
         # long enough for half a turn, the settling and the exposure
         span = 60.0 + 200.0 / self.value('slew_rate_deg_s')
         times = np.arange(0.0, span + KNOT, KNOT)
+        self._commanded = start
         track = demand(start + (times * 1e9).astype(np.int64))
         here = np.array(self._last_reading[1])
         move = np.array([wrap(track[0, 0] - here[0]), track[0, 1] - here[1]])
@@ -462,7 +520,6 @@ class StarObserver(MountNode):
             readings.clear()
         self._frames.clear()
         self._target = (start, times, track)
-        self._commanded = start
         self._command_pub.publish(convert.trajectory(start, times, track, rates))
         now = time.monotonic()
         asked = dict.fromkeys(
@@ -487,6 +544,7 @@ class StarObserver(MountNode):
                             'the mount to come on target')
             return None
         self._set_state('observing', self._progress['step'])
+        self._exposed = found[0][0]
         return found[0]
 
     def _good_frames(self):
@@ -519,10 +577,29 @@ class StarObserver(MountNode):
 
     def _demand(self, target, stamps, aim):
         """Encoder demands for `target` at each stamp, shape (n, 2), rad."""
-        az, el = target.place(stamps * 1e-9, self._site, self._weather)
+        az, el = target.place(stamps * 1e-9, self._site, self._air())
         if self._model is not None:
-            az, el = self._model.sky_to_encoder(az, el)
+            known = self._drivers(target, stamps, az, el)
+            az, el = demand_angles(self._model, az, el, known, self._zero)
         return np.column_stack([az, el]) + self._zero + aim
+
+    def _air(self):
+        """Weather with what the thermometer read before the last exposure."""
+        celsius = self._thermometer.before(self._exposed, self.value('temperature_c'))
+        return replace(self._weather, temperature_c=celsius)
+
+    def _drivers(self, target, stamps, az, el):
+        """What the effects of the model may ask for, None if it has none."""
+        if not self._model.effects:
+            return None
+        air = self._air()
+        row = self._rows[-1] if self._rows and self._rows[-1]['run'] == self._run else None
+        known = {'temperature': air.temperature_c, 'pressure': air.pressure_hpa,
+                 'magnitude': target.magnitude, 'star': np.array(target.number),
+                 'run': self._run}
+        return pointing_context(
+            self._model, stamps, az, el, known, zero=self._zero, here=self._last_reading[1],
+            approach=self._approach, row=row, site=self._site)
 
     def _now(self):
         """Time of the next command: never before the last reading, whatever /clock lags."""

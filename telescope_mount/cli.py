@@ -96,6 +96,8 @@ def _parser():
                             help='ROS domain (default: a free one)')
     experiment.set_defaults(run=_experiment)
 
+    _add_close_the_loop(commands)
+
     fit = commands.add_parser(
         'fit', help='fit pointing terms to a measured run',
         description='Read a pointing run (CSV, TPOINT, or a log of ours) and print the terms and '
@@ -120,14 +122,24 @@ def _parser():
     diagnose.set_defaults(run=_diagnose)
 
     export = commands.add_parser(
-        'export', help='write the observations of a log as CSV',
+        'export', help='write the observations of a log, or any topic, as CSV or Parquet',
         description='Write a pointing run (a log of ours, or any file that fit reads) as a CSV '
-        'that fit reads again.')
+        'that fit reads again; or with --topics the messages of a log, a table a topic.')
     export.add_argument('file', type=Path, metavar='RUN')
-    export.add_argument('out', type=Path, metavar='CSV')
+    export.add_argument('out', type=Path, metavar='OUT',
+                        help='file, .csv or .parquet; with --topics a folder')
+    export.add_argument('--topics', metavar='NAMES',
+                        help='comma-separated topics of a log, by full name or its end')
+    export.add_argument('--format', choices=('csv', 'parquet'), default='csv',
+                        help='of the tables of --topics (default: csv)')
+    export.add_argument('--start', metavar='TIME',
+                        help='seconds since the first row or message, or UTC in ISO 8601')
+    export.add_argument('--end', metavar='TIME', help='likewise; the end is left out')
     export.add_argument('--azimuth-origin', choices=('N', 'S'),
                         help='where azimuth 0 is in a TPOINT file')
     export.set_defaults(run=_export)
+
+    _log_commands(commands)
 
     replay = commands.add_parser(
         'replay', help='replay a log into a fresh calibration',
@@ -157,6 +169,78 @@ def _parser():
                       help='pixels a bar (default: 48)')
     test.set_defaults(run=_encoder_test)
     return parser
+
+
+def _add_close_the_loop(commands):
+    loop = commands.add_parser(
+        'close-the-loop', help='find what the model lacks, add it, and prove the gain',
+        description='Observe a simulated night with an effect that only the simulator knows (or '
+        'take a measured run), fit, diagnose the residual, add what is found to the model, and '
+        'point at fresh stars with it: the miss distance before and after.')
+    what = loop.add_mutually_exclusive_group(required=True)
+    what.add_argument('--scenario', help='what is wrong with the simulated mount: a name (loop_*), '
+                      'a YAML file, or "all" for every loop_* of the package')
+    what.add_argument('--run', dest='measured', type=Path, metavar='FILE',
+                      help='a measured run instead: CSV, TPOINT, MMT, IRAM, or a log; judged on '
+                      'rows that were kept out')
+    loop.add_argument('--out', type=Path, default=Path('loop'), metavar='DIR',
+                      help='folder for log, model, reports and page (default: loop)')
+    loop.add_argument('--seed', type=_whole(0, 2**31 - 1), default=1,
+                      help='of every random number (default: 1)')
+    loop.add_argument('--stars', type=_whole(12, 5000), default=90,
+                      help='that fit and diagnosis see (default: 90)')
+    loop.add_argument('--polaris', type=_whole(2, 5000), default=16,
+                      help='exposures of Polaris for the zero (default: 16)')
+    loop.add_argument('--check', type=_whole(2, 5000), default=30,
+                      help='fresh stars pointed at blind, before and after (default: 30)')
+    loop.add_argument('--check-every', type=_whole(2, 1000), default=4, metavar='N',
+                      help='of a measured run one row in N is kept out (default: 4)')
+    loop.add_argument('--alpha', type=_real(1e-6, 0.5, ''), default=0.01,
+                      help='chance that a clean night gets any effect (default: 0.01)')
+    loop.add_argument('--date', default='', metavar='UTC',
+                      help='begin of the night, ISO 8601 (default: 2026-01-15T13:00:00)')
+    loop.add_argument('--latitude', type=_real(-90.0, 90.0, 'degrees'), metavar='DEG',
+                      help='of the site; a measured run whose file does not tell it gets what '
+                      'follows the stars only with both')
+    loop.add_argument('--longitude', type=_real(-180.0, 360.0, 'degrees'), metavar='DEG')
+    loop.add_argument('--azimuth-origin', choices=('N', 'S'),
+                      help='where azimuth 0 is in a TPOINT file')
+    loop.add_argument('--domain', type=_whole(0, 101), metavar='N',
+                      help='ROS domain (default: a free one)')
+    loop.set_defaults(run=_close_the_loop)
+
+
+def _log_commands(commands):
+    info = commands.add_parser(
+        'info', help='what is in a log, and whether it is whole',
+        description='Print topics, counts, rates, losses, time span, size and integrity of a log '
+        'of ours or of rosbag2.')
+    info.add_argument('log', type=Path, metavar='BAG')
+    info.add_argument('--quick', action='store_true',
+                      help='tell what the index says, without reading the messages')
+    info.add_argument('--json', action='store_true', help='print it as JSON')
+    info.set_defaults(run=_info)
+
+    recover = commands.add_parser(
+        'recover', help='make a whole log of what can be read of a damaged one',
+        description='Write what can be read of a log into a new one, with index, statistics and '
+        'metadata, and say what was lost. The damaged log is only read.')
+    recover.add_argument('log', type=Path, metavar='BAG')
+    recover.add_argument('--out', type=Path, metavar='DIR',
+                         help='folder of the new log (default: BAG_recovered)')
+    recover.set_defaults(run=_recover)
+
+    verify = commands.add_parser(
+        'verify', help='compute what a log derived once more, and compare',
+        description='Compute observations, zeros, models, reports and diagnoses of a log again '
+        'from what they were derived from, without a ROS graph. Exit code 1 if a number is not '
+        'the same to the bit.')
+    verify.add_argument('log', type=Path, metavar='BAG')
+    verify.add_argument('--reference', type=Path, metavar='MODEL',
+                        help='the reference model of the night (default: as the log says)')
+    verify.add_argument('--seed', type=_whole(0, 2**31 - 1),
+                        help='of the choice of held-out stars (default: as the log says, or 1)')
+    verify.set_defaults(run=_verify)
 
 
 def _console():
@@ -230,6 +314,30 @@ def _experiment(args):
     console.print('\n'.join(f'{name:<17} {path}' for name, path in report['files'].items()))
 
 
+def _close_the_loop(args):
+    from .close_the_loop import LoopOptions, close_all, close_the_loop
+    from .loop_report import all_table, loop_sentences, loop_tables
+    options = LoopOptions(
+        out=args.out, scenario=args.scenario or '', run=args.measured, seed=args.seed,
+        stars=args.stars, polaris=args.polaris, check=args.check, check_every=args.check_every,
+        alpha=args.alpha, start_time=args.date, azimuth_origin=args.azimuth_origin,
+        sky={key: value for key, value in (
+            ('latitude_deg', args.latitude), ('longitude_deg', args.longitude))
+            if value is not None}, domain=args.domain)
+    console = _console()
+    with _Progress(console) as progress:
+        report = (close_all if args.scenario == 'all' else close_the_loop)(options, progress)
+    if 'scenarios' in report:
+        console.print(all_table(report))
+        console.print(f'report        {args.out / "report.json"}')
+        return
+    for table in loop_tables(report):
+        console.print(table)
+    for sentence in loop_sentences(report):
+        console.print(f'note: {sentence}')
+    console.print('\n'.join(f'{name:<13} {path}' for name, path in report['files'].items()))
+
+
 def _print_report(console, report):
     from calibration.report import night_tables
     for table in night_tables(report):
@@ -271,14 +379,60 @@ def _diagnose(args):
 
 
 def _export(args):
-    from .export import export_run
-    run = export_run(args.file, args.out, azimuth_origin=args.azimuth_origin)
+    from .export import export_run, export_topics
     console = _console()
+    if args.topics:
+        files, problems = export_topics(
+            args.file, args.out, [t.strip() for t in args.topics.split(',') if t.strip()],
+            form=args.format, start=args.start, end=args.end)
+        for problem in problems:
+            console.print(f'note: {problem}')
+        for path, rows in files.items():
+            console.print(f'{rows} messages: {path}')
+        return
+    run = export_run(args.file, args.out, azimuth_origin=args.azimuth_origin, start=args.start,
+                     end=args.end)
     for row in run.meta['excluded']:
         console.print(f'row {row["row"]} left out: {row["reason"]}')
     for note in run.meta['notes']:
         console.print(f'note: {note}')
     console.print(f'{len(run)} observations: {args.out}')
+
+
+def _info(args):
+    from .info import info_tables, log_info
+    info = log_info(args.log, quick=args.quick)
+    if args.json:
+        import json
+        print(json.dumps(info, indent=1))
+        return
+    console = _console()
+    for part in info_tables(info):
+        console.print(part)
+
+
+def _recover(args):
+    from .recover import recover_log
+    report = recover_log(args.log, args.out)
+    console = _console()
+    for line in report['lost']:
+        console.print(f'lost: {line}')
+    console.print(f'{report["messages"]} messages of {report["topics"]} topics saved, '
+                  f'{report["lost_bytes"]} bytes lost: {report["out"]}')
+
+
+def _verify(args):
+    from .verify import verify_log
+    report = verify_log(args.log, reference=args.reference, seed=args.seed)
+    console = _console()
+    for line in report['unchecked']:
+        console.print(f'note: {line}')
+    for line in report['differences']:
+        console.print(f'difference: {line}')
+    total = sum(report['checked'].values())
+    console.print(', '.join(f'{count} {kind}' for kind, count in report['checked'].items()))
+    console.print(f'{total - len(report["differences"])} of {total} are the same to the bit')
+    return 1 if report['differences'] else 0
 
 
 def _replay(args):
@@ -287,6 +441,9 @@ def _replay(args):
     report = replay_log(args.log, reference=args.reference, seed=args.seed, out=args.out,
                         domain_number=args.domain)
     _print_report(console, report)
+    if report['diagnosis']:
+        found = report['diagnosis']
+        console.print(f'diagnosis     {found["verdict"]}: {", ".join(found["applied"]) or "–"}')
 
 
 def _encoder_test(args):
@@ -313,11 +470,11 @@ def _encoder_test(args):
 def main(argv=None):
     """Entry point; returns the exit code.
 
-    0 done, 2 bad input, 130 ended by Ctrl-C.
+    0 done, 1 a check found a difference, 2 bad input, 130 ended by Ctrl-C.
     """
     args = _parser().parse_args(argv)
     try:
-        args.run(args)
+        return args.run(args) or 0
     except KeyboardInterrupt:
         print('ended by Ctrl-C; what was logged is closed and readable', file=sys.stderr)
         return 130
@@ -326,7 +483,6 @@ def main(argv=None):
     except (ValueError, OSError, RuntimeError) as err:
         print(f'error: {_one_line(err)}', file=sys.stderr)
         return 2
-    return 0
 
 
 def diagnose():

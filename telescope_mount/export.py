@@ -1,22 +1,37 @@
-"""A log as a table that any program reads."""
+"""A log as tables that any program reads: its observations, or the messages of any topic."""
 
+import csv
+import math
+import re
+from contextlib import contextmanager
+from datetime import datetime, timezone
 from pathlib import Path
 
+import numpy as np
+
+from msg_tools.bag_sqlite import open_bag
 from msg_tools.run_files import write_csv
 
 from .runs import load_run
 
+FORMATS = ('csv', 'parquet')
+#: an array with more elements than this is no table column each: its length is written
+MAX_COLUMNS = 64
+_BATCH = 5000
 
-def export_run(source, path, **options):
-    """Write a log, or a run in another format, as CSV.
+
+def export_run(source, path, *, start=None, end=None, **options):
+    """Write a log, or a run in another format, as CSV or Parquet.
 
     Parameters
     ----------
     source : str or Path
         What `telescope_mount.runs.load_run` takes.
     path : str or Path
-        CSV to write; `load_run` gives the same run back, and a fit the same terms to 1e-9
-        arcsec.
+        To write, ``.parquet`` or CSV; of CSV `load_run` gives the same run back, and a fit the
+        same terms to 1e-9 arcsec.
+    start, end : str, optional
+        Only rows in [start, end): see `time_of`.
     **options
         As for `load_run`.
 
@@ -28,13 +43,216 @@ def export_run(source, path, **options):
     Raises
     ------
     ValueError
-        `source` is no run, or `path` is the same file.
+        `source` is no run, `path` is the same file, no row is in the span, or Parquet cannot be
+        written.
     OSError
         It cannot be read, or `path` not written.
     """
     source, path = Path(source), Path(path)
     if path.exists() and path.samefile(source):
         raise ValueError(f'{path} would be written over the run it is made from')
+    if path.suffix == '.parquet':
+        _parquet()
     run = load_run(source, **options)
-    write_csv(run, path)
+    if start is not None or end is not None:
+        if 'time' not in run:
+            raise ValueError(f'{source} has no column time: it cannot be cut to a span')
+        low, high = _span(start, end, round(float(np.nanmin(run['time'])) * 1e9))
+        ns = run['time'] * 1e9
+        chosen = run.select((ns >= low) & (ns < high))
+        if len(chosen) == 0:
+            raise ValueError(f'{source} has no observation from {start or "its start"} to '
+                             f'{end or "its end"}')
+        run = chosen
+    if path.suffix == '.parquet':
+        pyarrow, parquet = _parquet()
+        parquet.write_table(pyarrow.table(dict(run.columns)), path)
+    else:
+        write_csv(run, path)
     return run
+
+
+def export_topics(source, out, topics, *, form='csv', start=None, end=None):
+    """Write the messages of topics as tables, a row a message and a column a number.
+
+    Parameters
+    ----------
+    source : str or Path
+        A bag of ours or of rosbag2.
+    out : str or Path
+        Folder, made if it is not there; a file of each topic comes to lie in it.
+    topics : list of str
+        Full names, or the ends of such, as ``offset``.
+    form : {'csv', 'parquet'}
+    start, end : str, optional
+        Only messages in [start, end) of their log time: see `time_of`.
+
+    Returns
+    -------
+    files : dict of Path to int
+        Rows of each file.
+    problems : list of str
+        What was left out.
+
+    Raises
+    ------
+    ValueError
+        A topic is not in the log, a file is there already, or Parquet cannot be written.
+    OSError
+        It cannot be read, or a file not be written.
+
+    Notes
+    -----
+    ``log_time_ns`` and ``publish_time_ns`` come first. Columns are called as in the message, as
+    ``header.stamp.sec`` or ``position[0]``; of an array of more than `MAX_COLUMNS` elements only
+    the length is written.
+    """
+    if form == 'parquet':
+        _parquet()
+    bag = open_bag(source)
+    names = [_full_name(bag, source, topic) for topic in topics]
+    low, high = _span(start, end, bag.start_time or 0)
+    out = Path(out)
+    out.mkdir(parents=True, exist_ok=True)
+    files = {}
+    for name in dict.fromkeys(names):
+        path = out / f'{re.sub(r"[^A-Za-z0-9_]+", "_", name).strip("_")}.{form}'
+        if path.exists():
+            raise ValueError(f'{path} is there already; choose another folder')
+
+        def rows(name=name):
+            return (_flat(m) for m in bag.messages(name, low, high, decode=True))
+        columns = _columns(rows())
+        files[path] = 0
+        with _table(path, form, columns) as write:
+            for row in rows():
+                write(row)
+                files[path] += 1
+    return files, bag.problems
+
+
+def time_of(text, begin):
+    """Nanoseconds since 1970 of a time that a user wrote.
+
+    Parameters
+    ----------
+    text : str
+        Seconds since the beginning, as ``12.5``, or UTC in ISO 8601.
+    begin : int
+        The beginning, ns since 1970.
+
+    Raises
+    ------
+    ValueError
+        It is neither.
+    """
+    try:
+        seconds = float(text)
+        if math.isfinite(seconds):
+            return begin + round(seconds * 1e9)
+    except ValueError:
+        pass
+    try:
+        when = datetime.fromisoformat(text.replace('Z', '+00:00'))
+    except ValueError:
+        raise ValueError(f'time {text!r}: write seconds since the beginning, or UTC as '
+                         '2026-01-15T13:00:00') from None
+    when = when if when.tzinfo else when.replace(tzinfo=timezone.utc)
+    return round(when.timestamp() * 1e6) * 1000
+
+
+def _span(start, end, begin):
+    low = 0 if start is None else max(0, time_of(start, begin))
+    high = 2**63 - 1 if end is None else time_of(end, begin)
+    if high <= low:
+        raise ValueError(f'the end {end} is not after the start {start or "of the log"}')
+    return low, high
+
+
+def _full_name(bag, source, topic):
+    there = [t.name for t in bag.topics]
+    found = [n for n in there if n == topic] or [n for n in there if n.endswith('/' + topic)]
+    if len(set(found)) != 1:
+        what = 'is the end of several topics' if found else 'is no topic'
+        raise ValueError(f'{topic} {what} of {source}; it has {", ".join(sorted(set(there)))}')
+    return found[0]
+
+
+def _flat(message):
+    """Name and value of all numbers and texts of a message."""
+    row = {'log_time_ns': message.log_time, 'publish_time_ns': message.publish_time}
+
+    def take(name, value):
+        if isinstance(value, bool | int | float | str):
+            row[name] = value
+        elif isinstance(value, bytes | bytearray | memoryview) or (
+                hasattr(value, '__len__') and len(value) > MAX_COLUMNS):
+            row[f'{name}.length'] = len(value)
+        elif hasattr(value, '__len__'):
+            for number, part in enumerate(value):
+                take(f'{name}[{number}]', part)
+        else:
+            for part in getattr(value, '__slots__', ()):
+                take(f'{name}.{part}' if name else part, getattr(value, part))
+    take('', message.data)
+    return row
+
+
+def _columns(rows):
+    """Column name to type, over all rows, in the order in which they come up."""
+    columns = {}
+    for row in rows:
+        for name, value in row.items():
+            kind = type(value)
+            known = columns.setdefault(name, kind)
+            if known is not kind:
+                columns[name] = float if {known, kind} <= {int, float} else str
+    return columns
+
+
+@contextmanager
+def _table(path, form, columns):
+    """A function that writes a row."""
+    if form == 'csv':
+        with open(path, 'x', newline='', encoding='utf-8') as stream:
+            writer = csv.writer(stream)
+            writer.writerow(columns)
+            yield lambda row: writer.writerow([row.get(name, '') for name in columns])
+        return
+    pyarrow, parquet = _parquet()
+    kinds = {int: pyarrow.int64(), float: pyarrow.float64(), bool: pyarrow.bool_()}
+    schema = pyarrow.schema([
+        (name, kinds.get(kind, pyarrow.string())) for name, kind in columns.items()])
+    waiting = []
+
+    def flush():
+        writer.write_table(pyarrow.table(
+            {name: [_as(kind, row.get(name)) for row in waiting]
+             for name, kind in columns.items()}, schema=schema))
+        waiting.clear()
+
+    def write(row):
+        waiting.append(row)
+        if len(waiting) >= _BATCH:
+            flush()
+    with parquet.ParquetWriter(path, schema) as writer:
+        yield write
+        if waiting:
+            flush()
+
+
+def _as(kind, value):
+    """`value` as the type of its column; numbers that do not fit are missing."""
+    if value is None or (kind is int and not -2**63 <= value < 2**63):
+        return None
+    return kind(value)
+
+
+def _parquet():
+    try:
+        import pyarrow
+        from pyarrow import parquet
+    except ImportError:
+        raise ValueError('Parquet needs the package pyarrow, which is not installed: '
+                         'pip install pyarrow, or write CSV') from None
+    return pyarrow, parquet

@@ -18,6 +18,7 @@ NODES = {
     'calibration': 'calibration.calibration_node',
     'mcap_logger': 'msg_tools.mcap_logger_node',
     'mcap_replay': 'msg_tools.mcap_replay_node',
+    'run_player': 'msg_tools.run_player_node',
 }
 
 SIMULATED = ('mount_simulator', 'incremental_encoder', 'absolute_encoder', 'camera')
@@ -40,7 +41,7 @@ class NodeSpec:
 
 def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time_scale=0.0,
                 model_file='', first_run=1, sky=None, reference_age=0, satellite='',
-                sample_rate_hz=None):
+                sample_rate_hz=None, calibration=None):
     """The nodes of a simulated night.
 
     Parameters
@@ -69,6 +70,8 @@ def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time
         What the step `satellite` tracks, in the sky and by the observer.
     sample_rate_hz : float, optional
         Readings a second of an exposure.
+    calibration : dict, optional
+        Further parameters of the calibration.
 
     Returns
     -------
@@ -92,13 +95,45 @@ def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time
         } | ({'plan': plan} if plan else {}) | sky,
         'pointing_corrector': {'use_sim_time': True, 'model_file': model_file},
         'calibration': {'use_sim_time': True, 'model_file': model_file, 'split_seed': seed,
-                        'reference_age': reference_age},
+                        'reference_age': reference_age} | (calibration or {}),
         'mcap_logger': {'use_sim_time': True, 'folder': bag},
     }
     return [NodeSpec(name, NODES[name], parameters[name]) for name in NIGHT]
 
 
-def replay_graph(bag, observation, seed=1, reference=None):
+#: with which a measured run is judged as a night is
+MEASURED = ('run_player', 'pointing_corrector', 'calibration', 'mcap_logger')
+
+
+def measured_graph(*, bag, player, seed=1, calibration=None):
+    """The nodes that take a measured run as they take a night.
+
+    Parameters
+    ----------
+    bag : str
+        Folder of the log, which must not exist.
+    player : dict
+        Parameters of the run player: `file` at least.
+    seed : int
+        Of the choice of held-out rows.
+    calibration : dict, optional
+        Further parameters of the calibration.
+
+    Returns
+    -------
+    list of NodeSpec
+    """
+    parameters = {
+        'run_player': {'seed': seed, 'wait_for_nodes': [
+            f'{NAMESPACE}/{name}' for name in MEASURED]} | player,
+        'pointing_corrector': {'use_sim_time': True},
+        'calibration': {'use_sim_time': True, 'split_seed': seed} | (calibration or {}),
+        'mcap_logger': {'use_sim_time': True, 'folder': bag},
+    }
+    return [NodeSpec(name, NODES[name], parameters[name]) for name in MEASURED]
+
+
+def replay_graph(bag, observation, seed=1, reference=None, calibration=None):
     """The nodes that calibrate anew on a log.
 
     Parameters
@@ -111,10 +146,13 @@ def replay_graph(bag, observation, seed=1, reference=None):
         Of the choice of held-out stars.
     reference : str or Path, optional
         The reference model that the night had.
+    calibration : dict, optional
+        Further parameters of the calibration.
     """
     parameters = {
         'mcap_replay': {'bag': bag, 'rate': 0.0, 'topics': [observation],
                         'wait_for_topics': [observation], 'exit_at_end': False},
-        'calibration': {'model_file': str(reference or ''), 'split_seed': seed},
+        'calibration': {'model_file': str(reference or ''), 'split_seed': seed} | (
+            calibration or {}),
     }
     return [NodeSpec(name, NODES[name], values) for name, values in parameters.items()]

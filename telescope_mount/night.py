@@ -137,7 +137,7 @@ def observe(folder, specs, plan, write, progress=None, domain_number=None, param
             nodes.start(spec)
         watcher = Watcher('night', lock.number, nodes.environment)
         _watch(watcher, nodes, plan, progress or (lambda *_: None))
-        if not watcher.spin_until(lambda: _complete(watcher), 15.0, nodes.check):
+        if not watcher.spin_until(lambda: _complete(watcher, plan), 15.0, nodes.check):
             raise NightFailed('the plan is done, but its results were not published')
         with ThreadPoolExecutor(1) as pool:
             # files and picture are made while the last messages reach the log
@@ -191,14 +191,18 @@ def _watch(watcher, nodes, plan, progress):
             raise NightFailed(f'nothing went on for {STALL:g} s: waiting for {what}')
 
 
-def _complete(watcher):
+def _complete(watcher, plan):
     """Whether all results are here: "done" may overtake them on its own topic."""
     from msg_tools import topics
+    verbs = [step.verb for step in parse_plan(plan)]
     latest = watcher.latest
     table = latest.get(topics.OBSERVATIONS.name)
     rows = int(watcher.values(topics.OBSERVER_STATUS)['observations'])
+    checks = latest.get(topics.CHECKS.name)
+    checked = 0 if checks is None else len(json.loads(checks.data)['checks'])
     return (table is not None and table.width == rows and topics.MODEL.name in latest
-            and topics.CALIBRATION_REPORT.name in latest)
+            and topics.CALIBRATION_REPORT.name in latest and checked >= verbs.count('check')
+            and ('diagnose' not in verbs or topics.DIAGNOSIS.name in latest))
 
 
 def _add_truth(bag, report):

@@ -13,6 +13,8 @@ from .graph import replay_graph
 def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None):
     """Publish the observations of a log to a new calibration node, and let it fit.
 
+    If the night was diagnosed, so is the replay; the model is then the amended one.
+
     Parameters
     ----------
     log : Path
@@ -29,7 +31,7 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None):
     Returns
     -------
     dict
-        The calibration report.
+        The calibration report, and in ``diagnosis`` that of the replay, None without one.
 
     Raises
     ------
@@ -45,6 +47,8 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None):
     if topic is None or topic.count == 0:
         raise ValueError(f'{log} has no observation in it; it is no log of a night')
     had_zero = any(t.name.endswith('/zero') and t.count for t in bag.topics)
+    had_zero = had_zero and _saw_polaris(bag, topic.name)
+    diagnosed = _diagnosis(bag)
     lock = domain.claim(domain_number)
     from msg_tools import topics
 
@@ -54,7 +58,8 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None):
         nodes = Processes(scratch, lock.number)
         watcher = None
         try:
-            for spec in replay_graph(str(Path(log).resolve()), topic.name, seed, reference):
+            for spec in replay_graph(str(Path(log).resolve()), topic.name, seed, reference,
+                                     _as_then(diagnosed)):
                 nodes.start(spec)
             watcher = Watcher('replay', lock.number, nodes.environment)
 
@@ -67,10 +72,18 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None):
                 watcher.call('calibrate_zero', each=nodes.check)
             watcher.call('fit', each=nodes.check)
             there = [topics.MODEL.name, topics.CALIBRATION_REPORT.name]
-            if not watcher.spin_until(
-                    lambda: all(name in watcher.latest for name in there), 15.0, nodes.check):
+            if diagnosed:
+                watcher.call('diagnose', timeout=120.0, each=nodes.check)
+                there.append(topics.DIAGNOSIS.name)
+
+            def complete():
+                # the model of the fit may still be the last one that came
+                return all(name in watcher.latest for name in there) and (
+                    not diagnosed or 'verdict' in json.loads(
+                        watcher.latest[topics.MODEL.name].data)['provenance'])
+            if not watcher.spin_until(complete, 15.0, nodes.check):
                 raise RuntimeError('the calibration fitted but published no model')
-            model, report = (watcher.latest[name].data for name in there)
+            model, *documents = (watcher.latest[name].data for name in there)
         finally:
             if watcher is not None:
                 watcher.close()
@@ -78,4 +91,30 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None):
             lock.release()
     if out is not None:
         Path(out).write_text(model + '\n')
-    return json.loads(report)
+    report = json.loads(documents[0])
+    report['diagnosis'] = json.loads(documents[1]) if diagnosed else None
+    return report
+
+
+def _saw_polaris(bag, topic):
+    """Whether a zero can be set: one may come with the model of a run without Polaris."""
+    from msg_tools.convert import cloud_to_run
+    from pointing_model.catalogue import POLARIS_HIP
+    return any((cloud_to_run(message.data).get('star') == POLARIS_HIP).any()
+               for message in bag.messages([topic], decode=True))
+
+
+def _diagnosis(bag):
+    """The last diagnosis in a log, or None."""
+    name = next((t.name for t in bag.topics if t.name.endswith('/diagnosis') and t.count), None)
+    documents = [] if name is None else [m.data.data for m in bag.messages([name], decode=True)]
+    return json.loads(documents[-1]) if documents else None
+
+
+def _as_then(diagnosed):
+    """Parameters of the calibration with which it diagnosed."""
+    if not diagnosed:
+        return {}
+    site = diagnosed.get('site_deg')
+    return {'alpha': diagnosed.get('alpha', 0.01),
+            'site': '' if site is None else ', '.join(map(repr, site))}

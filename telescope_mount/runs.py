@@ -2,12 +2,16 @@
 
 from pathlib import Path
 
+import numpy as np
+
 from msg_tools.bag import BagReader
 from msg_tools.run_files import NoObservations, read_run, swap_encoders
 
 
 def load_run(path, azimuth_origin=None, *, site=None, weather=None, encoder=None):
     """Read a pointing run from a file of any kind that `read_run` takes, or from a log.
+
+    Rows that are there to judge by (``check`` not 0) are left out, and a note says so.
 
     Parameters
     ----------
@@ -35,8 +39,8 @@ def load_run(path, azimuth_origin=None, *, site=None, weather=None, encoder=None
     """
     path = Path(path)
     if not path.is_dir() and path.suffix != '.mcap':
-        return read_run(path, azimuth_origin=azimuth_origin, site=site, weather=weather,
-                        encoder=encoder)
+        return _without_judges(read_run(
+            path, azimuth_origin=azimuth_origin, site=site, weather=weather, encoder=encoder))
     run = run_of_log(path)
     if site is not None:
         run.meta['site'] = site
@@ -125,8 +129,23 @@ def run_of_log(path):
     columns['az_enc'] = run['az'] + wrap(columns['az_enc'] - run['az'])
     stars = columns['star'] != POLARIS_HIP
     notes.append(f'{int((~stars).sum())} exposures of Polaris left out')
-    return PointingRun({n: v[stars] for n, v in columns.items()},
-                       {'source': str(path), 'notes': notes + bag.problems, 'excluded': []})
+    return _without_judges(PointingRun(
+        {n: v[stars] for n, v in columns.items()},
+        {'source': str(path), 'notes': notes + bag.problems, 'excluded': []}))
+
+
+def _without_judges(run):
+    """The run without the rows that are there to judge by, and a note of how many they were."""
+    kept = np.asarray(run.get('check', 0.0)) != 0.0
+    if not kept.any():
+        return run
+    out = run.select(~kept)
+    out.meta = dict(run.meta)
+    out.meta['notes'] = [*run.meta.get('notes', ()), f'{int(kept.sum())} rows left out that are '
+                         'there to judge by (check = 1)']
+    if 'lines' in out.meta:
+        out.meta['lines'] = np.asarray(out.meta['lines'])[~kept]
+    return out
 
 
 def _readings(columns):

@@ -35,7 +35,7 @@ class Watcher:
     """
 
     KEPT = (topics.OBSERVER_STATUS, topics.CALIBRATION_STATUS, topics.OBSERVATIONS, topics.MODEL,
-            topics.CALIBRATION_REPORT, topics.ZERO)
+            topics.CALIBRATION_REPORT, topics.ZERO, topics.DIAGNOSIS, topics.CHECKS)
 
     def __init__(self, name, domain, environment):
         os.environ.update({key: value for key, value in environment.items()

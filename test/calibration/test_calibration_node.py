@@ -165,3 +165,82 @@ def test_the_status_counts_what_came(graph):
 def test_bad_start_values(graph, overrides, text):
     with pytest.raises((ValueError, OSError), match=text):
         graph.add(Calibration, **overrides)
+
+
+# --- diagnosis ----------------------------------------------------------------------------------
+
+
+def eccentric(run):
+    """The same rows, read by a disc that lies off its axis."""
+    columns = dict(run.columns)
+    columns['az_enc'] = columns['az_enc'] + 9.0 * ARCSEC * np.cos(columns['az'] - 0.8)
+    return PointingRun(columns)
+
+
+def test_a_diagnosis_adds_the_effect_and_publishes_what_belongs_together(graph, tmp_path):
+    page = tmp_path / 'page.html'
+    desk = Desk(graph, site='34.3, 109.0', diagnosis_page=str(page))
+    desk.observe(eccentric(rows(60, seed=2)))
+    desk.observe(eccentric(rows(8, star=POLARIS_HIP, seed=3)))
+    assert graph.call('calibrate_zero').success
+    assert graph.call('fit').success
+    status = graph.listen(topics.CALIBRATION_STATUS, depth=10)
+    answer = graph.call('diagnose')
+    assert answer.success, answer.message
+    assert answer.message.startswith('identified: azimuth_encoder_1; ')
+    documents, models, zeros = (graph.listen(topic) for topic in (
+        topics.DIAGNOSIS, topics.MODEL, topics.ZERO))  # late: they are latched
+    graph.wait_for(lambda: documents and models and zeros)
+    document, model = json.loads(documents[0].data), PointingModel.from_json(models[0].data)
+    assert document['verdict'] == 'identified' and document['kept_out'] == 0
+    assert [e.effect.name for e in model.effects] == document['applied'] == ['azimuth_encoder_1']
+    assert model.provenance['last_stamp_ns'] == desk.stamp
+    _, zero, _, _ = convert.read_joints(zeros[0])
+    told, = model.provenance['zeros_in_force']
+    assert zero == pytest.approx((told['az_arcsec'] * ARCSEC, told['el_arcsec'] * ARCSEC))
+    fresh = eccentric(rows(50, seed=9))
+    x, y = model.residuals(fresh, zero=zero)
+    assert np.sqrt(np.mean(x**2 + y**2)) / ARCSEC < 0.7  # the noise: 0.42
+    assert 'azimuth' in page.read_text()
+    # what takes long is said before it begins
+    graph.wait_for(lambda: status and status[-1].message == answer.message)
+    assert 'diagnosing' in [message.message for message in status]
+    graph.report('calibration', '', 'diagnosis', 'identified: azimuth_encoder_1')
+
+
+def test_rows_kept_out_do_not_reach_fit_and_diagnosis(graph):
+    desk = Desk(graph)
+    desk.observe(rows(40, seed=2))
+    desk.observe(rows(8, star=POLARIS_HIP, seed=3))
+    spoilt = rows(20, seed=4)
+    spoilt.columns['el_enc'] = spoilt['el_enc'] + 500 * ARCSEC
+    marked = PointingRun({**spoilt.columns, 'check': np.ones(20)})
+    desk.observe(marked)
+    # although the rows before do not have the column
+    answer = graph.call('fit')
+    assert answer.success and answer.message.startswith('40 stars fitted')
+    assert graph.call('diagnose').success
+    documents = graph.listen(topics.DIAGNOSIS)
+    graph.wait_for(lambda: documents)
+    document = json.loads(documents[0].data)
+    assert document['kept_out'] == 20 and document['verdict'] == 'none'
+    assert document['after']['holdout_rms_arcsec'] == pytest.approx(500.0, abs=5.0)
+    assert document['after']['rms_arcsec'] < 1.0
+
+
+def test_a_diagnosis_that_cannot_be_is_refused_with_a_reason(graph, tmp_path):
+    desk = Desk(graph, diagnosis_page=str(tmp_path / 'no' / 'page.html'))
+    assert 'no observation has come yet' in graph.call('diagnose').message
+    desk.observe(rows(3))
+    answer = graph.call('diagnose')
+    assert not answer.success and 'observe more' in answer.message
+    desk.observe(rows(40, seed=3))
+    answer = graph.call('diagnose')  # without a fit before it, and with no place for the page
+    assert answer.success and 'the page was not written' in answer.message
+    assert answer.message.startswith('none; ')
+
+
+@pytest.mark.parametrize('site', ['34.3', '34.3, x', '95, 0', '1, 2, 3'])
+def test_a_site_that_is_none_is_refused(graph, site):
+    with pytest.raises(ValueError, match='calibration: site = '):
+        graph.add(Calibration, site=site)

@@ -6,7 +6,7 @@ import pytest
 from encoder_sim.camera import Camera
 from encoder_sim.geometry import MountGeometry, direction
 from encoder_sim.scenario import Camera as Params
-from encoder_sim.scenario import Mount, load_scenario
+from encoder_sim.scenario import Mount, TrueWeather, load_scenario
 from pointing_model.catalogue import load_catalogue
 from pointing_model.sky import DEFAULT_SITE, DEFAULT_WEATHER, Weather, observed_place
 from pointing_model.target import satellite_target
@@ -148,7 +148,8 @@ def test_from_scenario(tmp_path, stars):
     assert plain.site == DEFAULT_SITE and plain.weather == DEFAULT_WEATHER
 
     # air that cools by 2 degC bends more
-    cooling = Camera(Params(), 1, temperature_rate=-2.0, start=NIGHT - 1.0)
+    cooling = Camera(Params(), 1, temperature=TrueWeather(
+        temperature_rate=-2.0).temperature_at, start=NIGHT - 1.0)
     higher = cooling.expose(np.full(len(az), STAMP), GEOMETRY.frames(az, el)).miss[:, 1]
     assert higher / ARCSEC == pytest.approx(57.0 * 955 / 1013 * 2 / 283 / np.tan(el), rel=0.1)
 

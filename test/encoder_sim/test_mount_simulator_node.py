@@ -192,3 +192,31 @@ def test_live_the_servo_closes_too(graph, drifting):
 def test_bad_start_values(graph, overrides, text):
     with pytest.raises(ValueError, match=text):
         graph.add(MountSimulator, **overrides)
+
+
+def test_the_thermometer_tells_changes_of_the_air_before_the_angles(graph, tmp_path):
+    path = tmp_path / 'warming.yaml'
+    path.write_text('based_on: ideal\n'
+                    'weather: {temperature_c: 7.0, temperature_c_per_hour: 20.0}\n')
+    air = graph.listen(topics.AMBIENT)
+    desk = Desk(graph, scenario=str(path))
+    desk.home()
+    for az in (10.0, 100.0, 190.0):
+        desk.command(az, 45.0)
+    got = [convert.read_temperature(message) for message in air]
+    assert got[0] == (START, 7.0)
+    assert len(got) >= 3
+    for stamp, celsius in got:
+        assert celsius == pytest.approx(7.0 + 20.0 * (stamp - START) * 1e-9 / 3600.0)
+    steps = np.diff([celsius for _, celsius in got])
+    assert steps.min() > 0.05
+    stamps = [convert.from_stamp(message.header.stamp) for message in desk.truth]
+    assert {stamp for stamp, _ in got[1:]} <= set(stamps)
+
+
+def test_without_weather_of_its_own_it_has_no_thermometer(graph):
+    air = graph.listen(topics.AMBIENT)
+    desk = Desk(graph)
+    desk.home()
+    desk.command(100.0, 45.0)
+    assert air == []

@@ -1,6 +1,5 @@
 """Logs: written once, read back by every reader there is, and after a crash."""
 
-import json
 import random
 import shutil
 import struct
@@ -11,124 +10,72 @@ import yaml
 from msg_tools import bag
 from msg_tools.bag import BagReader, BagWriter
 
-PAIR = 'demo_msgs/msg/Pair'
-TEXT = 'demo_msgs/msg/Text'
-HASHES = {  # computed by rosbags, which checks them when it opens a folder
-    PAIR: 'RIHS01_a5c211e741a45004ee663428c5fa0de3d27ffc3978e1fc5d16fa11c4724ab8ec',
-    TEXT: 'RIHS01_177da1b91cd2babed7aff7af78f01216f6965effb348d8888fcab6f2a639552d',
-}
-LATCHED = {'history': 'keep_last', 'depth': 1, 'durability': 'transient_local'}
 
-
-@pytest.fixture(autouse=True)
-def demo_types(tmp_path_factory, monkeypatch):
-    """A message package of our own, so that these tests need no ROS."""
-    prefix = tmp_path_factory.getbasetemp() / 'demo_prefix'
-    folder = prefix / 'share' / 'demo_msgs' / 'msg'
-    if not folder.exists():
-        folder.mkdir(parents=True)
-        (folder / 'Inner.msg').write_text('uint8 ONE=1\nfloat64 value  # rad\n')
-        (folder / 'Pair.msg').write_text(
-            '# Two of them, other/Type in a comment\nInner first\ndemo_msgs/Inner[] more\n'
-            'string<=8 name\n')
-        (folder / 'Text.msg').write_text('string data\n')
-        (folder / 'Broken.msg').write_text('absent_msgs/Nothing x\n')
-        for name in ('Pair', 'Text'):
-            (folder / f'{name}.json').write_text(json.dumps({'type_hashes': [
-                {'type_name': 'other/msg/Dep', 'hash_string': 'RIHS01_00'},
-                {'type_name': f'demo_msgs/msg/{name}',
-                 'hash_string': HASHES[f'demo_msgs/msg/{name}']}]}))
-    monkeypatch.setenv('AMENT_PREFIX_PATH', str(prefix))
-
-
-def pair(value):
-    """CDR of a Pair: first = value, more = [value + 1], name = 'ab'."""
-    return b'\0\1\0\0' + struct.pack('<dI4xdI', value, 1, value + 1.0, 3) + b'ab\0'
-
-
-def text(data):
-    return b'\0\1\0\0' + struct.pack('<I', len(data) + 1) + data.encode() + b'\0'
-
-
-def write_night(folder, n=500, close=True, **options):
-    """Two topics, `n` pairs 1 ms apart and 5 texts whose log time runs backwards."""
-    writer = BagWriter(folder, **options)
-    writer.add_topic('/mount/pair', PAIR, [{'depth': 50}])
-    writer.add_topic('/mount/text', TEXT, [LATCHED, {'reliability': 'best_effort'}])
-    for i in range(n):
-        writer.write('/mount/pair', pair(i), 10**18 + i * 10**6, 10**18 + i * 10**6 - 77, i)
-        if i % 100 == 50:
-            writer.write('/mount/text', text(f't{i}'), 10**18 + (n - i) * 10**6 + 5, 10**18)
-    if close:
-        writer.close()
-    return writer
-
-
-def test_every_message_comes_back_in_log_time_order(tmp_path):
-    write_night(tmp_path / 'night', chunk_size=2000)
+def test_every_message_comes_back_in_log_time_order(demo, tmp_path):
+    demo.write_night(tmp_path / 'night', chunk_size=2000)
     reader = BagReader(tmp_path / 'night')
     rows = list(reader.messages())
     assert len(rows) == reader.message_count == 505
     times = [row.log_time for row in rows]
     assert times == sorted(times)
     pairs = [row for row in rows if row.topic == '/mount/pair']
-    assert [row.data for row in pairs] == [pair(i) for i in range(500)]
+    assert [row.data for row in pairs] == [demo.pair(i) for i in range(500)]
     assert all(row.log_time - row.publish_time == 77 for row in pairs)
-    assert {row.type for row in pairs} == {PAIR}
+    assert {row.type for row in pairs} == {demo.PAIR}
     assert reader.problems == [] and reader.complete
     assert (reader.start_time, reader.end_time) == (10**18, 10**18 + 499 * 10**6)
 
 
-def test_topics_tell_type_count_qos_and_hash(tmp_path):
-    write_night(tmp_path / 'night')
+def test_topics_tell_type_count_qos_and_hash(demo, tmp_path):
+    demo.write_night(tmp_path / 'night')
     topics = {topic.name: topic for topic in BagReader(tmp_path / 'night').topics}
-    assert topics['/mount/pair'][:3] == ('/mount/pair', PAIR, 500)
+    assert topics['/mount/pair'][:3] == ('/mount/pair', demo.PAIR, 500)
     assert topics['/mount/text'].count == 5
-    assert topics['/mount/pair'].type_hash == HASHES[PAIR]
+    assert topics['/mount/pair'].type_hash == demo.HASHES[demo.PAIR]
     first, second = topics['/mount/text'].qos
     assert (first['durability'], first['depth']) == ('transient_local', 1)
     assert second['reliability'] == 'best_effort'
 
 
-def test_filters(tmp_path):
-    write_night(tmp_path / 'night', chunk_size=1000)
+def test_filters(demo, tmp_path):
+    demo.write_night(tmp_path / 'night', chunk_size=1000)
     reader = BagReader(tmp_path / 'night')
     assert len(list(reader.messages('/mount/text'))) == 5
     assert len(list(reader.messages(['/mount/pair', '/none']))) == 500
     rows = list(reader.messages('/mount/pair', 10**18 + 10 * 10**6, 10**18 + 20 * 10**6))
-    assert [row.data for row in rows] == [pair(i) for i in range(10, 20)]
+    assert [row.data for row in rows] == [demo.pair(i) for i in range(10, 20)]
 
 
-def test_equal_times_keep_the_order_of_the_file(tmp_path):
+def test_equal_times_keep_the_order_of_the_file(demo, tmp_path):
     with BagWriter(tmp_path / 'b', chunk_size=200) as writer:
-        writer.add_topic('/t', TEXT)
+        writer.add_topic('/t', demo.TEXT)
         for i in range(100):
-            writer.write('/t', text(str(i)), 1000, 1000)
+            writer.write('/t', demo.text(str(i)), 1000, 1000)
     rows = BagReader(tmp_path / 'b').messages()
-    assert [row.data for row in rows] == [text(str(i)) for i in range(100)]
+    assert [row.data for row in rows] == [demo.text(str(i)) for i in range(100)]
 
 
-def test_two_iterations_at_once(tmp_path):
-    write_night(tmp_path / 'night', chunk_size=1000)
+def test_two_iterations_at_once(demo, tmp_path):
+    demo.write_night(tmp_path / 'night', chunk_size=1000)
     reader = BagReader(tmp_path / 'night')
     both = list(zip(reader.messages(), reader.messages(), strict=True))
     assert len(both) == 505 and all(a == b for a, b in both)
 
 
-def test_decode(tmp_path):
+def test_decode(demo, tmp_path):
     pytest.importorskip('mcap_ros2')
-    write_night(tmp_path / 'night')
+    demo.write_night(tmp_path / 'night')
     row = list(BagReader(tmp_path / 'night').messages('/mount/pair', decode=True))[7]
     assert row.data.first.value == 7.0
     assert row.data.more[0].value == 8.0
     assert row.data.name == 'ab'
 
 
-def test_message_that_does_not_fit_its_schema_is_counted(tmp_path):
+def test_message_that_does_not_fit_its_schema_is_counted(demo, tmp_path):
     with BagWriter(tmp_path / 'b') as writer:
-        writer.add_topic('/t', PAIR)
-        writer.write('/t', pair(0)[:14], 1, 1)
-        writer.write('/t', pair(5), 2, 2)
+        writer.add_topic('/t', demo.PAIR)
+        writer.write('/t', demo.pair(0)[:14], 1, 1)
+        writer.write('/t', demo.pair(5), 2, 2)
         writer.write('/t', b'', 3, 3)
     reader = BagReader(tmp_path / 'b')
     assert [row.data.first.value for row in reader.messages(decode=True)] == [5.0]
@@ -137,13 +84,13 @@ def test_message_that_does_not_fit_its_schema_is_counted(tmp_path):
 
 
 @pytest.mark.parametrize('compression', ['zstd', 'lz4', 'none'])
-def test_other_readers_agree(tmp_path, compression):
+def test_other_readers_agree(demo, tmp_path, compression):
     mcap_reader = pytest.importorskip('mcap.reader')
     mcap_ros2 = pytest.importorskip('mcap_ros2.decoder')
     rosbag2 = pytest.importorskip('rosbags.rosbag2')
     highlevel = pytest.importorskip('rosbags.highlevel')
     folder = tmp_path / 'night'
-    file = write_night(folder, chunk_size=3000, compression=compression).file
+    file = demo.write_night(folder, chunk_size=3000, compression=compression).file
     ours = [(m.topic, m.log_time, m.data) for m in BagReader(folder).messages()]
     assert len(ours) == 505
 
@@ -176,8 +123,8 @@ def test_other_readers_agree(tmp_path, compression):
             assert values == [i + 1.0 for i in range(500)]
 
 
-def test_metadata_is_version_9(tmp_path):
-    write_night(tmp_path / 'night', metadata={'seed': 3})
+def test_metadata_is_version_9(demo, tmp_path):
+    demo.write_night(tmp_path / 'night', metadata={'seed': 3})
     document = yaml.safe_load((tmp_path / 'night' / 'metadata.yaml').read_text())
     info = document['rosbag2_bagfile_information']
     assert info['version'] == 9 and info['storage_identifier'] == 'mcap'
@@ -188,13 +135,13 @@ def test_metadata_is_version_9(tmp_path):
     assert topic['message_count'] == 500
     qos = topic['topic_metadata']['offered_qos_profiles']
     assert isinstance(qos, list) and qos[0]['history'] == 'keep_last' and qos[0]['depth'] == 50
-    assert topic['topic_metadata']['type_description_hash'] == HASHES[PAIR]
+    assert topic['topic_metadata']['type_description_hash'] == demo.HASHES[demo.PAIR]
     assert '&' not in (tmp_path / 'night' / 'metadata.yaml').read_text()
     assert not list((tmp_path / 'night').glob('.*'))
 
 
-def test_definition_holds_every_dependency_once():
-    definition = bag.message_definition(PAIR)
+def test_definition_holds_every_dependency_once(demo):
+    definition = bag.message_definition(demo.PAIR)
     separator = '\n' + '=' * 80 + '\nMSG: demo_msgs/Inner\n'
     assert definition.count(separator) == 1
     assert definition.startswith('# Two of them') and 'other/Type\n' not in definition
@@ -206,13 +153,13 @@ def test_definition_holds_every_dependency_once():
     ('Pair', 'package/msg/Type'),
     ('../etc/msg/passwd', 'package/msg/Type'),
 ])
-def test_unknown_types(tmp_path, name, words):
+def test_unknown_types(demo, tmp_path, name, words):
     with BagWriter(tmp_path / 'b') as writer, pytest.raises(ValueError, match=words) as error:
         writer.add_topic('/t', name)
     assert '\n' not in str(error.value)
 
 
-def test_qos_of_rclpy_and_of_old_numbers():
+def test_qos_of_rclpy_and_of_old_numbers(demo):
     numbers = {'history': 1, 'depth': 7, 'reliability': 2, 'durability': 1, 'liveliness': 1}
     out = bag.qos_dict(numbers)
     assert (out['reliability'], out['durability']) == ('best_effort', 'transient_local')
@@ -229,7 +176,7 @@ def test_qos_of_rclpy_and_of_old_numbers():
     assert (out['reliability'], out['durability']) == ('best_effort', 'transient_local')
 
 
-def test_real_messages(tmp_path):
+def test_real_messages(demo, tmp_path):
     serialization = pytest.importorskip('rclpy.serialization')
     from sensor_msgs.msg import JointState
     message = JointState(name=['azimuth', 'elevation'], position=[0.1, 0.2],
@@ -248,8 +195,8 @@ def test_real_messages(tmp_path):
     assert list(row.data.position) == [0.1, 0.2] and row.data.header.stamp.sec == 12
 
 
-def test_folder_readable_before_it_is_closed(tmp_path):
-    writer = write_night(tmp_path / 'night', close=False, metadata={'seed': 1})
+def test_folder_readable_before_it_is_closed(demo, tmp_path):
+    writer = demo.write_night(tmp_path / 'night', close=False, metadata={'seed': 1})
     early = BagReader(tmp_path / 'night')
     assert not early.complete and early.metadata[bag.OWN_RECORD] == {'seed': '1'}
     writer.refresh()
@@ -263,8 +210,8 @@ def test_folder_readable_before_it_is_closed(tmp_path):
 
 
 @pytest.mark.parametrize('compression', ['zstd', 'lz4', 'none'])
-def test_cut_anywhere(tmp_path, compression):
-    file = write_night(tmp_path / 'night', chunk_size=2000, compression=compression).file
+def test_cut_anywhere(demo, tmp_path, compression):
+    file = demo.write_night(tmp_path / 'night', chunk_size=2000, compression=compression).file
     whole = file.read_bytes()
     all_rows = {(m.log_time, m.data) for m in BagReader(file).messages()}
     cut = tmp_path / 'cut.mcap'
@@ -281,15 +228,15 @@ def test_cut_anywhere(tmp_path, compression):
     assert counts[-1] == 505 and len(set(counts)) > 10
 
 
-def test_messages_of_a_cut_uncompressed_chunk_are_saved(tmp_path):
-    writer = write_night(tmp_path / 'night', compression='none', chunk_size=10**6)
+def test_messages_of_a_cut_uncompressed_chunk_are_saved(demo, tmp_path):
+    writer = demo.write_night(tmp_path / 'night', compression='none', chunk_size=10**6)
     data = writer.file.read_bytes()
     writer.file.write_bytes(data[:len(data) // 2])
     assert 150 < len(list(BagReader(writer.file).messages())) < 500
 
 
-def test_flipped_bytes_never_escape(tmp_path):
-    file = write_night(tmp_path / 'night', n=60, chunk_size=1500).file
+def test_flipped_bytes_never_escape(demo, tmp_path):
+    file = demo.write_night(tmp_path / 'night', n=60, chunk_size=1500).file
     whole = bytearray(file.read_bytes())
     rng = random.Random(5)
     damaged = tmp_path / 'damaged.mcap'
@@ -307,21 +254,21 @@ def test_flipped_bytes_never_escape(tmp_path):
         except ValueError as error:
             assert '\n' not in str(error)
             complaints += 1
-    assert complaints > 200
+    assert complaints > 100
 
 
-def test_damaged_chunk_is_left_out_and_told(tmp_path):
-    file = write_night(tmp_path / 'night', chunk_size=2000, compression='none').file
+def test_damaged_chunk_is_left_out_and_told(demo, tmp_path):
+    file = demo.write_night(tmp_path / 'night', chunk_size=2000, compression='none').file
     data = bytearray(file.read_bytes())
-    data[data.index(pair(250)) + 8] ^= 1
+    data[data.index(demo.pair(250)) + 8] ^= 1
     file.write_bytes(data)
     reader = BagReader(file)
     rows = [row.data for row in reader.messages('/mount/pair')]
-    assert 400 < len(rows) < 500 and set(rows) < {pair(i) for i in range(500)}
+    assert 400 < len(rows) < 500 and set(rows) < {demo.pair(i) for i in range(500)}
     assert any('checksum' in p for p in reader.problems)
 
 
-def test_bomb_is_refused(tmp_path):
+def test_bomb_is_refused(demo, tmp_path):
     from mcap.writer import Writer
     file = tmp_path / 'bomb.mcap'
     with open(file, 'wb') as stream:
@@ -335,12 +282,14 @@ def test_bomb_is_refused(tmp_path):
     place = data.index(b'\x04\0\0\0zstd') - 12
     data[place:place + 8] = struct.pack('<Q', 2**60)
     file.write_bytes(data)
-    reader = BagReader(file)
-    assert list(reader.messages()) == []
-    assert any('claims' in p for p in reader.problems)
+    for content in (data, data[:-40]):  # with the index, and without
+        file.write_bytes(content)
+        reader = BagReader(file)
+        assert list(reader.messages()) == []
+        assert any('index says' in p or 'claims' in p for p in reader.problems)
 
 
-def test_file_without_chunks_or_index(tmp_path):
+def test_file_without_chunks_or_index(demo, tmp_path):
     from mcap.writer import IndexType, Writer
     for number, options in enumerate((
             {'use_chunking': False}, {'index_types': IndexType.NONE, 'use_statistics': False})):
@@ -358,7 +307,7 @@ def test_file_without_chunks_or_index(tmp_path):
         assert reader.message_count == 3 and reader.complete and reader.problems == []
 
 
-def test_what_is_no_log(tmp_path):
+def test_what_is_no_log(demo, tmp_path):
     (tmp_path / 'empty.mcap').write_bytes(b'')
     (tmp_path / 'random.mcap').write_bytes(random.Random(1).randbytes(5000))
     (tmp_path / 'folder').mkdir()
@@ -371,23 +320,23 @@ def test_what_is_no_log(tmp_path):
         assert '\n' not in str(error.value)
 
 
-def test_folder_of_several_files(tmp_path):
-    write_night(tmp_path / 'a', n=20)
+def test_folder_of_several_files(demo, tmp_path):
+    demo.write_night(tmp_path / 'a', n=20)
     writer = BagWriter(tmp_path / 'b')
-    writer.add_topic('/mount/pair', PAIR)
-    writer.write('/mount/pair', pair(-1), 10**18 + 1, 0)
+    writer.add_topic('/mount/pair', demo.PAIR)
+    writer.write('/mount/pair', demo.pair(-1), 10**18 + 1, 0)
     writer.close()
     shutil.copy(writer.file, tmp_path / 'a' / 'a_10.mcap')
     (tmp_path / 'a' / 'a_2.mcap').write_bytes(b'')
     reader = BagReader(tmp_path / 'a')
     assert [file.name for file in reader.files] == ['a_0.mcap', 'a_10.mcap']
-    assert [row.data for row in reader.messages()][1] == pair(-1)
+    assert [row.data for row in reader.messages()][1] == demo.pair(-1)
     assert reader.topics[0].count == 21
     assert any('a_2.mcap' in p for p in reader.problems)
 
 
-def test_damaged_metadata_does_not_matter(tmp_path):
-    folder = write_night(tmp_path / 'night').folder
+def test_damaged_metadata_does_not_matter(demo, tmp_path):
+    folder = demo.write_night(tmp_path / 'night').folder
     for content in ('{', '- 1', 'rosbag2_bagfile_information: {relative_file_paths: [gone.mcap]}',
                     'rosbag2_bagfile_information: {relative_file_paths: [../../x.mcap]}'):
         (folder / 'metadata.yaml').write_text(content)
@@ -397,10 +346,10 @@ def test_damaged_metadata_does_not_matter(tmp_path):
     assert BagReader(folder).message_count == 505
 
 
-def test_attachments(tmp_path):
+def test_attachments(demo, tmp_path):
     with BagWriter(tmp_path / 'b') as writer:
-        writer.add_topic('/t', TEXT)
-        writer.write('/t', text('a'), 1, 1)
+        writer.add_topic('/t', demo.TEXT)
+        writer.write('/t', demo.text('a'), 1, 1)
         writer.add_attachment('model.json', 'application/json', b'{"old": 1}')
         writer.add_attachment('model.json', 'application/json', b'{"new": 1}')
         writer.add_metadata('parameters', {'seed': 4})
@@ -424,7 +373,7 @@ def test_attachments(tmp_path):
 
 
 @pytest.mark.parametrize('name', ['../up', '/abs', 'a\\b', '..', '', 'c:x', 'nul\0'])
-def test_attachment_names_that_leave_the_folder(tmp_path, name):
+def test_attachment_names_that_leave_the_folder(demo, tmp_path, name):
     from mcap.writer import Writer
     with open(tmp_path / 'x.mcap', 'wb') as stream:
         writer = Writer(stream)
@@ -439,18 +388,18 @@ def test_attachment_names_that_leave_the_folder(tmp_path, name):
     assert sorted(p.name for p in tmp_path.iterdir()) == ['out', 'x.mcap']
 
 
-def test_truth_is_flagged(tmp_path):
+def test_truth_is_flagged(demo, tmp_path):
     for number, (topic, expected) in enumerate((
             ('/mount/truth/joint_states', True), ('truth/x', True), ('/mount/untruth/x', False),
             ('/mount/truth', False))):
         with BagWriter(tmp_path / str(number)) as writer:
-            writer.add_topic(topic, TEXT)
-            writer.write(topic, text('a'), 1, 1)
+            writer.add_topic(topic, demo.TEXT)
+            writer.write(topic, demo.text('a'), 1, 1)
         assert BagReader(tmp_path / str(number)).has_truth is expected
 
 
-def test_writer_refuses(tmp_path):
-    writer = write_night(tmp_path / 'night')
+def test_writer_refuses(demo, tmp_path):
+    writer = demo.write_night(tmp_path / 'night')
     before = writer.file.read_bytes()
     with pytest.raises(ValueError, match='not empty'):
         BagWriter(tmp_path / 'night')
@@ -458,44 +407,54 @@ def test_writer_refuses(tmp_path):
         BagWriter(writer.file)
     assert writer.file.read_bytes() == before
     with pytest.raises(ValueError, match='closed'):
-        writer.write('/mount/pair', pair(0), 1, 1)
+        writer.write('/mount/pair', demo.pair(0), 1, 1)
     writer.close()
     with pytest.raises(ValueError, match='compression'):
         BagWriter(tmp_path / 'other', compression='rar')
     assert not (tmp_path / 'other').exists()
     with BagWriter(tmp_path / 'other') as writer:
-        writer.add_topic('/t', TEXT)
+        writer.add_topic('/t', demo.TEXT)
         writer.add_topic('/t', 'demo_msgs/Text')
         with pytest.raises(ValueError, match='recorded as'):
-            writer.add_topic('/t', PAIR)
+            writer.add_topic('/t', demo.PAIR)
         with pytest.raises(ValueError, match='not added'):
             writer.write('/other', b'', 1, 1)
         with pytest.raises(ValueError, match='outside'):
-            writer.write('/t', text('a'), -1, 1)
-        writer.write('/t', memoryview(text('a')), 1, 1, sequence=2**40 + 3)
-    assert [row.data for row in BagReader(tmp_path / 'other').messages()] == [text('a')]
+            writer.write('/t', demo.text('a'), -1, 1)
+        writer.write('/t', memoryview(demo.text('a')), 1, 1, sequence=2**40 + 3)
+    assert [row.data for row in BagReader(tmp_path / 'other').messages()] == [demo.text('a')]
 
 
-def test_full_disk_keeps_what_was_written(tmp_path):
-    writer = write_night(tmp_path / 'night', close=False, chunk_size=1000)
+@pytest.mark.parametrize('room', [0, 10**6])
+def test_full_disk_keeps_what_was_written(demo, tmp_path, room):
+    """A part of a chunk goes to the disk, then none; later there is `room` for the index."""
+    writer = demo.write_night(tmp_path / 'night', close=False, chunk_size=1000)
     writer.refresh()
 
     class Full:
-        closed = False
+        left = 30
 
         def __getattr__(self, name):
             return getattr(stream, name)
 
         def write(self, data):
-            raise OSError(28, 'No space left on device')
+            if not self.left:
+                raise OSError(28, 'No space left on device')
+            part = bytes(data[:self.left])
+            self.left -= len(part)
+            return stream.write(part)
 
-    stream = writer._stream
-    writer._writer._Writer__stream = Full()
+    stream = writer._out._stream
+    writer._out._stream = Full()
     with pytest.raises(OSError, match='No space'):
         for i in range(100):
-            writer.write('/mount/pair', pair(i), 2 * 10**18, 1)
+            writer.write('/mount/pair', demo.pair(i), 2 * 10**18, 1)
     with pytest.raises(OSError, match='failed before'):
-        writer.write('/mount/pair', pair(1), 2 * 10**18, 1)
+        writer.write('/mount/pair', demo.pair(1), 2 * 10**18, 1)
+    writer._out._stream.left = room
     writer.close()
     assert stream.closed
-    assert len(list(BagReader(tmp_path / 'night').messages())) == 505
+    reader = BagReader(tmp_path / 'night')
+    assert len(list(reader.messages())) == 505
+    assert reader.complete is bool(room)
+    assert any('recording stopped: [Errno 28]' in p for p in reader.problems) is bool(room)

@@ -167,3 +167,11 @@ def test_status_rows():
     status = convert.status(DiagnosticStatus.WARN, 'name', 'text', number=3)
     assert status.level == DiagnosticStatus.WARN
     assert [(row.key, row.value) for row in status.values] == [('number', '3')]
+
+
+def test_temperature():
+    message = convert.temperature(NS, -12.5)
+    assert convert.read_temperature(message) == (NS, -12.5)
+    for bad in (float('nan'), float('inf'), -300.0):
+        with pytest.raises(ValueError, match='temperature'):
+            convert.read_temperature(convert.temperature(NS, bad))

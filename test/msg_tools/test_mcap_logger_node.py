@@ -127,7 +127,7 @@ def test_chosen_topics_only(graph, tmp_path):
 @pytest.mark.parametrize('overrides, text', [
     ({'topics': ['ofset']}, 'ofset is not a topic of the graph; it has /clock, command'),
     ({'compression': 'gzip'}, 'use one of zstd, lz4, none'),
-    ({'flush_period_s': 0.0}, 'must be 0.1 to 60.0'),
+    ({'flush_period_s': 0.0}, 'must be 0.05 to 60.0'),
 ])
 def test_bad_parameters_are_refused(graph, tmp_path, overrides, text):
     with pytest.raises(ValueError, match=text):

@@ -6,6 +6,8 @@ pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportErr
 from std_msgs.msg import String
 
 from msg_tools import convert, topics
+from pointing_model.effects import effect
+from pointing_model.fitted_effects import FittedEffect
 from pointing_model.model import PointingModel
 from pointing_model.pointing_corrector_node import PointingCorrector
 from pointing_model.terms import PHYSICAL
@@ -143,3 +145,28 @@ def test_a_model_file_is_in_force_at_the_start(graph, tmp_path):
     (tmp_path / 'bad.json').write_text('{"format": "other"}')
     with pytest.raises(ValueError, match='bad.json: not a pointing model'):
         graph.add(PointingCorrector, model_file=str(tmp_path / 'bad.json'))
+
+
+def test_effects_act_where_their_driver_is_known_and_are_named_where_not(graph):
+    effects = [
+        FittedEffect(effect('drift', of='IE', driver='time', origin=START * 1e-9, scale=3600.0),
+                     np.array([360.0]) * ARCSEC),
+        FittedEffect(effect('drift', of='IE', driver='temperature', origin=10.0, scale=1.0),
+                     np.array([3.0]) * ARCSEC),
+        FittedEffect(effect('hysteresis', axis='az', shape='cosE'), np.array([8.0]) * ARCSEC)]
+    desk = Desk(graph, model=PointingModel({'IA': 50 * ARCSEC}, effects=effects))
+    angles, _, _ = desk(TIMES, SKY, RATES)
+    # 0.1 arcsec a second; nobody has read a thermometer, nobody knows the approach
+    np.testing.assert_allclose((angles[:, 1] - SKY[:, 1]) / ARCSEC, 0.1 * TIMES, atol=1e-3)
+    np.testing.assert_allclose((angles[:, 0] - SKY[:, 0]) / ARCSEC, 50.0, atol=1e-6)
+    status = graph.report('pointing_corrector', 'count as zero')
+    assert 'flexure' not in status.message
+    for name in ('elevation_zero_with_temperature', 'azimuth_hysteresis_cosE'):
+        assert name in status.message
+    assert 'with_time' not in status.message
+    air = graph.publisher(topics.AMBIENT)
+    graph.connect()
+    air.publish(convert.temperature(START - 1, 12.0))
+    graph.report('pointing_corrector', '', 'received /mount/ambient/temperature', 1)
+    angles, _, _ = desk(TIMES, SKY, RATES)
+    np.testing.assert_allclose((angles[:, 1] - SKY[:, 1]) / ARCSEC, 6.0 + 0.1 * TIMES, atol=1e-3)

@@ -1,3 +1,6 @@
+import json
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,6 +12,8 @@ from std_msgs.msg import String
 
 from msg_tools import convert, topics
 from pointing_model.catalogue import POLARIS_HIP, load_catalogue
+from pointing_model.effects import effect
+from pointing_model.fitted_effects import FittedEffect
 from pointing_model.model import PointingModel
 from pointing_model.sky import DEFAULT_SITE, DEFAULT_WEATHER, Site, observed_place
 from pointing_model.star_observer_node import StarObserver
@@ -557,3 +562,121 @@ def test_another_site_at_runtime_is_used(graph):
     run = night.run()[0]
     assert run['el'][0] / DEG == pytest.approx(50.0, abs=1.0)
     assert sky.commands[0][1][0, 1] / DEG == pytest.approx(50.0, abs=1.0)
+
+
+# --- blind checks, and a model with effects -----------------------------------------------------
+
+
+def test_a_check_points_blind_at_fresh_stars_and_says_how_far_off_they_were(graph):
+    off = np.array([150.0, -60.0]) * ARCSEC  # far beyond recentre_arcsec
+
+    def miss(number, stamp, reading):
+        return off
+    sky = Instruments(graph, miss=miss)
+    checks = graph.listen(topics.CHECKS)
+    night = Night(graph, 'stars 2, check 3, stars 1')
+    rows = night.run()
+    assert [run['check'][0] for run in rows] == [0.0, 0.0, 1.0, 1.0, 1.0, 0.0]
+    assert len({run['star'][0] for run in rows}) == 6
+    # a star that is recentred takes three exposures, a blind one is taken as it comes
+    assert len(sky.commands) == 2 * 3 + 3 + 3
+    for run in rows[2:5]:
+        np.testing.assert_allclose([run['miss_x'][0], run['miss_y'][0]], off)
+        stamp = round(run['time'][0] * 1e9)
+        at = min(sky.readings, key=lambda s: abs(s - stamp))
+        star = place(int(run['star'][0]), at)
+        # what was learned of the stars before is not carried over
+        np.testing.assert_allclose(
+            [wrap(sky.readings[at][0][0] - star[0]) / ARCSEC,
+             (sky.readings[at][0][1] - star[1]) / ARCSEC], 0.0, atol=0.1)
+    graph.wait_for(lambda: checks)
+    document = json.loads(checks[-1].data)
+    assert document['format'] == 'telescope_mount/blind_checks'
+    check, = document['checks']
+    assert (check['block'], check['stars'], check['lost']) == (1, 3, 0)
+    assert check['rms_arcsec'] == pytest.approx(np.hypot(150.0, 60.0), abs=0.01)
+    assert check['mean_y_arcsec'] == pytest.approx(-60.0, abs=0.01)
+
+
+def test_a_blind_star_out_of_the_field_is_counted_as_lost(graph):
+    Instruments(graph, miss=lambda number, *_: (
+        (np.nan, np.nan) if number in (2, 3, 4) else (0.0, 0.0)))
+    checks = graph.listen(topics.CHECKS)
+    Night(graph, 'check 3').run()
+    graph.wait_for(lambda: checks)
+    check, = json.loads(checks[-1].data)['checks']
+    assert (check['stars'], check['lost']) == (2, 1)
+
+
+def drift_model(**more):
+    """10 arcsec of azimuth by approach, 60 an hour of elevation, 3 a degree, and no terms."""
+    effects = [
+        FittedEffect(effect('hysteresis', axis='az', shape='cosE'), np.array([10.0]) * ARCSEC),
+        FittedEffect(effect('drift', of='IE', driver='time', origin=START * 1e-9, scale=3600.0),
+                     np.array([60.0]) * ARCSEC),
+        FittedEffect(effect('drift', of='IE', driver='temperature', origin=10.0, scale=1.0),
+                     np.array([3.0]) * ARCSEC)]
+    return PointingModel({'IA': 0.0}, effects=effects, **more)
+
+
+def test_the_effects_of_the_model_act_with_what_is_known_of_a_pointing(graph):
+    sky = Instruments(graph)
+    model, air = graph.publisher(topics.MODEL), graph.publisher(topics.AMBIENT)
+    night = Night(graph, 'check 8', autostart=False)
+    graph.connect()
+    model.publish(String(data=drift_model().to_json()))
+    air.publish(convert.temperature(START, 14.0))
+    graph.report('star_observer', '', 'received /mount/model', 1)
+    graph.report('star_observer', '', 'received /mount/ambient/temperature', 1)
+    assert graph.call('observe').success
+    rows = night.run()
+    signs = set()
+    for run, (stamp, track) in zip(rows, sky.commands):
+        weather = replace(DEFAULT_WEATHER, temperature_c=14.0)  # which bends less, too
+        az, el = observed_place(load_catalogue(hip=[int(run['star'][0])]), stamp * 1e-9,
+                                DEFAULT_SITE, weather)
+        sign = run['approach_az'][0]
+        signs.add(sign)
+        assert wrap(track[0, 0] - az[0]) / ARCSEC == pytest.approx(10.0 * sign, abs=0.01)
+        hours = (stamp - START) * 1e-9 / 3600.0
+        assert (track[0, 1] - el[0]) / ARCSEC == pytest.approx(60.0 * hours + 12.0, abs=0.05)
+        assert run['temperature'][0] == 14.0
+    assert signs == {-1.0, 1.0}
+
+
+def test_a_drift_of_another_week_is_left_out(graph):
+    sky = Instruments(graph)
+    model = drift_model(provenance={'last_stamp_ns': START - 7 * 86400 * SECOND})
+    graph.publisher(topics.MODEL).publish(String(data=model.to_json()))
+    night = Night(graph, 'polaris 1', autostart=False)
+    graph.report('star_observer', '', 'received /mount/model', 1)
+    graph.connect()
+    assert graph.call('observe').success
+    night.run()
+    stamp, track = sky.commands[0]
+    assert (track[0, 1] - place(POLARIS_HIP, stamp)[1]) / ARCSEC == pytest.approx(0.0, abs=0.01)
+
+
+def test_after_a_diagnosis_it_waits_for_the_model_and_its_own_zero(graph):
+    sky = Instruments(graph)
+    zero, model, status = (graph.publisher(topic) for topic in (
+        topics.ZERO, topics.MODEL, topics.CALIBRATION_STATUS))
+    night = Night(graph, 'polaris 1, diagnose, check 1')
+    asked = []
+    graph.service('diagnose', lambda: (not asked.append(1), 'identified'))
+    graph.wait_for(lambda: len(night.rows) == 1)
+    stamp = convert.from_stamp(night.rows[0].header.stamp)
+    status.publish(convert.status(DiagnosticStatus.OK, 'calibration', '', observations=1))
+    night.until('waiting', 'the new model')
+    in_force = [{'run': 1, 'az_arcsec': 20.0, 'el_arcsec': -9.0}]
+    model.publish(String(data=PointingModel({'IE': 30 * ARCSEC}, provenance={
+        'last_stamp_ns': stamp, 'zeros_in_force': in_force}).to_json()))
+    night.until('waiting', 'the zero of the new model')
+    assert len(sky.commands) == 1
+    zero.publish(convert.joint_state(stamp, np.array([20.0, -9.0]) * ARCSEC))
+    night.run()
+    stamp, track = sky.commands[-1]
+    star = place(int(convert.cloud_to_run(night.rows[-1])['star'][0]), stamp)
+    assert wrap(track[0, 0] - star[0]) / ARCSEC == pytest.approx(20.0, abs=0.01)
+    assert (track[0, 1] - star[1]) / ARCSEC == pytest.approx(21.0, abs=0.01)
+    assert asked == [1]

@@ -7,7 +7,15 @@ from pathlib import Path
 
 import pytest
 
-from telescope_mount.graph import NIGHT, NODES, SIMULATED, night_graph, replay_graph
+from telescope_mount.graph import (
+    MEASURED,
+    NIGHT,
+    NODES,
+    SIMULATED,
+    measured_graph,
+    night_graph,
+    replay_graph,
+)
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ('encoder_sim', 'pointing_model', 'calibration', 'msg_tools', 'telescope_mount')
@@ -65,16 +73,30 @@ def test_installed_executables_are_the_nodes():
         pytest.skip('telescope_mount is not installed')
     scripts = {p.name: p.value for p in points if p.group == 'console_scripts'}
     assert scripts.pop('telescope-mount') == 'telescope_mount.cli:main'
+    assert scripts.pop('diagnose') == 'telescope_mount.cli:diagnose'
     assert scripts == {name: f'{module}:main' for name, module in NODES.items()}
 
 
-def test_the_night_has_every_node_but_the_replay():
+def test_the_night_has_every_node_but_the_players():
     specs = night_graph(bag='bag')
     assert [spec.name for spec in specs] == list(NIGHT)
-    assert set(NIGHT) == set(NODES) - {'mcap_replay'}
+    assert set(NIGHT) == set(NODES) - {'mcap_replay', 'run_player'}
     assert [spec.full_name for spec in specs] == [f'/mount/{name}' for name in NIGHT]
     for spec in replay_graph('bag', '/mount/observation'):
         assert NODES[spec.name] == spec.module
+
+
+def test_a_measured_run_takes_the_place_of_instruments_and_observer():
+    specs = {spec.name: spec for spec in measured_graph(
+        bag='the_bag', player={'file': 'run.csv', 'check_every': 5}, seed=3,
+        calibration={'alpha': 0.05})}
+    assert tuple(specs) == MEASURED
+    assert set(MEASURED) - {'run_player'} == set(NIGHT) - set(SIMULATED) - {'star_observer'}
+    player = specs['run_player'].parameters
+    assert player['file'] == 'run.csv' and player['check_every'] == 5 and player['seed'] == 3
+    assert player['wait_for_nodes'] == [spec.full_name for spec in specs.values()]
+    assert specs['calibration'].parameters['alpha'] == 0.05
+    assert specs['mcap_logger'].parameters['folder'] == 'the_bag'
 
 
 def test_options_reach_the_nodes_that_need_them():
@@ -101,7 +123,10 @@ def test_every_parameter_of_the_graph_is_one_of_its_node():
     from encoder_sim.device_params import DEVICE_PARAMS, MAX_RATE
     specs = night_graph(bag='b', start_time='2026-02-01', plan='stars 3',
                         sky={'latitude_deg': 30.0})
-    for spec in [*specs, *replay_graph('b', '/mount/observation')]:
+    for spec in [*specs, *replay_graph('b', '/mount/observation'),
+                 *measured_graph(bag='b', player={'file': 'f', 'azimuth_origin': 'N',
+                                                  'check_every': 3},
+                                 calibration={'alpha': 0.1, 'site': '', 'diagnosis_page': ''})]:
         module = importlib.import_module(spec.module)
         known = {p.name for p in getattr(module, 'PARAMS', (*DEVICE_PARAMS, MAX_RATE))}
         assert set(spec.parameters) - {'use_sim_time'} <= known, spec.name

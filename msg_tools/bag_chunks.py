@@ -1,0 +1,233 @@
+"""An MCAP file while it is written: one write to the disk for each chunk with its index."""
+
+import os
+import struct
+import sys
+import time
+import zlib
+from array import array
+
+import lz4.frame
+import zstandard
+from mcap.opcode import Opcode
+
+MAGIC = b'\x89MCAP0\r\n'
+NEVER = 2**63 - 1  # what rosbag2 writes as the starting time of an empty bag
+
+_MESSAGE = struct.Struct('<BQHIQQ').pack
+_OP_MESSAGE = int(Opcode.MESSAGE)
+
+
+def _compressor(name):
+    if name == 'zstd':
+        return zstandard.ZstdCompressor(level=1).compress
+    if name == 'lz4':
+        return lz4.frame.compress
+    return bytes
+
+
+COMPRESSIONS = ('zstd', 'lz4', 'none')
+
+
+def _text(text):
+    data = text.encode()
+    return struct.pack('<I', len(data)) + data
+
+
+def _map(pairs):
+    body = b''.join(_text(key) + _text(value) for key, value in pairs.items())
+    return struct.pack('<I', len(body)) + body
+
+
+def _record(opcode, body):
+    return struct.pack('<BQ', opcode, len(body)) + body
+
+
+class McapFile:
+    """Writes schemas and channels in the open, so that no damaged chunk takes them along.
+
+    Parameters
+    ----------
+    path : Path
+        Must not exist.
+    library : str
+        Who writes, for the header.
+    chunk_size : int
+        Bytes (before compression) after which a chunk is closed.
+    compression : {'zstd', 'lz4', 'none'}
+
+    Attributes
+    ----------
+    size : int
+        Bytes of whole records written so far.
+    pending : int
+        Bytes of the chunk that is not written yet.
+    counts : dict of int to int
+        Messages by channel.
+    first, last : int
+        Log times, ns; `NEVER` and 0 without messages.
+
+    Notes
+    -----
+    After an OSError the file ends with the last whole record again.
+    """
+
+    def __init__(self, path, library, *, chunk_size=2**20, compression='zstd'):
+        self.path = path
+        self._stream = open(path, 'xb', buffering=0)  # noqa: SIM115 (lives as long as the file)
+        self._compress = _compressor(compression)
+        self._compression = '' if compression == 'none' else compression
+        self._chunk_size = int(chunk_size)
+        self.size = self.pending = 0
+        self.first, self.last = NEVER, 0
+        self.counts = {}
+        self._schemas, self._channels = [], []
+        self._chunks, self._attachments, self._metadata = [], [], []
+        self._parts, self._index = [], {}
+        self._chunk_first, self._chunk_last = NEVER, 0
+        self._write(MAGIC + _record(Opcode.HEADER, _text('ros2') + _text(library)))
+
+    @property
+    def closed(self):
+        """Whether the file is closed, finished or not."""
+        return self._stream.closed
+
+    def _write(self, data):
+        view = memoryview(data)
+        try:
+            while view:  # a full disk takes a part before it refuses
+                view = view[self._stream.write(view):]
+        except OSError:
+            self._stream.truncate(self.size)
+            self._stream.seek(self.size)
+            raise
+        self.size += len(data)
+
+    def add_schema(self, name, data, encoding='ros2msg'):
+        """Write a schema; its number."""
+        number = len(self._schemas) + 1
+        record = _record(Opcode.SCHEMA, struct.pack('<H', number) + _text(name)
+                         + _text(encoding) + struct.pack('<I', len(data)) + data)
+        self._write(record)
+        self._schemas.append(record)
+        return number
+
+    def add_channel(self, topic, schema, metadata):
+        """Write a channel; its number."""
+        number = len(self._channels) + 1
+        record = _record(Opcode.CHANNEL, struct.pack('<HH', number, schema) + _text(topic)
+                         + _text('cdr') + _map(metadata))
+        self._write(record)
+        self._channels.append(record)
+        self._index[number] = array('Q')
+        self.counts[number] = 0
+        return number
+
+    def add(self, channel, data, log_time, publish_time, sequence):
+        """Append a message to the chunk; bytes and ns since 1970."""
+        size = len(data)
+        self._index[channel].extend((log_time, self.pending))
+        self._parts.append(
+            _MESSAGE(_OP_MESSAGE, size + 22, channel, sequence, log_time, publish_time))
+        self._parts.append(data)
+        self.pending += size + 31
+        if log_time < self._chunk_first:
+            self._chunk_first = log_time
+        if log_time > self._chunk_last:
+            self._chunk_last = log_time
+        if self.pending > self._chunk_size:
+            self.close_chunk()
+
+    def close_chunk(self):
+        """Write what is pending, with its index; nothing if there is nothing."""
+        if not self.pending:
+            return
+        raw = b''.join(self._parts)
+        data = self._compress(raw)
+        times = struct.pack('<QQ', self._chunk_first, self._chunk_last)
+        chunk = _record(Opcode.CHUNK, b''.join((
+            times, struct.pack('<QI', len(raw), zlib.crc32(raw)), _text(self._compression),
+            struct.pack('<Q', len(data)), data)))
+        out, end, offsets = [chunk], self.size + len(chunk), b''
+        for channel, rows in self._index.items():
+            if rows:
+                if sys.byteorder == 'big':
+                    rows.byteswap()
+                out.append(struct.pack('<BQHI', Opcode.MESSAGE_INDEX, 6 + 8 * len(rows), channel,
+                                       8 * len(rows)) + rows.tobytes())
+                offsets += struct.pack('<HQ', channel, end)
+                end += len(out[-1])
+        index = _record(Opcode.CHUNK_INDEX, b''.join((
+            times, struct.pack('<QQI', self.size, len(chunk), len(offsets)), offsets,
+            struct.pack('<Q', end - self.size - len(chunk)), _text(self._compression),
+            struct.pack('<QQ', len(data), len(raw)))))
+        first, last = self._chunk_first, self._chunk_last
+        counts = {channel: len(rows) // 2 for channel, rows in self._index.items() if rows}
+        # whatever the disk says now, this chunk is done with
+        self._parts, self.pending = [], 0
+        self._chunk_first, self._chunk_last = NEVER, 0
+        for channel in counts:
+            self._index[channel] = array('Q')
+        self._write(b''.join(out))
+        self._chunks.append(index)
+        self.first, self.last = min(self.first, first), max(self.last, last)
+        for channel, count in counts.items():
+            self.counts[channel] += count
+
+    def add_metadata(self, name, data):
+        """Write an MCAP metadata record of str to str."""
+        record = _record(Opcode.METADATA, _text(name) + _map(data))
+        offset = self.size
+        self._write(record)
+        self._metadata.append(_record(
+            Opcode.METADATA_INDEX, struct.pack('<QQ', offset, len(record)) + _text(name)))
+
+    def add_attachment(self, name, media_type, data):
+        """Write an attachment, dated now."""
+        now = time.time_ns()
+        names = _text(name) + _text(media_type)
+        body = struct.pack('<QQ', now, now) + names + struct.pack('<Q', len(data)) + data
+        record = _record(Opcode.ATTACHMENT, body + struct.pack('<I', zlib.crc32(body)))
+        offset = self.size
+        self._write(record)
+        self._attachments.append(_record(Opcode.ATTACHMENT_INDEX, struct.pack(
+            '<QQQQQ', offset, len(record), now, now, len(data)) + names))
+
+    def sync(self):
+        """Wait until all that was written is on the disk."""
+        os.fsync(self._stream.fileno())
+
+    def duplicate(self):
+        """A file descriptor to sync by in another thread; the caller closes it."""
+        return os.dup(self._stream.fileno())
+
+    def finish(self):
+        """Write the last chunk, the summary and the footer, and close the file."""
+        self.close_chunk()
+        end = _record(Opcode.DATA_END, struct.pack('<I', 0))
+        start = self.size + len(end)
+        counts = b''.join(struct.pack('<HQ', *row) for row in self.counts.items() if row[1])
+        statistics = _record(Opcode.STATISTICS, struct.pack(
+            '<QHIIIIQQI', sum(self.counts.values()), len(self._schemas), len(self._channels),
+            len(self._attachments), len(self._metadata), len(self._chunks),
+            self.first if self.last or self._chunks else 0, self.last, len(counts)) + counts)
+        summary, offsets = b'', b''
+        for opcode, group in (
+                (Opcode.SCHEMA, self._schemas), (Opcode.CHANNEL, self._channels),
+                (Opcode.STATISTICS, [statistics]), (Opcode.CHUNK_INDEX, self._chunks),
+                (Opcode.ATTACHMENT_INDEX, self._attachments),
+                (Opcode.METADATA_INDEX, self._metadata)):
+            if group:
+                joined = b''.join(group)
+                offsets += _record(Opcode.SUMMARY_OFFSET, struct.pack(
+                    '<BQQ', opcode, start + len(summary), len(joined)))
+                summary += joined
+        footer = struct.pack('<BQQQ', Opcode.FOOTER, 20, start, start + len(summary))
+        crc = zlib.crc32(footer, zlib.crc32(summary + offsets))
+        self._write(b''.join((end, summary, offsets, footer, struct.pack('<I', crc), MAGIC)))
+        self.sync()
+        self.close()
+
+    def close(self):
+        """Close the file as it is."""
+        self._stream.close()

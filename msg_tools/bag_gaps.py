@@ -1,0 +1,63 @@
+"""Messages that were lost on the way, by the publishers' sequence numbers."""
+
+#: jumps that may yet turn out to be another publisher
+_JUMPS = 64
+
+
+class SequenceGaps:
+    """Counts what is missing in the sequence numbers of a topic.
+
+    The numbers come without the name of the publisher, so each is taken as the next of the
+    publisher that it fits best. A jump is a loss, until the number before it comes after all:
+    then it was the first message from a publisher that was found late.
+
+    Parameters
+    ----------
+    latched : bool
+        A latched topic keeps the last message only: that earlier ones are skipped is no loss.
+
+    Attributes
+    ----------
+    gaps : int
+        Messages lost.
+    publishers : int
+        Publishers told apart, those that were started anew counted again.
+    """
+
+    def __init__(self, latched=False):
+        self.gaps = 0
+        self.publishers = 0
+        self._latched = latched
+        self._next = {}  # number expected -> publishers that it is expected from
+        self._jumps = {}
+
+    def add(self, number):
+        """Take the sequence number of a message; 0 or None says nothing."""
+        if not number:
+            return
+        following = self._next
+        if number in following:
+            self._move(number, number + 1)
+            return
+        below = None if number == 1 else max((n for n in following if n < number), default=None)
+        if below is None:
+            self._begin(number)
+            return
+        self._move(below, number + 1)
+        if not self._latched:
+            self.gaps += number - below
+            if len(self._jumps) < _JUMPS:
+                self._jumps[below] = number - below
+
+    def _begin(self, number):
+        self.publishers += 1
+        self.gaps -= self._jumps.pop(number, 0)
+        self._next[number + 1] = self._next.get(number + 1, 0) + 1
+
+    def _move(self, old, new):
+        following = self._next
+        if following[old] == 1:
+            del following[old]
+        else:
+            following[old] -= 1
+        following[new] = following.get(new, 0) + 1

@@ -1,0 +1,439 @@
+"""Reading a log: a folder or one MCAP file, finished or not."""
+
+import bisect
+import heapq
+import re
+import struct
+from array import array
+from collections import Counter
+from contextlib import ExitStack
+from pathlib import Path
+from typing import NamedTuple
+
+from mcap.opcode import Opcode
+
+from .bag_decode import Decoders
+from .bag_file import MAX_CHUNK, MIN_RECORDS, PARSE_ERRORS, BagFile, short, walk
+from .bag_metadata import listed_files
+from .bag_writer import plain_name
+from .ros_schema import load_qos
+
+#: bytes of chunks that overlap in time and are held at once
+MAX_HELD = MAX_CHUNK + 64 * 2**20
+
+
+class Topic(NamedTuple):
+    """A topic of a bag."""
+
+    name: str
+    type: str
+    count: int
+    qos: list
+    type_hash: str
+
+
+class BagMessage(NamedTuple):
+    """One message; times in ns since 1970; `data` is bytes, or the decoded object."""
+
+    topic: str
+    type: str
+    data: object
+    log_time: int
+    publish_time: int
+    sequence: int = 0
+
+
+def _natural(path):
+    """Sort key: night_2 before night_10."""
+    return [int(t) if t.isdecimal() and len(t) < 20 else 0 if t.isdecimal() else t
+            for t in re.split(r'(\d+)', path.name)]
+
+
+class BagReader:
+    """Read a bag: a folder or one ``.mcap`` file, finished or not.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Attributes
+    ----------
+    files : list of Path
+    topics : list of Topic
+        name, type, count, qos (list of dict, see `qos_dict`), type_hash.
+    metadata : dict of str to dict
+        The MCAP metadata records; the last one of each name.
+    attachments : list of AttachmentInfo
+    start_time, end_time : int or None
+        First and last log time, ns since 1970; None without messages.
+    complete : bool
+        Every file was closed properly.
+    has_truth : bool
+        A topic of the simulator's truth is in it; calibration must refuse such a bag.
+
+    Raises
+    ------
+    ValueError
+        Nothing that can be read as a log is there.
+    OSError
+        The path may not be read.
+
+    Notes
+    -----
+    Of a folder, latched messages that a file repeats from the one before are left out.
+    """
+
+    def __init__(self, path):
+        self.path = Path(path)
+        self._problems = []
+        self._skipped = Counter()
+        self._decoders = Decoders(self._skipped)
+        self._targets = {}
+        self._files = []
+        for file in self._find():
+            try:
+                self._files.append(BagFile(file, len(self._files)))
+            except ValueError as error:
+                if file == self.path or len(self._candidates) == 1:
+                    raise
+                self._problems.append(str(error))
+        if not self._files:
+            raise ValueError(f'{self.path}: none of its files can be read as a log')
+        for before, file in zip([None, *self._files], self._files):
+            self._problems += file.problems
+            if before is not None and _follows(file, before):
+                _drop_repeated(file)
+        self.files = [file.path for file in self._files]
+        self.complete = all(file.complete for file in self._files)
+        self.metadata = {
+            record.name: record.metadata for file in self._files for record in file.metadata}
+        self.attachments = [a for file in self._files for a in file.attachments]
+        self.topics = self._merge_topics()
+        self.has_truth = any('/truth/' in '/' + topic.name for topic in self.topics)
+        segments = [s for file in self._files for s in file.segments]
+        self.start_time = min((s.start for s in segments), default=None)
+        self.end_time = max((s.end for s in segments), default=None)
+
+    @property
+    def message_count(self):
+        """Messages that the index, or reading through, found."""
+        return sum(topic.count for topic in self.topics)
+
+    @property
+    def problems(self):
+        """What is wrong with the log, one str each; grows while messages are read."""
+        return self._problems + [
+            f'{what} ({count} times)' if count > 1 else what
+            for what, count in self._skipped.items()]
+
+    @property
+    def lost(self):
+        """(file, offset, length) of bytes that could not be read."""
+        return [(file.path, *part) for file in self._files for part in file.lost]
+
+    def schema_of(self, topic):
+        """(encoding, data) of the schema of a `Topic`; ('', b'') where there is none."""
+        for file in self._files:
+            for channel in file.channels.values():
+                schema = file.schemas.get(channel.schema_id)
+                if channel.topic == topic.name and schema and schema.name == topic.type:
+                    return schema.encoding, schema.data
+        return '', b''
+
+    def encoding_of(self, topic):
+        """How the messages of a `Topic` are serialized, as ``cdr``."""
+        return next((c.message_encoding for f in self._files for c in f.channels.values()
+                     if c.topic == topic.name), '')
+
+    def _find(self):
+        if not self.path.exists():
+            raise ValueError(f'{self.path} does not exist')
+        if not self.path.is_dir():
+            self._candidates = [self.path]
+            return self._candidates
+        found = sorted(self.path.glob('*.mcap'), key=_natural)
+        names, problem = listed_files(self.path)
+        if problem:
+            self._problems.append(problem)
+        listed = []
+        for name in dict.fromkeys(names):
+            file = self.path / name
+            if file.suffix == '.mcap' and file.is_file():
+                listed.append(file)
+            else:
+                self._problems.append(f'{name} is listed in metadata.yaml but missing')
+        files = listed + [f for f in found if f not in listed and f.is_file()]
+        if not files:
+            raise ValueError(f'{self.path} holds no .mcap file')
+        self._candidates = files
+        return files
+
+    def _merge_topics(self):
+        merged, known = {}, {'': []}  # known: QoS by its text
+        for file in self._files:
+            for id_, channel in file.channels.items():
+                schema = file.schemas.get(channel.schema_id)
+                type_name = schema.name if schema else ''
+                text = channel.metadata.get('offered_qos_profiles', '')
+                try:
+                    qos = known[text] if text in known else load_qos(text)
+                except ValueError as error:
+                    qos = []
+                    if len(self._problems) < 200:
+                        self._problems.append(
+                            f'{channel.topic}: QoS text not understood ({short(error)})')
+                known[text] = qos
+                before = merged.get((channel.topic, type_name))
+                count = file.counts[id_] + (before.count if before else 0)
+                merged[channel.topic, type_name] = Topic(
+                    channel.topic, type_name, count, before.qos if before else qos,
+                    channel.metadata.get('topic_type_hash', ''))
+            unknown = sum(n for id_, n in file.counts.items() if id_ not in file.channels)
+            if unknown:
+                self._problems.append(
+                    f'{file.path.name}: {unknown} messages of channels that are not described')
+        return list(merged.values())
+
+    def messages(self, topics=None, start=None, end=None, decode=False):
+        """Messages in the order of their log time (equal times: in the order of the file).
+
+        Parameters
+        ----------
+        topics : str or list of str, optional
+            Only these.
+        start, end : int, optional
+            Only log times in [start, end), ns since 1970.
+        decode : bool
+            Give Python objects (by ``mcap_ros2``) in place of bytes. A message that does not
+            fit its schema is left out and counted in `problems`.
+
+        Yields
+        ------
+        BagMessage
+            topic, type, data, log_time, publish_time, sequence.
+        """
+        wanted = {topics} if isinstance(topics, str) else topics if topics is None \
+            else set(topics)
+        low = 0 if start is None else start
+        high = 2**64 if end is None else end
+        chosen = {
+            id(file): {
+                number: (channel.topic, file.schemas.get(channel.schema_id), channel)
+                for number, channel in file.channels.items()
+                if wanted is None or channel.topic in wanted}
+            for file in self._files}
+        segments = sorted(
+            s for s in (s for file in self._files for s in file.segments)
+            if s.end >= low and s.start < high
+            and (not s.channels or not s.channels.isdisjoint(chosen[id(s.file)])))
+        for target, row in self._ordered(segments, chosen, low, high):
+            topic, schema, channel = target
+            log_time, publish_time, data, sequence = row
+            if decode:
+                data = self._decoders.decode(topic, schema, channel.message_encoding, data)
+                if data is None:
+                    continue
+            yield BagMessage(
+                topic, schema.name if schema else '', data, log_time, publish_time, sequence)
+
+    def decode(self, message):
+        """The object that a raw `BagMessage` of this log holds; None if it does not fit.
+
+        Returns
+        -------
+        object or None
+        """
+        key = message.topic, message.type
+        if key not in self._targets:
+            self._targets[key] = next(
+                ((file.schemas.get(channel.schema_id), channel.message_encoding)
+                 for file in self._files for channel in file.channels.values()
+                 if channel.topic == message.topic and channel.schema_id in file.schemas
+                 and file.schemas[channel.schema_id].name == message.type), (None, ''))
+        return self._decoders.decode(message.topic, *self._targets[key], message.data)
+
+    def last_before(self, topics, end):
+        """The newest message of each of `topics` with a log time before `end`, in order.
+
+        Only the chunks that may hold them are read, from the newest on.
+
+        Parameters
+        ----------
+        topics : iterable of str
+        end : int
+            ns since 1970.
+
+        Returns
+        -------
+        list of BagMessage
+        """
+        found = []
+        for topic in topics:
+            spans = sorted(((min(s.end, end - 1), s.start) for f in self._files
+                            for s in f.segments if s.start < end and _may_hold(s, f, topic)),
+                           reverse=True)
+            newest = None
+            for last, first in spans:
+                if newest is not None and newest.log_time > last:
+                    break
+                for message in self.messages(topic, first, last + 1):
+                    if newest is None or message.log_time >= newest.log_time:
+                        newest = message
+            if newest is not None:
+                found.append(newest)
+        return sorted(found, key=lambda message: message.log_time)
+
+    def _ordered(self, segments, chosen, low, high):
+        """Merge segments that overlap in time; only those under way are in memory."""
+        heap, following, held = [], 0, 0
+        with ExitStack() as stack:
+            streams = {id(f): stack.enter_context(open(f.path, 'rb')) for f in self._files}
+            while heap or following < len(segments):
+                while following < len(segments) and (
+                        not heap or segments[following].start <= heap[0][0]):
+                    segment = segments[following]
+                    following += 1
+                    key = id(segment.file)
+                    rows = self._rows(segment, streams[key], chosen[key], low, high, held)
+                    if rows:
+                        held += rows.size
+                        heapq.heappush(heap, (rows.times[0], segment.order, 0, rows))
+                if not heap:
+                    continue
+                _, order, number, rows = heap[0]
+                # all that comes before anything else could, in one go
+                stop = len(rows)
+                limit = min(
+                    segments[following].start if following < len(segments) else 2**64,
+                    min((entry[0] for entry in heap[1:3]), default=2**64))
+                if rows.times[-1] >= limit:
+                    stop = max(bisect.bisect_left(rows.times, limit, number), number + 1)
+                yield from rows.between(number, stop)
+                if stop < len(rows):
+                    heapq.heapreplace(heap, (rows.times[stop], order, stop, rows))
+                else:
+                    held -= rows.size
+                    heapq.heappop(heap)
+
+    def _rows(self, segment, stream, chosen, low, high, held):
+        try:
+            if held and held + segment.expanded > MAX_HELD:
+                raise ValueError(f'chunks of more than {MAX_HELD} bytes overlap in time')
+            buffer = segment.file.load(segment, stream)
+            if held and held + len(buffer) > MAX_HELD:
+                raise ValueError(f'chunks of more than {MAX_HELD} bytes overlap in time')
+        except PARSE_ERRORS as error:
+            self._skipped[f'{segment.file.path.name}: the chunk at byte {segment.offset - 9} '
+                          f'is damaged ({short(error)}) and left out'] = 1
+            return None
+        try:
+            return _Rows(buffer, chosen, low, high, MIN_RECORDS + segment.length)
+        except ValueError as error:
+            self._skipped[f'{segment.file.path.name}: the chunk at byte {segment.offset - 9} '
+                          f'is left out ({error})'] = 1
+            return None
+
+    def read_attachment(self, name):
+        """Bytes of the last attachment called `name`.
+
+        Raises
+        ------
+        ValueError
+            There is none; the message lists those that are.
+        """
+        for info in reversed(self.attachments):
+            if info.name == name:
+                with open(info.file, 'rb') as stream:
+                    stream.seek(info.offset)
+                    return stream.read(info.size)
+        known = ', '.join(a.name for a in self.attachments) or 'none'
+        raise ValueError(f'{self.path} has no attachment {name!r} (it has: {known})')
+
+    def extract_attachment(self, name, folder):
+        """Write an attachment into `folder`; never over a file, never outside of it.
+
+        Returns
+        -------
+        Path
+
+        Raises
+        ------
+        ValueError
+            `name` holds a path, or there is no such attachment.
+        FileExistsError
+            A file of that name is there.
+        """
+        target = Path(folder) / plain_name(name)
+        data = self.read_attachment(name)
+        with open(target, 'xb') as stream:
+            stream.write(data)
+        return target
+
+
+class _Rows:
+    """The chosen messages of a chunk, in log time order; bytes are cut out when asked for."""
+
+    __slots__ = ('times', '_begins', '_ends', '_buffer', '_chosen', 'size')
+
+    def __init__(self, buffer, chosen, low, high, most):
+        self._buffer, self._chosen, self.size = buffer, chosen, len(buffer)
+        times, begins, ends = array('Q'), array('Q'), array('Q')
+        unpack = struct.Struct('<HIQ').unpack_from
+        ordered, last = True, 0
+        for opcode, begin, end in walk(buffer, most):
+            if opcode != Opcode.MESSAGE or end - begin < 22:
+                continue
+            channel, _, log_time = unpack(buffer, begin)
+            if channel in chosen and low <= log_time < high:
+                times.append(log_time)
+                begins.append(begin)
+                ends.append(end)
+                ordered = ordered and log_time >= last
+                last = log_time
+        if not ordered:
+            order = sorted(range(len(times)), key=times.__getitem__)
+            times = array('Q', [times[i] for i in order])
+            begins = array('Q', [begins[i] for i in order])
+            ends = array('Q', [ends[i] for i in order])
+        self.times, self._begins, self._ends = times, begins, ends
+
+    def __len__(self):
+        return len(self.times)
+
+    def __lt__(self, other):
+        return False  # ties in the heap end with the order of the file
+
+    def between(self, number, stop):
+        """(what `chosen` holds, (log time, publish time, data, sequence)) of rows."""
+        buffer, chosen = self._buffer, self._chosen
+        unpack = struct.Struct('<HIQQ').unpack_from
+        for begin, end in zip(self._begins[number:stop], self._ends[number:stop]):
+            channel, sequence, log_time, publish_time = unpack(buffer, begin)
+            yield chosen[channel], (log_time, publish_time, buffer[begin + 22:end], sequence)
+
+
+def _may_hold(segment, file, topic):
+    return not segment.channels or any(
+        file.channels[n].topic == topic for n in segment.channels if n in file.channels)
+
+
+def _follows(file, before):
+    """Whether `before` is the file from which `file` repeats what is latched."""
+    names = [re.fullmatch(r'(.*_)(\d{1,9})', part.path.stem) for part in (before, file)]
+    return None not in names and names[0][1] == names[1][1] and (
+        int(names[0][2]) + 1 == int(names[1][2]))
+
+
+def _drop_repeated(file):
+    """Take the chunk of repeated latched messages out of `file`."""
+    by_topic = {channel.topic: number for number, channel in file.channels.items()}
+    if not file.repeated or not file.segments:
+        return
+    first = min(file.segments, key=lambda segment: segment.offset)
+    if not set(file.repeated) >= {file.channels[n].topic for n in first.channels
+                                  if n in file.channels}:
+        return  # it was damaged and is not there
+    file.segments.remove(first)
+    for topic, count in file.repeated.items():
+        if topic in by_topic:
+            file.counts[by_topic[topic]] = max(0, file.counts[by_topic[topic]] - count)

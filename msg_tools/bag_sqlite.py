@@ -1,0 +1,222 @@
+"""Bags that rosbag2 wrote into SQLite files, read as `BagReader` reads MCAP."""
+
+import heapq
+import sqlite3
+from collections import Counter
+from contextlib import closing
+from pathlib import Path
+
+from mcap.records import Schema
+
+from .bag_decode import Decoders
+from .bag_file import short
+from .bag_metadata import listed_files
+from .bag_reader import BagMessage, BagReader, Topic
+from .ros_schema import load_qos, message_definition
+
+
+def open_bag(path):
+    """A reader for a bag of either kind.
+
+    Parameters
+    ----------
+    path : str or Path
+        A folder, ``.mcap`` or ``.db3``.
+
+    Returns
+    -------
+    BagReader or SqliteReader
+
+    Raises
+    ------
+    ValueError, OSError
+        It is no bag, or may not be read.
+    """
+    path = Path(path)
+    if path.suffix == '.db3' or (path.is_dir() and not any(path.glob('*.mcap'))
+                                 and any(path.glob('*.db3'))):
+        return SqliteReader(path)
+    return BagReader(path)
+
+
+class SqliteReader:
+    """Read a bag in SQLite; attributes and `messages` are those of `BagReader`.
+
+    Parameters
+    ----------
+    path : str or Path
+        A folder or one ``.db3`` file.
+
+    Raises
+    ------
+    ValueError
+        It is no bag.
+    OSError
+        It may not be read.
+    """
+
+    metadata, attachments = {}, ()
+
+    def __init__(self, path):
+        self.path = Path(path)
+        self._skipped = Counter()
+        self._decoders = Decoders(self._skipped)
+        self._problems = []
+        self._definitions = {}
+        self.files = self._find()
+        self._rows = {}  # file -> {topic id: (name, type, format, qos text, hash)}
+        counts, spans = Counter(), []
+        for file in self.files:
+            if file.with_name(f'{file.name}-wal').exists():
+                self._problems.append(f'{file.name}-wal is not read: the newest may be missing')
+            try:
+                with closing(_connect(file)) as base:
+                    self._rows[file] = self._read_topics(base)
+                    for number, count, first, last in base.execute(
+                            'SELECT topic_id, COUNT(*), MIN(timestamp), MAX(timestamp) '
+                            'FROM messages GROUP BY topic_id'):
+                        if number in self._rows[file]:
+                            counts[self._rows[file][number][:2]] += count
+                            spans += [first, last]
+            except (sqlite3.Error, TypeError, OverflowError) as error:
+                raise ValueError(f'{file} is no bag of rosbag2 ({short(error)})') from None
+        self.topics = self._merge_topics(counts)
+        self.start_time, self.end_time = min(spans, default=None), max(spans, default=None)
+        self.complete = True
+        self.has_truth = any('/truth/' in '/' + topic.name for topic in self.topics)
+
+    @property
+    def message_count(self):
+        """Messages in all files."""
+        return sum(topic.count for topic in self.topics)
+
+    @property
+    def problems(self):
+        """What is wrong, one str each; grows while messages are read."""
+        return self._problems + [f'{what} ({count} times)' if count > 1 else what
+                                 for what, count in self._skipped.items()]
+
+    def _find(self):
+        if not self.path.is_dir():
+            if not self.path.exists():
+                raise ValueError(f'{self.path} does not exist')
+            return [self.path]
+        names, problem = listed_files(self.path)
+        if problem:
+            self._problems.append(problem)
+        found = sorted(self.path.glob('*.db3'))
+        listed = [self.path / name for name in dict.fromkeys(names)
+                  if (self.path / name) in found]
+        return listed + [file for file in found if file not in listed]
+
+    def _read_topics(self, base):
+        kinds = dict(base.execute('SELECT name, type FROM sqlite_master'))
+        if kinds.get('topics') != 'table' or kinds.get('messages') != 'table':
+            raise ValueError(f'{self.path} has no tables of a bag of rosbag2')
+        there = {row[1] for row in base.execute('PRAGMA table_info(topics)')}
+        columns = [name if name in there else "''" for name in (
+            'id', 'name', 'type', 'serialization_format', 'offered_qos_profiles',
+            'type_description_hash')]
+        rows = {int(row[0]): tuple(map(str, row[1:])) for row in base.execute(
+            f'SELECT {", ".join(columns)} FROM topics')}
+        if kinds.get('message_definitions') == 'table':
+            for name, encoding, text in base.execute(
+                    'SELECT topic_type, encoding, encoded_message_definition '
+                    'FROM message_definitions'):
+                if encoding == 'ros2msg':
+                    self._definitions[str(name)] = str(text)
+        return rows
+
+    def _merge_topics(self, counts):
+        merged = {}
+        for rows in self._rows.values():
+            for name, type_name, _, qos_text, hash_ in rows.values():
+                try:
+                    qos = load_qos(qos_text)
+                except ValueError as error:
+                    qos = []
+                    self._problems.append(f'{name}: QoS text not understood ({short(error)})')
+                merged.setdefault((name, type_name), Topic(
+                    name, type_name, counts[name, type_name], qos, hash_))
+        return list(merged.values())
+
+    def _schema(self, type_name):
+        text = self._definitions.get(type_name)
+        if text is None:
+            text = message_definition(type_name)
+        return Schema(id=1, name=type_name, encoding='ros2msg', data=text.encode())
+
+    def messages(self, topics=None, start=None, end=None, decode=False):
+        """Messages in the order of their time; see `BagReader.messages`.
+
+        SQLite files of rosbag2 hold one time only: ``publish_time`` is ``log_time``.
+        """
+        wanted = {topics} if isinstance(topics, str) else topics if topics is None \
+            else set(topics)
+        low = 0 if start is None else start
+        high = 2**63 - 1 if end is None else end
+        schemas = {}
+        for when, _, _, row, data in heapq.merge(
+                *(self._rows_of(n, file, wanted, low, high) for n, file in enumerate(self.files)),
+                key=lambda row: row[:3]):
+            name, type_name, encoding = row[:3]
+            if decode:
+                if type_name not in schemas:
+                    try:
+                        schemas[type_name] = self._schema(type_name)
+                    except ValueError as error:
+                        schemas[type_name] = None
+                        self._problems.append(str(error))
+                if schemas[type_name] is None:
+                    continue
+                data = self._decoders.decode(name, schemas[type_name], encoding, data)
+                if data is None:
+                    continue
+            yield BagMessage(name, type_name, data, when, when)
+
+    def last_before(self, topics, end):
+        """The newest message of each of `topics` with a time before `end`, in order."""
+        found = []
+        for topic in topics:
+            newest = None
+            for file, rows in self._rows.items():
+                ids = [str(id_) for id_, row in rows.items() if row[0] == topic]
+                if not ids:
+                    continue
+                with closing(_connect(file)) as base:
+                    row = base.execute(
+                        'SELECT timestamp, topic_id, data FROM messages WHERE topic_id IN '
+                        f'({",".join(ids)}) AND timestamp < ? ORDER BY timestamp DESC, id DESC '
+                        'LIMIT 1', (min(end, 2**63 - 1),)).fetchone()
+                if row is not None and (newest is None or row[0] > newest.log_time):
+                    newest = BagMessage(topic, rows[row[1]][1], row[2], row[0], row[0])
+            if newest is not None:
+                found.append(newest)
+        return sorted(found, key=lambda message: message.log_time)
+
+    def _rows_of(self, number, file, wanted, low, high):
+        """(time, file, id, topic row, data) of a file, in order."""
+        rows = {id_: row for id_, row in self._rows[file].items()
+                if wanted is None or row[0] in wanted}
+        if not rows:
+            return
+        with closing(_connect(file)) as base:
+            try:
+                for id_, when, topic, data in base.execute(
+                        'SELECT id, timestamp, topic_id, data FROM messages '
+                        f'WHERE topic_id IN ({",".join(map(str, rows))}) '
+                        'AND timestamp >= ? AND timestamp < ? ORDER BY timestamp, id',
+                        (low, high)):
+                    if isinstance(data, bytes) and isinstance(when, int):
+                        yield when, number, id_, rows[topic], data
+                    else:
+                        self._skipped[f'{file.name}: rows that are no message left out'] += 1
+            except sqlite3.Error as error:
+                self._problems.append(f'{file.name}: {short(error)}; what follows is lost')
+
+
+def _connect(file):
+    # immutable: nothing is written beside a file that may not be ours
+    base = sqlite3.connect(f'{file.resolve().as_uri()}?mode=ro&immutable=1', uri=True)
+    base.execute('PRAGMA trusted_schema = OFF')
+    return base

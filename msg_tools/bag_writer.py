@@ -1,0 +1,440 @@
+"""Writing a log: a folder of MCAP files that rosbag2 takes as its own."""
+
+import os
+import re
+import time
+from collections import deque
+from concurrent.futures import ThreadPoolExecutor
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path, PurePath
+
+from .bag_chunks import COMPRESSIONS, NEVER, McapFile
+from .bag_metadata import information, sync_folder, write_metadata
+from .ros_schema import dump_yaml, message_definition, qos_dict, split_type, type_hash
+
+#: name of the MCAP metadata record that carries the user's own key-value pairs
+OWN_RECORD = 'telescope_mount'
+#: of the record that counts the latched messages repeated at the start of a file
+REPEATED_RECORD = 'telescope_mount_repeated'
+#: of the record that says why a log ends before its time
+STOPPED_RECORD = 'telescope_mount_stopped'
+#: seconds between two refreshes of metadata.yaml while recording; readers do not need it
+METADATA_PERIOD = 5.0
+
+
+def _library():
+    try:
+        own = version('telescope_mount')
+    except PackageNotFoundError:
+        own = 'source tree'
+    return f'telescope_mount {own}'
+
+
+class _Topic:
+    __slots__ = ('channel', 'type', 'qos', 'hash', 'definition', 'encoding', 'before', 'kept')
+
+    def __init__(self, type_name, qos, hash_, definition, encoding):
+        self.channel = 0
+        self.type = type_name
+        self.qos = qos
+        self.hash = hash_
+        self.definition = definition
+        self.encoding = encoding
+        self.before = 0  # messages in the files closed before
+        depths = [profile['depth'] for profile in qos
+                  if profile['durability'] == 'transient_local']
+        self.kept = deque(maxlen=max(1, *depths)) if depths else None
+
+
+class BagWriter:
+    """Write a log folder that rosbag2, rosbags, the mcap tools and Foxglove open as their own.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Made here; must not exist or be empty.
+    name : str, optional
+        Stem of the files ``<name>_<n>.mcap``; the folder's name by default.
+    metadata : dict of str to str, optional
+        Written as an MCAP metadata record `OWN_RECORD` at once, so that a crash keeps it, and
+        as ``custom_data`` of the bag.
+    chunk_size : int
+        Bytes (before compression) after which a chunk is closed.
+    chunk_seconds : float
+        Age at which the next message closes a chunk; between messages `refresh` must do it.
+    compression : {'zstd', 'lz4', 'none'}
+    max_bytes : int
+        A file that would grow beyond it (its index not counted) is followed by another; 0: never.
+    max_seconds : float
+        So is one that spans more log time; 0: never.
+
+    Raises
+    ------
+    ValueError
+        The folder is in use, or an argument is unknown.
+    OSError
+        The folder cannot be made or written.
+
+    Notes
+    -----
+    A crash takes the chunk that is not closed, a power cut also what is not synced yet: with
+    `refresh` every `chunk_seconds` that is as much time and that of one sync.
+
+    Each file starts with the last messages of latched topics, counted in a record
+    `REPEATED_RECORD`: it can be used alone, and `BagReader` leaves them out when it has the file
+    before.
+    """
+
+    def __init__(self, folder, *, name=None, metadata=None, chunk_size=2**20, chunk_seconds=0.5,
+                 compression='zstd', max_bytes=0, max_seconds=0.0):
+        self.folder = Path(folder)
+        if compression not in COMPRESSIONS:
+            raise ValueError(
+                f'compression {compression!r} is unknown; use one of {", ".join(COMPRESSIONS)}')
+        if self.folder.exists() and not self.folder.is_dir():
+            raise ValueError(f'{self.folder} is a file; give a folder for the log')
+        if self.folder.is_dir() and any(self.folder.iterdir()):
+            raise ValueError(f'{self.folder} is not empty; give another folder or remove it')
+        self._stem = name or self.folder.resolve().name
+        if self._stem != PurePath(self._stem).name:
+            raise ValueError(f'name {self._stem!r} of a log must be a plain file name')
+        self.folder.mkdir(parents=True, exist_ok=True)
+        self.custom_data = {str(k): str(v) for k, v in (metadata or {}).items()}
+        self._records = {OWN_RECORD: self.custom_data} if self.custom_data else {}
+        self._options = {'chunk_size': chunk_size, 'compression': compression}
+        self._chunk_age = float(chunk_seconds)
+        self._max_bytes = max_bytes or 2**63
+        self._max_span = round(max_seconds * 1e9) or NEVER
+        self._topics = {}
+        self._done = []  # (name, first, last, count) of the files closed before
+        self._written = 0
+        self._error = None
+        self._pool = self._syncing = None
+        self._metadata_at = 0.0
+        self._open()
+        self.refresh()
+
+    # --- files ------------------------------------------------------------------------------
+
+    def _open(self):
+        self.file = self.folder / f'{self._stem}_{len(self._done)}.mcap'
+        self._out = McapFile(self.file, _library(), **self._options)
+        self._add = self._out.add
+        self._begun = 0.0  # when the chunk got its first message
+        self._first = NEVER
+        self._in_file = 0
+        self._schemas = {}
+        for name, data in self._records.items():
+            self._out.add_metadata(name, data)
+        for topic, entry in self._topics.items():
+            self._declare(topic, entry)
+        sync_folder(self.folder)
+
+    def _declare(self, topic, entry):
+        if entry.type not in self._schemas:
+            self._schemas[entry.type] = self._out.add_schema(
+                entry.type, entry.definition, entry.encoding)
+        entry.channel = self._out.add_channel(topic, self._schemas[entry.type], {
+            'offered_qos_profiles': dump_yaml(entry.qos).rstrip('\n'),
+            'topic_type_hash': entry.hash})
+
+    def split(self, log_time_ns=None):
+        """Go on in a new file; it starts with the last messages of latched topics.
+
+        Parameters
+        ----------
+        log_time_ns : int, optional
+            Their log time; that of the newest message by default.
+        """
+        self._check_open()
+        self._guard(self._split, log_time_ns)
+
+    def _split(self, log_time_ns):
+        self._wait_for_sync()
+        self._out.close_chunk()
+        when = log_time_ns if log_time_ns is not None else self._out.last
+        self._close_file()
+        self._open()
+        kept = {topic: entry for topic, entry in self._topics.items() if entry.kept}
+        if kept:
+            self._out.add_metadata(
+                REPEATED_RECORD, {topic: str(len(entry.kept)) for topic, entry in kept.items()})
+            for entry in kept.values():
+                for data, publish_time, sequence in entry.kept:
+                    self._add(entry.channel, data, when, publish_time, sequence)
+            self._out.close_chunk()
+        self._write_metadata()
+
+    def _close_file(self):
+        out = self._out
+        out.close_chunk()
+        out.add_metadata('rosbag2', {'serialized_metadata': dump_yaml(
+            self._information()).rstrip('\n')})
+        out.finish()
+        self._done.append((self.file.name, out.first, out.last, sum(out.counts.values())))
+        for entry in self._topics.values():
+            entry.before += out.counts[entry.channel]
+            entry.channel = 0
+
+    def _information(self):
+        out = self._out
+        counts = {} if out.closed else out.counts
+        files = list(self._done)
+        if not out.closed:
+            files.append((self.file.name, out.first, out.last, sum(counts.values())))
+        return information(
+            [(topic, entry.type, entry.qos, entry.hash,
+              entry.before + counts.get(entry.channel, 0))
+             for topic, entry in self._topics.items()], files, self.custom_data)
+
+    def _write_metadata(self):
+        self._metadata_at = time.monotonic()
+        write_metadata(self.folder, self._information())
+
+    # --- content ----------------------------------------------------------------------------
+
+    @property
+    def message_count(self):
+        """Messages written so far; those repeated at the start of a file are counted once."""
+        return self._written
+
+    @property
+    def topics(self):
+        """Names of the topics added so far."""
+        return list(self._topics)
+
+    def _check_open(self):
+        if self._error:
+            raise OSError(f'{self.file} failed before; nothing more can be written to it')
+        if self._out.closed:
+            raise ValueError(f'{self.file} is closed')
+
+    def add_topic(self, topic, type_name, qos_profile=()):
+        """Declare a topic; a second call with the same type changes nothing.
+
+        Parameters
+        ----------
+        topic : str
+            Full name, as ``/mount/offset``.
+        type_name : str
+            ``package/msg/Type``.
+        qos_profile : list or one of dict or QoSProfile
+            What the publishers offer (`qos_dict`).
+
+        Raises
+        ------
+        ValueError
+            The type is not installed, or the topic is there with another type.
+        """
+        type_name = '{}/msg/{}'.format(*split_type(type_name))
+        if not isinstance(qos_profile, list | tuple):
+            qos_profile = [qos_profile]
+        self.add_foreign_topic(topic, type_name, [qos_dict(profile) for profile in qos_profile])
+
+    def add_foreign_topic(self, topic, type_name, qos, definition=None, hash_=None,
+                          encoding='ros2msg'):
+        """As `add_topic`, of a type that need not be installed.
+
+        Parameters
+        ----------
+        topic, type_name : str
+        qos : list of dict
+            As of `qos_dict`.
+        definition : bytes, optional
+            The schema that came with the data.
+        hash_ : str, optional
+            Type hash, empty if there is none.
+        encoding : str
+            Of the schema.
+        """
+        self._check_open()
+        if topic in self._topics:
+            if self._topics[topic].type != type_name:
+                raise ValueError(
+                    f'topic {topic} is recorded as {self._topics[topic].type}, not as '
+                    f'{type_name}')
+            return
+        hash_ = type_hash(type_name) if hash_ is None else hash_
+        if definition is None:
+            definition = message_definition(type_name).encode()
+        entry = _Topic(type_name, qos, hash_, definition, encoding)
+        self._guard(self._declare, topic, entry)
+        self._topics[topic] = entry
+
+    def write(self, topic, data, log_time_ns, publish_time_ns, sequence=0):
+        """Append one message.
+
+        Parameters
+        ----------
+        topic : str
+            Added before.
+        data : bytes
+            The serialized message with its CDR header, stored as it is.
+        log_time_ns, publish_time_ns : int
+            Receive time and source time, ns since 1970.
+        sequence : int
+            Publication sequence number (its lower 32 bits are kept), 0 if unknown.
+
+        Raises
+        ------
+        ValueError
+            Unknown topic, a time below 0 or above 2**63 - 1, or the bag is closed.
+        OSError
+            The disk refused; what was written before stays readable.
+        """
+        entry = self._topics.get(topic)
+        if entry is None:
+            raise ValueError(f'topic {topic!r} was not added to {self.file}')
+        out = self._out
+        if self._error or out.closed:
+            self._check_open()
+        if not (0 <= log_time_ns <= NEVER and 0 <= publish_time_ns <= NEVER):
+            raise ValueError(
+                f'{topic}: time {log_time_ns}, {publish_time_ns} ns is outside 0..2**63-1')
+        if type(data) is not bytes:
+            data = memoryview(data).tobytes()
+        sequence &= 0xFFFFFFFF
+        try:
+            if self._in_file:
+                if (out.size + out.pending + len(data) > self._max_bytes
+                        or log_time_ns - self._first >= self._max_span):
+                    self._split(log_time_ns)
+                elif out.pending and time.monotonic() - self._begun >= self._chunk_age:
+                    out.close_chunk()
+            if not self._in_file:
+                self._first = log_time_ns
+            if not self._out.pending:
+                self._begun = time.monotonic()
+            self._add(entry.channel, data, log_time_ns, publish_time_ns, sequence)
+        except OSError as error:
+            self._error = error
+            raise
+        self._in_file += 1
+        self._written += 1
+        if entry.kept is not None:
+            entry.kept.append((data, publish_time_ns, sequence))
+
+    def add_metadata(self, name, data):
+        """Write an MCAP metadata record of str to str, in this file and those that follow."""
+        self._check_open()
+        self._records[name] = {str(k): str(v) for k, v in data.items()}
+        self._guard(self._out.add_metadata, name, self._records[name])
+
+    def add_attachment(self, name, media_type, data):
+        """Append an attachment, as the model of the night or the scenario.
+
+        Parameters
+        ----------
+        name : str
+            A plain file name.
+        media_type : str
+            As ``application/json``.
+        data : bytes
+        """
+        self._check_open()
+        plain_name(name)
+        self._guard(self._out.add_attachment, name, media_type, bytes(data))
+
+    # --- to the disk ------------------------------------------------------------------------
+
+    def refresh(self, wait=True):
+        """Close the chunk, put all on the disk and bring metadata.yaml up to date.
+
+        Parameters
+        ----------
+        wait : bool
+            False: write now, but sync in a thread of its own, and metadata.yaml now and then.
+        """
+        self._check_open()
+        if wait:
+            self._guard(self._sync)
+        else:
+            self._guard(self._sync_soon)
+
+    def _sync(self):
+        self._wait_for_sync()
+        self._out.close_chunk()
+        self._out.sync()
+        self._write_metadata()
+
+    def _sync_soon(self):
+        self._out.close_chunk()
+        if self._syncing is not None:
+            if not self._syncing.done():
+                return  # the disk is slow; the next one takes this along
+            self._wait_for_sync()
+        info = None
+        if time.monotonic() - self._metadata_at >= METADATA_PERIOD:
+            self._metadata_at = time.monotonic()
+            info = self._information()
+        if self._pool is None:
+            self._pool = ThreadPoolExecutor(1, 'bag')
+        self._syncing = self._pool.submit(_sync_file, self._out.duplicate(), self.folder, info)
+
+    def _wait_for_sync(self):
+        if self._syncing is not None:
+            syncing, self._syncing = self._syncing, None
+            syncing.result()
+
+    def _guard(self, call, *args):
+        try:
+            return call(*args)
+        except OSError as error:
+            self._error = error
+            raise
+
+    def close(self):
+        """Write index, statistics and metadata.yaml. A second call does nothing.
+
+        Raises
+        ------
+        OSError
+            The disk refused; what was written before stays readable.
+        """
+        if self._out.closed:
+            return
+        try:
+            if self._error is None:
+                self._guard(self._finish)
+            else:
+                self._finish_failed()
+        finally:
+            self._out.close()
+            if self._pool is not None:
+                self._pool.shutdown()
+
+    def _finish(self):
+        self._wait_for_sync()
+        self._close_file()
+        self._write_metadata()
+
+    def _finish_failed(self):
+        """After an error: the space of the chunk that did not fit often holds the index."""
+        try:
+            self._out.add_metadata(STOPPED_RECORD, {'reason': str(self._error)})
+            self._close_file()
+            self._write_metadata()
+        except OSError:
+            pass  # it was reported when it was first met; the messages are read without an index
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *exc):
+        self.close()
+
+
+def _sync_file(number, folder, info):
+    try:
+        os.fsync(number)
+    finally:
+        os.close(number)
+    if info is not None:
+        write_metadata(folder, info)
+
+
+def plain_name(name):
+    """`name` if it is a file name without any path, else ValueError."""
+    if not name or name in ('.', '..') or re.search(r'[/\\:\x00-\x1f]', name):
+        raise ValueError(f'attachment name {name!r} is not a plain file name')
+    return name

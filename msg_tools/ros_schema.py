@@ -1,0 +1,258 @@
+"""Message definitions, type hashes and quality of service, as rosbag2 keeps them in a log."""
+
+import importlib.util
+import json
+import os
+import re
+import sys
+from functools import cache
+from pathlib import Path
+
+import yaml
+
+try:
+    from yaml import CSafeDumper as _Dumper
+    from yaml import CSafeLoader as Loader
+except ImportError:  # PyYAML built without libyaml
+    from yaml import SafeDumper as _Dumper
+    from yaml import SafeLoader as Loader
+
+#: limits of what a foreign channel may say
+MAX_QOS_TEXT, MAX_PROFILES = 65536, 100
+_SEPARATOR = '=' * 80
+_PRIMITIVES = frozenset((
+    'bool', 'byte', 'char', 'float32', 'float64', 'int8', 'uint8', 'int16', 'uint16', 'int32',
+    'uint32', 'int64', 'uint64', 'string', 'wstring',
+))
+_INFINITE = {'sec': 9223372036, 'nsec': 854775807}
+# names by the numbers of rmw/types.h, which metadata before version 9 holds
+_POLICIES = {
+    'history': ('system_default', 'keep_last', 'keep_all', 'unknown'),
+    'reliability': ('system_default', 'reliable', 'best_effort', 'unknown', 'best_available'),
+    'durability': ('system_default', 'transient_local', 'volatile', 'unknown', 'best_available'),
+    'liveliness': (
+        'system_default', 'automatic', 'manual_by_node', 'manual_by_topic', 'unknown',
+        'best_available',
+    ),
+}
+_DURATIONS = ('deadline', 'lifespan', 'liveliness_lease_duration')
+_QOS_ORDER = (
+    'history', 'depth', 'reliability', 'durability', 'deadline', 'lifespan', 'liveliness',
+    'liveliness_lease_duration', 'avoid_ros_namespace_conventions',
+)
+_QOS_DEFAULT = {
+    'history': 'keep_last', 'depth': 10, 'reliability': 'reliable', 'durability': 'volatile',
+    'deadline': _INFINITE, 'lifespan': _INFINITE, 'liveliness': 'automatic',
+    'liveliness_lease_duration': _INFINITE, 'avoid_ros_namespace_conventions': False,
+}
+
+
+def _prefixes(package):
+    """Folders that may hold ``share/<package>``: the ament index first, then the wheels."""
+    found = [p for p in os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep) if p]
+    found.append(sys.prefix)
+    try:
+        spec = importlib.util.find_spec(package)
+    except (ImportError, ValueError):
+        spec = None
+    for folder in (spec.submodule_search_locations or ()) if spec else ():
+        # <prefix>/lib/python3.x/site-packages/<package>
+        parents = Path(folder).parents
+        if len(parents) > 3:
+            found.append(str(parents[3]))
+    return tuple(dict.fromkeys(found))
+
+
+def split_type(type_name):
+    match = re.fullmatch(r'([A-Za-z]\w*)/(?:msg/)?([A-Za-z]\w*)', type_name)
+    if match is None:
+        raise ValueError(
+            f'message type {type_name!r} is not of the form package/msg/Type')
+    return match.groups()
+
+
+@cache
+def _read_share(package, name, suffix, prefixes):
+    for prefix in prefixes:
+        file = Path(prefix, 'share', package, 'msg', name + suffix)
+        if file.is_file():
+            return file.read_text(encoding='utf-8')
+    return None
+
+
+def _message_text(type_name):
+    package, name = split_type(type_name)
+    text = _read_share(package, name, '.msg', _prefixes(package))
+    if text is None:
+        raise ValueError(
+            f'message type {type_name}: no share/{package}/msg/{name}.msg found; install or '
+            f'source the package {package}')
+    return text
+
+
+def _dependencies(text, package):
+    found = set()
+    for line in text.splitlines():
+        line = line.split('#', 1)[0].strip()
+        if not line:
+            continue
+        kind = re.match(r'[\w/]+', line)
+        kind = kind.group() if kind else ''
+        if kind and kind not in _PRIMITIVES:
+            found.add(kind if '/' in kind else f'{package}/{kind}')
+    return sorted(found)
+
+
+@cache
+def message_definition(type_name):
+    """Full text of a message definition: the type, then all that it needs.
+
+    Parameters
+    ----------
+    type_name : str
+        ``package/msg/Type``.
+
+    Returns
+    -------
+    str
+        The ``ros2msg`` schema as rosbag2 writes it: every dependency once, after a line of 80
+        ``=`` and a line ``MSG: package/Type``.
+
+    Raises
+    ------
+    ValueError
+        The type, or one that it needs, is not installed.
+    """
+    seen = set()
+
+    def full(name):
+        text = _message_text(name)
+        for dependency in _dependencies(text, split_type(name)[0]):
+            if dependency not in seen:
+                seen.add(dependency)
+                text += f'\n{_SEPARATOR}\nMSG: {dependency}\n{full(dependency)}'
+        return text
+
+    return full(type_name)
+
+
+@cache
+def type_hash(type_name):
+    """RIHS01 hash of a message type, as its package was built with.
+
+    Parameters
+    ----------
+    type_name : str
+        ``package/msg/Type``.
+
+    Returns
+    -------
+    str
+        ``RIHS01_...``; empty where the package carries none (before ROS 2 Iron), as rosbag2
+        does.
+    """
+    package, name = split_type(type_name)
+    text = _read_share(package, name, '.json', _prefixes(package))
+    entries = json.loads(text)['type_hashes'] if text else ()
+    full_name = f'{package}/msg/{name}'
+    return next((e['hash_string'] for e in entries if e['type_name'] == full_name), '')
+
+
+def qos_dict(profile):
+    """A QoS profile as metadata version 9 holds it: names as strings, times in sec and nsec.
+
+    Parameters
+    ----------
+    profile : dict or rclpy QoSProfile
+        A dict may leave keys out; policies are strings, enum members or rmw numbers, durations
+        ``{'sec', 'nsec'}``, nanoseconds or objects with ``nanoseconds``.
+
+    Returns
+    -------
+    dict
+
+    Raises
+    ------
+    ValueError
+        An unknown policy.
+    """
+    out = {}
+    for key in _QOS_ORDER:
+        if isinstance(profile, dict):
+            value = profile.get(key)
+        else:
+            value = getattr(profile, key, None)
+        if value is None:
+            value = _QOS_DEFAULT[key]
+        if key in _POLICIES:
+            names = _POLICIES[key]
+            # enum members of rclpy are ints too: the name decides
+            text = value if isinstance(value, str) else getattr(value, 'name', None)
+            if text is None and isinstance(value, int) and 0 <= value < len(names):
+                text = names[value]
+            text = str(text if text is not None else value).lower()
+            if text not in names:
+                raise ValueError(
+                    f'QoS {key} {value!r} is unknown; use one of {", ".join(names)}')
+            out[key] = text
+        elif key in _DURATIONS:
+            if isinstance(value, dict):
+                out[key] = {'sec': int(value['sec']), 'nsec': int(value['nsec'])}
+            else:
+                sec, nsec = divmod(int(getattr(value, 'nanoseconds', value)), 10**9)
+                out[key] = {'sec': sec, 'nsec': nsec}
+        else:
+            out[key] = type(_QOS_DEFAULT[key])(value)
+    return out
+
+
+class _PlainDumper(_Dumper):
+    """No anchors: yaml-cpp writes none, and two equal durations are no reference."""
+
+    def ignore_aliases(self, data):
+        return True
+
+
+def dump_yaml(document):
+    """YAML as rosbag2 writes it."""
+    return yaml.dump(
+        document, Dumper=_PlainDumper, default_flow_style=False, sort_keys=False, width=10**6)
+
+
+def load_yaml(text, *, depth=20):
+    """YAML of a foreign file; the loader of libyaml would crash on deep nesting.
+
+    Raises
+    ------
+    ValueError
+        Not YAML, or nested more than `depth` deep.
+    """
+    try:
+        level = 0
+        for event in yaml.parse(text, Loader=Loader):
+            level += isinstance(event, yaml.CollectionStartEvent)
+            level -= isinstance(event, yaml.CollectionEndEvent)
+            if level > depth:
+                raise ValueError(f'YAML nested more than {depth} deep')
+        return yaml.load(text, Loader=Loader)
+    except yaml.YAMLError as error:
+        raise ValueError(' '.join(str(error).split())[:120]) from None
+
+
+def load_qos(text):
+    """List of `qos_dict` from the YAML text of a channel.
+
+    Raises
+    ------
+    ValueError
+        The text is no list of QoS profiles.
+    """
+    if len(text) > MAX_QOS_TEXT:
+        raise ValueError(f'QoS text of {len(text)} characters')
+    profiles = load_yaml(text) or []
+    if not isinstance(profiles, list) or not all(isinstance(p, dict) for p in profiles):
+        raise ValueError('QoS text is no list of profiles')
+    try:
+        return [qos_dict(profile) for profile in profiles[:MAX_PROFILES]]
+    except (KeyError, TypeError, OverflowError, AttributeError) as error:
+        raise ValueError(f'QoS profile with {error!r}') from None

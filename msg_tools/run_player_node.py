@@ -1,0 +1,227 @@
+"""The run player: publishes a measured pointing run as an observer publishes a night."""
+
+import sys
+import time
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.clock import Clock, ClockType
+from rosgraph_msgs.msg import Clock as ClockMessage
+from std_srvs.srv import Trigger
+
+from pointing_model.run import COLUMNS, PointingRun
+
+from . import convert, topics
+from .node import NO_SUBSCRIPTION_EVENTS, MountNode, Param, run_node
+from .readiness import parse, unmatched
+from .run_files import read_run
+
+#: rows published between two looks at what else there is to do
+BATCH = 200
+#: numbers of stars that have names, beyond those of any catalogue
+FIRST_NAMED = 1_000_001
+#: stamp of the first row of a run without usable times, 2000-01-01, ns
+NO_TIME = 946_684_800 * 10**9
+LAST_STAMP = (2**31 - 1) * 10**9
+
+PARAMS = (
+    Param('file', '', 'the run: any file that read_run takes', fixed=True),
+    Param('azimuth_origin', '', 'where azimuth 0 is in a TPOINT file', choices=('', 'N', 'S'),
+          fixed=True),
+    Param('check_every', 4, 'one row of so many in a row is kept out of fit and diagnosis, to '
+          'judge by; 0: none', 0, 1000, fixed=True),
+    Param('seed', 1, 'of the choice of these rows', 0, 2**31 - 1, fixed=True),
+    Param('services', ['fit', 'diagnose'], 'what the calibration is asked for afterwards, in '
+          'order', fixed=True),
+    Param('wait_for_nodes', [''], 'full names of nodes that must be connected before the run '
+          'starts', fixed=True),
+)
+
+
+def playable(run, check_every, seed):
+    """The columns of a run that a topic can carry, with those that the calibration needs.
+
+    Parameters
+    ----------
+    run : PointingRun
+    check_every : int
+        Of so many rows in a row one, by chance, gets ``check`` 1; 0: none. A run that has the
+        column keeps it.
+    seed : int
+
+    Returns
+    -------
+    run : PointingRun
+        ``run`` is 1 and ``block`` 0 where the run has none; stars with names are numbered from
+        `FIRST_NAMED` on.
+    stamps : ndarray of int, shape (n,)
+        ns, increasing; the time of each row where that can be a stamp.
+    left_out : list of str
+        Columns that are not numeric.
+    """
+    n = len(run)
+    columns, left_out = {'run': np.ones(n), 'block': np.zeros(n), 'star': np.arange(n) + 1.0 +
+                         FIRST_NAMED + n}, []
+    for name, values in run.columns.items():
+        if values.dtype.kind in 'fiub':
+            columns[name] = values.astype(float)
+        elif name == 'star':
+            columns[name] = np.unique(values, return_inverse=True)[1] + float(FIRST_NAMED)
+        else:
+            left_out.append(name)
+    if run.meta.get('raw_reading', True) is False:
+        # nothing here is what an encoder reads
+        columns['az_raw'] = columns['el_raw'] = np.full(n, np.nan)
+    if 'check' not in columns:
+        columns['check'] = _one_of(n, check_every, seed)
+    order = [name for name in COLUMNS if name in columns]
+    order += [name for name in columns if name not in COLUMNS]
+    return (PointingRun({name: columns[name] for name in order}, run.meta),
+            _stamps(columns.get('time'), n), left_out)
+
+
+def _one_of(n, every, seed):
+    """1.0 for one row, by chance, of each `every` in a row."""
+    out = np.zeros(n)
+    if every > 0:
+        starts = np.arange(0, n, every)
+        picked = starts + np.random.default_rng(seed).integers(0, every, len(starts))
+        out[picked[picked < n]] = 1.0
+    return out
+
+
+def _stamps(time, n):
+    """Increasing stamps, the rows' own times where they are such."""
+    if time is None or not np.isfinite(time).all() or time.min() <= 0.0 \
+            or time.max() * 1e9 + n > LAST_STAMP:
+        return NO_TIME + 10**9 * np.arange(n, dtype=np.int64)
+    stamps = np.rint(time * 1e9).astype(np.int64)
+    # two rows of one time, or out of order: a nanosecond later than the one before
+    step = np.arange(n)
+    return np.maximum.accumulate(stamps - step) + step
+
+
+class RunPlayer(MountNode):
+    """Publishes `observation` row by row, then has the calibration fit and diagnose."""
+
+    def __init__(self, **kwargs):
+        super().__init__('run_player', PARAMS, hardware_id='measured run', **kwargs)
+        if not self.value('file'):
+            raise ValueError('run_player: parameter file is empty; give a pointing run with '
+                             '-p file:=FILE')
+        origin = self.value('azimuth_origin') or None
+        run = read_run(self.value('file'), azimuth_origin=origin)
+        self._run, self._stamps, left_out = playable(
+            run, self.value('check_every'), self.value('seed'))
+        for name in left_out:
+            self.get_logger().warning(f'column {name} is not numeric and was left out')
+        self._sent = self._calibrated = 0
+        self._state = ('waiting', 'the graph')
+        self._step = ''
+        self._told_last = None
+        self._reports = {}
+        self._clock_pub = self.publisher(topics.CLOCK)
+        self._observation_pub = self.publisher(topics.OBSERVATION)
+        self._observations_pub = self.publisher(topics.OBSERVATIONS)
+        self._status_pub = self.publisher(topics.OBSERVER_STATUS)
+        self.subscribe(topics.CALIBRATION_STATUS, self._on_calibration)
+        self.create_subscription(topics.DIAGNOSTICS.message, topics.DIAGNOSTICS.name,
+                                 self._on_diagnostics, topics.DIAGNOSTICS.qos,
+                                 event_callbacks=NO_SUBSCRIPTION_EVENTS)
+        self._asked = {name: self.create_client(Trigger, name)
+                       for name in self.value('services') if name}
+        self._work = self._play()
+        self._wait = None
+        self._timer = self.create_timer(0.02, self._advance,
+                                        clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def _on_calibration(self, message):
+        values = {row.key: row.value for row in message.values}
+        self._calibrated = int(values.get('observations', 0))
+
+    def _on_diagnostics(self, message):
+        for status in message.status:
+            self._reports[status.name] = parse(status)
+
+    def _advance(self):
+        try:
+            while self._wait is None or self._wait():
+                self._wait = next(self._work)
+        except StopIteration:
+            self._timer.cancel()
+            if self._state[0] != 'failed':
+                self._state = ('done', f'{len(self._run)} observations published')
+            self.get_logger().info(self._state[1])
+        self._report()
+
+    def _play(self):
+        """What is to be done, as a generator of conditions to wait for."""
+        yield lambda: not self.waiting_for()
+        self._state, self._step = ('observing', 'rows'), f'rows {len(self._run)}'
+        for first in range(0, len(self._run), BATCH):
+            for row in range(first, min(first + BATCH, len(self._run))):
+                self._publish(row)
+            # no more on the way than a subscriber's queue holds
+            yield lambda: self._calibrated >= self._sent
+        self._observations_pub.publish(convert.run_to_cloud(self._run, int(self._stamps[-1])))
+        for name, client in self._asked.items():
+            self._step = name
+            yield client.service_is_ready
+            future = client.call_async(Trigger.Request())
+            yield future.done
+            answer = future.result()
+            if not answer.success:
+                self._state = ('failed', f'{name}: {answer.message}')
+                self.get_logger().error(self._state[1])
+                return
+            self.get_logger().info(f'{name}: {answer.message}')
+
+    def _publish(self, row):
+        stamp = int(self._stamps[row])
+        self._clock_pub.publish(ClockMessage(clock=convert.to_stamp(stamp)))
+        self._observation_pub.publish(convert.run_to_cloud(self._run.select([row]), stamp))
+        self._sent += 1
+
+    def _report(self):
+        state, text = self._state
+        now = (state, text, self._step, self._sent, time.monotonic() // 1.0)
+        if now == self._told_last:
+            return
+        self._told_last = now
+        level = {'failed': DiagnosticStatus.ERROR, 'waiting': DiagnosticStatus.WARN}.get(
+            state, DiagnosticStatus.OK)
+        self._status_pub.publish(convert.status(
+            level, self.get_fully_qualified_name(), text, state=state, step=self._step, block=0,
+            done=self._sent, total=len(self._run), observations=self._sent, run=0, lost=0))
+
+    def required(self):
+        """Somebody must take the rows."""
+        return {self.resolve_topic_name(topics.OBSERVATION.name)}
+
+    def waiting_for(self):
+        """Subscribers that are not there yet, and nodes that are not fully connected."""
+        missing = super().waiting_for()
+        nodes = [name for name in self.value('wait_for_nodes') if name]
+        if nodes and not missing and self._sent == 0:
+            missing = unmatched(nodes, self._reports)
+        return missing
+
+    def problems(self):
+        """What the calibration refused."""
+        state, text = self._state
+        return [(DiagnosticStatus.ERROR, text)] if state == 'failed' else []
+
+    def details(self):
+        """Progress."""
+        return [('file', self.value('file')), ('state', self._state[0]), ('step', self._step),
+                ('rows published', str(self._sent)),
+                ('kept out', str(int(np.sum(self._run['check'] != 0.0))))]
+
+
+def main(args=None):
+    """Entry point of ``ros2 run telescope_mount run_player``."""
+    sys.exit(run_node(RunPlayer, args))
+
+
+if __name__ == '__main__':
+    main()

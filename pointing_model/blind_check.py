@@ -1,0 +1,48 @@
+"""Fresh stars pointed at blind: how far from the boresight they are is the pointing error."""
+
+import json
+
+import numpy as np
+
+from .units import ARCSEC
+
+FORMAT = 'telescope_mount/blind_checks'
+VERSION = 1
+
+
+def summary(miss, lost=0, model=None):
+    """RMS of the miss distances, on the sky.
+
+    Parameters
+    ----------
+    miss : array_like, shape (n, 2)
+        Star - boresight towards +A and +E, rad, of first exposures: model and zero in force,
+        nothing centred.
+    lost : int
+        Stars that were not in the field, and so are in no figure.
+    model : PointingModel, optional
+        That was in force.
+
+    Returns
+    -------
+    dict
+        ``stars``, ``lost``, ``rms_arcsec`` (radial), ``rms_x_arcsec``, ``rms_y_arcsec``,
+        ``mean_x_arcsec``, ``mean_y_arcsec``, ``max_arcsec``, None where there is no star;
+        ``terms`` and ``effects`` of the model.
+    """
+    miss = np.asarray(miss, dtype=float).reshape(-1, 2) / ARCSEC
+    names = ('rms_arcsec', 'rms_x_arcsec', 'rms_y_arcsec', 'mean_x_arcsec', 'mean_y_arcsec',
+             'max_arcsec')
+    values = [None] * len(names)
+    if len(miss):
+        x, y = np.sqrt(np.mean(miss**2, axis=0))
+        values = [np.hypot(x, y), x, y, *miss.mean(axis=0), np.hypot(*miss.T).max()]
+    return {'stars': len(miss), 'lost': int(lost),
+            **{n: None if v is None else float(v) for n, v in zip(names, values)},
+            'terms': list(model.terms) if model else [],
+            'effects': [e.effect.name for e in model.effects] if model else []}
+
+
+def document(checks):
+    """The JSON text of all checks of a night, each from `summary`, in order."""
+    return json.dumps({'format': FORMAT, 'version': VERSION, 'checks': checks})

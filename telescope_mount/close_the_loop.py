@@ -1,0 +1,282 @@
+"""The loop closed: a night, or a measured run, is fitted, diagnosed, amended and judged."""
+
+import json
+from dataclasses import dataclass, field, replace
+from functools import partial
+from importlib import resources
+from pathlib import Path
+
+from pointing_model.plan import parse_plan
+
+from .graph import measured_graph, night_graph
+from .night import NightFailed, observe, prepare_folder
+
+FORMAT = 'telescope_mount/loop'
+VERSION = 1
+#: scenarios that are made for it
+PREFIX = 'loop_'
+#: what the run player does, in the words of a plan
+_MEASURED_PLAN = 'fit, diagnose'
+
+
+@dataclass
+class LoopOptions:
+    """What a user chose; see ``telescope-mount close-the-loop --help``."""
+
+    out: Path
+    scenario: str = ''
+    run: Path | None = None
+    seed: int = 1
+    stars: int = 90
+    polaris: int = 16
+    check: int = 30
+    check_every: int = 4
+    alpha: float = 0.01
+    start_time: str = ''
+    azimuth_origin: str | None = None
+    sky: dict = field(default_factory=dict)
+    domain: int | None = None
+
+
+def loop_plan(stars, polaris, check):
+    """The plan of a night: measure, fit, judge blind, diagnose, judge blind.
+
+    Parameters
+    ----------
+    stars : int
+        That fit and diagnosis see.
+    polaris : int
+        Exposures for the zero.
+    check : int
+        Fresh stars before and after the diagnosis.
+
+    Returns
+    -------
+    str
+    """
+    return (f'home, stars {stars}, polaris {polaris}, calibrate_zero, fit, check {check}, '
+            f'diagnose, check {check}')
+
+
+def scenario_names():
+    """Scenarios of the package that are made for this, sorted."""
+    folder = resources.files('encoder_sim') / 'scenarios'
+    return sorted(file.name.removesuffix('.yaml') for file in folder.iterdir()
+                  if file.name.startswith(PREFIX) and file.name.endswith('.yaml'))
+
+
+def undeclared(scenario):
+    """What a scenario does that nobody was told, in its own words; read when all is over.
+
+    Parameters
+    ----------
+    scenario : str
+        A name or a file.
+
+    Returns
+    -------
+    dict or None
+        ``what`` (a text) and ``shows_as`` (beginnings of names of effects; empty: of none, None:
+        not said); None where the scenario says nothing.
+    """
+    import yaml
+    if scenario.endswith(('.yaml', '.yml')):
+        text = Path(scenario).read_text(encoding='utf-8')
+    else:
+        text = (resources.files('encoder_sim') / 'scenarios' / f'{scenario}.yaml').read_text(
+            encoding='utf-8')
+    said = (yaml.safe_load(text) or {}).get('undeclared')
+    if not said:
+        return None
+    return {'what': said['what'], 'shows_as': said.get('shows_as')}
+
+
+def judgement(shows_as, effects):
+    """Whether the diagnosis found what the scenario does.
+
+    Parameters
+    ----------
+    shows_as : list of str or None
+        Beginnings of names of effects.
+    effects : list of dict
+        Of the diagnosis, with ``name``, ``alternatives`` and ``aliases``.
+
+    Returns
+    -------
+    found : {'yes', 'in the set', 'in part', 'no'} or None
+        'yes': every effect is there by its first name or one that is the same curve, and nothing
+        else; 'in the set': every one is among those reported together. None: not said.
+    false : list of str
+        Effects that are none of those.
+    """
+    if shows_as is None:
+        return None, []
+
+    def among(wanted, names):
+        return any(name.startswith(wanted) for name in names)
+
+    first = [[e['name'], *e['aliases']] for e in effects]
+    sets = [[*names, *e['alternatives']] for names, e in zip(first, effects)]
+    false = [e['name'] for e, names in zip(effects, sets)
+             if not any(among(wanted, names) for wanted in shows_as)]
+    if not shows_as:
+        return ('no' if effects else 'yes'), false
+    named = [any(among(wanted, names) for names in first) for wanted in shows_as]
+    there = [any(among(wanted, names) for names in sets) for wanted in shows_as]
+    if all(named):
+        return 'yes', false
+    if all(there):
+        return 'in the set', false
+    return ('in part' if any(there) else 'no'), false
+
+
+def close_the_loop(options, progress=None):
+    """Carry out one night with a scenario, or one measured run.
+
+    Parameters
+    ----------
+    options : LoopOptions
+        With `scenario` or `run`.
+    progress : callable, optional
+        Called with (text, done, total) as it goes on.
+
+    Returns
+    -------
+    dict
+        The report that ``report.json`` holds, see `FORMAT`.
+
+    Raises
+    ------
+    ValueError, OSError
+        Bad input.
+    NightFailed
+        A node ended, or a step could not be carried out.
+    """
+    if options.run is not None:
+        return _measured(options, progress)
+    plan = loop_plan(options.stars, options.polaris, options.check)
+    parse_plan(plan)
+    folder = prepare_folder(options.out)
+    specs = night_graph(
+        bag=str(folder / 'bag'), scenario=options.scenario, seed=options.seed,
+        start_time=options.start_time, plan=plan, sample_rate_hz=1.0, sky=options.sky,
+        calibration=_calibration(options, folder, _simulated_site(options.sky)))
+    return observe(folder, specs, plan, partial(_write, folder, options, plan), progress,
+                   options.domain)
+
+
+def close_all(options, progress=None):
+    """`close_the_loop` with every scenario that is made for it, each in a folder of its own.
+
+    Returns
+    -------
+    dict
+        ``scenarios``: the report of each; one that failed has an ``error``.
+    """
+    folder = prepare_folder(options.out)
+    reports = []
+    for name in scenario_names():
+        try:
+            reports.append(close_the_loop(
+                replace(options, scenario=name, out=folder / name),
+                progress and partial(_named, progress, name)))
+        except NightFailed as err:
+            reports.append({'scenario': name, 'error': str(err)})
+    out = {'format': FORMAT, 'version': VERSION, 'seed': options.seed, 'scenarios': reports}
+    (folder / 'report.json').write_text(json.dumps(out, indent=1) + '\n')
+    return out
+
+
+def _named(progress, name, text, done, total):
+    progress(f'{name}: {text}', done, total)
+
+
+def _of(total, progress, text, done, _):
+    progress(text, done, total)
+
+
+def _calibration(options, folder, site):
+    return {'alpha': options.alpha, 'site': site,
+            'diagnosis_page': str((folder / 'diagnosis.html').resolve())}
+
+
+def _simulated_site(sky):
+    """What the observer believes, as the calibration's parameter."""
+    from pointing_model.sky import DEFAULT_SITE
+    from pointing_model.units import DEG
+    latitude = sky.get('latitude_deg', DEFAULT_SITE.latitude / DEG)
+    return f'{latitude!r}, {sky.get("longitude_deg", DEFAULT_SITE.longitude / DEG)!r}'
+
+
+def _site_of(run, sky):
+    """As `_simulated_site`, of a measured run: what was given, else what the file says."""
+    from pointing_model.units import DEG
+    told = run.meta.get('site') or {}
+    if not isinstance(told, dict):
+        told = {'latitude': told.latitude, 'longitude': told.longitude}
+    told = {f'{name}_deg': value / DEG for name, value in told.items()
+            if name in ('latitude', 'longitude') and value is not None} | sky
+    # times from an arbitrary start say nothing of the stars' place
+    if len({'latitude_deg', 'longitude_deg'} & set(told)) < 2 \
+            or not run.meta.get('time_is_utc', True):
+        return ''
+    return f'{told["latitude_deg"]!r}, {told["longitude_deg"]!r}'
+
+
+def _measured(options, progress):
+    from .runs import load_run
+    # whatever cannot be read is said before a node starts
+    run = load_run(options.run, azimuth_origin=options.azimuth_origin)
+    progress = progress and partial(_of, len(run), progress)
+    folder = prepare_folder(options.out)
+    file, origin = Path(options.run), options.azimuth_origin or ''
+    if file.is_dir() or file.suffix == '.mcap':
+        from msg_tools.run_files import write_csv
+        file, origin = folder / 'run.csv', ''
+        write_csv(run, file)
+    specs = measured_graph(
+        bag=str(folder / 'bag'), seed=options.seed,
+        player={'file': str(file.resolve()), 'azimuth_origin': origin,
+                'check_every': options.check_every},
+        calibration=_calibration(options, folder, _site_of(run, options.sky)))
+    return observe(folder, specs, _MEASURED_PLAN, partial(_write, folder, options, _MEASURED_PLAN),
+                   progress, options.domain)
+
+
+def _write(folder, options, plan, latest):
+    """report.json, diagnosis.json, model.json and observations.csv."""
+    from msg_tools import topics
+    from msg_tools.convert import cloud_to_run
+    from msg_tools.run_files import write_csv
+
+    diagnosis = json.loads(latest[topics.DIAGNOSIS.name].data)
+    checks = []
+    if topics.CHECKS.name in latest:
+        checks = json.loads(latest[topics.CHECKS.name].data)['checks']
+    report = {
+        'format': FORMAT, 'version': VERSION, 'scenario': options.scenario or None,
+        'source': str(options.run) if options.run else None, 'seed': options.seed, 'plan': plan,
+        'verdict': diagnosis['verdict'], 'effects': diagnosis['effects'],
+        'applied': diagnosis['applied'], 'noise_floor_arcsec': diagnosis['noise_floor_arcsec'],
+        'before': diagnosis['before'], 'after': diagnosis['after'],
+        'kept_out': diagnosis['kept_out'],
+        'blind_before': checks[0] if checks else None,
+        'blind_after': checks[-1] if len(checks) > 1 else None,
+        'alarms': json.loads(
+            latest[topics.CALIBRATION_REPORT.name].data)['witnesses']['alarms'],
+        'notes': diagnosis['notes'],
+    }
+    files = {'log': folder / 'bag', 'model': folder / 'model.json',
+             'observations': folder / 'observations.csv', 'report': folder / 'report.json',
+             'diagnosis': folder / 'diagnosis.json', 'page': folder / 'diagnosis.html'}
+    write_csv(cloud_to_run(latest[topics.OBSERVATIONS.name]), files['observations'])
+    files['model'].write_text(latest[topics.MODEL.name].data + '\n')
+    files['diagnosis'].write_text(json.dumps(diagnosis, indent=1) + '\n')
+    # now that everything is decided
+    report['undeclared'] = undeclared(options.scenario) if options.scenario else None
+    told = report['undeclared'] or {'shows_as': None}
+    report['found'], report['false'] = judgement(
+        told['shows_as'], diagnosis['effects'])
+    report['files'] = {name: str(path) for name, path in files.items()}
+    files['report'].write_text(json.dumps(report, indent=1) + '\n')
+    return report

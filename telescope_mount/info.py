@@ -1,0 +1,111 @@
+"""What is in a log, and whether it is whole."""
+
+from datetime import datetime, timedelta, timezone
+from pathlib import Path
+
+from msg_tools.bag import OWN_RECORD
+from msg_tools.bag_gaps import SequenceGaps
+from msg_tools.bag_sqlite import open_bag
+
+
+def log_info(path, *, quick=False):
+    """Topics, counts, rates, gaps, size and integrity of a log.
+
+    Parameters
+    ----------
+    path : str or Path
+        A bag of ours or of rosbag2: a folder, ``.mcap`` or ``.db3``.
+    quick : bool
+        Tell what the index says; no message is read, gaps and damage are not looked for.
+
+    Returns
+    -------
+    dict
+        JSON-ready. ``topics`` holds a row each with ``count``, ``rate_hz`` (None below two
+        messages), ``lost`` (None where the log has no sequence numbers, or if `quick`),
+        ``publishers``; ``start``, ``end`` ISO 8601 UTC or None; ``problems`` is empty if the log
+        is whole.
+
+    Raises
+    ------
+    ValueError, OSError
+        It is no log, or may not be read.
+    """
+    bag = open_bag(path)
+    seen = {} if quick else _read_through(bag)
+    span = 0.0 if bag.start_time is None else (bag.end_time - bag.start_time) * 1e-9
+    topics = []
+    for topic in sorted(bag.topics):
+        first, last, count, gaps = seen.get(
+            (topic.name, topic.type), (bag.start_time, bag.end_time, topic.count, None))
+        known = gaps is not None and gaps.publishers
+        between = (last - first) * 1e-9 if count > 1 else 0.0
+        topics.append({
+            'name': topic.name, 'type': topic.type, 'count': count if seen else topic.count,
+            'rate_hz': (count - 1) / between if between > 0.0 else None,
+            'lost': gaps.gaps if known else None,
+            'publishers': gaps.publishers if known else None,
+            'latched': any(q['durability'] == 'transient_local' for q in topic.qos)})
+    return {
+        'path': str(path), 'files': [file.name for file in bag.files],
+        'size_bytes': sum(Path(file).stat().st_size for file in bag.files),
+        'start': _utc(bag.start_time), 'end': _utc(bag.end_time), 'duration_s': span,
+        'messages': sum(row['count'] for row in topics), 'topics': topics,
+        'complete': bag.complete, 'read_through': not quick, 'truth': bag.has_truth,
+        'written_with': dict(bag.metadata.get(OWN_RECORD, {})),
+        'nodes': sorted(name.split(' ', 1)[1] for name in bag.metadata
+                        if name.startswith('parameters ')),
+        'attachments': [{'name': a.name, 'bytes': a.size} for a in bag.attachments],
+        'problems': bag.problems}
+
+
+def _read_through(bag):
+    """(first, last log time, count, SequenceGaps) by topic and type."""
+    latched = {(t.name, t.type): any(q['durability'] == 'transient_local' for q in t.qos)
+               for t in bag.topics}
+    seen = {}
+    for message in bag.messages():
+        key = message.topic, message.type
+        row = seen.get(key)
+        if row is None:
+            row = seen[key] = [message.log_time, 0, 0, SequenceGaps(latched.get(key, False))]
+        row[1] = message.log_time
+        row[2] += 1
+        row[3].add(message.sequence)
+    return seen
+
+
+def _utc(ns):
+    if ns is None:
+        return None
+    try:
+        when = datetime(1970, 1, 1, tzinfo=timezone.utc) + timedelta(microseconds=ns // 1000)
+    except OverflowError:
+        return f'{ns} ns since 1970'
+    return when.isoformat(timespec='milliseconds').replace('+00:00', 'Z')
+
+
+def info_tables(info):
+    """What `log_info` tells, as rich tables and lines for the console."""
+    from rich.table import Table
+    table = Table(title=f'{info["path"]}: {info["messages"]} messages')
+    for name, justify in (('topic', 'left'), ('type', 'left'), ('messages', 'right'),
+                          ('rate [Hz]', 'right'), ('publishers', 'right'), ('lost', 'right')):
+        table.add_column(name, justify=justify)
+    for row in info['topics']:
+        table.add_row(
+            row['name'], row['type'], str(row['count']),
+            '' if row['rate_hz'] is None else f'{row["rate_hz"]:.4g}',
+            '' if row['publishers'] is None else str(row['publishers']),
+            '' if row['lost'] is None else str(row['lost']))
+    lines = [
+        f'files              {", ".join(info["files"])} ({info["size_bytes"] / 1e6:.2f} MB)',
+        f'time               {info["start"]} to {info["end"]} ({info["duration_s"]:.1f} s)',
+        *(f'{key:<18} {value}' for key, value in info['written_with'].items()),
+        *([f'attachments        {", ".join(a["name"] for a in info["attachments"])}']
+          if info['attachments'] else []),
+        'integrity          ' + (
+            'damaged or not closed, see below' if info['problems'] or not info['complete'] else
+            'whole, every checksum is right' if info['read_through'] else 'closed properly'),
+        *(f'problem: {problem}' for problem in info['problems'])]
+    return [table, *lines]

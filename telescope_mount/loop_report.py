@@ -1,0 +1,103 @@
+"""What `close-the-loop` prints."""
+
+from calibration.report import new_table
+
+
+def _arcsec(value):
+    return '–' if value is None else f'{value:.2f}'
+
+
+def loop_tables(report):
+    """Tables of one night or run.
+
+    Parameters
+    ----------
+    report : dict
+        Of `close_the_loop.close_the_loop`.
+
+    Returns
+    -------
+    list of rich.table.Table
+    """
+    return [_effects(report), _errors(report)]
+
+
+def _effects(report):
+    table = new_table(f'Verdict: {report["verdict"]}', 'effect', 'coefficient', 'arcsec', 'sigma',
+                      'p', 'ΔBIC')
+    for effect in report['effects']:
+        p = '–' if effect['p_family'] is None else f'{effect["p_family"]:.2g}'
+        gain = '–' if effect['delta_bic'] is None else f'{effect["delta_bic"]:.1f}'
+        sigma = effect['sigma_arcsec']
+        for i, (name, value) in enumerate(effect['coefficients_arcsec'].items()):
+            table.add_row(effect['name'] if i == 0 else '', name, f'{value:+.2f}',
+                          f'{sigma[name]:.2f}', *((p, gain) if i == 0 else ('', '')))
+    if not report['effects']:
+        table.add_row('nothing significant; the model stays as it was', '', '', '', '', '')
+    return table
+
+
+def _errors(report):
+    table = new_table('RMS on the sky, arcsec', '', 'az', 'el', 'radial', 'rows')
+    rows = (('fresh stars, pointed blind, before', 'blind_before'),
+            ('fresh stars, pointed blind, after', 'blind_after'))
+    for text, key in rows:
+        check = report[key]
+        if check is not None:
+            count = f'{check["stars"]}' + (f' + {check["lost"]} lost' if check['lost'] else '')
+            table.add_row(text, _arcsec(check['rms_x_arcsec']), _arcsec(check['rms_y_arcsec']),
+                          _arcsec(check['rms_arcsec']), count)
+    for text, key in (('rows fitted, before', 'before'), ('rows fitted, after', 'after')):
+        entry = report[key]
+        table.add_row(text, _arcsec(entry['rms_x_arcsec']), _arcsec(entry['rms_y_arcsec']),
+                      _arcsec(entry['rms_arcsec']), '')
+    for text, key in (('cross-validated, before', 'before'), ('cross-validated, after', 'after')):
+        table.add_row(text, '', '', _arcsec(report[key]['cv_rms_arcsec']), '')
+    for text, key in (('rows kept out, before', 'before'), ('rows kept out, after', 'after')):
+        table.add_row(text, '', '', _arcsec(report[key]['holdout_rms_arcsec']),
+                      str(report['kept_out']))
+    table.add_row('noise floor', '', '', _arcsec(report['noise_floor_arcsec']), '')
+    return table
+
+
+def loop_sentences(report):
+    """What is to be said beside the tables, as a list of str."""
+    out = []
+    for effect in report['effects']:
+        if effect['alternatives']:
+            out.append(f'{effect["name"]} was added; this night cannot tell it from '
+                       + ', '.join(effect['alternatives']))
+        if effect['aliases']:
+            out.append(f'{effect["name"]} is the same curve in this night as '
+                       + ', '.join(effect['aliases']))
+    told = report.get('undeclared')
+    if told:
+        out.append(f'the scenario: {told["what"]}')
+        if report['found']:
+            out.append(f'found: {report["found"]}'
+                       + (f'; besides: {", ".join(report["false"])}' if report['false'] else ''))
+    return out + report['notes'] + [f'witnesses: {alarm}' for alarm in report['alarms']]
+
+
+def all_table(report):
+    """One table of all scenarios; `report` of `close_the_loop.close_all`."""
+    table = new_table('Miss distance of fresh stars pointed blind, radial RMS on the sky, arcsec',
+                      'scenario', 'verdict', 'effects added', 'found', 'before', 'after', 'floor')
+    # only the names may be broken, and nothing be cut
+    for column, width in zip(table.columns, (10, 10, 20, 8, 6, 5, 5)):
+        column.min_width = width
+    for column in (table.columns[0], table.columns[2], table.columns[3]):
+        column.no_wrap, column.overflow = False, 'fold'
+    for row in report['scenarios']:
+        if 'error' in row:
+            table.add_row(row['scenario'], 'failed', row['error'], '', '', '', '')
+            continue
+        found = row['found'] or ''
+        if row['false']:
+            found += f', {len(row["false"])} besides'
+        table.add_row(
+            row['scenario'], row['verdict'], '\n'.join(row['applied']) or '–', found,
+            _arcsec(row['blind_before'] and row['blind_before']['rms_arcsec']),
+            _arcsec(row['blind_after'] and row['blind_after']['rms_arcsec']),
+            _arcsec(row['noise_floor_arcsec']))
+    return table

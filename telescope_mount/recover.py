@@ -1,0 +1,83 @@
+"""A new log from whatever can be read of a damaged one."""
+
+from pathlib import Path
+
+from msg_tools.bag import OWN_RECORD, BagReader, BagWriter
+from msg_tools.bag_writer import REPEATED_RECORD, STOPPED_RECORD, plain_name
+
+#: records that the new log writes by itself, or that tell of the old files
+_OF_THE_FILE = ('rosbag2', OWN_RECORD, REPEATED_RECORD, STOPPED_RECORD)
+
+
+def recover_log(bag, out=None, compression='zstd'):
+    """Write all that can be read of a log into a new one, with index, statistics and metadata.
+
+    Parameters
+    ----------
+    bag : str or Path
+        A folder or an ``.mcap`` file; it is only read.
+    out : str or Path, optional
+        Folder of the new log, which must not exist or be empty; ``<bag>_recovered`` by default.
+    compression : {'zstd', 'lz4', 'none'}
+
+    Returns
+    -------
+    dict
+        ``out`` (Path), ``messages``, ``topics``, ``attachments``, ``lost_bytes`` and ``lost``,
+        a line for all that could not be saved.
+
+    Raises
+    ------
+    ValueError
+        Nothing can be read, or `out` is in use or lies in the log.
+    OSError
+        It may not be read, or `out` not be written.
+    """
+    bag = Path(bag)
+    out = Path(out) if out is not None else bag.with_name(f'{bag.stem}_recovered')
+    if bag.is_dir() and bag.resolve() in (out.resolve(), *out.resolve().parents):
+        raise ValueError(f'{out} lies in the log itself; choose another folder with --out')
+    reader = BagReader(bag)
+    notes = []
+    with BagWriter(out, metadata=reader.metadata.get(OWN_RECORD), compression=compression) as new:
+        topics = [topic for topic in reader.topics if _add_topic(reader, new, topic, notes)]
+        for name, data in reader.metadata.items():
+            if name not in _OF_THE_FILE:
+                new.add_metadata(name, data)
+        types = {topic.name: topic.type for topic in topics}
+        for message in reader.messages(list(types)):
+            if message.type == types[message.topic]:
+                new.write(message.topic, message.data, min(message.log_time, 2**63 - 1),
+                          min(message.publish_time, 2**63 - 1), message.sequence)
+        saved = [info.name for info in reader.attachments
+                 if _add_attachment(reader, new, info, notes)]
+        count = new.message_count
+    return {'out': out, 'messages': count, 'topics': len(topics), 'attachments': saved,
+            'lost_bytes': sum(length for _, _, length in reader.lost),
+            'lost': reader.problems + notes}
+
+
+def _add_topic(reader, new, topic, notes):
+    encoding, definition = reader.schema_of(topic)
+    if reader.encoding_of(topic) != 'cdr' or not topic.type:
+        notes.append(f'{topic.name}: no messages of ROS 2, left out')
+        return False
+    try:
+        new.add_foreign_topic(
+            topic.name, topic.type, topic.qos, definition, topic.type_hash, encoding)
+    except ValueError as error:
+        notes.append(f'{error}: {topic.count} messages left out')
+        return False
+    return True
+
+
+def _add_attachment(reader, new, info, notes):
+    try:
+        plain_name(info.name)
+        with open(info.file, 'rb') as stream:
+            stream.seek(info.offset)
+            new.add_attachment(info.name, info.media_type, stream.read(info.size))
+    except ValueError as error:
+        notes.append(f'{error}; left out')
+        return False
+    return True

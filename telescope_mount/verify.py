@@ -1,0 +1,411 @@
+"""Every derived number of a log, computed again from what it was derived from."""
+
+import json
+import struct
+from collections import Counter, deque
+from pathlib import Path
+
+import numpy as np
+
+from calibration.nights import NightSeries
+from calibration.session import CalibrationSession
+from calibration.witnesses import homings_from_diagnostics
+from msg_tools.bag import BagReader
+from msg_tools.bag_provenance import parameters_of
+from msg_tools.convert import cloud_to_run, from_stamp, read_joints
+from pointing_model.model import PointingModel
+from pointing_model.pairing import centred, interpolate
+from pointing_model.units import DEG
+
+#: readings of an encoder that are kept until the observation of their time comes
+READINGS = 50_000
+#: ns that an observation waits for readings after it
+PATIENCE = 60 * 10**9
+#: states of the encoders' diagnostics around a fit that are tried for its report
+_STATES = 3
+
+_RAW = {'enc': 'incremental/joint_states', 'abs': 'absolute/joint_states'}
+
+
+def verify_log(bag, *, reference=None, seed=None):
+    """Compute zeros, models, reports and diagnoses of a log anew, and the observations too.
+
+    Encoder readings and miss distances give the observations; the observations give the rest, in
+    a calibration of their own, without a ROS graph. A number is right if it is the same to the
+    bit.
+
+    Parameters
+    ----------
+    bag : str or Path
+        Log of a night.
+    reference : str or Path, optional
+        The reference model that the night had; by default what the log says of it.
+    seed : int, optional
+        Of the choice of held-out stars; by default that of the log, or 1.
+
+    Returns
+    -------
+    dict
+        ``checked`` (kind -> count), ``differences`` and ``unchecked``, a line each.
+
+    Raises
+    ------
+    ValueError
+        Nothing derived is in the log, it holds the simulator's truth, or the reference is gone.
+    OSError
+        It may not be read.
+    """
+    log = BagReader(bag)
+    if log.has_truth:
+        raise ValueError(f'{bag} holds the truth of the simulator; verify the log beside it')
+    topics = {topic.name: topic for topic in log.topics}
+    name = next((n for n, t in topics.items() if n.endswith('/observation') and t.count), None)
+    if name is None:
+        raise ValueError(f'{bag} has no observation in it; it is no log of a night')
+    check = _Check()
+    prefix = name[:-len('observation')]
+    rows = _read(log, prefix, topics, check)
+    parameters = parameters_of(log.metadata, f'{prefix}calibration') or {}
+    if not parameters:
+        check.unchecked.append('the log does not tell the parameters of the calibration: its '
+                               'defaults are taken (see --seed, --reference)')
+    session = _session(log, parameters, reference, seed)
+    _calibrate(rows, session, parameters, check)
+    if not check.checked:
+        raise ValueError(f'{bag} has nothing derived in it that could be verified')
+    check.unchecked += log.problems
+    return {'checked': dict(check.checked), 'differences': check.differences,
+            'unchecked': check.unchecked}
+
+
+class _Check:
+    """Counts what was compared, and keeps a line for what differs."""
+
+    def __init__(self):
+        self.checked = Counter()
+        self.differences = []
+        self.unchecked = []
+
+    def compare(self, kind, logged, computed, where):
+        """Compare texts, or numbers bit by bit; True if they are the same."""
+        self.checked[kind] += 1
+        if isinstance(logged, str):
+            same = logged == computed
+        else:
+            logged, computed = (np.asarray(v, dtype=float) for v in (logged, computed))
+            same = logged.shape == computed.shape and np.array_equal(
+                logged, computed, equal_nan=True)
+        if not same:
+            self.differences.append(f'{kind} of {where}: {_difference(logged, computed)}')
+        return same
+
+
+def _difference(logged, computed):
+    if isinstance(logged, str):
+        try:
+            return _first_difference(json.loads(logged), json.loads(computed or 'null'))
+        except ValueError:
+            return 'another text'
+    return f'logged {logged.tolist()}, computed {computed.tolist()}'
+
+
+def _first_difference(a, b, path=''):
+    if isinstance(a, dict) and isinstance(b, dict):
+        for key in [*a, *(k for k in b if k not in a)]:
+            if key not in a or key not in b:
+                return f'{path}{key} is only in one of them'
+            if a[key] != b[key]:
+                return _first_difference(a[key], b[key], f'{path}{key}.')
+    if isinstance(a, list) and isinstance(b, list) and len(a) == len(b):
+        for number, (one, other) in enumerate(zip(a, b)):
+            if one != other:
+                return _first_difference(one, other, f'{path}{number}.')
+    return f'{path.rstrip(".") or "document"}: logged {str(a)[:60]}, computed {str(b)[:60]}'
+
+
+# --- the log, read once --------------------------------------------------------------------------
+
+
+class _Rows:
+    """What of a log the calibration heard and said."""
+
+    def __init__(self):
+        self.observations = {}  # stamp -> PointingRun
+        self.tables = []  # (stamp, PointingRun)
+        self.said = {kind: [] for kind in ('zero', 'model', 'report', 'diagnosis')}
+        self.encoders = []  # (log time, rows of diagnostics)
+
+
+def _read(log, prefix, topics, check):
+    """One pass; observations are compared with their readings on the way."""
+    rows, pairing = _Rows(), _Pairing(log, check)
+    kinds = {f'{prefix}{name}': kind for name, kind in (
+        ('zero', 'zero'), ('model', 'model'), ('calibration/report', 'report'),
+        ('diagnosis', 'diagnosis'))}
+    raw = {f'{prefix}{name}': encoder for encoder, name in _RAW.items()}
+    take = {f'{prefix}observation': 1, f'{prefix}observations': 2, f'{prefix}offset': 3,
+            f'{prefix}camera/miss_distance': 4, '/diagnostics': 5}
+    for message in log.messages([*kinds, *raw, *take]):
+        encoder = raw.get(message.topic)
+        if encoder is not None:
+            pairing.reading(encoder, message)
+            continue
+        data = log.decode(message)
+        if data is None:
+            continue
+        if message.topic in kinds:
+            rows.said[kinds[message.topic]].append((message.log_time, data))
+            continue
+        kind = take[message.topic]
+        if kind == 1:
+            stamp = from_stamp(data.header.stamp)
+            rows.observations[stamp] = cloud_to_run(data)
+            pairing.observation(stamp, rows.observations[stamp])
+        elif kind == 2:
+            if data.width:
+                rows.tables.append((from_stamp(data.header.stamp), cloud_to_run(data)))
+        elif kind == 3:
+            pairing.offsets[from_stamp(data.header.stamp)] = data.vector.x, data.vector.y
+        elif kind == 4:
+            pairing.frame(data)
+        else:
+            _keep_encoders(rows, message.log_time, data)
+    pairing.finish()
+    return rows
+
+
+def _keep_encoders(rows, log_time, data):
+    for status in data.status:
+        if any(row.key == 'azimuth homed' for row in status.values):
+            rows.encoders.append((log_time, {row.key: row.value for row in status.values}))
+
+
+class _Pairing:
+    """Observations from readings and exposures, as the observer makes them."""
+
+    def __init__(self, log, check):
+        self._log, self._check = log, check
+        self._readings = {encoder: deque(maxlen=READINGS) for encoder in _RAW}
+        self._frames = {}
+        self._waiting = deque()
+        self.offsets = {}
+        self._rows = {}
+
+    def reading(self, encoder, message):
+        """Keep a reading; decoded only if an observation falls beside it."""
+        order = '<' if message.data[1:2] == b'\1' else '>'
+        if len(message.data) < 12:
+            return
+        sec, nanosec = struct.unpack_from(f'{order}iI', message.data, 4)
+        self._readings[encoder].append((sec * 1_000_000_000 + nanosec, message))
+        if self._waiting:
+            self._go_on()
+
+    def frame(self, data):
+        """Keep an exposure."""
+        self._frames[from_stamp(data.header.stamp)] = data.vector.x, data.vector.y
+
+    def observation(self, stamp, run):
+        """Compare as soon as there are readings on both sides."""
+        self._waiting.append((stamp, run))
+        self._rows[stamp] = run
+        self._go_on()
+
+    def _go_on(self, end=False):
+        while self._waiting:
+            stamp, run = self._waiting[0]
+            newest = [r[-1][0] for r in self._readings.values() if r]
+            ready = stamp in self._frames and len(newest) == len(_RAW) and min(newest) > stamp
+            # nodes are not logged in the order in which they heard each other
+            if not (ready or end or (newest and max(newest) >= stamp + PATIENCE)):
+                return
+            self._waiting.popleft()
+            self._compare(stamp, run)
+
+    def finish(self):
+        """Compare what still waits, and the offsets."""
+        self._go_on(end=True)
+        for stamp, run in self._rows.items():
+            if stamp in self.offsets:
+                x, y = run.offsets()
+                self._check.compare('offset', self.offsets[stamp], [x[0], y[0]], _at(stamp))
+
+    def _compare(self, stamp, run):
+        miss = self._frames.get(stamp)
+        found = {}
+        for encoder, readings in self._readings.items():
+            angles = self._around(readings, stamp)
+            if miss is None or angles is None:
+                continue
+            try:
+                angle, rate = interpolate(*angles, stamp)
+            except ValueError:
+                angle, rate = np.full(2, np.nan), None
+            found[encoder] = np.array(centred(*angle, *miss)), rate
+        if 'enc' not in found:
+            self._check.unchecked.append(
+                f'observation of {_at(stamp)}: its exposure or its readings are not in the log')
+            return
+        for encoder, (angle, rate) in found.items():
+            if f'az_{encoder}' in run:
+                logged = [run[f'{axis}_{encoder}'][0] for axis in ('az', 'el')]
+                self._check.compare(f'{encoder} of observation', logged, angle, _at(stamp))
+            if encoder == 'enc' and 'az_rate' in run and rate is not None:
+                self._check.compare('rate of observation', [
+                    run['az_rate'][0], run['el_rate'][0]], rate, _at(stamp))
+
+    def _around(self, readings, stamp):
+        """Stamps and angles of the readings beside `stamp`, or None."""
+        low = high = None
+        for when, message in reversed(readings):
+            if when >= stamp:
+                high = when, message
+            else:
+                low = when, message
+                break
+        if low is None or high is None:
+            return None
+        decoded = [self._log.decode(message) for _, message in (low, high)]
+        if None in decoded:
+            return None
+        return [low[0], high[0]], [read_joints(data)[1] for data in decoded]
+
+
+def _at(stamp):
+    return f'{stamp // 10**9}.{stamp % 10**9:09d} s'
+
+
+# --- the calibration, once more ------------------------------------------------------------------
+
+
+def _session(log, parameters, reference, seed):
+    seed = seed if seed is not None else parameters.get('split_seed', 1)
+    model = None
+    if reference is not None:
+        model = PointingModel.load(reference)
+    elif parameters.get('model_file'):
+        if any(a.name == 'reference_model.json' for a in log.attachments):
+            model = PointingModel.from_json(log.read_attachment('reference_model.json').decode())
+        elif Path(parameters['model_file']).is_file():
+            model = PointingModel.load(parameters['model_file'])
+        else:
+            raise ValueError(f'the night had the reference model {parameters["model_file"]}, '
+                             'which is not there: give it with --reference')
+    age = parameters.get('reference_age', 0)
+    return NightSeries(age, model, seed) if age else CalibrationSession(model, seed)
+
+
+def _calibrate(rows, session, parameters, check):
+    """Feed the observations one by one, and repeat what was asked for after each."""
+    zeros, models = {}, {}
+    for _, data in rows.said['zero']:
+        zeros.setdefault(from_stamp(data.header.stamp), []).append(data)
+    for log_time, data in rows.said['model']:
+        try:
+            stamp = json.loads(data.data)['provenance'].get('last_stamp_ns', 0)
+        except (ValueError, KeyError, AttributeError, TypeError):
+            check.unchecked.append('a model that is no document of ours')
+            continue
+        models.setdefault(stamp, []).append((log_time, data.data))
+    reports = deque(data.data for _, data in rows.said['report'])
+    diagnoses = deque(data.data for _, data in rows.said['diagnosis'])
+    replay = _Replay(session, rows, parameters, check, reports, diagnoses)
+    stamps = sorted({*rows.observations, *zeros, *models, *(s for s, _ in rows.tables)})
+    tables = dict(rows.tables)
+    for stamp in stamps:
+        if stamp in rows.observations:
+            session.add(rows.observations[stamp], stamp)
+        elif stamp in tables:
+            session.take_table(tables[stamp], stamp)
+        if stamp in zeros or stamp in models:
+            replay.at(stamp, zeros.get(stamp, []), models.get(stamp, []))
+
+
+class _Replay:
+    """What the calibration was asked for at one stamp, done again and compared."""
+
+    def __init__(self, session, rows, parameters, check, reports, diagnoses):
+        self._session, self._rows, self._check = session, rows, check
+        self._parameters = parameters
+        self._reports, self._diagnoses = reports, diagnoses
+
+    def at(self, stamp, zeros, models):
+        """Zeros by Polaris first, then fits, then diagnoses, each with its zero."""
+        if self._session.last_stamp != stamp:
+            self._check.unchecked.append(
+                f'what was derived at {_at(stamp)}: its observation is not in the log')
+            return
+        references = len(models) - sum(
+            1 for _, text in models if not self._is_dated_reference(text, stamp))
+        made = models[references:]
+        calibrated = max(0, len(zeros) - len(made))
+        computed = []
+        if calibrated:
+            try:
+                run, zero = self._session.calibrate_zero()
+            except ValueError as error:
+                self._check.differences.append(f'zero of {_at(stamp)}: {error}')
+                return
+            computed += [([zero.az, zero.el], [zero.sigma_az, zero.sigma_el])] * calibrated
+        for log_time, text in made:
+            diagnosed = 'verdict' in json.loads(text)['provenance']
+            model = self._diagnose(stamp) if diagnosed else self._fit(stamp, log_time)
+            self._check.compare('model', text, model.to_json(), _at(stamp))
+            computed.append((self._zero_of_model(), None))
+        for data, (angles, sigma) in zip(zeros, computed):
+            _, position, _, effort = read_joints(data)
+            self._check.compare('zero', position, angles, _at(stamp))
+            if sigma is not None:
+                self._check.compare('sigma of the zero', effort, sigma, _at(stamp))
+
+    def _is_dated_reference(self, text, stamp):
+        """Whether a model is the reference, published with the zero that is relative to it."""
+        if not self._parameters.get('reference_age') or self._session.reference is None:
+            return False
+        document = json.loads(text)
+        own = json.loads(self._session.reference.to_json())
+        for one in (document, own):
+            one['provenance'] = {k: v for k, v in one['provenance'].items()
+                                 if k != 'last_stamp_ns'}
+        return document == own
+
+    def _zero_of_model(self):
+        zeros = self._session.zeros_in_force
+        return zeros[max(zeros)]
+
+    def _fit(self, stamp, log_time):
+        logged = self._reports.popleft() if self._reports else None
+        model = report = None
+        for state in self._states(log_time):
+            run = self._session.newest
+            homings = [h for h in homings_from_diagnostics(state, run) if h.homed]
+            model, report = self._session.fit(homings)
+            if logged is None or json.dumps(report) == logged:
+                break
+        if logged is None:
+            self._check.unchecked.append(f'report of {_at(stamp)}: it is not in the log')
+        else:
+            self._check.compare('report', logged, json.dumps(report), _at(stamp))
+        return model
+
+    def _states(self, log_time):
+        """Diagnostics of the encoders as of `log_time`, then those beside it."""
+        states = self._rows.encoders
+        if not states:
+            return [{}]
+        newest = sum(when <= log_time for when, _ in states) - 1
+        near = sorted(range(len(states)), key=lambda i: (abs(i - newest), i))
+        return [states[i][1] for i in near[:_STATES]]
+
+    def _diagnose(self, stamp):
+        logged = self._diagnoses.popleft() if self._diagnoses else '{}'
+        document = json.loads(logged)
+        text = self._parameters.get('site', '')
+        degrees = ([float(part) for part in text.split(',')] if text.strip()
+                   else document.get('site_deg'))
+        site = None if not degrees else {
+            'latitude': degrees[0] * DEG, 'longitude': degrees[1] * DEG}
+        found = self._session.diagnose(document.get('alpha', 0.01), site)
+        if document:
+            self._check.compare('diagnosis', logged, json.dumps(found.document), _at(stamp))
+        return found.model

@@ -1,0 +1,277 @@
+"""A night with an undeclared effect, a clean one and a measured one, through the graph."""
+
+import json
+from importlib import resources
+
+import numpy as np
+import pytest
+
+from msg_tools.bag import BagReader
+from msg_tools.run_files import read_run
+from pointing_model.model import PointingModel
+from pointing_model.plan import parse_plan
+from pointing_model.units import ARCSEC
+from telescope_mount.close_the_loop import (
+    LoopOptions,
+    _site_of,
+    judgement,
+    loop_plan,
+    scenario_names,
+    undeclared,
+)
+from telescope_mount.runs import load_run
+
+MMT = resources.files('calibration') / 'data' / 'mmt_2021-08-21.csv'
+
+
+class Loop:
+    """The folder of a loop and what it printed."""
+
+    def __init__(self, cli, folder, *args):
+        self.folder = folder
+        done = cli('close-the-loop', '--out', folder, *args)
+        assert done.returncode == 0, (done.stdout, done.stderr)
+        assert done.stderr == ''
+        self.text = done.stdout
+        self.report = json.loads((folder / 'report.json').read_text())
+        self.diagnosis = json.loads((folder / 'diagnosis.json').read_text())
+        self.model = PointingModel.from_json((folder / 'model.json').read_text())
+
+
+SMALL = ('--stars', 45, '--polaris', 6, '--check', 12)
+
+
+@pytest.fixture(scope='module')
+def backlash(cli, tmp_path_factory):
+    return Loop(cli, tmp_path_factory.mktemp('loop') / 'out',
+                '--scenario', 'loop_azimuth_backlash', *SMALL)
+
+
+@pytest.fixture(scope='module')
+def clean(cli, tmp_path_factory):
+    return Loop(cli, tmp_path_factory.mktemp('loop') / 'out', '--scenario', 'loop_clean', *SMALL)
+
+
+@pytest.fixture(scope='module')
+def mmt(cli, tmp_path_factory):
+    return Loop(cli, tmp_path_factory.mktemp('loop') / 'out', '--run', MMT,
+                '--latitude', 31.6888, '--longitude', -110.8846)
+
+
+# --- an effect that nobody was told of ----------------------------------------------------------
+
+
+def test_it_is_found_and_fresh_stars_gain(backlash):
+    report = backlash.report
+    assert report['verdict'] == 'identified' and report['found'] == 'yes'
+    assert report['applied'] == ['azimuth_hysteresis_cosE'] and report['false'] == []
+    value, = report['effects'][0]['coefficients_arcsec'].values()
+    assert value == pytest.approx(6.0, abs=1.0)  # half of the 12 arcsec of play
+    before, after = report['blind_before'], report['blind_after']
+    assert before['stars'] + before['lost'] == after['stars'] + after['lost'] == 12
+    assert before['rms_x_arcsec'] > 3.0 and before['rms_y_arcsec'] < 2.0
+    # no more than noise of 1.4 and what 45 stars leave, in 12 stars
+    assert after['rms_arcsec'] < 2.4 < before['rms_arcsec']
+    assert 1.0 < report['noise_floor_arcsec'] < 1.9
+
+
+def test_the_rows_of_a_check_are_blind_and_marked(backlash):
+    rows = read_run(backlash.folder / 'observations.csv')
+    checks = rows.select(rows['check'] == 1.0)
+    blocks = np.unique(checks['block'])
+    assert len(checks) == 24 and len(blocks) == 2
+    for block, key in zip(blocks, ('blind_before', 'blind_after')):
+        part = checks.select(checks['block'] == block)
+        radial = np.sqrt(np.mean(part['miss_x'] ** 2 + part['miss_y'] ** 2)) / ARCSEC
+        assert radial == pytest.approx(backlash.report[key]['rms_arcsec'])
+    stars = rows['star'][rows['star'] != 11767]
+    assert len(np.unique(stars)) == len(stars) == 45 + 24  # fresh, each of them
+    # what a pointing error is does not depend on how it is asked: the old model missed by
+    # what the new one says of those rows
+    old = PointingModel(backlash.model.terms, geometry=backlash.model.geometry)
+    first = checks.select(checks['block'] == blocks[0])
+    zero = [v * ARCSEC for k, v in backlash.diagnosis['zeros_in_force'][-1].items() if k != 'run']
+    x, y = old.residuals(first, zero=zero)
+    assert np.std((x - first['miss_x']) / ARCSEC) < 1.0
+
+
+def test_a_log_read_as_a_run_leaves_the_judges_out(backlash):
+    run = load_run(backlash.folder / 'bag')
+    assert len(run) == 45
+    assert any('24 rows left out that are there to judge by' in n for n in run.meta['notes'])
+
+
+def test_the_diagnosis_is_logged_and_nobody_was_told(backlash):
+    names = [message.topic for message in BagReader(backlash.folder / 'bag').messages()]
+    assert names.count('/mount/diagnosis') == 1
+    assert names.count('/mount/observer/checks') == 2
+    assert names.count('/mount/model') == 2
+    secret = undeclared('loop_azimuth_backlash')['what']
+    for file in (backlash.folder / 'bag').iterdir():
+        assert secret.encode() not in file.read_bytes()
+    assert secret not in json.dumps(backlash.diagnosis)
+    for name in ('star_observer', 'calibration', 'pointing_corrector', 'mcap_logger'):
+        assert 'loop_azimuth' not in (
+            backlash.folder / 'nodes' / f'{name}.params.yaml').read_text()
+
+
+def test_a_replay_finds_the_same(backlash, cli, tmp_path):
+    out = tmp_path / 'model.json'
+    done = cli('replay', backlash.folder / 'bag', '--out', out)
+    assert done.returncode == 0, done.stderr
+    assert 'identified: azimuth_hysteresis_cosE' in done.stdout
+    again = PointingModel.load(out)
+    assert again.terms == backlash.model.terms
+    np.testing.assert_array_equal(
+        again.effects[0].coefficients, backlash.model.effects[0].coefficients)
+
+
+def test_what_is_printed_and_written(backlash):
+    for words in ('Verdict: identified', 'azimuth_hysteresis_cosE', 'half_difference',
+                  'fresh stars, pointed blind, before', 'noise floor', '12" of play',
+                  'found: yes', f'{backlash.report["blind_after"]["rms_arcsec"]:.2f}'):
+        assert words in backlash.text, words
+    page = (backlash.folder / 'diagnosis.html').read_text()
+    assert page.startswith('<!DOCTYPE html') or page.startswith('<!doctype html')
+    for path in backlash.report['files'].values():
+        assert path in backlash.text
+
+
+# --- nothing to find ----------------------------------------------------------------------------
+
+
+def test_a_clean_night_is_left_as_it_was(clean):
+    report = clean.report
+    assert report['verdict'] == 'none' and report['found'] == 'yes'
+    assert report['effects'] == [] and clean.model.effects == ()
+    assert report['blind_after']['rms_arcsec'] < 2.4
+    assert 'the model stays as it was' in clean.text
+
+
+# --- a measured night ---------------------------------------------------------------------------
+
+
+def test_the_mmt_night_goes_through_the_same_graph(mmt):
+    report = mmt.report
+    assert report['source'] == str(MMT) and report['scenario'] is None
+    assert report['kept_out'] == 20 and mmt.diagnosis['observations'] == 60
+    assert report['verdict'] in ('ambiguous', 'identified')
+    names = {report['effects'][0]['name'], *report['effects'][0]['alternatives']}
+    assert 'refraction_cube' in names  # what the reference places lack, see its README
+    before, after = (report[key]['holdout_rms_arcsec'] for key in ('before', 'after'))
+    assert after < 0.9 * before and after < 1.1
+    assert mmt.diagnosis['site_deg'] == pytest.approx([31.6888, -110.8846])
+    assert 'rows kept out, after' in mmt.text and 'pointed blind' not in mmt.text
+
+
+def test_a_measured_night_is_logged_and_replays(mmt, cli):
+    bag = BagReader(mmt.folder / 'bag')
+    assert bag.complete and bag.problems == []
+    assert [m.topic for m in bag.messages()].count('/mount/observation') == 80
+    done = cli('replay', mmt.folder / 'bag')
+    assert done.returncode == 0, done.stderr
+    assert f'{mmt.report["verdict"]}: {", ".join(mmt.report["applied"])}' in done.stdout
+
+
+# --- options and judgement ----------------------------------------------------------------------
+
+
+def test_plan():
+    steps = parse_plan(loop_plan(90, 16, 30))
+    assert [step.verb for step in steps] == [
+        'home', 'stars', 'polaris', 'calibrate_zero', 'fit', 'check', 'diagnose', 'check']
+    assert sum(step.exposures for step in steps) == 90 + 16 + 60
+
+
+def test_every_scenario_says_what_it_does():
+    names = scenario_names()
+    assert len(names) >= 12
+    for name in names:
+        told = undeclared(name)
+        assert told['what'] and isinstance(told['shows_as'], list), name
+        assert bool(told['shows_as']) == (name != 'loop_clean'), name
+    assert undeclared('default') is None
+
+
+def effect(name, alternatives=(), aliases=()):
+    return {'name': name, 'alternatives': list(alternatives), 'aliases': list(aliases)}
+
+
+@pytest.mark.parametrize('shows_as, effects, wanted', [
+    ([], [], ('yes', [])),
+    ([], [effect('a')], ('no', ['a'])),
+    (['a'], [], ('no', [])),
+    (['a'], [effect('a_2')], ('yes', [])),
+    (['a'], [effect('b', aliases=['a'])], ('yes', [])),
+    (['a'], [effect('b', ['a'])], ('in the set', [])),
+    (['a'], [effect('b'), effect('a')], ('yes', ['b'])),
+    (['a', 'b'], [effect('a')], ('in part', [])),
+    (['a', 'b'], [effect('c', ['a']), effect('b')], ('in the set', [])),
+    (['a'], [effect('c')], ('no', ['c'])),
+    (None, [effect('c')], (None, [])),
+])
+def test_judgement(shows_as, effects, wanted):
+    assert judgement(shows_as, effects) == wanted
+
+
+def test_the_site_of_a_measured_run():
+    run = load_run(MMT)
+    assert _site_of(run, {}) == ''
+    assert _site_of(run, {'latitude_deg': 31.0}) == ''
+    assert _site_of(run, {'latitude_deg': 31.0, 'longitude_deg': -110.0}) == '31.0, -110.0'
+    run.meta['site'] = {'latitude': 0.5, 'longitude': None}
+    assert _site_of(run, {'longitude_deg': -110.0}).endswith(', -110.0')
+    run.meta['time_is_utc'] = False
+    assert _site_of(run, {'latitude_deg': 31.0, 'longitude_deg': -110.0}) == ''
+    assert LoopOptions(out=None).alpha == 0.01
+
+
+def test_bad_input_is_one_line(refused, tmp_path):
+    assert 'required' in refused('close-the-loop')
+    assert 'not allowed with' in refused('close-the-loop', '--scenario', 'x', '--run', MMT)
+    assert "no scenario 'loop_absent'" in refused(
+        'close-the-loop', '--scenario', 'loop_absent', '--out', tmp_path / 'a')
+    assert 'absent.csv' in refused(
+        'close-the-loop', '--run', tmp_path / 'absent.csv', '--out', tmp_path / 'b')
+    (tmp_path / 'full').mkdir()
+    (tmp_path / 'full' / 'file').write_text('')
+    assert 'is not empty' in refused(
+        'close-the-loop', '--scenario', 'loop_clean', '--out', tmp_path / 'full')
+    assert '--alpha' in refused('close-the-loop', '--run', MMT, '--alpha', 3)
+    (tmp_path / 'few.csv').write_text(
+        'az_deg,el_deg,az_enc_deg,el_enc_deg\n10,50,10.01,50.01\n100,40,100.01,40.01\n')
+    line = refused('close-the-loop', '--run', tmp_path / 'few.csv', '--out', tmp_path / 'c')
+    assert 'observe' in line or 'stars' in line
+
+
+def test_all_scenarios_in_one_table_and_one_that_failed_does_not_end_it(
+        backlash, monkeypatch, tmp_path):
+    import io
+
+    from rich.console import Console
+
+    from telescope_mount import close_the_loop as module
+    from telescope_mount.loop_report import all_table
+    from telescope_mount.night import NightFailed
+    asked, told = [], []
+
+    def one(options, progress):
+        asked.append((options.scenario, options.out))
+        progress('stars', 1, 2)
+        if options.scenario == 'loop_clean':
+            raise NightFailed('the mount fell over')
+        return {**backlash.report, 'scenario': options.scenario, 'false': ['x']}
+
+    monkeypatch.setattr(module, 'close_the_loop', one)
+    report = module.close_all(LoopOptions(out=tmp_path / 'all', seed=4),
+                              lambda *args: told.append(args))
+    assert asked == [(name, tmp_path / 'all' / name) for name in scenario_names()]
+    assert told[0] == (f'{scenario_names()[0]}: stars', 1, 2)
+    assert json.loads((tmp_path / 'all' / 'report.json').read_text()) == report
+    out = io.StringIO()
+    Console(file=out, width=200).print(all_table(report))
+    lines = {line.split()[0]: line for line in out.getvalue().splitlines() if line.strip()}
+    assert 'the mount fell over' in lines['loop_clean']
+    for words in ('identified', 'azimuth_hysteresis_cosE', 'yes, 1 besides',
+                  f'{backlash.report["blind_before"]["rms_arcsec"]:.2f}'):
+        assert words in lines['loop_refraction']

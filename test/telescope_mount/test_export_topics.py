@@ -1,0 +1,117 @@
+import csv
+import struct
+import sys
+
+import pytest
+
+from msg_tools.bag import BagWriter
+from telescope_mount.cli import main
+from telescope_mount.export import export_run, export_topics, time_of
+
+START = 1_768_482_000_000_000_000  # 2026-01-15T13:00:00
+JOINTS = b'''int32 id
+string name
+float64[] position
+uint8[100] raw
+Inner inner
+================================================================================
+MSG: odd_msgs/Inner
+bool good
+'''
+
+
+def joints(i, n):
+    return (b'\0\1\0\0' + struct.pack('<iI', i, 3) + b'a,\0' + bytes(1) + struct.pack('<I', n)
+            + struct.pack(f'<{n}d', *(0.1 * (i + k) for k in range(n))) + bytes(100) + b'\1')
+
+
+@pytest.fixture
+def log(tmp_path):
+    with BagWriter(tmp_path / 'log') as writer:
+        for name in ('/mount/joints', '/mount/other'):
+            writer.add_foreign_topic(name, 'odd_msgs/msg/Joints', [], JOINTS, '')
+        for i in range(20):
+            writer.write('/mount/joints', joints(i, 2 + i % 2), START + i * 10**9, START + i, i)
+    return tmp_path / 'log'
+
+
+def rows_of(path):
+    with open(path, newline='') as stream:
+        return list(csv.DictReader(stream))
+
+
+def test_every_number_of_a_topic(log, tmp_path):
+    files, problems = export_topics(log, tmp_path / 'out', ['joints', '/mount/other'])
+    assert problems == []
+    assert {path.name: rows for path, rows in files.items()} == {
+        'mount_joints.csv': 20, 'mount_other.csv': 0}
+    rows = rows_of(tmp_path / 'out' / 'mount_joints.csv')
+    assert list(rows[0]) == ['log_time_ns', 'publish_time_ns', 'id', 'name', 'position[0]',
+                             'position[1]', 'raw.length', 'inner.good', 'position[2]']
+    assert [int(row['id']) for row in rows] == list(range(20))
+    assert int(rows[3]['log_time_ns']) == START + 3 * 10**9
+    assert float(rows[3]['position[1]']) == 0.1 * 4  # every digit
+    assert (rows[4]['position[2]'], float(rows[5]['position[2]'])) == ('', 0.1 * 7)
+    assert rows[0]['name'] == 'a,' and rows[0]['raw.length'] == '100'
+
+
+@pytest.mark.parametrize('span, expected', [
+    (('5', '8'), [5, 6, 7]),
+    (('2026-01-15T13:00:17Z', None), [17, 18, 19]),
+    ((None, '2026-01-15T13:00:02'), [0, 1]),
+    (('2026-01-15T14:00:01+01:00', '2.5'), [1, 2]),
+])
+def test_span(log, tmp_path, span, expected):
+    (path,), _ = export_topics(log, tmp_path / 'out', ['joints'], start=span[0], end=span[1])
+    assert [int(row['id']) for row in rows_of(path)] == expected
+
+
+def test_times():
+    assert time_of('1.5', 7) == 1_500_000_007
+    assert time_of('2026-01-15T13:00:00.25', 0) == START + 250_000_000
+    for text in ('nan', 'noon', ''):
+        with pytest.raises(ValueError, match='write seconds'):
+            time_of(text, 0)
+
+
+def test_parquet(log, tmp_path, monkeypatch):
+    parquet = pytest.importorskip('pyarrow.parquet')
+    (path,), _ = export_topics(log, tmp_path / 'out', ['joints'], form='parquet')
+    table = parquet.read_table(path).to_pydict()
+    assert table['id'] == list(range(20)) and table['name'] == ['a,'] * 20
+    assert table['position[2]'][4:6] == [None, 0.1 * 7] and table['inner.good'] == [True] * 20
+
+
+def test_parquet_that_is_not_installed_is_one_line(log, tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, 'pyarrow', None)
+    for args in (['--topics', 'joints', '--format', 'parquet', str(tmp_path / 'out')],
+                 [str(tmp_path / 'run.parquet')]):
+        assert main(['export', str(log), *args]) == 2
+        assert capsys.readouterr().err == (
+            'error: Parquet needs the package pyarrow, which is not installed: pip install '
+            'pyarrow, or write CSV\n')
+    assert not (tmp_path / 'run.parquet').exists()
+
+
+def test_command_and_what_is_refused(log, tmp_path, capsys):
+    assert main(['export', str(log), str(tmp_path / 'out'), '--topics', 'joints',
+                 '--end', '4']) == 0
+    assert '4 messages: ' in capsys.readouterr().out
+    for args, words in ((['--topics', 'joints'], 'is there already'),
+                        (['--topics', 'nothing'], 'is no topic of'),
+                        (['--topics', 'joints', '--start', '9', '--end', '8'], 'not after'),
+                        (['--topics', 'joints', '--start', 'x'], 'write seconds')):
+        assert main(['export', str(log), str(tmp_path / 'out'), *args]) == 2
+        error = capsys.readouterr().err
+        assert words in error and error.count('\n') == 1
+
+
+def test_observations_of_a_span(tmp_path):
+    run = tmp_path / 'run.csv'
+    lines = [f'2026-01-15T13:00:{i:02d}Z,{10 * i},45,{10 * i},45' for i in range(20)]
+    run.write_text('time,az_deg,el_deg,az_enc_deg,el_enc_deg\n' + '\n'.join(lines) + '\n')
+    written = export_run(run, tmp_path / 'part.csv', start='5', end='2026-01-15T13:00:08')
+    assert len(written) == 3
+    assert len(rows_of(tmp_path / 'part.csv')) == 3
+    with pytest.raises(ValueError, match='no observation from 500'):
+        export_run(run, tmp_path / 'none.csv', start='500')

@@ -1,0 +1,142 @@
+import json
+import struct
+
+import pytest
+
+pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportError)
+
+from msg_tools.bag import BagReader, BagWriter
+from msg_tools.convert import from_stamp
+from telescope_mount.cli import main
+from telescope_mount.verify import verify_log
+
+pytestmark = pytest.mark.usefixtures('ros_domain')
+
+
+def rewrite(source, out, change, leave_out=()):
+    """A copy of a log; ``change(topic, data)`` gives the bytes of each message."""
+    log = BagReader(source)
+    with BagWriter(out) as new:
+        for topic in log.topics:
+            encoding, definition = log.schema_of(topic)
+            new.add_foreign_topic(topic.name, topic.type, topic.qos, definition, topic.type_hash)
+        for name, data in log.metadata.items():
+            if name not in ('rosbag2', *leave_out):
+                new.add_metadata(name, data)
+        for message in log.messages():
+            new.write(message.topic, change(message.topic, message.data), message.log_time,
+                      message.publish_time, message.sequence)
+    return out
+
+
+def flip(topic, number, offset):
+    """Change a bit of the `number`-th message on `topic`, `offset` bytes before its end."""
+    seen = [0]
+
+    def change(name, data):
+        if name == topic:
+            seen[0] += 1
+            if seen[0] == number + 1:
+                data = bytearray(data)
+                data[-offset] ^= 1
+                data = bytes(data)
+        return data
+    return change
+
+
+def test_a_night_is_the_same_to_the_bit(night):
+    report = verify_log(night / 'bag')
+    assert report['differences'] == [] and report['unchecked'] == []
+    # 8 stars and 4 exposures of Polaris, twice; two zeros and that of the model
+    rows = ('enc of observation', 'rate of observation', 'offset')
+    assert {report['checked'][kind] for kind in rows} == {24}
+    assert report['checked']['zero'] == 3 and report['checked']['sigma of the zero'] == 2
+    assert report['checked']['model'] == report['checked']['report'] == 1
+
+
+@pytest.mark.parametrize('topic, number, offset, kinds', [
+    # the last of the three arrays of a JointState ends the message: two floats of 8 bytes
+    ('/mount/zero', 0, 8, {'sigma of the zero'}),
+    ('/mount/camera/miss_distance', 'observed', 20, {'enc of observation', 'abs of observation'}),
+    ('/mount/offset', 5, 24, {'offset'}),
+])
+def test_a_bit_that_was_changed_is_found(night, tmp_path, topic, number, offset, kinds):
+    if number == 'observed':  # not every exposure becomes an observation
+        log = BagReader(night / 'bag')
+        wanted = from_stamp(next(
+            log.messages('/mount/observation', decode=True)).data.header.stamp)
+        number = next(i for i, m in enumerate(log.messages(topic, decode=True))
+                      if from_stamp(m.data.header.stamp) == wanted)
+    bag = rewrite(night / 'bag', tmp_path / 'bag', flip(topic, number, offset))
+    found = verify_log(bag)['differences']
+    assert {line.split(' of 1')[0] for line in found} <= kinds and found
+
+
+def test_a_reading_of_an_observation(night, tmp_path):
+    """az_enc of one row: its readings, its offset, and all that follows are no longer right."""
+    log = BagReader(night / 'bag')
+    (first, *_) = log.messages('/mount/observation', decode=True)
+    field = next(f.offset for f in first.data.fields if f.name == 'az_enc')
+
+    def change(topic, data):
+        if topic == '/mount/observation' and not done:
+            done.append(1)
+            place = len(data) - 1 - first.data.point_step + field
+            data = bytearray(data)
+            for start in range(place - 8, place + 9):
+                if struct.unpack_from('<d', data, start) == struct.unpack_from(
+                        '<d', bytes(first.data.data), field):
+                    data[start] ^= 1
+                    return bytes(data)
+            raise AssertionError('the value was not found')
+        return data
+    done = []
+    found = verify_log(rewrite(night / 'bag', tmp_path / 'bag', change))['differences']
+    kinds = {line.split(' of 1')[0] for line in found}
+    assert 'enc of observation' in kinds and {'zero', 'model'} & kinds
+
+
+@pytest.mark.parametrize('topic', ['model', 'calibration/report'])
+def test_a_number_in_a_document(night, tmp_path, topic):
+    def change(name, data):
+        if name == f'/mount/{topic}':
+            place = data.rindex(b'.') + 1
+            digit = b'%d' % ((data[place] - 47) % 10)
+            data = data[:place] + digit + data[place + 1:]
+        return data
+    report = verify_log(rewrite(night / 'bag', tmp_path / 'bag', change))
+    (line,) = report['differences']
+    assert line.startswith(topic.rsplit('/', 1)[-1]) and 'logged' in line
+
+
+def test_provenance_decides(night, tmp_path):
+    """The seed of the held-out half is in the log, and without it the report is another one."""
+    log = BagReader(night / 'bag')
+    values = {key: json.loads(text)
+              for key, text in log.metadata['parameters /mount/calibration'].items()}
+    assert values['split_seed'] == 3
+    assert json.loads(log.metadata['parameters /mount/mount_simulator']['seed']) == 3
+    assert set(log.metadata['telescope_mount']) == {'package', 'catalogue', 'earth orientation'}
+    assert [a.name for a in log.attachments] == ['model.json']
+    assert log.read_attachment('model.json') + b'\n' == (night / 'model.json').read_bytes()
+    truth = BagReader(night / 'bag_truth')
+    assert [a.name for a in truth.attachments] == ['scenario.yaml']
+    bag = rewrite(night / 'bag', tmp_path / 'bag', lambda topic, data: data,
+                  leave_out=['parameters /mount/calibration'])
+    report = verify_log(bag)
+    assert [line.split(' of ')[0] for line in report['differences']] == ['report']
+    assert any('does not tell the parameters' in line for line in report['unchecked'])
+    assert verify_log(bag, seed=3)['differences'] == []
+
+
+def test_command(night, tmp_path, capsys):
+    assert main(['verify', str(night / 'bag')]) == 0
+    assert 'are the same to the bit' in capsys.readouterr().out
+    bag = rewrite(night / 'bag', tmp_path / 'bag', flip('/mount/offset', 5, 24))
+    assert main(['verify', str(bag)]) == 1
+    assert 'difference: offset of 1768' in capsys.readouterr().out
+    for path, words in ((night / 'bag_truth', 'truth of the simulator'),
+                        (tmp_path / 'absent', 'does not exist')):
+        assert main(['verify', str(path)]) == 2
+        error = capsys.readouterr().err
+        assert words in error and error.count('\n') == 1
