@@ -60,6 +60,7 @@ setup(
             'skyfield-data', 'rosbags',
         ],
         'bench': ['katpoint==0.10.3'],
+        'parquet': ['pyarrow'],
     },
     tests_require=['pytest'],
     zip_safe=True,
