@@ -183,6 +183,7 @@ class CalibrationSession:
                     for number, (az, el) in self.zeros_in_force.items()]
         report = {
             'format': REPORT_FORMAT, 'version': REPORT_VERSION,
+            'last_stamp_ns': self.last_stamp,
             'stars': len(stars), 'polaris': int(np.count_nonzero(~is_star)),
             'zeros': [{'run': number, **z.to_dict()} for number, z in self.zeros.items()],
             'changes': self._changes(rows, result.model),

@@ -202,7 +202,25 @@ def _complete(watcher, plan):
     checked = 0 if checks is None else len(json.loads(checks.data)['checks'])
     return (table is not None and table.width == rows and topics.MODEL.name in latest
             and topics.CALIBRATION_REPORT.name in latest and checked >= verbs.count('check')
-            and ('diagnose' not in verbs or topics.DIAGNOSIS.name in latest))
+            and ('diagnose' not in verbs or topics.DIAGNOSIS.name in latest)
+            and _up_to_date(latest, verbs))
+
+
+def _up_to_date(latest, verbs):
+    """Whether report and model are those of the last fit, and not of an earlier one."""
+    from msg_tools import topics
+    from msg_tools.convert import cloud_to_run
+    run = cloud_to_run(latest[topics.OBSERVATIONS.name])
+    report = json.loads(latest[topics.CALIBRATION_REPORT.name].data)
+    model = json.loads(latest[topics.MODEL.name].data)
+    steps = range(len(verbs))
+    for stamp, made_by in ((report['last_stamp_ns'], ('fit',)),
+                           (model['provenance'].get('last_stamp_ns', 0), ('fit', 'diagnose'))):
+        last = max((i for i in steps if verbs[i] in made_by), default=0)
+        rows = run['time'][run['block'] < last]
+        if len(rows) and stamp * 1e-9 < rows.max() - 1e-3:
+            return False
+    return True
 
 
 def _add_truth(bag, report):

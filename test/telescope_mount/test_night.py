@@ -190,3 +190,28 @@ def test_ctrl_c_ends_every_node_and_closes_the_log(cli, tmp_path):
     bag = BagReader(out / 'bag')
     assert bag.complete and bag.problems == []
     assert not [pid for pid in nodes if os.path.exists(f'/proc/{pid}')]
+
+
+@pytest.mark.parametrize('report_stamp, model_stamp, good', [
+    (2, 2, True), (1, 2, False), (2, 1, False)])
+def test_results_of_an_earlier_fit_are_not_taken_for_the_last(report_stamp, model_stamp, good):
+    from std_msgs.msg import String
+
+    from msg_tools import convert, topics
+    from pointing_model.run import PointingRun
+    from telescope_mount.night import _up_to_date
+    second = 10**9
+    run = PointingRun({'az': [0.1, 0.2], 'el': [0.5, 0.6], 'az_enc': [0.1, 0.2],
+                       'el_enc': [0.5, 0.6], 'time': [1.7e9, 1.7e9 + 1.0], 'block': [0.0, 2.0]})
+    begin = 1_700_000_000 * second
+
+    def stamp(row):
+        return begin + (row - 1) * second
+    latest = {
+        topics.OBSERVATIONS.name: convert.run_to_cloud(run, stamp(2)),
+        topics.CALIBRATION_REPORT.name: String(data=json.dumps(
+            {'last_stamp_ns': stamp(report_stamp)})),
+        topics.MODEL.name: String(data=json.dumps(
+            {'provenance': {'last_stamp_ns': stamp(model_stamp)}})),
+    }
+    assert _up_to_date(latest, ['stars', 'fit', 'stars', 'fit']) == good
