@@ -127,7 +127,7 @@ def publish(kind, seconds, rate):
             for t in (topics.INCREMENTAL, topics.ABSOLUTE, topics.OFFSET, topics.CLOCK)]
     used = pubs[:1] if kind == 'flood' else pubs
     while any(pub.get_subscription_count() == 0 for pub in used):
-        time.sleep(0.05)
+        time.sleep(0.05)  # polls the match; nothing is measured yet
     data = [serialize_message(m) for m in (
         convert.joint_state(1, [0.1, 0.2], [0.0, 0.0], frame='mount'),
         convert.joint_state(1, [0.1, 0.2], [0.0, 0.0], frame='mount'),
@@ -146,7 +146,7 @@ def publish(kind, seconds, rate):
                     for number in (2, 3):
                         used[number].publish(data[number])
             sent += 1
-        time.sleep(0.0005)
+        time.sleep(0.0005)  # this is the clock of the source
     took = time.monotonic() - begun
     cpu = resource.getrusage(resource.RUSAGE_SELF)
     print(f'{sent} {took:.3f} {cpu.ru_utime + cpu.ru_stime:.3f}', flush=True)
@@ -169,11 +169,11 @@ def record(kind, seconds, rate):
         source = subprocess.Popen(
             [sys.executable, __file__, '--source', kind, str(seconds), str(rate)],
             env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-        before = os.sysconf('SC_CLK_TCK')
+        ticks = os.sysconf('SC_CLK_TCK')
         sent, took, cpu = map(float, source.stdout.readline().split())
-        time.sleep(3.0)
+        time.sleep(3.0)  # what is on its way to the file is the logger's work too
         fields = Path(f'/proc/{logger.pid}/stat').read_text().rsplit(')', 1)[1].split()
-        used = (int(fields[11]) + int(fields[12])) / before
+        used = (int(fields[11]) + int(fields[12])) / ticks
         source.communicate('\n', timeout=30)
         logger.send_signal(2)
         logger.wait(60)

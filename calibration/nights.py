@@ -97,11 +97,23 @@ class NightSeries:
         self.last_stamp = stamp
 
     def take_table(self, run, stamp):
-        """Take the table of all rows so far, if there is more in it than here."""
-        if stamp >= self.last_stamp and len(run) > len(self):
-            self._sessions.clear()
+        """Take the table of all rows so far, if there is more in it than here.
+
+        The nights that are over are calibrated and fitted again: their models are the references
+        of those to come.
+        """
+        if stamp < self.last_stamp or len(run) <= len(self):
+            return
+        for known in (self._sessions, self._models, self._zeros, self._rows):
+            known.clear()
+        for number in np.unique(run['run']):
+            if self._sessions:
+                with suppress(ValueError):
+                    self.calibrate_zero()
+                with suppress(ValueError):
+                    self.fit()
             self.last_stamp = 0
-            self.add(run, stamp)
+            self.add(run.select(run['run'] == number), stamp)
 
     def calibrate_zero(self):
         """Zero of tonight; see `CalibrationSession.calibrate_zero`."""

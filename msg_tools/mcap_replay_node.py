@@ -221,7 +221,7 @@ class McapReplay(MountNode):
                     self._sleep(left - NEAR)
                     return
                 if left > 0.0:
-                    time.sleep(left)
+                    time.sleep(left)  # at most NEAR: a timer would be later than that
             elif not self._taken(message.topic):
                 self._sleep(0.001)
                 return

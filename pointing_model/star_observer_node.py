@@ -104,7 +104,6 @@ class StarObserver(MountNode):
         self._measured = {}
         self._reports = {}
         self._calibrated = 0
-        self._last_stamp = 0
         self._commanded = self._exposed = 0
         self._state = ('waiting', 'the start')
         self._progress = {'step': '', 'block': 0, 'done': 0, 'total': 0}

@@ -173,6 +173,21 @@ def test_a_calibration_started_anew_takes_the_table():
     assert series.calibrate_zero()[1].az == late.calibrate_zero()[1].az
 
 
+def test_a_calibration_started_anew_has_the_references_of_the_nights_before():
+    series = NightSeries(2)
+    nights = [night(run) for run in (-1, 0, 1)]
+    for number, rows in enumerate(nights):
+        series.add(rows, number + 1)
+        zero = series.calibrate_zero()[1]
+        _, report = series.fit()
+    late = NightSeries(2)
+    late.take_table(PointingRun.concatenate(nights), 3)
+    again = late.calibrate_zero()[1]
+    assert late.reference is not None
+    assert (again.az, again.el) == (zero.az, zero.el)
+    assert late.fit()[1]['nights'] == report['nights']
+
+
 def test_nothing_observed_is_said():
     for work in (NightSeries(2).calibrate_zero, NightSeries(2).fit):
         with pytest.raises(ValueError, match='observe first'):

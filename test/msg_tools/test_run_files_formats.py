@@ -19,27 +19,6 @@ def needs(relative):
     return pytest.mark.skipif(not path.exists(), reason=f'measured data {relative} not here')
 
 
-@pytest.fixture
-def read(tmp_path):
-    """Read a text as a run."""
-    def read(text, **options):
-        path = tmp_path / 'run.txt'
-        path.write_bytes(text if isinstance(text, bytes) else text.encode())
-        return read_run(path, **options)
-    return read
-
-
-def refuse(read, text, *words, **options):
-    """`text` is refused in one line that names the file and holds `words`."""
-    with pytest.raises(ValueError) as error:
-        read(text, **options)
-    message = str(error.value)
-    assert '\n' not in message and 'run.txt' in message
-    for word in words:
-        assert word in message, message
-    return message
-
-
 # -------------------------------------------------------------------------------------- TPOINT
 
 TPOINT = """! written by hand
@@ -69,11 +48,11 @@ def test_tpoint(read):
     assert any('file does not say' in note for note in meta['notes'])
 
 
-def test_tpoint_short_form(read):
+def test_tpoint_short_form(read, refuse):
     run = read('8m altazimuth\nA\n-30.25\n264.5 28.1 264.4 28.2\n259.6 29.8 259.6 29.9\n')
     assert run.meta['site']['latitude'] == pytest.approx(-30.25 * DEG)
     assert run.offsets()[1] / DEG == pytest.approx([0.1, 0.1])
-    refuse(read, 'a 1 m\nE\n-30.25\n264.5 28.1 264.4 28.2\n', 'equatorial')
+    refuse('a 1 m\nE\n-30.25\n264.5 28.1 264.4 28.2\n', 'equatorial')
 
 
 def test_tpoint_says_what_it_does_not_read(read):
@@ -113,8 +92,8 @@ def test_tpoint_azimuth_origin_from_a_comment(read, comment, origin):
     (TPOINT[:TPOINT.index('-30')], ['latitude']),
     ('cap\n: ALTAZ\n30 0 0\n21 43 6.4 72 29 8.3 0 0 2000 1 2\n', ['row 4', 'format 4']),
 ])
-def test_tpoint_refused(read, text, words):
-    refuse(read, text, *words)
+def test_tpoint_refused(read, text, words, refuse):
+    refuse(text, *words)
 
 
 def test_site_is_kept_and_compared(read):
@@ -169,8 +148,8 @@ def test_iram(read):
     (IRAM.replace('2012-04-17.3', 'scan'), ['row 7', 'id such as']),
     (IRAM[:IRAM.index('2012')], ['no observations']),
 ])
-def test_iram_refused(read, text, words):
-    refuse(read, text, *words)
+def test_iram_refused(read, text, words, refuse):
+    refuse(text, *words)
 
 
 def observers_model(path, run):
