@@ -1,0 +1,273 @@
+"""Weighted and robust least squares of two axes: the algebra behind `fit`.
+
+The design has a row a coefficient: x of all stars, then y of all stars. A weight per value may be
+None: all equal.
+"""
+
+from math import exp
+from typing import NamedTuple
+
+import numpy as np
+
+from pointing_model.units import ARCSEC
+
+TOLERANCE = 1e-9 * ARCSEC  # of an iteration, on the sky
+# of the normal matrix, scaled to a unit diagonal:
+_GRAM_LIMIT = 1e-10  # smallest ratio of eigenvalues that are accurate
+_SAFE_CONDITION = 1e8  # up to here it may be inverted
+_FINE_CONDITION = 1e5  # and up to here rounding stays below 1e-11 of the coefficients
+_HUBER = 1.5
+_BISQUARE = 7.0
+
+
+class Spectrum(NamedTuple):
+    """Singular values of the weighted design with columns of unit length, ascending."""
+
+    s: np.ndarray
+    vectors: np.ndarray  # (k, k), right singular vectors in its columns, in that order
+    scale: np.ndarray  # length of the columns
+
+    def rank(self, rcond):
+        """How many are above `rcond` times the largest."""
+        return len(self.s) - int(self.s.searchsorted(rcond * self.s[-1], 'right'))
+
+
+class Solution(NamedTuple):
+    """Of `weighted_solve`, in the units of the data."""
+
+    p: np.ndarray  # (k,), the coefficients
+    inverse: np.ndarray  # of the normal matrix, in the directions kept
+    normal: np.ndarray
+    x_normal: np.ndarray  # the part of the normal matrix that the x rows make
+    residual: np.ndarray  # (2n,), x of all stars, then y
+    rank: int
+
+
+def spectrum_of(rows, weights, normal):
+    """Singular values of a design: from its normal matrix where those are accurate, else by QR.
+
+    Parameters
+    ----------
+    rows : ndarray, shape (k, 2n)
+    weights : ndarray, shape (2n,), or None
+    normal : ndarray, shape (k, k)
+        Of both, from `normal_matrices`.
+
+    Returns
+    -------
+    Spectrum
+    """
+    scale = np.sqrt(normal.diagonal())
+    scale = np.where(scale > 0.0, scale, 1.0)
+    values, vectors = np.linalg.eigh(normal / (scale[:, None] * scale))
+    if values[0] > _GRAM_LIMIT * values[-1]:
+        return Spectrum(np.sqrt(values), vectors, scale)
+    design = (rows if weights is None else rows * np.sqrt(weights)) / scale[:, None]
+    _, s, v = np.linalg.svd(np.linalg.qr(design.T, mode='r'))
+    return Spectrum(s[::-1], v[::-1].T, scale)
+
+
+def normal_matrices(rows, weighted):
+    """The x part of the normal matrix, and all of it.
+
+    Parameters
+    ----------
+    rows, weighted : ndarray, shape (k, 2n)
+        The design, and the design times the weights.
+
+    Returns
+    -------
+    x_normal, normal : ndarray, shape (k, k)
+    """
+    n = rows.shape[1] // 2
+    x_normal = weighted[:, :n] @ rows[:, :n].T
+    return x_normal, x_normal + weighted[:, n:] @ rows[:, n:].T
+
+
+def weighted_solve(rows, b, weights, rcond, normals=None):
+    """Weighted least squares of b = p @ rows, with singular directions left out.
+
+    The inverse normal matrix where that is accurate, with a step of iterative refinement (which
+    makes it as good as QR) unless it needs none; else the SVD.
+
+    Parameters
+    ----------
+    rows : ndarray, shape (k, 2n)
+    b : ndarray, shape (2n,)
+    weights : ndarray, shape (2n,), or None
+    rcond : float
+        Relative singular value below which a direction is left out.
+    normals : tuple of ndarray, optional
+        What `normal_matrices` gives, where it is known.
+
+    Returns
+    -------
+    Solution
+    """
+    weighted = rows if weights is None else rows * weights
+    x_normal, normal = normal_matrices(rows, weighted) if normals is None else normals
+    try:
+        inverse = np.linalg.inv(normal)
+        # trace x trace of the scaled matrix and its inverse: never below the condition number
+        condition = len(normal) * float(normal.diagonal() @ inverse.diagonal())
+    except np.linalg.LinAlgError:
+        condition = np.inf
+    if 0.0 < condition < min(_SAFE_CONDITION, 1.0 / rcond**2):
+        rank = len(normal)
+        refinements = 1 if condition > _FINE_CONDITION else 0
+    else:
+        spectrum = spectrum_of(rows, weights, normal)
+        rank = spectrum.rank(rcond)
+        half = spectrum.vectors[:, -rank:] / (spectrum.scale[:, None] * spectrum.s[-rank:])
+        inverse = half @ half.T
+        refinements = 3
+    p = inverse @ (weighted @ b)
+    residual = b - p @ rows
+    for _ in range(refinements):
+        p = p + inverse @ (weighted @ residual)
+        residual = b - p @ rows
+    return Solution(p, inverse, normal, x_normal, residual, rank)
+
+
+def _bisquare_constants(c):
+    """What the bisquare does to Gaussian noise on two axes.
+
+    With u^2 = (r_x/s_x)^2 + (r_y/s_y)^2 = 2t, t is exponential, and w = (1 - t/T)^2, T = c^2/2.
+
+    Returns
+    -------
+    variance : float
+        E[w r^2] / E[w] for unit noise.
+    inflation : float
+        covariance of the estimate = inflation x inverse of the weighted normal matrix.
+    """
+    top = c * c / 2.0
+    moments = [1.0 - exp(-top)]
+    for k in range(1, 6):
+        moments.append(k * moments[-1] - top**k * exp(-top))
+
+    def mean(*polynomial):  # of a polynomial in q = t / T, times t^0
+        return sum(a * moments[k] / top**k for k, a in enumerate(polynomial))
+
+    w = mean(1, -2, 1)
+    wt = top * mean(0, 1, -2, 1)
+    wwt = top * mean(0, 1, -4, 6, -4, 1)
+    slope = mean(1, -4, 3)  # w - 2 q (1 - q)
+    return wt / w, wwt / slope**2 * w
+
+
+_VARIANCE, _INFLATION = _bisquare_constants(_BISQUARE)
+
+
+def _scales(residual, root, n, dof_factor):
+    """Robust noise of each axis: the scaled median of the absolute residuals."""
+    standard = np.abs(residual if root is None else residual * root)
+    factor = 1.4826 * dof_factor
+    floor = TOLERANCE if root is None else 1e-9
+    return [max(factor * float(np.median(standard[part])), floor)
+            for part in (slice(0, n), slice(n, None))]
+
+
+def _distance(residual, root, n, scales):
+    standard = residual if root is None else residual * root
+    return np.hypot(standard[:n] / scales[0], standard[n:] / scales[1])
+
+
+def _bisquare(u):
+    return np.square(np.maximum(1.0 - np.square(u / _BISQUARE), 0.0))
+
+
+def robust_solve(rows, b, base, rcond, scales=None, row_weights=None):
+    """Iteratively reweighted least squares: Huber with the scale, then bisquare at that scale.
+
+    A row (both axes of an observation) has one weight.
+
+    Parameters
+    ----------
+    rows, b, rcond
+        As for `weighted_solve`.
+    base : ndarray, shape (2n,), or None
+        Weights by the given sigmas.
+    scales, row_weights : optional
+        Of an earlier iteration: go on with the bisquare.
+
+    Returns
+    -------
+    solution : Solution
+    scales : list of float
+        Robust noise of each axis.
+    row_weights : ndarray, shape (n,)
+        0: rejected.
+    """
+    n = len(b) // 2
+    root = None if base is None else np.sqrt(base)
+
+    def solve(w):
+        both = np.concatenate((w, w))
+        return weighted_solve(rows, b, both if base is None else both * base, rcond)
+
+    if scales is None:
+        solution = weighted_solve(rows, b, base, rcond)
+        dof_factor = np.sqrt(2 * n / max(2 * n - solution.rank, 1))
+        for _ in range(30):
+            scales = _scales(solution.residual, root, n, dof_factor)
+            u = _distance(solution.residual, root, n, scales)
+            old, solution = solution, solve(_HUBER / np.maximum(u, _HUBER))
+            moved = _distance(solution.residual - old.residual, root, n, scales).max()
+            if moved < 0.01:
+                break
+        scales = _scales(solution.residual, root, n, dof_factor)
+        # the median is wasteful: take the bisquare's own variance of what it keeps
+        standard = np.square(solution.residual if root is None else solution.residual * root)
+        for _ in range(3):
+            w = _bisquare(_distance(solution.residual, root, n, scales))
+            total = max(float(w.sum()), 1e-9) * _VARIANCE
+            scales = [max(dof_factor * float(np.sqrt(w @ part / total)), scale / 1.5)
+                      for part, scale in zip((standard[:n], standard[n:]), scales)]
+    else:
+        solution = solve(row_weights)
+    for _ in range(100):
+        row_weights = _bisquare(_distance(solution.residual, root, n, scales))
+        old, solution = solution, solve(row_weights)
+        if np.abs(solution.residual - old.residual).max() < TOLERANCE:
+            break
+    return solution, scales, row_weights
+
+
+def covariance_of(solution, base, row_weights, given, lost=0):
+    """Covariance of the coefficients, and the scatter of each axis.
+
+    The inverse normal matrix if the sigmas were given; else sandwiched with the measured
+    variance of each axis, so that axes of different noise keep their own. The bisquare's loss
+    of efficiency is in it. `lost` rows have no weight in `base`.
+
+    Returns
+    -------
+    covariance : ndarray, shape (k, k)
+    scatter : tuple of float
+        Standard deviation of x and y, in the unit of the residual (sigmas if they were given).
+    """
+    inverse, rank = solution.inverse, solution.rank
+    r = solution.residual if base is None else solution.residual * np.sqrt(base)
+    n = len(r) // 2
+    rx, ry = r[:n], r[n:]
+    if row_weights is None:
+        inflation, consistency, total = 1.0, 1.0, float(n - lost)
+        squares = float(rx @ rx), float(ry @ ry)
+    else:
+        inflation, consistency, total = _INFLATION, _VARIANCE, float(row_weights.sum())
+        squares = float(row_weights @ np.square(rx)), float(row_weights @ np.square(ry))
+    used = float(np.vdot(inverse, solution.x_normal))  # trace of the product
+    pooled = (squares[0] + squares[1]) / max(2 * total - rank, 1e-9)
+    free = total - used, total - rank + used
+    variances = [
+        (square / dof if dof > 0.5 else pooled) / consistency for square, dof in zip(squares, free)
+    ]
+    scatter = variances[0] ** 0.5, variances[1] ** 0.5
+    if given:
+        return inflation * inverse, scatter
+    # H^-1 (vx Gx + vy Gy) H^-1 with Gy = H - Gx
+    covariance = inverse @ solution.x_normal @ inverse
+    covariance *= inflation * (variances[0] - variances[1])
+    covariance += (inflation * variances[1]) * inverse
+    return covariance, scatter
