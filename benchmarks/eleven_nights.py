@@ -15,7 +15,7 @@ from zero_drift import Night
 
 from calibration.experiment_report import PAPER_TABLE_1, experiment_report, statistics
 from calibration.nights import NightSeries
-from encoder_sim.scenario import load_scenario
+from encoder_sim.scenario_file import load_scenario
 
 NIGHTS = 11
 COLUMNS = ('before_az', 'before_el', 'after_az', 'after_el')

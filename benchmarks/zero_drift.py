@@ -23,7 +23,7 @@ from encoder_sim.encoder_scale import ZeroDrift, disc_angle
 from encoder_sim.geometry import MountGeometry, azimuth_elevation
 from encoder_sim.incremental import IncrementalEncoder
 from encoder_sim.mount import HOME_ATTEMPTS, SimulatedMount
-from encoder_sim.scenario import load_scenario
+from encoder_sim.scenario_file import load_scenario
 from pointing_model.catalogue import POLARIS_HIP
 from pointing_model.run import PointingRun
 from pointing_model.units import ARCSEC, DEG, wrap

@@ -15,7 +15,7 @@ from msg_tools.node import MountNode, Param, run_node
 
 from .absolute import REJECTED, AbsoluteEncoder, read_frames
 from .device_params import DEVICE_PARAMS, MAX_RATE, Decimator, parse_utc
-from .scenario import load_scenario
+from .scenario_file import load_scenario
 
 PARAMS = (
     *DEVICE_PARAMS, MAX_RATE,

@@ -13,7 +13,7 @@ from pointing_model.units import ARCSEC, wrap
 from .camera import Camera
 from .device_params import DEVICE_PARAMS, parse_utc
 from .geometry import MountGeometry
-from .scenario import load_scenario
+from .scenario_file import load_scenario
 
 PARAMS = (
     *DEVICE_PARAMS, *SKY_PARAMS,

@@ -4,7 +4,7 @@ from datetime import datetime, timezone
 
 from msg_tools.node import Param
 
-from .scenario import load_scenario
+from .scenario_file import load_scenario
 
 #: a day before the seconds of builtin_interfaces/Time (int32) run out, for the night itself
 LAST_SECOND = 2**31 - 86400

@@ -12,7 +12,7 @@ from pointing_model.units import ARCSEC
 
 from .device_params import DEVICE_PARAMS, MAX_RATE, Decimator, parse_utc
 from .incremental import IncrementalEncoder
-from .scenario import load_scenario
+from .scenario_file import load_scenario
 
 
 class IncrementalEncoders(MountNode):

@@ -16,7 +16,7 @@ from pointing_model.units import DEG
 
 from .device_params import DEVICE_PARAMS, parse_utc
 from .mount import HOME_ATTEMPTS, SimulatedMount
-from .scenario import load_scenario
+from .scenario_file import load_scenario
 
 #: change of the air's temperature that the thermometer tells, degC
 THERMOMETER_STEP = 0.05

@@ -1,82 +1,15 @@
-"""Scenario files: what is wrong with the simulated mount.
+"""What is wrong with the simulated mount: the parameters of every part, in SI.
 
-A scenario is a YAML file that only the simulator reads. Its keys carry the unit of a data sheet
-(``an_arcsec``); the dataclasses here hold the same numbers in SI, without the suffix (``an``).
-What a file does not name stays at the value of the scenario it is ``based_on``, or else at the
-ideal: no error, no noise. So each effect is switched by its own number.
+The dataclasses here hold what a scenario file says (`scenario_file`), whose keys carry the unit of
+a data sheet (``an_arcsec``), without that suffix (``an``). The defaults are the ideal: no error, no
+noise. So each effect is switched by its own number.
 """
 
-import dataclasses
-import math
-from dataclasses import dataclass, field
-from importlib import resources
-from pathlib import Path
+from dataclasses import dataclass
 
 import numpy as np
 
-from pointing_model.units import ARCSEC, DEG
-
-_MM, _UM, _MS, _US, _HPA = 1e-3, 1e-6, 1e-3, 1e-6, 1.0
-_HOUR = 3600.0
-_UNITS = {
-    '': 1.0,
-    'arcsec': ARCSEC,
-    'arcmin': 60.0 * ARCSEC,
-    'deg': DEG,
-    'deg_s': DEG,
-    'deg_s2': DEG,
-    'arcsec_per_hour': ARCSEC / _HOUR,
-    'arcsec_per_degc': ARCSEC,
-    's': 1.0,
-    'h': _HOUR,
-    'ms': _MS,
-    'us': _US,
-    'm': 1.0,
-    'mm': _MM,
-    'um': _UM,
-    'px': 1.0,
-    'ke': 1e3,
-    'c': 1.0,
-    'c_per_hour': 1.0 / _HOUR,
-    'hpa': _HPA,
-    'mhz': 1e6,
-    'hz': 1.0,
-    'percent': 0.01,
-    'percent_per_degc': 0.01,
-    'percent_per_v': 0.01,
-    'arcsec_per_v': ARCSEC,
-    'v': 1.0,
-    'v_per_hour': 1.0 / _HOUR,
-}
-
-
-def _number(default, unit, low, high, *, kind=float):
-    """A field with its unit in the file, and its allowed range in that unit.
-
-    The default is in the unit of the file as well.
-    """
-    value = kind(default) if kind is int else default * _UNITS[unit]
-    return field(default=value, metadata={'unit': unit, 'range': (low, high), 'kind': kind})
-
-
-def _numbers(unit, low, high):
-    return field(default=(), metadata={'unit': unit, 'range': (low, high), 'kind': list})
-
-
-def _choice(default, *names):
-    return field(default=default, metadata={'choice': names})
-
-
-def _section(cls):
-    return field(default_factory=cls, metadata={'section': cls})
-
-
-def _sections(cls):
-    return field(default=(), metadata={'sections': cls})
-
-
-def _optional(cls):
-    return field(default=None, metadata={'section': cls})
+from .scenario_fields import choice, number, numbers, optional, section, sections
 
 
 @dataclass(frozen=True)
@@ -95,20 +28,20 @@ class AxisLimits:
         Ends of the travel, rad.
     """
 
-    max_rate: float = _number(6.0, 'deg_s', 1e-3, 360.0)
-    max_acceleration: float = _number(3.0, 'deg_s2', 1e-3, 3600.0)
-    settling_time: float = _number(1.0, 's', 0.0, 60.0)
-    settling_amplitude: float = _number(0.0, 'arcsec', 0.0, 600.0)
-    travel_min: float = _number(-36000.0, 'deg', -36000.0, 36000.0)
-    travel_max: float = _number(36000.0, 'deg', -36000.0, 36000.0)
+    max_rate: float = number(6.0, 'deg_s', 1e-3, 360.0)
+    max_acceleration: float = number(3.0, 'deg_s2', 1e-3, 3600.0)
+    settling_time: float = number(1.0, 's', 0.0, 60.0)
+    settling_amplitude: float = number(0.0, 'arcsec', 0.0, 600.0)
+    travel_min: float = number(-36000.0, 'deg', -36000.0, 36000.0)
+    travel_max: float = number(36000.0, 'deg', -36000.0, 36000.0)
 
 
 @dataclass(frozen=True)
 class Axes:
     """The two axes."""
 
-    azimuth: AxisLimits = _section(AxisLimits)
-    elevation: AxisLimits = _section(AxisLimits)
+    azimuth: AxisLimits = section(AxisLimits)
+    elevation: AxisLimits = section(AxisLimits)
 
 
 @dataclass(frozen=True)
@@ -119,10 +52,10 @@ class Wobble:
     points, or ``left`` of it.
     """
 
-    per_turn: int = _number(1, '', 1, 100, kind=int)
-    lean: str = _choice('forward', 'forward', 'left')
-    amplitude: float = _number(0.0, 'arcsec', -3600.0, 3600.0)
-    phase: float = _number(0.0, 'deg', -360.0, 360.0)
+    per_turn: int = number(1, '', 1, 100, kind=int)
+    lean: str = choice('forward', 'forward', 'left')
+    amplitude: float = number(0.0, 'arcsec', -3600.0, 3600.0)
+    phase: float = number(0.0, 'deg', -360.0, 360.0)
 
 
 @dataclass(frozen=True)
@@ -132,10 +65,10 @@ class Bump:
     It falls off on both sides as a Gaussian of 1-sigma `width`; ``lean`` as for `Wobble`.
     """
 
-    at: float = _number(0.0, 'deg', -360.0, 360.0)
-    width: float = _number(10.0, 'deg', 0.1, 180.0)
-    lean: str = _choice('forward', 'forward', 'left')
-    amplitude: float = _number(0.0, 'arcsec', -3600.0, 3600.0)
+    at: float = number(0.0, 'deg', -360.0, 360.0)
+    width: float = number(10.0, 'deg', 0.1, 180.0)
+    lean: str = choice('forward', 'forward', 'left')
+    amplitude: float = number(0.0, 'arcsec', -3600.0, 3600.0)
 
 
 @dataclass(frozen=True)
@@ -169,28 +102,28 @@ class Mount:
         Drift with temperature, rad/degC from `reference_temperature`.
     """
 
-    ia: float = _number(0.0, 'arcsec', -36000.0, 36000.0)
-    ie: float = _number(0.0, 'arcsec', -36000.0, 36000.0)
-    ca: float = _number(0.0, 'arcsec', -36000.0, 36000.0)
-    npae: float = _number(0.0, 'arcsec', -36000.0, 36000.0)
-    an: float = _number(0.0, 'arcsec', -36000.0, 36000.0)
-    aw: float = _number(0.0, 'arcsec', -36000.0, 36000.0)
-    tf: float = _number(0.0, 'arcsec', -3600.0, 3600.0)
-    wobble: tuple = _sections(Wobble)
-    bumps: tuple = _sections(Bump)
-    creep: float = _number(0.0, 'arcsec', -3600.0, 3600.0)
-    creep_period: float = _number(15.0, 'deg', 0.1, 360.0)
-    backlash_azimuth: float = _number(0.0, 'arcsec', 0.0, 3600.0)
-    backlash_elevation: float = _number(0.0, 'arcsec', 0.0, 3600.0)
-    ca_rate: float = _number(0.0, 'arcsec_per_hour', -600.0, 600.0)
-    an_rate: float = _number(0.0, 'arcsec_per_hour', -600.0, 600.0)
-    aw_rate: float = _number(0.0, 'arcsec_per_hour', -600.0, 600.0)
-    tf_rate: float = _number(0.0, 'arcsec_per_hour', -600.0, 600.0)
-    ca_slope: float = _number(0.0, 'arcsec_per_degc', -600.0, 600.0)
-    an_slope: float = _number(0.0, 'arcsec_per_degc', -600.0, 600.0)
-    aw_slope: float = _number(0.0, 'arcsec_per_degc', -600.0, 600.0)
-    tf_slope: float = _number(0.0, 'arcsec_per_degc', -600.0, 600.0)
-    reference_temperature: float = _number(10.0, 'c', -60.0, 60.0)
+    ia: float = number(0.0, 'arcsec', -36000.0, 36000.0)
+    ie: float = number(0.0, 'arcsec', -36000.0, 36000.0)
+    ca: float = number(0.0, 'arcsec', -36000.0, 36000.0)
+    npae: float = number(0.0, 'arcsec', -36000.0, 36000.0)
+    an: float = number(0.0, 'arcsec', -36000.0, 36000.0)
+    aw: float = number(0.0, 'arcsec', -36000.0, 36000.0)
+    tf: float = number(0.0, 'arcsec', -3600.0, 3600.0)
+    wobble: tuple = sections(Wobble)
+    bumps: tuple = sections(Bump)
+    creep: float = number(0.0, 'arcsec', -3600.0, 3600.0)
+    creep_period: float = number(15.0, 'deg', 0.1, 360.0)
+    backlash_azimuth: float = number(0.0, 'arcsec', 0.0, 3600.0)
+    backlash_elevation: float = number(0.0, 'arcsec', 0.0, 3600.0)
+    ca_rate: float = number(0.0, 'arcsec_per_hour', -600.0, 600.0)
+    an_rate: float = number(0.0, 'arcsec_per_hour', -600.0, 600.0)
+    aw_rate: float = number(0.0, 'arcsec_per_hour', -600.0, 600.0)
+    tf_rate: float = number(0.0, 'arcsec_per_hour', -600.0, 600.0)
+    ca_slope: float = number(0.0, 'arcsec_per_degc', -600.0, 600.0)
+    an_slope: float = number(0.0, 'arcsec_per_degc', -600.0, 600.0)
+    aw_slope: float = number(0.0, 'arcsec_per_degc', -600.0, 600.0)
+    tf_slope: float = number(0.0, 'arcsec_per_degc', -600.0, 600.0)
+    reference_temperature: float = number(10.0, 'c', -60.0, 60.0)
 
 
 @dataclass(frozen=True)
@@ -217,24 +150,24 @@ class EncoderScale:
         The reading is that old when it gets its stamp, s.
     """
 
-    diameter: float = _number(300.0, 'mm', 1.0, 10000.0)
-    eccentricity: float = _number(0.0, 'um', 0.0, 1000.0)
-    eccentricity_phase: float = _number(0.0, 'deg', -360.0, 360.0)
-    zero_offset: float = _number(0.0, 'arcsec', -36000.0, 36000.0)
-    zero_drift: float = _number(0.0, 'arcsec', 0.0, 3600.0)
-    zero_drifts: tuple = _numbers('arcsec', -3600.0, 3600.0)
-    zero_rate: float = _number(0.0, 'arcsec_per_hour', -600.0, 600.0)
-    zero_slope: float = _number(0.0, 'arcsec_per_degc', -600.0, 600.0)
-    reference_temperature: float = _number(10.0, 'c', -60.0, 60.0)
-    latency: float = _number(0.0, 'ms', -1000.0, 1000.0)
+    diameter: float = number(300.0, 'mm', 1.0, 10000.0)
+    eccentricity: float = number(0.0, 'um', 0.0, 1000.0)
+    eccentricity_phase: float = number(0.0, 'deg', -360.0, 360.0)
+    zero_offset: float = number(0.0, 'arcsec', -36000.0, 36000.0)
+    zero_drift: float = number(0.0, 'arcsec', 0.0, 3600.0)
+    zero_drifts: tuple = numbers('arcsec', -3600.0, 3600.0)
+    zero_rate: float = number(0.0, 'arcsec_per_hour', -600.0, 600.0)
+    zero_slope: float = number(0.0, 'arcsec_per_degc', -600.0, 600.0)
+    reference_temperature: float = number(10.0, 'c', -60.0, 60.0)
+    latency: float = number(0.0, 'ms', -1000.0, 1000.0)
 
 
 @dataclass(frozen=True)
 class CountLoss:
     """A fault: at once the counter is `counts` too low, `at` seconds after the start."""
 
-    at: float = _number(0.0, 's', 0.0, 1e6)
-    counts: int = _number(0, '', -10**9, 10**9, kind=int)
+    at: float = number(0.0, 's', 0.0, 1e6)
+    counts: int = number(0, '', -10**9, 10**9, kind=int)
 
 
 @dataclass(frozen=True)
@@ -294,36 +227,36 @@ class Incremental(EncoderScale):
         At which homing passes it, rad/s.
     """
 
-    lines: int = _number(47200, '', 1, 1_000_000, kind=int)
-    interpolation: int = _number(400, '', 1, 100_000, kind=int)
-    tilt: float = _number(0.0, 'deg', 0.0, 30.0)
-    tilt_phase: float = _number(0.0, 'deg', -360.0, 360.0)
-    heads: int = _number(1, '', 1, 2, kind=int)
-    subdivision_1: float = _number(0.0, 'arcsec', 0.0, 60.0)
-    subdivision_2: float = _number(0.0, 'arcsec', 0.0, 60.0)
-    subdivision_phase: float = _number(0.0, 'deg', -360.0, 360.0)
-    mark_angle: float = _number(180.0, 'deg', -360.0, 360.0)
-    pulse_width: float = _number(0.0, 'arcsec', 0.0, 3600.0)
-    threshold: float = _number(50.0, 'percent', 1.0, 1000.0)
-    signal_slope: float = _number(0.0, 'percent_per_degc', -100.0, 100.0)
-    signal_supply: float = _number(0.0, 'percent_per_v', -1000.0, 1000.0)
-    pulse_time: float = _number(0.0, 'ms', 0.0, 1000.0)
-    mark_from: str = _choice('any', 'any', 'below', 'above')
-    mark_slope: float = _number(0.0, 'arcsec_per_degc', -600.0, 600.0)
-    mark_supply: float = _number(0.0, 'arcsec_per_v', -3600.0, 3600.0)
-    zero_supply: float = _number(0.0, 'arcsec_per_v', -3600.0, 3600.0)
-    supply: float = _number(5.0, 'v', 0.0, 100.0)
-    supply_nominal: float = _number(5.0, 'v', 0.1, 100.0)
-    supply_rate: float = _number(0.0, 'v_per_hour', -10.0, 10.0)
-    supply_ripple: float = _number(0.0, 'v', 0.0, 10.0)
-    ripple_frequency: float = _number(100.0, 'hz', 0.01, 1e6)
-    max_count_rate: float = _number(0.0, 'mhz', 0.0, 1000.0)
-    miscounts: float = _number(0.0, '', 0.0, 1e5)
-    jitter: float = _number(0.0, '', 0.0, 1000.0)
-    power_cycles: tuple = _numbers('s', 0.0, 1e6)
-    losses: tuple = _sections(CountLoss)
-    home_side: str = _choice('below', 'below', 'above')
-    home_rate: float = _number(0.25, 'deg_s', 1e-4, 90.0)
+    lines: int = number(47200, '', 1, 1_000_000, kind=int)
+    interpolation: int = number(400, '', 1, 100_000, kind=int)
+    tilt: float = number(0.0, 'deg', 0.0, 30.0)
+    tilt_phase: float = number(0.0, 'deg', -360.0, 360.0)
+    heads: int = number(1, '', 1, 2, kind=int)
+    subdivision_1: float = number(0.0, 'arcsec', 0.0, 60.0)
+    subdivision_2: float = number(0.0, 'arcsec', 0.0, 60.0)
+    subdivision_phase: float = number(0.0, 'deg', -360.0, 360.0)
+    mark_angle: float = number(180.0, 'deg', -360.0, 360.0)
+    pulse_width: float = number(0.0, 'arcsec', 0.0, 3600.0)
+    threshold: float = number(50.0, 'percent', 1.0, 1000.0)
+    signal_slope: float = number(0.0, 'percent_per_degc', -100.0, 100.0)
+    signal_supply: float = number(0.0, 'percent_per_v', -1000.0, 1000.0)
+    pulse_time: float = number(0.0, 'ms', 0.0, 1000.0)
+    mark_from: str = choice('any', 'any', 'below', 'above')
+    mark_slope: float = number(0.0, 'arcsec_per_degc', -600.0, 600.0)
+    mark_supply: float = number(0.0, 'arcsec_per_v', -3600.0, 3600.0)
+    zero_supply: float = number(0.0, 'arcsec_per_v', -3600.0, 3600.0)
+    supply: float = number(5.0, 'v', 0.0, 100.0)
+    supply_nominal: float = number(5.0, 'v', 0.1, 100.0)
+    supply_rate: float = number(0.0, 'v_per_hour', -10.0, 10.0)
+    supply_ripple: float = number(0.0, 'v', 0.0, 10.0)
+    ripple_frequency: float = number(100.0, 'hz', 0.01, 1e6)
+    max_count_rate: float = number(0.0, 'mhz', 0.0, 1000.0)
+    miscounts: float = number(0.0, '', 0.0, 1e5)
+    jitter: float = number(0.0, '', 0.0, 1000.0)
+    power_cycles: tuple = numbers('s', 0.0, 1e6)
+    losses: tuple = sections(CountLoss)
+    home_side: str = choice('below', 'below', 'above')
+    home_rate: float = number(0.25, 'deg_s', 1e-4, 90.0)
 
 
 @dataclass(frozen=True)
@@ -380,49 +313,49 @@ class Absolute(EncoderScale):
         `template_reading`, or the reading of paper 001 with its faults, `paper_reading`.
     """
 
-    diameter: float = _number(79.0, 'mm', 1.0, 10000.0)
-    code: str = _choice('table', 'table', 'equation2')
-    bar_wide: float = _number(0.149, 'mm', 0.001, 10.0)
-    bar_narrow: float = _number(0.075, 'mm', 0.001, 10.0)
-    bar_position_error: float = _number(0.0, 'um', 0.0, 50.0)
-    missing_bars: float = _number(0.0, 'percent', 0.0, 50.0)
-    shifted_bars: float = _number(0.0, 'percent', 0.0, 100.0)
-    bar_shift: float = _number(0.15, '', 0.0, 0.5)
-    heads: int = _number(1, '', 1, 2, kind=int)
-    mounting: str = _choice('forward', 'forward', 'reversed')
-    geometry: str = _choice('arc', 'arc', 'tangent')
-    pixels: int = _number(1800, '', 1200, 8192, kind=int)
-    bar_pitch: float = _number(48.0, 'px', 40.0, 65.0)
-    scale_error: float = _number(0.0, 'percent', -0.5, 0.5)
-    blur: float = _number(6.0, 'px', 0.5, 9.0)
-    exposure: float = _number(0.0, 'us', 0.0, 100000.0)
-    base: float = _number(91.0, '', 0.0, 250.0)
-    contrast: float = _number(88.0, '', 1.0, 250.0)
-    shading_tilt: float = _number(0.0, 'percent', -90.0, 90.0)
-    shading_falloff: float = _number(0.0, 'percent', 0.0, 90.0)
-    pixel_nonuniformity: float = _number(0.0, 'percent', 0.0, 50.0)
-    disc_dust: int = _number(0, '', 0, 10000, kind=int)
-    ccd_dust: int = _number(0, '', 0, 100, kind=int)
-    dust_size: float = _number(60.0, 'px', 1.0, 1000.0)
-    noise: float = _number(0.0, '', 0.0, 100.0)
-    full_well: float = _number(0.0, 'ke', 0.0, 100000.0)
-    reading: str = _choice('template', 'template', 'paper')
+    diameter: float = number(79.0, 'mm', 1.0, 10000.0)
+    code: str = choice('table', 'table', 'equation2')
+    bar_wide: float = number(0.149, 'mm', 0.001, 10.0)
+    bar_narrow: float = number(0.075, 'mm', 0.001, 10.0)
+    bar_position_error: float = number(0.0, 'um', 0.0, 50.0)
+    missing_bars: float = number(0.0, 'percent', 0.0, 50.0)
+    shifted_bars: float = number(0.0, 'percent', 0.0, 100.0)
+    bar_shift: float = number(0.15, '', 0.0, 0.5)
+    heads: int = number(1, '', 1, 2, kind=int)
+    mounting: str = choice('forward', 'forward', 'reversed')
+    geometry: str = choice('arc', 'arc', 'tangent')
+    pixels: int = number(1800, '', 1200, 8192, kind=int)
+    bar_pitch: float = number(48.0, 'px', 40.0, 65.0)
+    scale_error: float = number(0.0, 'percent', -0.5, 0.5)
+    blur: float = number(6.0, 'px', 0.5, 9.0)
+    exposure: float = number(0.0, 'us', 0.0, 100000.0)
+    base: float = number(91.0, '', 0.0, 250.0)
+    contrast: float = number(88.0, '', 1.0, 250.0)
+    shading_tilt: float = number(0.0, 'percent', -90.0, 90.0)
+    shading_falloff: float = number(0.0, 'percent', 0.0, 90.0)
+    pixel_nonuniformity: float = number(0.0, 'percent', 0.0, 50.0)
+    disc_dust: int = number(0, '', 0, 10000, kind=int)
+    ccd_dust: int = number(0, '', 0, 100, kind=int)
+    dust_size: float = number(60.0, 'px', 1.0, 1000.0)
+    noise: float = number(0.0, '', 0.0, 100.0)
+    full_well: float = number(0.0, 'ke', 0.0, 100000.0)
+    reading: str = choice('template', 'template', 'paper')
 
 
 @dataclass(frozen=True)
 class IncrementalPair:
     """The incremental encoders of both axes."""
 
-    azimuth: Incremental = _section(Incremental)
-    elevation: Incremental = _section(Incremental)
+    azimuth: Incremental = section(Incremental)
+    elevation: Incremental = section(Incremental)
 
 
 @dataclass(frozen=True)
 class AbsolutePair:
     """The absolute encoders of both axes."""
 
-    azimuth: Absolute = _section(Absolute)
-    elevation: Absolute = _section(Absolute)
+    azimuth: Absolute = section(Absolute)
+    elevation: Absolute = section(Absolute)
 
 
 @dataclass(frozen=True)
@@ -446,12 +379,12 @@ class Camera:
         +x by this, rad; less of a bright one (its flux to the power -0.1).
     """
 
-    field_of_view: float = _number(40.0, 'arcmin', 0.1, 600.0)
-    mag_limit: float = _number(7.0, '', -2.0, 13.0)
-    star_noise: float = _number(0.0, 'arcsec', 0.0, 600.0)
-    scale_error: float = _number(0.0, 'percent', -50.0, 50.0)
-    rotation: float = _number(0.0, 'deg', -180.0, 180.0)
-    trail: float = _number(0.0, 'arcsec', -600.0, 600.0)
+    field_of_view: float = number(40.0, 'arcmin', 0.1, 600.0)
+    mag_limit: float = number(7.0, '', -2.0, 13.0)
+    star_noise: float = number(0.0, 'arcsec', 0.0, 600.0)
+    scale_error: float = number(0.0, 'percent', -50.0, 50.0)
+    rotation: float = number(0.0, 'deg', -180.0, 180.0)
+    trail: float = number(0.0, 'arcsec', -600.0, 600.0)
 
 
 @dataclass(frozen=True)
@@ -463,13 +396,13 @@ class TrueWeather:
     feel it.
     """
 
-    pressure: float = _number(955.0, 'hpa', 0.0, 1100.0)
-    temperature: float = _number(10.0, 'c', -60.0, 60.0)
-    humidity: float = _number(50.0, 'percent', 0.0, 100.0)
-    wavelength: float = _number(0.55, 'um', 0.3, 20.0)
-    temperature_rate: float = _number(0.0, 'c_per_hour', -20.0, 20.0)
-    temperature_swing: float = _number(0.0, 'c', -30.0, 30.0)
-    swing_period: float = _number(1.0, 'h', 0.01, 1000.0)
+    pressure: float = number(955.0, 'hpa', 0.0, 1100.0)
+    temperature: float = number(10.0, 'c', -60.0, 60.0)
+    humidity: float = number(50.0, 'percent', 0.0, 100.0)
+    wavelength: float = number(0.55, 'um', 0.3, 20.0)
+    temperature_rate: float = number(0.0, 'c_per_hour', -20.0, 20.0)
+    temperature_swing: float = number(0.0, 'c', -30.0, 30.0)
+    swing_period: float = number(1.0, 'h', 0.01, 1000.0)
 
     def temperature_at(self, time, start):
         """Temperature (degC) at `time`, of a night that began at `start` (UTC s)."""
@@ -486,9 +419,9 @@ class Housing:
     With a `time_constant` (s) they approach it gradually.
     """
 
-    step: float = _number(0.0, 'c', -60.0, 60.0)
-    at: float = _number(0.0, 's', 0.0, 1e6)
-    time_constant: float = _number(0.0, 's', 0.0, 1e6)
+    step: float = number(0.0, 'c', -60.0, 60.0)
+    at: float = number(0.0, 's', 0.0, 1e6)
+    time_constant: float = number(0.0, 's', 0.0, 1e6)
 
     def excess(self, seconds):
         """Temperature above the air, degC, `seconds` after the start."""
@@ -503,9 +436,9 @@ class Housing:
 class TrueSite:
     """Where the mount really stands, rad, rad, m."""
 
-    latitude: float = _number(34.3, 'deg', -90.0, 90.0)
-    longitude: float = _number(109.0, 'deg', -180.0, 360.0)
-    height: float = _number(500.0, 'm', -500.0, 9000.0)
+    latitude: float = number(34.3, 'deg', -90.0, 90.0)
+    longitude: float = number(109.0, 'deg', -180.0, 360.0)
+    height: float = number(500.0, 'm', -500.0, 9000.0)
 
 
 @dataclass(frozen=True)
@@ -524,167 +457,17 @@ class Scenario:
     """
 
     name: str = 'ideal'
-    clock_offset: float = _number(0.0, 'ms', -600000.0, 600000.0)
-    mount: Mount = _section(Mount)
-    axes: Axes = _section(Axes)
-    incremental: IncrementalPair = _section(IncrementalPair)
-    absolute: AbsolutePair = _section(AbsolutePair)
-    camera: Camera = _section(Camera)
-    site: TrueSite | None = _optional(TrueSite)
-    weather: TrueWeather | None = _optional(TrueWeather)
-    housing: Housing = _section(Housing)
+    clock_offset: float = number(0.0, 'ms', -600000.0, 600000.0)
+    mount: Mount = section(Mount)
+    axes: Axes = section(Axes)
+    incremental: IncrementalPair = section(IncrementalPair)
+    absolute: AbsolutePair = section(AbsolutePair)
+    camera: Camera = section(Camera)
+    site: TrueSite | None = optional(TrueSite)
+    weather: TrueWeather | None = optional(TrueWeather)
+    housing: Housing = section(Housing)
 
     def temperature(self, time, start):
         """Temperature (degC) of mount and encoders at `time`, of a night begun at `start`."""
         weather = TrueWeather() if self.weather is None else self.weather
         return weather.temperature_at(time, start) + self.housing.excess(np.asarray(time) - start)
-
-
-# drifts are named by what they drift with; the file spells the unit out
-_KEYS = {
-    f'{name}_{kind}': f'{name}_arcsec_per_{per}'
-    for name in ('ca', 'an', 'aw', 'tf', 'zero', 'mark')
-    for kind, per in (('rate', 'hour'), ('slope', 'degc'), ('supply', 'v'))
-} | {
-    'signal_slope': 'signal_percent_per_degc',
-    'signal_supply': 'signal_percent_per_v',
-    'supply_rate': 'supply_v_per_hour',
-    'temperature_rate': 'temperature_c_per_hour',
-}
-
-
-def _key(item):
-    """Key of a field in the file."""
-    unit = item.metadata.get('unit')
-    if item.name in _KEYS:
-        return _KEYS[item.name]
-    return f'{item.name}_{unit}' if unit else item.name
-
-
-def _to_number(value, item, where):
-    low, high = item.metadata['range']
-    kind = item.metadata['kind']
-    what = 'a whole number' if kind is int else 'a number'
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        hint = ' (write 1.0e-3, not 1e-3)' if isinstance(value, str) and 'e' in value else ''
-        raise ValueError(f'{where}: {value!r} is not {what} from {low:g} to {high:g}{hint}')
-    if not (math.isfinite(value) and low <= value <= high) or (kind is int and value != int(value)):
-        raise ValueError(f'{where}: {value!r} is not {what} from {low:g} to {high:g}')
-    return int(value) if kind is int else value * _UNITS[item.metadata['unit']]
-
-
-def _to_value(value, item, where, base):
-    if 'choice' in item.metadata:
-        if value not in item.metadata['choice']:
-            names = ', '.join(item.metadata['choice'])
-            raise ValueError(f'{where}: {value!r} is not one of {names}')
-        return value
-    if 'section' in item.metadata:
-        if value is None and item.default is None:
-            return None
-        return _to_section(value, item.metadata['section'], where, base)
-    if 'sections' in item.metadata:
-        if not isinstance(value, list):
-            raise ValueError(f'{where}: {value!r} is not a list')
-        cls = item.metadata['sections']
-        return tuple(_to_section(v, cls, f'{where}[{i}]', None) for i, v in enumerate(value))
-    if item.metadata['kind'] is list:
-        if not isinstance(value, list):
-            raise ValueError(f'{where}: {value!r} is not a list of numbers')
-        return tuple(_to_number(v, item, f'{where}[{i}]') for i, v in enumerate(value))
-    return _to_number(value, item, where)
-
-
-def _to_section(mapping, cls, where, base):
-    """An instance of `cls` from a mapping of the file, upon `base`."""
-    if not isinstance(mapping, dict):
-        raise ValueError(f'{where}: {mapping!r} is not a mapping of keys to values')
-    items = {_key(f): f for f in dataclasses.fields(cls) if f.metadata}
-    base = cls() if base is None else base
-    changes = {}
-    for key, value in mapping.items():
-        if key not in items:
-            allowed = ', '.join(items)
-            raise ValueError(f'{where}: unknown key {key!r}; allowed: {allowed}')
-        item = items[key]
-        inside = f'{where}, {key}' if where.count(',') == 0 else f'{where}.{key}'
-        changes[item.name] = _to_value(value, item, inside, getattr(base, item.name))
-    return dataclasses.replace(base, **changes)
-
-
-def _drop_description(mapping, file):
-    """Take out ``undeclared``, which says to people what the scenario does."""
-    said = mapping.pop('undeclared', {'what': ''})
-    if not (isinstance(said, dict) and isinstance(said.get('what'), str)
-            and set(said) <= {'what', 'shows_as'}):
-        raise ValueError(f'scenario {file}, undeclared: {said!r} is not a mapping of what: a text '
-                         'and shows_as: names of effects')
-
-
-def scenario_names():
-    """Names of the scenarios that come with the package."""
-    folder = resources.files('encoder_sim') / 'scenarios'
-    return sorted(f.name[:-5] for f in folder.iterdir() if f.name.endswith('.yaml'))
-
-
-def load_scenario(name_or_path='default'):
-    """Read a scenario.
-
-    Parameters
-    ----------
-    name_or_path : str or Path
-        Name of a scenario of the package, such as ``default`` or ``ideal``, or a YAML file.
-
-    Returns
-    -------
-    Scenario
-        In SI.
-
-    Raises
-    ------
-    ValueError
-        No such scenario, no YAML, an unknown key, a wrong type, or a value out of its range: one
-        line with the file, the key and what is allowed.
-    """
-    return _load(str(name_or_path), ())
-
-
-def _load(text, chain):
-    import yaml
-
-    if text in chain:
-        raise ValueError(f'scenario {text}: based on itself')
-    path = Path(text)
-    if path.suffix in ('.yaml', '.yml'):
-        if not path.is_file():
-            raise ValueError(f'scenario file {text} does not exist')
-        content, name, file = path.read_text(encoding='utf-8'), path.stem, text
-    elif text in scenario_names():
-        resource = resources.files('encoder_sim') / 'scenarios' / f'{text}.yaml'
-        content, name, file = resource.read_text(encoding='utf-8'), text, f'{text}.yaml'
-    else:
-        names = ', '.join(scenario_names())
-        raise ValueError(f'no scenario {text!r}: give a .yaml file or one of {names}')
-    try:
-        mapping = yaml.safe_load(content)
-    except yaml.YAMLError as error:
-        line = ' '.join(str(error).split())
-        raise ValueError(f'scenario {file}: no valid YAML: {line}') from None
-    if mapping is None:
-        mapping = {}
-    base = Scenario()
-    if isinstance(mapping, dict):
-        _drop_description(mapping, file)
-    if isinstance(mapping, dict) and 'based_on' in mapping:
-        parent = str(mapping.pop('based_on'))
-        if parent.endswith(('.yaml', '.yml')):
-            parent = str(path.parent / parent)
-        base = _load(parent, (*chain, text))
-    scenario = _to_section(mapping, Scenario, f'scenario {file}', base)
-    for axis in ('azimuth', 'elevation'):
-        limits = getattr(scenario.axes, axis)
-        if limits.travel_min >= limits.travel_max:
-            raise ValueError(
-                f'scenario {file}, axes.{axis}: travel_min_deg must be below travel_max_deg'
-            )
-    return dataclasses.replace(scenario, name=name)

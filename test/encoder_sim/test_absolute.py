@@ -13,7 +13,8 @@ from encoder_sim.absolute import (
 )
 from encoder_sim.keyed_noise import uniform
 from encoder_sim.paper_reading import PaperReader
-from encoder_sim.scenario import Absolute, load_scenario
+from encoder_sim.scenario import Absolute
+from encoder_sim.scenario_file import load_scenario
 from encoder_sim.template_reading import TemplateReader
 from pointing_model.units import ARCSEC, wrap
 

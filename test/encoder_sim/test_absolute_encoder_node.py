@@ -5,7 +5,7 @@ pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportErr
 
 from encoder_sim.absolute import CORRECTED, EXACT, REJECTED, AbsoluteEncoder
 from encoder_sim.absolute_encoder_node import AbsoluteEncoders
-from encoder_sim.scenario import load_scenario
+from encoder_sim.scenario_file import load_scenario
 from msg_tools import convert, topics
 from pointing_model.units import ARCSEC, wrap
 

@@ -6,7 +6,8 @@ import pytest
 from encoder_sim.camera import Camera
 from encoder_sim.geometry import MountGeometry, direction
 from encoder_sim.scenario import Camera as Params
-from encoder_sim.scenario import Mount, TrueWeather, load_scenario
+from encoder_sim.scenario import Mount, TrueWeather
+from encoder_sim.scenario_file import load_scenario
 from pointing_model.catalogue import load_catalogue
 from pointing_model.sky import DEFAULT_SITE, DEFAULT_WEATHER, Weather, observed_place
 from pointing_model.target import satellite_target

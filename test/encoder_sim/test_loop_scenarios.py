@@ -9,13 +9,8 @@ from encoder_sim.camera import Camera
 from encoder_sim.encoder_scale import disc_angle, tilted_angle
 from encoder_sim.geometry import MountGeometry, azimuth_elevation
 from encoder_sim.scenario import Camera as CameraParams
-from encoder_sim.scenario import (
-    Mount,
-    Scenario,
-    TrueWeather,
-    load_scenario,
-    scenario_names,
-)
+from encoder_sim.scenario import Mount, Scenario, TrueWeather
+from encoder_sim.scenario_file import load_scenario, scenario_names
 from pointing_model.catalogue import load_catalogue
 from pointing_model.sky import observed_place
 from pointing_model.units import ARCSEC, DEG, wrap

@@ -1,6 +1,7 @@
 import pytest
 
-from encoder_sim.scenario import Mount, load_scenario, scenario_names
+from encoder_sim.scenario import Mount
+from encoder_sim.scenario_file import load_scenario, scenario_names
 from pointing_model.units import ARCSEC, DEG
 
 

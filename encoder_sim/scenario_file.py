@@ -1,0 +1,162 @@
+"""Scenario files: what is wrong with the simulated mount, as YAML.
+
+Only the simulator reads them. What a file does not name stays at the value of the scenario it is
+``based_on``, or else at the ideal of `scenario`.
+"""
+
+import dataclasses
+import math
+from importlib import resources
+from pathlib import Path
+
+from .scenario import Scenario
+from .scenario_fields import UNITS
+
+# drifts are named by what they drift with; the file spells the unit out
+_KEYS = {
+    f'{name}_{kind}': f'{name}_arcsec_per_{per}'
+    for name in ('ca', 'an', 'aw', 'tf', 'zero', 'mark')
+    for kind, per in (('rate', 'hour'), ('slope', 'degc'), ('supply', 'v'))
+} | {
+    'signal_slope': 'signal_percent_per_degc',
+    'signal_supply': 'signal_percent_per_v',
+    'supply_rate': 'supply_v_per_hour',
+    'temperature_rate': 'temperature_c_per_hour',
+}
+
+
+def _key(item):
+    """Key of a field in the file."""
+    unit = item.metadata.get('unit')
+    if item.name in _KEYS:
+        return _KEYS[item.name]
+    return f'{item.name}_{unit}' if unit else item.name
+
+
+def _to_number(value, item, where):
+    low, high = item.metadata['range']
+    kind = item.metadata['kind']
+    what = 'a whole number' if kind is int else 'a number'
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        hint = ' (write 1.0e-3, not 1e-3)' if isinstance(value, str) and 'e' in value else ''
+        raise ValueError(f'{where}: {value!r} is not {what} from {low:g} to {high:g}{hint}')
+    if not (math.isfinite(value) and low <= value <= high) or (kind is int and value != int(value)):
+        raise ValueError(f'{where}: {value!r} is not {what} from {low:g} to {high:g}')
+    return int(value) if kind is int else value * UNITS[item.metadata['unit']]
+
+
+def _to_value(value, item, where, base):
+    if 'choice' in item.metadata:
+        if value not in item.metadata['choice']:
+            names = ', '.join(item.metadata['choice'])
+            raise ValueError(f'{where}: {value!r} is not one of {names}')
+        return value
+    if 'section' in item.metadata:
+        if value is None and item.default is None:
+            return None
+        return _to_section(value, item.metadata['section'], where, base)
+    if 'sections' in item.metadata:
+        if not isinstance(value, list):
+            raise ValueError(f'{where}: {value!r} is not a list')
+        cls = item.metadata['sections']
+        return tuple(_to_section(v, cls, f'{where}[{i}]', None) for i, v in enumerate(value))
+    if item.metadata['kind'] is list:
+        if not isinstance(value, list):
+            raise ValueError(f'{where}: {value!r} is not a list of numbers')
+        return tuple(_to_number(v, item, f'{where}[{i}]') for i, v in enumerate(value))
+    return _to_number(value, item, where)
+
+
+def _to_section(mapping, cls, where, base):
+    """An instance of `cls` from a mapping of the file, upon `base`."""
+    if not isinstance(mapping, dict):
+        raise ValueError(f'{where}: {mapping!r} is not a mapping of keys to values')
+    items = {_key(f): f for f in dataclasses.fields(cls) if f.metadata}
+    base = cls() if base is None else base
+    changes = {}
+    for key, value in mapping.items():
+        if key not in items:
+            allowed = ', '.join(items)
+            raise ValueError(f'{where}: unknown key {key!r}; allowed: {allowed}')
+        item = items[key]
+        inside = f'{where}, {key}' if where.count(',') == 0 else f'{where}.{key}'
+        changes[item.name] = _to_value(value, item, inside, getattr(base, item.name))
+    return dataclasses.replace(base, **changes)
+
+
+def _drop_description(mapping, file):
+    """Take out ``undeclared``, which says to people what the scenario does."""
+    said = mapping.pop('undeclared', {'what': ''})
+    if not (isinstance(said, dict) and isinstance(said.get('what'), str)
+            and set(said) <= {'what', 'shows_as'}):
+        raise ValueError(f'scenario {file}, undeclared: {said!r} is not a mapping of what: a text '
+                         'and shows_as: names of effects')
+
+
+def scenario_names():
+    """Names of the scenarios that come with the package."""
+    folder = resources.files('encoder_sim') / 'scenarios'
+    return sorted(f.name[:-5] for f in folder.iterdir() if f.name.endswith('.yaml'))
+
+
+def load_scenario(name_or_path='default'):
+    """Read a scenario.
+
+    Parameters
+    ----------
+    name_or_path : str or Path
+        Name of a scenario of the package, such as ``default`` or ``ideal``, or a YAML file.
+
+    Returns
+    -------
+    Scenario
+        In SI.
+
+    Raises
+    ------
+    ValueError
+        No such scenario, no YAML, an unknown key, a wrong type, or a value out of its range: one
+        line with the file, the key and what is allowed.
+    """
+    return _load(str(name_or_path), ())
+
+
+def _load(text, chain):
+    import yaml
+
+    if text in chain:
+        raise ValueError(f'scenario {text}: based on itself')
+    path = Path(text)
+    if path.suffix in ('.yaml', '.yml'):
+        if not path.is_file():
+            raise ValueError(f'scenario file {text} does not exist')
+        content, name, file = path.read_text(encoding='utf-8'), path.stem, text
+    elif text in scenario_names():
+        resource = resources.files('encoder_sim') / 'scenarios' / f'{text}.yaml'
+        content, name, file = resource.read_text(encoding='utf-8'), text, f'{text}.yaml'
+    else:
+        names = ', '.join(scenario_names())
+        raise ValueError(f'no scenario {text!r}: give a .yaml file or one of {names}')
+    try:
+        mapping = yaml.safe_load(content)
+    except yaml.YAMLError as error:
+        line = ' '.join(str(error).split())
+        raise ValueError(f'scenario {file}: no valid YAML: {line}') from None
+    if mapping is None:
+        mapping = {}
+    base = Scenario()
+    if isinstance(mapping, dict):
+        _drop_description(mapping, file)
+    if isinstance(mapping, dict) and 'based_on' in mapping:
+        parent = str(mapping.pop('based_on'))
+        if parent.endswith(('.yaml', '.yml')):
+            parent = str(path.parent / parent)
+        base = _load(parent, (*chain, text))
+    scenario = _to_section(mapping, Scenario, f'scenario {file}', base)
+    for axis in ('azimuth', 'elevation'):
+        limits = getattr(scenario.axes, axis)
+        if limits.travel_min >= limits.travel_max:
+            raise ValueError(
+                f'scenario {file}, axes.{axis}: travel_min_deg must be below travel_max_deg'
+            )
+    return dataclasses.replace(scenario, name=name)
