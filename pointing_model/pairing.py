@@ -1,8 +1,14 @@
 """One observation from what the instruments sent: encoder readings and a miss distance."""
 
+from collections import deque
+
 import numpy as np
 
 from .units import wrap
+
+#: readings older than the last by this are of a new simulation, ns
+CLOCK_JUMP = 1_000_000_000
+ENCODERS = ('enc', 'abs')
 
 
 def interpolate(stamps, angles, stamp):
@@ -65,3 +71,96 @@ def centred(az, el, miss_x, miss_y):
     up = np.cos(el) - miss_y * np.sin(el)
     new_az = az + np.arctan2(miss_x, up)
     return new_az, np.arctan2(np.sin(el) + miss_y * np.cos(el), np.hypot(miss_x, up))
+
+
+class Exposures:
+    """Readings and frames since a track was commanded, and which of them belong together."""
+
+    def __init__(self):
+        self._readings = {encoder: deque(maxlen=20000) for encoder in ENCODERS}
+        self._frames = deque(maxlen=1000)
+        self._track = None
+
+    def begin(self, start, times, track):
+        """Forget what was before: a track is commanded.
+
+        Parameters
+        ----------
+        start : int
+            ns.
+        times : ndarray, shape (n,)
+            Seconds since `start`.
+        track : ndarray, shape (n, 2)
+            Encoder angles demanded then, rad.
+        """
+        self._track = start, times, track
+        self._frames.clear()
+        for readings in self._readings.values():
+            readings.clear()
+
+    def add_reading(self, encoder, stamp, angle):
+        """Take a reading.
+
+        Returns
+        -------
+        bool
+            The clock went back, and what was before is forgotten.
+
+        Raises
+        ------
+        ValueError
+            It is not newer than the one before.
+        """
+        readings = self._readings[encoder]
+        back = bool(readings) and stamp <= readings[-1][0]
+        if back:
+            if readings[-1][0] - stamp < CLOCK_JUMP:
+                raise ValueError('stamp not after the one before: two encoders on one topic?')
+            readings.clear()
+        readings.append((stamp, angle))
+        return back
+
+    def add_frame(self, stamp, x, y):
+        """Take a measured miss distance, rad."""
+        self._frames.append((stamp, x, y))
+
+    def at(self, encoder, stamp):
+        """Angles and rates of an encoder at `stamp`; see `interpolate`."""
+        readings = self._readings[encoder]
+        return interpolate([s for s, _ in readings], [a for _, a in readings], stamp)
+
+    def take(self, tolerance, refuse):
+        """The next frame on the commanded track that has readings of both encoders around it.
+
+        Parameters
+        ----------
+        tolerance : float
+            Largest difference of the encoder from its demand, on the sky, rad.
+        refuse : callable
+            Called with the reason for a frame that cannot be used.
+
+        Returns
+        -------
+        (int, ndarray) or None
+            Stamp in ns and miss distance (2,) in rad; None where there is none yet.
+        """
+        start, times, track = self._track
+        while self._frames:
+            stamp, *miss = self._frames[0]
+            if stamp >= start and not all(
+                    r and r[-1][0] > stamp for r in self._readings.values()):
+                return None
+            self._frames.popleft()
+            if stamp < max([start, *(r[0][0] for r in self._readings.values() if r)]):
+                continue  # under way when the command came
+            try:
+                reading, _ = self.at('enc', stamp)
+            except ValueError as err:
+                refuse(str(err))
+                continue
+            t = (stamp - start) * 1e-9
+            wanted = [np.interp(t, times, axis) for axis in track.T]
+            error = wrap(reading[0] - wanted[0]) * np.cos(wanted[1]), reading[1] - wanted[1]
+            if np.hypot(*error) <= tolerance:
+                return stamp, np.array(miss)
+        return None

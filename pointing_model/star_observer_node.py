@@ -2,7 +2,6 @@
 
 import sys
 import time
-from collections import deque
 from dataclasses import replace
 from functools import partial
 
@@ -21,7 +20,7 @@ from .catalogue import POLARIS_HIP, load_catalogue
 from .drivers import Thermometer, demand_angles, pointing_context
 from .earth import earth_orientation
 from .model import PointingModel
-from .pairing import centred, interpolate
+from .pairing import Exposures, centred
 from .plan import night_plan, parse_plan
 from .run import PointingRun
 from .sky_params import SKY_PARAMS, sky_of
@@ -33,8 +32,6 @@ from .units import ARCSEC, DEG, wrap
 KNOT = 20.0
 #: an axis slower than this stands still, rad/s
 STILL = 0.01 * DEG
-#: readings older than the last by this are of a new simulation, ns
-CLOCK_JUMP = 1_000_000_000
 #: what a star takes, to know that it stays within the limits until its turn, s
 SECONDS_A_STAR = 40.0
 
@@ -93,12 +90,10 @@ class StarObserver(MountNode):
         self._polaris = None
         self._earliest = self._evening = 0
         self._site, self._weather = sky_of(self)
-        self._readings = {'enc': deque(maxlen=20000), 'abs': deque(maxlen=20000)}
+        self._exposures = Exposures()
         self._last_reading = None
         self._homed = self._homes = False
         self._run = self.value('first_run') - 1
-        self._frames = deque(maxlen=1000)
-        self._target = None
         self._rows = []
         self._rows_sent = 0
         self._measured = {}
@@ -176,17 +171,12 @@ class StarObserver(MountNode):
         self._hears('absolute encoder')
 
     def _keep(self, encoder, stamp, angle):
-        readings = self._readings[encoder]
-        if readings and stamp <= readings[-1][0]:
-            if readings[-1][0] - stamp < CLOCK_JUMP:
-                raise ValueError('stamp not after the one before: two encoders on one topic?')
+        if self._exposures.add_reading(encoder, stamp, angle):
             self.get_logger().warning('the clock went back: the simulation started anew')
-            readings.clear()
-        readings.append((stamp, angle))
 
     def _on_miss(self, message):
-        self._frames.append(
-            (convert.from_stamp(message.header.stamp), message.vector.x, message.vector.y))
+        self._exposures.add_frame(
+            convert.from_stamp(message.header.stamp), message.vector.x, message.vector.y)
         self._hears('camera')
 
     def _on_temperature(self, message):
@@ -463,7 +453,7 @@ class StarObserver(MountNode):
                 self.get_logger().warning(
                     f'{target.name}: nothing in the field; go on with the next')
                 return
-            reading, rate = self._at('enc', stamp)
+            reading, rate = self._exposures.at('enc', stamp)
             enc = np.array(centred(*reading, *miss))
             if blind:
                 break
@@ -475,7 +465,7 @@ class StarObserver(MountNode):
             if np.hypot(*miss) <= self.value('recentre_arcsec') * ARCSEC or seen == 3:
                 break
         try:
-            second = np.array(centred(*self._at('abs', stamp)[0], *miss))
+            second = np.array(centred(*self._exposures.at('abs', stamp)[0], *miss))
         except ValueError:
             second = np.full(2, np.nan)
         air = self._air()
@@ -515,26 +505,26 @@ class StarObserver(MountNode):
         # the shorter way from here; the mount's own limits are the driver's affair
         track[:, 0] = here[0] + move[0] + (np.unwrap(track[:, 0]) - track[0, 0])
         rates = np.gradient(track, KNOT, axis=0, edge_order=2)
-        for readings in self._readings.values():
-            readings.clear()
-        self._frames.clear()
-        self._target = (start, times, track)
+        self._exposures.begin(start, times, track)
         self._command_pub.publish(convert.trajectory(start, times, track, rates))
         now = time.monotonic()
         asked = dict.fromkeys(
             ('mount and incremental encoder', 'absolute encoder', 'camera'), now)
         self._heard = dict(asked)
         end = start + round(times[-1] * 1e9)
-        found = []
+        tolerance = self.value('on_target_arcsec') * ARCSEC
+        refuse = partial(self.reject, topics.MISS_DISTANCE.name)
+        found = None
 
         def answered():
-            found.extend(self._good_frames())
+            nonlocal found
+            found = self._exposures.take(tolerance, refuse)
             # a slew may take as long as the track
-            return (found or self._silent() or not self._homed
+            return (found is not None or self._silent() or not self._homed
                     or self._last_reading[0] > end)
 
         yield answered
-        if not found:
+        if found is None:
             if not self._homed:
                 return None
             mute = [name for name, heard in self._heard.items() if heard == asked[name]]
@@ -543,36 +533,8 @@ class StarObserver(MountNode):
                             'the mount to come on target')
             return None
         self._set_state('observing', self._progress['step'])
-        self._exposed = found[0][0]
-        return found[0]
-
-    def _good_frames(self):
-        """Exposures on the commanded track that have readings of both encoders around them."""
-        start, times, track = self._target
-        while self._frames:
-            stamp, *miss = self._frames[0]
-            ready = all(r and r[-1][0] > stamp for r in self._readings.values())
-            if stamp >= start and not ready:
-                return
-            self._frames.popleft()
-            if stamp < max([start, *(r[0][0] for r in self._readings.values() if r)]):
-                continue  # under way when the command came
-            try:
-                reading, _ = self._at('enc', stamp)
-            except ValueError as err:
-                self.reject(topics.MISS_DISTANCE.name, str(err))
-                continue
-            t = (stamp - start) * 1e-9
-            wanted = np.array([np.interp(t, times, track[:, 0]), np.interp(t, times, track[:, 1])])
-            error = np.array([wrap(reading[0] - wanted[0]) * np.cos(wanted[1]),
-                              reading[1] - wanted[1]])
-            if np.hypot(*error) <= self.value('on_target_arcsec') * ARCSEC:
-                yield stamp, np.array(miss)
-                return
-
-    def _at(self, encoder, stamp):
-        readings = self._readings[encoder]
-        return interpolate([s for s, _ in readings], [a for _, a in readings], stamp)
+        self._exposed = found[0]
+        return found
 
     def _demand(self, target, stamps, aim):
         """Encoder demands for `target` at each stamp, shape (n, 2), rad."""

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from pointing_model.pairing import centred, interpolate
+from pointing_model.pairing import Exposures, centred, interpolate
 from pointing_model.units import ARCSEC, DEG
 
 NS = 1_768_482_000_000_000_000
@@ -67,3 +67,65 @@ def test_a_large_miss_near_the_zenith_is_taken_to_the_sphere():
     star = unit(az, el) + mx * right + my * up
     np.testing.assert_allclose(unit(new_az, new_el), star / np.linalg.norm(star, axis=0),
                                atol=1e-14)
+
+
+# --- exposures -----------------------------------------------------------------------------------
+
+TRACK = np.array([[1.0, 0.5], [1.0, 0.5]])
+
+
+def exposures(frames, enc=(0, 1, 2, 3), abs_=(0, 1, 2, 3), angle=(1.0, 0.5)):
+    """A track from `NS` on; frames and readings by their seconds."""
+    out = Exposures()
+    out.begin(NS, np.array([0.0, 100.0]), TRACK)
+    for encoder, seconds in (('enc', enc), ('abs', abs_)):
+        for second in seconds:
+            out.add_reading(encoder, NS + second * SECOND, np.array(angle))
+    for second in frames:
+        out.add_frame(NS + round(second * SECOND), 2e-5, -3e-5)
+    return out
+
+
+def take(exposures, refused=None, tolerance=1e-4):
+    return exposures.take(tolerance, (refused if refused is not None else []).append)
+
+
+def test_a_frame_between_readings_is_taken_once():
+    waiting = exposures([1.5])
+    stamp, miss = take(waiting)
+    assert stamp == NS + 3 * SECOND // 2
+    np.testing.assert_array_equal(miss, [2e-5, -3e-5])
+    assert take(waiting) is None
+
+
+@pytest.mark.parametrize('late', ['enc', 'abs'])
+def test_a_frame_waits_for_both_encoders(late):
+    readings = {'enc': (0, 1, 2), 'abs_': (0, 1, 2), ('enc' if late == 'enc' else 'abs_'): (0, 1)}
+    waiting = exposures([1.5], **readings)
+    assert take(waiting) is None
+    waiting.add_reading(late, NS + 2 * SECOND, np.array([1.0, 0.5]))
+    assert take(waiting) is not None
+
+
+def test_a_frame_of_before_the_command_is_passed_over():
+    stamp, _ = take(exposures([-0.5, 1.5]))
+    assert stamp == NS + 3 * SECOND // 2
+
+
+def test_a_frame_off_the_track_does_not_count():
+    assert take(exposures([1.5], angle=(1.0, 0.5 + 2e-4))) is None
+    assert take(exposures([1.5], angle=(1.0 + 1.1e-4, 0.5))) is not None  # times cos(el)
+
+
+def test_a_frame_without_a_finite_reading_is_refused_with_its_reason():
+    refused = []
+    assert take(exposures([1.5], angle=(np.nan, 0.5)), refused) is None
+    assert len(refused) == 1 and 'home the encoder' in refused[0]
+
+
+def test_readings_out_of_order_and_a_clock_that_went_back():
+    waiting = exposures([], enc=(0, 5))
+    with pytest.raises(ValueError, match='two encoders on one topic'):
+        waiting.add_reading('enc', NS + 5 * SECOND - 1, np.zeros(2))
+    assert not waiting.add_reading('enc', NS + 6 * SECOND, np.zeros(2))
+    assert waiting.add_reading('enc', NS, np.zeros(2))
