@@ -138,9 +138,12 @@ class Calibration(MountNode):
         return replace(model, provenance={
             **model.provenance, 'last_stamp_ns': self._session.last_stamp})
 
-    def _publish_zero(self, angles, zero):
+    def _publish_zero(self, angles, by_polaris):
+        sigma = [np.nan, np.nan]
+        if by_polaris is not None:
+            sigma = [by_polaris.sigma_az, by_polaris.sigma_el]
         self._zero_pub.publish(convert.joint_state(
-            self._session.last_stamp, angles, effort=[zero.sigma_az, zero.sigma_el]))
+            self._session.last_stamp, angles, effort=sigma))
 
     def _on_fit(self, request, response):
         self._say('fitting')
@@ -164,12 +167,8 @@ class Calibration(MountNode):
         """The model, and the zero that belongs to it; Polaris alone gave it a little otherwise."""
         self._model_pub.publish(String(data=model.to_json()))
         zeros, by_polaris = self._session.zeros_in_force, self._session.zeros
-        sigma = [np.nan, np.nan]
-        if by_polaris:
-            known = by_polaris[max(by_polaris)]
-            sigma = [known.sigma_az, known.sigma_el]
-        self._zero_pub.publish(convert.joint_state(
-            self._session.last_stamp, zeros[max(zeros)], effort=sigma))
+        self._publish_zero(
+            zeros[max(zeros)], by_polaris[max(by_polaris)] if by_polaris else None)
 
     def _on_diagnose(self, request, response):
         # the node hears nothing until it is done: seconds

@@ -13,7 +13,7 @@ from pointing_model.terms import design
 from pointing_model.units import ARCSEC
 
 from .fit import fit_harmonics
-from .kept_out import for_fitting
+from .kept_out import for_fitting, is_kept_out
 from .satellite_check import tracking_errors
 from .session import CalibrationSession, zero_in_force
 from .zero import zero_from_polaris
@@ -164,7 +164,7 @@ class NightSeries:
 
     def _night(self, number, rows, alarms):
         polaris = rows['star'] == POLARIS_HIP
-        stars = rows['star'] >= 0
+        stars = (rows['star'] >= 0) & ~is_kept_out(rows)
         first, last = rows['time'][polaris][[0, -1]]
         parts = {'before': rows.select(stars & ~polaris & (rows['time'] < first)),
                  'after': rows.select(stars & ~polaris & (rows['time'] > last))}
@@ -227,7 +227,7 @@ def _budget(model, zero, polaris, stars):
         return np.stack([np.mean(x / np.cos(run['el'])[:, None], axis=0), np.mean(y, axis=0)])
 
     apart = mean_columns(stars) - mean_columns(polaris)
-    # that of the model at Polaris is in the zero's covariance already: take the difference instead
+    # the zero's covariance has that of the model at Polaris, which cancels but for `apart`
     at_polaris = mean_columns(polaris)
     exposures = zero.covariance - at_polaris @ model.covariance @ at_polaris.T
     x, y = model.residuals(stars, zero=(zero.az, zero.el))

@@ -14,7 +14,6 @@ from msg_tools.run_files import write_csv
 
 from .runs import load_run
 
-FORMATS = ('csv', 'parquet')
 #: an array with more elements than this is no table column each: its length is written
 MAX_COLUMNS = 64
 _BATCH = 5000
