@@ -9,7 +9,6 @@ from setuptools import setup
 NAME = 'telescope_mount'
 
 
-
 def nodes():
     """Executables and modules from the one description of the graph, without importing it."""
     tree = ast.parse(Path('telescope_mount/graph.py').read_text(encoding='utf-8'))
@@ -28,7 +27,11 @@ setup(
     license='Apache-2.0',
     maintainer='telescope_mount developers',
     maintainer_email='maintainers@telescope-mount.example.org',
-    packages=['encoder_sim', 'pointing_model', 'calibration', 'msg_tools', 'telescope_mount'],
+    packages=[
+        'encoder_sim', 'pointing_model', 'calibration', 'calibration.diagnosis',
+        'calibration.diagnosis_page', 'msg_tools', 'msg_tools.bag', 'msg_tools.run_files',
+        'telescope_mount',
+    ],
     package_data={
         'calibration': ['data/*'],
         'encoder_sim': ['scenarios/*.yaml'],

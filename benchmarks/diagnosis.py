@@ -23,11 +23,11 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.candidates import orthonormal
 from calibration.diagnosis import Base, diagnose
 from calibration.diagnosis import _Work as Work
-from calibration.diagnosis_base import observations
-from calibration.streamed import diagnose_streamed
+from calibration.diagnosis.base import observations
+from calibration.diagnosis.candidates import orthonormal
+from calibration.diagnosis.streamed import diagnose_streamed
 from msg_tools.run_files import read_run
 from pointing_model import geometry
 from pointing_model.effects import dictionary
@@ -386,7 +386,7 @@ def _radial(model, run):
 
 
 def _knew(train, test, name):
-    from calibration.search import Choice
+    from calibration.diagnosis.search import Choice
 
     work = Work(observations(train), Base.parse('physical'), 0.01, True, 'enc')
     bank = work.problem.dictionary

@@ -26,8 +26,8 @@ import zstandard
 from mcap.writer import CompressionType, IndexType, Writer
 
 from msg_tools.bag import BagWriter
-from msg_tools.bag_provenance import parameters_of
-from msg_tools.bag_sqlite import open_bag
+from msg_tools.bag.provenance import parameters_of
+from msg_tools.bag.sqlite import open_bag
 
 CPU_SECONDS = 2.0
 MEMORY = 500 * 10**6

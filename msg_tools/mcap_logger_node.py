@@ -15,9 +15,9 @@ from std_srvs.srv import SetBool, Trigger
 
 from . import topics
 from .bag import BagWriter
-from .bag_gaps import SequenceGaps
-from .bag_provenance import RECORD, ParameterCollector, as_text
-from .bag_recording import Ring, Selection, adapt_qos, check_patterns, versions
+from .bag.gaps import SequenceGaps
+from .bag.provenance import RECORD, ParameterCollector, as_text
+from .bag.recording import Ring, Selection, adapt_qos, check_patterns, versions
 from .node import NO_SUBSCRIPTION_EVENTS, MountNode, Param, run_node
 from .topics import Topic
 

@@ -12,8 +12,8 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from std_srvs.srv import Trigger
 
 from . import topics
-from .bag_recording import check_patterns
-from .bag_sqlite import open_bag
+from .bag.recording import check_patterns
+from .bag.sqlite import open_bag
 from .convert import to_stamp
 from .node import NO_SUBSCRIPTION_EVENTS, MountNode, Param, run_node
 from .readiness import parse

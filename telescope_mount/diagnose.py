@@ -63,7 +63,7 @@ def run(args, console):
         args.json.write_text(json.dumps(found.to_dict(), indent=1) + '\n', encoding='utf-8')
         console.print(f'result        {args.json}', markup=False)
     if args.report:
-        from calibration.diagnosis_report import write_report
+        from calibration.diagnosis_page.report import write_report
         write_report(found, args.report)
         console.print(f'page          {args.report}', markup=False)
     if args.save:
@@ -102,8 +102,8 @@ def _place(args):
 
 def show(found, console):
     """The verdict in words, the error before and after, the effects, what was left out."""
-    from calibration.diagnosis_view import effect_sentences
-    from calibration.plain_words import readable, verdict_sentences
+    from calibration.diagnosis_page.plain_words import readable, verdict_sentences
+    from calibration.diagnosis_page.view import effect_sentences
     from calibration.report import new_table
     document = found.to_dict()
     headline, sentences = verdict_sentences(document, effect_sentences(found), limit=20)

@@ -4,8 +4,8 @@ from datetime import datetime, timedelta, timezone
 from pathlib import Path
 
 from msg_tools.bag import OWN_RECORD
-from msg_tools.bag_gaps import SequenceGaps
-from msg_tools.bag_sqlite import open_bag
+from msg_tools.bag.gaps import SequenceGaps
+from msg_tools.bag.sqlite import open_bag
 
 
 def log_info(path, *, quick=False):

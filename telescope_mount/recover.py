@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from msg_tools.bag import OWN_RECORD, BagReader, BagWriter
-from msg_tools.bag_writer import REPEATED_RECORD, STOPPED_RECORD, plain_name
+from msg_tools.bag.writer import REPEATED_RECORD, STOPPED_RECORD, plain_name
 
 #: records that the new log writes by itself, or that tell of the old files
 _OF_THE_FILE = ('rosbag2', OWN_RECORD, REPEATED_RECORD, STOPPED_RECORD)

@@ -11,7 +11,7 @@ from calibration.nights import NightSeries
 from calibration.session import CalibrationSession
 from calibration.witnesses import homings_from_diagnostics
 from msg_tools.bag import BagReader
-from msg_tools.bag_provenance import parameters_of
+from msg_tools.bag.provenance import parameters_of
 from msg_tools.convert import cloud_to_run, from_stamp, read_joints
 from pointing_model.model import PointingModel
 from pointing_model.pairing import centred, interpolate

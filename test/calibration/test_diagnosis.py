@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from calibration.diagnosis import diagnose
-from calibration.diagnosis_base import Base, observations
-from calibration.streamed import diagnose_streamed
+from calibration.diagnosis.base import Base, observations
+from calibration.diagnosis.streamed import diagnose_streamed
 from pointing_model import geometry
 from pointing_model.run import PointingRun
 from pointing_model.terms import PHYSICAL, STANDARD6

@@ -7,11 +7,17 @@ import numpy as np
 import pytest
 
 from calibration.diagnosis import diagnose
-from calibration.diagnosis_page import exclusions, next_observations, ranking
-from calibration.diagnosis_report import render, write_report
-from calibration.diagnosis_view import Driver, FoundEffect, View, driver_of, view_of
-from calibration.plain_words import arcsec, best_pair, effect_sentence, readable, verdict_sentences
-from calibration.svg_plot import Panel, SkyMap, limit_of, ticks
+from calibration.diagnosis_page.plain_words import (
+    arcsec,
+    best_pair,
+    effect_sentence,
+    readable,
+    verdict_sentences,
+)
+from calibration.diagnosis_page.report import render, write_report
+from calibration.diagnosis_page.sections import exclusions, next_observations, ranking
+from calibration.diagnosis_page.svg_plot import Panel, SkyMap, limit_of, ticks
+from calibration.diagnosis_page.view import Driver, FoundEffect, View, driver_of, view_of
 from pointing_model.context import Context
 from pointing_model.effects import effect
 from pointing_model.run import PointingRun

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from calibration.candidates import Bank, Columns, fit_state, orthonormal, overlap, solve
-from calibration.chance import ChanceTest, normal_score, pair_corrected
-from calibration.resampling import (
+from calibration.diagnosis.candidates import Bank, Columns, fit_state, orthonormal, overlap, solve
+from calibration.diagnosis.chance import ChanceTest, normal_score, pair_corrected
+from calibration.diagnosis.resampling import (
     confirm,
     contiguous_folds,
     cross_validate,
@@ -14,7 +14,7 @@ from calibration.resampling import (
     random_folds,
     run_folds,
 )
-from calibration.search import Chance, Choice, Found, Problem, search, standing
+from calibration.diagnosis.search import Chance, Choice, Found, Problem, search, standing
 from pointing_model.context import Context
 from pointing_model.effects import dictionary, effect, smooths, steps
 from pointing_model.terms import PHYSICAL, stacked_design

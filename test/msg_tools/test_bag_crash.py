@@ -6,8 +6,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from msg_tools import bag_chunks, bag_writer
-from msg_tools.bag import BagReader, BagWriter
+from msg_tools.bag import BagReader, BagWriter, chunks
+from msg_tools.bag import writer as writer_module
 
 PERIOD = 0.5  # s, the logger's default
 STEP = 0.01  # s between messages
@@ -18,7 +18,7 @@ def recording(demo, tmp_path, monkeypatch):
     """12 s of messages on a clock of our own; (file, [(time, bytes written, bytes synced)])."""
     now, synced, states = [1000.0], [0], []
     fake = SimpleNamespace(monotonic=lambda: now[0])
-    monkeypatch.setattr(bag_writer, 'time', fake)
+    monkeypatch.setattr(writer_module, 'time', fake)
     fsync = os.fsync
 
     def sync(number):
@@ -26,23 +26,23 @@ def recording(demo, tmp_path, monkeypatch):
         fsync(number)
 
     def file():
-        return writer[0]._out._stream.fileno() if writer else -1
-    monkeypatch.setattr(bag_chunks.os, 'fsync', sync)
-    writer = []
-    writer.append(BagWriter(tmp_path / 'b', chunk_seconds=PERIOD, chunk_size=2000))
-    writer[0].refresh()
-    writer[0].add_topic('/t', demo.PAIR)
+        return open_log[0]._out._stream.fileno() if open_log else -1
+    monkeypatch.setattr(chunks.os, 'fsync', sync)
+    open_log = []
+    open_log.append(BagWriter(tmp_path / 'b', chunk_seconds=PERIOD, chunk_size=2000))
+    open_log[0].refresh()
+    open_log[0].add_topic('/t', demo.PAIR)
     flushed = now[0]
     for i in range(1200):
-        writer[0].write('/t', demo.pair(i), i, i)
+        open_log[0].write('/t', demo.pair(i), i, i)
         if now[0] - flushed >= PERIOD:
             flushed = now[0]
-            writer[0].refresh()
-        states.append((now[0], os.path.getsize(writer[0].file), synced[0]))
+            open_log[0].refresh()
+        states.append((now[0], os.path.getsize(open_log[0].file), synced[0]))
         now[0] += STEP
-    yield writer[0].file, states
+    yield open_log[0].file, states
     monkeypatch.undo()
-    writer[0].close()
+    open_log[0].close()
 
 
 @pytest.mark.parametrize('what', ['killed', 'power cut'])
@@ -143,7 +143,7 @@ def test_a_sync_that_fails_is_told(demo, tmp_path, monkeypatch):
 
     def fail(number):
         raise OSError(5, 'Input/output error')
-    monkeypatch.setattr(bag_writer.os, 'fsync', fail)
+    monkeypatch.setattr(chunks.os, 'fsync', fail)
     writer.write('/t', demo.pair(0), 0, 0)
     with pytest.raises(OSError, match='Input/output'):
         for _ in range(1000):

@@ -13,10 +13,11 @@ import pytest
 import zstandard
 from mcap.writer import Writer
 
-from msg_tools import bag_file, bag_reader
 from msg_tools.bag import BagReader, BagWriter
-from msg_tools.bag_metadata import listed_files
-from msg_tools.ros_schema import load_qos
+from msg_tools.bag import file as bag_file
+from msg_tools.bag import reader as bag_reader
+from msg_tools.bag.metadata import listed_files
+from msg_tools.bag.ros_schema import load_qos
 
 FUZZ = Path(__file__).parents[2] / 'benchmarks' / 'log_fuzz.py'
 LINE = '=' * 80 + '\n'

@@ -4,7 +4,7 @@ import struct
 import pytest
 
 from msg_tools.bag import BagWriter
-from msg_tools.bag_sqlite import SqliteReader, open_bag
+from msg_tools.bag.sqlite import SqliteReader, open_bag
 from telescope_mount.cli import main
 from telescope_mount.info import info_tables, log_info
 

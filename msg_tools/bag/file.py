@@ -15,8 +15,8 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 
-from .bag_chunks import MAGIC, NEVER
-from .bag_writer import REPEATED_RECORD, STOPPED_RECORD
+from .chunks import MAGIC, NEVER
+from .writer import REPEATED_RECORD, STOPPED_RECORD
 
 #: a chunk that claims more than this is not believed (the usual size is 1 MiB)
 MAX_CHUNK = 128 * 2**20

@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 
-from .run_table import Table, content, floats, is_number, parse_iso
+from .table import Table, content, floats, is_number, parse_iso
 
 _ROW = re.compile(r'#?\s*(\d{4}-\d\d-\d\d)\.(\d+)\s', re.ASCII)
 _NEEDED = ('id', 'UTh', 'AZd', 'ELd', 'pnt.X', 'pnt.Y')

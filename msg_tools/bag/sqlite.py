@@ -8,10 +8,10 @@ from pathlib import Path
 
 from mcap.records import Schema
 
-from .bag_decode import Decoders
-from .bag_file import short
-from .bag_metadata import listed_files
-from .bag_reader import BagMessage, BagReader, Topic
+from .decode import Decoders
+from .file import short
+from .metadata import listed_files
+from .reader import BagMessage, BagReader, Topic
 from .ros_schema import load_qos, message_definition
 
 

@@ -2,11 +2,11 @@
 
 from pathlib import Path
 
-from . import diagnosis_page as page
-from .diagnosis_style import CSS
-from .diagnosis_view import view_of
+from . import sections as page
 from .plain_words import arcsec, best_pair, verdict_sentences
+from .style import CSS
 from .svg_plot import clean
+from .view import view_of
 
 _VERDICTS = {'none': 'nothing missing', 'identified': 'cause identified',
              'ambiguous': 'cause ambiguous', 'unknown': 'cause unknown'}

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calibration.fit import fit_terms
 from pointing_model import geometry as rotation
 from pointing_model.context import Context
 from pointing_model.effects import PERIODS
@@ -14,7 +15,6 @@ from pointing_model.terms import PHYSICAL, STANDARD6, known_terms, stacked_desig
 from pointing_model.units import ARCSEC
 
 from .candidates import Columns
-from .fit import fit_terms
 
 _SETS = {'physical': PHYSICAL, 'standard6': STANDARD6, 'index': ('IA', 'IE')}
 _GROSS = 7.0  # robust standard deviations from which a row is looked at for slips

@@ -5,8 +5,8 @@ import numpy as np
 from pointing_model.fitted_effects import total
 from pointing_model.units import ARCSEC
 
+from .base import after_rotation, observations
 from .candidates import Columns, fit_state
-from .diagnosis_base import after_rotation, observations
 
 
 def holdout_rms(runs, result, own_terms, encoder='enc'):

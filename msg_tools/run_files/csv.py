@@ -7,7 +7,7 @@ import numpy as np
 
 from pointing_model.run import COLUMNS
 
-from .run_table import SPECIAL, NoObservations, Table, content, floats, is_number, parse_iso
+from .table import SPECIAL, NoObservations, Table, content, floats, is_number, parse_iso
 
 CSV_NAMES = {csv_name: name for name, (csv_name, _, _) in COLUMNS.items()}
 CSV_NAMES.update({csv_name: name for name, csv_name in SPECIAL.items()})

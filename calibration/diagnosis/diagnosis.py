@@ -11,8 +11,7 @@ from pointing_model.harmonics import COUNT, Harmonics
 from pointing_model.model import PointingModel
 from pointing_model.units import ARCSEC
 
-from .candidates import Bank, inverse_normal
-from .diagnosis_base import (
+from .base import (
     Base,
     Observations,
     after_rotation,
@@ -20,6 +19,7 @@ from .diagnosis_base import (
     linearised,
     observations,
 )
+from .candidates import Bank, inverse_normal
 from .holdout import holdout_rms
 from .next_observations import propose
 from .resampling import (

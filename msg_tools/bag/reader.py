@@ -12,11 +12,11 @@ from typing import NamedTuple
 
 from mcap.opcode import Opcode
 
-from .bag_decode import Decoders
-from .bag_file import MAX_CHUNK, MIN_RECORDS, PARSE_ERRORS, BagFile, short, walk
-from .bag_metadata import listed_files
-from .bag_writer import plain_name
+from .decode import Decoders
+from .file import MAX_CHUNK, MIN_RECORDS, PARSE_ERRORS, BagFile, short, walk
+from .metadata import listed_files
 from .ros_schema import load_qos
+from .writer import plain_name
 
 #: bytes of chunks that overlap in time and are held at once
 MAX_HELD = MAX_CHUNK + 64 * 2**20

@@ -7,7 +7,7 @@ import numpy as np
 from pointing_model.run import REQUIRED
 from pointing_model.units import DEG
 
-from .run_table import NoObservations, Table, content, floats, is_number
+from .table import NoObservations, Table, content, floats, is_number
 
 _ANGLES = ('observed azimuth', 'observed elevation', 'mount azimuth', 'mount elevation')
 

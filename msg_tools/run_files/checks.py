@@ -5,7 +5,7 @@ import numpy as np
 from pointing_model.run import COLUMNS, REQUIRED
 from pointing_model.units import ARCSEC, DEG, wrap
 
-from .run_table import SPECIAL
+from .table import SPECIAL
 
 #: observed elevations outside are no observation (90.1: a star past the zenith)
 ELEVATION_LIMITS = (-5.0, 90.1)

@@ -8,8 +8,8 @@ from concurrent.futures import ThreadPoolExecutor
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path, PurePath
 
-from .bag_chunks import COMPRESSIONS, NEVER, McapFile
-from .bag_metadata import information, sync_folder, write_metadata
+from .chunks import COMPRESSIONS, NEVER, McapFile
+from .metadata import information, sync_folder, write_metadata
 from .ros_schema import dump_yaml, message_definition, qos_dict, split_type, type_hash
 
 #: name of the MCAP metadata record that carries the user's own key-value pairs

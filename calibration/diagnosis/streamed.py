@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calibration.fit import fit_terms
 from pointing_model import geometry as rotation
 from pointing_model.context import Context
 from pointing_model.effects import Effect, dictionary
@@ -18,10 +19,9 @@ from pointing_model.model import PointingModel
 from pointing_model.terms import stacked_design
 from pointing_model.units import ARCSEC
 
+from .base import Base
 from .candidates import DISTINCT
 from .chance import normal_score
-from .diagnosis_base import Base
-from .fit import fit_terms
 
 _SAMPLE = 5000  # rows of the first fit and of the robust scale
 _CUT = 7.0  # rows further out than so many robust standard deviations are set aside

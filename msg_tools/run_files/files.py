@@ -1,16 +1,16 @@
-"""Pointing runs from files: our CSV, TPOINT, the raw nights of the MMT, logs of the IRAM 30 m."""
+"""Which kind of pointing-run file this is, and the run that it holds."""
 
 from pathlib import Path
 
 from pointing_model.run import COLUMNS, PointingRun
 from pointing_model.units import DEG
 
-from . import run_checks
-from .run_csv import csv_delimiter, iso_utc, read_csv, write_csv
-from .run_iram import looks_like_iram, read_iram
-from .run_mmt import looks_like_mmt, read_mmt
-from .run_table import NoObservations, read_lines
-from .run_tpoint import looks_like_tpoint, read_tpoint
+from . import checks
+from .csv import csv_delimiter, iso_utc, read_csv, write_csv
+from .iram import looks_like_iram, read_iram
+from .mmt import looks_like_mmt, read_mmt
+from .table import NoObservations, read_lines
+from .tpoint import looks_like_tpoint, read_tpoint
 
 __all__ = ['COLUMNS', 'NoObservations', 'iso_utc', 'read_run', 'swap_encoders', 'write_csv']
 
@@ -85,16 +85,16 @@ def _read_run(path, azimuth_origin, site, weather, encoder):
     if site is not None:
         _compare_site(site, meta)
         meta['site'] = site
-    run_checks.refuse_radians(path, table)
-    run_checks.to_si(columns)
-    run_checks.flag_numbers(table)
-    run_checks.observe_places(path, table, site, weather, meta['azimuth_origin'])
-    run_checks.read_offsets(table)
+    checks.refuse_radians(path, table)
+    checks.to_si(columns)
+    checks.flag_numbers(table)
+    checks.observe_places(path, table, site, weather, meta['azimuth_origin'])
+    checks.read_offsets(table)
     if meta['azimuth_origin'] == 'S':
-        run_checks.from_south(columns)
-    run_checks.flag_rows(table)
-    run_checks.derive_approach(table)
-    return PointingRun(run_checks.finish(path, table), meta)
+        checks.from_south(columns)
+    checks.flag_rows(table)
+    checks.derive_approach(table)
+    return PointingRun(checks.finish(path, table), meta)
 
 
 def _read_table(path, encoder):

@@ -5,7 +5,7 @@ from pathlib import PurePath
 
 import yaml
 
-from .bag_chunks import NEVER
+from .chunks import NEVER
 from .ros_schema import Loader, dump_yaml
 
 METADATA_VERSION = 9

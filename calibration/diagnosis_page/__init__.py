@@ -1,0 +1,1 @@
+"""The diagnosis for people: one HTML page, and sentences for a night assistant."""
