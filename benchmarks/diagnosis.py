@@ -24,9 +24,9 @@ from pathlib import Path
 import numpy as np
 
 from calibration.diagnosis import Base, diagnose
-from calibration.diagnosis import _Work as Work
 from calibration.diagnosis.base import observations
 from calibration.diagnosis.candidates import orthonormal
+from calibration.diagnosis.diagnosis import _Work as Work
 from calibration.diagnosis.streamed import diagnose_streamed
 from msg_tools.run_files import read_run
 from pointing_model import geometry

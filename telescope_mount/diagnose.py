@@ -116,25 +116,30 @@ def show(found, console):
     before, after = document['before'], document['after']
     errors.add_row('the rows fitted', *(_number(part[key]) for part in (before, after)
                                         for key in ('rms_x_arcsec', 'rms_y_arcsec', 'rms_arcsec')))
-    for key, label in (('cv_rms_arcsec', 'rows left out (the choice repeated)'),
-                       ('holdout_rms_arcsec', 'runs held out')):
-        if before[key] is not None:
-            errors.add_row(label, '', '', _number(before[key]), '', '', _number(after[key]))
+    stretches = found.cv_contiguous
+    for label, one, other in (
+            ('rows left out (the choice repeated)', before['cv_rms_arcsec'],
+             after['cv_rms_arcsec']),
+            ('stretches of time left out', stretches.get('before'), stretches.get('after')),
+            ('runs held out', before['holdout_rms_arcsec'], after['holdout_rms_arcsec'])):
+        if one is not None:
+            errors.add_row(label, '', '', _number(one), '', '', _number(other))
     console.print(errors)
     console.print(f'noise floor {_number(document["noise_floor_arcsec"])} arcsec radial\n')
     if found.effects:
-        effects = new_table('Effects', 'effect', 'on', 'driver', 'p', 'ΔBIC', 'gain',
-                            'explains it as well')
+        effects = new_table('Effects', 'effect', 'on', 'driver', 'p', 'ΔBIC', 'gain, arcsec')
         for effect in document['effects']:
-            others = ', '.join(readable(name) for name in effect['alternatives']) or '-'
             effects.add_row(readable(effect['name']), effect['axes'], effect['driver'],
                             _number(effect['p_family'], 4), _number(effect['delta_bic'], 1),
-                            _number(effect['cv_gain_arcsec']), others)
+                            _number(effect['cv_gain_arcsec']))
         console.print(effects)
-    for row in document['excluded'][:20]:
-        console.print(f'row {row["row"]} left out: {row["reason"]}', markup=False)
-    if len(document['excluded']) > 20:
-        console.print(f'... and {len(document["excluded"]) - 20} rows more')
+    reasons = {}
+    for row in found.excluded:
+        reasons.setdefault((row.get('source'), row['reason']), []).append(row['row'])
+    for (source, reason), rows in reasons.items():
+        where = f'{Path(source).name}: ' if source and len(found.observations.runs) > 1 else ''
+        console.print(f'{where}row{"s" * (len(rows) > 1)} {_listed(rows)} left out: {reason}',
+                      markup=False)
     for note in found.notes:
         console.print(f'note: {note}', markup=False)
     for item in document['next_observations'][:5]:
@@ -143,6 +148,16 @@ def show(found, console):
         console.print(
             f'next: azimuth {item["az_deg"]:.0f}°, elevation {item["el_deg"]:.0f}°{when}: tells '
             + ' from '.join(readable(name) for name in item['separates']), markup=False)
+
+
+def _listed(rows, limit=30):
+    """Numbers as text, neighbours as a range: 3, 7-9."""
+    rows = sorted(set(rows))
+    breaks = [i for i, (a, b) in enumerate(zip(rows, rows[1:]), 1) if b != a + 1]
+    parts = [rows[i:j] for i, j in zip([0, *breaks], [*breaks, len(rows)])]
+    texts = [f'{p[0]}' if len(p) == 1 else f'{p[0]}-{p[-1]}' for p in parts]
+    more = f', ... ({len(rows)} rows)' if len(texts) > limit else ''
+    return ', '.join(texts[:limit]) + more
 
 
 def _number(value, digits=2):

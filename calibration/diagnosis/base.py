@@ -118,8 +118,12 @@ class Observations:
         Offsets, x then y, radians.
     inverse_sigma : ndarray, shape (2n,), or None
     excluded : list of dict
-        ``row`` and ``reason``.
+        ``row``, ``reason`` and ``source``: the line in the file, or the row of a run without one.
     notes : list of str
+    lines : ndarray of int, shape (n,)
+        Line of each row in its file, or its row in a run without one.
+    sources : ndarray of object, shape (n,)
+        That file, or None.
     """
 
     run: PointingRun
@@ -131,9 +135,15 @@ class Observations:
     inverse_sigma: np.ndarray | None
     excluded: list
     notes: list
+    lines: np.ndarray
+    sources: np.ndarray
 
     def __len__(self):
         return len(self.rows)
+
+    def excluding(self, i, reason):
+        """Entry of `excluded` for row `i`."""
+        return {'row': int(self.lines[i]), 'source': self.sources[i], 'reason': reason}
 
 
 def observations(runs, encoder='enc'):
@@ -172,6 +182,9 @@ def observations(runs, encoder='enc'):
     columns['row'] = np.arange(len(run))
     run = PointingRun(columns, run.meta)
     good, sigmas, bad = _usable(run, encoder)
+    lines, sources = _places(runs)
+    bad = [{'row': int(lines[e['row']]), 'source': sources[e['row']], 'reason': e['reason']}
+           for e in bad]
     if not good.any():
         raise ValueError(f'none of {len(run)} observations can be used'
                          + (f' (row {bad[0]["row"]}: {bad[0]["reason"]})' if bad else ''))
@@ -181,7 +194,16 @@ def observations(runs, encoder='enc'):
     x, y = used.offsets(encoder)
     inverse = None if sigmas is None else 1.0 / np.concatenate([s[good] for s in sigmas])
     return Observations(used, np.flatnonzero(good), label[good], names, context,
-                        np.concatenate((x, y)), inverse, excluded + bad, notes)
+                        np.concatenate((x, y)), inverse, excluded + bad, notes, lines[good],
+                        sources[good])
+
+
+def _places(runs):
+    """Line and file of each row of the joined runs."""
+    lines = [np.asarray(r.meta.get('lines', ())) for r in runs]
+    lines = [k if len(k) == len(r) else np.arange(len(r)) for k, r in zip(lines, runs)]
+    sources = np.array([r.meta.get('source') for r in runs], object)
+    return np.concatenate(lines), np.repeat(sources, [len(r) for r in runs])
 
 
 def _labels(runs):

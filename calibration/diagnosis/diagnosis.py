@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from pointing_model import geometry as rotation
+from pointing_model.effect_families import AXES
 from pointing_model.effects import dictionary, effect, smooths, steps
 from pointing_model.fitted_effects import FittedEffect
 from pointing_model.harmonics import COUNT, Harmonics
@@ -23,9 +24,9 @@ from .candidates import Bank, inverse_normal
 from .holdout import holdout_rms
 from .next_observations import propose
 from .resampling import (
-    confirm,
     contiguous_folds,
     cross_validate,
+    cv_gains,
     nested,
     random_folds,
     rms,
@@ -193,11 +194,8 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
     rng = np.random.default_rng(seed)
     work = _Work(obs, base, alpha, robust, encoder)
     chance = Chance(work.problem.n, flips, rng)
-    found, stands = _settled(work.problem, alpha, chance, max_effects)
-    gains, parts = [], _folds(work, folds, rng) if cross_validation else []
-    if cross_validation:
-        gains = confirm(work.problem, found, parts)
-        stands = [standing(work.problem, found, i, chance) for i in range(len(found.chosen))]
+    parts = _folds(work, folds, rng) if cross_validation else []
+    found, stands, gains = _settled(work.problem, alpha, chance, max_effects, parts)
     found.state = work.problem.state(found.chosen, final=True)
     fitted = work.fit(found.chosen, found.state)
     result = _assemble(work, found, stands, fitted, chance)
@@ -246,6 +244,10 @@ class _Work:
             self.obs.observed = self.obs.observed - np.concatenate((x, y))
             self.problem.b = self.problem.b - np.concatenate((x, y))
             out.append((fitted, p))
+            self.obs.notes.append(
+                f'the {AXES[axis]} encoder was read whole {graduation} beside the true place, and '
+                'set right, in ' + ', '.join(f'row {self.obs.lines[r]} ({m:+d})'
+                                             for r, m in zip(rows, multiples)))
         return out
 
     def fit(self, chosen, state):
@@ -329,15 +331,30 @@ class _Fitted:
     common: list
 
 
-def _settled(problem, alpha, chance, max_effects):
-    """Search, then test each choice with all others in the model until all of them hold."""
+def _settled(problem, alpha, chance, max_effects, folds):
+    """Search, then test each choice with all others in the model until all of them hold.
+
+    They must be beyond chance, and gain on rows left out (not on stretches of time left out: what
+    happened in one of them only is real, and cannot be foretold from the others).
+
+    Returns
+    -------
+    found : Found
+    stands : list of Standing
+    gains : list of float
+        Of each choice in `folds`, arcsec; empty without folds.
+    """
     found = search(problem, alpha, chance, max_effects=max_effects)
     while True:
         stands = [standing(problem, found, i, chance) for i in range(len(found.chosen))]
         weak = [(s.p, i) for i, s in enumerate(stands) if s.p > alpha or s.delta_bic <= 0.0]
-        if not weak:
-            return found, stands
-        found.dropped.append(found.chosen.pop(max(weak)[1]))
+        if weak:
+            found.dropped.append(found.chosen.pop(max(weak)[1]))
+        else:
+            gains = cv_gains(problem, found, folds) if folds else []
+            if min(gains, default=1.0) > 0.0:
+                return found, stands, gains
+            found.dropped_by_cv.append(found.chosen.pop(int(np.argmin(gains))))
         found.state = problem.state(found.chosen)
 
 
@@ -353,8 +370,8 @@ def _assemble(work, found, stands, fitted, chance):
     weights = found.state.weights
     keep = weights > 0.0
     excluded = obs.excluded + [
-        {'row': int(obs.rows[i]), 'reason': 'outlier: more than 7 times the noise from the model,'
-         ' and no whole bar or line off'} for i in np.flatnonzero(~keep)]
+        obs.excluding(i, 'outlier: more than 7 times the noise from the model, and no whole bar '
+                      'or line off') for i in np.flatnonzero(~keep)]
     dof = 2 * np.count_nonzero(keep) - len(found.state.basis)
     floor = rms(fitted.residual, keep) * np.sqrt(2 * keep.sum() / max(dof, 1))
     notes = list(obs.notes)
@@ -446,19 +463,32 @@ def _folds(work, count, rng):
     return random_folds(work.problem.n, count, rng)
 
 
+def _stretches(work, count):
+    """Folds of neighbours in time (or in the order of the rows), who may share their error."""
+    order = work.obs.context.get('time')
+    return contiguous_folds(np.arange(work.problem.n) if order is None else order, count)
+
+
 def _cross_validated(result, work, found, parts, alpha, rng):
-    problem, obs = work.problem, work.obs
+    problem = work.problem
     keep = result.weights > 0.0
-    result.before['cv_rms_arcsec'] = rms(cross_validate(problem, [], parts), keep)
-    left, _ = nested(problem, parts, alpha, rng)
-    result.after['cv_rms_arcsec'] = rms(left, keep)
+
+    def judged(folds):
+        return (rms(cross_validate(problem, [], folds), keep),
+                rms(nested(problem, folds, alpha, rng)[0], keep))
+
+    before, after = judged(parts)
+    result.before['cv_rms_arcsec'], result.after['cv_rms_arcsec'] = before, after
     if found.dropped_by_cv:
         result.notes.append('beyond chance, but no gain on rows left out, so not added: '
                             + ', '.join(c.effect(problem).name for c in found.dropped_by_cv))
-    if not work.base.own and found.chosen:
-        order = obs.context.get('time')
-        order = np.arange(problem.n) if order is None else order
-        blocks = contiguous_folds(order, len(parts))
-        result.cv_contiguous = {
-            'before': rms(cross_validate(problem, [], blocks), keep),
-            'after': rms(nested(problem, blocks, alpha, rng)[0], keep)}
+    if found.chosen and not work.base.own:
+        pair = judged(_stretches(work, len(parts)))
+        result.cv_contiguous = dict(zip(('before', 'after'), pair))
+        before, after = max((before, after), pair, key=lambda pair: pair[1] / pair[0])
+    if found.chosen and after > before:
+        left_out = 'runs' if len(work.obs.runs) >= 4 else 'rows'
+        result.notes.append(
+            f'with the choice repeated without some {left_out}, those are predicted worse than '
+            f'without any effect ({before:.2f} to {after:.2f} arcsec): what was found may hold '
+            'for these observations alone; judge it on another run (--holdout)')

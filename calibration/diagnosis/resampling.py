@@ -100,33 +100,26 @@ def cross_validate(problem, chosen, folds):
     return out
 
 
-def confirm(problem, found, folds):
-    """Drop the choices that gain nothing on rows left out, the worst first.
+def cv_gains(problem, found, folds):
+    """What each choice takes off the cross-validated RMS, the others being in the model.
 
     Parameters
     ----------
     problem : Problem
     found : Found
-        Changed in place.
     folds : list of ndarray of int
 
     Returns
     -------
     list of float
-        What each remaining choice takes off the cross-validated RMS, arcsec.
+        Arcsec.
     """
+    if not found.chosen:
+        return []
     keep = found.state.weights > 0.05
-    while True:
-        if not found.chosen:
-            return []
-        whole = rms(cross_validate(problem, found.chosen, folds), keep)
-        gains = [rms(cross_validate(problem, [c for j, c in enumerate(found.chosen) if j != i],
-                                    folds), keep) - whole for i in range(len(found.chosen))]
-        worst = int(np.argmin(gains))
-        if gains[worst] > 0.0:
-            return gains
-        found.dropped_by_cv.append(found.chosen.pop(worst))
-        found.state = problem.state(found.chosen)
+    whole = rms(cross_validate(problem, found.chosen, folds), keep)
+    return [rms(cross_validate(problem, [c for j, c in enumerate(found.chosen) if j != i],
+                               folds), keep) - whole for i in range(len(found.chosen))]
 
 
 def nested(problem, folds, alpha, rng, flips=499, curves=True):

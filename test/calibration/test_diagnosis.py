@@ -237,6 +237,14 @@ def test_outliers_and_slips():
     assert slips['elevation_decode_slip_bars']['multiples'] == [-1]
     assert [e['row'] for e in result.excluded] == [50, 40]
     assert 'not finite' in result.excluded[0]['reason']
+    assert any('azimuth encoder was read whole bars' in note and note.endswith('row 7 (+2)')
+               for note in result.notes)
+    # in a file rows are its lines
+    run.meta.update(source='night.csv', lines=2 * np.arange(60) + 5)
+    again = diagnose([run, night(16)], **FAST)
+    assert [(e['row'], e['source']) for e in again.excluded] == [
+        (105, 'night.csv'), (85, 'night.csv')]
+    assert any(note.endswith('row 19 (+2)') for note in again.notes)
     assert result.after['rms_arcsec'] < 1.7
 
 
@@ -254,6 +262,16 @@ def test_several_runs_get_zeros_of_their_own():
     assert np.diff(zeros) == pytest.approx([300.0, 300.0], abs=5.0)
     assert result.before['holdout_rms_arcsec'] > 2.0 > result.after['holdout_rms_arcsec']
     assert any('IA, IE refitted' in note for note in result.notes)
+
+
+def test_a_choice_that_does_not_hold_elsewhere_is_said(monkeypatch):
+    run = night(62, effect=backlash(8.0))
+    told = 'predicted worse than without any effect'
+    assert not any(told in note for note in diagnose(run, flips=299).notes)
+    monkeypatch.setattr('calibration.diagnosis.diagnosis.nested', lambda problem, *rest: (
+        np.full((2, problem.n), 30.0 * ARCSEC), []))
+    result = diagnose(run, flips=299)
+    assert any(told in note and '--holdout' in note for note in result.notes)
 
 
 def test_base_is_read_and_refused():

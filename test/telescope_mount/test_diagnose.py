@@ -1,6 +1,7 @@
 """The command `diagnose` on files."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -67,6 +68,22 @@ def test_the_page_and_the_model_are_written(found):
 def test_a_clean_run_is_left_alone(tmp_path, capsys):
     assert main(['diagnose', night(tmp_path / 'clean.csv', 5)]) == 0
     assert 'lacks nothing' in capsys.readouterr().out
+
+
+def test_rows_left_out_and_every_judgement_are_printed(tmp_path, capsys):
+    path = Path(night(tmp_path / 'run.csv', 3, 8.0))
+    lines = path.read_text().splitlines()
+    column = lines[0].split(',').index('az_enc_deg')
+    for k in (5, 6, 7, 20):  # numbers in the file are one more
+        cells = lines[k].split(',')
+        lines[k] = ','.join([*cells[:column], 'nan', *cells[column + 1:]])
+    path.write_text('\n'.join(lines) + '\n')
+    assert main(['diagnose', str(path)]) == 0
+    out = capsys.readouterr().out
+    assert 'rows 6-8, 21 left out: ' in out and out.count('left out: ') == 1
+    assert 'rows left out (the choice repeated)' in out and 'stretches of time left out' in out
+    # nothing is cut short, whatever the width
+    assert '…' not in out
 
 
 @pytest.mark.parametrize('arguments, text', [
