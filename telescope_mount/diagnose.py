@@ -142,12 +142,23 @@ def show(found, console):
                       markup=False)
     for note in found.notes:
         console.print(f'note: {note}', markup=False)
-    for item in document['next_observations'][:5]:
-        after_hours = item.get('after_hours')
-        when = f', {after_hours:g} h later' if after_hours else ''
-        console.print(
-            f'next: azimuth {item["az_deg"]:.0f}°, elevation {item["el_deg"]:.0f}°{when}: tells '
-            + ' from '.join(readable(name) for name in item['separates']), markup=False)
+    for item in document['next_observations'][:6]:
+        console.print(_proposal(item), markup=False)
+
+
+def _proposal(item):
+    from calibration.diagnosis_page.plain_words import readable
+    place = f'azimuth {item["az_deg"]:.0f}°, elevation {item["el_deg"]:.0f}°'
+    sides = [{-1: f'{axis} falling', 1: f'{axis} rising'}[item[key]]
+             for key, axis in (('approach_az', 'azimuth'), ('approach_el', 'elevation'))
+             if item[key]]
+    if sides:
+        place += ', approached with ' + ' and '.join(sides)
+    if item['after_hours']:
+        place += f', {item["after_hours"]:g} h later'
+    return (f'next: {place}: tells ' + ' from '.join(readable(n) for n in item['separates'])
+            + f' (expected ΔBIC {item["separation_before"]:.1f} → '
+            f'{item["separation_after"]:.1f})')
 
 
 def _listed(rows, limit=30):

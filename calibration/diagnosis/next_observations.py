@@ -16,6 +16,7 @@ from .candidates import solve
 
 _COUNT = 6
 _MIN_GAP = 3.0 * DEG
+_LATER = (0.25, 2.0, 6.0)  # hours
 
 
 def propose(problem, obs, base, found, stands, count=_COUNT):
@@ -34,9 +35,10 @@ def propose(problem, obs, base, found, stands, count=_COUNT):
     Returns
     -------
     list of dict
-        ``az_deg``, ``el_deg``, ``approach_az``, ``approach_el``, ``after_hours`` (since the last
-        row; None if the run has no time), ``separates`` (two names), and ``separation_before``,
-        ``separation_after`` (expected delta BIC between them, all proposals so far included).
+        ``az_deg``, ``el_deg``, ``approach_az``, ``approach_el`` (0: either), ``after_hours``
+        (since the last row; None: at any time), ``separates`` (two names), and
+        ``separation_before``, ``separation_after`` (expected delta BIC between them, all
+        proposals so far included).
     """
     out = []
     for i, (choice, stand) in enumerate(zip(found.chosen, stands)):
@@ -62,7 +64,7 @@ def _grid(obs):
     high = min(88.0 * DEG, max(float(obs.context.el.max()), low + 0.1))
     az, el, s_az, s_el, later = (v.ravel() for v in np.meshgrid(
         np.arange(0.0, 360.0, 15.0) * DEG, np.linspace(low, high, 9), [-1.0, 1.0], [-1.0, 1.0],
-        [0.25, 2.0, 6.0], indexing='ij'))
+        _LATER, indexing='ij'))
     columns = {'approach_az': s_az, 'approach_el': s_el, 'az_enc': az, 'el_enc': el}
     known = obs.context.columns
     time = obs.context.get('time')
@@ -111,22 +113,28 @@ def _separate(problem, obs, base, found, pair, others, count):
     proposals, used = [], np.zeros(m, bool)
     for _ in range(count):
         gain = np.min([v.disagreement() for v in views], axis=0)
-        gain[used] = -1.0
-        j = int(np.argmax(gain))
+        j = int(np.argmax(np.where(used, -1.0, gain)))
+        by_az, by_el, by_time = _matters(gain, j)
         near = np.hypot((context.az - context.az[j]) * np.cos(context.el[j]),
                         context.el - context.el[j]) < _MIN_GAP
-        used |= near & (later == later[j])
+        used |= near & ((later == later[j]) | (not by_time))
         for v in views:
             v.add(j)
         after = min(v.separation() for v in views)
         proposals.append({
             'az_deg': float(context.az[j] / DEG), 'el_deg': float(context.el[j] / DEG),
-            'approach_az': int(context.columns['approach_az'][j]),
-            'approach_el': int(context.columns['approach_el'][j]),
-            'after_hours': float(later[j]) if 'time' in context.columns else None,
+            'approach_az': int(context.columns['approach_az'][j]) if by_az else 0,
+            'approach_el': int(context.columns['approach_el'][j]) if by_el else 0,
+            'after_hours': float(later[j]) if by_time and 'time' in context.columns else None,
             'separates': [e.name for e in pair],
             'separation_before': float(before), 'separation_after': float(after)})
     return proposals
+
+
+def _matters(gain, j):
+    """Whether the two approaches and the time change what point `j` of the grid tells."""
+    here = gain.reshape(-1, 2, 2, len(_LATER))[j // (4 * len(_LATER))]
+    return [bool(np.any(np.ptp(here, axis=axis) > 0.01 * gain[j])) for axis in range(3)]
 
 
 def _grid_dense(shared, grid_base, common, obs, m):

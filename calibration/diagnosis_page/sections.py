@@ -363,7 +363,7 @@ def next_observations(rows):
     Parameters
     ----------
     rows : list of dict
-        As `calibration.next_observations.propose` gives them.
+        As `calibration.diagnosis.next_observations.propose` gives them.
     """
     if not rows:
         return ''
@@ -388,7 +388,7 @@ def _next_group(names, group):
         sides = [words[row[key]] for key, words in _SIDES.items() if row.get(key) in words]
         hours = [number(row.get('after_hours'), 1)] if timed else []
         cells.append([str(i), number(row['az_deg'], 0), number(row['el_deg'], 0),
-                      ', '.join(sides), *hours, number(row.get('separation_after'), 1)])
+                      ', '.join(sides) or 'any', *hours, number(row.get('separation_after'), 1)])
     now = group[0][1].get('separation_before')
     text = f'<p class="note">Expected ΔBIC between them with the rows so far: {number(now, 1)}</p>'
     return (f'<h3>{clean("Tells " + head if head else "Proposed")}</h3>{text}'

@@ -192,9 +192,21 @@ def test_time_and_temperature_alike_are_ambiguous_and_it_says_what_to_observe():
     assert {'elevation_zero_with_temperature', 'elevation_zero_with_time'} <= shown
     assert result.next_observations
     for row in result.next_observations:
-        assert 15.0 <= row['el_deg'] <= 88.0 and row['approach_az'] in (-1, 1)
+        assert 15.0 <= row['el_deg'] <= 88.0 and row['after_hours'] > 0.0
+        assert row['approach_az'] == row['approach_el'] == 0  # either: it makes no difference
         assert row['separation_after'] > row['separation_before'] >= 0.0
     json.dumps(result.to_dict())
+
+
+def test_what_to_observe_says_the_approach_and_the_time_where_they_matter():
+    result = diagnose(night(3, effect=backlash(4.0)), **FAST)
+    assert result.verdict == 'ambiguous' and result.next_observations
+    sides = [row['approach_az'] for row in result.next_observations]
+    assert set(sides) <= {-1, 1}
+    assert all(row['after_hours'] is None and row['approach_el'] == 0
+               for row in result.next_observations)
+    places = [(row['az_deg'], row['el_deg']) for row in result.next_observations]
+    assert len(set(places)) == len(places)
 
 
 def test_exact_aliases_in_a_run_are_one_class():
