@@ -154,6 +154,8 @@ def _proposal(item):
              if item[key]]
     if sides:
         place += ', approached with ' + ' and '.join(sides)
+    if item['last_move_deg']:
+        place += f' by a last move back of {item["last_move_deg"]:g}°'
     if item['after_hours']:
         place += f', {item["after_hours"]:g} h later'
     return (f'next: {place}: tells ' + ' from '.join(readable(n) for n in item['separates'])

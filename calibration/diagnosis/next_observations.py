@@ -17,6 +17,7 @@ from .candidates import solve
 _COUNT = 6
 _MIN_GAP = 3.0 * DEG
 _LATER = (0.25, 2.0, 6.0)  # hours
+_SHORT = 2.0 * DEG  # a last move in which a hysteresis is not yet complete
 
 
 def propose(problem, obs, base, found, stands, count=_COUNT):
@@ -35,10 +36,10 @@ def propose(problem, obs, base, found, stands, count=_COUNT):
     Returns
     -------
     list of dict
-        ``az_deg``, ``el_deg``, ``approach_az``, ``approach_el`` (0: either), ``after_hours``
-        (since the last row; None: at any time), ``separates`` (two names), and
-        ``separation_before``, ``separation_after`` (expected delta BIC between them, all
-        proposals so far included).
+        ``az_deg``, ``el_deg``, ``approach_az``, ``approach_el`` (0: either), ``last_move_deg``
+        (of both axes, against the move before; None: any), ``after_hours`` (since the last row;
+        None: at any time), ``separates`` (two names), and ``separation_before``,
+        ``separation_after`` (expected delta BIC between them, all proposals so far included).
     """
     out = []
     for i, (choice, stand) in enumerate(zip(found.chosen, stands)):
@@ -52,19 +53,21 @@ def propose(problem, obs, base, found, stands, count=_COUNT):
 
 
 def _grid(obs):
-    """Possible observations: the sky, both approaches, soon and late.
+    """Possible observations: the sky, both approaches, soon and late, after a long move or a short.
 
     Returns
     -------
     context : Context
     later : ndarray
         Hours after the last row.
+    short : ndarray of bool
+        Reached by a move of `_SHORT` back on the one before.
     """
     low = max(15.0 * DEG, float(obs.context.el.min()))
     high = min(88.0 * DEG, max(float(obs.context.el.max()), low + 0.1))
-    az, el, s_az, s_el, later = (v.ravel() for v in np.meshgrid(
+    az, el, s_az, s_el, later, short = (v.ravel() for v in np.meshgrid(
         np.arange(0.0, 360.0, 15.0) * DEG, np.linspace(low, high, 9), [-1.0, 1.0], [-1.0, 1.0],
-        _LATER, indexing='ij'))
+        _LATER, [False, True], indexing='ij'))
     columns = {'approach_az': s_az, 'approach_el': s_el, 'az_enc': az, 'el_enc': el}
     known = obs.context.columns
     time = obs.context.get('time')
@@ -78,10 +81,11 @@ def _grid(obs):
     if 'run' in known:
         columns['run'] = np.full(len(az), known['run'][-1])
     for axis in ('az', 'el'):
-        columns[f'before_{axis}'] = columns[f'approach_{axis}']
+        columns[f'travel_{axis}'] = np.where(short, _SHORT, np.inf)
+        columns[f'before_{axis}'] = -columns[f'approach_{axis}']
     context = Context(az, el, columns, obs.context.latitude, obs.context.longitude)
     context.raw_reading = obs.context.raw_reading
-    return context, later
+    return context, later, short
 
 
 def _forecast(time, temperature, then, n):
@@ -95,7 +99,7 @@ def _forecast(time, temperature, then, n):
 
 
 def _separate(problem, obs, base, found, pair, others, count):
-    context, later = _grid(obs)
+    context, later, short = _grid(obs)
     n, m = problem.n, len(context)
     state = found.state
     # the grid is observed in the last run, with its terms
@@ -114,17 +118,19 @@ def _separate(problem, obs, base, found, pair, others, count):
     for _ in range(count):
         gain = np.min([v.disagreement() for v in views], axis=0)
         j = int(np.argmax(np.where(used, -1.0, gain)))
-        by_az, by_el, by_time = _matters(gain, j)
+        by_az, by_el, by_time, by_move = _matters(gain, j)
         near = np.hypot((context.az - context.az[j]) * np.cos(context.el[j]),
                         context.el - context.el[j]) < _MIN_GAP
-        used |= near & ((later == later[j]) | (not by_time))
+        used |= near & ((later == later[j]) | (not by_time)) & ((short == short[j]) | (not by_move))
         for v in views:
             v.add(j)
         after = min(v.separation() for v in views)
         proposals.append({
-            'az_deg': float(context.az[j] / DEG), 'el_deg': float(context.el[j] / DEG),
+            'az_deg': round(float(context.az[j] / DEG), 6),
+            'el_deg': round(float(context.el[j] / DEG), 6),
             'approach_az': int(context.columns['approach_az'][j]) if by_az else 0,
             'approach_el': int(context.columns['approach_el'][j]) if by_el else 0,
+            'last_move_deg': float(_SHORT / DEG) if by_move and short[j] else None,
             'after_hours': float(later[j]) if by_time and 'time' in context.columns else None,
             'separates': [e.name for e in pair],
             'separation_before': float(before), 'separation_after': float(after)})
@@ -132,9 +138,10 @@ def _separate(problem, obs, base, found, pair, others, count):
 
 
 def _matters(gain, j):
-    """Whether the two approaches and the time change what point `j` of the grid tells."""
-    here = gain.reshape(-1, 2, 2, len(_LATER))[j // (4 * len(_LATER))]
-    return [bool(np.any(np.ptp(here, axis=axis) > 0.01 * gain[j])) for axis in range(3)]
+    """Whether the approaches, the time and the last move change what point `j` tells."""
+    shape = (2, 2, len(_LATER), 2)
+    here = gain.reshape(-1, *shape)[j // np.prod(shape)]
+    return [bool(np.any(np.ptp(here, axis=axis) > 0.01 * gain[j])) for axis in range(4)]
 
 
 def _grid_dense(shared, grid_base, common, obs, m):

@@ -386,6 +386,8 @@ def _next_group(names, group):
     cells = []
     for i, row in group:
         sides = [words[row[key]] for key, words in _SIDES.items() if row.get(key) in words]
+        if row.get('last_move_deg'):
+            sides.append(f'{row["last_move_deg"]:g}° back')
         hours = [number(row.get('after_hours'), 1)] if timed else []
         cells.append([str(i), number(row['az_deg'], 0), number(row['el_deg'], 0),
                       ', '.join(sides) or 'any', *hours, number(row.get('separation_after'), 1)])

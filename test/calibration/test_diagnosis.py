@@ -207,6 +207,12 @@ def test_what_to_observe_says_the_approach_and_the_time_where_they_matter():
                for row in result.next_observations)
     places = [(row['az_deg'], row['el_deg']) for row in result.next_observations]
     assert len(set(places)) == len(places)
+    # a play that needs some degrees to cross shows after short moves back
+    result = diagnose(night(6, effect=backlash(2.5)), **FAST)
+    assert result.effects[0].alternatives == ['azimuth_hysteresis_cosE_memory_10deg']
+    assert all(row['last_move_deg'] == 2.0 for row in result.next_observations)
+    last = result.next_observations[-1]
+    assert last['separation_before'] < 2.0 and last['separation_after'] > 12.0
 
 
 def test_exact_aliases_in_a_run_are_one_class():
