@@ -89,16 +89,17 @@ RUNS = {
 }
 
 
-def row_of(document):
+def row_of(document, stretches):
     """Cells of the table: RMS in arcsec."""
     before, after = document['before'], document['after']
+    apart = '{before:.2f} -> {after:.2f}'.format(**stretches) if stretches else '-'
 
     def cell(key):
         if before[key] is None:
             return '-'
         return f'{before[key]:.2f} -> {after[key]:.2f}'
     return [document['verdict'], cell('rms_x_arcsec'), cell('rms_y_arcsec'), cell('rms_arcsec'),
-            cell('cv_rms_arcsec'), cell('holdout_rms_arcsec')]
+            cell('cv_rms_arcsec'), apart, cell('holdout_rms_arcsec')]
 
 
 def main():
@@ -110,8 +111,8 @@ def main():
     args = parser.parse_args()
     results = {}
     print('| data | rows | standard model | verdict | az × cos E | el | radial, fitted | '
-          'cross-validated | held out | published | effects |')
-    print('| --- ' * 11 + '|')
+          'cross-validated | stretches of time left out | held out | published | effects |')
+    print('| --- ' * 12 + '|')
     for name, (work, folder) in RUNS.items():
         if args.only.lower() not in name.lower():
             continue
@@ -126,7 +127,7 @@ def main():
                                               if effect['alternatives'] else '')
                             for effect in document['effects']) or '-'
         cells = [name, str(document['observations']), ' '.join(document['base_terms']),
-                 *row_of(document), published, effects]
+                 *row_of(document, found.cv_contiguous), published, effects]
         print('| ' + ' | '.join(cells) + ' |', flush=True)
     if args.json:
         args.json.write_text(json.dumps(results, indent=1) + '\n')

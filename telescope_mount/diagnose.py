@@ -106,7 +106,8 @@ def show(found, console):
     from calibration.diagnosis_page.view import effect_sentences
     from calibration.report import new_table
     document = found.to_dict()
-    headline, sentences = verdict_sentences(document, effect_sentences(found), limit=20)
+    headline, sentences = verdict_sentences(document, effect_sentences(found), limit=20,
+                                            caution=found.caution)
     console.print(headline, style='bold', markup=False)
     for sentence in sentences:
         console.print(f'  {sentence}', markup=False)

@@ -111,6 +111,8 @@ class Diagnosis:
         ``before``, ``after``: RMS in arcsec with folds contiguous in time.
     run_terms : dict
         Run -> terms that it fitted for itself, arcsec.
+    caution : str
+        A sentence where the gain does not hold on some kind of rows left out.
     """
 
     verdict: str
@@ -133,6 +135,7 @@ class Diagnosis:
     notes: list
     cv_contiguous: dict = field(default_factory=dict)
     run_terms: dict = field(default_factory=dict)
+    caution: str = ''
 
     def to_dict(self):
         """The JSON result; keys that do not apply are None."""
@@ -487,8 +490,9 @@ def _cross_validated(result, work, found, parts, alpha, rng):
         result.cv_contiguous = dict(zip(('before', 'after'), pair))
         before, after = max((before, after), pair, key=lambda pair: pair[1] / pair[0])
     if found.chosen and after > before:
-        left_out = 'runs' if len(work.obs.runs) >= 4 else 'rows'
-        result.notes.append(
-            f'with the choice repeated without some {left_out}, those are predicted worse than '
-            f'without any effect ({before:.2f} to {after:.2f} arcsec): what was found may hold '
-            'for these observations alone; judge it on another run (--holdout)')
+        what = ('runs' if len(work.obs.runs) >= 4 else
+                'stretches of time' if result.cv_contiguous and pair == (before, after) else 'rows')
+        result.caution = (
+            f'But where whole {what} are left out, they are predicted worse than without any '
+            f'effect ({before:.2f}\u2033 to {after:.2f}\u2033): what was found may hold for these '
+            'observations alone. Judge it on another run (--holdout) before you use it there.')

@@ -197,7 +197,7 @@ _BUILDERS = {
 }
 
 
-def verdict_sentences(document, effect_texts=(), limit=5):
+def verdict_sentences(document, effect_texts=(), limit=5, caution=''):
     """The verdict of a diagnosis, and what it bought.
 
     Parameters
@@ -208,6 +208,8 @@ def verdict_sentences(document, effect_texts=(), limit=5):
         A sentence for each of its effects.
     limit : int
         Effects that are told; the others are counted.
+    caution : str
+        Follows the gain.
 
     Returns
     -------
@@ -231,6 +233,8 @@ def verdict_sentences(document, effect_texts=(), limit=5):
         share = f' ({100 * (after / before - 1):+.0f} %)'.replace('-', '−') if before else ''
         sentences.append(f'The pointing error {label} goes from {arcsec(before)} to '
                          f'{arcsec(after)}{share}.')
+    if caution:
+        sentences.append(caution)
     for row, text in list(zip(effects, effect_texts))[:limit]:
         if row.get('alternatives'):
             text += (' With these observations it could as well be: '

@@ -90,7 +90,8 @@ def _meta(view):
 def _verdict(view):
     document = view.document
     verdict = document['verdict']
-    headline, sentences = verdict_sentences(document, [e.sentence for e in view.effects])
+    headline, sentences = verdict_sentences(document, [e.sentence for e in view.effects],
+                                            caution=view.caution)
     items = ''.join(f'<li>{clean(s)}</li>' for s in sentences)
     label, before, after = best_pair(document)
     cards = []

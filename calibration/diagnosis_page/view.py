@@ -120,6 +120,8 @@ class View:
         Run -> {term: arcsec} that it fitted for itself.
     set_width : float
         BIC.
+    caution : str
+        `Diagnosis.caution`.
     """
 
     document: dict
@@ -140,6 +142,7 @@ class View:
     untestable: list = field(default_factory=list)
     run_terms: dict = field(default_factory=dict)
     set_width: float = 6.0
+    caution: str = ''
 
     @property
     def changed(self):
@@ -170,7 +173,7 @@ def view_of(diagnosis):
         names=_row_names(obs), drivers=_drivers(diagnosis, effects), effects=effects,
         ranking=diagnosis.ranking, terms=_terms(diagnosis), correlated=names,
         correlations=correlations, sources=_sources(obs), notes=_notes(diagnosis),
-        untestable=list(diagnosis.untestable), run_terms=diagnosis.run_terms)
+        untestable=list(diagnosis.untestable), run_terms=diagnosis.run_terms, caution=diagnosis.caution)
 
 
 def effect_sentences(diagnosis):

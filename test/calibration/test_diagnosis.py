@@ -8,6 +8,8 @@ import pytest
 from calibration.diagnosis import diagnose
 from calibration.diagnosis.base import Base, observations
 from calibration.diagnosis.streamed import diagnose_streamed
+from calibration.diagnosis_page.report import render
+from calibration.diagnosis_page.view import view_of
 from pointing_model import geometry
 from pointing_model.run import PointingRun
 from pointing_model.terms import PHYSICAL, STANDARD6
@@ -284,12 +286,12 @@ def test_several_runs_get_zeros_of_their_own():
 
 def test_a_choice_that_does_not_hold_elsewhere_is_said(monkeypatch):
     run = night(62, effect=backlash(8.0))
-    told = 'predicted worse than without any effect'
-    assert not any(told in note for note in diagnose(run, flips=299).notes)
+    assert diagnose(run, flips=299).caution == ''
     monkeypatch.setattr('calibration.diagnosis.diagnosis.nested', lambda problem, *rest: (
         np.full((2, problem.n), 30.0 * ARCSEC), []))
     result = diagnose(run, flips=299)
-    assert any(told in note and '--holdout' in note for note in result.notes)
+    assert 'predicted worse than without any effect' in result.caution
+    assert '--holdout' in result.caution and result.caution in render(view_of(result))
 
 
 def test_base_is_read_and_refused():
