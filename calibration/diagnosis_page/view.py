@@ -173,7 +173,8 @@ def view_of(diagnosis):
         names=_row_names(obs), drivers=_drivers(diagnosis, effects), effects=effects,
         ranking=diagnosis.ranking, terms=_terms(diagnosis), correlated=names,
         correlations=correlations, sources=_sources(obs), notes=_notes(diagnosis),
-        untestable=list(diagnosis.untestable), run_terms=diagnosis.run_terms, caution=diagnosis.caution)
+        untestable=list(diagnosis.untestable), run_terms=diagnosis.run_terms,
+        caution=diagnosis.caution)
 
 
 def effect_sentences(diagnosis):
