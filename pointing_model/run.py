@@ -90,6 +90,35 @@ class PointingRun:
         """The run with only `rows` (a mask or indices); `meta` is shared."""
         return PointingRun({name: v[rows] for name, v in self.columns.items()}, self.meta)
 
+    def in_sessions(self, hours):
+        """The run with its rows numbered by session in the column ``run``.
+
+        Parameters
+        ----------
+        hours : float
+            A gap in ``time`` longer than this ends a session, as does another value of ``run``.
+
+        Returns
+        -------
+        PointingRun
+            Rows as before; sessions are 1, 2, ... in time.
+
+        Raises
+        ------
+        ValueError
+            There is no ``time``, or it is not finite in some row.
+        """
+        time = np.asarray(self.get('time'), float)
+        if not np.isfinite(time).all():
+            raise ValueError('sessions need the time of every row (column time)')
+        order = np.argsort(time, kind='stable')
+        new = np.diff(time[order]) > 3600.0 * hours
+        if 'run' in self:
+            new |= self['run'][order][1:] != self['run'][order][:-1]
+        label = np.empty(len(self), int)
+        label[order] = np.concatenate(([1], 1 + np.cumsum(new)))
+        return PointingRun({**self.columns, 'run': label}, self.meta)
+
     def offsets(self, encoder='enc'):
         """Encoder minus catalogue, on the sky.
 

@@ -14,6 +14,8 @@ def add_arguments(parser):
                         help=f'what the model has already: {BASES} (default: physical)')
     parser.add_argument('--own', metavar='TERMS', help='terms that each run fits for itself '
                         '(default: IA,IE if there are several runs)')
+    parser.add_argument('--sessions', type=float, metavar='HOURS',
+                        help='a gap longer than this begins a new run, with terms of its own')
     parser.add_argument('--alpha', type=float, default=0.01,
                         help='chance that a run with nothing wrong gets any effect (default: 0.01)')
     parser.add_argument('--holdout', nargs='+', type=Path, default=[], metavar='RUN',
@@ -55,6 +57,11 @@ def run(args, console):
     held, empty_held = load_runs(args.holdout, **options) if args.holdout else (None, [])
     for line in [*empty, *empty_held]:
         console.print(f'note: {line}', markup=False)
+    if args.sessions is not None:
+        runs, held = (r and [_in_sessions(one, args.sessions) for one in r] for r in (runs, held))
+    else:
+        for one in runs:
+            _suggest_sessions(one, console)
     own = None if args.own is None else tuple(t.strip() for t in args.own.split(',') if t.strip())
     found = diagnose(runs, args.base, args.alpha, holdout=held, own_terms=own,
                      encoder=args.encoder, seed=args.seed)
@@ -70,6 +77,38 @@ def run(args, console):
         found.model.save(args.save)
         console.print(f'model         {args.save}', markup=False)
     return found
+
+
+#: hours between rows that are likely to be another night
+_GAP = 3.0
+
+
+def _in_sessions(run, hours):
+    if not hours > 0.0:
+        raise ValueError(f'--sessions {hours:g} is no number of hours above 0')
+    source = run.meta.get('source', 'run')
+    try:
+        out = run.in_sessions(hours)
+    except ValueError as err:
+        raise ValueError(f'{source}: {err}') from None
+    count = len(set(out['run'].tolist()))
+    out.meta = {**run.meta, 'notes': [*run.meta.get('notes', ()), f'{Path(source).name}: '
+                                      f'{count} sessions, at gaps of more than {hours:g} h']}
+    return out
+
+
+def _suggest_sessions(run, console):
+    """Days in one file, and nothing that tells them apart."""
+    if 'run' in run or 'time' not in run:
+        return
+    try:
+        count = run.in_sessions(_GAP)['run'].max()
+    except ValueError:
+        return
+    if count > 1:
+        console.print(f'note: {Path(run.meta.get("source", "the run")).name} has {count} sessions '
+                      f'(gaps of more than {_GAP:g} h): --sessions {_GAP:g} gives each its own '
+                      'zeros', markup=False)
 
 
 def _check_target(path, suffixes):

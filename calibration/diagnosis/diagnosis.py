@@ -37,6 +37,12 @@ from .search import Chance, Problem, search, standing
 _FLIPS = 1999
 _FOLDS = 10
 _LONG = 1500  # rows
+_RUNS = 4  # from which whole runs are left out
+_NOT_REPEATED = ('More is beyond chance, but it does not hold from run to run, so it is not added '
+                 '(the notes have the names): what the rows of one run share looks like an effect.')
+_CAUTION = ('But where whole {} are left out, they are predicted worse than without any effect '
+            '({:.2f}\u2033 to {:.2f}\u2033): what was found may hold for these observations alone. '
+            'Judge it on another run (--holdout) before you use it there.')
 
 
 @dataclass
@@ -198,14 +204,22 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
     work = _Work(obs, base, alpha, robust, encoder)
     chance = Chance(work.problem.n, flips, rng)
     parts = _folds(work, folds, rng) if cross_validation else []
-    found, stands, gains = _settled(work.problem, alpha, chance, max_effects, parts)
+    found = search(work.problem, alpha, chance, max_effects=max_effects)
+    stands, gains = _settle(work.problem, found, alpha, chance, parts)
+    errors = _cross_validated(work, found, parts, alpha, rng) if parts else None
+    if errors and errors.cut is not None:
+        found.not_repeated = found.chosen[errors.cut:]
+        del found.chosen[errors.cut:]
+        found.state = work.problem.state(found.chosen)
+        stands, gains = _settle(work.problem, found, alpha, chance, parts)
     found.state = work.problem.state(found.chosen, final=True)
     fitted = work.fit(found.chosen, found.state)
     result = _assemble(work, found, stands, fitted, chance)
-    if cross_validation:
+    if errors:
         for entry, gain in zip(result.effects[len(work.slips):], gains):
             entry.cv_gain_arcsec = gain
-        _cross_validated(result, work, found, parts, alpha, rng)
+        result.before['cv_rms_arcsec'], result.after['cv_rms_arcsec'] = errors.before, errors.after
+        result.cv_contiguous, result.caution = errors.stretches, errors.caution
     if holdout is not None:
         result.before['holdout_rms_arcsec'], result.after['holdout_rms_arcsec'], note = \
             holdout_rms(holdout, result, own_terms or ('IA', 'IE'), encoder)
@@ -334,20 +348,18 @@ class _Fitted:
     common: list
 
 
-def _settled(problem, alpha, chance, max_effects, folds):
-    """Search, then test each choice with all others in the model until all of them hold.
+def _settle(problem, found, alpha, chance, folds):
+    """Test each choice with all others in the model, and drop until all of them hold.
 
     They must be beyond chance, and gain on rows left out (not on stretches of time left out: what
     happened in one of them only is real, and cannot be foretold from the others).
 
     Returns
     -------
-    found : Found
     stands : list of Standing
     gains : list of float
         Of each choice in `folds`, arcsec; empty without folds.
     """
-    found = search(problem, alpha, chance, max_effects=max_effects)
     while True:
         stands = [standing(problem, found, i, chance) for i in range(len(found.chosen))]
         weak = [(s.p, i) for i, s in enumerate(stands) if s.p > alpha or s.delta_bic <= 0.0]
@@ -356,7 +368,7 @@ def _settled(problem, alpha, chance, max_effects, folds):
         else:
             gains = cv_gains(problem, found, folds) if folds else []
             if min(gains, default=1.0) > 0.0:
-                return found, stands, gains
+                return stands, gains
             found.dropped_by_cv.append(found.chosen.pop(int(np.argmin(gains))))
         found.state = problem.state(found.chosen)
 
@@ -378,6 +390,12 @@ def _assemble(work, found, stands, fitted, chance):
     dof = 2 * np.count_nonzero(keep) - len(found.state.basis)
     floor = rms(fitted.residual, keep) * np.sqrt(2 * keep.sum() / max(dof, 1))
     notes = list(obs.notes)
+    for why, dropped in (('no gain on rows left out', found.dropped_by_cv),
+                         ('the choice does not repeat without some of the runs, and predicts '
+                          'them worse', found.not_repeated)):
+        if dropped:
+            notes.append(f'beyond chance, but {why}, so not added: '
+                         + ', '.join(c.effect(problem).name for c in dropped))
     if work.infeasible.any():
         notes.append(f'{int(work.infeasible.sum())} rows are nearer to the zenith than the mount '
                      'can look')
@@ -461,7 +479,7 @@ def _folds(work, count, rng):
     """Whole runs from 4 runs on, else rows at random; fewer folds where each takes long."""
     if work.problem.n > _LONG:
         count = min(count, 5)
-    if len(work.obs.runs) >= 4:
+    if len(work.obs.runs) >= _RUNS:
         return run_folds(work.obs.label, min(count, len(work.obs.runs)), rng)
     return random_folds(work.problem.n, count, rng)
 
@@ -472,27 +490,40 @@ def _stretches(work, count):
     return contiguous_folds(np.arange(work.problem.n) if order is None else order, count)
 
 
-def _cross_validated(result, work, found, parts, alpha, rng):
+@dataclass
+class _Errors:
+    """Cross-validated RMS, the choice repeated; `cut`: how many choices hold, where not all do."""
+
+    before: float
+    after: float
+    cut: int | None = None
+    stretches: dict = field(default_factory=dict)
+    caution: str = ''
+
+
+def _cross_validated(work, found, parts, alpha, rng):
     problem = work.problem
-    keep = result.weights > 0.0
+    keep = problem.state(found.chosen, final=True).weights > 0.0
 
     def judged(folds):
-        return (rms(cross_validate(problem, [], folds), keep),
-                rms(nested(problem, folds, alpha, rng)[0], keep))
-
-    before, after = judged(parts)
-    result.before['cv_rms_arcsec'], result.after['cv_rms_arcsec'] = before, after
-    if found.dropped_by_cv:
-        result.notes.append('beyond chance, but no gain on rows left out, so not added: '
-                            + ', '.join(c.effect(problem).name for c in found.dropped_by_cv))
-    if found.chosen and not work.base.own:
-        pair = judged(_stretches(work, len(parts)))
-        result.cv_contiguous = dict(zip(('before', 'after'), pair))
-        before, after = max((before, after), pair, key=lambda pair: pair[1] / pair[0])
-    if found.chosen and after > before:
-        what = ('runs' if len(work.obs.runs) >= 4 else
-                'stretches of time' if result.cv_contiguous and pair == (before, after) else 'rows')
-        result.caution = (
-            f'But where whole {what} are left out, they are predicted worse than without any '
-            f'effect ({before:.2f}\u2033 to {after:.2f}\u2033): what was found may hold for these '
-            'observations alone. Judge it on another run (--holdout) before you use it there.')
+        """RMS with no choice, and with the first 0, 1, ... of each fold."""
+        left, _ = nested(problem, folds, alpha, rng)
+        return rms(cross_validate(problem, [], folds), keep), [rms(r, keep) for r in left]
+    if not found.chosen:  # the model stays as it was
+        before = rms(cross_validate(problem, [], parts), keep)
+        return _Errors(before, before)
+    before, counts = judged(parts)
+    out = _Errors(before, counts[-1])
+    if len(work.obs.runs) >= _RUNS:
+        if out.after > before:
+            out.cut = min(int(np.argmin(counts)), len(found.chosen))
+            out.after = counts[out.cut]
+            out.caution = _NOT_REPEATED if out.cut < len(found.chosen) else ''
+    elif not work.base.own:
+        apart, counts = judged(_stretches(work, len(parts)))
+        out.stretches = {'before': apart, 'after': counts[-1]}
+        if counts[-1] > apart:
+            out.caution = _CAUTION.format('stretches of time', apart, counts[-1])
+    if not out.caution and out.after > before:
+        out.caution = _CAUTION.format('rows', before, out.after)
+    return out

@@ -136,18 +136,26 @@ def nested(problem, folds, alpha, rng, flips=499, curves=True):
 
     Returns
     -------
-    residual : ndarray, shape (2, n)
-        Radians.
+    residual : ndarray, shape (k + 1, 2, n)
+        Radians: with the first 0, 1, ... k choices of each fold; k is the most that one has, and
+        a fold that has fewer takes all of its own.
     choices : list of list of Choice
         Of each fold.
     """
-    out, choices = np.empty((2, problem.n)), []
+    choices, parts = [], []
     everything = np.arange(problem.n)
     for fold in folds:
         train = np.setdiff1d(everything, fold)
         part = problem.rows(train)
         found = search(part, alpha, Chance(part.n, flips, rng), curves=curves)
-        state = part.state(found.chosen, found.state.weights, final=True)
-        out[:, fold] = _left(problem, part, found.chosen, state, fold)
         choices.append(found.chosen)
+        left = []
+        for k in range(len(found.chosen) + 1):
+            state = part.state(found.chosen[:k], found.state.weights if k else None, final=True)
+            left.append(_left(problem, part, found.chosen[:k], state, fold))
+        parts.append(left)
+    out = np.empty((max(map(len, parts)), 2, problem.n))
+    for fold, left in zip(folds, parts):
+        for k in range(len(out)):
+            out[k][:, fold] = left[min(k, len(left) - 1)]
     return out, choices

@@ -102,8 +102,9 @@ class Found:
         Of the base and the choice.
     first_p : float
         Family-wise p of the first test: is there anything at all.
-    dropped, dropped_by_cv : list of Choice
-        Chosen once, and given up: it did not pay any more, or not on rows left out.
+    dropped, dropped_by_cv, not_repeated : list of Choice
+        Chosen once, and given up: it did not pay any more, or not on rows left out, or the search
+        without some runs chose so differently that those were predicted worse.
     """
 
     chosen: list
@@ -111,6 +112,7 @@ class Found:
     first_p: float
     dropped: list = field(default_factory=list)
     dropped_by_cv: list = field(default_factory=list)
+    not_repeated: list = field(default_factory=list)
 
 
 class Chance:

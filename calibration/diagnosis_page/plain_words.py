@@ -226,7 +226,7 @@ def verdict_sentences(document, effect_texts=(), limit=5, caution=''):
         text = f'What is left, {arcsec(left)}, looks like noise'
         text += f' (noise floor {arcsec(floor)}).' if floor is not None else '.'
         return 'The model lacks nothing that these observations can show', [
-            text, 'The model stays as it was.']
+            *([caution] if caution else [text]), 'The model stays as it was.']
     sentences = []
     label, before, after = best_pair(document)
     if before is not None and after is not None:

@@ -8,6 +8,7 @@ import pytest
 from calibration.diagnosis import diagnose
 from calibration.diagnosis.base import Base, observations
 from calibration.diagnosis.streamed import diagnose_streamed
+from calibration.diagnosis_page.plain_words import verdict_sentences
 from calibration.diagnosis_page.report import render
 from calibration.diagnosis_page.view import view_of
 from pointing_model import geometry
@@ -288,10 +289,33 @@ def test_a_choice_that_does_not_hold_elsewhere_is_said(monkeypatch):
     run = night(62, effect=backlash(8.0))
     assert diagnose(run, flips=299).caution == ''
     monkeypatch.setattr('calibration.diagnosis.diagnosis.nested', lambda problem, *rest: (
-        np.full((2, problem.n), 30.0 * ARCSEC), []))
+        np.ones((3, 2, problem.n)) * np.array([20.0, 10.0, 30.0])[:, None, None] * ARCSEC, []))
     result = diagnose(run, flips=299)
+    assert len(result.effects) == 1 and result.after['cv_rms_arcsec'] > 40.0
     assert 'predicted worse than without any effect' in result.caution
     assert '--holdout' in result.caution and result.caution in render(view_of(result))
+
+
+def nights_that_wander(seed, n=30, size=0.0):
+    """Five nights whose elevation zero walks at random; beside that, a backlash."""
+    rng = np.random.default_rng(seed)
+    return [night(40 + 10 * seed + i, n=n, effect=lambda c: (
+        0.5 * size * ARCSEC * c['approach_az'], np.cumsum(rng.normal(size=n)) * ARCSEC))
+        for i in range(5)]
+
+
+def test_what_the_rows_of_a_night_share_is_no_effect_of_the_mount():
+    result = diagnose(nights_that_wander(3), flips=299)
+    assert result.verdict == 'none' and result.before == result.after
+    (note,) = (n for n in result.notes if 'does not repeat without some of the runs' in n)
+    assert 'elevation_zero_step' in note
+    _, sentences = verdict_sentences(result.to_dict(), caution=result.caution)
+    assert 'does not hold from run to run' in sentences[0]
+    assert not any('looks like noise' in s for s in sentences)
+    # what the mount has on all nights stays
+    result = diagnose(nights_that_wander(3, size=8.0), flips=299)
+    assert any('azimuth_hysteresis' in name for name in names(result))
+    assert result.after['cv_rms_arcsec'] < 0.8 * result.before['cv_rms_arcsec']
 
 
 def test_base_is_read_and_refused():

@@ -200,8 +200,12 @@ def test_held_out_rows_are_not_looked_at():
     moved = Problem(problem.base, problem.b.copy(), None, problem.dictionary, problem.curves)
     moved.b[60 + row] += 40.0 * ARCSEC
     again, _ = nested(moved, folds, 0.01, np.random.default_rng(2), flips=199)
-    assert np.allclose(again[:, folds[3]] - left[:, folds[3]],
+    assert len(again) == len(left) == 1 + max(map(len, choices))
+    assert np.allclose(again[:, :, folds[3]] - left[:, :, folds[3]],
                        [[0.0] * 10, 40.0 * ARCSEC * (folds[3] == row)], atol=1e-9 * ARCSEC)
+    # with none of the choices it is the plain cross-validation
+    assert np.allclose(left[0], cross_validate(problem, [], folds), atol=1e-12)
+    assert np.mean(left[-1]**2) < 0.8 * np.mean(left[0]**2)
 
 
 def test_cross_validation_tells_gain_from_decoration():

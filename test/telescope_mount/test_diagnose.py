@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from msg_tools.run_files import write_csv
+from msg_tools.run_files import read_run, write_csv
 from pointing_model.model import PointingModel
 from pointing_model.run import PointingRun
 from pointing_model.units import ARCSEC
@@ -86,7 +86,24 @@ def test_rows_left_out_and_every_judgement_are_printed(tmp_path, capsys):
     assert '…' not in out
 
 
+def test_days_in_one_file_are_told_apart_on_demand(tmp_path, capsys):
+    path = night(tmp_path / 'days.csv', 4, n=80)
+    run = read_run(path)
+    run.columns['time'] = run['time'] + 86400.0 * (np.arange(80) // 20)
+    run.columns['az_enc'] = run['az_enc'] + 30.0 * ARCSEC * np.array([0, 1, -2, 3])[
+        np.arange(80) // 20]
+    write_csv(run, path)
+    assert main(['diagnose', path]) == 0
+    assert 'days.csv has 4 sessions' in capsys.readouterr().out
+    assert main(['diagnose', path, '--sessions', '3', '--json', str(tmp_path / 'd.json')]) == 0
+    out = capsys.readouterr().out
+    assert 'lacks nothing' in out and '4 sessions, at gaps of more than 3 h' in out
+    result = json.loads((tmp_path / 'd.json').read_text())
+    assert result['runs'] == 4 and result['before']['rms_arcsec'] < 1.6
+
+
 @pytest.mark.parametrize('arguments, text', [
+    (['{run}', '--sessions', '0'], '--sessions 0'),
     (['nowhere.csv'], 'No such file'),
     (['{run}', '--base', 'magic'], 'magic'),
     (['{run}', '--alpha', '2'], 'alpha'),
