@@ -48,10 +48,11 @@ def arc35m(data):
             '6.47" with six terms; 5.55" with one effect, 4.96" with 18 terms')
 
 
-def iram(name):
-    """A session of the 30 m; its eight terms are not ours: seven."""
+def iram(name, hours=None):
+    """Days of the 30 m, as one run or with zeros of each session; seven terms, not their eight."""
     def work(data):
-        return (diagnose(load_run(next((data / 'iram30m').glob(f'*{name}*.log')))),
+        run = load_run(next((data / 'iram30m').glob(f'*{name}*.log')))
+        return (diagnose(run if hours is None else run.in_sessions(hours)),
                 {'2012': 'el 3.04" with one effect', '2014': 'az 2.30", el 2.51"'}[name[:4]])
     return work
 
@@ -83,7 +84,9 @@ RUNS = {
     '8 m (SPK)': (spk8m, 'spk8m'),
     'ARC 3.5 m, 2014-2019': (arc35m, 'arc35m'),
     'IRAM 30 m, 2012-04B': (iram('2012'), 'iram30m'),
+    'IRAM 30 m, 2012-04B, in sessions': (iram('2012', 3.0), 'iram30m'),
     'IRAM 30 m, 2014-04': (iram('2014'), 'iram30m'),
+    'IRAM 30 m, 2014-04, in sessions': (iram('2014', 3.0), 'iram30m'),
     'paper 001, table 2': (table_2, ''),
     'paper 000, table 1 after': (table_1, ''),
 }
