@@ -64,9 +64,10 @@ def loop_sentences(report):
     """What is to be said beside the tables, as a list of str."""
     out = []
     for effect in report['effects']:
-        if effect['alternatives']:
+        others = [name for name in effect['alternatives'] if name not in effect['aliases']]
+        if others:
             out.append(f'{effect["name"]} was added; this night cannot tell it from '
-                       + ', '.join(effect['alternatives']))
+                       + ', '.join(others))
         if effect['aliases']:
             out.append(f'{effect["name"]} is the same curve in this night as '
                        + ', '.join(effect['aliases']))

@@ -170,6 +170,7 @@ def observations(runs, encoder='enc'):
     excluded = [{**e, 'source': r.meta.get('source')} for r in runs
                 for e in r.meta.get('excluded', ())]
     names, label = _labels(runs)
+    runs = _one_clock(runs, notes)
     run = runs[0] if len(runs) == 1 else PointingRun.concatenate(runs)
     lost = sorted({n for r in runs for n in r.columns} - set(run.columns))
     if lost:
@@ -196,6 +197,15 @@ def observations(runs, encoder='enc'):
     return Observations(used, np.flatnonzero(good), label[good], names, context,
                         np.concatenate((x, y)), inverse, excluded + bad, notes, lines[good],
                         sources[good])
+
+
+def _one_clock(runs, notes):
+    """Leave out the times where they count from different starts."""
+    clocks = {r.meta.get('time_is_utc', True) for r in runs if 'time' in r}
+    if len(clocks) < 2:
+        return runs
+    notes.append('time is UTC in some runs and counts from an arbitrary start in others: not used')
+    return [PointingRun({k: v for k, v in r.columns.items() if k != 'time'}, r.meta) for r in runs]
 
 
 def _places(runs):

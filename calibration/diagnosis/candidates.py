@@ -309,6 +309,11 @@ class Bank:
         """Columns of group `g`, shape (d, 2n)."""
         return self.columns[self._start[g]:self._start[g + 1]]
 
+    def replace(self, g, effect, columns):
+        """Put another effect with as many columns, shape (d, 2n), in the place of group `g`."""
+        self.effects = [*self.effects[:g], effect, *self.effects[g + 1:]]
+        self.of(g)[:] = columns
+
     def rows(self, rows):
         """The bank of some rows (indices or a mask of n)."""
         n = self.columns.shape[1] // 2

@@ -1,6 +1,7 @@
 """Diagnosis of a pointing run: what the declared model lacks, how sure that is, what it gains."""
 
 from dataclasses import dataclass, field
+from pathlib import PurePath
 
 import numpy as np
 
@@ -54,9 +55,10 @@ class DiagnosedEffect:
     fitted : FittedEffect
     p_family, delta_bic, cv_gain_arcsec : float or None
     alternatives : list of str
-        Effects that explain the run as well (within 6 of the best BIC), other than aliases.
-    aliases : list of str
-        Effects that are the same curve in this run.
+        Effects that explain the run as well (within 6 of the best BIC).
+    aliases, rivals : list of str
+        Of these the ones that are the same curve in this run, and the ones that have another
+        cause (not that a backlash is complete after some degrees or at once).
     ranking : list of dict
         Every candidate with this effect left out: ``name``, ``driver``, ``axes``, ``delta_bic``,
         ``in_set``; best first.
@@ -69,6 +71,7 @@ class DiagnosedEffect:
     cv_gain_arcsec: float | None
     alternatives: list
     aliases: list
+    rivals: list
     ranking: list
     columns: np.ndarray
 
@@ -150,7 +153,7 @@ class Diagnosis:
             'base_terms': self.base.names(), 'verdict': self.verdict, 'before': self.before,
             'after': self.after, 'noise_floor_arcsec': self.noise_floor_arcsec,
             'effects': [e.to_dict() for e in self.effects],
-            'excluded': [{'row': e['row'], 'reason': e['reason']} for e in self.excluded],
+            'excluded': _excluded(self.excluded, self.observations),
             'next_observations': self.next_observations,
         }
 
@@ -212,6 +215,7 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
         del found.chosen[errors.cut:]
         found.state = work.problem.state(found.chosen)
         stands, gains = _settle(work.problem, found, alpha, chance, parts)
+    _refine_steps(work, found)
     found.state = work.problem.state(found.chosen, final=True)
     fitted = work.fit(found.chosen, found.state)
     result = _assemble(work, found, stands, fitted, chance)
@@ -221,12 +225,20 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
         result.before['cv_rms_arcsec'], result.after['cv_rms_arcsec'] = errors.before, errors.after
         result.cv_contiguous, result.caution = errors.stretches, errors.caution
     if holdout is not None:
-        result.before['holdout_rms_arcsec'], result.after['holdout_rms_arcsec'], note = \
-            holdout_rms(holdout, result, own_terms or ('IA', 'IE'), encoder)
-        result.notes.append(note)
+        judged = holdout_rms(holdout, result, own_terms or ('IA', 'IE'), encoder)
+        result.before['holdout_rms_arcsec'] = judged.before
+        result.after['holdout_rms_arcsec'] = judged.after
+        result.notes += judged.notes
     if result.verdict == 'ambiguous':
         result.next_observations = propose(work.problem, obs, base, found, stands)
     return result
+
+
+def _excluded(rows, obs):
+    """Row and reason; of several files, which."""
+    several = len({e.get('source') for e in rows} | set(obs.sources)) > 1
+    return [{'row': e['row'], 'reason': f'{PurePath(str(e["source"])).name}: {e["reason"]}'
+             if several and e.get('source') else e['reason']} for e in rows]
 
 
 class _Work:
@@ -373,6 +385,29 @@ def _settle(problem, found, alpha, chance, folds):
         found.state = problem.state(found.chosen)
 
 
+def _refine_steps(work, found):
+    """Put each step where it fits best: the search tries some of many times only."""
+    problem, context = work.problem, work.obs.context
+    bank = problem.dictionary
+    for i, choice in enumerate(found.chosen):
+        e = choice.effect(problem)
+        if e.family != 'step':
+            continue
+        p = e.parameters
+        tried = sorted(f.parameters['at'] for f in bank.effects
+                       if f.family == 'step' and f.parameters['axis'] == p['axis'])
+        k = tried.index(p['at'])
+        distinct = np.unique(context.get(p['driver']))
+        between = 0.5 * (distinct[1:] + distinct[:-1])[2:-2]
+        between = between[(between >= tried[max(k - 1, 0)])
+                          & (between <= tried[min(k + 1, len(tried) - 1)])]
+        near = Bank([effect('step', **{**p, 'at': float(t)}) for t in between], context)
+        # with weights of its own: rows between the old place and the new look like outliers
+        scores = near.score(problem.state(found.chosen, without=i))
+        best = int(np.argmax(scores.delta_bic))
+        bank.replace(choice.group, near.effects[best], near.of(best))
+
+
 def _assemble(work, found, stands, fitted, chance):
     problem, obs = work.problem, work.obs
     nothing = problem.state([])
@@ -418,7 +453,7 @@ def _verdict(effects):
     named = [e for e in effects if e.fitted.effect.kind != 'smooth']
     if sum(e.delta_bic for e in curves) > sum(e.delta_bic or 0.0 for e in named):
         return 'unknown'
-    return 'ambiguous' if any(e.alternatives for e in effects) else 'identified'
+    return 'ambiguous' if any(e.rivals for e in effects) else 'identified'
 
 
 def _rms_entry(residual, keep):
@@ -428,18 +463,27 @@ def _rms_entry(residual, keep):
 
 
 def _slip_effect(fitted, p, obs):
-    return DiagnosedEffect(fitted, p, None, None, [], [], [],
+    return DiagnosedEffect(fitted, p, None, None, [], [], [], [],
                            fitted.effect.columns(obs.context))
 
 
 def _diagnosed(problem, choice, stand, fitted, n):
     bank = choice.bank(problem)
-    names = [bank.effects[k].name for k in stand.alternatives if k not in stand.same]
-    aliases = [bank.effects[k].name for k in stand.same]
+
+    def names(groups):
+        return list(dict.fromkeys(bank.effects[k].name for k in groups))
+    rivals = [k for k in stand.alternatives
+              if k not in stand.same or not _one_cause(bank.effects[k], fitted.effect)]
     return DiagnosedEffect(
-        fitted, stand.p, stand.delta_bic, None, list(dict.fromkeys(names)),
-        list(dict.fromkeys(aliases)), _lines(bank, stand.scores.delta_bic),
+        fitted, stand.p, stand.delta_bic, None, names(stand.alternatives), names(stand.same),
+        names(rivals), _lines(bank, stand.scores.delta_bic),
         choice.columns(problem).reshape(-1, 2, n))
+
+
+def _one_cause(a, b):
+    """Whether two effects differ in the memory of a hysteresis only."""
+    return a.family == b.family == 'hysteresis' and all(
+        a.parameters[k] == b.parameters[k] for k in ('axis', 'shape'))
 
 
 def _lines(bank, delta_bic):

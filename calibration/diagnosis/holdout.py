@@ -1,5 +1,8 @@
 """Judging a model on runs that were left out: a new night of the same mount."""
 
+from dataclasses import dataclass
+from pathlib import PurePath
+
 import numpy as np
 
 from pointing_model.fitted_effects import total
@@ -7,6 +10,15 @@ from pointing_model.units import ARCSEC
 
 from .base import after_rotation, observations
 from .candidates import Columns, fit_state
+
+
+@dataclass
+class Holdout:
+    """Radial RMS without and with the effects, arcsec; `notes` say of which rows."""
+
+    before: float
+    after: float
+    notes: list
 
 
 def holdout_rms(runs, result, own_terms, encoder='enc'):
@@ -24,9 +36,7 @@ def holdout_rms(runs, result, own_terms, encoder='enc'):
 
     Returns
     -------
-    before, after : float
-        arcsec, of the rows that neither model sets aside.
-    note : str
+    Holdout
     """
     obs = observations(runs, encoder)
     left, kept = [], np.ones(len(obs), bool)
@@ -36,10 +46,25 @@ def holdout_rms(runs, result, own_terms, encoder='enc'):
         kept &= state.weights > 0.0
     before, after = (float(np.sqrt(np.mean(np.square(r[:, kept]).sum(axis=0)))) / ARCSEC
                      for r in left)
+    notes = [f'held out: {note}' for note in _left_out(obs)]
+    for found in result.model.effects:
+        lost = np.count_nonzero(found.unknown(obs.context))
+        if lost:
+            notes.append(f'held out: {found.effect.name} counts as zero in {lost} of {len(obs)} '
+                         f'rows, where {found.effect.driver} is not known')
     note = (f'held out: {len(obs)} observations of {len(obs.runs)} runs, '
             f'{", ".join(own_terms)} refitted in each, nothing else; '
             f'{int(np.sum(~kept))} outliers set aside')
-    return before, after, note
+    return Holdout(before, after, [note, *notes])
+
+
+def _left_out(obs):
+    reasons = {}
+    for e in obs.excluded:
+        place = f'{PurePath(str(e.get("source") or "run")).name}:{e["row"]}'
+        reasons.setdefault(e['reason'], []).append(place)
+    return [*obs.notes, *(f'{", ".join(places)} left out: {reason}'
+                          for reason, places in reasons.items())]
 
 
 def _refit(obs, base, model, own_terms):

@@ -15,13 +15,15 @@ from pointing_model.units import DEG
 from .candidates import solve
 
 _COUNT = 6
+_RIVALS = 4
+_WORTH = 0.5  # delta BIC: exact aliases do not come apart anywhere
 _MIN_GAP = 3.0 * DEG
 _LATER = (0.25, 2.0, 6.0)  # hours
 _SHORT = 2.0 * DEG  # a last move in which a hysteresis is not yet complete
 
 
 def propose(problem, obs, base, found, stands, count=_COUNT):
-    """Observations that separate the best effect from its strongest rival.
+    """Observations that separate the best effect from the strongest rival that they can separate.
 
     Parameters
     ----------
@@ -43,12 +45,14 @@ def propose(problem, obs, base, found, stands, count=_COUNT):
     """
     out = []
     for i, (choice, stand) in enumerate(zip(found.chosen, stands)):
-        rivals = [g for g in stand.alternatives if g not in stand.same]
-        if choice.curve or not rivals:
-            continue
         others = [c.effect(problem) for j, c in enumerate(found.chosen) if j != i]
-        pair = choice.effect(problem), problem.dictionary.effects[rivals[0]]
-        out += _separate(problem, obs, base, found, pair, others, count)
+        for rival in [] if choice.curve else stand.alternatives[:_RIVALS]:
+            pair = choice.effect(problem), problem.dictionary.effects[rival]
+            proposals = _separate(problem, obs, base, found, pair, others, count)
+            last = proposals[-1]
+            if last['separation_after'] > last['separation_before'] + _WORTH:
+                out += proposals
+                break
     return out
 
 

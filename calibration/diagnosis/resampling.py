@@ -27,8 +27,8 @@ def run_folds(label, count, rng):
 def predict(problem, chosen, train, test):
     """Residuals of `test` rows with everything fitted to `train` rows.
 
-    Columns that each run fits for itself are refitted on the test rows, robustly, as one would
-    on a new night; nothing else of the test rows is used.
+    Columns that each run fits for itself come from the run's `train` rows. A run that has none is
+    a new night: they are refitted on its `test` rows, robustly; nothing else of those is used.
 
     Parameters
     ----------
@@ -47,8 +47,6 @@ def predict(problem, chosen, train, test):
 
 
 def _left(problem, part, chosen, state, test):
-    n = problem.n
-    both = np.concatenate((test, test + n))
     design = part.design(chosen)
     common = design.common
     if design.own is None:
@@ -67,13 +65,26 @@ def _left(problem, part, chosen, state, test):
         left = left - (basis @ left) @ basis
         p = solve(white, left, np.ones_like(left)) if len(white) else np.empty(0)
     other = problem.rows(test)
-    residual = other.b - p @ other.design(chosen).common
-    if design.own is not None:
-        columns = other.base.added(())
-        columns.common = columns.common[:0]
-        other.base, other.b = columns, residual
-        residual = other.state([]).raw
-    return residual.reshape(2, len(test)) if len(both) else residual
+    other.b = other.b - p @ other.design(chosen).common
+    if design.own is not None and len(test):
+        _own_terms(other, design, part.b - p @ common, state.root)
+    return other.b.reshape(2, len(test))
+
+
+def _own_terms(other, design, left, root):
+    """Take off what each run fits for itself: from its rows in training, or else here."""
+    new = np.ones(other.n, bool)
+    for run in np.unique(other.base.run):
+        here, there = other.base.run == run, np.tile(design.run == run, 2)
+        if there.any():
+            p = solve(design.own[:, there], left[there], root[there])
+            both = np.tile(here, 2)
+            other.b[both] -= p @ other.base.own[:, both]
+            new &= ~here
+    if new.any():
+        rows = other.rows(np.flatnonzero(new))
+        rows.base.common = rows.base.common[:0]
+        other.b[np.tile(new, 2)] = rows.state([]).raw
 
 
 def rms(residual, keep=None):

@@ -197,6 +197,10 @@ _BUILDERS = {
 }
 
 
+#: arcsec; what is left beyond this is no noise of pointing
+_ABSURD = 1800.0
+
+
 def verdict_sentences(document, effect_texts=(), limit=5, caution=''):
     """The verdict of a diagnosis, and what it bought.
 
@@ -225,8 +229,11 @@ def verdict_sentences(document, effect_texts=(), limit=5, caution=''):
         left = document['before'].get('rms_arcsec')
         text = f'What is left, {arcsec(left)}, looks like noise'
         text += f' (noise floor {arcsec(floor)}).' if floor is not None else '.'
+        if not caution and (left or 0.0) > _ABSURD:
+            caution = (f'What is left, {arcsec(left)}, is far more than a mount errs by: look at '
+                       'the columns, their units and signs, and where azimuth 0 is.')
         return 'The model lacks nothing that these observations can show', [
-            *([caution] if caution else [text]), 'The model stays as it was.']
+            caution or text, 'The model stays as it was.']
     sentences = []
     label, before, after = best_pair(document)
     if before is not None and after is not None:
