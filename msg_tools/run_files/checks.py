@@ -3,7 +3,7 @@
 import numpy as np
 
 from pointing_model.run import COLUMNS, REQUIRED
-from pointing_model.units import ARCSEC, DEG, wrap
+from pointing_model.units import DEG, wrap
 
 from .table import SPECIAL
 
@@ -12,12 +12,16 @@ ELEVATION_LIMITS = (-5.0, 90.1)
 _PAIRS = (('az', 'el'), ('az_enc', 'el_enc'), ('az_abs', 'el_abs'))
 _TURNS = 10  # an angle beyond is no angle in degrees
 _TURN = 2.0 * np.pi
+_QUARTER = ELEVATION_LIMITS[1] * DEG
 _GAP = 6 * 3600.0  # s: in between the mount may have been anywhere
+#: a number outside was not measured
+_LIMITS = {'temperature': (-100.0, 100.0, 'degrees Celsius'), 'pressure': (1.0, 1200.0, 'hPa')}
+_LARGEST = 1e50  # squares and their sums stay finite
 
 
 def label(name):
     """Name of a column in a file."""
-    return COLUMNS[name][0] if name in COLUMNS else SPECIAL.get(name, name)
+    return COLUMNS[name][0] if name in COLUMNS else name
 
 
 def refuse_radians(path, table):
@@ -26,7 +30,8 @@ def refuse_radians(path, table):
     Raises
     ------
     ValueError
-        A pair of columns, the elevations, or azimuths round the sky stay within 2 pi.
+        A pair of columns or the elevations stay within the range of radians, or azimuths do and
+        the readings say so too: see `_azimuth_in_radians`.
     """
     columns, small = table.columns, []
     sound = table.reasons == 0
@@ -39,16 +44,39 @@ def refuse_radians(path, table):
             continue
         both = np.maximum(np.abs(az), np.abs(el))
         highest = np.abs(el[used]).max()
-        if both[used].max() <= _TURN:
+        if both[used].max() <= _TURN and highest <= _QUARTER:
             _radians(path, pair, both[used].max())
-        if used.sum() >= 3 and highest <= np.pi / 2 and np.ptp(el[used]) > 0.05:
+        if used.sum() >= 3 and highest <= _QUARTER and np.ptp(el[used]) > 0.05:
             _radians(path, pair[1:], highest)
         if (used.sum() >= 8 and np.ptp(az[used]) > 4.0 and az[used].min() >= 0.0
                 and az[used].max() <= _TURN and np.ptp(el[used]) > 15.0):
-            _radians(path, pair[:1], az[used].max())
-        small.append(used & (both <= _TURN) & (np.abs(el) <= np.pi / 2))
+            if _azimuth_in_radians(columns, pair, used):
+                _radians(path, pair[:1], az[used].max())
+            table.meta['notes'].append(f'{label(pair[0])} never exceeds {az[used].max():.3g}: '
+                                       'taken as degrees')
+        small.append(used & (both <= _TURN) & (np.abs(el) <= _QUARTER))
     if small:
         table.exclude(np.all(small, axis=0), 'all angles below 2 pi: they look like radians')
+
+
+def _azimuth_in_radians(columns, pair, used):
+    """Whether offsets in azimuth are far too small, or far too large, for degrees.
+
+    Their scatter is that of the offsets in elevation, give or take a few: in radians it reads 57
+    times smaller. Beside azimuths in degrees it is that of the sky.
+    """
+    other = _PAIRS[1] if pair == _PAIRS[0] else _PAIRS[0]
+    if pair == _PAIRS[0] and not set(other) <= set(columns):
+        other = _PAIRS[2]
+    if not set(other) <= set(columns):
+        return False
+    away = [columns[b][used] - columns[a][used] for a, b in zip(pair, other)]
+    away[0] = wrap(away[0] * DEG) / DEG
+    both = np.isfinite(away).all(axis=0)
+    if not both.any():
+        return False
+    az, el = (np.median(np.abs(v[both] - np.median(v[both]))) for v in away)
+    return bool(az > 20.0 or az <= el * np.sqrt(DEG))
 
 
 def _radians(path, pair, largest):
@@ -59,9 +87,8 @@ def _radians(path, pair, largest):
 
 def to_si(columns):
     """Columns of a file to radians and what else `COLUMNS` says, in place."""
-    units = {'ra': DEG, 'dec': DEG, 'x': ARCSEC, 'y': ARCSEC}
     for name, values in columns.items():
-        unit = COLUMNS[name][1] if name in COLUMNS else units.get(name, 1.0)
+        unit = COLUMNS[name][1] if name in COLUMNS else SPECIAL.get(name, 1.0)
         if unit != 1.0:
             columns[name] = values * unit
 
@@ -69,7 +96,7 @@ def to_si(columns):
 def flag_numbers(table):
     """Leave out rows with a number that is missing where it is needed, infinite or no angle."""
     needed = set(REQUIRED) | set(SPECIAL)
-    if 'ra' in table.columns:
+    if 'ra_deg' in table.columns:
         needed.add('time')
     for name, values in table.columns.items():
         if values.dtype.kind != 'f':
@@ -79,10 +106,32 @@ def flag_numbers(table):
         table.exclude(np.isinf(values), f'{label(name)} is infinite')
         if name in ('sigma_x', 'sigma_y'):
             table.exclude(~(values > 0.0), f'{label(name)} is not positive')
-        if name in sum(_PAIRS, ()) or name in ('ra', 'dec'):
+        if name in sum(_PAIRS, ()) or name in ('ra_deg', 'dec_deg'):
             with np.errstate(invalid='ignore'):
                 table.exclude(np.abs(values) > _TURNS * _TURN,
                               f'{label(name)} is beyond {_TURNS} turns')
+
+
+def blank_absurd(table):
+    """Numbers that cannot have been measured count as missing; the notes say how many.
+
+    Where a number is needed, its row is left out.
+    """
+    for name, values in table.columns.items():
+        if values.dtype.kind != 'f' or name in (*REQUIRED, 'time', 'run', 'star', 'block'):
+            continue
+        low, high, unit = _LIMITS.get(name, (-_LARGEST, _LARGEST, ''))
+        absurd = (table.reasons == 0) & np.isfinite(values) & ((values < low) | (values > high))
+        if not absurd.any():
+            continue
+        said = f'{label(name)} is outside {low:g} to {high:g} {unit}'.strip()
+        if name in SPECIAL or name in ('sigma_x', 'sigma_y'):
+            table.exclude(absurd, said)
+            continue
+        table.columns[name] = np.where(absurd, np.nan, values)
+        i = int(np.argmax(absurd))
+        table.meta['notes'].append(f'{said} in {absurd.sum()} of {len(values)} rows, first in row '
+                                   f'{table.lines[i]} ({values[i]:g}): taken as not measured')
 
 
 def observe_places(path, table, site, weather, origin):
@@ -94,7 +143,7 @@ def observe_places(path, table, site, weather, origin):
         No site, a time that is not UTC, weather out of range.
     """
     columns, meta = table.columns, table.meta
-    if 'ra' not in columns:
+    if 'ra_deg' not in columns:
         return
     if not all(hasattr(site, name) for name in ('latitude', 'longitude', 'height')):
         raise ValueError(f'{path}: ra_deg, dec_deg need the site (latitude, longitude, height)')
@@ -102,7 +151,7 @@ def observe_places(path, table, site, weather, origin):
         raise ValueError(f'{path}: ra_deg, dec_deg need time in UTC: ISO 8601, or seconds since '
                          '1970-01-01')
     from pointing_model.sky import icrs_to_observed
-    ra, dec, time = (columns.pop('ra'), columns.pop('dec'), columns['time'])
+    ra, dec, time = (columns.pop('ra_deg'), columns.pop('dec_deg'), columns['time'])
     table.exclude(np.abs(dec) > np.pi / 2, 'dec_deg is beyond 90')
     ok = (table.reasons == 0) & np.isfinite(ra) & np.isfinite(dec) & np.isfinite(time)
     az, el = np.full((2, len(ra)), np.nan)
@@ -136,11 +185,11 @@ def _air(columns, rows, site, weather, meta):
 
 
 def read_offsets(table):
-    """Encoder angles from offsets on the sky `x`, `y`, encoder - catalogue."""
+    """Encoder angles from offsets on the sky `x_arcsec`, `y_arcsec`, encoder - catalogue."""
     columns = table.columns
-    if 'x' not in columns:
+    if 'x_arcsec' not in columns:
         return
-    x, y = columns.pop('x'), columns.pop('y')
+    x, y = columns.pop('x_arcsec'), columns.pop('y_arcsec')
     reach = np.cos(columns['el'])
     with np.errstate(invalid='ignore', divide='ignore', over='ignore'):
         table.exclude(np.abs(x) >= np.pi * reach,
@@ -177,41 +226,64 @@ def flag_rows(table):
 
 
 def derive_approach(table):
-    """Directions of approach, where they are missing, from the order of the rows.
+    """Directions of approach, where they are missing, from the order in time.
 
-    Rows that are left out count: the mount was there. After a row without a place, at the
-    first row, at the first of each run and after 6 hours without a row the direction is
-    unknown, 0. A row where the axis stands still keeps the direction of the motion that brought
-    it there.
+    Without the time of every row, from the order of the rows. Rows that are left out count: the
+    mount was there. After a row without a place, at the first of each run and after 6 hours
+    without a row the direction is unknown, 0. A row where the axis stands still keeps the
+    direction of the motion that brought it there.
     """
-    columns, derived = table.columns, []
+    columns, notes = table.columns, table.meta['notes']
+    names = {axis: f'approach_{axis}' for axis in ('az', 'el')}
+    derived = []
     if len(table.lines) == 0:
         return
-    new_run = np.ones(len(table.lines), dtype=bool)
-    new_run[1:] = columns['run'][1:] != columns['run'][:-1] if 'run' in columns else False
-    if 'time' in columns:
-        with np.errstate(invalid='ignore'):
-            new_run[1:] |= np.diff(columns['time']) > _GAP
+    order, by_time = _sequence(columns)
+    new_run = _new_runs(columns, order)
     whole_path = False
-    for axis in ('az', 'el'):
-        name = f'approach_{axis}'
-        if name in columns:
+    for axis, name in names.items():
+        given = np.isfinite(columns[name]) if name in columns else np.zeros(1, dtype=bool)
+        if given.any():
+            if not given.all():
+                notes.append(f'{name} is empty in {(~given).sum()} of {len(given)} rows: unknown '
+                             'there, 0')
             columns[name] = np.nan_to_num(columns[name], nan=0.0)
             continue
         angle = columns[f'{axis}_enc']
         angle = np.where(np.isfinite(angle), angle, np.nan)
-        move = np.diff(angle, prepend=np.nan)
+        move = np.diff(angle[order], prepend=np.nan)
         if axis == 'az':
             whole_path = _tells_the_turn(table, angle)
             move = move if whole_path else wrap(move)
         move[new_run] = np.nan
-        columns[name] = _carry(np.sign(move))
+        columns[name] = np.empty(len(order))
+        columns[name][order] = _carry(np.sign(move))
         derived.append(name)
     if derived:
-        table.meta['notes'].append(
-            f'{", ".join(derived)} derived from the order of the rows, '
+        notes.append(
+            f'{", ".join(derived)} derived from the order '
+            + ('in time, ' if by_time else 'of the rows, ')
             + ('as the azimuth reads (its range is more than a turn)' if whole_path
                else 'shortest way'))
+
+
+def _sequence(columns):
+    """Rows in the order they were observed, and whether the time tells it."""
+    time = columns.get('time')
+    if time is None or not np.isfinite(time).all() or np.ptp(time) == 0.0:
+        return np.arange(len(columns['az'])), False
+    # clocks of their own may begin anew in each run
+    return np.lexsort((time, columns['run']) if 'run' in columns else (time,)), True
+
+
+def _new_runs(columns, order):
+    new = np.ones(len(order), dtype=bool)
+    run = columns['run'][order] if 'run' in columns else np.zeros(len(order))
+    new[1:] = run[1:] != run[:-1]
+    if 'time' in columns:
+        with np.errstate(invalid='ignore'):
+            new[1:] |= np.diff(columns['time'][order]) > _GAP
+    return new
 
 
 def _tells_the_turn(table, reading):

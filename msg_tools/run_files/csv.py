@@ -7,11 +7,26 @@ import numpy as np
 
 from pointing_model.run import COLUMNS
 
-from .table import SPECIAL, NoObservations, Table, content, floats, is_number, parse_iso
+from .table import (
+    SPECIAL,
+    YEAR_1900,
+    YEAR_2100,
+    NoObservations,
+    Table,
+    content,
+    floats,
+    is_number,
+    own_name,
+    parse_iso,
+    sidereal_name,
+)
 
 CSV_NAMES = {csv_name: name for name, (csv_name, _, _) in COLUMNS.items()}
-CSV_NAMES.update({csv_name: name for name, csv_name in SPECIAL.items()})
+CSV_NAMES.update({name: name for name in SPECIAL})
 _TEXT = ('star', 'block', 'run')  # may hold names in place of numbers
+_CLOCK = 1e8  # s: below, time counts from an arbitrary start
+_TOO_CLOSE = 0.05  # s on average: no mount goes from star to star so fast
+_CLOSE = 1.0
 
 
 def csv_delimiter(lines):
@@ -68,7 +83,7 @@ def read_csv(path, lines, delimiter, encoder=None):
                          f'has {len(header)}')
     columns, meta = {}, {'format': 'csv', 'notes': []}
     for header_name, cells in zip(header, zip(*rows)):
-        _take_column(path, numbers, header_name, cells, columns, meta)
+        _take_column(path, numbers, header, header_name, cells, columns, meta)
     _one_source(columns, meta)
     commented = [number for number, line in enumerate(lines, 1) if number > body[0][0]
                  and line.startswith('#') and _is_row(line[1:], delimiter, len(header))]
@@ -97,7 +112,7 @@ def _is_row(line, delimiter, width):
     return len(cells) == width and sum(is_number(cell) for cell in cells) >= 4
 
 
-def _take_column(path, numbers, header_name, cells, columns, meta):
+def _take_column(path, numbers, header, header_name, cells, columns, meta):
     name = CSV_NAMES.get(header_name)
     if name == 'time':
         columns['time'] = _time(path, numbers, cells, meta)
@@ -115,7 +130,10 @@ def _take_column(path, numbers, header_name, cells, columns, meta):
     elif header_name:
         bad = next((i for i, cell in enumerate(cells) if cell and not is_number(cell)), None)
         if bad is None:
-            columns[header_name] = floats(path, numbers, header_name, cells)
+            values = floats(path, numbers, header_name, cells)
+            own = sidereal_name(values, header, meta['notes']) if header_name == 'lst' \
+                else own_name(header_name, header, meta['notes'])
+            columns[own] = values
         else:
             meta['notes'].append(f'column {header_name[:40]!r} left out: it is not numeric (row '
                                  f'{numbers[bad]}: {cells[bad][:40]!r})')
@@ -125,14 +143,14 @@ def _take_column(path, numbers, header_name, cells, columns, meta):
 
 def _one_source(columns, meta):
     """Offsets beside encoder columns would be a driver that explains everything."""
-    if {'x', 'y'} & set(columns) and {'az_enc', 'az_abs'} & set(columns):
-        for name in 'xy':
+    if {'az_enc', 'az_abs'} & set(columns):
+        for name in ('x_arcsec', 'y_arcsec'):
             if columns.pop(name, None) is not None:
-                meta['notes'].append(f'{name}_arcsec left out: the encoder columns are taken')
-    if {'ra', 'dec'} & set(columns) and {'az', 'el'} <= set(columns):
-        for name in ('ra', 'dec'):
+                meta['notes'].append(f'{name} left out: the encoder columns are taken')
+    if {'az', 'el'} <= set(columns):
+        for name in ('ra_deg', 'dec_deg'):
             if columns.pop(name, None) is not None:
-                meta['notes'].append(f'{name}_deg left out: az_deg, el_deg are taken')
+                meta['notes'].append(f'{name} left out: az_deg, el_deg are taken')
 
 
 def _require(path, header, encoder):
@@ -202,10 +220,35 @@ def _time(path, numbers, cells, meta):
                     f'{path}, column time: mixes seconds (row {numbers[one]}) and ISO 8601 (row '
                     f'{numbers[other]})') from None
         return parse_iso(path, numbers, 'time', cells)
-    if np.any(np.abs(values) < 1e8):
+    _refuse_other_units(path, numbers, cells, values, meta)
+    if np.any(np.abs(values) < _CLOCK):
         meta['time_is_utc'] = False
         meta['notes'].append('time: seconds from an arbitrary start, they are below 1e8')
     return values
+
+
+def _refuse_other_units(path, numbers, cells, values, meta):
+    finite = np.isfinite(values)
+    outside = finite & ((values < YEAR_1900) | (values > YEAR_2100))
+    if outside.any():
+        i = int(np.argmax(outside))
+        unit = next((f' (is this {word}?)' for scale, word in (
+            (1e3, 'milliseconds'), (1e6, 'microseconds'), (1e9, 'nanoseconds'))
+            if _CLOCK < values[i] / scale < YEAR_2100), '')
+        raise ValueError(f'{path}, row {numbers[i]}, column time: {cells[i][:40]!r} is outside '
+                         f'1900 to 2100{unit}; give seconds since 1970 or ISO 8601')
+    known = np.sort(values[finite])
+    if len(known) < 5 or known[0] == known[-1]:
+        return
+    gap = (known[-1] - known[0]) / (len(known) - 1)
+    unit = 'Julian days' if known[0] > 2.4e6 else 'days (MJD)' if known[0] > 3e4 \
+        else 'hours' if known[-1] <= 48.0 else 'days'
+    said = f'rows are {gap:.2g} s apart on average; seconds are expected: is this {unit}?'
+    if gap < _TOO_CLOSE:
+        raise ValueError(f'{path}, column time, rows {numbers[finite][0]} to '
+                         f'{numbers[finite][-1]}: {said} Give seconds or ISO 8601')
+    if gap < _CLOSE or np.median(np.diff(known)) < _TOO_CLOSE:
+        meta['notes'].append(f'time: {said}')
 
 
 def _reads_as_iso(cell):

@@ -26,11 +26,11 @@ def read_run(path, *, azimuth_origin=None, site=None, weather=None, encoder=None
     ----------
     path : str or Path
         CSV (columns by the names of `COLUMNS`, any order; a further numeric column is kept
-        under its own name), TPOINT (``ALTAZ``, format 4: observed azimuth and elevation, then
-        those of the mount; also the short form with a line ``A``), a raw MMT night, or a
-        pointing log of the IRAM 30 m. A CSV may give ``x_arcsec, y_arcsec`` (encoder -
-        catalogue, on the sky) in place of the encoder columns, and ``ra_deg, dec_deg, time``
-        (ICRS) in place of ``az_deg, el_deg``.
+        under its own name, or as ``column_<name>`` where that name has a meaning), TPOINT
+        (``ALTAZ``, format 4: observed azimuth and elevation, then those of the mount; also the
+        short form with a line ``A``), a raw MMT night, or a pointing log of the IRAM 30 m. A
+        CSV may give ``x_arcsec, y_arcsec`` (encoder - catalogue, on the sky) in place of the
+        encoder columns, and ``ra_deg, dec_deg, time`` (ICRS) in place of ``az_deg, el_deg``.
     azimuth_origin : {'N', 'S'}, optional
         'N': azimuth 0 is north, 90 east. 'S': 0 is south, 90 east (azimuths are converted to
         180 deg - A). By default what a comment in a TPOINT file says, else 'N'.
@@ -89,6 +89,7 @@ def _read_run(path, azimuth_origin, site, weather, encoder):
     checks.to_si(columns)
     checks.flag_numbers(table)
     checks.observe_places(path, table, site, weather, meta['azimuth_origin'])
+    checks.blank_absurd(table)
     checks.read_offsets(table)
     if meta['azimuth_origin'] == 'S':
         checks.from_south(columns)

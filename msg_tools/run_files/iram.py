@@ -4,11 +4,12 @@ import re
 
 import numpy as np
 
-from .table import Table, content, floats, is_number, parse_iso
+from .table import Table, content, floats, is_number, own_name, parse_iso
 
 _ROW = re.compile(r'#?\s*(\d{4}-\d\d-\d\d)\.(\d+)\s', re.ASCII)
 _NEEDED = ('id', 'UTh', 'AZd', 'ELd', 'pnt.X', 'pnt.Y')
-_NAMES = {'AZd': 'az', 'ELd': 'el', 'pnt.X': 'x', 'pnt.Y': 'y', 'Tamb': 'temperature'}
+_NAMES = {'AZd': 'az', 'ELd': 'el', 'pnt.X': 'x_arcsec', 'pnt.Y': 'y_arcsec',
+          'Tamb': 'temperature'}
 _USED = ('id', 'object', 'project', 'pnt.dAZ', 'pnt.dEL')
 
 
@@ -65,7 +66,7 @@ def read_iram(path, lines):
 
 def _table(path, rows, cells):
     numbers = np.array([number for number, _ in rows])
-    columns, text = {}, []
+    columns, text, renamed = {}, [], []
     for name, column in cells.items():
         column = ['' if set(cell) == {'-'} else cell for cell in column]
         if name in _USED:
@@ -73,7 +74,8 @@ def _table(path, rows, cells):
         if name not in (*_NAMES, 'UTh') and not all(is_number(cell or 0) for cell in column):
             text.append(name)
             continue
-        columns[_NAMES.get(name, name)] = floats(path, numbers, name, column)
+        own = _NAMES.get(name) or own_name(name, cells, renamed)
+        columns[own] = floats(path, numbers, name, column)
     days = [ident.split('.')[0] for ident in cells['id']]
     columns['time'] = parse_iso(path, numbers, 'id', days) + 3600.0 * columns['UTh']
     if 'object' in cells:
@@ -82,12 +84,13 @@ def _table(path, rows, cells):
              'to point there; pnt.dAZ, pnt.dEL left out, they are a part of it']
     if np.array_equal(columns['az'], np.rint(columns['az'])):
         notes.append('places are whole degrees')
+    notes += renamed
     if text:
         notes.append(f'columns left out, they are not numeric: {", ".join(text)}')
     table = Table(columns, numbers, [line.strip() for _, line in rows],
                   {'format': 'iram', 'notes': notes})
     rejected = np.array([line.startswith('#') for _, line in rows])
     table.exclude(rejected, 'rejected by the observers (#)')
-    for name, label in (('x', 'pnt.X'), ('y', 'pnt.Y')):
+    for name, label in (('x_arcsec', 'pnt.X'), ('y_arcsec', 'pnt.Y')):
         table.exclude(np.isnan(columns[name]), f'{label} was not measured')
     return table

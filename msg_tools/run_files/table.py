@@ -5,8 +5,19 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-#: what a file may give in place of `az, el` and of the encoder's angles, in file units
-SPECIAL = {'ra': 'ra_deg', 'dec': 'dec_deg', 'x': 'x_arcsec', 'y': 'y_arcsec'}
+from pointing_model.run import COLUMNS
+from pointing_model.units import ARCSEC, DEG
+
+#: what a file may give in place of `az, el` and of the encoder's angles, and its unit in SI;
+#: kept under the file's name, which no column of the user's own can have
+SPECIAL = {'ra_deg': DEG, 'dec_deg': DEG, 'x_arcsec': ARCSEC, 'y_arcsec': ARCSEC}
+#: what a diagnosis makes itself: see `pointing_model.context.Context`
+DERIVED = frozenset((
+    'azimuth', 'elevation', 'row', 'ra', 'dec', 'lst', 'order', 'pm_x', 'pm_y', 'reading_az',
+    'reading_el', 'travel_az', 'travel_el', 'before_az', 'before_el'))
+_HOURS_OF_A_DAY = 24.0
+_RADIANS = 6.3  # a little more than a turn
+YEAR_1900, YEAR_2100 = -2208988800.0, 4102444800.0  # s since 1970
 
 
 class NoObservations(ValueError):
@@ -83,6 +94,60 @@ def content(lines, comment='#'):
             if line.strip() and not line.lstrip().startswith(comment)]
 
 
+def own_name(name, taken, notes):
+    """Name under which a column of the user's own is kept.
+
+    Parameters
+    ----------
+    name : str
+        In the file.
+    taken : collection of str
+        All names in the file.
+    notes : list of str
+        Told here if another name is needed.
+
+    Returns
+    -------
+    str
+    """
+    if name not in DERIVED and name not in COLUMNS and name not in SPECIAL:
+        return name
+    new = f'column_{name}'
+    while new in taken:
+        new = f'column_{new}'
+    notes.append(f'column {name!r} is kept as {new!r}: {name} is a name with a meaning of its own')
+    return new
+
+
+def sidereal_name(values, taken, notes):
+    """Name under which a column ``lst`` is kept, by its unit.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+    taken : collection of str
+        All names in the file.
+    notes : list of str
+        Told here what was taken for what.
+
+    Returns
+    -------
+    str
+    """
+    known = values[np.isfinite(values)]
+    low, high = (known.min(), known.max()) if known.size else (0.0, 0.0)
+    if 'lst_h' in taken or low < -_RADIANS or high > _HOURS_OF_A_DAY or (
+            low < 0.0 and high > _RADIANS):
+        notes.append('lst_h is the name of the sidereal time, in hours')
+        return own_name('lst', taken, notes)
+    if high > _RADIANS:
+        notes.append(f"column 'lst' goes to {high:.4g}: taken as hours, kept as lst_h")
+        return 'lst_h'
+    notes.append(f"column 'lst' never exceeds {_RADIANS}: taken as radians; call it lst_h if it is "
+                 'in hours')
+    return 'lst'
+
+
 def is_number(text):
     """Whether `text` reads as a number (NaN and infinities do)."""
     try:
@@ -132,7 +197,7 @@ def parse_iso(path, lines, label, cells):
         raise
     rest = np.array([float(m[3] or 0.0) - _zone(m) if m else np.nan for m in matches])
     seconds = np.where(np.isnat(stamps), 0, stamps.astype(np.int64)) + rest
-    outside = (seconds < -2208988800.0) | (seconds > 4102444800.0)
+    outside = (seconds < YEAR_1900) | (seconds > YEAR_2100)
     if outside.any():
         i = int(np.argmax(outside))
         raise ValueError(f'{path}, row {lines[i]}, column {label}: {cells[i][:40]!r} is outside '
