@@ -1,5 +1,7 @@
 """What an effect may depend on besides the direction: time, temperature, approach, reading, ..."""
 
+from functools import cached_property
+
 import numpy as np
 
 from .run import COLUMNS
@@ -7,10 +9,24 @@ from .terms import Trig
 from .units import wrap
 
 #: columns of a run that are no drivers of the user's own
-_KNOWN = set(COLUMNS) | {'az_raw', 'el_raw', 'pier_side', 'lst_h', 'ra', 'dec', 'row'}
+_KNOWN = set(COLUMNS) - {'pressure'} | {
+    'az_raw', 'el_raw', 'pier_side', 'lst', 'lst_h', 'ra', 'dec', 'row', 'run_hours'}
+#: runs that begin farther apart are of several nights, s
+_NIGHT = 12.0 * 3600.0
 _TURN = 2.0 * np.pi
 _SIDEREAL = _TURN / 86164.0905  # rad/s
 _J2000 = 946728000.0  # UTC seconds of 2000-01-01T12:00
+
+
+def _labels(run):
+    """Number of the run of each row, 0, 1, ..."""
+    return np.unique(run, return_inverse=True)[1]
+
+
+def _per_run(reduce, values, label):
+    out = np.full(label.max(initial=0) + 1, np.nan)
+    reduce.at(out, label, values)
+    return out
 
 
 class Context:
@@ -33,6 +49,8 @@ class Context:
     ``travel_az``/``travel_el`` (from the row before, rad), ``before_az``/``before_el``
     (approach of the row before), ``az_rate``/``el_rate`` (sidereal, where the site's latitude is
     known), ``pm_x``/``pm_y`` (proper motion on the sky of the Hipparcos star, arcsec a year).
+    The row before is the one before in time where the time of all rows is known. `of_run` adds
+    ``run_hours`` (since the first row of the same run, h): single rows do not tell it.
     """
 
     def __init__(self, az, el, columns=None, latitude=None, longitude=None):
@@ -65,6 +83,9 @@ class Context:
         context = cls(az, el, columns, **place)
         context.time_is_utc = run.meta.get('time_is_utc', True)
         context.raw_reading = run.meta.get('raw_reading', True)
+        hours = context._hours_of_run()
+        if hours is not None:
+            context.columns.setdefault('run_hours', hours)
         return context
 
     def __len__(self):
@@ -72,7 +93,10 @@ class Context:
 
     def at(self, az, el, **columns):
         """The same drivers at other directions; `columns` replaces some of them."""
-        out = Context(az, el, {**self.columns, **columns}, self.latitude, self.longitude)
+        kept = dict(self.columns)
+        if 'time' in columns or 'run' in columns:
+            kept.pop('run_hours', None)
+        out = Context(az, el, {**kept, **columns}, self.latitude, self.longitude)
         out.time_is_utc, out.raw_reading = self.time_is_utc, self.raw_reading
         return out
 
@@ -80,6 +104,14 @@ class Context:
         """Names of the numeric columns that are the user's own."""
         return [name for name, v in self.columns.items()
                 if name not in _KNOWN and np.asarray(v).dtype.kind in 'fiub']
+
+    def several_nights(self):
+        """Whether ``run_hours`` tells what ``time`` does not: the same again in every run."""
+        hours, time, run = (self.get(name) for name in ('run_hours', 'time', 'run'))
+        if hours is None or time is None or run is None or len(np.unique(run)) < 2:
+            return False
+        # runs of one night share its clock
+        return bool(np.ptp(_per_run(np.fmin, time, _labels(run))) > _NIGHT)
 
     def get(self, name):
         """Driver `name`, shape (n,), or None where it is not known at all."""
@@ -127,21 +159,45 @@ class Context:
 
     # ------------------------------------------------------------------------------- derived
 
-    def _starts(self):
-        """Mask of the rows that begin a run."""
-        starts = np.zeros(len(self), bool)
-        starts[:1] = True
+    @cached_property
+    def _sequence(self):
+        """Rows as they were observed, run after run, and which of these begin a run."""
+        label = np.zeros(len(self), int)
         run = self.columns.get('run')
         if run is not None:
-            run = np.broadcast_to(np.asarray(run), self.az.shape)
-            starts[1:] |= run[1:] != run[:-1]
-        return starts
+            label = _labels(np.broadcast_to(np.asarray(run), self.az.shape))
+        rows, time = np.arange(len(self)), self.get('time')
+        if time is not None and np.isfinite(time).all():
+            rows = np.lexsort((time, label))
+        starts = np.zeros(len(self), bool)
+        starts[:1] = True
+        starts[1:] |= np.diff(label[rows]) != 0
+        return rows, starts
+
+    def _from_before(self, value):
+        """`value(rows, rows before)` at its rows; NaN where a run begins."""
+        rows, starts = self._sequence
+        out = np.full(len(self), np.nan)
+        out[rows[1:]] = value(rows[1:], rows[:-1])
+        out[rows[starts]] = np.nan
+        return out
+
+    def _hours_of_run(self):
+        time = self.get('time')
+        if time is None:
+            return None
+        run = self.columns.get('run')
+        label = np.zeros(len(self), int) if run is None else _labels(run)
+        return (time - _per_run(np.fmin, time, label)[label]) / 3600.0
 
     def _derive_order(self):
-        starts = np.flatnonzero(self._starts())
+        rows, starts = self._sequence
+        starts = np.flatnonzero(starts)
         length = np.diff(np.append(starts, len(self)))
         position = np.arange(len(self)) - np.repeat(starts, length)
-        return position / np.repeat(np.maximum(length - 1, 1), length)
+        order = np.empty(len(self))
+        order[rows] = position / np.repeat(np.maximum(length - 1, 1), length)
+        return order
 
     def _derive_lst(self):
         hours = self.columns.get('lst_h')
@@ -171,19 +227,14 @@ class Context:
         angle = self.columns.get(f'{axis}_enc')
         if angle is None or np.ndim(angle) == 0 or len(self) < 2:
             return None
-        travel = np.full(len(self), np.nan)
-        travel[1:] = np.abs(wrap(np.diff(angle)))
-        travel[self._starts()] = np.nan
-        return travel
+        angle = np.asarray(angle)
+        return self._from_before(lambda rows, last: np.abs(wrap(angle[rows] - angle[last])))
 
     def _derive_before(self, axis):
         approach = self.get(f'approach_{axis}')
         if approach is None or len(self) < 2:
             return None
-        before = np.full(len(self), np.nan)
-        before[1:] = approach[:-1]
-        before[self._starts()] = np.nan
-        return before
+        return self._from_before(lambda _, last: approach[last])
 
     def _derive_az_rate(self):
         if self.latitude is None:

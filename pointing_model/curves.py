@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .effect_families import AXES, effect, family, make
+from .effect_families import AXES, DRIVER_WORDS, effect, family, make
 
 _TURN = 2.0 * np.pi
 #: drivers that are given waves and bumps; air, stars and columns of the file get splines only
@@ -42,8 +42,8 @@ def _smooth(axis, driver, shape, factor='1', within=None, **numbers):
     return make('smooth', {'axis': axis, 'driver': driver, 'shape': shape, 'factor': factor,
                             'within': within, **numbers},
                  f'smooth_of_{driver}_{axis}_{tail}' + ('_cosE' if factor == 'cosE' else ''),
-                 f'unknown cause: the {AXES[axis]} error follows the {driver} '
-                 f'({shape})', f'{shape} of {driver}'
+                 f'unknown cause: the {AXES[axis]} error follows the '
+                 f'{DRIVER_WORDS.get(driver, driver)} ({shape})', f'{shape} of {driver}'
                  + (' x cos E' if factor == 'cosE' else ''), driver, axis,
                  tuple(f'{shape[0]}{i + 1}' for i in range(count)), of, source='fall-back',
                  requires=() if driver in ('azimuth', 'elevation') else (driver,), kind='smooth',
@@ -92,7 +92,8 @@ def smooths(context, drivers=None):
     ----------
     context : Context
     drivers : sequence of str, optional
-        By default azimuth, elevation, time or order, temperature, magnitude, the user's own.
+        By default azimuth, elevation, time or order, for several nights the hours since the start
+        of each run, temperature, magnitude, the user's own.
 
     Returns
     -------
@@ -101,7 +102,9 @@ def smooths(context, drivers=None):
     """
     clock = 'time' if context.get('time') is not None else 'order'
     if drivers is None:
-        drivers = ['azimuth', 'elevation', clock, 'temperature', 'magnitude', *context.extra()]
+        drivers = ['azimuth', 'elevation', clock,
+                   *(['run_hours'] if context.several_nights() else []),
+                   'temperature', 'magnitude', *context.extra()]
     run = context.get('run')
     several = run is not None and len(np.unique(run)) > 1
     out = []

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .terms import TERMS
+from .terms import TERMS, ZERO, Trig
 from .units import ARCSEC, DEG
 
 _TURN = 2.0 * np.pi
@@ -172,6 +172,34 @@ def _terms(name):
                  source='TPOINT')
 
 
+#: name: (formula, driver that shows it)
+_TERM_COLUMNS = {
+    'IA': ('(cos E, 0)', 'elevation'), 'IE': ('(0, 1)', 'elevation'),
+    'CA': ('(1, 0)', 'elevation'), 'NPAE': ('(sin E, 0)', 'elevation'),
+    'AN': ('(sin A sin E, cos A)', 'azimuth'), 'AW': ('(cos A sin E, -sin A)', 'azimuth'),
+    'TF': ('(0, cos E)', 'elevation'), 'TX': ('(0, cot E)', 'elevation'),
+    'TX3': ('(0, cot^3 E)', 'elevation'), 'ECES': ('(0, sin E)', 'elevation'),
+    'HECE2': ('(0, cos 2E)', 'elevation'), 'HESE2': ('(0, sin 2E)', 'elevation'),
+    'ACEC': ('(cos A cos E, 0)', 'azimuth'), 'ACES': ('(sin A cos E, 0)', 'azimuth'),
+    'HACA2': ('(cos 2A cos E, 0)', 'azimuth'), 'HASA2': ('(sin 2A cos E, 0)', 'azimuth'),
+    'HECA': ('(0, cos A)', 'azimuth'), 'HESA': ('(0, sin A)', 'azimuth'),
+    'HECA2': ('(0, cos 2A)', 'azimuth'), 'HESA2': ('(0, sin 2A)', 'azimuth'),
+    'HVCA2': ('(cos 2A sin E, 0)', 'azimuth'), 'HVSA2': ('(sin 2A sin E, 0)', 'azimuth'),
+}
+
+
+@family
+def _term(name):
+    """A term of `terms.TERMS` that the declared model does not have, in first order."""
+    term, (formula, driver) = TERMS[name], _TERM_COLUMNS[name]
+    x, y = term.of(Trig(1.0, 0.5))
+    axes = 'el' if x is ZERO else 'az' if y is ZERO else 'both'
+    return make('term', {'name': name}, name,
+                 term.doc + (', or the latitude is wrong' if name == 'AN' else ''), formula, driver,
+                 axes, (name,), lambda c: [term.of(c.trig)], tpoint=term.tpoint_name,
+                 source='TPOINT' if term.tpoint_name else 'geometry')
+
+
 @family
 def _encoder(axis, order):
     """Harmonic of an encoder, `order` a turn."""
@@ -248,7 +276,8 @@ _DRIFT_OF = {
     'IA': ('azimuth zero', 'az'), 'IE': ('elevation zero', 'el'), 'CA': ('collimation', 'az'),
     'TF': ('flexure', 'el'), 'tilt': ('tilt of the azimuth axis', 'both'),
 }
-_DRIVER_WORDS = {'time': 'time', 'temperature': 'temperature', 'order': 'order of the rows'}
+#: drivers in words, where their name is not the word
+DRIVER_WORDS = {'order': 'order of the rows', 'run_hours': 'time since the start of the run'}
 
 
 def _pattern(of):
@@ -259,8 +288,9 @@ def _pattern(of):
 def _drift(of, driver, power=1, origin=0.0, scale=1.0, within=None):
     """A term x ((driver - origin) / scale)^power; the driver is held at the ends of `within`."""
     what, axes = _DRIFT_OF[of]
-    word = _DRIVER_WORDS.get(driver, driver)
-    symbol = {'time': 't', 'temperature': 'T', 'order': 'n'}.get(driver, driver)
+    word = DRIVER_WORDS.get(driver, driver)
+    symbol = {'time': 't', 'temperature': 'T', 'order': 'n',
+              'run_hours': '(t - start of the run)'}.get(driver, driver)
     names = _pattern(of)
 
     def columns(c):
@@ -268,7 +298,8 @@ def _drift(of, driver, power=1, origin=0.0, scale=1.0, within=None):
         u = ((u - origin) / scale) ** power
         return [(x * u, y * u) for x, y in (TERMS[n].of(c.trig) for n in names)]
 
-    unit = {'time': '/h', 'temperature': '/K', 'order': '/run'}.get(driver, f'/({scale:.4g})')
+    unit = {'time': '/h', 'run_hours': '/h', 'temperature': '/K', 'order': '/run'}.get(
+        driver, f'/({scale:.4g})')
     return make('drift',
                  {'of': of, 'driver': driver, 'power': power, 'origin': origin, 'scale': scale,
                   'within': within},

@@ -11,6 +11,7 @@ from pointing_model.effects import dictionary, effect, smooths, steps
 from pointing_model.fitted_effects import FittedEffect
 from pointing_model.harmonics import COUNT, Harmonics
 from pointing_model.model import PointingModel
+from pointing_model.terms import PHYSICAL
 from pointing_model.units import ARCSEC
 
 from .base import (
@@ -251,7 +252,8 @@ class _Work:
                              'coefficients and a residual; observe more or fit fewer terms')
         self.obs, self.base = obs, base
         self.start, left, feasible = linearised(obs, base)
-        effects, self.untestable = dictionary(obs.context)
+        effects, self.untestable = dictionary(
+            obs.context, [t for t in PHYSICAL if t not in base.terms], base.own)
         if base.own and {'IA', 'IE'} <= set(base.own):
             effects = [e for e in effects if e.family != 'run_zero']
         self.problem = Problem(columns, left, obs.inverse_sigma, None, None, robust)

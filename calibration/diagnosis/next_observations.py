@@ -77,6 +77,9 @@ def _grid(obs):
     time = obs.context.get('time')
     if time is not None:
         columns['time'] = np.nanmax(time) + 3600.0 * later
+        hours = obs.context.get('run_hours')
+        if hours is not None:
+            columns['run_hours'] = hours[np.nanargmax(time)] + later
     else:
         columns['order'] = np.ones_like(az)
     temperature = obs.context.get('temperature')

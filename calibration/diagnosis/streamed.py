@@ -90,7 +90,9 @@ def diagnose_streamed(chunks, base='physical', alpha=0.01, *, effects=None, enco
         raise ValueError('no observation in the stream')
     start, scale = _first_fit(first, base, encoder)
     if effects is None:
-        effects = dictionary(Context.of_run(first, encoder))[0]
+        # a chunk does not know when its run began
+        effects = [e for e in dictionary(Context.of_run(first, encoder))[0]
+                   if e.driver != 'run_hours']
     layout = _Layout(base.terms, effects)
     sums = _Sums(layout)
     for run in chunks():

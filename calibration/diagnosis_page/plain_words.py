@@ -4,6 +4,8 @@ import re
 
 import numpy as np
 
+from pointing_model.effect_families import DRIVER_WORDS
+
 AXIS = {'az': 'azimuth', 'el': 'elevation'}
 _ZERO = {'IA': 'The zero of the azimuth axis', 'IE': 'The zero of the elevation axis',
          'CA': 'The collimation', 'TF': 'The bending of the tube',
@@ -76,10 +78,12 @@ def _drift(e, v, span, _clock, _rms):
     p = e.parameters
     size = float(np.hypot.reduce(v))
     what = _ZERO[p['of']]
-    unit = {'time': 'an hour', 'temperature': 'a degree', 'order': 'over the run'}.get(
+    unit = {'time': 'an hour', 'run_hours': 'an hour in each run', 'temperature': 'a degree',
+            'order': 'over the run'}.get(
         p['driver'], f'over a typical change of {p["driver"]}')
     if p.get('power') == 2:
-        text = f'{what} moves with {p["driver"]} along a curve'
+        word = DRIVER_WORDS.get(p['driver'], p['driver'])
+        text = f'{what} moves with {word} along a curve'
         if span is not None:
             half = 0.5 * (span[1] - span[0]) / p.get('scale', 1.0)
             text += f', {arcsec(size * half**2)} between its middle and its ends'
@@ -177,7 +181,8 @@ def _decode_slip(e, _v, _span, _clock, _rms):
 
 def _smooth(e, _v, _span, _clock, _rms):
     p = e.parameters
-    return (f'The {AXIS[p["axis"]]} error follows the {p["driver"]} in a way that no known effect '
+    return (f'The {AXIS[p["axis"]]} error follows the '
+            f'{DRIVER_WORDS.get(p["driver"], p["driver"])} in a way that no known effect '
             'explains; a curve is added in its place')
 
 

@@ -16,6 +16,7 @@ _LEVELS = {'approach_az': {-1: 'anticlockwise', 0: 'unknown', 1: 'clockwise'},
 _LABELS = {
     'temperature': ('air temperature [°C]', 1.0), 'pressure': ('air pressure [hPa]', 1.0),
     'magnitude': ('magnitude of the star [mag]', 1.0),
+    'run_hours': ('hours since the start of the run [h]', 1.0),
     'order': ('place in the run [0 first, 1 last]', 1.0), 'run': ('number of the run', 1.0),
     'row': ('number of the row', 1.0), 'pier_side': ('side of the pier', 1.0),
     'lst': ('local sidereal time [h]', np.pi / 12.0), 'azimuth': ('azimuth [°]', DEG),

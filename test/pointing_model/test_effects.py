@@ -1,6 +1,7 @@
 """Candidate effects against independent geometry; what they do when a driver is missing."""
 
 import json
+import re
 
 import erfa
 import numpy as np
@@ -13,7 +14,7 @@ from pointing_model.effects import PERIODS, dictionary, effect, of_document, smo
 from pointing_model.fitted_effects import FittedEffect
 from pointing_model.model import PointingModel
 from pointing_model.run import PointingRun
-from pointing_model.terms import PHYSICAL, design
+from pointing_model.terms import PHYSICAL, TERMS, design, stacked_design
 from pointing_model.units import ARCSEC, DEG, wrap
 
 LATITUDE, LONGITUDE = 34.3 * DEG, 109.0 * DEG
@@ -388,12 +389,179 @@ def test_document_with_effects_to_the_bit():
         PointingModel.from_document(document)
 
 
+def run_at(az, el, noise=1.0, seed=3, **columns):
+    """A run with indices, a tilt and noise of the readings (arcsec)."""
+    rng = np.random.default_rng(seed)
+    return PointingRun({
+        'az': az, 'el': el, 'az_enc': az + 50.0 * ARCSEC + rng.normal(0.0, noise, len(az)) * ARCSEC,
+        'el_enc': el + rng.normal(0.0, noise, len(az)) * ARCSEC, **columns})
+
+
+def offered(run):
+    return {e.name for e in dictionary(Context.of_run(run))[0]}
+
+
 def test_stars_at_one_elevation_show_no_subdivision_of_its_encoder():
     """The reading then runs through the period by its own error alone."""
     rng = np.random.default_rng(3)
     az = rng.uniform(0.0, 2.0 * np.pi, 60)
     for el, shown in ((np.full(60, 0.7), False), (rng.uniform(0.4, 1.4, 60), True)):
-        noise = 5.0 * ARCSEC * rng.standard_normal(60)
-        run = PointingRun({'az': az, 'el': el, 'az_enc': az, 'el_enc': el + noise})
-        names = {e.name for e in dictionary(Context.of_run(run))[0]}
+        names = offered(run_at(az, el, 5.0))
         assert ('elevation_subdivision_grating_1' in names) == shown
+        assert 'azimuth_subdivision_grating_1' in names
+
+
+@pytest.mark.parametrize('fixed, noise', [([3.0], 1.0), ([3.0], 8.0), ([0.0], 1.0),
+                                          ([0.1, np.pi + 0.1], 1.0), ([0.3, 1.5, 2.7], 5.0)])
+def test_an_encoder_that_stays_shows_no_subdivision(fixed, noise):
+    """The places are spread by tilt and collimation; the readings by their noise alone."""
+    rng = np.random.default_rng(4)
+    el = rng.uniform(0.4, 1.4, 60)
+    az = np.resize(fixed, 60)
+    run = run_at(az + 60.0 * ARCSEC * rng.standard_normal(60), el)
+    run.columns['az_enc'] = az + noise * ARCSEC * rng.standard_normal(60)
+    names = offered(run)
+    assert 'elevation_subdivision_grating_1' in names
+    assert not any(name.startswith('azimuth_subdivision') for name in names)
+    reasons = dict(dictionary(Context.of_run(run))[1])
+    assert 'noise alone' in reasons['azimuth encoder subdivision (grating)']
+
+
+def test_a_level_of_single_rows_carries_no_effect():
+    rng = np.random.default_rng(5)
+    az, el = rng.uniform(0.0, 6.0, 40), rng.uniform(0.4, 1.4, 40)
+    for first, shown in (([0.0], False), ([-1.0, -1.0, 0.0], False), ([-1.0] * 3, True),
+                         ([np.nan, -1.0, -1.0, -1.0], True)):
+        sign = np.append(first, np.ones(40 - len(first)))
+        run = run_at(az, el, approach_el=sign, pier_side=sign)
+        names, reasons = offered(run), dict(dictionary(Context.of_run(run))[1])
+        for name in ('elevation_hysteresis', 'elevation_hysteresis_memory_3deg'):
+            assert (name in names) == shown, first
+        assert ('elevation hysteresis' in reasons) != shown
+        assert ('pier_side_az' in names) == shown
+        assert ('pier_side' in reasons) != shown
+    assert dict(dictionary(Context.of_run(run_at(
+        az, el, approach_el=np.append(0.0, np.ones(39)))))[1])['elevation hysteresis'] == \
+        'approach_el is -1 in only 0 of 40 rows'
+
+
+def test_the_row_before_is_the_one_before_in_time():
+    columns = make_columns()
+    columns['run'] = np.repeat([4, 9], 30)
+    sorted_run = Context.of_run(PointingRun(columns))
+    rows = np.random.default_rng(6).permutation(60)
+    mixed = {name: v[rows] for name, v in columns.items()}
+    for name in ('order', 'travel_az', 'travel_el', 'before_az', 'before_el', 'run_hours'):
+        np.testing.assert_array_equal(Context.of_run(PointingRun(mixed)).get(name),
+                                      sorted_run.get(name)[rows], name)
+    assert np.isnan(sorted_run.get('travel_az')[[0, 30]]).all()
+    # a time that is not known in some row: the order of the rows
+    mixed['time'] = np.append(np.nan, mixed['time'][1:])
+    mixed['run'] = columns['run']
+    travel = Context.of_run(PointingRun(mixed)).get('travel_el')
+    np.testing.assert_allclose(travel[1:30], np.abs(np.diff(mixed['el_enc'][:30])))
+    assert np.isnan(travel[[0, 30]]).all()
+
+
+def make_nights(gap_hours, n=30, nights=3):
+    rng = np.random.default_rng(8)
+    k = n * nights
+    time = np.concatenate([1.6e9 + i * gap_hours * 3600.0 + np.sort(rng.uniform(0.0, 7200.0, n))
+                           for i in range(nights)])
+    return run_at(rng.uniform(0.0, 6.0, k), rng.uniform(0.4, 1.4, k), time=time,
+                  run=np.repeat(np.arange(nights), n))
+
+
+def test_a_drift_of_every_night_has_a_driver_of_its_own():
+    run = make_nights(24.0)
+    context = Context.of_run(run)
+    hours = context.get('run_hours')
+    assert (hours[::30] == 0.0).all() and hours.max() < 2.0
+    assert hours[40] == pytest.approx((run['time'][40] - run['time'][30]) / 3600.0)
+    effects = dictionary(context)[0]
+    names = {e.name for e in effects}
+    for clock in ('time', 'run_hours'):
+        assert {f'{t}_with_{clock}' for t in (
+            'azimuth_zero', 'elevation_zero', 'tilt', 'flexure', 'collimation',
+            'azimuth_zero', 'elevation_zero')} <= names
+        assert f'elevation_zero_with_{clock}_squared' in names
+    # where each run has zeros of its own, their linear drifts are the same
+    own = {e.name for e in dictionary(context, own=('IA', 'IE'))[0]}
+    assert names - own == {'azimuth_zero_with_time', 'elevation_zero_with_time'}
+    assert {e.driver for e in smooths(context)} >= {'time', 'run_hours'}
+    drift = next(e for e in effects if e.name == 'elevation_zero_with_run_hours')
+    assert drift.unit == 'arcsec/h'
+    # another night, alone; a pointing does not know when its run began
+    alone = PointingRun({n: v[30:60] for n, v in run.columns.items() if n != 'run'})
+    np.testing.assert_allclose(drift.columns(Context.of_run(alone)),
+                               drift.columns(context)[..., 30:60], atol=1e-12)
+    assert not drift.columns(Context(0.3, 0.5, {'time': 1.6e9})).any()
+    later = context.at(context.az, context.el, time=run['time'] + 3600.0)
+    assert later.get('run_hours') is None and context.get('run_hours') is not None
+    assert context.at(context.az, context.el).get('run_hours') is not None
+
+
+@pytest.mark.parametrize('run', [
+    make_nights(3.0), make_nights(24.0, nights=1),
+    PointingRun({n: v for n, v in make_nights(24.0).columns.items() if n != 'run'}),
+    PointingRun({n: v for n, v in make_nights(24.0).columns.items() if n != 'time'})])
+def test_one_night_and_one_run_have_one_clock(run):
+    context = Context.of_run(run)
+    candidates = dictionary(context)[0] + smooths(context)
+    assert not [e.name for e in candidates if e.driver == 'run_hours']
+
+
+def test_terms_that_the_base_lacks():
+    context = make_context()
+    plain = dictionary(context)[0]
+    effects = dictionary(context, lacking=tuple(TERMS))[0]
+    terms = {e.name: e for e in effects if e.family == 'term'}
+    # the columns of these three are there under other names, as is the latitude's
+    assert set(terms) == set(TERMS) - {'TX', 'TX3', 'ECES'}
+    assert {e.name for e in plain} - {e.name for e in effects} == {
+        'latitude', 'elevation_axis_wobble_1', 'elevation_axis_wobble_2'}
+    assert dict(dictionary(context, lacking=['NPAE', 'TF'])[1])['elevation axis wobble'] == \
+        'it looks like terms that the model lacks: NPAE'
+    assert dictionary(context, lacking=['TF'])[0] == [effect('term', name='TF'), *plain]
+    for name, e in terms.items():
+        columns = e.columns(context)
+        np.testing.assert_array_equal(columns.reshape(1, -1),
+                                      stacked_design([name], context.az, context.el))
+        assert e.tpoint == name and e.driver in ('azimuth', 'elevation') and e.cause
+        assert e.axes == ('both' if columns.any(axis=(0, 2)).all() else
+                          'az' if columns[0, 0].any() else 'el')
+        # the formula, read as it is
+        s = {'sin': np.sin, 'cos': np.cos}
+        for column, text in zip(columns[0], e.formula.strip('()').split(', ')):
+            value = 1.0
+            for f, k, of in re.findall(r'(sin|cos) (\d?)([AE])', text):
+                value = value * s[f](int(k or 1) * (context.az if of == 'A' else context.el))
+            value = 0.0 if text == '0' else -value if text.startswith('-') else value
+            np.testing.assert_allclose(column, value, atol=1e-12)
+    with pytest.raises(ValueError, match='effect term.*NOPE'):
+        dictionary(context, lacking=('NOPE',))
+
+
+def test_a_lacking_term_acts_as_the_base_would():
+    value = 18.0
+    model = PointingModel({'IA': 0.0, 'CA': 0.0}, effects=[fitted('term', [value], name='NPAE')])
+    full = PointingModel({'IA': 0.0, 'CA': 0.0, 'NPAE': value * ARCSEC})
+    az, el = RNG.uniform(0.0, 6.0, 20), RNG.uniform(0.3, 1.2, 20)
+    for one, two in zip(model.offsets(az, el), full.offsets(az, el)):
+        assert np.abs(one - two).max() < 0.01 * ARCSEC
+    again = PointingModel.from_json(model.to_json())
+    assert again.effects[0].effect == effect('term', name='NPAE')
+    assert again.to_json() == model.to_json()
+
+
+def test_air_pressure_is_a_driver_and_the_sidereal_time_is_none_of_the_users_own():
+    pressure = np.linspace(740.0, 745.0, 60)
+    context = make_context(pressure=pressure, lst=np.linspace(0.1, 1.0, 60))
+    assert context.extra() == ['humidity_pct', 'pressure']
+    assert {'pressure_az', 'pressure_az_angle', 'pressure_el'} <= {
+        e.name for e in dictionary(context)[0]}
+    assert 'pressure' in {e.driver for e in smooths(context)}
+    reasons = dict(dictionary(make_context(pressure=np.full(60, 740.0)))[1])
+    assert reasons['pressure'] == 'pressure does not vary'
+    hours = make_context(lst_h=np.full(60, 6.0)).get('lst')
+    assert np.allclose(hours, np.pi / 2.0)
