@@ -104,6 +104,8 @@ class NightSeries:
         """
         if stamp < self.last_stamp or len(run) <= len(self):
             return
+        calibrated = {number for number, session in self._sessions.items()
+                      if number in session.zeros}
         for known in (self._sessions, self._models, self._zeros, self._rows):
             known.clear()
         for number in np.unique(run['run']):
@@ -114,6 +116,10 @@ class NightSeries:
                     self.fit()
             self.last_stamp = 0
             self.add(run.select(run['run'] == number), stamp)
+        # tonight's too, if it had been: a table may overtake the last row before the fit
+        if self.newest in calibrated:
+            with suppress(ValueError):
+                self.calibrate_zero()
 
     def calibrate_zero(self):
         """Zero of tonight; see `CalibrationSession.calibrate_zero`."""

@@ -6,8 +6,10 @@ from rcl_interfaces.srv import GetParameters, ListParameters
 from rclpy.node import NodeNameNonExistentError
 from rclpy.parameter import parameter_value_to_python
 
-#: calls of `step` after which a node that does not answer is left alone
+#: calls of `step` after which another node is asked before one that does not answer
 PATIENCE = 20
+#: times that a node is asked
+TRIES = 5
 #: prefix of the MCAP metadata record of a node
 RECORD = 'parameters '
 
@@ -28,6 +30,7 @@ class ParameterCollector:
         self._take = take
         self._known = {node.get_fully_qualified_name()}
         self._waiting = []
+        self._tries = {}
         self._client = None
         self._patience = 0
 
@@ -42,11 +45,14 @@ class ParameterCollector:
             self._patience -= 1
             if self._patience < 0:
                 self._drop()
+                if self._tries[self._name] < TRIES:
+                    self._waiting.append(self._name)
             elif self._ask is not None and self._client.service_is_ready():
                 ask, self._ask = self._ask, None
                 ask()
         if self._client is None and self._waiting:
             self._name = self._waiting.pop(0)
+            self._tries[self._name] = self._tries.get(self._name, 0) + 1
             self._begin(ListParameters, 'list_parameters', ListParameters.Request(), self._listed)
 
     def _answers(self, name, namespace, full):

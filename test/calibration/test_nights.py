@@ -188,6 +188,23 @@ def test_a_calibration_started_anew_has_the_references_of_the_nights_before():
     assert late.fit()[1]['nights'] == report['nights']
 
 
+def test_a_table_that_overtakes_the_last_row_leaves_the_zero():
+    nights = [night(run) for run in (-1, 0, 1)]
+    reports = []
+    for overtaken in (False, True):
+        series = NightSeries(2)
+        for number, rows in enumerate(nights):
+            last = number == 2 and overtaken
+            series.add(rows.select(slice(0, -1)) if last else rows, 10 * number + 9)
+            series.calibrate_zero()
+            if last:
+                series.take_table(PointingRun.concatenate(nights), 30)
+            _, report = series.fit()
+        reports.append(report)
+    assert [row['night'] for row in reports[1]['nights']] == [1]
+    assert reports[1]['nights'] == reports[0]['nights']
+
+
 def test_nothing_observed_is_said():
     for work in (NightSeries(2).calibrate_zero, NightSeries(2).fit):
         with pytest.raises(ValueError, match='observe first'):
