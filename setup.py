@@ -18,11 +18,17 @@ def nodes():
     raise ValueError('telescope_mount/graph.py has no NODES')
 
 
+def readme():
+    """Text of README.md; `colcon build --symlink-install` builds where it is not."""
+    path = Path(__file__).resolve().parent / 'README.md'
+    return path.read_text(encoding='utf-8') if path.is_file() else ''
+
+
 setup(
     name=NAME,
     version='0.1.0',
     description='Measures a telescope mount: encoders, pointing model, calibration, MCAP logs',
-    long_description=Path('README.md').read_text(encoding='utf-8'),
+    long_description=readme(),
     long_description_content_type='text/markdown',
     license='Apache-2.0',
     maintainer='telescope_mount developers',

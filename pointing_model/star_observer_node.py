@@ -317,9 +317,12 @@ class StarObserver(MountNode):
 
     def _do_polaris(self, block, count):
         self._check_polaris()
+        rows = len(self._rows)
         for _ in range(count):
             yield from self._observe(self._polaris, block)
             self._progress['done'] += 1
+        if len(self._rows) == rows:  # a zero now would be that of an earlier power-on
+            raise PlanError(f'none of {count} exposures shows Polaris: look at sky, site and time')
 
     def _check_polaris(self):
         if self._polaris is None:

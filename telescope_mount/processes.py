@@ -214,12 +214,13 @@ class Processes:
             environment=self.environment, log=str(self.folder / f'{spec.name}.log'))
 
     def last_words(self, name):
-        """The last line that a node wrote, '' for none."""
+        """The last line that a node wrote and that is no message of its log, '' for none."""
         try:
             lines = (self.folder / f'{name}.log').read_text(errors='replace').split('\n')
         except OSError:
             return ''
-        return next((line.strip() for line in reversed(lines) if line.strip()), '')
+        return next((line.strip() for line in reversed(lines)
+                     if line.strip() and not line.startswith(('[INFO]', '[WARN]', '[DEBUG]'))), '')
 
     def check(self):
         """Raise RuntimeError with a node's own words if one has ended."""

@@ -26,6 +26,16 @@ def test_ours(ours):
     assert json.loads(bag.read_attachment('model.json'))['format'].startswith('telescope_mount')
 
 
+def test_it_is_verified():
+    pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportError)
+    from telescope_mount.verify import verify_log
+    result = verify_log(SAMPLE)
+    assert set(result['checked']) >= {'offset', 'zero', 'report', 'model'}
+    # the last bit may be another on another processor; what is there may not
+    assert not any('only in one' in line for line in result['differences'])
+    assert result['unchecked'] == []
+
+
 def test_metadata_in_the_order_of_rosbag2():
     info = yaml.safe_load((SAMPLE / 'metadata.yaml').read_text())['rosbag2_bagfile_information']
     assert list(info) == [

@@ -468,6 +468,15 @@ def test_polaris_below_the_limit_ends_the_plan(graph):
     assert 'below min_elevation_deg = 20.0' in night.until('failed', 'Polaris stands at -')
 
 
+def test_no_polaris_in_the_field_ends_the_plan_before_the_zero(graph):
+    Instruments(graph, miss=lambda *_: np.full(2, np.nan))
+    asked = []
+    graph.service('calibrate_zero', lambda: (asked.append(1) or True, 'the zero of yesterday'))
+    night = Night(graph, 'polaris 2, calibrate_zero')
+    assert 'none of 2 exposures shows Polaris' in night.until('failed')
+    assert not asked and not night.rows
+
+
 def test_no_star_visible_ends_the_plan(graph):
     Instruments(graph)
     night = Night(graph, 'stars 5', min_elevation_deg=84.5, magnitude_limit=-1.0)

@@ -57,6 +57,17 @@ def test_a_node_lives_under_its_name_and_ends_cleanly(processes):
     assert not any(os.path.exists(f'/proc/{pid}') for pid in pids.values())
 
 
+def test_what_a_node_logged_on_its_way_is_no_reason_for_its_end(processes):
+    processes.start(spec('camera'))
+    ready(processes, 'camera')
+    with open(processes.folder / 'camera.log', 'a') as log:
+        log.write('[INFO] [1.0] [mount.camera]: all is well\n')
+    processes.running['camera'].send_signal(signal.SIGKILL)
+    processes.running['camera'].wait(60)
+    with pytest.raises(RuntimeError, match='node camera ended with code -9'):
+        processes.check()
+
+
 def test_bad_input_is_told_in_the_nodes_own_words(processes):
     processes.start(spec('camera', exposure_s=-1.0))
     assert processes.running['camera'].wait(60.0) == 2
