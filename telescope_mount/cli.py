@@ -1,10 +1,15 @@
 """The command `telescope-mount`."""
 
 import argparse
+import os
 import sys
 from pathlib import Path
 
 from .diagnose import add_arguments as add_diagnose_arguments
+
+# before numpy comes: with matrices as small as ours threads only stand in each other's way
+for _name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS'):
+    os.environ.setdefault(_name, '1')
 
 
 class _Parser(argparse.ArgumentParser):
