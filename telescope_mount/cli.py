@@ -114,6 +114,8 @@ def _parser():
                      help='which pair of encoder columns (default: enc)')
     fit.add_argument('--azimuth-origin', choices=('N', 'S'),
                      help='where azimuth 0 is in a TPOINT file')
+    fit.add_argument('--run', dest='run_number', type=_whole(-10**6, 10**6), metavar='N',
+                     help='of several runs in the file (column run) the one of this number')
     fit.add_argument('--no-robust', action='store_true', help='plain least squares')
     fit.add_argument('--save', type=Path, metavar='FILE', help='write the model (.json, .yaml)')
     fit.set_defaults(run=_fit)
@@ -362,6 +364,7 @@ def _fit(args):
     from .runs import load_run
     names = tuple(name.strip() for name in args.terms.split(',') if name.strip())
     run = load_run(args.file, azimuth_origin=args.azimuth_origin)
+    run = _one_run(run, args)
     if f'az_{args.encoder}' not in run:
         raise ValueError(f'{args.file} has no second encoder; leave out --encoder {args.encoder}')
     result = fit_terms(run, names, robust=not args.no_robust, encoder=args.encoder,
@@ -376,6 +379,23 @@ def _fit(args):
     if args.save:
         result.model.save(args.save)
         console.print(f'model         {args.save}')
+
+
+def _one_run(run, args):
+    """The run asked for; of several that are fitted as one a note says so."""
+    numbers = sorted(set(run['run'].tolist())) if 'run' in run else []
+    if args.run_number is not None:
+        rows = run.get('run') == args.run_number
+        if not rows.any():
+            there = ', '.join(f'{n:g}' for n in numbers) or 'no column run'
+            raise ValueError(f'{args.file}: no run {args.run_number} (there: {there})')
+        return run.select(rows)
+    # in logs of ours the zeros of the power-ons are known, and taken off
+    if len(numbers) > 1 and not (args.file.is_dir() or args.file.suffix == '.mcap'):
+        run.meta['notes'] = [*run.meta.get('notes', ()), f'{len(numbers)} runs (column run) '
+                             'fitted as one, with one zero: take one with --run N, or diagnose, '
+                             'which fits zeros to each']
+    return run
 
 
 def _diagnose(args):

@@ -149,8 +149,23 @@ def test_fit_reads_the_log_of_a_night(night, cli):
     assert done.returncode == 0, done.stderr
     assert '16 rows' in done.stdout
     assert '8 exposures of Polaris left out' in done.stdout
+    assert 'fitted as one' not in done.stdout
     from_csv = cli('fit', night / 'observations.csv', '--encoder', 'abs')
     assert from_csv.returncode == 0, from_csv.stderr
+    assert '2 runs (column run) fitted as one' in from_csv.stdout
+
+
+def test_fit_takes_one_run_of_several(capsys, run_csv):
+    from msg_tools.run_files import read_run, write_csv
+    run = read_run(run_csv)
+    run.columns['run'] = np.repeat([1, 2], 30)
+    run.columns['el_enc'] = run['el_enc'] + 300.0 * ARCSEC * (run['run'] == 2)
+    write_csv(run, run_csv)
+    _, out, _ = main(capsys, 'fit', run_csv)
+    assert '60 rows' in out and 'fitted as one' in out
+    _, out, _ = main(capsys, 'fit', run_csv, '--run', 2)
+    assert '30 rows' in out and 'fitted as one' not in out
+    assert 'no run 7 (there: 1, 2)' in one_line(capsys, 'fit', run_csv, '--run', 7)
 
 
 def test_fit_refuses_what_it_cannot_read(capsys, run_csv, tmp_path):
