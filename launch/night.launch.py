@@ -19,6 +19,7 @@ from launch import LaunchDescription
 from msg_tools import NAMESPACE
 from pointing_model.plan import night_plan
 from telescope_mount.graph import night_graph
+from telescope_mount.threads import ONE_THREAD
 
 ARGUMENTS = (
     ('bag', 'night_bag', 'folder of the log; it must not exist'),
@@ -34,9 +35,7 @@ ARGUMENTS = (
 ENVIRONMENT = {
     # opening the graph to the network is the user's explicit choice
     'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-    # eight small processes share the cores: threads of BLAS only get in each other's way
-    'OMP_NUM_THREADS': '1',
-    'OPENBLAS_NUM_THREADS': '1',
+    **ONE_THREAD,
 }
 
 

@@ -6,10 +6,9 @@ import sys
 from pathlib import Path
 
 from .diagnose import add_arguments as add_diagnose_arguments
+from .threads import ONE_THREAD
 
-# before numpy comes: with matrices as small as ours threads only stand in each other's way
-for _name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS'):
-    os.environ.setdefault(_name, '1')
+os.environ.update(ONE_THREAD | os.environ)  # before numpy comes
 
 
 class _Parser(argparse.ArgumentParser):

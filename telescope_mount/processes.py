@@ -14,8 +14,7 @@ import yaml
 
 from msg_tools import NAMESPACE
 
-#: eight small processes share the cores: threads of BLAS only get in each other's way
-_ONE_THREAD = {'OMP_NUM_THREADS': '1', 'OPENBLAS_NUM_THREADS': '1'}
+from .threads import ONE_THREAD
 
 #: Without it a participant that starts between two announcements of another may wait for the
 #: next one, and a writer that asks for acknowledgement for its next heartbeat: 3 s by default.
@@ -107,7 +106,7 @@ class Nursery:
             self._process = subprocess.Popen(
                 [sys.executable, '-m', 'telescope_mount.nursery'], stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE, stderr=file, start_new_session=True,
-                env={**os.environ, **_ONE_THREAD, 'PYTHONUNBUFFERED': '1'})
+                env={**os.environ, **ONE_THREAD, 'PYTHONUNBUFFERED': '1'})
         self._text = b''
         self._nodes = {}
         self._started = []
@@ -198,7 +197,7 @@ class Processes:
         self.environment.update(dds_environment(self.folder, domain),
                                 ROS_LOG_DIR=str(self.folder))
         self.environment.update(
-            {key: value for key, value in _ONE_THREAD.items() if key not in self.environment})
+            {key: value for key, value in ONE_THREAD.items() if key not in self.environment})
         # at once: it imports while the caller does
         self._nursery = Nursery(self.folder / 'nursery.log')
 

@@ -8,9 +8,9 @@ import time
 
 import pytest
 
-# before numpy comes, and for the processes that are started: small matrices want no threads
-for _name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS'):
-    os.environ.setdefault(_name, '1')
+from telescope_mount.threads import ONE_THREAD
+
+os.environ.update(ONE_THREAD | os.environ)  # before numpy comes, and for what is started
 
 PATIENCE = 60.0  # s until a test gives up waiting; far more than the slowest machine needs
 

@@ -42,7 +42,7 @@ _LONG = 1500  # rows
 _RUNS = 4  # from which whole runs are left out
 _NOT_REPEATED = ('More is beyond chance, but it does not hold from run to run, so it is not added '
                  '(the notes have the names): what the rows of one run share looks like an effect.')
-_CAUTION = ('But where whole {} are left out, they are predicted worse than without any effect '
+_CAUTION = ('But where {} are left out, they are predicted worse than without any effect '
             '({:.2f}\u2033 to {:.2f}\u2033): what was found may hold for these observations alone. '
             'Judge it on another run (--holdout) before you use it there.')
 

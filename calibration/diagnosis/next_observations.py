@@ -43,12 +43,12 @@ def propose(problem, obs, base, found, stands, count=_COUNT):
         None: at any time), ``separates`` (two names), and ``separation_before``,
         ``separation_after`` (expected delta BIC between them, all proposals so far included).
     """
-    out = []
+    out, grid = [], _grid(obs)
     for i, (choice, stand) in enumerate(zip(found.chosen, stands)):
         others = [c.effect(problem) for j, c in enumerate(found.chosen) if j != i]
         for rival in [] if choice.curve else stand.alternatives[:_RIVALS]:
             pair = choice.effect(problem), problem.dictionary.effects[rival]
-            proposals = _separate(problem, obs, base, found, pair, others, count)
+            proposals = _separate(problem, obs, base, found, pair, others, grid, count)
             last = proposals[-1]
             if last['separation_after'] > last['separation_before'] + _WORTH:
                 out += proposals
@@ -105,8 +105,8 @@ def _forecast(time, temperature, then, n):
     return np.clip(guess, temperature[good].min() - 5.0, temperature[good].max() + 5.0)
 
 
-def _separate(problem, obs, base, found, pair, others, count):
-    context, later, short = _grid(obs)
+def _separate(problem, obs, base, found, pair, others, grid, count):
+    context, later, short = grid
     n, m = problem.n, len(context)
     state = found.state
     # the grid is observed in the last run, with its terms

@@ -190,12 +190,11 @@ def effect_sentences(diagnosis):
 
 def _row_names(obs):
     star = obs.run.get('star', '') if 'star' in obs.run else None
-    lines = obs.run.meta.get('lines')
-    if lines is not None and len(obs.rows) and obs.rows.max() < len(lines) \
-            and len(_sources(obs)) == 1:
-        texts = [f'line {lines[row]}' for row in obs.rows.tolist()]
-    else:
-        texts = [f'observation {row + 1}' for row in obs.rows.tolist()]
+    word = 'row' if obs.run.meta.get('lines') is None else 'line'
+    texts = [f'{word} {line}' for line in obs.lines.tolist()]
+    if len(_sources(obs)) > 1:
+        texts = [f'{PurePath(str(source)).name} {text}'
+                 for source, text in zip(obs.sources, texts)]
     if star is None:
         return texts
     return [f'{text}, star {name:g}' if isinstance(name, float) else f'{text}, star {name}'
