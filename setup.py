@@ -4,9 +4,11 @@ import ast
 from glob import glob
 from pathlib import Path
 
-from setuptools import setup
+from setuptools import find_packages, setup
 
 NAME = 'telescope_mount'
+PARTS = ('encoder_sim', 'encoder_reading', 'pointing_model', 'calibration', 'msg_tools',
+         'telescope_mount')
 
 
 def nodes():
@@ -33,11 +35,7 @@ setup(
     license='Apache-2.0',
     maintainer='telescope_mount developers',
     maintainer_email='maintainers@telescope-mount.example.org',
-    packages=[
-        'encoder_sim', 'pointing_model', 'calibration', 'calibration.diagnosis',
-        'calibration.diagnosis_page', 'msg_tools', 'msg_tools.bag', 'msg_tools.run_files',
-        'telescope_mount',
-    ],
+    packages=find_packages(include=[f'{part}*' for part in PARTS]),
     package_data={
         'calibration': ['data/*'],
         'encoder_sim': ['scenarios/*.yaml'],

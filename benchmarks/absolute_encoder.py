@@ -41,7 +41,7 @@ from encoder_sim.indexing_table import SCALES, IndexingTable  # noqa: E402
 from encoder_sim.paper_reading import PaperReader, sine_start  # noqa: E402
 from encoder_sim.readings import CORRECTED, REJECTED  # noqa: E402
 from encoder_sim.template_reading import TemplateReader  # noqa: E402
-from pointing_model.units import ARCSEC, wrap  # noqa: E402
+from msg_tools.units import ARCSEC, wrap  # noqa: E402
 
 _TURN = 2.0 * np.pi
 BATCH = 64

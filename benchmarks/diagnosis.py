@@ -28,12 +28,12 @@ from calibration.diagnosis.base import observations
 from calibration.diagnosis.candidates import orthonormal
 from calibration.diagnosis.diagnosis import _Work as Work
 from calibration.diagnosis.streamed import diagnose_streamed
-from msg_tools.run_files import read_run
+from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model import geometry
 from pointing_model.effects import dictionary
 from pointing_model.run import PointingRun
+from pointing_model.run_files import read_run
 from pointing_model.terms import PHYSICAL, STANDARD6, stacked_design
-from pointing_model.units import ARCSEC, DEG, wrap
 
 TRUTH = dict(zip(PHYSICAL, np.array([20.0, -35.0, 25.0, -18.0, 30.0, -22.0, 15.0]) * ARCSEC))
 SITE = {'latitude': 34.3 * DEG, 'longitude': 109.0 * DEG}

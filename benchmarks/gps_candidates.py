@@ -15,9 +15,9 @@ from calibration.report import new_table
 from calibration.satellite_candidates import Assumptions, track_effects
 from calibration.satellite_check import PAPER, plot_gps
 from calibration.satellite_search import candidate_report, report_rows
+from msg_tools.units import DEG
 from pointing_model.elements import GPS_26690, parse_elements
 from pointing_model.satellite import passes, satellite_place
-from pointing_model.units import DEG
 
 NOISE = 1.0  # arcsec on each axis, of the curves drawn
 

@@ -16,8 +16,8 @@ import numpy as np
 
 from calibration.diagnosis import diagnose
 from calibration.experiment_report import PAPER_TABLE_1
+from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.run import PointingRun
-from pointing_model.units import ARCSEC, DEG, wrap
 from telescope_mount.encoder_test import TABLE_2_MEASURED, TABLE_2_STANDARD
 from telescope_mount.runs import load_run, load_runs
 

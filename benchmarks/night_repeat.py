@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from msg_tools.run_files import read_run
-from pointing_model.units import ARCSEC
+from msg_tools.units import ARCSEC
+from pointing_model.run_files import read_run
 from telescope_mount.night import NightOptions, run_night
 
 

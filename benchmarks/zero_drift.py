@@ -24,9 +24,9 @@ from encoder_sim.geometry import MountGeometry, azimuth_elevation
 from encoder_sim.incremental import IncrementalEncoder
 from encoder_sim.mount import HOME_ATTEMPTS, SimulatedMount
 from encoder_sim.scenario_file import load_scenario
+from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.catalogue import POLARIS_HIP
 from pointing_model.run import PointingRun
-from pointing_model.units import ARCSEC, DEG, wrap
 
 AXES = ('azimuth', 'elevation')
 STARS, EXPOSURES, PACE = 30, 16, 14.0

@@ -12,8 +12,9 @@ from std_srvs.srv import Trigger
 
 from msg_tools import convert, topics
 from msg_tools.node import NO_SUBSCRIPTION_EVENTS, MountNode, Param, run_node
+from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
-from pointing_model.units import ARCSEC, DEG
+from pointing_model.run_messages import cloud_to_run
 
 from .nights import NightSeries
 from .session import CalibrationSession
@@ -81,13 +82,13 @@ class Calibration(MountNode):
         self._say('collecting')
 
     def _on_observation(self, message):
-        self._session.add(convert.cloud_to_run(message),
+        self._session.add(cloud_to_run(message),
                           convert.from_stamp(message.header.stamp))
         self._say('collecting')
 
     def _on_table(self, message):
         if message.width:
-            self._session.take_table(convert.cloud_to_run(message),
+            self._session.take_table(cloud_to_run(message),
                                      convert.from_stamp(message.header.stamp))
             self._say('collecting')
 

@@ -5,11 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from msg_tools.units import ARCSEC, wrap
 from pointing_model import geometry as rotation
 from pointing_model.harmonics import COUNT, Harmonics, basis, sky_factor
 from pointing_model.model import PointingModel, zero_angles
 from pointing_model.terms import PHYSICAL, known_terms, stacked_design
-from pointing_model.units import ARCSEC, wrap
 
 from .least_squares import (
     TOLERANCE,

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pointing_model.units import ARCSEC
+from msg_tools.units import ARCSEC
 
 TOLERANCE = 1e-9 * ARCSEC  # of an iteration, on the sky
 # of the normal matrix, scaled to a unit diagonal:

@@ -8,9 +8,9 @@ from contextlib import suppress
 
 import numpy as np
 
+from msg_tools.units import ARCSEC
 from pointing_model.catalogue import POLARIS_HIP
 from pointing_model.terms import design
-from pointing_model.units import ARCSEC
 
 from .fit import fit_harmonics
 from .kept_out import for_fitting, is_kept_out

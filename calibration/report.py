@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from msg_tools.units import ARCSEC, DEG
 from pointing_model.catalogue import POLARIS_HIP
-from pointing_model.units import ARCSEC, DEG
 
 from .session import RAW
 

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from msg_tools.units import ARCSEC, wrap
 from pointing_model.earth import TURN_RATE
 from pointing_model.satellite import (
     Corrections,
@@ -25,7 +26,6 @@ from pointing_model.satellite import (
 )
 from pointing_model.sky import DEFAULT_SITE, DEFAULT_WEATHER
 from pointing_model.terms import TERMS
-from pointing_model.units import ARCSEC, wrap
 
 _MOUNT = ('IA', 'IE', 'CA', 'NPAE', 'AN', 'AW', 'TF')
 

@@ -7,7 +7,7 @@ subject of `satellite_candidates`.
 
 import numpy as np
 
-from pointing_model.units import ARCSEC, DEG
+from msg_tools.units import ARCSEC, DEG
 
 #: The four numbers of each curve in paper 000 (azimuth, elevation), in the keys of gps.json.
 PAPER = {

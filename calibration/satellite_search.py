@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from msg_tools.units import DEG
 from pointing_model.satellite import passes, satellite_place
 from pointing_model.sky import DEFAULT_SITE, DEFAULT_WEATHER
-from pointing_model.units import DEG
 
 from .satellite_candidates import (
     CANDIDATES,

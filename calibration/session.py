@@ -2,11 +2,11 @@
 
 import numpy as np
 
+from msg_tools.units import ARCSEC
 from pointing_model.catalogue import POLARIS_HIP
 from pointing_model.model import PointingModel
 from pointing_model.run import PointingRun
 from pointing_model.terms import PHYSICAL
-from pointing_model.units import ARCSEC
 
 from .check import split_half
 from .fit import fit_harmonics, fit_terms, rms_arcsec

@@ -5,11 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from msg_tools.units import ARCSEC, wrap
 from pointing_model.catalogue import POLARIS_HIP
 from pointing_model.model import PointingModel
 from pointing_model.run import PointingRun
 from pointing_model.terms import design
-from pointing_model.units import ARCSEC, wrap
 
 from .fit import fit_terms
 from .step_scan import (

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pointing_model.units import ARCSEC, wrap
+from msg_tools.units import ARCSEC, wrap
 
 from .witness_night import (
     ABSOLUTE,

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
 from pointing_model.run import PointingRun
 from pointing_model.terms import PHYSICAL, design
-from pointing_model.units import ARCSEC
 
 from .fit import fit_terms
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pointing_model.units import DEG
+from msg_tools.units import DEG
 
 from .scenario import AxisLimits
 

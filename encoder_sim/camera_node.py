@@ -6,9 +6,9 @@ import numpy as np
 
 from msg_tools import convert, topics
 from msg_tools.node import MountNode, Param, run_node
+from msg_tools.units import ARCSEC, wrap
 from pointing_model.sky_params import SKY_PARAMS, sky_of
 from pointing_model.target import satellite_target
-from pointing_model.units import ARCSEC, wrap
 
 from .camera import Camera
 from .device_params import DEVICE_PARAMS, parse_utc

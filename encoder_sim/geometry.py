@@ -11,7 +11,7 @@ direction of rising azimuth, its up that of rising elevation.
 
 import numpy as np
 
-from pointing_model.units import wrap
+from msg_tools.units import wrap
 
 RIGHT, FORWARD, UP = 0, 1, 2
 

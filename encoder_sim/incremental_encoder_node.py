@@ -8,7 +8,7 @@ from std_srvs.srv import Trigger
 
 from msg_tools import convert, topics
 from msg_tools.node import MountNode, run_node
-from pointing_model.units import ARCSEC
+from msg_tools.units import ARCSEC
 
 from .device_params import DEVICE_PARAMS, MAX_RATE, Decimator, parse_utc
 from .incremental import IncrementalEncoder

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from pointing_model.units import ARCSEC, wrap
+from msg_tools.units import ARCSEC, wrap
 
 from .ccd import INVERSION, LinearCCD
 from .disc import Disc

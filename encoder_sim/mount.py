@@ -4,7 +4,7 @@ from collections import OrderedDict
 
 import numpy as np
 
-from pointing_model.units import DEG, wrap
+from msg_tools.units import DEG, wrap
 
 from .axes import AXES, MountAxes, Trajectory
 

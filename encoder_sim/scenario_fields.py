@@ -2,7 +2,7 @@
 
 from dataclasses import field
 
-from pointing_model.units import ARCSEC, DEG
+from msg_tools.units import ARCSEC, DEG
 
 _MM, _UM, _MS, _US, _HPA = 1e-3, 1e-6, 1e-3, 1e-6, 1.0
 _HOUR = 3600.0

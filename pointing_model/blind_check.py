@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 
-from .units import ARCSEC
+from msg_tools.units import ARCSEC
 
 FORMAT = 'telescope_mount/blind_checks'
 VERSION = 1

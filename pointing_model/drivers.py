@@ -5,8 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from msg_tools.units import wrap
+
 from .context import Context
-from .units import wrap
 
 #: an effect that follows the time holds for so long after the last row it was fitted to, ns
 HORIZON = 12 * 3600 * 10**9

@@ -22,7 +22,7 @@ import astropy_iers_data
 import erfa
 import numpy as np
 
-from .units import ARCSEC
+from msg_tools.units import ARCSEC
 
 MJD_1970 = 40587.0
 DAY = 86400.0

@@ -15,8 +15,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from msg_tools.units import ARCSEC, DEG
+
 from .terms import TERMS, ZERO, Trig
-from .units import ARCSEC, DEG
 
 _TURN = 2.0 * np.pi
 #: periods of the encoders' graduation, radians (paper 000: lines; paper 001: bars)

@@ -4,9 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from msg_tools.units import ARCSEC
+
 from .context import Context
 from .effects import Effect, of_document
-from .units import ARCSEC
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ other empirical term; it is undone by iteration, which shrinks an error by TF in
 
 import numpy as np
 
-from .units import ARCSEC, wrap
+from msg_tools.units import ARCSEC, wrap
 
 #: The coefficients that this module understands.
 GEOMETRIC = ('IA', 'IE', 'CA', 'NPAE', 'AN', 'AW', 'TF')

@@ -6,12 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
+from msg_tools.units import ARCSEC, wrap
+
 from . import geometry as rotation
 from .context import Context
 from .fitted_effects import FittedEffect, as_context, total
 from .harmonics import COUNT, Harmonics
 from .terms import Trig, design, known_terms
-from .units import ARCSEC, wrap
 
 FORMAT = 'telescope_mount/pointing_model'
 VERSION = 2

@@ -4,7 +4,7 @@ from collections import deque
 
 import numpy as np
 
-from .units import wrap
+from msg_tools.units import wrap
 
 #: readings older than the last by this are of a new simulation, ns
 CLOCK_JUMP = 1_000_000_000

@@ -7,11 +7,11 @@ from diagnostic_msgs.msg import DiagnosticStatus
 
 from msg_tools import convert, topics
 from msg_tools.node import MountNode, Param, run_node
+from msg_tools.units import ARCSEC
 
 from .context import Context
 from .drivers import Thermometer, demand_angles, time_driver
 from .model import PointingModel
-from .units import ARCSEC
 
 PARAMS = (
     Param('model_file', '', 'pointing model in force at the start (JSON or YAML)', fixed=True),

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .units import ARCSEC, DEG, wrap
+from msg_tools.units import ARCSEC, DEG, wrap
 
 #: name in memory (SI) -> (name in a CSV file, CSV unit in SI, what it is)
 COLUMNS = {

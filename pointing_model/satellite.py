@@ -27,10 +27,11 @@ from dataclasses import dataclass
 import erfa
 import numpy as np
 
+from msg_tools.units import DEG, wrap
+
 from .earth import DAY, TURN_RATE, earth_orientation, split_utc
 from .elements import GPS_26690, Satellite, load_elements, parse_elements
 from .sky import DEFAULT_SITE, DEFAULT_WEATHER
-from .units import DEG, wrap
 
 __all__ = [
     'GPS_26690', 'Corrections', 'Pass', 'Satellite', 'in_sunlight', 'load_elements',

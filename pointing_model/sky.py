@@ -11,8 +11,9 @@ from dataclasses import dataclass
 import erfa
 import numpy as np
 
+from msg_tools.units import DEG
+
 from .earth import TURN_RATE, earth_orientation, split_utc
-from .units import DEG
 
 _STEP = 0.02  # s, half the base of the symmetric difference for rates
 

@@ -1,9 +1,9 @@
 """Site and weather as parameters of a node."""
 
 from msg_tools.node import Param
+from msg_tools.units import DEG
 
 from .sky import DEFAULT_SITE, DEFAULT_WEATHER, Site, Weather
-from .units import DEG
 
 SKY_PARAMS = (
     Param('latitude_deg', DEFAULT_SITE.latitude / DEG, 'geodetic latitude of the site [deg]',

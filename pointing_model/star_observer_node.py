@@ -14,6 +14,7 @@ from std_srvs.srv import Trigger
 from msg_tools import convert, topics
 from msg_tools.node import NO_SUBSCRIPTION_EVENTS, MountNode, Param, run_node
 from msg_tools.readiness import parse, unmatched
+from msg_tools.units import ARCSEC, DEG, wrap
 
 from . import blind_check
 from .catalogue import POLARIS_HIP, load_catalogue
@@ -23,10 +24,10 @@ from .model import PointingModel
 from .pairing import Exposures, centred
 from .plan import night_plan, parse_plan
 from .run import PointingRun
+from .run_messages import run_to_cloud
 from .sky_params import SKY_PARAMS, sky_of
 from .star_choice import choose_stars
 from .target import StarTarget, satellite_target
-from .units import ARCSEC, DEG, wrap
 
 #: seconds between the knots of a commanded track; the cubic between them is good to 1e-3 arcsec
 KNOT = 20.0
@@ -485,7 +486,7 @@ class StarObserver(MountNode):
         }
         self._rows.append(row)
         run = _table([row])
-        self._observation_pub.publish(convert.run_to_cloud(run, stamp))
+        self._observation_pub.publish(run_to_cloud(run, stamp))
         x, y = run.offsets()
         self._offset_pub.publish(convert.vector(stamp, x[0], y[0], convert.MOUNT_FRAME))
 
@@ -576,7 +577,7 @@ class StarObserver(MountNode):
         if self._rows and (again or len(self._rows) != self._rows_sent):
             self._rows_sent = len(self._rows)
             self._observations_pub.publish(
-                convert.run_to_cloud(_table(self._rows), self._rows[-1]['stamp']))
+                run_to_cloud(_table(self._rows), self._rows[-1]['stamp']))
 
     def _set_state(self, state, text):
         self._state = (state, text)

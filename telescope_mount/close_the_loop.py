@@ -202,15 +202,15 @@ def _calibration(options, folder, site):
 
 def _simulated_site(sky):
     """What the observer believes, as the calibration's parameter."""
+    from msg_tools.units import DEG
     from pointing_model.sky import DEFAULT_SITE
-    from pointing_model.units import DEG
     latitude = sky.get('latitude_deg', DEFAULT_SITE.latitude / DEG)
     return f'{latitude!r}, {sky.get("longitude_deg", DEFAULT_SITE.longitude / DEG)!r}'
 
 
 def _site_of(run, sky):
     """As `_simulated_site`, of a measured run: what was given, else what the file says."""
-    from pointing_model.units import DEG
+    from msg_tools.units import DEG
     told = run.meta.get('site') or {}
     if not isinstance(told, dict):
         told = {'latitude': told.latitude, 'longitude': told.longitude}
@@ -231,7 +231,7 @@ def _measured(options, progress):
     folder = prepare_folder(options.out)
     file, origin = Path(options.run), options.azimuth_origin or ''
     if file.is_dir() or file.suffix == '.mcap':
-        from msg_tools.run_files import write_csv
+        from pointing_model.run_files import write_csv
         file, origin = folder / 'run.csv', ''
         write_csv(run, file)
     specs = measured_graph(
@@ -246,8 +246,8 @@ def _measured(options, progress):
 def _write(folder, options, plan, latest):
     """report.json, diagnosis.json, model.json and observations.csv."""
     from msg_tools import topics
-    from msg_tools.convert import cloud_to_run
-    from msg_tools.run_files import write_csv
+    from pointing_model.run_files import write_csv
+    from pointing_model.run_messages import cloud_to_run
 
     diagnosis = json.loads(latest[topics.DIAGNOSIS.name].data)
     checks = []

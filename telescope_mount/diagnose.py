@@ -126,8 +126,8 @@ def _place(args):
     """Site and weather, where options give them."""
     from dataclasses import replace
 
+    from msg_tools.units import DEG
     from pointing_model.sky import DEFAULT_WEATHER, Site
-    from pointing_model.units import DEG
     out = {}
     given = (args.latitude, args.longitude)
     if any(v is not None for v in (*given, args.height)):

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.report import new_table
-from pointing_model.units import ARCSEC
+from msg_tools.units import ARCSEC
 
 _SECONDS = np.array([3600.0, 60.0, 1.0])
 #: paper 001, table 2: standard angle, measured angle (degrees, minutes, seconds)

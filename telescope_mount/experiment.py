@@ -108,8 +108,8 @@ def _write(folder, options, latest):
         plot_satellite,
     )
     from msg_tools import topics
-    from msg_tools.convert import cloud_to_run
-    from msg_tools.run_files import write_csv
+    from pointing_model.run_files import write_csv
+    from pointing_model.run_messages import cloud_to_run
 
     run = cloud_to_run(latest[topics.OBSERVATIONS.name])
     calibrated = json.loads(latest[topics.CALIBRATION_REPORT.name].data)

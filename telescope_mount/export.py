@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from msg_tools.bag.sqlite import open_bag
-from msg_tools.run_files import write_csv
+from pointing_model.run_files import write_csv
 
 from .runs import load_run
 

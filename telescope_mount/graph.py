@@ -18,7 +18,7 @@ NODES = {
     'calibration': 'calibration.calibration_node',
     'mcap_logger': 'msg_tools.mcap_logger_node',
     'mcap_replay': 'msg_tools.mcap_replay_node',
-    'run_player': 'msg_tools.run_player_node',
+    'run_player': 'pointing_model.run_player_node',
 }
 
 SIMULATED = ('mount_simulator', 'incremental_encoder', 'absolute_encoder', 'camera')

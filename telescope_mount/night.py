@@ -209,7 +209,7 @@ def _complete(watcher, plan):
 def _up_to_date(latest, verbs):
     """Whether report and model are those of the last fit, and not of an earlier one."""
     from msg_tools import topics
-    from msg_tools.convert import cloud_to_run
+    from pointing_model.run_messages import cloud_to_run
     run = cloud_to_run(latest[topics.OBSERVATIONS.name])
     report = json.loads(latest[topics.CALIBRATION_REPORT.name].data)
     model = json.loads(latest[topics.MODEL.name].data)
@@ -226,7 +226,7 @@ def _up_to_date(latest, verbs):
 def _add_truth(bag, report):
     """Put the simulated change of the zero beside the measured one, for the reader alone."""
     from msg_tools.bag import BagReader
-    from pointing_model.units import ARCSEC
+    from msg_tools.units import ARCSEC
     drifts = [message.data.position for message in BagReader(bag).messages(decode=True)
               if message.topic.endswith('truth/incremental_zero')]
     runs = [zero['run'] for zero in report['zeros']]
@@ -243,11 +243,11 @@ def _write(folder, results):
     """observations.csv, model.json, report.json and the plot."""
     from calibration.report import plot_night
     from msg_tools import topics
-    from msg_tools.convert import cloud_to_run
-    from msg_tools.run_files import write_csv
+    from msg_tools.units import ARCSEC
     from pointing_model.earth import earth_orientation
     from pointing_model.model import PointingModel
-    from pointing_model.units import ARCSEC
+    from pointing_model.run_files import write_csv
+    from pointing_model.run_messages import cloud_to_run
 
     run = cloud_to_run(results[topics.OBSERVATIONS.name])
     report = json.loads(results[topics.CALIBRATION_REPORT.name].data)

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from msg_tools.bag import BagReader
-from msg_tools.run_files import NoObservations, read_run, swap_encoders
+from pointing_model.run_files import NoObservations, read_run, swap_encoders
 
 
 def load_run(path, azimuth_origin=None, *, site=None, weather=None, encoder=None):
@@ -96,10 +96,11 @@ def run_of_log(path):
     ValueError
         No observation in it, or it holds the simulator's truth.
     """
-    from msg_tools.convert import cloud_to_run, read_joints
+    from msg_tools.convert import read_joints
+    from msg_tools.units import wrap
     from pointing_model.catalogue import POLARIS_HIP
     from pointing_model.run import PointingRun
-    from pointing_model.units import wrap
+    from pointing_model.run_messages import cloud_to_run
 
     bag = BagReader(path)
     if bag.has_truth:

@@ -12,10 +12,11 @@ from calibration.session import CalibrationSession
 from calibration.witnesses import homings_from_diagnostics
 from msg_tools.bag import BagReader
 from msg_tools.bag.provenance import parameters_of
-from msg_tools.convert import cloud_to_run, from_stamp, read_joints
+from msg_tools.convert import from_stamp, read_joints
+from msg_tools.units import DEG
 from pointing_model.model import PointingModel
 from pointing_model.pairing import centred, interpolate
-from pointing_model.units import DEG
+from pointing_model.run_messages import cloud_to_run
 
 #: readings of an encoder that are kept until the observation of their time comes
 READINGS = 50_000

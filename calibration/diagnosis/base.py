@@ -6,13 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.fit import fit_terms
+from msg_tools.units import ARCSEC
 from pointing_model import geometry as rotation
 from pointing_model.context import Context
 from pointing_model.effects import PERIODS
 from pointing_model.harmonics import basis, sky_factor
 from pointing_model.run import PointingRun
 from pointing_model.terms import PHYSICAL, STANDARD6, known_terms, stacked_design
-from pointing_model.units import ARCSEC
 
 from .candidates import Columns
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from msg_tools.units import ARCSEC
 from pointing_model.effects import Effect
-from pointing_model.units import ARCSEC
 
 #: part of a (scaled) column that must remain beyond the model for it to be told from the model
 DISTINCT = 0.02

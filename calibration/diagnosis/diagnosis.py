@@ -5,6 +5,7 @@ from pathlib import PurePath
 
 import numpy as np
 
+from msg_tools.units import ARCSEC
 from pointing_model import geometry as rotation
 from pointing_model.effect_families import AXES
 from pointing_model.effects import dictionary, effect, smooths, steps
@@ -12,7 +13,6 @@ from pointing_model.fitted_effects import FittedEffect
 from pointing_model.harmonics import COUNT, Harmonics
 from pointing_model.model import PointingModel
 from pointing_model.terms import PHYSICAL
-from pointing_model.units import ARCSEC
 
 from .base import (
     Base,

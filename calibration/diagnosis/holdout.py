@@ -5,8 +5,8 @@ from pathlib import PurePath
 
 import numpy as np
 
+from msg_tools.units import ARCSEC
 from pointing_model.fitted_effects import total
-from pointing_model.units import ARCSEC
 
 from .base import after_rotation, observations
 from .candidates import Columns, fit_state

@@ -9,8 +9,8 @@ Fedorov, 1975, one point after the other).
 
 import numpy as np
 
+from msg_tools.units import DEG
 from pointing_model.context import Context
-from pointing_model.units import DEG
 
 from .candidates import solve
 

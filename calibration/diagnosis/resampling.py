@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pointing_model.units import ARCSEC
+from msg_tools.units import ARCSEC
 
 from .candidates import DISTINCT, solve
 from .search import Chance, search

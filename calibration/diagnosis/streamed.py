@@ -11,13 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.fit import fit_terms
+from msg_tools.units import ARCSEC
 from pointing_model import geometry as rotation
 from pointing_model.context import Context
 from pointing_model.effects import Effect, dictionary
 from pointing_model.fitted_effects import FittedEffect
 from pointing_model.model import PointingModel
 from pointing_model.terms import stacked_design
-from pointing_model.units import ARCSEC
 
 from .base import Base
 from .candidates import DISTINCT

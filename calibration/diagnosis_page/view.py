@@ -6,8 +6,8 @@ from pathlib import PurePath
 
 import numpy as np
 
+from msg_tools.units import ARCSEC, DEG
 from pointing_model.effects import PERIODS
-from pointing_model.units import ARCSEC, DEG
 
 from .plain_words import arcsec, effect_sentence, readable
 

@@ -7,11 +7,12 @@ pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportErr
 
 from calibration.calibration_node import Calibration
 from msg_tools import convert, topics
+from msg_tools.units import ARCSEC, DEG
 from pointing_model.catalogue import POLARIS_HIP
 from pointing_model.model import PointingModel
 from pointing_model.run import PointingRun
+from pointing_model.run_messages import run_to_cloud
 from pointing_model.terms import PHYSICAL
-from pointing_model.units import ARCSEC, DEG
 
 START = 1_768_482_000_000_000_000
 MOUNT = PointingModel(dict(zip(PHYSICAL, np.array([310, -170, 46, -23, 37, -21, 15]) * ARCSEC)))
@@ -42,7 +43,7 @@ class Desk:
         """Send `run` row by row and wait until all are taken."""
         for i in range(len(run)):
             self.stamp += 10**9
-            self.pub.publish(convert.run_to_cloud(run.select([i]), self.stamp))
+            self.pub.publish(run_to_cloud(run.select([i]), self.stamp))
         self.count += len(run)
         self.graph.report('calibration', '', 'observations', self.count)
 
@@ -113,13 +114,13 @@ def test_a_fit_without_enough_stars_is_refused_with_a_reason(graph):
 def test_bad_observations_are_counted_and_the_node_lives_on(graph):
     desk = Desk(graph)
     good = rows(5)
-    truncated = convert.run_to_cloud(good, START)
+    truncated = run_to_cloud(good, START)
     truncated.data = bytes(truncated.data)[:40]
-    lacking = convert.run_to_cloud(good, START)
+    lacking = run_to_cloud(good, START)
     lacking.fields = [f for f in lacking.fields if f.name != 'az_enc']
-    nameless = convert.run_to_cloud(PointingRun(
+    nameless = run_to_cloud(PointingRun(
         {name: good[name] for name in ('az', 'el', 'az_enc', 'el_enc')}), START)
-    empty = convert.run_to_cloud(good, START)
+    empty = run_to_cloud(good, START)
     empty.fields, empty.data = [], b''
     for message in (truncated, lacking, nameless, empty):
         desk.pub.publish(message)
@@ -144,7 +145,7 @@ def test_values_that_are_not_numbers_are_left_out_of_the_fit_and_said(graph):
 
 def test_the_table_brings_back_the_night_after_a_restart(graph):
     table = graph.publisher(topics.OBSERVATIONS)
-    table.publish(convert.run_to_cloud(rows(12), START))
+    table.publish(run_to_cloud(rows(12), START))
     graph.add(Calibration)
     graph.report('calibration', '', 'observations', 12)
 

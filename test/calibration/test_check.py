@@ -3,10 +3,10 @@ import pytest
 
 from calibration.check import external_check, split_half
 from calibration.fit import fit_harmonics, fit_terms, rms_arcsec
+from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
 from pointing_model.run import PointingRun
 from pointing_model.terms import PHYSICAL
-from pointing_model.units import ARCSEC
 
 MODEL = PointingModel(dict(zip(
     PHYSICAL, np.array([200, 100, 60, -90, 120, -130, 80]) * ARCSEC)))

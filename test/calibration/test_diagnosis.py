@@ -11,10 +11,10 @@ from calibration.diagnosis.streamed import diagnose_streamed
 from calibration.diagnosis_page.plain_words import verdict_sentences
 from calibration.diagnosis_page.report import render
 from calibration.diagnosis_page.view import view_of
+from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model import geometry
 from pointing_model.run import PointingRun
 from pointing_model.terms import PHYSICAL, STANDARD6
-from pointing_model.units import ARCSEC, DEG, wrap
 
 TRUTH = dict(zip(PHYSICAL, np.array([20.0, -35.0, 25.0, -18.0, 30.0, -22.0, 15.0]) * ARCSEC))
 SITE = {'latitude': 34.3 * DEG, 'longitude': 109.0 * DEG}

@@ -18,10 +18,10 @@ from calibration.diagnosis_page.report import render, write_report
 from calibration.diagnosis_page.sections import exclusions, next_observations, ranking
 from calibration.diagnosis_page.svg_plot import Panel, SkyMap, limit_of, ticks
 from calibration.diagnosis_page.view import Driver, FoundEffect, View, driver_of, view_of
+from msg_tools.units import ARCSEC, DEG
 from pointing_model.context import Context
 from pointing_model.effects import effect
 from pointing_model.run import PointingRun
-from pointing_model.units import ARCSEC, DEG
 
 EVIL = '"><script>alert(1)</script><img src=x onerror=alert(2)>\x07\u202e'
 TAGS = {'html', 'head', 'meta', 'title', 'style', 'body', 'main', 'section', 'h1', 'h2', 'h3', 'p',

@@ -15,10 +15,10 @@ from calibration.diagnosis.resampling import (
     run_folds,
 )
 from calibration.diagnosis.search import Chance, Choice, Found, Problem, search, standing
+from msg_tools.units import ARCSEC
 from pointing_model.context import Context
 from pointing_model.effects import dictionary, effect, smooths, steps
 from pointing_model.terms import PHYSICAL, stacked_design
-from pointing_model.units import ARCSEC
 
 
 def make_context(rng, n=60):

@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 
 from calibration.fit import fit_first_order, fit_harmonics, fit_terms, rms_arcsec
+from msg_tools.units import ARCSEC
 from pointing_model.harmonics import Harmonics
 from pointing_model.model import PointingModel
 from pointing_model.run import PointingRun
 from pointing_model.terms import PHYSICAL, design
-from pointing_model.units import ARCSEC
 
 TRUTH = np.array([200, 100, 60, -90, 120, -130, 80]) * ARCSEC
 MODEL = PointingModel(dict(zip(PHYSICAL, TRUTH)))

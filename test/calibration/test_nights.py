@@ -13,11 +13,11 @@ from calibration.experiment_report import (
     statistics,
 )
 from calibration.nights import NightSeries
+from msg_tools.units import ARCSEC, DEG
 from pointing_model.catalogue import POLARIS_HIP
 from pointing_model.model import PointingModel
 from pointing_model.run import PointingRun
 from pointing_model.terms import PHYSICAL
-from pointing_model.units import ARCSEC, DEG
 
 MOUNT = PointingModel(dict(zip(PHYSICAL, np.array([310, -170, 46, -23, 37, -21, 15]) * ARCSEC)))
 DAY = 86400.0

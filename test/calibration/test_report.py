@@ -4,9 +4,9 @@ import pytest
 from calibration.fit import fit_terms
 from calibration.report import fit_tables, night_tables, plot_night, terms_table
 from calibration.session import CalibrationSession
+from msg_tools.units import ARCSEC, DEG
 from pointing_model.catalogue import POLARIS_HIP
 from pointing_model.run import PointingRun
-from pointing_model.units import ARCSEC, DEG
 
 
 def run(n=40, number=1, star=None, zero=0.0, seed=0):

@@ -20,13 +20,13 @@ from calibration.satellite_check import (
     tracking_statistics,
 )
 from calibration.satellite_search import _Search, _tracks, candidate_report, report_rows
+from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.elements import GPS_26690, parse_elements
 from pointing_model.geometry import sky_to_encoder
 from pointing_model.model import PointingModel
 from pointing_model.run import PointingRun
 from pointing_model.satellite import passes, satellite_place
 from pointing_model.sky import DEFAULT_SITE, DEFAULT_WEATHER, Site, icrs_to_observed
-from pointing_model.units import ARCSEC, DEG, wrap
 
 GPS = parse_elements(GPS_26690)
 BY_NAME = {c.name: c for c in CANDIDATES}

@@ -12,11 +12,11 @@ from calibration.session import (
     ZEROED,
     CalibrationSession,
 )
+from msg_tools.units import ARCSEC, DEG
 from pointing_model.catalogue import POLARIS_HIP
 from pointing_model.model import PointingModel
 from pointing_model.run import PointingRun
 from pointing_model.terms import PHYSICAL
-from pointing_model.units import ARCSEC, DEG
 
 LATITUDE = 34.3 * DEG
 MOUNT = PointingModel(dict(zip(

@@ -7,11 +7,11 @@ from calibration.kept_out import for_fitting, is_kept_out
 from calibration.nights import NightSeries
 from calibration.session import CalibrationSession
 from calibration.session_diagnosis import FORMAT, zero_columns
+from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.catalogue import POLARIS_HIP
 from pointing_model.model import PointingModel
 from pointing_model.run import PointingRun
 from pointing_model.terms import PHYSICAL
-from pointing_model.units import ARCSEC, DEG, wrap
 
 MOUNT = PointingModel(dict(zip(PHYSICAL, np.array([310, -170, 46, -23, 37, -21, 15]) * ARCSEC)))
 DRIFT = np.array([20.0, -12.0]) * ARCSEC  # of the second power-on

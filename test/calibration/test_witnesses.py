@@ -9,10 +9,10 @@ from calibration.witnesses import (
     check_witnesses,
     homings_from_diagnostics,
 )
+from msg_tools.units import ARCSEC, DEG
 from pointing_model.catalogue import POLARIS_HIP
 from pointing_model.model import PointingModel
 from pointing_model.run import PointingRun
-from pointing_model.units import ARCSEC, DEG
 
 TERMS = {'IA': 310.0, 'IE': -170.0, 'CA': 46.0, 'NPAE': -23.0, 'AN': 37.0, 'AW': -21.0, 'TF': 15.0}
 DAY = 86400.0

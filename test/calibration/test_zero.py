@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from calibration.zero import PolarisExposures, student_factor, zero_from_polaris
+from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
 from pointing_model.terms import PHYSICAL
-from pointing_model.units import ARCSEC, DEG
 
 LATITUDE = 34.3 * DEG
 MOUNT = PointingModel(dict(zip(

@@ -16,7 +16,7 @@ from encoder_sim.paper_reading import PaperReader
 from encoder_sim.scenario import Absolute
 from encoder_sim.scenario_file import load_scenario
 from encoder_sim.template_reading import TemplateReader
-from pointing_model.units import ARCSEC, wrap
+from msg_tools.units import ARCSEC, wrap
 
 ANGLES = 2 * np.pi * uniform(11, 'test', 'angles', np.arange(300))
 STAMPS = np.arange(300)

@@ -7,7 +7,7 @@ from encoder_sim.absolute import CORRECTED, EXACT, REJECTED, AbsoluteEncoder
 from encoder_sim.absolute_encoder_node import AbsoluteEncoders
 from encoder_sim.scenario_file import load_scenario
 from msg_tools import convert, topics
-from pointing_model.units import ARCSEC, wrap
+from msg_tools.units import ARCSEC, wrap
 
 START = 1_768_482_000_000_000_000
 

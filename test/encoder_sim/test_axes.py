@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from encoder_sim.axes import AxisLimits, MountAxes, Trajectory, catch_up, plan_move
-from pointing_model.units import ARCSEC, DEG
+from msg_tools.units import ARCSEC, DEG
 
 LIMITS = AxisLimits(max_rate=4 * DEG, max_acceleration=2 * DEG, settling_time=1.0)
 PAIR = (LIMITS, LIMITS)

@@ -7,7 +7,7 @@ from encoder_sim.absolute_encoder_node import AbsoluteEncoders
 from encoder_sim.device_params import Decimator, parse_utc
 from encoder_sim.incremental_encoder_node import IncrementalEncoders
 from msg_tools import convert, topics
-from pointing_model.units import ARCSEC, DEG
+from msg_tools.units import ARCSEC, DEG
 
 START = 1_768_482_000_000_000_000
 COUNT = 1296000.0 / 18_880_000 * ARCSEC

@@ -5,7 +5,7 @@ import pytest
 
 from encoder_sim.encoder_scale import ZeroDrift, disc_angle
 from encoder_sim.scenario import EncoderScale
-from pointing_model.units import ARCSEC, DEG
+from msg_tools.units import ARCSEC, DEG
 
 TURN = np.linspace(0.0, 2 * np.pi, 361)
 

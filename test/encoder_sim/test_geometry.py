@@ -13,7 +13,7 @@ from encoder_sim.geometry import (
 )
 from encoder_sim.scenario import Mount, Wobble
 from encoder_sim.scenario_file import load_scenario
-from pointing_model.units import ARCSEC, DEG, wrap
+from msg_tools.units import ARCSEC, DEG, wrap
 
 NORTH, EAST, SOUTH, WEST = 0.0, 90 * DEG, 180 * DEG, 270 * DEG
 

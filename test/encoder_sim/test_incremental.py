@@ -4,7 +4,7 @@ import pytest
 from encoder_sim.incremental import MARK_TOLERANCE, IncrementalEncoder
 from encoder_sim.scenario import CountLoss, Incremental
 from encoder_sim.scenario_file import load_scenario
-from pointing_model.units import ARCSEC, DEG
+from msg_tools.units import ARCSEC, DEG
 
 COUNT = 1296000.0 / 18_880_000  # arcsec
 MARK = 180 * DEG

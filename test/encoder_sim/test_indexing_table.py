@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from encoder_sim.indexing_table import DAMAGED, SCALES, TABLE_ERROR, IndexingTable
-from pointing_model.units import ARCSEC
+from msg_tools.units import ARCSEC
 
 
 def test_one_turn_is_23_equal_parts():

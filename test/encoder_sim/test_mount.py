@@ -6,7 +6,7 @@ import pytest
 from encoder_sim.incremental import IncrementalEncoder
 from encoder_sim.mount import HOME_ATTEMPTS, SERVO_TIME, SimulatedMount
 from encoder_sim.scenario_file import load_scenario
-from pointing_model.units import ARCSEC, DEG
+from msg_tools.units import ARCSEC, DEG
 
 MARKS = np.array([180.0, 45.0]) * DEG
 STILL = [[0.0, 0.0]]

@@ -8,7 +8,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from encoder_sim.incremental_encoder_node import IncrementalEncoders
 from encoder_sim.mount_simulator_node import MountSimulator
 from msg_tools import convert, topics
-from pointing_model.units import ARCSEC, DEG
+from msg_tools.units import ARCSEC, DEG
 
 START = 1_768_482_000_000_000_000  # 2026-01-15T13:00:00
 COUNT = 1296000.0 / 18_880_000 * ARCSEC

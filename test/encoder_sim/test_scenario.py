@@ -2,7 +2,7 @@ import pytest
 
 from encoder_sim.scenario import Mount
 from encoder_sim.scenario_file import load_scenario, scenario_names
-from pointing_model.units import ARCSEC, DEG
+from msg_tools.units import ARCSEC, DEG
 
 
 def write(folder, text, name='mine.yaml'):

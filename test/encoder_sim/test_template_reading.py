@@ -9,7 +9,7 @@ from encoder_sim.disc import BAR_ANGLE, BARS, Disc, windows_of
 from encoder_sim.readings import CORRECTED, EXACT, REJECTED
 from encoder_sim.scenario import Absolute
 from encoder_sim.template_reading import REASONS, TemplateReader
-from pointing_model.units import ARCSEC, wrap
+from msg_tools.units import ARCSEC, wrap
 
 SCALES = {48: {}, 60: {'bar_pitch': 60.0, 'blur': 8.0, 'base': 88.0}}
 GROSS = 600.0  # arcsec: half a bar

@@ -1,5 +1,4 @@
-"""Shared by the tests: runs from texts, and logs with messages of a package of their own, which
-need no ROS."""
+"""Shared by the tests: logs with messages of a package of their own, which need no ROS."""
 
 import json
 import os
@@ -9,7 +8,6 @@ from types import SimpleNamespace
 import pytest
 
 from msg_tools.bag import BagWriter
-from msg_tools.run_files import read_run
 
 PAIR = 'demo_msgs/msg/Pair'
 TEXT = 'demo_msgs/msg/Text'
@@ -70,27 +68,3 @@ def write_night(folder, n=500, close=True, **options):
     if close:
         writer.close()
     return writer
-
-
-@pytest.fixture
-def read(tmp_path):
-    """Read a text as a run."""
-    def read(text, **options):
-        path = tmp_path / 'run.txt'
-        path.write_bytes(text if isinstance(text, bytes) else text.encode())
-        return read_run(path, **options)
-    return read
-
-
-@pytest.fixture
-def refuse(read):
-    """Check that a text is refused in one line that names the file and holds `words`."""
-    def refuse(text, *words, **options):
-        with pytest.raises(ValueError) as error:
-            read(text, **options)
-        message = str(error.value)
-        assert '\n' not in message and 'run.txt' in message
-        for word in words:
-            assert word in message, message
-        return message
-    return refuse

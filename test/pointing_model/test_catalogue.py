@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from msg_tools.units import ARCSEC, DEG
 from pointing_model import catalogue
 from pointing_model.catalogue import POLARIS_HIP, load_catalogue
-from pointing_model.units import ARCSEC, DEG
 
 # ICRS at epoch J2000.0 (hours, degrees), proper motion and parallax (mas): SIMBAD, which quotes
 # van Leeuwen 2007 moved to J2000; name: HIP, ra h m s, dec sign d m s, pm ra, pm dec, parallax, Hp

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from msg_tools.units import ARCSEC
 from pointing_model.blind_check import summary
 from pointing_model.context import Context
 from pointing_model.drivers import (
@@ -15,7 +16,6 @@ from pointing_model.effects import PERIODS, effect
 from pointing_model.fitted_effects import FittedEffect
 from pointing_model.model import PointingModel
 from pointing_model.sky import DEFAULT_SITE
-from pointing_model.units import ARCSEC
 
 NOW = 1_768_482_000_000_000_000
 

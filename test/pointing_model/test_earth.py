@@ -9,9 +9,9 @@ import erfa
 import numpy as np
 import pytest
 
+from msg_tools.units import ARCSEC
 from pointing_model import earth
 from pointing_model.earth import DAY, MJD_1970, SOURCES, earth_orientation, split_utc
-from pointing_model.units import ARCSEC
 
 
 def _posix(year, month=1, day=1, hour=0, minute=0, second=0.0):

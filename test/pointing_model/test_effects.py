@@ -7,6 +7,7 @@ import erfa
 import numpy as np
 import pytest
 
+from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model import geometry
 from pointing_model.catalogue import load_catalogue
 from pointing_model.context import Context
@@ -15,7 +16,6 @@ from pointing_model.fitted_effects import FittedEffect
 from pointing_model.model import PointingModel
 from pointing_model.run import PointingRun
 from pointing_model.terms import PHYSICAL, TERMS, design, stacked_design
-from pointing_model.units import ARCSEC, DEG, wrap
 
 LATITUDE, LONGITUDE = 34.3 * DEG, 109.0 * DEG
 RNG = np.random.default_rng(7)

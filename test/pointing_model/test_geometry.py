@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
+from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model import geometry
 from pointing_model.terms import design
-from pointing_model.units import ARCSEC, DEG, wrap
 
 LARGE = dict(zip(geometry.GEOMETRIC, np.array([150, -90, 300, -240, 280, -310, 120]) * ARCSEC))
 

@@ -3,12 +3,12 @@ import json
 import numpy as np
 import pytest
 
+from msg_tools.units import ARCSEC, wrap
 from pointing_model import geometry
 from pointing_model.harmonics import Harmonics
 from pointing_model.model import PointingModel, zero_angles
 from pointing_model.run import PointingRun
 from pointing_model.terms import TERMS, design
-from pointing_model.units import ARCSEC, wrap
 
 
 def make(reading='zenith', seed=5, **kwargs):

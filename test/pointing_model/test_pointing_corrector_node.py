@@ -6,12 +6,12 @@ pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportErr
 from std_msgs.msg import String
 
 from msg_tools import convert, topics
+from msg_tools.units import ARCSEC, DEG
 from pointing_model.effects import effect
 from pointing_model.fitted_effects import FittedEffect
 from pointing_model.model import PointingModel
 from pointing_model.pointing_corrector_node import PointingCorrector
 from pointing_model.terms import PHYSICAL
-from pointing_model.units import ARCSEC, DEG
 
 START = 1_768_482_000_000_000_000
 MODEL = PointingModel(

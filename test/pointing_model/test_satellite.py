@@ -7,6 +7,7 @@ import erfa
 import numpy as np
 import pytest
 
+from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.catalogue import load_catalogue
 from pointing_model.earth import TURN_RATE, EarthOrientation, earth_orientation, split_utc
 from pointing_model.elements import GPS_26690, parse_elements
@@ -20,7 +21,6 @@ from pointing_model.satellite import (
     sun_elevation,
 )
 from pointing_model.sky import Site, Weather, icrs_to_observed, observed_place
-from pointing_model.units import ARCSEC, DEG, wrap
 
 GPS = parse_elements(GPS_26690)
 SITE = Site()

@@ -6,6 +6,7 @@ import erfa
 import numpy as np
 import pytest
 
+from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.catalogue import EPOCH_JD, POLARIS_HIP, load_catalogue
 from pointing_model.earth import EarthOrientation, earth_orientation, split_utc
 from pointing_model.sky import (
@@ -16,7 +17,6 @@ from pointing_model.sky import (
     observed_place,
     observed_rates,
 )
-from pointing_model.units import ARCSEC, DEG, wrap
 
 TIME = 1.7e9
 VACUUM = Weather(pressure_hpa=0.0)

@@ -11,14 +11,15 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 
 from msg_tools import convert, topics
+from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.catalogue import POLARIS_HIP, load_catalogue
 from pointing_model.effects import effect
 from pointing_model.fitted_effects import FittedEffect
 from pointing_model.model import PointingModel
+from pointing_model.run_messages import cloud_to_run
 from pointing_model.sky import DEFAULT_SITE, DEFAULT_WEATHER, Site, observed_place
 from pointing_model.star_observer_node import StarObserver
 from pointing_model.target import satellite_target
-from pointing_model.units import ARCSEC, DEG, wrap
 
 START = 1_768_482_000_000_000_000  # 2026-01-15T13:00:00
 SECOND = 10**9
@@ -115,7 +116,7 @@ class Night:
         """All rows of a finished plan."""
         self.until('done')
         self.graph.wait_for(lambda: len(self.rows) == int(self.value('observations')))
-        return [convert.cloud_to_run(message) for message in self.rows]
+        return [cloud_to_run(message) for message in self.rows]
 
 
 # --- signs --------------------------------------------------------------------------------------
@@ -156,7 +157,7 @@ def test_rows_say_how_they_were_taken(graph):
     assert all(abs(run['approach_az'][0]) == 1.0 for run in rows)
     assert all(run['magnitude'][0] <= 3.5 for run in rows)
     graph.wait_for(lambda: night.tables and night.tables[-1].width == 3)
-    table = convert.cloud_to_run(night.tables[-1])
+    table = cloud_to_run(night.tables[-1])
     for name in table.columns:
         np.testing.assert_array_equal(table[name], [run[name][0] for run in rows])
 
@@ -685,7 +686,7 @@ def test_after_a_diagnosis_it_waits_for_the_model_and_its_own_zero(graph):
     zero.publish(convert.joint_state(stamp, np.array([20.0, -9.0]) * ARCSEC))
     night.run()
     stamp, track = sky.commands[-1]
-    star = place(int(convert.cloud_to_run(night.rows[-1])['star'][0]), stamp)
+    star = place(int(cloud_to_run(night.rows[-1])['star'][0]), stamp)
     assert wrap(track[0, 0] - star[0]) / ARCSEC == pytest.approx(20.0, abs=0.01)
     assert (track[0, 1] - star[1]) / ARCSEC == pytest.approx(21.0, abs=0.01)
     assert asked == [1]

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
 from pointing_model.run import PointingRun
 from pointing_model.terms import PHYSICAL
-from pointing_model.units import ARCSEC
 from telescope_mount import cli as module
 from telescope_mount import domain
 
@@ -31,7 +31,7 @@ def one_line(capsys, *args):
 
 @pytest.fixture
 def run_csv(tmp_path):
-    from msg_tools.run_files import write_csv
+    from pointing_model.run_files import write_csv
     rng = np.random.default_rng(0)
     az, el = rng.uniform(0, 2 * np.pi, 60), rng.uniform(0.3, 1.4, 60)
     az_enc, el_enc = MOUNT.sky_to_encoder(az, el)
@@ -156,7 +156,7 @@ def test_fit_reads_the_log_of_a_night(night, cli):
 
 
 def test_fit_takes_one_run_of_several(capsys, run_csv):
-    from msg_tools.run_files import read_run, write_csv
+    from pointing_model.run_files import read_run, write_csv
     run = read_run(run_csv)
     run.columns['run'] = np.repeat([1, 2], 30)
     run.columns['el_enc'] = run['el_enc'] + 300.0 * ARCSEC * (run['run'] == 2)

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from msg_tools.bag import BagReader
-from msg_tools.run_files import read_run
+from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
 from pointing_model.plan import parse_plan
-from pointing_model.units import ARCSEC
+from pointing_model.run_files import read_run
 from telescope_mount.close_the_loop import (
     LoopOptions,
     _site_of,

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from msg_tools.run_files import read_run, write_csv
+from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
 from pointing_model.run import PointingRun
-from pointing_model.units import ARCSEC
+from pointing_model.run_files import read_run, write_csv
 from telescope_mount.cli import main
 
 KEYS = {'observations', 'runs', 'base_terms', 'verdict', 'before', 'after', 'noise_floor_arcsec',

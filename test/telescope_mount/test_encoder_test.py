@@ -3,7 +3,7 @@ import json
 import numpy as np
 import pytest
 
-from pointing_model.units import ARCSEC
+from msg_tools.units import ARCSEC
 from telescope_mount import encoder_test
 from telescope_mount.encoder_test import (
     TABLE_2_MEASURED,

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from msg_tools.bag import BagReader
-from msg_tools.run_files import read_run
+from msg_tools.units import ARCSEC
 from pointing_model.catalogue import POLARIS_HIP
 from pointing_model.model import PointingModel
-from pointing_model.units import ARCSEC
+from pointing_model.run_files import read_run
 from telescope_mount.graph import NIGHT
 
 pytestmark = pytest.mark.usefixtures('ros_domain')
@@ -197,8 +197,9 @@ def test_ctrl_c_ends_every_node_and_closes_the_log(cli, tmp_path):
 def test_results_of_an_earlier_fit_are_not_taken_for_the_last(report_stamp, model_stamp, good):
     from std_msgs.msg import String
 
-    from msg_tools import convert, topics
+    from msg_tools import topics
     from pointing_model.run import PointingRun
+    from pointing_model.run_messages import run_to_cloud
     from telescope_mount.night import _up_to_date
     second = 10**9
     run = PointingRun({'az': [0.1, 0.2], 'el': [0.5, 0.6], 'az_enc': [0.1, 0.2],
@@ -208,7 +209,7 @@ def test_results_of_an_earlier_fit_are_not_taken_for_the_last(report_stamp, mode
     def stamp(row):
         return begin + (row - 1) * second
     latest = {
-        topics.OBSERVATIONS.name: convert.run_to_cloud(run, stamp(2)),
+        topics.OBSERVATIONS.name: run_to_cloud(run, stamp(2)),
         topics.CALIBRATION_REPORT.name: String(data=json.dumps(
             {'last_stamp_ns': stamp(report_stamp)})),
         topics.MODEL.name: String(data=json.dumps(

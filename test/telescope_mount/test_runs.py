@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from calibration.fit import fit_terms
-from msg_tools.run_files import read_run, write_csv
+from msg_tools.units import ARCSEC, DEG
 from pointing_model.catalogue import POLARIS_HIP
 from pointing_model.pairing import centred
 from pointing_model.run import PointingRun
-from pointing_model.units import ARCSEC, DEG
+from pointing_model.run_files import read_run, write_csv
 from telescope_mount.export import export_run
 from telescope_mount.runs import _readings, load_run, load_runs
 

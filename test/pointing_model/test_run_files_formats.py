@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from msg_tools.run_files import NoObservations, read_run
-from pointing_model.units import ARCSEC, DEG, wrap
+from msg_tools.units import ARCSEC, DEG, wrap
+from pointing_model.run_files import NoObservations, read_run
 
 ROOT = Path(__file__).resolve().parents[2]
 MMT_CSV = ROOT / 'calibration' / 'data' / 'mmt_2021-08-21.csv'

@@ -9,12 +9,13 @@ from rclpy.clock import Clock, ClockType
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_srvs.srv import Trigger
 
-from pointing_model.run import COLUMNS, PointingRun
+from msg_tools import convert, topics
+from msg_tools.node import NO_SUBSCRIPTION_EVENTS, MountNode, Param, run_node
+from msg_tools.readiness import parse, unmatched
 
-from . import convert, topics
-from .node import NO_SUBSCRIPTION_EVENTS, MountNode, Param, run_node
-from .readiness import parse, unmatched
+from .run import COLUMNS, PointingRun
 from .run_files import read_run
+from .run_messages import run_to_cloud
 
 #: rows published between two looks at what else there is to do
 BATCH = 200
@@ -163,7 +164,7 @@ class RunPlayer(MountNode):
                 self._publish(row)
             # no more on the way than a subscriber's queue holds
             yield lambda: self._calibrated >= self._sent
-        self._observations_pub.publish(convert.run_to_cloud(self._run, int(self._stamps[-1])))
+        self._observations_pub.publish(run_to_cloud(self._run, int(self._stamps[-1])))
         for name, client in self._asked.items():
             self._step = name
             yield client.service_is_ready
@@ -179,7 +180,7 @@ class RunPlayer(MountNode):
     def _publish(self, row):
         stamp = int(self._stamps[row])
         self._clock_pub.publish(ClockMessage(clock=convert.to_stamp(stamp)))
-        self._observation_pub.publish(convert.run_to_cloud(self._run.select([row]), stamp))
+        self._observation_pub.publish(run_to_cloud(self._run.select([row]), stamp))
         self._sent += 1
 
     def _report(self):

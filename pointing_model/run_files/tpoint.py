@@ -4,8 +4,8 @@ import re
 
 import numpy as np
 
+from msg_tools.units import DEG
 from pointing_model.run import REQUIRED
-from pointing_model.units import DEG
 
 from .table import NoObservations, Table, content, floats, is_number
 

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
+from msg_tools.units import DEG
 from pointing_model.run import COLUMNS, PointingRun
-from pointing_model.units import DEG
 
 from . import checks
 from .csv import csv_delimiter, iso_utc, read_csv, write_csv

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from msg_tools.units import ARCSEC, DEG
 from pointing_model.run import COLUMNS
-from pointing_model.units import ARCSEC, DEG
 
 #: what a file may give in place of `az, el` and of the encoder's angles, and its unit in SI;
 #: kept under the file's name, which no column of the user's own can have

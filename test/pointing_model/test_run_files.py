@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from msg_tools.run_files import read_run, write_csv
+from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.run import PointingRun
+from pointing_model.run_files import read_run, write_csv
 from pointing_model.sky import Site, Weather
-from pointing_model.units import ARCSEC, DEG, wrap
 
 HEADER = 'az_deg,el_deg,az_enc_deg,el_enc_deg'
 GOOD = f'{HEADER}\n10,20,10.1,20.1\n350,40,350.2,40.2\n100,60,100.3,60.3\n'

@@ -8,10 +8,11 @@ pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportErr
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from msg_tools import convert, topics
-from msg_tools.run_files import read_run, write_csv
-from msg_tools.run_player_node import FIRST_NAMED, NO_TIME, RunPlayer, playable
+from msg_tools.units import DEG
 from pointing_model.run import PointingRun
-from pointing_model.units import DEG
+from pointing_model.run_files import read_run, write_csv
+from pointing_model.run_messages import cloud_to_run
+from pointing_model.run_player_node import FIRST_NAMED, NO_TIME, RunPlayer, playable
 
 MMT = resources.files('calibration') / 'data' / 'mmt_2021-08-21.csv'
 
@@ -101,7 +102,7 @@ def test_a_run_is_published_then_fitted_then_diagnosed(graph, tmp_path):
     desk.take(12)
     graph.wait_for(lambda: desk.value('state') == 'done')
     assert desk.asked == [('fit', 12), ('diagnose', 12)]
-    got = PointingRun.concatenate([convert.cloud_to_run(message) for message in desk.rows])
+    got = PointingRun.concatenate([cloud_to_run(message) for message in desk.rows])
     np.testing.assert_allclose(got['az_enc'], run(12)['az_enc'], rtol=0, atol=1e-15)
     assert got['check'].sum() == 4
     stamps = [convert.from_stamp(message.header.stamp) for message in desk.rows]

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from msg_tools.units import DEG, wrap
 from pointing_model.run import COLUMNS, REQUIRED
-from pointing_model.units import DEG, wrap
 
 from .table import SPECIAL
 

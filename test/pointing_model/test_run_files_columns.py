@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from calibration.diagnosis import base
-from msg_tools.run_files import read_run
-from msg_tools.run_files.table import DERIVED
+from msg_tools.units import ARCSEC, DEG
 from pointing_model import context
 from pointing_model.run import COLUMNS
+from pointing_model.run_files import read_run
+from pointing_model.run_files.table import DERIVED
 from pointing_model.sky import Site
-from pointing_model.units import ARCSEC, DEG
 
 HEADER = 'az_deg,el_deg,az_enc_deg,el_enc_deg'
 SITE = Site(31.69 * DEG, -110.88 * DEG, 2608.0)

@@ -5,9 +5,9 @@ import warnings
 import numpy as np
 import pytest
 
-from msg_tools.run_files import read_run
+from msg_tools.units import DEG
+from pointing_model.run_files import read_run
 from pointing_model.sky import Site
-from pointing_model.units import DEG
 
 SEEDS = {
     'csv': 'time,star,run,az_deg,el_deg,az_enc_deg,el_enc_deg,az_abs_deg,el_abs_deg,'
