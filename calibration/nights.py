@@ -14,7 +14,7 @@ from pointing_model.terms import design
 from pointing_model.zero import NO_ZERO, Zeros, zero_in_force
 
 from .fit import fit_harmonics
-from .kept_out import for_fitting, is_kept_out
+from .rows import for_fitting, is_kept_out
 from .satellite_check import tracking_errors
 from .session import CalibrationSession
 from .zero import zero_from_polaris

@@ -11,7 +11,7 @@ from pointing_model.zero import NO_ZERO, Zeros, zero_in_force
 
 from .check import split_half
 from .fit import fit_harmonics, fit_terms, rms_arcsec
-from .kept_out import for_fitting, with_check
+from .rows import for_fitting, with_check
 from .witnesses import check_witnesses
 from .zero import PolarisExposures, zero_from_polaris
 
@@ -149,7 +149,7 @@ class CalibrationSession:
     def fit(self, homings=()):
         """Fit all stars, and judge each kind of model on stars that it did not see.
 
-        Rows with ``check`` 1 are left out: see `kept_out`.
+        Rows with ``check`` 1 are left out: see `rows`.
 
         The terms are fitted together with the change of the zero from power-on to power-on, to
         stars and exposures of Polaris alike: Polaris fixes most of the change, the stars help.
