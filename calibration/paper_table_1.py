@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from pointing_model.rms import rms
+
 from .satellite_check import gps_statistics, plot_gps
 from .tables import new_table
 
@@ -109,7 +111,7 @@ def statistics(table):
     for name in COLUMNS[1:]:
         values = np.array([row[name] for row in table])
         out[name] = {'mean': float(values.mean()), 'std': float(values.std(ddof=1)),
-                     'rms': float(np.sqrt(np.mean(values**2))),
+                     'rms': rms(values),
                      'max': float(np.abs(values).max())}
     return out
 

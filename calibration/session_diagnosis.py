@@ -11,11 +11,11 @@ from pointing_model.catalogue import POLARIS_HIP
 from pointing_model.context import Context
 from pointing_model.effects import effect
 from pointing_model.model import PointingModel
+from pointing_model.rms import rms_arcsec
 from pointing_model.run import PointingRun
 from pointing_model.zero import NO_ZERO, Zeros
 
 from .diagnosis import Diagnosis, diagnose
-from .fit import rms_arcsec
 from .rows import for_fitting, is_kept_out
 
 FORMAT = 'telescope_mount/diagnosis'

@@ -305,13 +305,13 @@ class Night:
             part = self.rows.select((self.run == run) & self.polaris)
             if len(part) < 2:
                 continue
-            zeros = [zero_from_polaris(part['az'], part['el'], *part.offsets(encoder),
-                                       PointingModel({})) for encoder in ('enc', 'abs')]
+            zeros = [zero_from_polaris(part, PointingModel({}), encoder=encoder)
+                     for encoder in ('enc', 'abs')]
             place = (float(np.arctan2(np.sin(part['az']).mean(), np.cos(part['az']).mean())),
                      float(part['el'].mean()))
             apart = [self.apart_at(axis, run, place[axis]) for axis in (0, 1)]
             out.append(Witness(
-                float(run), *place, *(np.array([zero.az, zero.el]) for zero in zeros),
+                float(run), *place, *(zero.angles for zero in zeros),
                 np.array([self._shared(axis, run, zeros) for axis in (0, 1)]),
                 np.array([value for value, _ in apart]), np.array([sigma for _, sigma in apart]),
                 min(zero.n for zero in zeros)))
