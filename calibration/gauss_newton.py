@@ -14,7 +14,9 @@ from .least_squares import (
     weighted_solve,
 )
 
-_INNER = 0.01  # of rcond, within the directions kept
+#: of rcond, within the directions kept: their design changes with the weights, and what was chosen
+#: once must not drop out for that
+_INNER = 0.01
 
 
 def need_rows(n, k, given):

@@ -113,7 +113,9 @@ def usable(run, encoder='enc', zero=NO_ZERO):
         sigmas = [np.asarray(run[name], float) for name in ('sigma_x', 'sigma_y')]
         if all(np.isnan(s).all() for s in sigmas):
             sigmas = None
-    good = np.isfinite(list(columns.values())).all(axis=0)
+    good = np.ones(len(run), bool)
+    for value in columns.values():
+        good &= np.isfinite(value)
     for value in sigmas or ():
         good &= np.isfinite(value) & (value > 0.0)
     excluded = []

@@ -20,7 +20,9 @@ from .rows import usable
 
 #: reference of a zero that is the whole offset at Polaris
 NO_MODEL = 'no model'
-_FEWEST_FOR_ROBUST = 5  # below, a median says little about the noise
+#: below, the median of the absolute residuals says little about the noise: of 4 exposures the
+#: mean takes half of the freedom
+_FEWEST_FOR_ROBUST = 5
 
 
 @dataclass(frozen=True, kw_only=True)
