@@ -12,7 +12,7 @@ from .robust import huber, reweighted, sigma_of
 _CLIP = 3.0
 _ITERATIONS = 20
 _STILL = 1e-6  # change of the weights that ends it
-_RCOND = 1e-7  # relative singular value: what depends on others but for rounding (1e-8 squared)
+_RCOND = 1e-7  # relative singular value of columns that depend on others but for rounding
 
 
 class RobustFit(NamedTuple):

@@ -28,8 +28,8 @@ SHORT = ('az', 'el')
 INCREMENTAL, ABSOLUTE, MOUNT = 'incremental encoder', 'absolute encoder', 'mount or sky'
 
 _OTHER_TERMS = ('CA', 'NPAE', 'AN', 'AW', 'TF')
-#: stars from which the whole sky judges: five terms and the zeros of two power-ons are 9 numbers
-#: of 24 values, and a third of the stars may be wrong
+#: stars from which the whole sky judges: five terms and the zeros of two power-ons are 9 numbers,
+#: for which 12 stars have 24 values
 _FEWEST_STARS = 12
 #: rows on either side of a step. Two wild readings together at the end of 40 rows make a step in
 #: 29 % of the nights with 1 or 2, in 8 % with 3, in 1.5 % with 4, which is also later to see one

@@ -20,8 +20,8 @@ from .rows import usable
 
 #: reference of a zero that is the whole offset at Polaris
 NO_MODEL = 'no model'
-#: below, the median of the absolute residuals says little about the noise: of 4 exposures the
-#: mean takes half of the freedom
+#: below, weights do not help: one exposure 20" off leaves 6.5" of error among 3 and 4.2" among 4
+#: with them, 6.7" and 5.0" without; among 5 it is 1.6" and 4.0", among 8 0.4" and 2.6"
 _FEWEST_FOR_ROBUST = 5
 
 
