@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
 from pointing_model.rms import rms_arcsec
 from pointing_model.zero import Zeros
@@ -71,6 +72,12 @@ class FitResult:
     def sigma(self):
         """Standard errors of the coefficients, radians, shape (k,)."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+    def term_rows(self):
+        """``name``, ``value_arcsec``, ``sigma_arcsec`` of each coefficient; JSON-ready."""
+        return [{'name': name, 'value_arcsec': float(value) / ARCSEC,
+                 'sigma_arcsec': float(sigma) / ARCSEC}
+                for name, value, sigma in zip(self.names, self.coefficients, self.sigma)]
 
     @property
     def correlations(self):
