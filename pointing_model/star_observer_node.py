@@ -16,17 +16,17 @@ from msg_tools.node import NO_SUBSCRIPTION_EVENTS, MountNode, Param, run_node
 from msg_tools.readiness import parse, unmatched
 from msg_tools.units import ARCSEC, DEG, wrap
 
-from . import blind_check
 from .catalogue import POLARIS_HIP, load_catalogue
 from .drivers import Thermometer, demand_angles, pointing_context
 from .earth import earth_orientation
 from .model import PointingModel
-from .pairing import Exposures, centred
-from .plan import night_plan, parse_plan
+from .observing import blind_check
+from .observing.pairing import Exposures, centred
+from .observing.plan import night_plan, parse_plan
+from .observing.star_choice import choose_stars
 from .run import PointingRun
 from .run_messages import run_to_cloud
 from .sky_params import SKY_PARAMS, sky_of
-from .star_choice import choose_stars
 from .target import StarTarget, satellite_target
 
 #: seconds between the knots of a commanded track; the cubic between them is good to 1e-3 arcsec

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
-from pointing_model.plan import night_plan, parse_plan
+from pointing_model.observing.plan import night_plan, parse_plan
 
 from . import domain
 from .graph import night_graph

@@ -15,7 +15,7 @@ from msg_tools.bag.provenance import parameters_of
 from msg_tools.convert import from_stamp, read_joints
 from msg_tools.units import DEG
 from pointing_model.model import PointingModel
-from pointing_model.pairing import centred, interpolate
+from pointing_model.observing.pairing import centred, interpolate
 from pointing_model.run_messages import cloud_to_run
 
 #: readings of an encoder that are kept until the observation of their time comes

@@ -1,6 +1,6 @@
 import pytest
 
-from pointing_model.plan import VERBS, Step, night_plan, parse_plan
+from pointing_model.observing.plan import VERBS, Step, night_plan, parse_plan
 
 
 def test_a_plan_in_order():
