@@ -25,6 +25,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from . import NAMESPACE
 from .executor import NodeExecutor
+from .readiness import LAST, PUBLISHED, PUBLISHES, SUBSCRIBES, GraphReports
 from .topics import CLOCK, DIAGNOSTICS
 
 # Each event handler is one more entity that the executor looks at for every message: they took
@@ -280,6 +281,13 @@ class MountNode(Node):
         self.keep_subscription(sub, counter)
         return sub
 
+    def graph_reports(self):
+        """What the nodes of the graph report of themselves: a `GraphReports`, kept up to date."""
+        reports = GraphReports()
+        self.create_subscription(DIAGNOSTICS.message, DIAGNOSTICS.name, reports.take,
+                                 DIAGNOSTICS.qos, event_callbacks=NO_SUBSCRIPTION_EVENTS)
+        return reports
+
     def keep_subscription(self, sub, counter):
         """Show a subscription made elsewhere in the diagnostics."""
         self._subscriptions_of.setdefault(sub.topic_name, []).append((sub, counter))
@@ -330,21 +338,22 @@ class MountNode(Node):
     def endpoints(self):
         """Matched and counted endpoints as (key, value) rows; `msg_tools.readiness` reads them."""
         # whoever begins to listen to the diagnostics changes this row, and so is told at once
-        rows = [(f'publishes {DIAGNOSTICS.name}',
+        rows = [(f'{PUBLISHES} {DIAGNOSTICS.name}',
                  str(self._diagnostics.get_subscription_count()))]
         for name, (pub, counter) in self._publishers_of.items():
-            rows.append((f'publishes {name}', str(pub.get_subscription_count())))
-            rows.append((f'published {name}', str(counter.count)))
+            rows.append((f'{PUBLISHES} {name}', str(pub.get_subscription_count())))
+            rows.append((f'{PUBLISHED} {name}', str(counter.count)))
         for name, subs in self._subscriptions_of.items():
-            rows.append((f'subscribes {name}', str(max(s.get_publisher_count() for s, _ in subs))))
+            matched = max(s.get_publisher_count() for s, _ in subs)
+            rows.append((f'{SUBSCRIBES} {name}', str(matched)))
             rows.append((f'received {name}', str(sum(c.count for _, c in subs))))
-            rows.append((f'last {name}', str(max(c.last for _, c in subs))))
+            rows.append((f'{LAST} {name}', str(max(c.last for _, c in subs))))
             rows.append((f'gaps {name}', str(sum(c.gaps for _, c in subs))))
         return rows
 
     def _diagnose(self):
         rows = self.endpoints()
-        connections = [row for row in rows if row[0].startswith(('publishes', 'subscribes'))]
+        connections = [row for row in rows if row[0].startswith((PUBLISHES, SUBSCRIBES))]
         # at once when a connection came or went, or messages have come to rest; the clock never
         # does; else once a second
         counts = [row for row in rows if row not in connections and CLOCK.name not in row[0]]
@@ -364,7 +373,7 @@ class MountNode(Node):
         self._announced, self._announced_at = rows, time.monotonic()
         rates = [(f'rate {key.split(" ", 1)[1]} [Hz]',
                   f'{(int(value) - int(before.get(key, 0))) / elapsed:.1f}')
-                 for key, value in rows if key.startswith(('published', 'received'))]
+                 for key, value in rows if key.startswith((PUBLISHED, 'received'))]
         waiting = self.waiting_for()
         issues = list(self.problems())
         unmatched = self.incompatible()
