@@ -12,6 +12,7 @@ from std_srvs.srv import Trigger
 
 from msg_tools import convert, topics
 from msg_tools.node import NO_SUBSCRIPTION_EVENTS, MountNode, Param, run_node
+from msg_tools.status import OBSERVATIONS
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
 from pointing_model.run_messages import cloud_to_run
@@ -104,8 +105,8 @@ class Calibration(MountNode):
 
     def _say(self, text, level=DiagnosticStatus.OK, **values):
         self._status_pub.publish(convert.status(
-            level, self.get_fully_qualified_name(), text, observations=len(self._session),
-            **values))
+            level, self.get_fully_qualified_name(), text,
+            **{OBSERVATIONS: len(self._session), **values}))
 
     def _on_calibrate_zero(self, request, response):
         try:

@@ -45,31 +45,30 @@ class Progress:
 
     @classmethod
     def read(cls, message):
-        """The way back from a DiagnosticStatus with `rows`.
+        """The way back from a DiagnosticStatus with `rows`; None, before the first, is all zero.
 
         Raises
         ------
         ValueError
             A row is missing, or no number.
         """
-        rows = rows_of(message)
+        if message is None:
+            return cls()
+        rows = {row.key: row.value for row in message.values}
         return cls(**{field.name: field.type(_row(rows, field.name)) for field in fields(cls)})
 
 
-def rows_of(message):
-    """Key and value of each row of a DiagnosticStatus, dict of str to str."""
-    return {row.key: row.value for row in message.values}
-
-
 def observations_taken(message):
-    """How many observations the calibration has, by its status message.
+    """How many observations the calibration has, by its status message; 0 for None.
 
     Raises
     ------
     ValueError
         It does not say.
     """
-    return int(_row(rows_of(message), OBSERVATIONS))
+    if message is None:
+        return 0
+    return int(_row({row.key: row.value for row in message.values}, OBSERVATIONS))
 
 
 def _row(rows, key):

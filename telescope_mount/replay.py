@@ -5,6 +5,7 @@ import tempfile
 from pathlib import Path
 
 from msg_tools.bag import BagReader
+from msg_tools.status import observations_taken
 
 from . import domain
 from .graph import replay_graph
@@ -64,7 +65,7 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None):
             watcher = Watcher('replay', lock.number, nodes.environment)
 
             def taken():
-                return int(watcher.values(topics.CALIBRATION_STATUS).get('observations', 0))
+                return observations_taken(watcher.latest.get(topics.CALIBRATION_STATUS.name))
 
             if not watcher.spin_until(lambda: taken() >= topic.count, 60.0, nodes.check):
                 raise RuntimeError(f'only {taken()} of {topic.count} observations arrived')
