@@ -50,6 +50,7 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None):
     had_zero = any(t.name.endswith('/zero') and t.count for t in bag.topics)
     had_zero = had_zero and _saw_polaris(bag, topic.name)
     diagnosed = _diagnosis(bag)
+    marks = [t.name for t in bag.topics if t.name.endswith('/incremental/homing') and t.count]
     lock = domain.claim(domain_number)
     from msg_tools import topics
 
@@ -60,7 +61,7 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None):
         watcher = None
         try:
             for spec in replay_graph(str(Path(log).resolve()), topic.name, seed, reference,
-                                     _as_then(diagnosed)):
+                                     _as_then(diagnosed), marks):
                 nodes.start(spec)
             watcher = Watcher('replay', lock.number, nodes.environment)
 
