@@ -6,6 +6,7 @@ from msg_tools.units import ARCSEC
 
 from .drivers import Thermometer, demand_angles
 from .model import PointingModel
+from .zero import NO_ZERO, zeros_in_force
 
 
 class InForce:
@@ -23,8 +24,7 @@ class InForce:
         How many came.
     model_stamp : int
         Of the last observation that the model rests on, ns; 0 where it does not say.
-    zero, zero_sigma : ndarray, shape (2,)
-        Of azimuth and elevation, rad; sigma NaN where it is not known.
+    zero : RunZero
     zero_stamp : int
         Of the last observation that the zero rests on, ns.
     thermometer : Thermometer
@@ -33,8 +33,7 @@ class InForce:
     def __init__(self, model=None):
         self.model = model
         self.models = self.model_stamp = 0
-        self.zero, self.zero_sigma = np.zeros(2), np.full(2, np.nan)
-        self.zero_stamp = 0
+        self.zero, self.zero_stamp = NO_ZERO, 0
         self.thermometer = Thermometer()
 
     def take_model(self, text):
@@ -44,23 +43,18 @@ class InForce:
         stamp = self.model.provenance.get('last_stamp_ns')
         self.model_stamp = stamp if isinstance(stamp, int) else 0
 
-    def take_zero(self, stamp, angles, sigma):
-        """Take a zero and its standard errors, both (2,), rad; ValueError where it is none."""
-        if not np.isfinite(angles).all():
-            raise ValueError('zero is not a number')
-        self.zero, self.zero_sigma = np.array(angles), np.array(sigma)
-        self.zero_stamp = stamp
+    def take_zero(self, stamp, zero):
+        """Take a RunZero."""
+        self.zero, self.zero_stamp = zero, stamp
 
     def zero_is_of_model(self):
         """Whether the zero is the one that the model tells of, if it tells.
 
         They come on two topics, and one without the other points elsewhere.
         """
-        told = self.model.provenance.get('zeros_in_force')
-        if not isinstance(told, list) or not told:
-            return True
-        wanted = np.array([told[-1]['az_arcsec'], told[-1]['el_arcsec']]) * ARCSEC
-        return bool(np.all(np.abs(self.zero - wanted) < 1e-6 * ARCSEC))
+        told = zeros_in_force(self.model)
+        return not told or bool(np.all(
+            np.abs(self.zero.angles - told.newest.angles) < 1e-6 * ARCSEC))
 
     def encoder(self, az, el, context=None):
         """Encoder angles that point at a place: model and zero, each once.
@@ -78,5 +72,5 @@ class InForce:
             rad.
         """
         if self.model is not None:
-            az, el = demand_angles(self.model, az, el, context, self.zero)
-        return np.column_stack([az, el]) + self.zero
+            az, el = demand_angles(self.model, az, el, context, self.zero.angles)
+        return np.column_stack([az, el]) + self.zero.angles

@@ -5,6 +5,7 @@ from msg_tools.node import Param
 
 from .in_force import InForce
 from .model import PointingModel
+from .zero_message import joints_to_zero
 
 MODEL_FILE = Param('model_file', '', 'pointing model in force at the start (JSON or YAML)',
                    fixed=True)
@@ -35,8 +36,7 @@ def in_force_of(node, changed=lambda topic: None):
         changed(topics.MODEL)
 
     def on_zero(message):
-        stamp, angles, _, sigma = convert.read_joints(message)
-        now.take_zero(stamp, angles, sigma)
+        now.take_zero(*joints_to_zero(message))
         changed(topics.ZERO)
 
     # of what waits to be taken, the thermometer comes first, and the model before its zero

@@ -68,7 +68,7 @@ class PointingCorrector(MountNode):
     def _sigma(self, sky, context):
         """1-sigma of the demand on the sky at the first point, from model and zero, rad."""
         out = np.zeros(2)
-        model, zero = self._in_force.model, self._in_force.zero_sigma
+        model, zero = self._in_force.model, self._in_force.zero.sigma
         if model is not None:
             out = np.array([float(np.ravel(s)[0])
                             for s in model.sigma(sky[:, 0], sky[:, 1], context)])
@@ -79,7 +79,7 @@ class PointingCorrector(MountNode):
         """Nothing to correct with yet."""
         if self._in_force.model is None:
             return [(DiagnosticStatus.WARN, 'no model yet: demands are the wanted directions'
-                     + (' plus the zero' if self._in_force.zero.any() else ''))]
+                     + (' plus the zero' if self._in_force.zero.angles.any() else ''))]
         if self._lacking:
             return [(DiagnosticStatus.WARN, 'what drives these effects is not known here, they '
                      f'count as zero: {", ".join(self._lacking)}')]
@@ -91,8 +91,8 @@ class PointingCorrector(MountNode):
         if model is not None:
             terms = ' '.join([*model.terms, *(e.effect.name for e in model.effects)])
         return [('model', terms),
-                ('zero azimuth [arcsec]', f'{zero[0] / ARCSEC:.3f}'),
-                ('zero elevation [arcsec]', f'{zero[1] / ARCSEC:.3f}')]
+                ('zero azimuth [arcsec]', f'{zero.az / ARCSEC:.3f}'),
+                ('zero elevation [arcsec]', f'{zero.el / ARCSEC:.3f}')]
 
 
 def main(args=None):

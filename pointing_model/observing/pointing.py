@@ -71,8 +71,9 @@ class Pointing:
                  'pressure': conditions.air.pressure_hpa, 'magnitude': self.target.magnitude,
                  'star': np.array(self.target.number), 'run': conditions.run}
         return pointing_context(
-            model, stamps, az, el, known, zero=self._in_force.zero, here=conditions.here,
-            approach=self.approach, row=conditions.row, site=conditions.site)
+            model, stamps, az, el, known, zero=self._in_force.zero.angles,
+            here=conditions.here, approach=self.approach, row=conditions.row,
+            site=conditions.site)
 
 
 class Standing:
