@@ -11,22 +11,11 @@ PUBLISHED, LAST = 'published', 'last'  # messages, the last one's sequence numbe
 
 
 class GraphReports(dict):
-    """What the nodes of a graph last reported of themselves: node name -> what `parse` returned.
-
-    Attributes
-    ----------
-    statuses : dict of str to DiagnosticStatus
-        By node name.
-    """
-
-    def __init__(self):
-        super().__init__()
-        self.statuses = {}
+    """What the nodes of a graph last reported of themselves: node name -> what `parse` returned."""
 
     def take(self, message):
         """Keep the reports in a DiagnosticArray."""
         for status in message.status:
-            self.statuses[status.name] = status
             self[status.name] = parse(status)
 
 

@@ -179,7 +179,7 @@ def _watch(watcher, nodes, plan, progress):
         nodes.check()
         status = watcher.latest.get(topics.OBSERVER_STATUS.name)
         at = _progress(watcher)
-        now = status is None, at.observations, at.step, at.lost, len(watcher.diagnostics)
+        now = status is None, at.observations, at.step, at.lost, len(watcher.reports)
         if now != last:
             last, since = now, time.monotonic()
         if status is not None:
