@@ -12,7 +12,6 @@ from pointing_model.catalogue import POLARIS_HIP, load_catalogue
 from pointing_model.in_force import InForce
 from pointing_model.model import PointingModel
 from pointing_model.observing.instruments import ABSOLUTE, CAMERA, MOUNT, Instruments
-from pointing_model.observing.plan import VERBS
 from pointing_model.observing.sequencer import Outbox, Sequencer
 from pointing_model.observing.table import Table
 from pointing_model.sky import DEFAULT_SITE, DEFAULT_WEATHER, Site, observed_place
@@ -247,6 +246,10 @@ def test_a_star_that_is_not_there_is_given_up_after_three_blanks():
     bench.miss = lambda number: (np.nan, np.nan) if number in (2, 3, 4) else (0.0, 0.0)
     assert bench.run() == ('done', 'plan finished')
     assert len(bench.commands) == 5 and len(bench.rows) == 2
+    # three exposures of the same star, then the next
+    moves = [np.abs(np.diff([a.angles[0], b.angles[0]], axis=0)).max() > 1 * DEG
+             for a, b in zip(bench.commands, bench.commands[1:])]
+    assert moves == [True, False, False, True]
     progress = bench.plan.progress
     assert (progress.lost, progress.done, progress.total) == (1, 3, 3)
     # one blank may have been under way at the command
@@ -273,6 +276,14 @@ def test_a_check_is_blind_and_summed_up():
     assert (check['block'], check['stars'], check['lost']) == (0, 2, 1)
     assert check['rms_arcsec'] == pytest.approx(np.hypot(150.0, 60.0), abs=1e-6)
     assert [row['check'][0] for row in bench.rows] == [1.0, 1.0]
+
+
+def test_a_check_does_not_profit_from_the_stars_before():
+    bench = Bench('stars 1, check 1')
+    bench.miss = lambda number: (40.0 * ARCSEC, 40.0 * ARCSEC)
+    bench.run()
+    row, track = bench.rows[1], bench.commands[1]
+    assert (track.angles[1, 1] - row['el'][0]) / ARCSEC == pytest.approx(0.0, abs=0.1)
 
 
 # --- instruments that are silent or slow ---------------------------------------------------------
@@ -507,6 +518,20 @@ def test_a_new_model_is_awaited_with_its_own_zero(verb):
     assert bench.plan.text == 'plan finished'
 
 
+def test_a_model_of_before_is_no_new_one():
+    bench = Bench('polaris 1, fit, fit')
+    bench.offers('fit')
+    bench.until(lambda: len(bench.rows) == 1)
+    bench.calibrates()
+    bench.waits('the new model')
+    bench.takes_model(bench.table.newest)
+    # the second one rests on the same rows
+    bench.waits('the new model')
+    assert bench.calls == ['fit', 'fit']
+    bench.takes_model(bench.table.newest)
+    assert bench.plan.text == 'plan finished'
+
+
 def test_a_calibration_that_was_started_anew_gets_the_table_again():
     bench = Bench('stars 2, fit')
     bench.waits('calibration to take the last observation')
@@ -532,11 +557,6 @@ def test_it_begins_when_the_graph_is_there_and_the_clock_goes():
     bench.stamp = START
     assert bench.run() == ('done', 'plan finished')
     assert bench.plan.earth
-
-
-def test_every_verb_of_a_plan_is_a_step():
-    for verb in VERBS:
-        assert callable(getattr(Sequencer, f'_do_{verb}')), verb
 
 
 def test_a_status_is_told_once():
