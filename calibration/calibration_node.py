@@ -11,15 +11,17 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from msg_tools import convert, topics
-from msg_tools.node import NO_SUBSCRIPTION_EVENTS, MountNode, Param, run_node
+from msg_tools.homing import cloud_to_homing
+from msg_tools.node import MountNode, Param, run_node
+from msg_tools.status import OBSERVATIONS
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
 from pointing_model.run_messages import cloud_to_run
 from pointing_model.zero_message import zero_to_joints
 
+from .homings import UNJUDGED, homings_of
 from .nights import NightSeries
 from .session import CalibrationSession
-from .witnesses import homings_from_diagnostics
 
 
 def _site(text):
@@ -65,7 +67,7 @@ class Calibration(MountNode):
                          else CalibrationSession(reference, seed))
         self._alarms = []
         self._finding = ''
-        self._encoders = {}
+        self._marks = None  # what the incremental encoder says of them
         self._zero_pub = self.publisher(topics.ZERO)
         self._model_pub = self.publisher(topics.MODEL)
         self._report_pub = self.publisher(topics.CALIBRATION_REPORT)
@@ -74,9 +76,7 @@ class Calibration(MountNode):
         self.subscribe(topics.OBSERVATION, self._on_observation)
         # latched: after a restart it brings back the night so far
         self.subscribe(topics.OBSERVATIONS, self._on_table)
-        self.create_subscription(topics.DIAGNOSTICS.message, topics.DIAGNOSTICS.name,
-                                 self._on_diagnostics, topics.DIAGNOSTICS.qos,
-                                 event_callbacks=NO_SUBSCRIPTION_EVENTS)
+        self.subscribe(topics.HOMING, self._on_homing)
         self.create_service(Trigger, 'calibrate_zero', self._on_calibrate_zero)
         self.create_service(Trigger, 'fit', self._on_fit)
         self.create_service(Trigger, 'diagnose', self._on_diagnose)
@@ -93,20 +93,25 @@ class Calibration(MountNode):
                                      convert.from_stamp(message.header.stamp))
             self._say('collecting')
 
-    def _on_diagnostics(self, message):
-        for status in message.status:
-            if any(row.key == 'azimuth homed' for row in status.values):
-                self._encoders = {row.key: row.value for row in status.values}
+    def _on_homing(self, message):
+        self._marks = cloud_to_homing(message)
+
+    def _unjudged(self):
+        """Whether an incremental encoder is there that tells nothing of its marks."""
+        return self._marks is None and self.count_publishers(
+            self.resolve_topic_name(topics.INCREMENTAL.name)) > 0
 
     def _homings(self):
-        run = self._session.newest
+        if self._unjudged():
+            return None
         # an encoder that has lost its zero since says so itself
-        return [homing for homing in homings_from_diagnostics(self._encoders, run) if homing.homed]
+        return [homing for homing in homings_of(self._marks or {}, self._session.newest)
+                if homing.homed]
 
     def _say(self, text, level=DiagnosticStatus.OK, **values):
         self._status_pub.publish(convert.status(
-            level, self.get_fully_qualified_name(), text, observations=len(self._session),
-            **values))
+            level, self.get_fully_qualified_name(), text,
+            **{OBSERVATIONS: len(self._session), **values}))
 
     def _on_calibrate_zero(self, request, response):
         try:
@@ -208,8 +213,9 @@ class Calibration(MountNode):
         return {self.resolve_topic_name(topics.OBSERVATION.name)}
 
     def problems(self):
-        """What the three witnesses of the last night disagree on."""
-        return [(DiagnosticStatus.WARN, alarm) for alarm in self._alarms]
+        """What the three witnesses of the last night disagree on, or cannot say."""
+        found = [*self._alarms, *([UNJUDGED] if self._unjudged() else [])]
+        return [(DiagnosticStatus.WARN, text) for text in found]
 
     def details(self):
         """What has come."""

@@ -15,12 +15,12 @@ how the stars of the whole sky moved.
 
 from dataclasses import asdict, dataclass, field, replace
 from datetime import datetime, timezone
-from typing import NamedTuple
 
 import numpy as np
 
 from msg_tools.units import ARCSEC, wrap
 
+from .homings import UNJUDGED, Homing
 from .witness_night import (
     ABSOLUTE,
     AXES,
@@ -33,8 +33,7 @@ from .witness_night import (
     Witness,
 )
 
-__all__ = ['Change', 'Event', 'Homing', 'Witness', 'WitnessReport', 'check_witnesses',
-           'homings_from_diagnostics']
+__all__ = ['Change', 'Event', 'Homing', 'Witness', 'WitnessReport', 'check_witnesses']
 
 #: counts by which the mark may be off at a later passage
 MARK_TOLERANCE = 10
@@ -42,19 +41,6 @@ MARK_TOLERANCE = 10
 #: power-on to power-on
 _KINDS = 3
 _HOUR = 3600.0
-
-
-class Homing(NamedTuple):
-    """What the incremental encoder of an axis says of itself (`homings_from_diagnostics`)."""
-
-    run: int
-    axis: str
-    homed: bool
-    side: str = ''
-    missed_marks: int = 0
-    mark_error: float = np.nan  # counts
-    count: float = np.nan  # rad
-    pulse_width: float = np.nan  # of the data sheet, rad
 
 
 @dataclass
@@ -116,8 +102,9 @@ def check_witnesses(rows, reference=None, *, model=None, homings=(), absolute_si
     model : PointingModel, optional
         Takes out how the offset differs between two places of Polaris on its circle. Without it
         terms of 1 sigma `term_sigma` widen the errors.
-    homings : iterable of Homing
-        What the incremental encoders say of themselves, after they were to be homed.
+    homings : iterable of Homing, or None
+        What the incremental encoders say of themselves, after they were to be homed; None where
+        they say nothing although they should: the report has a note then.
     absolute_sigma : float
         Usual change of the absolute encoder's zero, 1 sigma, rad.
     power_on_sigma : float
@@ -142,6 +129,9 @@ def check_witnesses(rows, reference=None, *, model=None, homings=(), absolute_si
         if name not in rows:
             raise ValueError(f'witnesses: observations without column {name}')
     out = WitnessReport()
+    if homings is None:
+        out.notes.append(UNJUDGED)
+        homings = ()
     _hear_encoders(out, homings, home_side)
     _hear_gaps(out, rows)
     night = Night.of(rows, reference)
@@ -167,36 +157,6 @@ def check_witnesses(rows, reference=None, *, model=None, homings=(), absolute_si
     _uncalibrated(out, night, witnesses, budget)
     out.latest = witnesses[-1] if witnesses else None
     return out
-
-
-def homings_from_diagnostics(values, run):
-    """`Homing` of both axes from the diagnostics of the node ``incremental_encoder``.
-
-    Parameters
-    ----------
-    values : dict of str to str
-        Key and value of the status' rows.
-    run : int
-        Number of the power-on in the observations.
-
-    Returns
-    -------
-    list of Homing
-        Of the axes that the diagnostics speak of.
-    """
-    def number(key):
-        try:
-            return float(values.get(key, 'nan'))
-        except ValueError:
-            return np.nan
-    count = number('resolution [arcsec]') * ARCSEC
-    return [
-        Homing(run, axis, values[f'{axis} homed'] == 'True',
-               values.get(f'{axis} mark met from', ''),
-               int(np.nan_to_num(number(f'{axis} missed marks'))),
-               number(f'{axis} mark error [counts]'), count,
-               number(f'{axis} mark width [arcsec]') * ARCSEC)
-        for axis in AXES if f'{axis} homed' in values]
 
 
 # --- words ----------------------------------------------------------------------------------------

@@ -7,6 +7,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from std_srvs.srv import Trigger
 
 from msg_tools import convert, topics
+from msg_tools.homing import AxisHoming, homing_to_cloud
 from msg_tools.node import MountNode, run_node
 from msg_tools.units import ARCSEC
 
@@ -22,7 +23,8 @@ class IncrementalEncoders(MountNode):
         super().__init__('incremental_encoder', (*DEVICE_PARAMS, MAX_RATE),
                          hardware_id='simulated incremental encoder', **kwargs)
         scenario = load_scenario(self.value('scenario'))
-        start = parse_utc(self.value('start_time')) * 1e-9
+        self._stamp = parse_utc(self.value('start_time'))
+        start = self._stamp * 1e-9
         self._encoders = [
             IncrementalEncoder(getattr(scenario.incremental, axis), self.value('seed'), axis,
                                start=start)
@@ -31,12 +33,16 @@ class IncrementalEncoders(MountNode):
         self._decimator = Decimator()
         self._homed = False
         self._pub = self.publisher(topics.INCREMENTAL)
+        self._homing_pub = self.publisher(topics.HOMING)
         self._zero_pub = self.publisher(topics.TRUTH_ZERO)
+        self._told = None
+        self._tell_homing()
         self.subscribe(topics.TRUTH_JOINTS, self._on_truth)
         self.create_service(Trigger, 'power_cycle', self._on_power_cycle)
 
     def _on_truth(self, message):
         stamp, angles, rates = convert.read_joints(message)[:3]
+        self._stamp = stamp
         # every sample is counted, whether it is published or not
         reading = [float(encoder.feed(stamp, angle, rate, self._warmth(stamp))[0])
                    for encoder, angle, rate in zip(self._encoders, angles, rates)]
@@ -45,13 +51,26 @@ class IncrementalEncoders(MountNode):
             self._zero_pub.publish(convert.joint_state(
                 stamp, [encoder.zero for encoder in self._encoders]))
         self._homed = homed
+        self._tell_homing()
         if self._decimator.passes(stamp, self.value('max_rate_hz')):
             self._pub.publish(convert.joint_state(stamp, reading, rates))
+
+    def _tell_homing(self):
+        """Publish what is known of the marks, if a mark or the power changed it."""
+        states = [encoder.status for encoder in self._encoders]
+        now = [(s.homed, s.missed_marks, s.passages, s.power_on) for s in states]
+        if now != self._told:
+            self._told = now
+            self._homing_pub.publish(homing_to_cloud([
+                AxisHoming(s.homed, s.side, s.missed_marks, s.passages, s.mark_error,
+                           encoder.count_angle, encoder.params.pulse_width, s.power_on)
+                for s, encoder in zip(states, self._encoders)], self._stamp))
 
     def _on_power_cycle(self, request, response):
         for encoder in self._encoders:
             encoder.power_cycle()
         self._homed = False
+        self._tell_homing()
         response.success = True
         response.message = f'power-on {self._encoders[0].power_on}; home before measuring'
         return response

@@ -17,7 +17,7 @@ from launch_ros.actions import Node
 
 from launch import LaunchDescription
 from msg_tools import NAMESPACE
-from pointing_model.plan import night_plan
+from pointing_model.observing.plan import night_plan
 from telescope_mount.graph import night_graph
 from telescope_mount.threads import ONE_THREAD
 

@@ -15,8 +15,7 @@ from . import topics
 from .bag.recording import check_patterns
 from .bag.sqlite import open_bag
 from .convert import to_stamp
-from .node import NO_SUBSCRIPTION_EVENTS, MountNode, Param, run_node
-from .readiness import parse
+from .node import MountNode, Param, run_node
 from .topics import Topic
 
 #: what a replay makes anew: the clock, and what the nodes under test compute from the rest
@@ -94,10 +93,7 @@ class McapReplay(MountNode):
         self._under_way = dict.fromkeys(self._most, 0)
         self._clock_pub = self.publisher(topics.CLOCK)
         self._clock_step = round(1e9 / self.value('clock_hz')) if self.value('clock_hz') else 0
-        self._reports = {}
-        self.create_subscription(topics.DIAGNOSTICS.message, topics.DIAGNOSTICS.name,
-                                 self._on_diagnostics, topics.DIAGNOSTICS.qos,
-                                 event_callbacks=NO_SUBSCRIPTION_EVENTS)
+        self._reports = self.graph_reports()
         self._sent = self._loops = 0
         self._paused = self.value('start_paused')
         self._state = 'waiting'
@@ -266,11 +262,6 @@ class McapReplay(MountNode):
             self._clock_pub.publish(ClockMessage(clock=to_stamp(ns)))
 
     # --- back-pressure ----------------------------------------------------------------------
-
-    def _on_diagnostics(self, message):
-        for status in message.status:
-            if status.name != self.get_fully_qualified_name():
-                self._reports[status.name] = parse(status)
 
     def _taken(self, topic):
         """Whether another message on `topic` finds room in every subscriber's queue."""

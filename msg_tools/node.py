@@ -4,16 +4,9 @@ import copy
 import signal
 import sys
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
 
 import rclpy
-from rcl_interfaces.msg import (
-    FloatingPointRange,
-    IntegerRange,
-    ParameterDescriptor,
-    SetParametersResult,
-)
+from rcl_interfaces.msg import SetParametersResult
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
@@ -25,76 +18,17 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from . import NAMESPACE
 from .executor import NodeExecutor
+from .params import BadInput, Param
+from .readiness import LAST, PUBLISHED, PUBLISHES, SUBSCRIBES, GraphReports
 from .topics import CLOCK, DIAGNOSTICS
+
+__all__ = ['BadInput', 'Counter', 'MountNode', 'NO_PUBLISHER_EVENTS', 'NO_SUBSCRIPTION_EVENTS',
+           'Param', 'run_node']
 
 # Each event handler is one more entity that the executor looks at for every message: they took
 # half of a node's time. Incompatible endpoints are found once a second in the graph instead.
 NO_PUBLISHER_EVENTS = PublisherEventCallbacks(use_default_callbacks=False)
 NO_SUBSCRIPTION_EVENTS = SubscriptionEventCallbacks(use_default_callbacks=False)
-
-
-@dataclass(frozen=True)
-class Param:
-    """A parameter of a node.
-
-    Parameters
-    ----------
-    name : str
-        With the unit at its end where it is not SI.
-    default : bool, int, float, str or list of str
-        Also fixes the type.
-    doc : str
-        What it does, for ``ros2 param describe``.
-    low, high : float, optional
-        Allowed range, ends included.
-    choices : tuple of str, optional
-        Allowed values of a string.
-    check : callable, optional
-        ``check(value)`` raises ValueError with the reason for a value that cannot be used. It
-        must have no side effect.
-    fixed : bool
-        Can be set only when the node starts.
-    """
-
-    name: str
-    default: object
-    doc: str
-    low: float | None = None
-    high: float | None = None
-    choices: tuple = ()
-    check: Callable | None = None
-    fixed: bool = False
-
-    def descriptor(self):
-        """The ParameterDescriptor that tells the user of range and unit."""
-        out = ParameterDescriptor(description=self.doc, read_only=self.fixed)
-        if self.low is not None:
-            if isinstance(self.default, float):
-                out.floating_point_range = [
-                    FloatingPointRange(from_value=float(self.low), to_value=float(self.high))]
-            else:
-                out.integer_range = [
-                    IntegerRange(from_value=int(self.low), to_value=int(self.high), step=1)]
-        if self.choices:
-            out.additional_constraints = 'one of ' + ', '.join(self.choices)
-        return out
-
-    def refuse(self, value):
-        """The reason why `value` cannot be taken, or None."""
-        if self.choices and value not in self.choices:
-            return f'{self.name} = {value!r}: use one of {", ".join(self.choices)}'
-        if self.low is not None and not self.low <= value <= self.high:
-            return f'{self.name} = {value}: must be {self.low} to {self.high}'
-        if self.check is not None:
-            try:
-                self.check(value)
-            except (ValueError, OSError) as err:
-                return f'{self.name} = {value!r}: {err}'
-        return None
-
-
-class BadInput(ValueError):
-    """A start-up value that cannot be used; its text is the one line that the user sees."""
 
 
 class Counter:
@@ -280,6 +214,13 @@ class MountNode(Node):
         self.keep_subscription(sub, counter)
         return sub
 
+    def graph_reports(self):
+        """What the nodes of the graph report of themselves: a `GraphReports`, kept up to date."""
+        reports = GraphReports()
+        self.create_subscription(DIAGNOSTICS.message, DIAGNOSTICS.name, reports.take,
+                                 DIAGNOSTICS.qos, event_callbacks=NO_SUBSCRIPTION_EVENTS)
+        return reports
+
     def keep_subscription(self, sub, counter):
         """Show a subscription made elsewhere in the diagnostics."""
         self._subscriptions_of.setdefault(sub.topic_name, []).append((sub, counter))
@@ -330,21 +271,22 @@ class MountNode(Node):
     def endpoints(self):
         """Matched and counted endpoints as (key, value) rows; `msg_tools.readiness` reads them."""
         # whoever begins to listen to the diagnostics changes this row, and so is told at once
-        rows = [(f'publishes {DIAGNOSTICS.name}',
+        rows = [(f'{PUBLISHES} {DIAGNOSTICS.name}',
                  str(self._diagnostics.get_subscription_count()))]
         for name, (pub, counter) in self._publishers_of.items():
-            rows.append((f'publishes {name}', str(pub.get_subscription_count())))
-            rows.append((f'published {name}', str(counter.count)))
+            rows.append((f'{PUBLISHES} {name}', str(pub.get_subscription_count())))
+            rows.append((f'{PUBLISHED} {name}', str(counter.count)))
         for name, subs in self._subscriptions_of.items():
-            rows.append((f'subscribes {name}', str(max(s.get_publisher_count() for s, _ in subs))))
+            matched = max(s.get_publisher_count() for s, _ in subs)
+            rows.append((f'{SUBSCRIBES} {name}', str(matched)))
             rows.append((f'received {name}', str(sum(c.count for _, c in subs))))
-            rows.append((f'last {name}', str(max(c.last for _, c in subs))))
+            rows.append((f'{LAST} {name}', str(max(c.last for _, c in subs))))
             rows.append((f'gaps {name}', str(sum(c.gaps for _, c in subs))))
         return rows
 
     def _diagnose(self):
         rows = self.endpoints()
-        connections = [row for row in rows if row[0].startswith(('publishes', 'subscribes'))]
+        connections = [row for row in rows if row[0].startswith((PUBLISHES, SUBSCRIBES))]
         # at once when a connection came or went, or messages have come to rest; the clock never
         # does; else once a second
         counts = [row for row in rows if row not in connections and CLOCK.name not in row[0]]
@@ -364,7 +306,7 @@ class MountNode(Node):
         self._announced, self._announced_at = rows, time.monotonic()
         rates = [(f'rate {key.split(" ", 1)[1]} [Hz]',
                   f'{(int(value) - int(before.get(key, 0))) / elapsed:.1f}')
-                 for key, value in rows if key.startswith(('published', 'received'))]
+                 for key, value in rows if key.startswith((PUBLISHED, 'received'))]
         waiting = self.waiting_for()
         issues = list(self.problems())
         unmatched = self.incompatible()

@@ -5,6 +5,19 @@ may see it before the other; a message sent in between is lost. So each node say
 diagnostics how many endpoints it is matched with, and whoever starts the work compares.
 """
 
+# first words of the rows, before the topic's name: `MountNode.endpoints` writes, `parse` reads
+PUBLISHES, SUBSCRIBES = 'publishes', 'subscribes'  # endpoints matched
+PUBLISHED, LAST = 'published', 'last'  # messages, the last one's sequence number
+
+
+class GraphReports(dict):
+    """What the nodes of a graph last reported of themselves: node name -> what `parse` returned."""
+
+    def take(self, message):
+        """Keep the reports in a DiagnosticArray."""
+        for status in message.status:
+            self[status.name] = parse(status)
+
 
 def parse(status):
     """The endpoint counts in a DiagnosticStatus of a `MountNode`.
@@ -12,10 +25,10 @@ def parse(status):
     Returns
     -------
     dict
-        ``{'publishes': {topic: matched}, 'subscribes': ..., 'published': {topic: messages},
-        'last': {topic: sequence number}}``.
+        ``{PUBLISHES: {topic: matched}, SUBSCRIBES: ..., PUBLISHED: {topic: messages},
+        LAST: {topic: sequence number}}``.
     """
-    out = {'publishes': {}, 'subscribes': {}, 'published': {}, 'last': {}}
+    out = {PUBLISHES: {}, SUBSCRIBES: {}, PUBLISHED: {}, LAST: {}}
     for row in status.values:
         kind, _, topic = row.key.partition(' ')
         # whoever else publishes diagnostics may use such keys for something else
@@ -43,12 +56,12 @@ def unmatched(nodes, reports):
     missing = [f'node {name}' for name in nodes if name not in reports]
     there = [name for name in nodes if name in reports]
     for name in there:
-        for topic, matched in reports[name]['publishes'].items():
-            expected = sum(topic in reports[other]['subscribes'] for other in there)
+        for topic, matched in reports[name][PUBLISHES].items():
+            expected = sum(topic in reports[other][SUBSCRIBES] for other in there)
             if matched < expected:
                 missing.append(f'{name} to see {expected - matched} more subscribers of {topic}')
-        for topic, matched in reports[name]['subscribes'].items():
-            expected = sum(topic in reports[other]['publishes'] for other in there)
+        for topic, matched in reports[name][SUBSCRIBES].items():
+            expected = sum(topic in reports[other][PUBLISHES] for other in there)
             if matched < expected:
                 missing.append(f'{name} to see {expected - matched} more publishers of {topic}')
     return missing
@@ -73,11 +86,11 @@ def unreceived(receiver, reports, then):
         Topic to the number still missing; topics that `receiver` does not subscribe are left
         out.
     """
-    last = reports[receiver]['last']
+    last = reports[receiver][LAST]
     sent = {}
     for name, report in then.items():
         if name != receiver:
-            for topic, count in report['published'].items():
+            for topic, count in report[PUBLISHED].items():
                 sent[topic] = max(sent.get(topic, 0), count)
     return {topic: count - last[topic] for topic, count in sent.items()
             if topic in last and count > last[topic]}

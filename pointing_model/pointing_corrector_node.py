@@ -6,16 +6,14 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from msg_tools import convert, topics
-from msg_tools.node import MountNode, Param, run_node
-from msg_tools.units import ARCSEC
+from msg_tools.node import MountNode, run_node
+from msg_tools.units import ARCSEC, wrap
 
 from .context import Context
-from .drivers import Thermometer, demand_angles, time_driver
-from .model import PointingModel
+from .drivers import time_driver
+from .in_force_topics import MODEL_FILE, in_force_of
 
-PARAMS = (
-    Param('model_file', '', 'pointing model in force at the start (JSON or YAML)', fixed=True),
-)
+PARAMS = (MODEL_FILE,)
 #: step of the difference that turns sky rates into encoder rates, s
 STEP = 0.05
 
@@ -25,51 +23,33 @@ class PointingCorrector(MountNode):
 
     def __init__(self, **kwargs):
         super().__init__('pointing_corrector', PARAMS, hardware_id='pointing model', **kwargs)
-        self._model = None
-        if self.value('model_file'):
-            self._model = PointingModel.load(self.value('model_file'))
-        self._zero, self._zero_sigma = np.zeros(2), np.full(2, np.nan)
-        self._thermometer = Thermometer()
         self._lacking = ()
         self._demand_pub = self.publisher(topics.DEMAND)
         self._sigma_pub = self.publisher(topics.DEMAND_SIGMA)
-        self.subscribe(topics.MODEL, self._on_model)
-        self.subscribe(topics.ZERO, self._on_zero)
+        self._in_force = in_force_of(self, self._changed)
         self.subscribe(topics.TARGET, self._on_target)
-        self.subscribe(topics.AMBIENT, self._on_temperature)
 
-    def _on_temperature(self, message):
-        self._thermometer.take(*convert.read_temperature(message))
-
-    def _on_model(self, message):
-        self._model = PointingModel.from_json(message.data)
-        self._lacking = ()
-
-    def _on_zero(self, message):
-        _, zero, _, sigma = convert.read_joints(message)
-        if not np.isfinite(zero).all():
-            raise ValueError('zero is not a number')
-        self._zero, self._zero_sigma = np.array(zero), np.array(sigma)
+    def _changed(self, topic):
+        if topic is topics.MODEL:
+            self._lacking = ()
 
     def _drivers(self, stamps, sky):
         """Time and temperature; how the axes will come, and the star, only the observer knows."""
-        if self._model is None or not self._model.effects:
+        model = self._in_force.model
+        if model is None or not model.effects:
             return None
         return Context(sky[:, 0], sky[:, 1], {
-            'time': time_driver(self._model, stamps),
-            'temperature': self._thermometer.before(int(stamps[0]), np.nan)})
+            'time': time_driver(model, stamps),
+            'temperature': self._in_force.thermometer.before(int(stamps[0]), np.nan)})
 
     def _encoder(self, sky, context):
-        az, el = sky[:, 0], sky[:, 1]
-        if self._model is not None:
-            az, el = demand_angles(self._model, az, el, context, self._zero)
-        return np.column_stack([az, el]) + self._zero
+        return self._in_force.encoder(sky[:, 0], sky[:, 1], context)
 
     def _on_target(self, message):
         stamp, times, sky, rates = convert.read_trajectory(message)
         context = self._drivers(stamp + np.rint(times * 1e9).astype(np.int64), sky)
         if context is not None:
-            self._lacking = tuple(self._model.unknown(sky[:, 0], sky[:, 1], context))
+            self._lacking = tuple(self._in_force.model.unknown(sky[:, 0], sky[:, 1], context))
         demand = self._encoder(sky, context)
         if not np.isfinite(demand).all():
             raise ValueError('the mount cannot point there: too close to the zenith for its '
@@ -77,7 +57,7 @@ class PointingCorrector(MountNode):
         ahead = self._encoder(sky + STEP * rates, context)
         behind = self._encoder(sky - STEP * rates, context)
         turn = ahead - behind
-        turn[:, 0] = (turn[:, 0] + np.pi) % (2.0 * np.pi) - np.pi
+        turn[:, 0] = wrap(turn[:, 0])
         # the azimuth goes on from point to point, whatever turn the target is written in
         demand[:, 0] = np.unwrap(demand[:, 0])
         self._demand_pub.publish(
@@ -88,17 +68,18 @@ class PointingCorrector(MountNode):
     def _sigma(self, sky, context):
         """1-sigma of the demand on the sky at the first point, from model and zero, rad."""
         out = np.zeros(2)
-        if self._model is not None:
+        model, zero = self._in_force.model, self._in_force.zero.sigma
+        if model is not None:
             out = np.array([float(np.ravel(s)[0])
-                            for s in self._model.sigma(sky[:, 0], sky[:, 1], context)])
-        zero = self._zero_sigma * [float(np.cos(sky[0, 1])), 1.0]
+                            for s in model.sigma(sky[:, 0], sky[:, 1], context)])
+        zero = zero * [float(np.cos(sky[0, 1])), 1.0]
         return np.hypot(out, np.where(np.isfinite(zero), zero, 0.0))
 
     def problems(self):
         """Nothing to correct with yet."""
-        if self._model is None:
+        if self._in_force.model is None:
             return [(DiagnosticStatus.WARN, 'no model yet: demands are the wanted directions'
-                     + (' plus the zero' if self._zero.any() else ''))]
+                     + (' plus the zero' if self._in_force.zero.angles.any() else ''))]
         if self._lacking:
             return [(DiagnosticStatus.WARN, 'what drives these effects is not known here, they '
                      f'count as zero: {", ".join(self._lacking)}')]
@@ -106,12 +87,12 @@ class PointingCorrector(MountNode):
 
     def details(self):
         """What is in force."""
-        terms = 'none'
-        if self._model is not None:
-            terms = ' '.join([*self._model.terms, *(e.effect.name for e in self._model.effects)])
+        terms, (model, zero) = 'none', (self._in_force.model, self._in_force.zero)
+        if model is not None:
+            terms = ' '.join([*model.terms, *(e.effect.name for e in model.effects)])
         return [('model', terms),
-                ('zero azimuth [arcsec]', f'{self._zero[0] / ARCSEC:.3f}'),
-                ('zero elevation [arcsec]', f'{self._zero[1] / ARCSEC:.3f}')]
+                ('zero azimuth [arcsec]', f'{zero.az / ARCSEC:.3f}'),
+                ('zero elevation [arcsec]', f'{zero.el / ARCSEC:.3f}')]
 
 
 def main(args=None):

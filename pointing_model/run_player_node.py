@@ -10,8 +10,10 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from std_srvs.srv import Trigger
 
 from msg_tools import convert, topics
-from msg_tools.node import NO_SUBSCRIPTION_EVENTS, MountNode, Param, run_node
-from msg_tools.readiness import parse, unmatched
+from msg_tools.node import MountNode, Param, run_node
+from msg_tools.readiness import unmatched
+from msg_tools.status import Progress, observations_taken
+from msg_tools.steps import Steps, call
 
 from .run import COLUMNS, PointingRun
 from .run_files import read_run
@@ -120,40 +122,34 @@ class RunPlayer(MountNode):
         self._state = ('waiting', 'the graph')
         self._step = ''
         self._told_last = None
-        self._reports = {}
         self._clock_pub = self.publisher(topics.CLOCK)
         self._observation_pub = self.publisher(topics.OBSERVATION)
         self._observations_pub = self.publisher(topics.OBSERVATIONS)
         self._status_pub = self.publisher(topics.OBSERVER_STATUS)
         self.subscribe(topics.CALIBRATION_STATUS, self._on_calibration)
-        self.create_subscription(topics.DIAGNOSTICS.message, topics.DIAGNOSTICS.name,
-                                 self._on_diagnostics, topics.DIAGNOSTICS.qos,
-                                 event_callbacks=NO_SUBSCRIPTION_EVENTS)
+        self._reports = self.graph_reports()
         self._asked = {name: self.create_client(Trigger, name)
                        for name in self.value('services') if name}
-        self._work = self._play()
-        self._wait = None
+        self._steps = Steps(self._ended)
+        self._steps.start(self._play())
         self._timer = self.create_timer(0.02, self._advance,
                                         clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _on_calibration(self, message):
-        values = {row.key: row.value for row in message.values}
-        self._calibrated = int(values.get('observations', 0))
-
-    def _on_diagnostics(self, message):
-        for status in message.status:
-            self._reports[status.name] = parse(status)
+        self._calibrated = observations_taken(message)
 
     def _advance(self):
-        try:
-            while self._wait is None or self._wait():
-                self._wait = next(self._work)
-        except StopIteration:
-            self._timer.cancel()
-            if self._state[0] != 'failed':
-                self._state = ('done', f'{len(self._run)} observations published')
-            self.get_logger().info(self._state[1])
+        self._steps.advance()
         self._report()
+
+    def _ended(self, error):
+        self._timer.cancel()
+        if error is None:
+            self._state = ('done', f'{len(self._run)} observations published')
+            self.get_logger().info(self._state[1])
+        else:
+            self._state = ('failed', str(error))
+            self.get_logger().error(self._state[1])
 
     def _play(self):
         """What is to be done, as a generator of conditions to wait for."""
@@ -167,15 +163,8 @@ class RunPlayer(MountNode):
         self._observations_pub.publish(run_to_cloud(self._run, int(self._stamps[-1])))
         for name, client in self._asked.items():
             self._step = name
-            yield client.service_is_ready
-            future = client.call_async(Trigger.Request())
-            yield future.done
-            answer = future.result()
-            if not answer.success:
-                self._state = ('failed', f'{name}: {answer.message}')
-                self.get_logger().error(self._state[1])
-                return
-            self.get_logger().info(f'{name}: {answer.message}')
+            answer = yield from call(name, client, self._advance)
+            self.get_logger().info(answer)
 
     def _publish(self, row):
         stamp = int(self._stamps[row])
@@ -192,8 +181,9 @@ class RunPlayer(MountNode):
         level = {'failed': DiagnosticStatus.ERROR, 'waiting': DiagnosticStatus.WARN}.get(
             state, DiagnosticStatus.OK)
         self._status_pub.publish(convert.status(
-            level, self.get_fully_qualified_name(), text, state=state, step=self._step, block=0,
-            done=self._sent, total=len(self._run), observations=self._sent, run=0, lost=0))
+            level, self.get_fully_qualified_name(), text, **Progress(
+                state, self._step, done=self._sent, total=len(self._run),
+                observations=self._sent).rows()))
 
     def required(self):
         """Somebody must take the rows."""

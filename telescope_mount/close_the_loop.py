@@ -6,7 +6,7 @@ from functools import partial
 from importlib import resources
 from pathlib import Path
 
-from pointing_model.plan import parse_plan
+from pointing_model.observing.plan import parse_plan
 
 from .graph import measured_graph, night_graph
 from .night import NightFailed, observe, prepare_folder

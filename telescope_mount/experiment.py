@@ -5,7 +5,7 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 
-from pointing_model.plan import parse_plan
+from pointing_model.observing.plan import parse_plan
 
 from .graph import night_graph
 from .night import observe, prepare_folder

@@ -133,7 +133,7 @@ def measured_graph(*, bag, player, seed=1, calibration=None):
     return [NodeSpec(name, NODES[name], parameters[name]) for name in MEASURED]
 
 
-def replay_graph(bag, observation, seed=1, reference=None, calibration=None):
+def replay_graph(bag, observation, seed=1, reference=None, calibration=None, also=()):
     """The nodes that calibrate anew on a log.
 
     Parameters
@@ -148,9 +148,11 @@ def replay_graph(bag, observation, seed=1, reference=None, calibration=None):
         The reference model that the night had.
     calibration : dict, optional
         Further parameters of the calibration.
+    also : sequence of str
+        Full names of further topics of the log to publish.
     """
     parameters = {
-        'mcap_replay': {'bag': bag, 'rate': 0.0, 'topics': [observation],
+        'mcap_replay': {'bag': bag, 'rate': 0.0, 'topics': [observation, *also],
                         'wait_for_topics': [observation], 'exit_at_end': False},
         'calibration': {'model_file': str(reference or ''), 'split_seed': seed} | (
             calibration or {}),

@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
-from pointing_model.plan import night_plan, parse_plan
+from msg_tools.status import Progress
+from pointing_model.observing.plan import night_plan, parse_plan
 
 from . import domain
 from .graph import night_graph
@@ -128,8 +129,6 @@ def observe(folder, specs, plan, write, progress=None, domain_number=None, param
     from .processes import Processes
     nodes = Processes(folder / 'nodes', lock.number, params_file)
     # after the cheap checks, and while the nodes' own go on: these imports cost half a second
-    from msg_tools.topics import OBSERVER_STATUS
-
     from .watcher import Watcher
     watcher = None
     try:
@@ -151,7 +150,7 @@ def observe(folder, specs, plan, write, progress=None, domain_number=None, param
         return out
     except RuntimeError as err:
         nodes.stop()
-        if watcher is None or int(watcher.values(OBSERVER_STATUS).get('observations', 0)) == 0:
+        if watcher is None or not _progress(watcher).observations:
             # nothing was observed: let the next try have the folder
             for name in ('bag', 'bag_truth', 'nodes'):
                 shutil.rmtree(folder / name, ignore_errors=True)
@@ -164,6 +163,12 @@ def observe(folder, specs, plan, write, progress=None, domain_number=None, param
         lock.release()
 
 
+def _progress(watcher):
+    """How far the observer is."""
+    from msg_tools.topics import OBSERVER_STATUS
+    return Progress.read(watcher.latest.get(OBSERVER_STATUS.name))
+
+
 def _watch(watcher, nodes, plan, progress):
     """Follow the observer until the plan is done."""
     from msg_tools import topics
@@ -173,18 +178,15 @@ def _watch(watcher, nodes, plan, progress):
         watcher.spin(0.2)
         nodes.check()
         status = watcher.latest.get(topics.OBSERVER_STATUS.name)
-        values = watcher.values(topics.OBSERVER_STATUS)
-        now = (values.get('observations'), values.get('step'), values.get('lost'),
-               len(watcher.diagnostics))
+        at = _progress(watcher)
+        now = status is None, at.observations, at.step, at.lost, len(watcher.reports)
         if now != last:
             last, since = now, time.monotonic()
         if status is not None:
-            done = int(values['observations']) + int(values['lost'])
-            text = values['step'] or 'connecting the nodes'
-            if values['state'] == 'failed':
+            if at.state == 'failed':
                 raise NightFailed(status.message)
-            progress(text, done, total)
-            if values['state'] == 'done':
+            progress(at.step or 'connecting the nodes', at.observations + at.lost, total)
+            if at.state == 'done':
                 return
         if time.monotonic() - since > STALL:
             what = status.message if status is not None else 'the star observer'
@@ -197,7 +199,7 @@ def _complete(watcher, plan):
     verbs = [step.verb for step in parse_plan(plan)]
     latest = watcher.latest
     table = latest.get(topics.OBSERVATIONS.name)
-    rows = int(watcher.values(topics.OBSERVER_STATUS)['observations'])
+    rows = _progress(watcher).observations
     checks = latest.get(topics.CHECKS.name)
     checked = 0 if checks is None else len(json.loads(checks.data)['checks'])
     return (table is not None and table.width == rows and topics.MODEL.name in latest

@@ -5,6 +5,7 @@ import tempfile
 from pathlib import Path
 
 from msg_tools.bag import BagReader
+from msg_tools.status import observations_taken
 
 from . import domain
 from .graph import replay_graph
@@ -49,6 +50,7 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None):
     had_zero = any(t.name.endswith('/zero') and t.count for t in bag.topics)
     had_zero = had_zero and _saw_polaris(bag, topic.name)
     diagnosed = _diagnosis(bag)
+    marks = [t.name for t in bag.topics if t.name.endswith('/incremental/homing') and t.count]
     lock = domain.claim(domain_number)
     from msg_tools import topics
 
@@ -59,12 +61,12 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None):
         watcher = None
         try:
             for spec in replay_graph(str(Path(log).resolve()), topic.name, seed, reference,
-                                     _as_then(diagnosed)):
+                                     _as_then(diagnosed), marks):
                 nodes.start(spec)
             watcher = Watcher('replay', lock.number, nodes.environment)
 
             def taken():
-                return int(watcher.values(topics.CALIBRATION_STATUS).get('observations', 0))
+                return observations_taken(watcher.latest.get(topics.CALIBRATION_STATUS.name))
 
             if not watcher.spin_until(lambda: taken() >= topic.count, 60.0, nodes.check):
                 raise RuntimeError(f'only {taken()} of {topic.count} observations arrived')

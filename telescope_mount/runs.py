@@ -151,7 +151,7 @@ def _without_judges(run):
 
 def _readings(columns):
     """Readings of the encoders at the exposure, from those with the star centred."""
-    from pointing_model.pairing import centred
+    from pointing_model.observing.pairing import centred
     az, el = columns['az_enc'], columns['el_enc']
     if 'miss_x' not in columns or 'miss_y' not in columns:
         return az, el

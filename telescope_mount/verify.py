@@ -3,19 +3,21 @@
 import json
 import struct
 from collections import Counter, deque
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
+from calibration.homings import encoder_diagnostics, homings_from_diagnostics, homings_of
 from calibration.nights import NightSeries
 from calibration.session import CalibrationSession
-from calibration.witnesses import homings_from_diagnostics
 from msg_tools.bag import BagReader
 from msg_tools.bag.provenance import parameters_of
 from msg_tools.convert import from_stamp, read_joints
+from msg_tools.homing import cloud_to_homing
 from msg_tools.units import DEG
 from pointing_model.model import PointingModel
-from pointing_model.pairing import centred, interpolate
+from pointing_model.observing.pairing import centred, interpolate
 from pointing_model.run_messages import cloud_to_run
 from pointing_model.zero_message import joints_to_zero
 
@@ -23,7 +25,7 @@ from pointing_model.zero_message import joints_to_zero
 READINGS = 50_000
 #: ns that an observation waits for readings after it
 PATIENCE = 60 * 10**9
-#: states of the encoders' diagnostics around a fit that are tried for its report
+#: what the encoders said of their marks around a fit, so many are tried for its report
 _STATES = 3
 
 _RAW = {'enc': 'incremental/joint_states', 'abs': 'absolute/joint_states'}
@@ -135,7 +137,8 @@ class _Rows:
         self.observations = {}  # stamp -> PointingRun
         self.tables = []  # (stamp, PointingRun)
         self.said = {kind: [] for kind in ('zero', 'model', 'report', 'diagnosis')}
-        self.encoders = []  # (log time, rows of diagnostics)
+        #: (log time, callable that gives the homings of a run); of old logs from diagnostics
+        self.homings, self.diagnosed = [], []
 
 
 def _read(log, prefix, topics, check):
@@ -146,7 +149,8 @@ def _read(log, prefix, topics, check):
         ('diagnosis', 'diagnosis'))}
     raw = {f'{prefix}{name}': encoder for encoder, name in _RAW.items()}
     take = {f'{prefix}observation': 1, f'{prefix}observations': 2, f'{prefix}offset': 3,
-            f'{prefix}camera/miss_distance': 4, '/diagnostics': 5}
+            f'{prefix}camera/miss_distance': 4, f'{prefix}incremental/homing': 5,
+            '/diagnostics': 6}
     for message in log.messages([*kinds, *raw, *take]):
         encoder = raw.get(message.topic)
         if encoder is not None:
@@ -170,16 +174,13 @@ def _read(log, prefix, topics, check):
             pairing.offsets[from_stamp(data.header.stamp)] = data.vector.x, data.vector.y
         elif kind == 4:
             pairing.frame(data)
+        elif kind == 5:
+            rows.homings.append((message.log_time, partial(homings_of, cloud_to_homing(data))))
         else:
-            _keep_encoders(rows, message.log_time, data)
+            rows.diagnosed += [(message.log_time, partial(homings_from_diagnostics, values))
+                               for values in encoder_diagnostics(data)]
     pairing.finish()
     return rows
-
-
-def _keep_encoders(rows, log_time, data):
-    for status in data.status:
-        if any(row.key == 'azimuth homed' for row in status.values):
-            rows.encoders.append((log_time, {row.key: row.value for row in status.values}))
 
 
 class _Pairing:
@@ -373,27 +374,31 @@ class _Replay:
 
     def _fit(self, stamp, log_time):
         logged = self._reports.popleft() if self._reports else None
-        model = report = None
-        for state in self._states(log_time):
-            run = self._session.newest
-            homings = [h for h in homings_from_diagnostics(state, run) if h.homed]
+        first = None
+        for homings in self._homings(log_time):
             model, report = self._session.fit(homings)
-            if logged is None or json.dumps(report) == logged:
+            report = json.dumps(report)
+            first = first or report
+            if logged in (None, report):
                 break
+        else:
+            report = first
         if logged is None:
             self._check.unchecked.append(f'report of {_at(stamp)}: it is not in the log')
         else:
-            self._check.compare('report', logged, json.dumps(report), _at(stamp))
+            self._check.compare('report', logged, report, _at(stamp))
         return model
 
-    def _states(self, log_time):
-        """Diagnostics of the encoders as of `log_time`, then those beside it."""
-        states = self._rows.encoders
-        if not states:
-            return [{}]
+    def _homings(self, log_time):
+        """What the encoders said of their marks as of `log_time`, then beside it, then nothing."""
+        states = self._rows.homings or self._rows.diagnosed
         newest = sum(when <= log_time for when, _ in states) - 1
         near = sorted(range(len(states)), key=lambda i: (abs(i - newest), i))
-        return [states[i][1] for i in near[:_STATES]]
+        for i in near[:_STATES]:
+            yield [h for h in states[i][1](self._session.newest) if h.homed]
+        if not states:
+            yield []
+        yield None
 
     def _diagnose(self, stamp):
         logged = self._diagnoses.popleft() if self._diagnoses else '{}'

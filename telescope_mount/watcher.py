@@ -10,7 +10,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from msg_tools import NAMESPACE, topics
 from msg_tools.executor import NodeExecutor
-from msg_tools.readiness import parse, unreceived
+from msg_tools.readiness import GraphReports, unreceived
 
 
 class Watcher:
@@ -29,9 +29,8 @@ class Watcher:
     ----------
     latest : dict of str to message
         By topic name, the last message of each.
-    diagnostics : dict of str to DiagnosticStatus
-        By node name.
-
+    reports : GraphReports
+        Of all nodes.
     """
 
     KEPT = (topics.OBSERVER_STATUS, topics.CALIBRATION_STATUS, topics.OBSERVATIONS, topics.MODEL,
@@ -49,18 +48,14 @@ class Watcher:
         self._executor = NodeExecutor(context=self._context)
         self._executor.add_node(self.node)
         self.latest = {}
-        self.diagnostics = {}
+        self.reports = GraphReports()
         for topic in self.KEPT:
             self.node.create_subscription(
                 topic.message, topic.name,
                 lambda message, key=topic.name: self.latest.__setitem__(key, message), topic.qos)
         self.node.create_subscription(
-            topics.DIAGNOSTICS.message, topics.DIAGNOSTICS.name, self._on_diagnostics,
+            topics.DIAGNOSTICS.message, topics.DIAGNOSTICS.name, self.reports.take,
             topics.DIAGNOSTICS.qos)
-
-    def _on_diagnostics(self, message):
-        for status in message.status:
-            self.diagnostics[status.name] = status
 
     def spin(self, seconds):
         """Take what comes for at most `seconds`; returns early after something came."""
@@ -79,11 +74,6 @@ class Watcher:
             if each is not None:
                 each()
         return True
-
-    def values(self, topic):
-        """Key-value rows of the last DiagnosticStatus on `topic`, {} before the first."""
-        message = self.latest.get(topic.name)
-        return {} if message is None else {row.key: row.value for row in message.values}
 
     def call(self, service, timeout=30.0, each=None):
         """Call a Trigger service of the graph.
@@ -110,10 +100,6 @@ class Watcher:
             raise RuntimeError(f'{service}: {answer.message}')
         return answer.message
 
-    def reports(self):
-        """Endpoint counts of all nodes, by node name."""
-        return {name: parse(status) for name, status in self.diagnostics.items()}
-
     def wait_for_log(self, nodes, timeout, logger='mcap_logger', each=None):
         """Wait until the logger has all that the nodes have published by now.
 
@@ -133,15 +119,16 @@ class Watcher:
         """
         name = f'{NAMESPACE}/{logger}'
         # diagnostics that came since: each node reports at least once a second
-        seen = dict(self.diagnostics)
-        fresh = self.spin_until(
-            lambda: all(self.diagnostics.get(n) is not seen.get(n) for n in nodes), timeout, each)
-        if not fresh:
-            silent = [n for n in nodes if self.diagnostics.get(n) is seen.get(n)]
-            raise RuntimeError(f'no diagnostics of {", ".join(silent)} for {timeout:g} s')
-        then = self.reports()
-        self.spin_until(lambda: not unreceived(name, self.reports(), then), timeout, each)
-        return unreceived(name, self.reports(), then)
+        seen = dict(self.reports)
+
+        def silent():
+            return [n for n in nodes if self.reports.get(n) is seen.get(n)]
+
+        if not self.spin_until(lambda: not silent(), timeout, each):
+            raise RuntimeError(f'no diagnostics of {", ".join(silent())} for {timeout:g} s')
+        then = dict(self.reports)
+        self.spin_until(lambda: not unreceived(name, self.reports, then), timeout, each)
+        return unreceived(name, self.reports, then)
 
     def close(self):
         """Leave the graph."""

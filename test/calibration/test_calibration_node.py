@@ -5,8 +5,12 @@ import pytest
 
 pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportError)
 
+from diagnostic_msgs.msg import DiagnosticStatus
+
 from calibration.calibration_node import Calibration
+from calibration.homings import UNJUDGED
 from msg_tools import convert, topics
+from msg_tools.homing import AxisHoming, homing_to_cloud
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.catalogue import POLARIS_HIP
 from pointing_model.model import PointingModel
@@ -100,6 +104,55 @@ def test_model_and_report_are_there_for_those_who_come_late(graph):
     report = json.loads(reports[0].data)
     assert report['stars'] == 30 and report['polaris'] == 8
     assert status[0].message == answer.message
+
+
+def with_both_encoders(run):
+    return PointingRun({**run.columns, 'time': START * 1e-9 + np.arange(len(run)),
+                        'az_abs': run['az_enc'], 'el_abs': run['el_enc']})
+
+
+def test_what_the_encoder_says_of_its_marks_is_judged(graph):
+    met = AxisHoming(True, 'below', 0, 1, np.nan, 0.0686 * ARCSEC, 3 * ARCSEC, 1)
+    marks = graph.publisher(topics.HOMING)
+    # before the calibration is there
+    marks.publish(homing_to_cloud([met._replace(side='above'), met], START))
+    desk = Desk(graph)
+    graph.publisher(topics.INCREMENTAL)
+    graph.report('calibration', '', 'received /mount/incremental/homing', 1)
+    desk.observe(with_both_encoders(rows(30, seed=2)))
+    reports = graph.listen(topics.CALIBRATION_REPORT)
+    assert graph.call('fit').success
+    graph.report('calibration', 'homed from above, not from below')
+    marks.publish(homing_to_cloud([met, met._replace(mark_error=-120.0, passages=2)], START + 1))
+    graph.report('calibration', '', 'received /mount/incremental/homing', 2)
+    assert graph.call('fit').success
+    graph.report('calibration', 'elevation: incremental encoder, power-on 1: off by -120 counts')
+    graph.wait_for(lambda: len(reports) == 2)
+    for report, word in zip(reports, ('from above', '-120 counts')):
+        told = json.loads(report.data)['witnesses']
+        assert len(told['alarms']) == 1 and word in told['alarms'][0]
+        assert UNJUDGED not in told['notes']
+
+
+def test_an_encoder_that_tells_nothing_of_its_marks_is_named(graph):
+    desk = Desk(graph)
+    desk.observe(with_both_encoders(rows(30, seed=2)))
+    reports = graph.listen(topics.CALIBRATION_REPORT)
+    assert graph.call('fit').success  # no incremental encoder, nothing to judge
+    graph.publisher(topics.INCREMENTAL)
+    marks = graph.publisher(topics.HOMING)
+    status = graph.report('calibration', UNJUDGED)
+    assert status.level == DiagnosticStatus.WARN
+    # what cannot be understood tells nothing either
+    other = homing_to_cloud([AxisHoming(True, '', 0, 0, 0.0, 1e-6, 1e-5, 1)] * 2, START)
+    other.fields = [field for field in other.fields if field.name != 'mark_error']
+    marks.publish(other)
+    graph.report('calibration', '1 messages refused')
+    graph.report('calibration', UNJUDGED)
+    assert graph.call('fit').success
+    graph.wait_for(lambda: len(reports) == 2)
+    notes = [json.loads(report.data)['witnesses']['notes'] for report in reports]
+    assert [UNJUDGED in note for note in notes] == [False, True]
 
 
 def test_a_fit_without_enough_stars_is_refused_with_a_reason(graph):

@@ -3,12 +3,9 @@ import json
 import numpy as np
 import pytest
 
-from calibration.witnesses import (
-    Homing,
-    Witness,
-    check_witnesses,
-    homings_from_diagnostics,
-)
+from calibration.homings import UNJUDGED, homings_from_diagnostics, homings_of
+from calibration.witnesses import Homing, Witness, check_witnesses
+from msg_tools.homing import AxisHoming
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.catalogue import POLARIS_HIP
 from pointing_model.model import PointingModel
@@ -156,6 +153,27 @@ def test_an_encoder_that_gives_no_angle():
     assert report.alarms == [
         'azimuth: incremental encoder gave no angle in 10 of 76 observations: reference mark not '
         'met (confidence 1.00)']
+
+
+def test_what_an_encoder_says_that_should_say_something():
+    assert UNJUDGED in check_witnesses(night(2), homings=None).notes
+    assert check_witnesses(night(2), homings=None).alarms == []
+    assert check_witnesses(night(2), homings=()).notes == check_witnesses(night(2)).notes
+    assert UNJUDGED not in check_witnesses(night(2)).notes
+
+
+def test_numbers_and_old_logs_say_the_same():
+    axes = {'azimuth': AxisHoming(True, 'above', 2, 1, np.nan, 0.0686 * ARCSEC, 3 * ARCSEC, 4),
+            'elevation': AxisHoming(False, '', 3, 0, np.nan, 0.0686 * ARCSEC, 3 * ARCSEC, 4)}
+    rows = {'resolution [arcsec]': '0.0686'}
+    for axis, told in axes.items():
+        rows |= {f'{axis} homed': str(told.homed), f'{axis} mark met from': told.side,
+                 f'{axis} missed marks': str(told.missed_marks),
+                 f'{axis} mark error [counts]': f'{told.mark_error:.0f}',
+                 f'{axis} mark width [arcsec]': '3.00'}
+    for new, old in zip(homings_of(axes, 7), homings_from_diagnostics(rows, 7), strict=True):
+        assert new[:5] == old[:5]
+        np.testing.assert_allclose(new[5:], old[5:], rtol=1e-12)
 
 
 def test_what_the_encoder_says_of_itself():

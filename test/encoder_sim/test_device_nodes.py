@@ -7,6 +7,7 @@ from encoder_sim.absolute_encoder_node import AbsoluteEncoders
 from encoder_sim.device_params import Decimator, parse_utc
 from encoder_sim.incremental_encoder_node import IncrementalEncoders
 from msg_tools import convert, topics
+from msg_tools.homing import cloud_to_homing
 from msg_tools.units import ARCSEC, DEG
 
 START = 1_768_482_000_000_000_000
@@ -143,6 +144,39 @@ def test_lost_counts_show_when_the_mark_is_passed_again(graph, tmp_path):
     graph.report('incremental_encoder', 'elevation: -120 counts off at the reference mark',
                  'elevation mark error [counts]', -120)
     graph.report('incremental_encoder', '', 'azimuth mark error [counts]', 0)
+
+
+def test_what_others_compute_with_is_told_in_numbers(graph, tmp_path):
+    path = tmp_path / 'lost.yaml'
+    path.write_text('based_on: wrong_side\nincremental:\n  elevation:\n'
+                    '    losses: [{at_s: 6.5, counts: 120}]\n')
+    graph.add(IncrementalEncoders, scenario=str(path))
+    told = graph.listen(topics.HOMING)
+    axes = Axes(graph, topics.INCREMENTAL)
+    graph.wait_for(lambda: told, 'the state at the start')  # although it was there before us
+    start = cloud_to_homing(told[0])
+    assert [(start[axis].homed, start[axis].power_on) for axis in convert.AXES] == [(False, 1)] * 2
+    above = HOMING.copy()
+    above[:, 0] = HOMING[::-1, 0]
+    axes(above)
+    axes(np.repeat(MARKS[None] + 1 * DEG, 4, axis=0))
+    axes(HOMING)
+    graph.wait_for(lambda: np.isfinite(cloud_to_homing(told[-1])['elevation'].mark_error))
+    last = cloud_to_homing(told[-1])
+    azimuth, elevation = last['azimuth'], last['elevation']
+    assert (azimuth.homed, azimuth.side, elevation.side) == (True, 'above', 'below')
+    assert elevation.mark_error == pytest.approx(-120.0, abs=3.0)
+    assert elevation.count == pytest.approx(COUNT)
+    assert azimuth.pulse_width == pytest.approx(3.0 * ARCSEC)
+    before = len(told)
+    axes([MARKS + 2 * DEG] * 3)
+    assert len(told) == before  # nothing new
+    assert convert.from_stamp(told[-1].header.stamp) <= axes.stamp - 3 * 10**9
+    assert graph.call('power_cycle').success
+    graph.wait_for(lambda: len(told) > before)
+    off = cloud_to_homing(told[-1])['azimuth']
+    assert (off.homed, off.side, off.passages, off.power_on) == (False, '', 0, 2)
+    assert np.isnan(off.mark_error)
 
 
 def test_the_power_fails_as_the_scenario_says(graph, tmp_path):

@@ -216,6 +216,24 @@ def test_diagnostics_count_messages_and_rates(graph):
     assert 'rate /mount/zero [Hz]' in keys
 
 
+def test_a_node_reads_what_another_reports(graph):
+    reports = graph.add(lambda **kwargs: MountNode('reader', **kwargs)).graph_reports()
+    node = graph.add(Sample)
+    pub = graph.publisher(topics.INCREMENTAL)
+    graph.listen(topics.ZERO)
+    graph.connect()
+    pub.publish(convert.joint_state(1, [1.0, 2.0]))
+    node.pub.publish(convert.joint_state(1, [0.0, 0.0]))
+    zero, incremental = '/mount/zero', '/mount/incremental/joint_states'
+
+    def told():
+        report = reports.get('/mount/sample')
+        return report and (
+            report['publishes'].get(zero), report['published'].get(zero),
+            report['subscribes'].get(incremental), report['last'].get(incremental))
+    graph.wait_for(lambda: told() == (1, 1, 1, 1), told)
+
+
 def test_diagnostics_go_on_before_the_first_clock(graph):
     node = graph.add(Sample, use_sim_time=True)
     graph.report('sample', 'waiting')

@@ -1,6 +1,6 @@
 from types import SimpleNamespace
 
-from msg_tools.readiness import parse, unmatched, unreceived
+from msg_tools.readiness import GraphReports, parse, unmatched, unreceived
 
 
 def status(**rows):
@@ -56,3 +56,18 @@ def test_unreceived_leaves_out_what_the_receiver_does_not_take():
     # and what it publishes itself
     then = {'log': parse(status(published=9))}
     assert unreceived('log', {'log': parse(status(last=0))}, then) == {}
+
+
+def test_reports_are_the_last_of_each_node():
+    def array(**nodes):
+        return SimpleNamespace(status=[
+            SimpleNamespace(name=name, values=status(publishes=count).values)
+            for name, count in nodes.items()])
+    reports = GraphReports()
+    assert unmatched('a', reports) == ['node a']
+    reports.take(array(a=1, b=2))
+    then = dict(reports)
+    reports.take(array(b=3))
+    assert {name: report['publishes']['/t'] for name, report in reports.items()} == {'a': 1, 'b': 3}
+    # a report that came since is another object
+    assert [name for name in reports if reports[name] is not then[name]] == ['b']

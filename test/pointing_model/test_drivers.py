@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 
 from msg_tools.units import ARCSEC
-from pointing_model.blind_check import summary
 from pointing_model.context import Context
 from pointing_model.drivers import (
     HORIZON,
@@ -15,6 +14,7 @@ from pointing_model.drivers import (
 from pointing_model.effects import PERIODS, effect
 from pointing_model.fitted_effects import FittedEffect
 from pointing_model.model import PointingModel
+from pointing_model.observing.blind_check import summary
 from pointing_model.sky import DEFAULT_SITE
 
 NOW = 1_768_482_000_000_000_000

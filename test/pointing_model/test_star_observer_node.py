@@ -255,6 +255,14 @@ def test_the_next_evening_is_waited_for(graph):
     np.testing.assert_array_equal(sky.commands[1][1][0], sky.commands[1][1][-1])  # it stood still
 
 
+def test_a_plan_may_begin_with_waiting(graph):
+    sky = Instruments(graph)
+    rows = Night(graph, 'wait 24, polaris 1').run()
+    assert rows[0]['time'][0] - START * 1e-9 == pytest.approx(24 * 3600.0, abs=120.0)
+    assert len(sky.commands) == 2
+    np.testing.assert_array_equal(sky.commands[0][1][0], sky.commands[0][1][-1])  # it stood still
+
+
 # --- instruments that are late, silent or wrong ---------------------------------------------------
 
 

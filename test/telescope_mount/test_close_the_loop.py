@@ -9,7 +9,7 @@ import pytest
 from msg_tools.bag import BagReader
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
-from pointing_model.plan import parse_plan
+from pointing_model.observing.plan import parse_plan
 from pointing_model.run_files import read_run
 from pointing_model.zero import Zeros
 from telescope_mount.close_the_loop import (

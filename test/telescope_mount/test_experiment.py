@@ -8,7 +8,7 @@ import pytest
 
 from calibration.paper_table_1 import COLUMNS, PAPER_TABLE_1
 from msg_tools.bag import BagReader
-from pointing_model.plan import parse_plan
+from pointing_model.observing.plan import parse_plan
 from pointing_model.run_files import read_run
 from telescope_mount.experiment import NIGHTS, experiment_plan
 

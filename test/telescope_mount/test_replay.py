@@ -3,7 +3,7 @@ import shutil
 
 import pytest
 
-from msg_tools.bag import BagReader
+from msg_tools.bag import BagReader, BagWriter
 
 pytestmark = pytest.mark.usefixtures('ros_domain')
 
@@ -18,6 +18,34 @@ def test_the_log_gives_the_same_model_to_the_bit(night, cli, tmp_path):
     for step in report['steps']:
         assert f'{step["held_out"]["radial"]:.2f}' in done.stdout
     assert BagReader(night / 'bag').complete  # and the log is as it was
+
+
+def test_what_the_encoder_said_of_its_marks_is_judged_again(night, cli, tmp_path):
+    pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportError)
+    from rclpy.serialization import serialize_message
+
+    from msg_tools.convert import from_stamp
+    from msg_tools.homing import cloud_to_homing, homing_to_cloud
+    log = BagReader(night / 'bag')
+    wanted = ['/mount/observation', '/mount/incremental/homing', '/mount/zero']
+    with BagWriter(tmp_path / 'bag') as new:
+        for topic in log.topics:
+            if topic.name in wanted:
+                _, definition = log.schema_of(topic)
+                new.add_foreign_topic(
+                    topic.name, topic.type, topic.qos, definition, topic.type_hash)
+        for message in log.messages(wanted):
+            data = message.data
+            if message.topic == wanted[1]:
+                told = log.decode(message)
+                axes = [axis._replace(side=axis.side and 'above')
+                        for axis in cloud_to_homing(told).values()]
+                data = serialize_message(homing_to_cloud(axes, from_stamp(told.header.stamp)))
+            new.write(message.topic, data, message.log_time, message.publish_time,
+                      message.sequence)
+    done = cli('replay', tmp_path / 'bag', '--seed', 3)
+    assert done.returncode == 0, done.stderr
+    assert 'homed from above, not from below' in ' '.join(done.stdout.split())
 
 
 def test_what_is_left_of_a_log_is_used(night, cli, tmp_path):

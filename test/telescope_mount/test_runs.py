@@ -6,7 +6,7 @@ import pytest
 from calibration.fit import fit_terms
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.catalogue import POLARIS_HIP
-from pointing_model.pairing import centred
+from pointing_model.observing.pairing import centred
 from pointing_model.run import PointingRun
 from pointing_model.run_files import read_run, write_csv
 from telescope_mount.export import export_run

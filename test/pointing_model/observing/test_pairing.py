@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.pairing import Exposures, centred, interpolate
+from pointing_model.observing.pairing import Exposures, centred, interpolate
 
 NS = 1_768_482_000_000_000_000
 SECOND = 10**9

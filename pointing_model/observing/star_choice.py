@@ -4,7 +4,7 @@ import numpy as np
 
 from msg_tools.units import ARCSEC, DEG, wrap
 
-from .sky import DEFAULT_SITE, DEFAULT_WEATHER, observed_place
+from ..sky import DEFAULT_SITE, DEFAULT_WEATHER, observed_place
 
 NEIGHBOUR_DISTANCE = 30.0 * 60.0 * ARCSEC  # a field of 30 arcmin to its corner, and a mount 8 off
 NEIGHBOUR_CONTRAST = 2.0  # magnitudes; a fainter neighbour does not disturb

@@ -1,0 +1,92 @@
+"""What an incremental encoder says of its reference marks: the message on `incremental/homing`.
+
+A PointCloud2 with a row for each axis and a float64 field for each number, on each change: at the
+start, at a passage of the mark, met or missed, and after a power-on.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from .convert import AXES
+from .tables import cloud_to_table, table_to_cloud
+
+_SIDES = {'': 0.0, 'below': 1.0, 'above': -1.0}
+
+
+class AxisHoming(NamedTuple):
+    """One axis; the message has a field of the same name for each.
+
+    Attributes
+    ----------
+    homed : bool
+        Whether the mark has cleared the counter since power-on.
+    side : str
+        ``below`` or ``above``: from where it was met then; '' before. In the message the sign of
+        the motion: 1, -1, 0.
+    missed_marks, passages : int
+        Index pulses since power-on that were too short to be taken; passages of the mark.
+    mark_error : float
+        By how many counts the counter was off at the last passage; NaN without one.
+    count : float
+        rad a count.
+    pulse_width : float
+        Of the index pulse, by the data sheet, rad; NaN where it is not known.
+    power_on : int
+        Number of the power-on, as the encoder counts them.
+    """
+
+    homed: bool
+    side: str
+    missed_marks: int
+    passages: int
+    mark_error: float
+    count: float
+    pulse_width: float
+    power_on: int
+
+
+def homing_to_cloud(axes, ns):
+    """The message.
+
+    Parameters
+    ----------
+    axes : sequence of AxisHoming
+        Azimuth, elevation.
+    ns : int
+        Stamp.
+    """
+    rows = [axis._replace(side=_SIDES[axis.side]) for axis in axes]
+    columns = {'axis': range(len(AXES))}  # a row's place in `convert.AXES`
+    return table_to_cloud(
+        columns | {name: [getattr(row, name) for row in rows] for name in AxisHoming._fields}, ns)
+
+
+def cloud_to_homing(message):
+    """The way back from `homing_to_cloud`.
+
+    Returns
+    -------
+    dict of str to AxisHoming
+        By the names of the axes; an axis that the message does not speak of is not there.
+
+    Raises
+    ------
+    ValueError
+        A field is missing, or a number is none or out of its range.
+    """
+    table = cloud_to_table(message, ('axis', *AxisHoming._fields), 'homing')
+    whole = ('axis', 'homed', 'side', 'missed_marks', 'passages', 'power_on')
+    sides = {number: side for side, number in _SIDES.items()}
+    out = {}
+    for row in zip(*(table[name] for name in ('axis', *AxisHoming._fields))):
+        values = dict(zip(('axis', *AxisHoming._fields), map(float, row)))
+        wrong = [name for name in whole if not values[name].is_integer()]
+        wrong += [] if np.isfinite(values['count']) else ['count']
+        if wrong or values['side'] not in sides or values['axis'] not in range(len(AXES)):
+            raise ValueError(f'homing: {wrong[0] if wrong else "axis or side"} out of range')
+        axis = AXES[int(values.pop('axis'))]
+        out[axis] = AxisHoming(**values | {
+            'homed': bool(values['homed']), 'side': sides[values['side']],
+            **{name: int(values[name]) for name in ('missed_marks', 'passages', 'power_on')}})
+    return out

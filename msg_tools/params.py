@@ -1,0 +1,70 @@
+"""Parameters of nodes: what one may be, and what the user reads where it is not."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+
+
+@dataclass(frozen=True)
+class Param:
+    """A parameter of a node.
+
+    Parameters
+    ----------
+    name : str
+        With the unit at its end where it is not SI.
+    default : bool, int, float, str or list of str
+        Also fixes the type.
+    doc : str
+        What it does, for ``ros2 param describe``.
+    low, high : float, optional
+        Allowed range, ends included.
+    choices : tuple of str, optional
+        Allowed values of a string.
+    check : callable, optional
+        ``check(value)`` raises ValueError with the reason for a value that cannot be used. It
+        must have no side effect.
+    fixed : bool
+        Can be set only when the node starts.
+    """
+
+    name: str
+    default: object
+    doc: str
+    low: float | None = None
+    high: float | None = None
+    choices: tuple = ()
+    check: Callable | None = None
+    fixed: bool = False
+
+    def descriptor(self):
+        """The ParameterDescriptor that tells the user of range and unit."""
+        out = ParameterDescriptor(description=self.doc, read_only=self.fixed)
+        if self.low is not None:
+            if isinstance(self.default, float):
+                out.floating_point_range = [
+                    FloatingPointRange(from_value=float(self.low), to_value=float(self.high))]
+            else:
+                out.integer_range = [
+                    IntegerRange(from_value=int(self.low), to_value=int(self.high), step=1)]
+        if self.choices:
+            out.additional_constraints = 'one of ' + ', '.join(self.choices)
+        return out
+
+    def refuse(self, value):
+        """The reason why `value` cannot be taken, or None."""
+        if self.choices and value not in self.choices:
+            return f'{self.name} = {value!r}: use one of {", ".join(self.choices)}'
+        if self.low is not None and not self.low <= value <= self.high:
+            return f'{self.name} = {value}: must be {self.low} to {self.high}'
+        if self.check is not None:
+            try:
+                self.check(value)
+            except (ValueError, OSError) as err:
+                return f'{self.name} = {value!r}: {err}'
+        return None
+
+
+class BadInput(ValueError):
+    """A start-up value that cannot be used; its text is the one line that the user sees."""

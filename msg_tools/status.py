@@ -1,0 +1,77 @@
+"""The rows of status messages that programs read: one description for writers and readers.
+
+Whatever else stands in a DiagnosticStatus is for people and may be worded anew at any time. The
+rows about endpoints, which `/diagnostics` carries, are those of `readiness`.
+"""
+
+from dataclasses import asdict, dataclass, fields
+
+#: row of `calibration/status`: observations taken so far
+OBSERVATIONS = 'observations'
+
+
+@dataclass
+class Progress:
+    """How far a plan is: the rows of `observer/status`, with the names of these fields.
+
+    Attributes
+    ----------
+    state : str
+        ``waiting``, ``observing``, ``done`` or ``failed``.
+    step : str
+        Of the plan.
+    block : int
+        Its number.
+    done, total : int
+        Exposures of it.
+    observations, lost : int
+        Rows published, stars not found, of the whole plan.
+    run : int
+        Number of the power-on.
+    """
+
+    state: str = 'waiting'
+    step: str = ''
+    block: int = 0
+    done: int = 0
+    total: int = 0
+    observations: int = 0
+    run: int = 0
+    lost: int = 0
+
+    def rows(self):
+        """Key and value of each row, dict."""
+        return asdict(self)
+
+    @classmethod
+    def read(cls, message):
+        """The way back from a DiagnosticStatus with `rows`; None, before the first, is all zero.
+
+        Raises
+        ------
+        ValueError
+            A row is missing, or no number.
+        """
+        if message is None:
+            return cls()
+        rows = {row.key: row.value for row in message.values}
+        return cls(**{field.name: field.type(_row(rows, field.name)) for field in fields(cls)})
+
+
+def observations_taken(message):
+    """How many observations the calibration has, by its status message; 0 for None.
+
+    Raises
+    ------
+    ValueError
+        It does not say.
+    """
+    if message is None:
+        return 0
+    return int(_row({row.key: row.value for row in message.values}, OBSERVATIONS))
+
+
+def _row(rows, key):
+    if key not in rows:
+        raise ValueError(f'status without the row {key}')
+    return rows[key]

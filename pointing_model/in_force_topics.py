@@ -1,0 +1,46 @@
+"""The topics and the parameter from which a node knows what is in force."""
+
+from msg_tools import convert, topics
+from msg_tools.node import Param
+
+from .in_force import InForce
+from .model import PointingModel
+from .zero_message import joints_to_zero
+
+MODEL_FILE = Param('model_file', '', 'pointing model in force at the start (JSON or YAML)',
+                   fixed=True)
+
+
+def in_force_of(node, changed=lambda topic: None):
+    """What is in force for `node`, kept up to date.
+
+    Parameters
+    ----------
+    node : MountNode
+        With the parameter `MODEL_FILE`.
+    changed : callable
+        Called with ``topics.MODEL`` or ``topics.ZERO`` after each model and zero.
+
+    Returns
+    -------
+    InForce
+    """
+    file = node.value(MODEL_FILE.name)
+    now = InForce(PointingModel.load(file) if file else None)
+
+    def on_temperature(message):
+        now.thermometer.take(*convert.read_temperature(message))
+
+    def on_model(message):
+        now.take_model(message.data)
+        changed(topics.MODEL)
+
+    def on_zero(message):
+        now.take_zero(*joints_to_zero(message))
+        changed(topics.ZERO)
+
+    # of what waits to be taken, the thermometer comes first, and the model before its zero
+    for topic, callback in ((topics.AMBIENT, on_temperature), (topics.MODEL, on_model),
+                            (topics.ZERO, on_zero)):
+        node.subscribe(topic, callback)
+    return now

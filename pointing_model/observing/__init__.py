@@ -1,0 +1,1 @@
+"""How a night is observed: the plan, its steps, the stars, readings and exposures. No ROS."""

@@ -1,0 +1,160 @@
+"""One observation: command the track of a target, wait for an exposure on it, centre it."""
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from msg_tools.units import ARCSEC, wrap
+
+from .pairing import centred
+from .pointing import Conditions, Pointing, track_to
+
+#: exposures without a star after which it is given up: one that was under way when the mount was
+#: commanded is smeared
+BLANKS = 3
+#: exposures of a star that is centred again and again
+CENTRINGS = 3
+
+
+class Exposer:
+    """Makes rows of targets.
+
+    What waits is a generator of conditions, for `msg_tools.steps.Steps`.
+
+    Parameters
+    ----------
+    outbox : Outbox
+    instruments : Instruments
+    in_force : InForce
+    table : Table
+    ready : callable
+        Gives the steps after which the mount can be commanded.
+    waiting : callable
+        Called with what is waited for, in words; '' when it has come.
+
+    Attributes
+    ----------
+    earliest : int
+        Before this the next track does not begin, ns.
+    commanded : int
+        Begin of the last track, ns.
+    exposed : int
+        The last exposure, ns.
+    """
+
+    def __init__(self, outbox, instruments, in_force, table, ready, waiting):
+        self._out, self._instruments, self._in_force = outbox, instruments, in_force
+        self._table, self._ready, self._waiting = table, ready, waiting
+        self.earliest = self.commanded = self.exposed = 0
+        self.forget_aim()
+
+    def forget_aim(self):
+        """With a new model or zero, what was learned of the stars before is in it."""
+        self._carried = np.zeros(2)
+
+    def observe(self, target, block, blind=False):
+        """Steps that point at `target` and centre it where it is far off.
+
+        Parameters
+        ----------
+        target : StarTarget or SatelliteTarget
+        block : int
+            Number of the step of the plan.
+        blind : bool
+            With model and zero alone, and the first exposure counts.
+
+        Returns
+        -------
+        dict or None
+            The row; None where there was no star in the field.
+        """
+        pointing = Pointing(target, self._in_force, np.zeros(2) if blind else self._carried)
+        seen = blank = 0
+        while True:
+            frame = yield from self.expose(pointing)
+            stamp, miss = frame
+            if not np.isfinite(miss).all():
+                blank += 1
+                if blank < BLANKS:
+                    continue
+                return None
+            reading, rate = self._instruments.exposures.at('enc', stamp)
+            enc = np.array(centred(*reading, *miss))
+            if blind:
+                break
+            demand = pointing.demand(np.array([stamp]), self._conditions())[0]
+            # only for pointing: the next star lies nearer to where this one was found
+            pointing.aim = self._carried = pointing.aim + np.array(
+                [wrap(enc[0] - demand[0]), enc[1] - demand[1]])
+            seen += 1
+            near = np.hypot(*miss) <= self._out.value('recentre_arcsec') * ARCSEC
+            if near or seen == CENTRINGS:
+                break
+        return self._row(pointing, block, blind, stamp, miss, enc, rate)
+
+    def _row(self, pointing, block, blind, stamp, miss, enc, rate):
+        try:
+            reading, _ = self._instruments.exposures.at('abs', stamp)
+            second = np.array(centred(*reading, *miss))
+        except ValueError:
+            second = np.full(2, np.nan)
+        target, (site, air, *_) = pointing.target, self._conditions()
+        az, el = (float(v[0]) for v in target.place(np.array([stamp * 1e-9]), site, air))
+        return {
+            'stamp': stamp, 'time': stamp * 1e-9, 'run': self._instruments.run, 'block': block,
+            'check': float(blind), 'star': target.number, 'az': az, 'el': el,
+            'az_enc': enc[0], 'el_enc': enc[1], 'az_abs': second[0], 'el_abs': second[1],
+            'miss_x': miss[0], 'miss_y': miss[1], 'az_rate': rate[0], 'el_rate': rate[1],
+            'approach_az': pointing.approach[0], 'approach_el': pointing.approach[1],
+            'temperature': air.temperature_c, 'pressure': air.pressure_hpa,
+            'magnitude': target.magnitude,
+        }
+
+    def expose(self, pointing):
+        """Steps that command a track, again until there is an exposure on it: stamp and miss."""
+        found = None
+        while found is None:
+            found = yield from self._try(pointing)
+        return found
+
+    def _try(self, pointing):
+        """Command once; None when nobody answered in time."""
+        yield from self._ready()
+        instruments, value = self._instruments, self._out.value
+        self.commanded = max(self.now(), self.earliest)
+        track = track_to(pointing, self.commanded, self._conditions(), value('slew_rate_deg_s'))
+        instruments.exposures.begin(track.start, track.times, track.angles)
+        self._out.send_command(track)
+        instruments.ask()
+        take = partial(instruments.exposures.take, value('on_target_arcsec') * ARCSEC,
+                       self._out.refuse_frame)
+        found = None
+
+        def answered():
+            nonlocal found
+            found = take()
+            # a slew may take as long as the track
+            return (found is not None or instruments.silent(value('answer_timeout_s'))
+                    or not instruments.homed or instruments.stamp > track.end)
+
+        yield answered
+        if found is not None:
+            self._waiting('')
+            self.exposed = found[0]
+        elif instruments.homed:
+            silent = ', '.join(instruments.unanswered(value('answer_timeout_s')))
+            self._waiting(f'an answer of {silent}' if silent else 'the mount to come on target')
+        return found
+
+    def _conditions(self):
+        """Those of now; the thermometer's reading is that of before the last exposure."""
+        site, weather = self._out.sky()
+        celsius = self._in_force.thermometer.before(self.exposed, weather.temperature_c)
+        run = self._instruments.run
+        return Conditions(site, replace(weather, temperature_c=celsius), self._instruments.here,
+                          run, self._table.last_of(run))
+
+    def now(self):
+        """Time of the next command: never before the last reading, whatever /clock lags."""
+        return max(self._instruments.stamp, self._out.now())

@@ -1,0 +1,327 @@
+"""The observing plan as work that waits: what is done step by step, and what each step awaits.
+
+The sequencer knows no ROS. It reads `Instruments` and `InForce`, and asks whoever runs it, its
+`Outbox`, for all else; each new thing to know is followed by `Sequencer.advance`.
+"""
+
+from dataclasses import replace
+from typing import Protocol
+
+import numpy as np
+
+from msg_tools.status import Progress
+from msg_tools.steps import Refused, Steps, call
+from msg_tools.units import DEG
+
+from ..catalogue import POLARIS_HIP, load_catalogue
+from ..earth import earth_orientation
+from ..target import StarTarget, satellite_target
+from . import blind_check
+from .exposing import Exposer
+from .instruments import MOUNT
+from .plan import parse_plan
+from .pointing import Standing
+from .star_choice import choose_stars
+
+#: what a star takes, to know that it stays within the limits until its turn, s
+SECONDS_A_STAR = 40.0
+_HOUR = 3_600_000_000_000  # ns
+
+class Outbox(Protocol):
+    """What the sequencer asks of whoever runs it.
+
+    Times are int, ns.
+    """
+
+    def value(self, name):
+        """The parameter `name` of the star observer."""
+
+    def sky(self):
+        """Site and weather of now: sky.Site, sky.Weather."""
+
+    def now(self):
+        """The (simulated) time; 0 before it is known."""
+
+    def missing(self):
+        """What the graph still lacks before a plan can begin, list of str."""
+
+    def client(self, verb):
+        """Client of the service `verb`, see `msg_tools.steps.call`."""
+
+    def send_command(self, track):
+        """Send a `Track` to the mount."""
+
+    def send_row(self, run, stamp):
+        """Publish an observation, a PointingRun of one row."""
+
+    def send_table(self, run, stamp):
+        """Publish all rows so far."""
+
+    def send_checks(self, text):
+        """Publish the document of the blind checks."""
+
+    def send_status(self, progress, text):
+        """Publish how far the plan is, a `Progress`."""
+
+    def refuse_frame(self, reason):
+        """Count an exposure that cannot be used."""
+
+    def log(self):
+        """A logger with ``info``, ``warning`` and ``error``."""
+
+
+class Sequencer:
+    """Runs a plan.
+
+    Parameters
+    ----------
+    outbox : Outbox
+    instruments : Instruments
+    in_force : InForce
+    table : Table
+
+    Attributes
+    ----------
+    text : str
+        What it does or waits for.
+    earth : str
+        What is known of the Earth's orientation.
+    """
+
+    def __init__(self, outbox, instruments, in_force, table):
+        self._out, self._instruments, self._in_force = outbox, instruments, in_force
+        self._table = table
+        self._exposer = Exposer(outbox, instruments, in_force, table, self._need_home,
+                                self._set_waiting)
+        self._steps = Steps(self._ended)
+        self._progress = Progress()
+        self.text = 'the start'
+        self.earth = ''
+        self._told = None
+        self._calibrated = 0
+        self._homes = False  # the plan homes the mount itself
+        self._evening = 0
+        self._checks = []
+        self._catalogue = self._polaris = None
+
+    # --- from outside -------------------------------------------------------------------------
+
+    @property
+    def busy(self):
+        """Whether a plan is under way."""
+        return self._steps.busy
+
+    @property
+    def progress(self):
+        """How far it is, `Progress`."""
+        return replace(self._progress, observations=len(self._table), run=self._instruments.run)
+
+    def start(self, plan):
+        """Take up a plan; it begins with the next `advance`."""
+        self._steps.start(self._follow(plan))
+
+    def advance(self):
+        """Go on with the plan as far as the conditions allow."""
+        if not self._steps.busy:
+            return
+        self._steps.advance()
+        now = self.text, self.progress
+        if now != self._told:
+            self._told = now
+            self._out.send_status(self.progress, self.text)
+
+    def pointing_changed(self):
+        """A new model or zero is in force."""
+        self._exposer.forget_aim()
+        self.advance()
+
+    def calibration_has(self, count):
+        """So many observations have reached the calibration."""
+        if count < self._calibrated:
+            # it was started anew and knows nothing of the night so far
+            self._send_table(again=True)
+        self._calibrated = count
+        self.advance()
+
+    # --- the plan -----------------------------------------------------------------------------
+
+    def _ended(self, error):
+        if error is None:
+            self._set_state('done', 'plan finished')
+            self._out.log().info(f'plan finished: {len(self._table)} observations, '
+                                 f'{self._progress.lost} stars lost')
+        else:
+            self._set_state('failed', str(error))
+            self._out.log().error(str(error))
+
+    def _follow(self, plan):
+        """The night as a generator of conditions to wait for."""
+        self._set_state('waiting', 'the graph')
+        yield lambda: not self._out.missing()
+        yield lambda: self._out.now() > 0
+        self._evening = self._out.now()
+        orientation = earth_orientation(self._evening * 1e-9)
+        self.earth = orientation.statement()
+        self._out.log().info(self.earth)
+        self._exposer.exposed = self._evening + 1
+        steps = parse_plan(plan)
+        if any(step.verb == 'satellite' for step in steps) and not self._out.value('satellite'):
+            raise Refused('the plan has a step satellite: set the parameter satellite')
+        if any(step.verb == 'polaris' for step in steps):
+            self._check_polaris()  # now, not after a block of stars
+        for number, step in enumerate(steps):
+            self._progress = Progress(step=str(step), block=number, total=step.exposures,
+                                      lost=self._progress.lost)
+            self._set_state('observing', str(step))
+            yield from getattr(self, f'_do_{step.verb}')(step.count)
+            self._send_table()
+
+    def _do_stars(self, count):
+        yield from self._need_home()  # the choice begins at where the mount stands
+        for target in self._fresh_stars(count):
+            yield from self._observe(target)
+
+    def _do_check(self, count):
+        """Point at fresh stars blind: the miss distance is the pointing error."""
+        yield from self._need_home()
+        first, lost = len(self._table), self._progress.lost
+        for target in self._fresh_stars(count):
+            yield from self._observe(target, blind=True)
+        self._checks.append({'block': self._progress.block, **blind_check.summary(
+            [[row['miss_x'], row['miss_y']] for row in self._table.rows[first:]],
+            self._progress.lost - lost, self._in_force.model)})
+        self._out.send_checks(blind_check.document(self._checks))
+
+    def _do_polaris(self, count):
+        self._check_polaris()
+        rows = len(self._table)
+        for _ in range(count):
+            yield from self._observe(self._polaris)
+        if len(self._table) == rows:  # a zero now would be that of an earlier power-on
+            raise Refused(f'none of {count} exposures shows Polaris: look at sky, site and time')
+
+    def _do_satellite(self, count):
+        yield from self._need_home()
+        satellite = satellite_target(self._out.value('satellite'))
+        self._check_height(satellite, satellite.name, 'track it at another time')
+        for _ in range(count):
+            yield from self._observe(satellite)
+            self._exposer.earliest = self._exposer.commanded + round(
+                self._out.value('satellite_interval_s') * 1e9)
+
+    def _do_wait(self, count):
+        """Stand still until so many hours after the last evening: the next one."""
+        yield from self._need_home()
+        self._evening = self._exposer.earliest = self._evening + count * _HOUR
+        yield from self._exposer.expose(Standing(self._instruments.here))
+
+    def _do_home(self, count=0):
+        self._homes = True
+        before = self._instruments.stamp
+        while not self._instruments.homed_since(before):
+            yield from self._call('home')
+            # an encoder that was connected late has missed the crossing: home again when it has
+            # fallen silent
+            self._instruments.hear(MOUNT)
+            yield from self._until(
+                lambda: self._instruments.homed_since(before) or MOUNT in self._instruments.silent(
+                    self._out.value('answer_timeout_s')),
+                'the encoder to be homed')
+
+    def _do_power_cycle(self, count):
+        self._instruments.homed = False
+        yield from self._call('power_cycle')
+
+    def _do_calibrate_zero(self, count):
+        yield from self._calibration_has_all()
+        yield from self._call('calibrate_zero')
+        newest = self._table.newest
+        yield from self._until(lambda: self._in_force.zero_stamp >= newest, 'the new zero')
+
+    def _do_fit(self, count):
+        yield from self._new_model('fit')
+
+    def _do_diagnose(self, count):
+        yield from self._new_model('diagnose')
+
+    # --- parts of steps -----------------------------------------------------------------------
+
+    def _observe(self, target, blind=False):
+        row = yield from self._exposer.observe(target, self._progress.block, blind)
+        if row is None:
+            self._progress.lost += 1
+            self._out.log().warning(f'{target.name}: nothing in the field; go on with the next')
+        else:
+            self._out.send_row(self._table.add(row), row['stamp'])
+        self._progress.done += 1
+
+    def _fresh_stars(self, count):
+        """Targets all over the sky that were not observed tonight, in observing order."""
+        value = self._out.value
+        if self._catalogue is None:
+            # two magnitudes deeper, so that neighbours which would disturb are known
+            self._catalogue = load_catalogue(mag_limit=value('magnitude_limit') + 2.0)
+        rows = choose_stars(
+            self._catalogue, self._exposer.now() * 1e-9, *self._out.sky(), count,
+            value('star_seed') + self._progress.block, value('min_elevation_deg') * DEG,
+            value('max_elevation_deg') * DEG, value('magnitude_limit'),
+            exclude=[*self._table.stars_since(self._evening), POLARIS_HIP],
+            duration=count * SECONDS_A_STAR, start=self._instruments.here)
+        return [StarTarget(self._catalogue.select([row])) for row in rows]
+
+    def _check_polaris(self):
+        if self._polaris is None:
+            self._polaris = StarTarget(load_catalogue(hip=[POLARIS_HIP]))
+        self._check_height(self._polaris, 'Polaris', 'set the zero another way')
+
+    def _check_height(self, target, name, remedy):
+        lowest = self._out.value('min_elevation_deg')
+        time = np.array([self._exposer.now() * 1e-9])
+        el = target.place(time, *self._out.sky())[1][0]
+        if el < lowest * DEG:
+            raise Refused(f'{name} stands at {el / DEG:.1f} deg, below min_elevation_deg = '
+                          f'{lowest}: {remedy}')
+
+    def _new_model(self, verb):
+        yield from self._calibration_has_all()
+        known, newest = self._in_force, self._table.newest
+        before = known.models
+        yield from self._call(verb)
+        yield from self._until(
+            lambda: known.models > before and known.model_stamp >= newest, 'the new model')
+        yield from self._until(known.zero_is_of_model, 'the zero of the new model')
+
+    def _calibration_has_all(self):
+        yield from self._until(lambda: self._calibrated >= len(self._table),
+                               'calibration to take the last observation')
+
+    def _need_home(self):
+        if not self._instruments.homed and self._homes:
+            self._out.log().warning('the encoder has no zero any more: homing again')
+            yield from self._do_home()
+        if not self._instruments.homed:
+            yield from self._until(lambda: self._instruments.homed,
+                                   'the encoder to be homed (call home)')
+
+    def _call(self, verb):
+        answer = yield from call(verb, self._out.client(verb), self.advance, self._until)
+        self._out.log().info(answer)
+
+    def _until(self, condition, what):
+        self._set_waiting(what)
+        yield condition
+        self._set_waiting('')
+
+    # --- what others see ----------------------------------------------------------------------
+
+    def _set_waiting(self, what):
+        """Waiting for `what`, or for nothing."""
+        self._set_state('waiting' if what else 'observing', what or self._progress.step)
+
+    def _set_state(self, state, text):
+        self._progress.state, self.text = state, text
+
+    def _send_table(self, again=False):
+        run = self._table.all(again)
+        if run is not None:
+            self._out.send_table(run, self._table.newest)

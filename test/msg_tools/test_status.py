@@ -1,0 +1,43 @@
+from dataclasses import fields
+from types import SimpleNamespace
+
+import pytest
+
+from msg_tools.status import OBSERVATIONS, Progress, observations_taken
+
+
+def status(**rows):
+    return SimpleNamespace(values=[
+        SimpleNamespace(key=key, value=str(value)) for key, value in rows.items()])
+
+
+def test_progress_goes_there_and_back():
+    progress = Progress('observing', 'stars 30', 2, 7, 30, 51, 2, 1)
+    assert Progress.read(status(**progress.rows())) == progress
+    # foreign rows do no harm
+    assert Progress.read(status(colour='red', **progress.rows())) == progress
+    assert Progress.read(None) == Progress()
+
+
+@pytest.mark.parametrize('name', [field.name for field in fields(Progress)])
+def test_a_row_that_is_missing_is_told(name):
+    rows = Progress().rows()
+    del rows[name]
+    with pytest.raises(ValueError, match=f'without the row {name}'):
+        Progress.read(status(**rows))
+
+
+def test_the_rows_that_others_read():
+    # what is written in logs and read by those who watch: a change of these is one of the format
+    assert list(Progress().rows()) == [
+        'state', 'step', 'block', 'done', 'total', 'observations', 'run', 'lost']
+    assert OBSERVATIONS == 'observations'
+
+
+def test_what_the_calibration_has():
+    assert observations_taken(status(observations=12, verdict='none')) == 12
+    assert observations_taken(None) == 0
+    with pytest.raises(ValueError, match='without the row observations'):
+        observations_taken(status(taken=12))
+    with pytest.raises(ValueError):
+        observations_taken(status(observations='many'))
