@@ -5,7 +5,7 @@ import os
 import sys
 from pathlib import Path
 
-from .diagnose import add_arguments as add_diagnose_arguments
+from .commands.diagnose import add_arguments as add_diagnose_arguments
 from .threads import ONE_THREAD
 
 os.environ.update(ONE_THREAD | os.environ)  # before numpy comes
@@ -398,12 +398,12 @@ def _one_run(run, args):
 
 
 def _diagnose(args):
-    from .diagnose import run
+    from .commands.diagnose import run
     run(args, _console())
 
 
 def _export(args):
-    from .export import export_run, export_topics
+    from .commands.export import export_run, export_topics
     console = _console()
     if args.topics:
         files, problems = export_topics(
@@ -424,7 +424,7 @@ def _export(args):
 
 
 def _info(args):
-    from .info import info_tables, log_info
+    from .commands.info import info_tables, log_info
     info = log_info(args.log, quick=args.quick)
     if args.json:
         import json
@@ -436,7 +436,7 @@ def _info(args):
 
 
 def _recover(args):
-    from .recover import recover_log
+    from .commands.recover import recover_log
     report = recover_log(args.log, args.out)
     console = _console()
     for line in report['lost']:

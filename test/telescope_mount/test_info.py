@@ -6,7 +6,7 @@ import pytest
 from msg_tools.bag import BagWriter
 from msg_tools.bag.sqlite import SqliteReader, open_bag
 from telescope_mount.cli import main
-from telescope_mount.info import info_tables, log_info
+from telescope_mount.commands.info import info_tables, log_info
 
 START = 1_768_482_000_000_000_000
 DEFINITION = b'int32 data\n'

@@ -9,7 +9,7 @@ from pointing_model.catalogue import POLARIS_HIP
 from pointing_model.pairing import centred
 from pointing_model.run import PointingRun
 from pointing_model.run_files import read_run, write_csv
-from telescope_mount.export import export_run
+from telescope_mount.commands.export import export_run
 from telescope_mount.runs import _readings, load_run, load_runs
 
 HEADER = 'az_deg,el_deg,az_enc_deg,el_enc_deg\n'

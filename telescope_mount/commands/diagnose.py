@@ -48,7 +48,7 @@ def run(args, console):
     """
     from calibration.diagnosis import diagnose
 
-    from .runs import load_runs
+    from ..runs import load_runs
     for path, suffixes in ((args.json, None), (args.report, ('.html', '.htm')),
                            (args.save, ('.json', '.yaml', '.yml'))):
         _check_target(path, suffixes)

@@ -12,7 +12,7 @@ import numpy as np
 from msg_tools.bag.sqlite import open_bag
 from pointing_model.run_files import write_csv
 
-from .runs import load_run
+from ..runs import load_run
 
 #: an array with more elements than this is no table column each: its length is written
 MAX_COLUMNS = 64
