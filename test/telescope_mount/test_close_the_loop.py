@@ -132,7 +132,7 @@ def test_what_is_printed_and_written(backlash):
                   'found: yes', f'{backlash.report["blind_after"]["rms_arcsec"]:.2f}'):
         assert words in backlash.text, words
     page = (backlash.folder / 'diagnosis.html').read_text()
-    assert page.startswith('<!DOCTYPE html') or page.startswith('<!doctype html')
+    assert page.startswith('<!DOCTYPE html')
     for path in backlash.report['files'].values():
         assert path in backlash.text
 
@@ -155,7 +155,7 @@ def test_the_mmt_night_goes_through_the_same_graph(mmt):
     report = mmt.report
     assert report['source'] == str(MMT) and report['scenario'] is None
     assert report['kept_out'] == 20 and mmt.diagnosis['observations'] == 60
-    assert report['verdict'] in ('ambiguous', 'identified')
+    assert report['verdict'] == 'ambiguous'
     names = {report['effects'][0]['name'], *report['effects'][0]['alternatives']}
     assert 'refraction_cube' in names  # what the reference places lack, see its README
     before, after = (report[key]['holdout_rms_arcsec'] for key in ('before', 'after'))
