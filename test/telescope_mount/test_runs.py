@@ -1,10 +1,12 @@
 """Loading and exporting runs: files, logs, several of them."""
 
+import json
+
 import numpy as np
 import pytest
 
 from calibration.fit import fit_terms
-from msg_tools.units import ARCSEC, DEG
+from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.catalogue import POLARIS_HIP
 from pointing_model.pairing import centred
 from pointing_model.run import PointingRun
@@ -95,6 +97,19 @@ def test_a_log_keeps_what_the_encoders_read(night):
     assert np.abs(run['miss_x']).max() > ARCSEC
     swapped = load_run(night / 'bag', encoder='abs')
     assert np.array_equal(swapped['el_enc'], run['el_abs']) and 'az_raw' not in swapped
+
+
+@pytest.mark.usefixtures('ros_domain')
+def test_the_zero_of_each_power_on_is_taken_off(night):
+    zeros = json.loads((night / 'report.json').read_text())['zeros']
+    run, logged = load_run(night / 'bag'), read_run(night / 'observations.csv')
+    logged = logged.select(logged['star'] != POLARIS_HIP)
+    assert [zero['run'] for zero in zeros] == [1, 2]
+    for zero in zeros:
+        rows = run['run'] == zero['run']
+        for axis in ('az', 'el'):
+            taken = wrap(logged[f'{axis}_enc'] - run[f'{axis}_enc'])[rows] / ARCSEC
+            assert taken == pytest.approx(np.full(8, zero[f'{axis}_arcsec']), abs=1e-3)
 
 
 def test_the_truth_is_refused(night):
