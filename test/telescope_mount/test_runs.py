@@ -1,11 +1,10 @@
 """Loading and exporting runs: files, logs, several of them."""
 
-import json
-
 import numpy as np
 import pytest
 
 from calibration.fit import fit_terms
+from msg_tools.bag import BagReader
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.catalogue import POLARIS_HIP
 from pointing_model.pairing import centred
@@ -100,16 +99,17 @@ def test_a_log_keeps_what_the_encoders_read(night):
 
 
 @pytest.mark.usefixtures('ros_domain')
-def test_the_zero_of_each_power_on_is_taken_off(night):
-    zeros = json.loads((night / 'report.json').read_text())['zeros']
+def test_the_newest_zero_of_each_power_on_is_taken_off(night):
+    zeros = [message.data.position for message in
+             BagReader(night / 'bag').messages('/mount/zero', decode=True)]
     run, logged = load_run(night / 'bag'), read_run(night / 'observations.csv')
     logged = logged.select(logged['star'] != POLARIS_HIP)
-    assert [zero['run'] for zero in zeros] == [1, 2]
-    for zero in zeros:
-        rows = run['run'] == zero['run']
-        for axis in ('az', 'el'):
+    assert len(zeros) == 3  # that of power-on 2 once more, against the fit
+    for number, zero in ((1, zeros[0]), (2, zeros[-1])):
+        rows = run['run'] == number
+        for axis, value in zip(('az', 'el'), zero):
             taken = wrap(logged[f'{axis}_enc'] - run[f'{axis}_enc'])[rows] / ARCSEC
-            assert taken == pytest.approx(np.full(8, zero[f'{axis}_arcsec']), abs=1e-3)
+            assert taken == pytest.approx(np.full(8, value / ARCSEC), abs=1e-6)
 
 
 def test_the_truth_is_refused(night):
