@@ -63,8 +63,8 @@ setup(
     extras_require={
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
         'test': [
-            'pytest', 'ruff', 'setuptools<80', 'colcon-common-extensions', 'skyfield',
-            'skyfield-data', 'rosbags',
+            'pytest', 'pytest-xdist', 'ruff', 'setuptools<80', 'colcon-common-extensions',
+            'skyfield', 'skyfield-data', 'rosbags',
         ],
         'bench': ['katpoint==0.10.3'],
         'parquet': ['pyarrow'],

@@ -60,8 +60,8 @@ def _light(path, scratch):
 
 
 def _full(path, scratch):
-    from telescope_mount.info import log_info
-    from telescope_mount.recover import recover_log
+    from telescope_mount.commands.info import log_info
+    from telescope_mount.commands.recover import recover_log
     yield from _light(path, scratch)
 
     def look():

@@ -177,7 +177,7 @@ def record(kind, seconds, rate):
         source.communicate('\n', timeout=30)
         logger.send_signal(2)
         logger.wait(60)
-        from telescope_mount.info import log_info
+        from telescope_mount.commands.info import log_info
         info = log_info(Path(name) / 'log')
     lock.release()
     rows = {row['name'].removeprefix('/mount/'): row for row in info['topics']}

@@ -69,6 +69,8 @@ def _nodes(context):
 def _end_all(event, context):
     if context.is_shutdown:  # Ctrl-C: all end, and each has its signal already
         return None
+    if event.returncode:  # launch ends all the same, but with code 1 and this line
+        raise RuntimeError(f'{event.process_name} ended with code {event.returncode}')
     return EmitEvent(event=Shutdown(reason=f'{event.process_name} ended'))
 
 

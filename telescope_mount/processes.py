@@ -130,7 +130,7 @@ class Nursery:
             self.listen(1.0)
             if self._process.poll() is not None and not self._started:
                 words = self._log.read_text(errors='replace').strip().split('\n')[-1]
-                raise RuntimeError(f'nodes cannot be started: {words}')
+                raise RuntimeError(f'nodes cannot be started: {words.removeprefix("error: ")}')
         return self._started.pop()
 
     def listen(self, timeout):
@@ -166,7 +166,8 @@ class Nursery:
         """End it; the nodes must have ended."""
         if self._process.stdin.closed:
             return
-        self._process.stdin.close()
+        with contextlib.suppress(BrokenPipeError):  # of what a dead one did not read
+            self._process.stdin.close()
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(5.0)
         if self._process.poll() is None:

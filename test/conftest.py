@@ -1,5 +1,9 @@
-"""Fixtures of the tests with ROS nodes: a domain for the process, a private context for a test."""
+"""How the suite runs in parallel, and the fixtures of the tests with ROS nodes.
 
+Each process of the suite has a ROS domain of its own, each test a private context in it.
+"""
+
+import fcntl
 import os
 import signal
 import subprocess
@@ -13,6 +17,59 @@ from telescope_mount.threads import ONE_THREAD
 os.environ.update(ONE_THREAD | os.environ)  # before numpy comes, and for what is started
 
 PATIENCE = 60.0  # s until a test gives up waiting; far more than the slowest machine needs
+WORKER = os.environ.get('PYTEST_XDIST_WORKER')
+MOST_WORKERS = 8  # the slowest file takes an eighth of all
+
+
+# --- in parallel --------------------------------------------------------------------------------
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_cmdline_main(config):
+    """A process for each core, a file at a time, if pytest-xdist is there and more is asked for
+    than a file. In no option of pyproject.toml: a machine with ROS may lack pytest-xdist."""
+    if WORKER:
+        return
+    option = config.option
+    asked = [path.split('::')[0] for path in config.args]
+    if getattr(option, 'numprocesses', 0) is None and option.dist == 'no' and not (
+            len(set(asked)) == 1 and asked[0].endswith('.py')):
+        option.numprocesses, option.maxprocesses = 'logical', option.maxprocesses or MOST_WORKERS
+        option.dist = 'loadfile'
+        option.loadscopereorder = False  # see below
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items):
+    """Files with whole graphs first, then those with nodes: the last to end are short ones."""
+    files = {}
+    for item in items:
+        needs = files.setdefault(item.path, set())
+        needs.update(item.fixturenames)
+    items.sort(key=lambda item: ('cli' not in files[item.path],
+                                 'ros_domain' not in files[item.path]))
+
+
+@pytest.fixture(scope='session')
+def once(tmp_path_factory):
+    """``once(name, build)``: a folder that ``build(folder)`` fills, once for all processes."""
+    shared = tmp_path_factory.getbasetemp()
+    if WORKER:
+        shared = shared.parent
+
+    def get(name, build):
+        folder, done = shared / name, shared / f'{name}.done'
+        with open(shared / f'{name}.lock', 'w') as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            if not done.exists():
+                folder.mkdir()  # where another process has failed, this one fails too
+                build(folder)
+                done.touch()
+        return folder
+    return get
+
+
+# --- nodes --------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope='session')
@@ -236,25 +293,51 @@ def cli(ros_domain, tmp_path_factory):
     return run
 
 
-@pytest.fixture(scope='session')
-def refused(cli):
-    """``refused(*args)``: the one line on stderr of a command that must end with code 2."""
+@pytest.fixture
+def ended(capsys):
+    """``ended(*args)``: run ``telescope-mount`` in this process; (code, stdout, stderr)."""
+    from telescope_mount.cli import main
+
     def run(*args):
-        done = cli(*args)
-        assert done.returncode == 2, (done.stdout, done.stderr)
-        lines = done.stderr.splitlines()
-        assert len(lines) == 1, done.stderr
-        assert lines[0].startswith('error: '), done.stderr
-        return lines[0]
+        try:
+            code = main([str(arg) for arg in args])
+        except SystemExit as end:
+            code = end.code
+        return code, *capsys.readouterr()
     return run
 
 
+@pytest.fixture
+def refused(ended):
+    """``refused(*args)``: the one line on stderr of a command that must end with code 2.
+
+    In this process: for what is refused before a graph is started.
+    """
+    return lambda *args: only_line(*ended(*args))
+
+
 @pytest.fixture(scope='session')
-def night(cli, tmp_path_factory):
+def refused_by_graph(cli):
+    """`refused` in a process, for what the nodes refuse."""
+    def run(*args):
+        done = cli(*args)
+        return only_line(done.returncode, done.stdout, done.stderr)
+    return run
+
+
+def only_line(code, out, err):
+    """The line, if it is the only one."""
+    assert code == 2, (out, err)
+    assert len(err.splitlines()) == 1 and err.startswith('error: '), err
+    return err.rstrip('\n')
+
+
+@pytest.fixture(scope='session')
+def night(cli, once):
     """Folder of a short night: 8 stars, Polaris, power off and on, Polaris, 8 stars."""
-    folder = tmp_path_factory.mktemp('night') / 'night'
-    done = cli('night', '--out', folder, '--stars', 8, '--polaris', 4, '--seed', 3)
-    assert done.returncode == 0, (done.stdout, done.stderr)
-    (folder.parent / 'stdout').write_text(done.stdout)
-    (folder.parent / 'stderr').write_text(done.stderr)
-    return folder
+    def build(folder):
+        done = cli('night', '--out', folder / 'night', '--stars', 8, '--polaris', 4, '--seed', 3)
+        assert done.returncode == 0, (done.stdout, done.stderr)
+        (folder / 'stdout').write_text(done.stdout)
+        (folder / 'stderr').write_text(done.stderr)
+    return once('night', build) / 'night'

@@ -70,7 +70,7 @@ def test_backlash_is_named_and_taken_out():
     assert names(result) == ['azimuth_hysteresis_cosE']
     row = json.loads(json.dumps(result.to_dict()))
     assert set(row) == KEYS and set(row['before']) == set(row['after']) == RMS
-    assert row['verdict'] in ('identified', 'ambiguous') and row['observations'] == 60
+    assert row['verdict'] == 'identified' and row['observations'] == 60
     (effect,) = row['effects']
     assert set(effect) == EFFECT
     # half of the 12" between the sides, encoder - catalogue positive for approach +1
@@ -129,20 +129,18 @@ CASES = {
                    {'refraction', 'refraction_cube', 'elevation_encoder_2', 'second_flexure',
                     'elevation_encoder_1', 'elevation_encoder_3'}),
     'magnitude': (lambda c: (0.0, 1.2 * ARCSEC * c['magnitude']), {'magnitude_equation_el'}),
-    'grating': (lambda c: (6.0 * ARCSEC * np.sin(
-        47200.0 * (geometry.sky_to_encoder(c['az'], c['el'], TRUTH)[0])), 0.0), set()),
 }
 
 
-@pytest.mark.parametrize('case', [k for k in CASES if k != 'grating'])
+@pytest.mark.parametrize('case', CASES)
 def test_effects_are_found(case):
     effect, expected = CASES[case]
     result = diagnose(night(11, effect=effect), **FAST)
-    assert result.verdict in ('identified', 'ambiguous')
+    # what follows the zenith distance has many names
+    assert result.verdict == ('ambiguous' if case == 'refraction' else 'identified')
     (one,) = result.effects
-    shown = {one.fitted.effect.name, *one.alternatives, *one.aliases}
     assert one.fitted.effect.name in expected
-    assert expected & shown
+    assert {*one.alternatives, *one.aliases} <= expected
     assert result.after['rms_arcsec'] < 0.75 * result.before['rms_arcsec']
 
 

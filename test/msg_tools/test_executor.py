@@ -178,20 +178,37 @@ def test_a_flood_on_one_topic_does_not_silence_another(graph, node):
 
 
 def test_it_leaves_nothing_behind(ros_domain):
+    import gc
+    import os
+    import weakref
+
     import rclpy
     from rclpy.context import Context
     from rclpy.signals import SignalHandlerOptions
 
     from msg_tools.executor import NodeExecutor
-    context = Context()
-    rclpy.init(context=context, domain_id=ros_domain,
-               signal_handler_options=SignalHandlerOptions.NO)
-    executor = NodeExecutor(context=context)
-    node = Node('short', context=context)
-    node.create_publisher(topics.DIAGNOSTICS.message, topics.DIAGNOSTICS.name, 1)
-    executor.add_node(node)
-    executor.spin_once(timeout_sec=0.0)
-    executor.shutdown()
-    node.destroy_node()
-    context.try_shutdown()
-    executor.spin_once(timeout_sec=0.0)  # of no effect, and no error
+
+    def live():
+        context = Context()
+        rclpy.init(context=context, domain_id=ros_domain,
+                   signal_handler_options=SignalHandlerOptions.NO)
+        executor = NodeExecutor(context=context)
+        node = Node('short', context=context)
+        node.create_publisher(topics.DIAGNOSTICS.message, topics.DIAGNOSTICS.name, 1)
+        executor.add_node(node)
+        executor.spin_once(timeout_sec=0.0)
+        executor.shutdown()
+        node.destroy_node()
+        context.try_shutdown()
+        executor.spin_once(timeout_sec=0.0)  # of no effect, and no error
+        return [weakref.ref(thing) for thing in (executor, node)]
+
+    def held():
+        gc.collect()
+        return {kind: len(os.listdir(f'/proc/self/{kind}')) for kind in ('task', 'fd')}
+    live()  # what DDS makes once for the process
+    before = held()
+    for _ in range(3):
+        things = live()
+        assert held() == before
+        assert [thing() for thing in things] == [None, None]

@@ -55,7 +55,7 @@ def clean(cli, tmp_path_factory):
 
 @pytest.fixture(scope='module')
 def mmt(cli, tmp_path_factory):
-    return Loop(cli, tmp_path_factory.mktemp('loop') / 'out', '--run', MMT,
+    return Loop(cli, tmp_path_factory.mktemp('loop') / 'out', MMT,
                 '--latitude', 31.6888, '--longitude', -110.8846)
 
 
@@ -133,7 +133,7 @@ def test_what_is_printed_and_written(backlash):
                   'found: yes', f'{backlash.report["blind_after"]["rms_arcsec"]:.2f}'):
         assert words in backlash.text, words
     page = (backlash.folder / 'diagnosis.html').read_text()
-    assert page.startswith('<!DOCTYPE html') or page.startswith('<!doctype html')
+    assert page.startswith('<!DOCTYPE html')
     for path in backlash.report['files'].values():
         assert path in backlash.text
 
@@ -156,7 +156,7 @@ def test_the_mmt_night_goes_through_the_same_graph(mmt):
     report = mmt.report
     assert report['source'] == str(MMT) and report['scenario'] is None
     assert report['kept_out'] == 20 and mmt.diagnosis['observations'] == 60
-    assert report['verdict'] in ('ambiguous', 'identified')
+    assert report['verdict'] == 'ambiguous'
     names = {report['effects'][0]['name'], *report['effects'][0]['alternatives']}
     assert 'refraction_cube' in names  # what the reference places lack, see its README
     before, after = (report[key]['holdout_rms_arcsec'] for key in ('before', 'after'))
@@ -229,20 +229,22 @@ def test_the_site_of_a_measured_run():
 
 def test_bad_input_is_one_line(refused, tmp_path):
     assert 'required' in refused('close-the-loop')
-    assert 'not allowed with' in refused('close-the-loop', '--scenario', 'x', '--run', MMT)
-    assert "no scenario 'loop_absent'" in refused(
-        'close-the-loop', '--scenario', 'loop_absent', '--out', tmp_path / 'a')
+    assert 'not allowed with' in refused('close-the-loop', MMT, '--scenario', 'x')
     assert 'absent.csv' in refused(
-        'close-the-loop', '--run', tmp_path / 'absent.csv', '--out', tmp_path / 'b')
+        'close-the-loop', tmp_path / 'absent.csv', '--out', tmp_path / 'b')
     (tmp_path / 'full').mkdir()
     (tmp_path / 'full' / 'file').write_text('')
     assert 'is not empty' in refused(
         'close-the-loop', '--scenario', 'loop_clean', '--out', tmp_path / 'full')
-    assert '--alpha' in refused('close-the-loop', '--run', MMT, '--alpha', 3)
+    assert '--alpha' in refused('close-the-loop', MMT, '--alpha', 3)
+
+
+def test_a_step_that_cannot_be_carried_out_is_one_line(refused_by_graph, tmp_path):
     (tmp_path / 'few.csv').write_text(
         'az_deg,el_deg,az_enc_deg,el_enc_deg\n10,50,10.01,50.01\n100,40,100.01,40.01\n')
-    line = refused('close-the-loop', '--run', tmp_path / 'few.csv', '--out', tmp_path / 'c')
-    assert 'observe' in line or 'stars' in line
+    line = refused_by_graph('close-the-loop', tmp_path / 'few.csv', '--out', tmp_path / 'c')
+    assert 'fit: 1 usable observations do not determine 7 coefficients' in line
+    assert 'observe at least 4 stars' in line and str(tmp_path / 'c' / 'bag') in line
 
 
 def test_all_scenarios_in_one_table_and_one_that_failed_does_not_end_it(

@@ -91,10 +91,12 @@ def test_package_data_is_installed(prefix):
 def test_each_executable_starts(prefix, ros_domain, name):
     """It gets as far as its own parameters, from the installed files alone."""
     site, = prefix.glob('lib/python3*/site-packages')
+    # first, and not alone: ROS itself may come through PYTHONPATH
+    paths = [str(site), *filter(None, [os.environ.get('PYTHONPATH')])]
     done = subprocess.run(
         [str(prefix / 'lib' / NAME / name), '--ros-args', '-p', 'no_such_parameter:=1'],
         cwd=prefix, capture_output=True, text=True, timeout=120,
-        env={**os.environ, 'PYTHONPATH': str(site)})
+        env={**os.environ, 'PYTHONPATH': os.pathsep.join(paths)})
     assert done.returncode == 2, done.stderr
     assert done.stderr.startswith(f'error: {name}: unknown parameter no_such_parameter; it has ')
     assert len(done.stderr.splitlines()) == 1

@@ -6,7 +6,7 @@ import pytest
 
 from msg_tools.bag import BagWriter
 from telescope_mount.cli import main
-from telescope_mount.export import export_run, export_topics, time_of
+from telescope_mount.commands.export import export_run, export_topics, time_of
 
 START = 1_768_482_000_000_000_000  # 2026-01-15T13:00:00
 JOINTS = b'''int32 id

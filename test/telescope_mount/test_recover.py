@@ -7,7 +7,7 @@ from mcap.writer import Writer
 
 from msg_tools.bag import BagReader, BagWriter
 from telescope_mount.cli import main
-from telescope_mount.recover import recover_log
+from telescope_mount.commands.recover import recover_log
 
 TEXT = 'std_msgs/msg/String'
 DEFINITION = b'string data\n'

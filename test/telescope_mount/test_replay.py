@@ -75,7 +75,8 @@ def test_logs_that_cannot_be_replayed(night, refused, tmp_path):
 
 
 def test_the_model_cannot_be_written(night, refused, tmp_path):
-    refused('replay', night / 'bag', '--out', tmp_path / 'no' / 'model.json')
+    assert 'no such folder' in refused(
+        'replay', night / 'bag', '--out', tmp_path / 'no' / 'model.json')
 
 
 def test_a_reference_that_is_no_model(night, refused, tmp_path):

@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 
 from calibration.fit import fit_terms
-from msg_tools.units import ARCSEC, DEG
+from msg_tools.bag import BagReader
+from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.catalogue import POLARIS_HIP
 from pointing_model.observing.pairing import centred
 from pointing_model.run import PointingRun
 from pointing_model.run_files import read_run, write_csv
-from telescope_mount.export import export_run
+from telescope_mount.commands.export import export_run
 from telescope_mount.runs import _readings, load_run, load_runs
 
 HEADER = 'az_deg,el_deg,az_enc_deg,el_enc_deg\n'
@@ -95,6 +96,20 @@ def test_a_log_keeps_what_the_encoders_read(night):
     assert np.abs(run['miss_x']).max() > ARCSEC
     swapped = load_run(night / 'bag', encoder='abs')
     assert np.array_equal(swapped['el_enc'], run['el_abs']) and 'az_raw' not in swapped
+
+
+@pytest.mark.usefixtures('ros_domain')
+def test_the_newest_zero_of_each_power_on_is_taken_off(night):
+    zeros = [message.data.position for message in
+             BagReader(night / 'bag').messages('/mount/zero', decode=True)]
+    run, logged = load_run(night / 'bag'), read_run(night / 'observations.csv')
+    logged = logged.select(logged['star'] != POLARIS_HIP)
+    assert len(zeros) == 3  # that of power-on 2 once more, against the fit
+    for number, zero in ((1, zeros[0]), (2, zeros[-1])):
+        rows = run['run'] == number
+        for axis, value in zip(('az', 'el'), zero):
+            taken = wrap(logged[f'{axis}_enc'] - run[f'{axis}_enc'])[rows] / ARCSEC
+            assert taken == pytest.approx(np.full(8, value / ARCSEC), abs=1e-6)
 
 
 def test_the_truth_is_refused(night):

@@ -1,4 +1,4 @@
-"""A log as tables that any program reads: its observations, or the messages of any topic."""
+"""The command ``export``: a log as tables that any program reads."""
 
 import csv
 import math
@@ -7,16 +7,50 @@ from contextlib import contextmanager
 from datetime import datetime, timezone
 from pathlib import Path
 
-import numpy as np
-
-from msg_tools.bag.sqlite import open_bag
-from pointing_model.run_files import write_csv
-
-from .runs import load_run
+from . import options
 
 #: an array with more elements than this is no table column each: its length is written
 MAX_COLUMNS = 64
 _BATCH = 5000
+
+
+def add(commands):
+    """Add the parser."""
+    parser = commands.add_parser(
+        'export', help='write the observations of a log, or any topic, as CSV or Parquet',
+        description='Write a pointing run (a log of ours, or any file that fit reads) as a CSV '
+        'that fit reads again; or with --topics the messages of a log, a table a topic.')
+    parser.add_argument('file', type=Path, metavar='RUN')
+    parser.add_argument('out', type=Path, metavar='OUT',
+                        help='file, .csv or .parquet; with --topics a folder')
+    parser.add_argument('--topics', type=options.names, metavar='NAMES',
+                        help='comma-separated topics of a log, by full name or its end')
+    parser.add_argument('--format', choices=('csv', 'parquet'), default='csv',
+                        help='of the tables of --topics (default: csv)')
+    parser.add_argument('--start', metavar='TIME',
+                        help='seconds since the first row or message, or UTC in ISO 8601')
+    parser.add_argument('--end', metavar='TIME', help='likewise; the end is left out')
+    options.add_azimuth_origin(parser)
+    parser.set_defaults(run=run)
+
+
+def run(args):
+    """Read, write, say what was left out."""
+    from .console import new_console, print_lines
+    console = new_console()
+    if args.topics:
+        files, problems = export_topics(args.file, args.out, args.topics, form=args.format,
+                                        start=args.start, end=args.end)
+        print_lines(console, 'note', problems)
+        for path, rows in files.items():
+            console.print(f'{rows} messages: {path}')
+        return
+    written = export_run(args.file, args.out, azimuth_origin=args.azimuth_origin,
+                         start=args.start, end=args.end)
+    for row in written.meta['excluded']:
+        console.print(f'row {row["row"]} left out: {row["reason"]}')
+    print_lines(console, 'note', written.meta['notes'])
+    console.print(f'{len(written)} observations: {args.out}')
 
 
 def export_run(source, path, *, start=None, end=None, **options):
@@ -47,6 +81,11 @@ def export_run(source, path, *, start=None, end=None, **options):
     OSError
         It cannot be read, or `path` not written.
     """
+    import numpy as np
+
+    from pointing_model.run_files import write_csv
+
+    from ..runs import load_run
     source, path = Path(source), Path(path)
     if path.exists() and path.samefile(source):
         raise ValueError(f'{path} would be written over the run it is made from')
@@ -108,6 +147,7 @@ def export_topics(source, out, topics, *, form='csv', start=None, end=None):
     """
     if form == 'parquet':
         _parquet()
+    from msg_tools.bag.sqlite import open_bag
     bag = open_bag(source)
     names = [_full_name(bag, source, topic) for topic in topics]
     low, high = _span(start, end, bag.start_time or 0)

@@ -1,12 +1,28 @@
-"""A new log from whatever can be read of a damaged one."""
+"""The command ``recover``: a new log from whatever can be read of a damaged one."""
 
 from pathlib import Path
 
-from msg_tools.bag import OWN_RECORD, BagReader, BagWriter
-from msg_tools.bag.writer import REPEATED_RECORD, STOPPED_RECORD, plain_name
 
-#: records that the new log writes by itself, or that tell of the old files
-_OF_THE_FILE = ('rosbag2', OWN_RECORD, REPEATED_RECORD, STOPPED_RECORD)
+def add(commands):
+    """Add the parser."""
+    parser = commands.add_parser(
+        'recover', help='make a whole log of what can be read of a damaged one',
+        description='Write what can be read of a log into a new one, with index, statistics and '
+        'metadata, and say what was lost. The damaged log is only read.')
+    parser.add_argument('log', type=Path, metavar='BAG')
+    parser.add_argument('--out', type=Path, metavar='DIR',
+                        help='folder of the new log (default: BAG_recovered)')
+    parser.set_defaults(run=run)
+
+
+def run(args):
+    """Recover and print."""
+    from .console import new_console, print_lines
+    report = recover_log(args.log, args.out)
+    console = new_console()
+    print_lines(console, 'lost', report['lost'])
+    console.print(f'{report["messages"]} messages of {report["topics"]} topics saved, '
+                  f'{report["lost_bytes"]} bytes lost: {report["out"]}')
 
 
 def recover_log(bag, out=None, compression='zstd'):
@@ -33,16 +49,20 @@ def recover_log(bag, out=None, compression='zstd'):
     OSError
         It may not be read, or `out` not be written.
     """
+    from msg_tools.bag import OWN_RECORD, BagReader, BagWriter
+    from msg_tools.bag.writer import REPEATED_RECORD, STOPPED_RECORD
     bag = Path(bag)
     out = Path(out) if out is not None else bag.with_name(f'{bag.stem}_recovered')
     if bag.is_dir() and bag.resolve() in (out.resolve(), *out.resolve().parents):
         raise ValueError(f'{out} lies in the log itself; choose another folder with --out')
     reader = BagReader(bag)
+    # what the new log writes by itself, or what tells of the old files
+    own = ('rosbag2', OWN_RECORD, REPEATED_RECORD, STOPPED_RECORD)
     notes = []
     with BagWriter(out, metadata=reader.metadata.get(OWN_RECORD), compression=compression) as new:
         topics = [topic for topic in reader.topics if _add_topic(reader, new, topic, notes)]
         for name, data in reader.metadata.items():
-            if name not in _OF_THE_FILE:
+            if name not in own:
                 new.add_metadata(name, data)
         types = {topic.name: topic.type for topic in topics}
         for message in reader.messages(list(types)):
@@ -72,6 +92,7 @@ def _add_topic(reader, new, topic, notes):
 
 
 def _add_attachment(reader, new, info, notes):
+    from msg_tools.bag.writer import plain_name
     try:
         plain_name(info.name)
         with open(info.file, 'rb') as stream:

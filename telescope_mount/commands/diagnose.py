@@ -1,19 +1,27 @@
-"""What is wrong with a mount: the command ``diagnose``."""
+"""The command ``diagnose``: what is wrong with a mount."""
 
 import json
 from pathlib import Path
 
+from . import options
+from .console import new_console, print_files, print_lines
+
 BASES = 'physical, standard6, index, sh13 (or sh1 to sh4), or terms, joined by +'
 
 
-def add_arguments(parser):
-    """The options of the command."""
+def add(commands):
+    """Add the parser."""
+    parser = commands.add_parser(
+        'diagnose', help='find what a pointing model lacks, on logs and measured runs',
+        description='Fit the declared model to pointing runs, look at what it leaves, name the '
+        'physical effect that explains it, and prove the gain on data that neither the fit nor '
+        'the choice has seen.')
     parser.add_argument('runs', nargs='+', type=Path, metavar='RUN',
                         help='pointing runs of one mount: logs, CSV, TPOINT, MMT or IRAM files')
     parser.add_argument('--base', default='physical', metavar='MODEL',
                         help=f'what the model has already: {BASES} (default: physical)')
-    parser.add_argument('--own', metavar='TERMS', help='terms that each run fits for itself '
-                        '(default: IA,IE if there are several runs)')
+    parser.add_argument('--own', type=options.names, metavar='TERMS', help='terms that each run '
+                        'fits for itself (default: IA,IE if there are several runs)')
     parser.add_argument('--sessions', type=float, metavar='HOURS',
                         help='a gap longer than this begins a new run, with terms of its own')
     parser.add_argument('--alpha', type=float, default=0.01,
@@ -25,58 +33,46 @@ def add_arguments(parser):
     parser.add_argument('--report', type=Path, metavar='FILE.html', help='write a page')
     parser.add_argument('--save', type=Path, metavar='FILE',
                         help='write the model with what was found (.json, .yaml)')
-    parser.add_argument('--encoder', choices=('enc', 'abs'), default='enc',
-                        help='which pair of encoder columns (default: enc)')
-    parser.add_argument('--azimuth-origin', choices=('N', 'S'),
-                        help='where azimuth 0 is in a TPOINT file')
-    for name, unit, what in (('latitude', 'DEG', 'of the site'), ('longitude', 'DEG', ', east +'),
-                             ('height', 'M', 'above the ellipsoid')):
-        parser.add_argument(f'--{name}', type=float, metavar=unit,
-                            help=f'{what.lstrip(", ")}; for runs in right ascension')
+    options.add_encoder(parser)
+    options.add_azimuth_origin(parser)
+    options.add_site(parser, 'of the site, for runs in right ascension', height=True)
     parser.add_argument('--pressure', type=float, metavar='HPA',
                         help='for runs in right ascension; 0: no refraction')
-    parser.add_argument('--seed', type=int, default=0, help='of the resampling (default: 0)')
+    options.add_seed(parser, 'of the resampling', 0)
+    parser.set_defaults(run=run)
 
 
-def run(args, console):
-    """Load, diagnose, print, write.
-
-    Raises
-    ------
-    ValueError, OSError
-        One line for the user.
-    """
+def run(args):
+    """Load, diagnose, print, write."""
     from calibration.diagnosis import diagnose
 
-    from .runs import load_runs
-    for path, suffixes in ((args.json, None), (args.report, ('.html', '.htm')),
+    from ..runs import load_runs
+    console = new_console()
+    for path, suffixes in ((args.json, ()), (args.report, ('.html', '.htm')),
                            (args.save, ('.json', '.yaml', '.yml'))):
-        _check_target(path, suffixes)
-    options = {'azimuth_origin': args.azimuth_origin, **_place(args)}
-    runs, empty = load_runs(args.runs, **options)
-    held, empty_held = load_runs(args.holdout, **options) if args.holdout else (None, [])
-    for line in [*empty, *empty_held]:
-        console.print(f'note: {line}', markup=False)
+        options.check_target(path, suffixes)
+    place = {'azimuth_origin': args.azimuth_origin, **_place(args)}
+    runs, empty = load_runs(args.runs, **place)
+    held, empty_held = load_runs(args.holdout, **place) if args.holdout else (None, [])
+    print_lines(console, 'note', [*empty, *empty_held])
     if args.sessions is not None:
         runs, held = (r and [_in_sessions(one, args.sessions) for one in r] for r in (runs, held))
     else:
         for one in runs:
             _suggest_sessions(one, console)
-    own = None if args.own is None else tuple(t.strip() for t in args.own.split(',') if t.strip())
-    found = diagnose(runs, args.base, args.alpha, holdout=held, own_terms=own,
+    found = diagnose(runs, args.base, args.alpha, holdout=held, own_terms=args.own,
                      encoder=args.encoder, seed=args.seed)
     show(found, console)
     if args.json:
         args.json.write_text(json.dumps(found.to_dict(), indent=1) + '\n', encoding='utf-8')
-        console.print(f'result        {args.json}', markup=False)
+        print_files(console, {'result': args.json})
     if args.report:
         from calibration.diagnosis_page.report import write_report
         write_report(found, args.report)
-        console.print(f'page          {args.report}', markup=False)
+        print_files(console, {'page': args.report})
     if args.save:
         found.model.save(args.save)
-        console.print(f'model         {args.save}', markup=False)
-    return found
+        print_files(console, {'model': args.save})
 
 
 #: hours between rows that are likely to be another night
@@ -109,17 +105,6 @@ def _suggest_sessions(run, console):
         console.print(f'note: {Path(run.meta.get("source", "the run")).name} has {count} sessions '
                       f'(gaps of more than {_GAP:g} h): --sessions {_GAP:g} gives each its own '
                       'zeros', markup=False)
-
-
-def _check_target(path, suffixes):
-    """Before the work, not after it."""
-    if path is None:
-        return
-    if suffixes and path.suffix.lower() not in suffixes:
-        raise ValueError(f'{path}: the name must end in {" or ".join(suffixes)}')
-    if path.is_dir() or not path.absolute().parent.is_dir():
-        raise ValueError(f'{path} cannot be written: '
-                         + ('it is a folder' if path.is_dir() else 'there is no such folder'))
 
 
 def _place(args):
@@ -180,8 +165,7 @@ def show(found, console):
         where = f'{Path(source).name}: ' if source and len(found.observations.runs) > 1 else ''
         console.print(f'{where}row{"s" * (len(rows) > 1)} {_listed(rows)} left out: {reason}',
                       markup=False)
-    for note in found.notes:
-        console.print(f'note: {note}', markup=False)
+    print_lines(console, 'note', found.notes)
     for item in document['next_observations'][:6]:
         console.print(_proposal(item), markup=False)
 

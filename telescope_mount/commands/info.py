@@ -1,11 +1,33 @@
-"""What is in a log, and whether it is whole."""
+"""The command ``info``: what is in a log, and whether it is whole."""
 
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
 
-from msg_tools.bag import OWN_RECORD
-from msg_tools.bag.gaps import SequenceGaps
-from msg_tools.bag.sqlite import open_bag
+
+def add(commands):
+    """Add the parser."""
+    parser = commands.add_parser(
+        'info', help='what is in a log, and whether it is whole',
+        description='Print topics, counts, rates, losses, time span, size and integrity of a log '
+        'of ours or of rosbag2.')
+    parser.add_argument('log', type=Path, metavar='BAG')
+    parser.add_argument('--quick', action='store_true',
+                        help='tell what the index says, without reading the messages')
+    parser.add_argument('--json', action='store_true', help='print it as JSON')
+    parser.set_defaults(run=run)
+
+
+def run(args):
+    """Read and print."""
+    info = log_info(args.log, quick=args.quick)
+    if args.json:
+        import json
+        print(json.dumps(info, indent=1))
+        return
+    from .console import new_console
+    console = new_console()
+    for part in info_tables(info):
+        console.print(part)
 
 
 def log_info(path, *, quick=False):
@@ -31,6 +53,8 @@ def log_info(path, *, quick=False):
     ValueError, OSError
         It is no log, or may not be read.
     """
+    from msg_tools.bag import OWN_RECORD
+    from msg_tools.bag.sqlite import open_bag
     bag = open_bag(path)
     seen = {} if quick else _read_through(bag)
     span = 0.0 if bag.start_time is None else (bag.end_time - bag.start_time) * 1e-9
@@ -61,6 +85,7 @@ def log_info(path, *, quick=False):
 
 def _read_through(bag):
     """(first, last log time, count, SequenceGaps) by topic and type."""
+    from msg_tools.bag.gaps import SequenceGaps
     latched = {(t.name, t.type): any(q['durability'] == 'transient_local' for q in t.qos)
                for t in bag.topics}
     seen = {}

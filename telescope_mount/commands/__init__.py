@@ -1,0 +1,9 @@
+"""The commands of `telescope-mount`, a file each: its options, what it does, what it prints.
+
+Each has ``add(commands)``, which adds its parser, and ``run(args)``, which gives the exit code or
+None. What costs time to import is imported in ``run``.
+"""
+
+#: modules in the order of the help
+COMMANDS = ('night', 'experiment', 'close_the_loop', 'fit', 'diagnose', 'export', 'info', 'recover',
+            'verify', 'replay', 'encoder_test')

@@ -1,0 +1,60 @@
+"""The command ``close-the-loop``."""
+
+from pathlib import Path
+
+from . import options
+
+
+def add(commands):
+    """Add the parser."""
+    parser = commands.add_parser(
+        'close-the-loop', help='find what the model lacks, add it, and prove the gain',
+        description='Observe a simulated night with an effect that only the simulator knows (or '
+        'take a measured run), fit, diagnose the residual, add what is found to the model, and '
+        'point at fresh stars with it: the miss distance before and after.')
+    what = parser.add_mutually_exclusive_group(required=True)
+    what.add_argument('file', nargs='?', type=Path, metavar='RUN',
+                      help='a measured run: CSV, TPOINT, MMT, IRAM, or a log; judged on rows that '
+                      'were kept out')
+    what.add_argument('--scenario', help='instead: what is wrong with the simulated mount, a name '
+                      '(loop_*), a YAML file, or "all" for every loop_* of the package')
+    options.add_out(parser, 'loop', 'log, model, reports and page')
+    options.add_seed(parser)
+    parser.add_argument('--stars', type=options.whole(12, 5000), default=90,
+                        help='that fit and diagnosis see (default: 90)')
+    options.add_polaris(parser)
+    parser.add_argument('--check', type=options.whole(2, 5000), default=30,
+                        help='fresh stars pointed at blind, before and after (default: 30)')
+    parser.add_argument('--check-every', type=options.whole(2, 1000), default=4, metavar='N',
+                        help='of a measured run one row in N is kept out (default: 4)')
+    parser.add_argument('--alpha', type=options.real(1e-6, 0.5), default=0.01,
+                        help='chance that a clean night gets any effect (default: 0.01)')
+    options.add_date(parser)
+    options.add_site(parser, 'of the site; a measured run whose file does not tell it gets what '
+                     'follows the stars only with both')
+    options.add_azimuth_origin(parser)
+    options.add_domain(parser)
+    parser.set_defaults(run=run)
+
+
+def run(args):
+    """Observe or take, diagnose, observe again, print, write."""
+    from ..close_the_loop import LoopOptions, close_all, close_the_loop
+    from ..loop_report import all_table, loop_sentences, loop_tables
+    from .console import Progress, new_console, print_files, print_lines
+    chosen = LoopOptions(
+        out=args.out, scenario=args.scenario or '', run=args.file, seed=args.seed,
+        stars=args.stars, polaris=args.polaris, check=args.check, check_every=args.check_every,
+        alpha=args.alpha, start_time=args.date, azimuth_origin=args.azimuth_origin,
+        sky=options.sky_of(args), domain=args.domain)
+    console = new_console()
+    with Progress(console) as progress:
+        report = (close_all if args.scenario == 'all' else close_the_loop)(chosen, progress)
+    if 'scenarios' in report:
+        console.print(all_table(report))
+        print_files(console, {'report': args.out / 'report.json'})
+        return
+    for table in loop_tables(report):
+        console.print(table)
+    print_lines(console, 'note', loop_sentences(report))
+    print_files(console, report['files'])

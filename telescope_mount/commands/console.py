@@ -1,0 +1,62 @@
+"""What the commands print with: a console, a line of progress, tables and files."""
+
+import sys
+
+
+def new_console():
+    """A rich console, as wide as tables need on a pipe."""
+    from rich.console import Console
+    # a pipe has no width of its own; tables must not be cut there
+    return Console(width=None if sys.stdout.isatty() else 120, highlight=False)
+
+
+class Progress:
+    """A line that tells how far the night is; on a pipe one line a step."""
+
+    def __init__(self, console):
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+        self._bar = Progress(
+            TextColumn('{task.description:<18}'), BarColumn(), MofNCompleteColumn(),
+            TextColumn('exposures'), console=console, transient=True)
+        self._console = console
+        self._task = None
+        self._text = None
+
+    def __enter__(self):
+        if self._console.is_terminal:
+            self._bar.start()
+            self._task = self._bar.add_task('starting the nodes', total=None)
+        return self
+
+    def __exit__(self, *exc):
+        if self._task is not None:
+            self._bar.stop()
+
+    def __call__(self, text, done, total):
+        if self._task is not None:
+            self._bar.update(self._task, description=text, completed=done, total=total)
+        elif text != self._text:
+            self._console.print(f'{text}: {done} of {total} exposures done')
+        self._text = text
+
+
+def print_lines(console, kind, lines):
+    """Lines that begin with what they are: a note, an alarm, a loss."""
+    for line in lines:
+        console.print(f'{kind}: {line}', markup=False)
+
+
+def print_files(console, files, width=13):
+    """Name and path of what was written."""
+    for name, path in files.items():
+        console.print(f'{name:<{width}} {path}', markup=False)
+
+
+def print_calibration(console, report):
+    """A calibration report: its tables, notes and alarms."""
+    from calibration.tables import night_tables
+    for table in night_tables(report):
+        console.print(table)
+    zeros = report['changes'] or report['zeros']
+    print_lines(console, 'note', [*(zero['statement'] for zero in zeros[-1:]), *report['notes']])
+    print_lines(console, 'alarm', report['witnesses']['alarms'])

@@ -1,0 +1,43 @@
+"""The command ``experiment``."""
+
+from . import options
+
+
+def add(commands):
+    """Add the parser."""
+    parser = commands.add_parser(
+        'experiment', help='the eleven nights and the GPS satellite of paper 000',
+        description='Observe thirteen nights through the node graph: a power-on each, 30 stars, '
+        'Polaris, 30 stars; the model of two nights before corrects tonight, before and after the '
+        'zero calibration. On one night a GPS satellite is tracked. Prints the paper\'s table 1 '
+        'with ours beside it.')
+    options.add_out(parser, 'experiment', 'tables, log and plots')
+    options.add_seed(parser)
+    parser.add_argument('--drifts', choices=('paper', 'random'), default='paper',
+                        help='of the zero at each power-on: those that give the paper\'s errors '
+                        'before calibration (default), or random ones of that scatter')
+    parser.add_argument('--stars', type=options.whole(8, 500), default=30,
+                        help='in each of the two blocks of a night (default: 30)')
+    options.add_polaris(parser, 500)
+    parser.add_argument('--satellite', type=options.whole(2, 200), default=20,
+                        help='exposures of the satellite before and after (default: 20)')
+    options.add_domain(parser)
+    parser.set_defaults(run=run)
+
+
+def run(args):
+    """Observe, print, write."""
+    from calibration.paper_table_1 import experiment_tables
+
+    from ..experiment import ExperimentOptions, run_experiment
+    from .console import Progress, new_console, print_files, print_lines
+    console = new_console()
+    chosen = ExperimentOptions(
+        out=args.out, seed=args.seed, drifts=args.drifts, stars=args.stars, polaris=args.polaris,
+        satellite=args.satellite, domain=args.domain)
+    with Progress(console) as progress:
+        report = run_experiment(chosen, progress)
+    for table in experiment_tables(report):
+        console.print(table)
+    print_lines(console, 'alarm', report['alarms'])
+    print_files(console, report['files'], 17)

@@ -1,0 +1,65 @@
+"""The command ``fit``."""
+
+from pathlib import Path
+
+from . import options
+
+
+def add(commands):
+    """Add the parser."""
+    parser = commands.add_parser(
+        'fit', help='fit pointing terms to a measured run',
+        description='Read a pointing run (CSV, TPOINT, or a log of ours) and print the terms and '
+        'the error before and after.')
+    parser.add_argument('file', type=Path, metavar='RUN')
+    parser.add_argument('--terms', type=options.names, default='IA,IE,CA,NPAE,AN,AW,TF',
+                        help='comma-separated (default: the seven physical terms)')
+    options.add_encoder(parser)
+    options.add_azimuth_origin(parser)
+    parser.add_argument('--run', dest='number', type=options.whole(-10**6, 10**6), metavar='N',
+                        help='of several runs in the file (column run) the one of this number')
+    parser.add_argument('--no-robust', action='store_true', help='plain least squares')
+    parser.add_argument('--save', type=Path, metavar='FILE', help='write the model (.json, .yaml)')
+    parser.set_defaults(run=run)
+
+
+def run(args):
+    """Load, fit, print, write."""
+    from calibration.check import external_check
+    from calibration.fit import fit_terms
+    from calibration.tables import fit_tables
+
+    from ..runs import load_run
+    from .console import new_console, print_files
+    observed = _one_run(load_run(args.file, azimuth_origin=args.azimuth_origin), args)
+    if f'az_{args.encoder}' not in observed:
+        raise ValueError(f'{args.file} has no second encoder; leave out --encoder {args.encoder}')
+    result = fit_terms(observed, args.terms, robust=not args.no_robust, encoder=args.encoder,
+                       provenance={'source': str(args.file)})
+    console = new_console()
+    held_out = None
+    if len(observed) >= 4 * len(args.terms):
+        held_out = external_check(observed, both_ways=True, names=args.terms,
+                                  encoder=args.encoder, robust=not args.no_robust).held_out
+    for table in fit_tables(observed, result, args.encoder, held_out):
+        console.print(table)
+    if args.save:
+        result.model.save(args.save)
+        print_files(console, {'model': args.save})
+
+
+def _one_run(run, args):
+    """The run asked for; of several that are fitted as one a note says so."""
+    numbers = sorted(set(run['run'].tolist())) if 'run' in run else []
+    if args.number is not None:
+        rows = run.get('run') == args.number
+        if not rows.any():
+            there = ', '.join(f'{n:g}' for n in numbers) or 'no column run'
+            raise ValueError(f'{args.file}: no run {args.number} (there: {there})')
+        return run.select(rows)
+    # in logs of ours the zeros of the power-ons are known, and taken off
+    if len(numbers) > 1 and not (args.file.is_dir() or args.file.suffix == '.mcap'):
+        run.meta['notes'] = [*run.meta.get('notes', ()), f'{len(numbers)} runs (column run) '
+                             'fitted as one, with one zero: take one with --run N, or diagnose, '
+                             'which fits zeros to each']
+    return run

@@ -1,0 +1,49 @@
+"""The command ``night``."""
+
+from pathlib import Path
+
+from . import options
+
+
+def add(commands):
+    """Add the parser."""
+    parser = commands.add_parser(
+        'night', help='observe a simulated night through the whole node graph',
+        description='Start every node as a process, observe stars and Polaris, set the zero, fit '
+        'the pointing model, log everything, and print the error before and after.')
+    options.add_out(parser, 'night', 'log, model, observations and plot')
+    options.add_seed(parser)
+    parser.add_argument('--stars', type=options.whole(4, 5000), default=30,
+                        help='in each of the two blocks (default: 30)')
+    options.add_polaris(parser)
+    parser.add_argument('--scenario', default='default',
+                        help='what is wrong with the simulated mount: a name or a YAML file')
+    options.add_reference(parser, 'model.json of an earlier night: the zero is the change since '
+                          'then, and tonight is one power-on: stars, Polaris, stars')
+    options.add_date(parser)
+    options.add_site(parser, height=True)
+    parser.add_argument('--params', type=Path, metavar='FILE',
+                        help='ROS parameter file, read by every node after the values above')
+    parser.add_argument('--time-scale', type=options.real(0.0, 1000.0), default=0.0, metavar='X',
+                        help='simulated seconds a second; 0 (default): as fast as the graph '
+                        'answers')
+    options.add_domain(parser)
+    parser.set_defaults(run=run)
+
+
+def run(args):
+    """Observe, print, write."""
+    from ..night import NightOptions, run_night
+    from .console import Progress, new_console, print_calibration, print_files
+    if args.params is not None and not args.params.is_file():
+        raise ValueError(f'{args.params} is no file; give a ROS parameter file with --params')
+    console = new_console()
+    chosen = NightOptions(
+        out=args.out, seed=args.seed, stars=args.stars, polaris=args.polaris,
+        scenario=args.scenario, start_time=args.date, reference=args.reference,
+        domain=args.domain, time_scale=args.time_scale, params_file=args.params,
+        sky=options.sky_of(args))
+    with Progress(console) as progress:
+        report = run_night(chosen, progress)
+    print_calibration(console, report)
+    print_files(console, report['files'])
