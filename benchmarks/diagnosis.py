@@ -25,8 +25,8 @@ import numpy as np
 
 from calibration.diagnosis import Base, diagnose
 from calibration.diagnosis.base import observations
-from calibration.diagnosis.candidates import orthonormal
 from calibration.diagnosis.diagnosis import _Work as Work
+from calibration.diagnosis.linear import orthonormal
 from calibration.diagnosis.streamed import diagnose_streamed
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model import geometry

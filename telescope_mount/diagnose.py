@@ -70,7 +70,7 @@ def run(args, console):
         args.json.write_text(json.dumps(found.to_dict(), indent=1) + '\n', encoding='utf-8')
         console.print(f'result        {args.json}', markup=False)
     if args.report:
-        from calibration.diagnosis_page.report import write_report
+        from calibration.diagnosis_page.page import write_report
         write_report(found, args.report)
         console.print(f'page          {args.report}', markup=False)
     if args.save:

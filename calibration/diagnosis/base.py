@@ -14,7 +14,7 @@ from pointing_model.harmonics import basis, sky_factor
 from pointing_model.run import PointingRun
 from pointing_model.terms import PHYSICAL, STANDARD6, known_terms, stacked_design
 
-from .candidates import Columns
+from .linear import Columns
 
 _SETS = {'physical': PHYSICAL, 'standard6': STANDARD6, 'index': ('IA', 'IE')}
 _GROSS = 7.0  # robust standard deviations from which a row is looked at for slips

@@ -7,8 +7,8 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 from pointing_model import geometry as rotation
-from pointing_model.effect_families import AXES
 from pointing_model.effects import dictionary, effect, smooths, steps
+from pointing_model.effects.base import AXES
 from pointing_model.fitted_effects import FittedEffect
 from pointing_model.harmonics import COUNT, Harmonics
 from pointing_model.model import PointingModel
@@ -22,8 +22,8 @@ from .base import (
     linearised,
     observations,
 )
-from .candidates import Bank, inverse_normal
 from .holdout import holdout_rms
+from .linear import Bank, inverse_normal
 from .next_observations import propose
 from .resampling import (
     contiguous_folds,

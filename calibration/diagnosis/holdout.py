@@ -9,7 +9,7 @@ from msg_tools.units import ARCSEC
 from pointing_model.fitted_effects import total
 
 from .base import after_rotation, observations
-from .candidates import Columns, fit_state
+from .linear import Columns, fit_state
 
 
 @dataclass

@@ -4,7 +4,7 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 
-from .candidates import DISTINCT, solve
+from .linear import DISTINCT, solve
 from .search import Chance, search
 
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .candidates import Bank, Columns, fit_state, overlap
 from .chance import ChanceTest
+from .linear import Bank, Columns, fit_state, overlap
 
 #: parts of the family-wise error that the dictionary and the curves may use. Their alarms overlap
 #: and the tests are conservative: together they stay below it (measured, benchmarks/diagnosis.py).

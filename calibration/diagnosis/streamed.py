@@ -20,8 +20,8 @@ from pointing_model.model import PointingModel
 from pointing_model.terms import stacked_design
 
 from .base import Base
-from .candidates import DISTINCT
 from .chance import normal_score
+from .linear import DISTINCT
 
 _SAMPLE = 5000  # rows of the first fit and of the robust scale
 _CUT = 7.0  # rows further out than so many robust standard deviations are set aside

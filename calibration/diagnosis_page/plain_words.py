@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 
-from pointing_model.effect_families import DRIVER_WORDS
+from pointing_model.effects.base import DRIVER_WORDS
 
 AXIS = {'az': 'azimuth', 'el': 'elevation'}
 _ZERO = {'IA': 'The zero of the azimuth axis', 'IE': 'The zero of the elevation axis',

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from calibration.diagnosis import diagnose
+from calibration.diagnosis_page.page import render, write_report
 from calibration.diagnosis_page.plain_words import (
     arcsec,
     best_pair,
@@ -14,7 +15,6 @@ from calibration.diagnosis_page.plain_words import (
     readable,
     verdict_sentences,
 )
-from calibration.diagnosis_page.report import render, write_report
 from calibration.diagnosis_page.sections import exclusions, next_observations, ranking
 from calibration.diagnosis_page.svg_plot import Panel, SkyMap, limit_of, ticks
 from calibration.diagnosis_page.view import Driver, FoundEffect, View, driver_of, view_of

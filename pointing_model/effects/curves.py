@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .effect_families import AXES, DRIVER_WORDS, effect, family, make
+from .base import AXES, DRIVER_WORDS, effect, family, make
 
 _TURN = 2.0 * np.pi
 #: drivers that are given waves and bumps; air, stars and columns of the file get splines only

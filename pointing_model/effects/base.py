@@ -16,8 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from msg_tools.units import ARCSEC, DEG
-
-from .terms import TERMS, ZERO, Trig
+from pointing_model.terms import TERMS, ZERO, Trig
 
 _TURN = 2.0 * np.pi
 #: periods of the encoders' graduation, radians (paper 000: lines; paper 001: bars)

@@ -6,9 +6,7 @@ both axes, the driver that shows it, and its name in TPOINT where it has one.
 
 import numpy as np
 
-from .context import Context
-from .curves import smooths
-from .effect_families import AXES, PERIODS, Effect, effect, of_document
+from .base import AXES, PERIODS, effect
 
 _HOUR = 3600.0
 #: what may drift with time or temperature
@@ -232,5 +230,3 @@ def steps(context, limit=32):
     return [effect('step', axis=axis, at=float(t), driver=driver) for axis in AXES for t in between]
 
 
-__all__ = ['Context', 'Effect', 'PERIODS', 'dictionary', 'effect', 'of_document', 'smooths',
-           'steps']

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from calibration.diagnosis.candidates import Bank, Columns, fit_state, orthonormal, overlap, solve
 from calibration.diagnosis.chance import ChanceTest, normal_score, pair_corrected
+from calibration.diagnosis.linear import Bank, Columns, fit_state, orthonormal, overlap, solve
 from calibration.diagnosis.resampling import (
     contiguous_folds,
     cross_validate,

@@ -8,8 +8,8 @@ import pytest
 from calibration.diagnosis import diagnose
 from calibration.diagnosis.base import Base, observations
 from calibration.diagnosis.streamed import diagnose_streamed
+from calibration.diagnosis_page.page import render
 from calibration.diagnosis_page.plain_words import verdict_sentences
-from calibration.diagnosis_page.report import render
 from calibration.diagnosis_page.view import view_of
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model import geometry
