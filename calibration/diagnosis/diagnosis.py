@@ -9,6 +9,7 @@ from msg_tools.units import ARCSEC
 from pointing_model import geometry as rotation
 from pointing_model.effects import dictionary, effect, smooths, steps
 from pointing_model.effects.base import AXES
+from pointing_model.effects.drifts import places_of_steps
 from pointing_model.fitted_effects import FittedEffect
 from pointing_model.harmonics import COUNT, Harmonics
 from pointing_model.model import PointingModel
@@ -255,7 +256,7 @@ class _Work:
         effects, self.untestable = dictionary(
             obs.context, [t for t in PHYSICAL if t not in base.terms], base.own)
         if base.own and {'IA', 'IE'} <= set(base.own):
-            effects = [e for e in effects if e.family != 'run_zero']
+            effects = [e for e in effects if e.form != 'run_zero']
         self.problem = Problem(columns, left, obs.inverse_sigma, None, None, robust)
         self.slips = self._slips(alpha)
         self.problem.dictionary = Bank(effects + steps(obs.context), obs.context)
@@ -393,14 +394,13 @@ def _refine_steps(work, found):
     bank = problem.dictionary
     for i, choice in enumerate(found.chosen):
         e = choice.effect(problem)
-        if e.family != 'step':
+        if e.form != 'step':
             continue
         p = e.parameters
         tried = sorted(f.parameters['at'] for f in bank.effects
-                       if f.family == 'step' and f.parameters['axis'] == p['axis'])
+                       if f.form == 'step' and f.parameters['axis'] == p['axis'])
         k = tried.index(p['at'])
-        distinct = np.unique(context.get(p['driver']))
-        between = 0.5 * (distinct[1:] + distinct[:-1])[2:-2]
+        between = places_of_steps(context, p['driver'])
         between = between[(between >= tried[max(k - 1, 0)])
                           & (between <= tried[min(k + 1, len(tried) - 1)])]
         near = Bank([effect('step', **{**p, 'at': float(t)}) for t in between], context)
@@ -475,17 +475,12 @@ def _diagnosed(problem, choice, stand, fitted, n):
     def names(groups):
         return list(dict.fromkeys(bank.effects[k].name for k in groups))
     rivals = [k for k in stand.alternatives
-              if k not in stand.same or not _one_cause(bank.effects[k], fitted.effect)]
+              if k not in stand.same or fitted.effect.mechanism is None
+              or bank.effects[k].mechanism != fitted.effect.mechanism]
     return DiagnosedEffect(
         fitted, stand.p, stand.delta_bic, None, names(stand.alternatives), names(stand.same),
         names(rivals), _lines(bank, stand.scores.delta_bic),
         choice.columns(problem).reshape(-1, 2, n))
-
-
-def _one_cause(a, b):
-    """Whether two effects differ in the memory of a hysteresis only."""
-    return a.family == b.family == 'hysteresis' and all(
-        a.parameters[k] == b.parameters[k] for k in ('axis', 'shape'))
 
 
 def _lines(bank, delta_bic):
@@ -493,8 +488,8 @@ def _lines(bank, delta_bic):
     out, seen = [], set()
     best = delta_bic.max(initial=-np.inf)
     for g in np.argsort(-delta_bic):
-        if np.isfinite(delta_bic[g]) and int(bank.family[g]) not in seen:
-            seen.add(int(bank.family[g]))
+        if np.isfinite(delta_bic[g]) and int(bank.line[g]) not in seen:
+            seen.add(int(bank.line[g]))
             e = bank.effects[g]
             out.append({'name': e.name, 'cause': e.cause, 'driver': e.driver, 'axes': e.axes,
                         'delta_bic': float(delta_bic[g]),

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from msg_tools.units import ARCSEC
-from pointing_model.effects import Effect
 
 #: part of a (scaled) column that must remain beyond the model for it to be told from the model
 DISTINCT = 0.02
@@ -18,7 +17,6 @@ _EIGEN = 1e-10
 _BISQUARE = 7.0
 _HUBER = 1.5
 _HAMPEL = (3.0, 12.0, 25.0)
-_SCANNED = {'bump': 2, 'sawtooth': 2}
 
 
 def orthonormal(rows):
@@ -295,12 +293,10 @@ class Bank:
                 _columns[i:j] = e.columns(context).reshape(j - i, 2 * n)
         self.columns = _columns
         self._by_size = [(int(d), np.flatnonzero(sizes == d)) for d in np.unique(sizes)]
-        # what was scanned, in parameters: a bump has a place and a width
-        self.scan_cost = np.array([0 if e.scan is None else _SCANNED.get(e.scan, 1)
-                                   for e in self.effects], int)
+        # what was scanned, in parameters
+        self.scan_cost = np.array([0 if e.scan is None else e.scanned for e in self.effects], int)
         names = {}
-        self.family = np.array([names.setdefault(_ranking_name(e), len(names))
-                                for e in self.effects], int)
+        self.line = np.array([names.setdefault(e.line, len(names)) for e in self.effects], int)
 
     def __len__(self):
         return len(self.effects)
@@ -373,14 +369,6 @@ class Bank:
             dof[groups] = k
             dbic[groups[k > 0]] = gain[k > 0]
         return Scores(dof, dbic, bases)
-
-
-def _ranking_name(e: Effect):
-    """Members of a scan are one line of the ranking."""
-    if e.scan is None:
-        return e.name
-    p = e.parameters
-    return f'{e.family} {e.scan} {p.get("driver")} {p.get("axis")} {p.get("factor")}'
 
 
 def overlap(a, b):

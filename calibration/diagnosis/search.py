@@ -372,14 +372,14 @@ def standing(problem, found, i, chance, alias=0.98):
     p = chance.p(state, scores, g)
     others = {c.group for j, c in enumerate(found.chosen) if j != i and c.curve == choice.curve}
     limit = scores.delta_bic.max() - SET_WIDTH
-    family = {int(bank.family[g])}
+    lines = {int(bank.line[g])}
     near = []
     if not choice.curve:
         for other in np.argsort(-scores.delta_bic):
             if scores.delta_bic[other] < max(limit, 0.0):
                 break
-            if other != g and other not in others and int(bank.family[other]) not in family:
-                family.add(int(bank.family[other]))
+            if other != g and other not in others and int(bank.line[other]) not in lines:
+                lines.add(int(bank.line[other]))
                 near.append(int(other))
     same = []
     if near:

@@ -4,7 +4,8 @@ from pathlib import PurePath
 
 import numpy as np
 
-from .plain_words import arcsec, readable
+from pointing_model.effects.words import arcsec, readable
+
 from .svg_plot import MAX_ARROWS, Panel, SkyMap, clean, limit_of, svg, ticks
 
 AXES = (('azimuth × cos E', 0), ('elevation', 1))

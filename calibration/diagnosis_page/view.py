@@ -7,9 +7,8 @@ from pathlib import PurePath
 import numpy as np
 
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.effects import PERIODS
-
-from .plain_words import arcsec, effect_sentence, readable
+from pointing_model.effects import Amount
+from pointing_model.effects.words import arcsec, readable
 
 _LEVELS = {'approach_az': {-1: 'anticlockwise', 0: 'unknown', 1: 'clockwise'},
            'approach_el': {-1: 'downward', 0: 'unknown', 1: 'upward'}}
@@ -286,11 +285,10 @@ def _found(diagnosis, found):
     rms = _beyond_base(diagnosis, fitted)
     raw = context.get(e.driver)
     known = raw[np.isfinite(raw)] if raw is not None else np.zeros(0)
-    values = found.fitted.coefficients / ARCSEC
     utc = getattr(context, 'time_is_utc', True)
-    sentence = effect_sentence(
-        e, values, rms, (known.min(), known.max()) if known.size else None,
-        _utc if utc and e.driver == 'time' else None)
+    sentence = e.sentence(Amount(
+        found.fitted.coefficients / ARCSEC, rms, (known.min(), known.max()) if known.size else None,
+        _utc if utc and e.driver == 'time' else None))
     name = readable(e.name)
     return FoundEffect(name[:1].upper() + name[1:], sentence, _facts(found), fitted,
                        _effect_driver(context, e), found.ranking)
@@ -318,7 +316,7 @@ def _beyond_base(diagnosis, fitted):
 
 def _facts(found):
     e = found.fitted.effect
-    facts = [('Cause', e.cause), ('Formula', e.formula)]
+    facts = [('Cause', e.cause), ('Look at', e.look_at), ('Formula', e.formula)]
     values = zip(e.coefficient_names, found.fitted.coefficients / ARCSEC,
                  found.fitted.sigma / ARCSEC)
     facts += [(f'Coefficient {name}', f'{value:+.4g} ± {sigma:.2g} {e.unit}'.replace('-', '−'))
@@ -339,16 +337,11 @@ def _facts(found):
 
 
 def _effect_driver(context, e):
-    """Driver of an effect's figure; of a subdivision the place within its period."""
-    if e.family != 'subdivision':
+    """What an effect is drawn against."""
+    if e.figure is None:
         return driver_of(context, e.driver)
-    reading, p = context.get(e.driver), e.parameters
-    if reading is None:
-        return None
-    word = {'grating': 'a line of the grating', 'bars': 'a bar of the disc'}[p['graduation']]
-    period = PERIODS[p['graduation']]
-    return Driver(e.driver, f'place within {word} [0 to 1]', np.mod(reading, period) / period,
-                  plain=False)
+    label, values = e.figure(context)
+    return None if values is None else Driver(e.driver, label, values, plain=False)
 
 
 # ----------------------------------------------------------------------------------------- terms
@@ -373,7 +366,7 @@ def _correlations(diagnosis):
     obs, base = diagnosis.observations, diagnosis.base
     n = len(obs)
     rows, both = _rows(diagnosis)
-    found = [e for e in diagnosis.effects if e.fitted.effect.family != 'decode_slip']
+    found = [e for e in diagnosis.effects if e.fitted.effect.kind != 'known']
     shared = base.columns(obs.context, obs.label).rows(both)
     parts = [e.columns.reshape(-1, 2 * n)[:, both] for e in found]
     design = shared.added(parts).dense() if parts else shared.dense()
