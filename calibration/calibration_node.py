@@ -15,6 +15,7 @@ from msg_tools.node import NO_SUBSCRIPTION_EVENTS, MountNode, Param, run_node
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
 from pointing_model.run_messages import cloud_to_run
+from pointing_model.zero_message import zero_to_joints
 
 from .nights import NightSeries
 from .session import CalibrationSession
@@ -117,7 +118,7 @@ class Calibration(MountNode):
         if self.value('reference_age') and old is not None:
             # the zero goes with the model that it is relative to
             self._model_pub.publish(String(data=self._dated(old).to_json()))
-        self._publish_zero([zero.az, zero.el], zero)
+        self._publish_zero(zero)
         response.success = True
         response.message = (
             f'zero of power-on {run}: azimuth {zero.az / ARCSEC:+.2f} +- '
@@ -139,12 +140,8 @@ class Calibration(MountNode):
         return replace(model, provenance={
             **model.provenance, 'last_stamp_ns': self._session.last_stamp})
 
-    def _publish_zero(self, angles, by_polaris):
-        sigma = [np.nan, np.nan]
-        if by_polaris is not None:
-            sigma = [by_polaris.sigma_az, by_polaris.sigma_el]
-        self._zero_pub.publish(convert.joint_state(
-            self._session.last_stamp, angles, effort=sigma))
+    def _publish_zero(self, zero):
+        self._zero_pub.publish(zero_to_joints(zero, self._session.last_stamp))
 
     def _on_fit(self, request, response):
         self._say('fitting')
@@ -167,9 +164,10 @@ class Calibration(MountNode):
     def _publish_model(self, model):
         """The model, and the zero that belongs to it; Polaris alone gave it a little otherwise."""
         self._model_pub.publish(String(data=model.to_json()))
-        zeros, by_polaris = self._session.zeros_in_force, self._session.zeros
-        self._publish_zero(
-            zeros[max(zeros)], by_polaris[max(by_polaris)] if by_polaris else None)
+        by_polaris = self._session.zeros
+        self._publish_zero(replace(
+            self._session.zeros_in_force.newest,
+            covariance=by_polaris.newest.covariance if by_polaris else None))
 
     def _on_diagnose(self, request, response):
         # the node hears nothing until it is done: seconds

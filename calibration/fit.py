@@ -8,8 +8,9 @@ import numpy as np
 from msg_tools.units import ARCSEC, wrap
 from pointing_model import geometry as rotation
 from pointing_model.harmonics import COUNT, Harmonics, basis, sky_factor
-from pointing_model.model import PointingModel, zero_angles
+from pointing_model.model import PointingModel
 from pointing_model.terms import PHYSICAL, known_terms, stacked_design
+from pointing_model.zero import NO_ZERO, RunZero, Zeros
 
 from .least_squares import (
     TOLERANCE,
@@ -177,8 +178,8 @@ class FitResult:
     robust : bool
         Whether rows were downweighted (never with fewer than 1.5 values a coefficient).
     iterations : int
-    run_zeros : dict of float to (float, float), optional
-        Azimuth and elevation by which the zero of each run lies above that of the first, rad.
+    run_zeros : Zeros, optional
+        By how much the zero of each run lies above that of the first.
     """
 
     model: PointingModel
@@ -196,7 +197,7 @@ class FitResult:
     excluded: list
     robust: bool
     iterations: int
-    run_zeros: dict | None = None
+    run_zeros: Zeros | None = None
 
     @property
     def sigma(self):
@@ -250,7 +251,7 @@ def _usable(run, encoder, zero):
     """
     columns = {name: np.asarray(run[name], float)
                for name in ('az', 'el', f'az_{encoder}', f'el_{encoder}')}
-    zero_az, zero_el = zero_angles(zero, run)
+    zero_az, zero_el = zero.of_rows(run)
     columns[f'az_{encoder}'] = columns[f'az_{encoder}'] - zero_az
     columns[f'el_{encoder}'] = columns[f'el_{encoder}'] - zero_el
     sigmas = None
@@ -393,8 +394,8 @@ def _result(run, names, rows_used, excluded, sigmas, solved, make_model, provena
         excluded=excluded, robust=row_weights is not None, iterations=solved.iterations)
 
 
-def fit_terms(run, names=PHYSICAL, *, robust=True, geometry='rotation', encoder='enc', zero=None,
-              run_zeros=False, rcond=RCOND, provenance=None):
+def fit_terms(run, names=PHYSICAL, *, robust=True, geometry='rotation', encoder='enc',
+              zero=NO_ZERO, run_zeros=False, rcond=RCOND, provenance=None):
     """Fit pointing terms to a run.
 
     Gauss-Newton: the geometric terms act as exact rotations (`pointing_model.geometry`) and are
@@ -414,8 +415,8 @@ def fit_terms(run, names=PHYSICAL, *, robust=True, geometry='rotation', encoder=
         Exact rotations, or first-order columns throughout.
     encoder : {'enc', 'abs'}
         The encoder columns to fit.
-    zero : optional
-        Angles to subtract from the encoder's (see `pointing_model.model.zero_angles`).
+    zero : RunZero or Zeros
+        To subtract from the encoder's angles.
     run_zeros : bool
         Fit with the terms how far the zero of each run (column ``run``) lies from that of the
         first: `FitResult.run_zeros`.
@@ -495,13 +496,13 @@ def fit_terms(run, names=PHYSICAL, *, robust=True, geometry='rotation', encoder=
     if not run_zeros:
         return result
     shifts = result.coefficients[len(terms):].reshape(-1, 2)
-    return replace(result, run_zeros={
-        float(number): (float(a), float(e))
-        for number, (a, e) in zip(runs, np.vstack((np.zeros(2), shifts)))})
+    return replace(result, run_zeros=Zeros(
+        RunZero(float(a), float(e), run=float(number))
+        for number, (a, e) in zip(runs, np.vstack((np.zeros(2), shifts)))))
 
 
-def fit_harmonics(run, reading='zenith', *, model=None, robust=True, encoder='enc', zero=None,
-                  rcond=RCOND_HARMONICS, provenance=None):
+def fit_harmonics(run, reading='zenith', *, model=None, robust=True, encoder='enc',
+                  zero=NO_ZERO, rcond=RCOND_HARMONICS, provenance=None):
     """Fit the 13 spherical harmonics an axis of paper 000 (eq. 6-8).
 
     Least squares of the error on the sky in both readings, so that their residuals compare; the

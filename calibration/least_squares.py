@@ -4,20 +4,26 @@ The design has a row a coefficient: x of all stars, then y of all stars. A weigh
 None: all equal.
 """
 
-from math import exp
 from typing import NamedTuple
 
 import numpy as np
 
 from msg_tools.units import ARCSEC
 
+from .robust import (
+    BISQUARE_INFLATION,
+    BISQUARE_VARIANCE,
+    bisquare,
+    huber,
+    reweighted,
+    sigma_of,
+)
+
 TOLERANCE = 1e-9 * ARCSEC  # of an iteration, on the sky
 # of the normal matrix, scaled to a unit diagonal:
 _GRAM_LIMIT = 1e-10  # smallest ratio of eigenvalues that are accurate
 _SAFE_CONDITION = 1e8  # up to here it may be inverted
 _FINE_CONDITION = 1e5  # and up to here rounding stays below 1e-11 of the coefficients
-_HUBER = 1.5
-_BISQUARE = 7.0
 
 
 class Spectrum(NamedTuple):
@@ -129,52 +135,17 @@ def weighted_solve(rows, b, weights, rcond, normals=None):
     return Solution(p, inverse, normal, x_normal, residual, rank)
 
 
-def _bisquare_constants(c):
-    """What the bisquare does to Gaussian noise on two axes.
-
-    With u^2 = (r_x/s_x)^2 + (r_y/s_y)^2 = 2t, t is exponential, and w = (1 - t/T)^2, T = c^2/2.
-
-    Returns
-    -------
-    variance : float
-        E[w r^2] / E[w] for unit noise.
-    inflation : float
-        covariance of the estimate = inflation x inverse of the weighted normal matrix.
-    """
-    top = c * c / 2.0
-    moments = [1.0 - exp(-top)]
-    for k in range(1, 6):
-        moments.append(k * moments[-1] - top**k * exp(-top))
-
-    def mean(*polynomial):  # of a polynomial in q = t / T, times t^0
-        return sum(a * moments[k] / top**k for k, a in enumerate(polynomial))
-
-    w = mean(1, -2, 1)
-    wt = top * mean(0, 1, -2, 1)
-    wwt = top * mean(0, 1, -4, 6, -4, 1)
-    slope = mean(1, -4, 3)  # w - 2 q (1 - q)
-    return wt / w, wwt / slope**2 * w
-
-
-_VARIANCE, _INFLATION = _bisquare_constants(_BISQUARE)
-
-
 def _scales(residual, root, n, dof_factor):
     """Robust noise of each axis: the scaled median of the absolute residuals."""
-    standard = np.abs(residual if root is None else residual * root)
-    factor = 1.4826 * dof_factor
+    standard = residual if root is None else residual * root
     floor = TOLERANCE if root is None else 1e-9
-    return [max(factor * float(np.median(standard[part])), floor)
+    return [max(float(sigma_of(standard[part], dof_factor)), floor)
             for part in (slice(0, n), slice(n, None))]
 
 
 def _distance(residual, root, n, scales):
     standard = residual if root is None else residual * root
     return np.hypot(standard[:n] / scales[0], standard[n:] / scales[1])
-
-
-def _bisquare(u):
-    return np.square(np.maximum(1.0 - np.square(u / _BISQUARE), 0.0))
 
 
 def robust_solve(rows, b, base, rcond, scales=None, row_weights=None):
@@ -206,31 +177,33 @@ def robust_solve(rows, b, base, rcond, scales=None, row_weights=None):
         both = np.concatenate((w, w))
         return weighted_solve(rows, b, both if base is None else both * base, rcond)
 
+    def weigh_at_its_noise(solution):
+        nonlocal scales
+        scales = _scales(solution.residual, root, n, dof_factor)
+        return huber(_distance(solution.residual, root, n, scales))
+
+    def weigh(solution):
+        return bisquare(_distance(solution.residual, root, n, scales))
+
     if scales is None:
         solution = weighted_solve(rows, b, base, rcond)
         dof_factor = np.sqrt(2 * n / max(2 * n - solution.rank, 1))
-        for _ in range(30):
-            scales = _scales(solution.residual, root, n, dof_factor)
-            u = _distance(solution.residual, root, n, scales)
-            old, solution = solution, solve(_HUBER / np.maximum(u, _HUBER))
-            moved = _distance(solution.residual - old.residual, root, n, scales).max()
-            if moved < 0.01:
-                break
+        solution, _ = reweighted(
+            solve, weigh_at_its_noise, solution, 30, lambda new, old: _distance(
+                new.residual - old.residual, root, n, scales).max() < 0.01)
         scales = _scales(solution.residual, root, n, dof_factor)
         # the median is wasteful: take the bisquare's own variance of what it keeps
         standard = np.square(solution.residual if root is None else solution.residual * root)
         for _ in range(3):
-            w = _bisquare(_distance(solution.residual, root, n, scales))
-            total = max(float(w.sum()), 1e-9) * _VARIANCE
+            w = weigh(solution)
+            total = max(float(w.sum()), 1e-9) * BISQUARE_VARIANCE
             scales = [max(dof_factor * float(np.sqrt(w @ part / total)), scale / 1.5)
                       for part, scale in zip((standard[:n], standard[n:]), scales)]
     else:
         solution = solve(row_weights)
-    for _ in range(100):
-        row_weights = _bisquare(_distance(solution.residual, root, n, scales))
-        old, solution = solution, solve(row_weights)
-        if np.abs(solution.residual - old.residual).max() < TOLERANCE:
-            break
+    solution, row_weights = reweighted(
+        solve, weigh, solution, 100,
+        lambda new, old: np.abs(new.residual - old.residual).max() < TOLERANCE)
     return solution, scales, row_weights
 
 
@@ -255,7 +228,8 @@ def covariance_of(solution, base, row_weights, given, lost=0):
         inflation, consistency, total = 1.0, 1.0, float(n - lost)
         squares = float(rx @ rx), float(ry @ ry)
     else:
-        inflation, consistency, total = _INFLATION, _VARIANCE, float(row_weights.sum())
+        inflation, consistency = BISQUARE_INFLATION, BISQUARE_VARIANCE
+        total = float(row_weights.sum())
         squares = float(row_weights @ np.square(rx)), float(row_weights @ np.square(ry))
     used = float(np.vdot(inverse, solution.x_normal))  # trace of the product
     pooled = (squares[0] + squares[1]) / max(2 * total - rank, 1e-9)

@@ -11,11 +11,12 @@ import numpy as np
 from msg_tools.units import ARCSEC
 from pointing_model.catalogue import POLARIS_HIP
 from pointing_model.terms import design
+from pointing_model.zero import NO_ZERO, Zeros, zero_in_force
 
 from .fit import fit_harmonics
 from .kept_out import for_fitting, is_kept_out
 from .satellite_check import tracking_errors
-from .session import CalibrationSession, zero_in_force
+from .session import CalibrationSession
 from .zero import zero_from_polaris
 
 #: the two kinds of model, in the order of the report
@@ -39,7 +40,7 @@ class NightSeries:
         self._age, self._first, self._split_seed = age, first, split_seed
         self._sessions = {}
         self._models = {}  # run -> {kind: PointingModel}, to go with the zero in force then
-        self._zeros = {}
+        self._zeros = Zeros()
         self._rows = {}
         self.last_stamp = 0
 
@@ -55,15 +56,15 @@ class NightSeries:
 
     @property
     def zeros(self):
-        """By Polaris alone, power-on number -> Zero."""
-        return {run: zero for session in self._sessions.values()
-                for run, zero in session.zeros.items()}
+        """By Polaris alone, a PolarisZero of each night with exposures."""
+        return Zeros(zero for session in self._sessions.values()
+                     for zero in session.zeros.values())
 
     @property
     def zeros_in_force(self):
-        """That belong to the fitted model of each night, power-on number -> (az, el), rad."""
-        return {run: zero for session in self._sessions.values()
-                for run, zero in session.zeros_in_force.items()}
+        """That belong to the fitted model of each night."""
+        return Zeros(zero for session in self._sessions.values()
+                     for zero in session.zeros_in_force.values())
 
     @property
     def reference(self):
@@ -78,9 +79,7 @@ class NightSeries:
 
     def _zero_then(self, run):
         """The zero that was in force with the reference of `run`."""
-        if run - self._age in self._zeros:
-            return self._zeros[run - self._age]
-        return zero_in_force(self._first)
+        return self._zeros.get(run - self._age) or zero_in_force(self._first)
 
     def add(self, run, stamp):
         """Take rows; see `CalibrationSession.add`."""
@@ -150,7 +149,7 @@ class NightSeries:
         session = self._sessions[number]
         model, report = session.fit(homings)
         rows = session.observations()
-        self._zeros[number] = zero = session.zeros_in_force.get(number, (0.0, 0.0))
+        self._zeros[number] = zero = session.zeros_in_force.get(number, NO_ZERO)
         stars = for_fitting(rows)
         self._models[number] = {PHYSICAL_TERMS: model}
         with suppress(ValueError):  # too few stars for 13 of them: the report's notes say so
@@ -184,18 +183,18 @@ class NightSeries:
                 continue
             zero = zero_from_polaris(az, el, x, y, reference)
             out[kind] = {'zero': zero.to_dict(),
-                         'change_az_arcsec': (zero.az - then[0]) / ARCSEC,
-                         'change_el_arcsec': (zero.el - then[1]) / ARCSEC}
-            for part, angles in (('before', then), ('after', (zero.az, zero.el))):
+                         'change_az_arcsec': (zero.az - then.az) / ARCSEC,
+                         'change_el_arcsec': (zero.el - then.el) / ARCSEC}
+            for part, in_force in (('before', then), ('after', zero)):
                 if len(parts[part]):
-                    out[kind][part] = _means(reference, parts[part], angles)
+                    out[kind][part] = _means(reference, parts[part], in_force)
             if kind == PHYSICAL_TERMS:
                 track = rows['star'] < 0
                 out['satellite'] = None if not track.any() else {
                     'before': tracking_errors(
                         reference, rows.select(track & (rows['time'] < first)), then),
                     'after': tracking_errors(
-                        reference, rows.select(track & (rows['time'] > last)), (zero.az, zero.el))}
+                        reference, rows.select(track & (rows['time'] > last)), zero)}
             if kind == PHYSICAL_TERMS and 'after' in out[kind]:
                 out[kind]['after'].update(
                     _budget(reference, zero, rows.select(polaris), parts['after']))
@@ -236,7 +235,7 @@ def _budget(model, zero, polaris, stars):
     # the zero's covariance has that of the model at Polaris, which cancels but for `apart`
     at_polaris = mean_columns(polaris)
     exposures = zero.covariance - at_polaris @ model.covariance @ at_polaris.T
-    x, y = model.residuals(stars, zero=(zero.az, zero.el))
+    x, y = model.residuals(stars, zero=zero)
     az = x / np.cos(stars['el'])
     n = len(stars)
     scatter = np.array([np.var(az, ddof=1), np.var(y, ddof=1)]) / n

@@ -4,6 +4,7 @@ import numpy as np
 
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.catalogue import POLARIS_HIP
+from pointing_model.zero import Zeros
 
 from .session import RAW
 
@@ -159,8 +160,7 @@ def plot_night(run, model, report, path):
     from matplotlib.figure import Figure
 
     stars = run.select((run['star'] >= 0) & (run['star'] != POLARIS_HIP))
-    zeros = {float(z['run']): (z['az_arcsec'] * ARCSEC, z['el_arcsec'] * ARCSEC)
-             for z in report['zeros_in_force']}
+    zeros = Zeros.from_list(report['zeros_in_force'])
     before = [v / ARCSEC for v in stars.offsets()]
     after = [v / ARCSEC for v in model.residuals(stars, zero=zeros)]
 

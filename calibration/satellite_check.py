@@ -8,6 +8,7 @@ subject of `benchmarks/satellite_search.py`.
 import numpy as np
 
 from msg_tools.units import ARCSEC, DEG
+from pointing_model.zero import NO_ZERO
 
 #: The four numbers of each curve in paper 000 (azimuth, elevation), in the keys of gps.json.
 PAPER = {
@@ -18,7 +19,7 @@ PAPER = {
 }
 
 
-def tracking_errors(model, run, zero=None):
+def tracking_errors(model, run, zero=NO_ZERO):
     """Tracked minus computed place of a satellite, as the paper's curves.
 
     Parameters
@@ -27,8 +28,8 @@ def tracking_errors(model, run, zero=None):
         In force when it was tracked.
     run : PointingRun
         Exposures of the satellite; the encoder's angles are those with it centred.
-    zero : (float, float), optional
-        That of the encoders, rad.
+    zero : RunZero or Zeros
+        Of the encoders.
 
     Returns
     -------

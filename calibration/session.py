@@ -7,6 +7,7 @@ from pointing_model.catalogue import POLARIS_HIP
 from pointing_model.model import PointingModel
 from pointing_model.run import PointingRun
 from pointing_model.terms import PHYSICAL
+from pointing_model.zero import NO_ZERO, Zeros, zero_in_force
 
 from .check import split_half
 from .fit import fit_harmonics, fit_terms, rms_arcsec
@@ -55,10 +56,10 @@ class CalibrationSession:
         self.last_stamp = 0
         #: that `fit` made last, PointingModel
         self.model = None
-        #: by Polaris alone, power-on number -> Zero
-        self.zeros = {}
-        #: that belong to the fitted model, power-on number -> (azimuth, elevation), rad
-        self.zeros_in_force = {}
+        #: by Polaris alone, a PolarisZero of each power-on with exposures
+        self.zeros = Zeros()
+        #: that belong to the fitted model
+        self.zeros_in_force = Zeros()
 
     def __len__(self):
         return sum(len(part) for part in self._parts)
@@ -124,7 +125,7 @@ class CalibrationSession:
         -------
         run : int
             The newest of them.
-        zero : Zero
+        zero : PolarisZero
             Its zero.
 
         Raises
@@ -139,7 +140,8 @@ class CalibrationSession:
         for number in np.unique(polaris['run']):
             part = polaris.select(polaris['run'] == number)
             x, y = part.offsets()
-            self.zeros[int(number)] = zero_from_polaris(part['az'], part['el'], x, y, reference)
+            self.zeros[int(number)] = zero_from_polaris(
+                part['az'], part['el'], x, y, reference, run=int(number))
         if newest not in self.zeros:
             raise ValueError(f'Polaris was not observed since power-on {newest}; point at it first')
         return newest, self.zeros[newest]
@@ -179,13 +181,12 @@ class CalibrationSession:
             notes.append(f'the stars do not determine {dropped["text"]}')
         for row in result.excluded:
             notes.append(f'row {row["row"]} left out: {row["reason"]}')
-        in_force = [{'run': number, 'az_arcsec': az / ARCSEC, 'el_arcsec': el / ARCSEC}
-                    for number, (az, el) in self.zeros_in_force.items()]
+        in_force = self.zeros_in_force.to_list()
         report = {
             'format': REPORT_FORMAT, 'version': REPORT_VERSION,
             'last_stamp_ns': self.last_stamp,
             'stars': len(stars), 'polaris': int(np.count_nonzero(~is_star)),
-            'zeros': [{'run': number, **z.to_dict()} for number, z in self.zeros.items()],
+            'zeros': self.zeros.to_list(),
             'changes': self._changes(rows, result.model),
             'zeros_in_force': in_force,
             'terms': _terms(result),
@@ -231,7 +232,7 @@ class CalibrationSession:
         rows = self.observations()
         zeros = self.zeros_in_force
         if self.model is None:
-            zeros = {int(n): zero for n, zero in self._polaris_zeros(rows).items()}
+            zeros = self._polaris_zeros(rows)
         provenance = {'last_stamp_ns': self.last_stamp, 'reference': self._source()}
         amended = amend(rows, zeros, self.model, provenance, alpha, site)
         self.zeros_in_force = amended.zeros
@@ -245,20 +246,14 @@ class CalibrationSession:
         return {'alarms': found.alarms, 'notes': found.notes}
 
     def _fit_terms(self, rows):
-        """Terms, and the zero of each power-on that belongs to them, as (azimuth, elevation)."""
-        first = self._polaris_zeros(rows)[float(rows['run'].min())]
+        """Terms, and the zero of each power-on that belongs to them."""
+        first = self._polaris_zeros(rows)[rows['run'].min()]
         result = fit_terms(rows, zero=first, run_zeros=True)
-        return result, {number: (first[0] + az, first[1] + el)
-                        for number, (az, el) in result.run_zeros.items()}
+        return result, Zeros(zero.plus(first.az, first.el) for zero in result.run_zeros.values())
 
     def _polaris_zeros(self, rows):
         """Zero of each power-on by Polaris alone; where there is none, the one before it."""
-        out, last = {}, (0.0, 0.0)
-        for number in np.unique(rows['run']):
-            if int(number) in self.zeros:
-                last = self.zeros[int(number)].az, self.zeros[int(number)].el
-            out[float(number)] = last
-        return out
+        return self.zeros.carried(map(int, np.unique(rows['run'])), first=NO_ZERO)
 
     def _source(self):
         if self.reference is None:
@@ -335,33 +330,11 @@ class CalibrationSession:
                 notes.append(f'external check: {err}')
                 continue
             later = stars.select(stars['run'] == after)
-            new = np.add(old, _angles(self._change(rows, before, after, model)))
+            new = old.plus(*self._change(rows, before, after, model).angles)
             label = f'model of power-on {before:.0f} on the stars of power-on {after:.0f}'
             out.append({'check': f'{label}, with the old zero', **_rms(model, later, old)})
             out.append({'check': f'{label}, zero by Polaris', **_rms(model, later, new)})
         return out
-
-
-def zero_in_force(model):
-    """The zero that a model went with, as its provenance tells.
-
-    Parameters
-    ----------
-    model : PointingModel or None
-
-    Returns
-    -------
-    az, el : float
-        rad; of the newest power-on that the model was fitted to, 0 where nothing is known.
-    """
-    zeros = [] if model is None else model.provenance.get('zeros_in_force') or []
-    if not zeros:
-        return 0.0, 0.0
-    return zeros[-1]['az_arcsec'] * ARCSEC, zeros[-1]['el_arcsec'] * ARCSEC
-
-
-def _angles(zero):
-    return zero.az, zero.el
 
 
 def _rms(model, run, zero):

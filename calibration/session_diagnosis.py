@@ -12,6 +12,7 @@ from pointing_model.context import Context
 from pointing_model.effects import effect
 from pointing_model.model import PointingModel
 from pointing_model.run import PointingRun
+from pointing_model.zero import NO_ZERO, Zeros
 
 from .diagnosis import Diagnosis, diagnose
 from .fit import rms_arcsec
@@ -31,8 +32,8 @@ class Amended:
     ----------
     model : PointingModel
         For pointing with `zeros`.
-    zeros : dict
-        Power-on number -> (azimuth, elevation), rad.
+    zeros : Zeros
+        Of the power-ons.
     document : dict
         JSON-ready: the keys of `Diagnosis.to_dict`, and ``applied`` (names of the effects in
         `model`), ``aliases`` of each effect, ``kept_out`` (how many rows were there to judge by),
@@ -42,7 +43,7 @@ class Amended:
     """
 
     model: PointingModel
-    zeros: dict
+    zeros: Zeros
     document: dict
     diagnosis: Diagnosis
 
@@ -58,8 +59,8 @@ def amend(rows, zeros, fitted=None, provenance=None, alpha=0.01, site=None):
     ----------
     rows : PointingRun
         All rows of the night, with columns `star` and `run`.
-    zeros : dict
-        That belong to `fitted`: power-on number -> (azimuth, elevation), rad.
+    zeros : Zeros
+        That belong to `fitted`; a power-on without one has that before it.
     fitted : PointingModel, optional
         The model in force. With the verdict ``none`` it stays as it is.
     provenance : dict, optional
@@ -86,15 +87,14 @@ def amend(rows, zeros, fitted=None, provenance=None, alpha=0.01, site=None):
     if len(stars) == 0:
         raise ValueError('no star to diagnose has come yet; observe first')
     result = diagnose(stars, alpha=alpha)
-    base, base_zeros = fitted, dict(zeros)
+    base, base_zeros = fitted, zeros
     if fitted is None:
         base, base_zeros = result.base_model, _shifted(zeros, result, result.base_model)
     model, new_zeros = base, base_zeros
     if result.effects:
         model = _going_on(result.model, stars)
         new_zeros = _shifted(zeros, result, model)
-    in_force = [{'run': number, 'az_arcsec': az / ARCSEC, 'el_arcsec': el / ARCSEC}
-                for number, (az, el) in sorted(new_zeros.items())]
+    in_force = Zeros(new_zeros[number] for number in sorted(new_zeros)).to_list()
     model = replace(model, provenance={
         **model.provenance, **(provenance or {}), 'verdict': result.verdict,
         'zeros_in_force': in_force})
@@ -132,7 +132,7 @@ def _going_on(model, stars):
 def _at_zero(rows, zeros, site):
     """The rows with the zeros taken off, as `diagnose` wants them."""
     columns = dict(rows.columns)
-    az, el = zero_columns(rows['run'], zeros)
+    az, el = zeros.carried(np.unique(rows['run'])).of_rows(rows)
     # readings are what the encoders read: the zero and the star's place are no part of them
     for axis, zero, factor, miss in (('az', az, np.cos(rows['el']), 'miss_x'),
                                      ('el', el, 1.0, 'miss_y')):
@@ -156,32 +156,13 @@ def _sidereal(rows, site):
     return bool(np.nanmedian(off) < _RATE_NOISE) if np.isfinite(off).any() else False
 
 
-def zero_columns(run, zeros):
-    """The zero of each row, azimuth and elevation of shape (n,), rad.
-
-    Parameters
-    ----------
-    run : ndarray, shape (n,)
-        Numbers of power-ons.
-    zeros : dict
-        Power-on number -> (azimuth, elevation); a power-on without one has that before it.
-    """
-    out, known = np.zeros((2, len(run))), sorted(zeros)
-    for number in np.unique(run):
-        before = [k for k in known if k <= number] or known[:1]
-        if before:
-            out[:, run == number] = np.reshape(zeros[before[-1]], (2, 1))
-    return out
-
-
 def _shifted(zeros, result, model):
     """Zeros that go with `model`, whose IA and IE are the medians of the power-ons."""
-    out = dict(zeros)
-    for name, terms in result.run_terms.items():
-        number = int(float(name))
-        az, el = zeros.get(number, (0.0, 0.0))
-        out[number] = (az + terms['IA'] * ARCSEC - model.terms['IA'],
-                       el + terms['IE'] * ARCSEC - model.terms['IE'])
+    terms = {int(float(name)): values for name, values in result.run_terms.items()}
+    out = zeros.filled(terms, NO_ZERO)
+    for number, own in terms.items():
+        out[number] = out[number].plus(own['IA'] * ARCSEC, own['IE'] * ARCSEC).plus(
+            -model.terms['IA'], -model.terms['IE'])
     return out
 
 
@@ -190,7 +171,7 @@ def _judge(result, kept, before, after):
     if len(kept) == 0:
         return
     for entry, (model, zeros) in ((result.before, before), (result.after, after)):
-        x, y = model.residuals(kept, zero=(zero_columns(kept['run'], zeros)))
+        x, y = model.residuals(kept, zero=zeros.carried(np.unique(kept['run'])))
         entry['holdout_rms_arcsec'] = rms_arcsec(x, y).radial
     result.notes.append(f'held out: {len(kept)} rows of the same night that no fit and no choice '
                         'has seen, nothing refitted')

@@ -4,11 +4,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .robust import huber, reweighted, sigma_of
+
 _CLIP = 3.0  # robust sigmas
-_HUBER = 1.5
 _ITERATIONS = 20
+_STILL = 1e-6  # change of the weights that ends it
 _RCOND = 1e-7
-_MAD = 1.4826
 
 
 class RobustFit(NamedTuple):
@@ -67,16 +68,23 @@ def robust_fit(design, y):
     if dof <= 0:
         raise ValueError(f'{n} rows do not determine {design.shape[1]} numbers; observe more')
     inverse = (vt[keep].T / s[keep] ** 2) @ vt[keep]
-    weights = np.ones(n)
-    for _ in range(_ITERATIONS):
+
+    def solve(weights):
         root = np.sqrt(weights)
         value = np.linalg.pinv(columns * root[:, None], _RCOND) @ (root * y)
-        residual = y - columns @ value
-        noise = _MAD * float(np.median(np.abs(residual))) * np.sqrt(n / dof)
-        size, before = np.abs(residual), weights
-        weights = np.where(size > _HUBER * noise, _HUBER * noise / np.maximum(size, 1e-300), 1.0)
-        if noise == 0.0 or np.abs(weights - before).max() < 1e-6:
-            break
+        return value, y - columns @ value, weights
+
+    def weights_of(residual):
+        noise = float(sigma_of(residual, np.sqrt(n / dof)))
+        return noise, huber(np.abs(residual) / max(noise, 1e-300))
+
+    def weigh(fit):
+        noise, weights = weights_of(fit[1])
+        still = noise == 0.0 or np.abs(weights - fit[2]).max() < _STILL
+        return None if still else weights
+
+    (value, residual, _), _ = reweighted(solve, weigh, solve(np.ones(n)), _ITERATIONS - 1)
+    noise, weights = weights_of(residual)
     # Huber (1981), eq. 7.6.6: the mean square of the clipped residuals over the part not clipped
     inside = np.mean(weights == 1.0) if noise > 0.0 else 1.0
     variance = np.sum((weights * residual) ** 2) / dof / inside**2
@@ -87,7 +95,7 @@ def robust_fit(design, y):
 def clipped(design, y):
     """`y` with outliers of the robust fit brought to three sigmas, so that none alone is a step."""
     fit = robust_fit(design, y)
-    limit = _CLIP * max(_MAD * float(np.median(np.abs(fit.residual))), 1e-300)
+    limit = _CLIP * max(float(sigma_of(fit.residual)), 1e-300)
     return y - fit.residual + np.clip(fit.residual, -limit, limit)
 
 

@@ -14,6 +14,7 @@ from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
 from pointing_model.run import PointingRun
 from pointing_model.terms import PHYSICAL, design
+from pointing_model.zero import RunZero
 
 from .fit import fit_terms
 
@@ -54,16 +55,14 @@ class PolarisExposures:
         return cls(run['az'], run['el'], x, y, *sigmas, name=name)
 
 
-@dataclass(frozen=True)
-class Zero:
-    """Change of the zero of both axes.
+@dataclass(frozen=True, kw_only=True)
+class PolarisZero(RunZero):
+    """Change of the zero of both axes, with all that it rests on.
 
     Attributes
     ----------
-    az, el : float
-        Coordinate angles (not on the sky), radians: subtract them from the encoder's reading.
-    covariance : ndarray, shape (2, 2)
-        Of (az, el), radians^2: of these exposures and of the reference.
+    az, el, covariance, run
+        See `RunZero`; the covariance is of these exposures and of the reference.
     n : int
         Exposures used.
     scatter_az, scatter_el : float
@@ -81,9 +80,6 @@ class Zero:
         ``row`` and ``reason`` of the exposures that could not be used.
     """
 
-    az: float
-    el: float
-    covariance: np.ndarray
     n: int
     scatter_az: float
     scatter_el: float
@@ -92,16 +88,6 @@ class Zero:
     contamination: dict
     rejected: int
     excluded: list
-
-    @property
-    def sigma_az(self):
-        """Standard error of `az`, radians."""
-        return float(np.sqrt(self.covariance[0, 0]))
-
-    @property
-    def sigma_el(self):
-        """Standard error of `el`, radians."""
-        return float(np.sqrt(self.covariance[1, 1]))
 
     def statement(self):
         """What the zero rests on, in words: terms that Polaris cannot tell from it."""
@@ -119,8 +105,7 @@ class Zero:
     def to_dict(self):
         """Numbers for a log or a provenance, in arcsec."""
         return {
-            'az_arcsec': self.az / ARCSEC,
-            'el_arcsec': self.el / ARCSEC,
+            **super().to_dict(),
             'sigma_az_arcsec': self.sigma_az / ARCSEC,
             'sigma_el_arcsec': self.sigma_el / ARCSEC,
             'exposures': self.n,
@@ -187,7 +172,8 @@ def _coordinate_columns(names, az, el):
     return np.stack((np.mean(x / np.cos(el)[:, None], axis=0), np.mean(y, axis=0)))
 
 
-def zero_from_polaris(az, el, x, y, reference, *, sigma_x=None, sigma_y=None, model=None):
+def zero_from_polaris(az, el, x, y, reference, *, sigma_x=None, sigma_y=None, model=None,
+                      run=None):
     """Change of the encoders' zero since a reference, from exposures of Polaris.
 
     Parameters
@@ -204,10 +190,12 @@ def zero_from_polaris(az, el, x, y, reference, *, sigma_x=None, sigma_y=None, mo
     model : PointingModel, optional
         With reference exposures: takes out how the offset changes between the two places of
         Polaris on its circle (0.6" per minute of arc of collimation). Its covariance enters.
+    run : int, optional
+        Number of the power-on of the exposures.
 
     Returns
     -------
-    Zero
+    PolarisZero
 
     Raises
     ------
@@ -249,8 +237,8 @@ def zero_from_polaris(az, el, x, y, reference, *, sigma_x=None, sigma_y=None, mo
         axis: {name: float(v) for name, v in zip(others, row) if v != 0.0}
         for axis, row in zip(('az', 'el'), false)
     }
-    return Zero(
-        az=float(value[0]), el=float(value[1]), covariance=covariance, n=len(now_az),
+    return PolarisZero(
+        run=run, az=float(value[0]), el=float(value[1]), covariance=covariance, n=len(now_az),
         scatter_az=float(scatter[0]), scatter_el=float(scatter[1]), reference=description,
         sigma_from=fit.covariance_from, contamination=contamination,
         rejected=len(fit.rejected), excluded=fit.excluded)

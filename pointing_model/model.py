@@ -13,6 +13,7 @@ from .context import Context
 from .fitted_effects import FittedEffect, as_context, total
 from .harmonics import COUNT, Harmonics
 from .terms import Trig, design, known_terms
+from .zero import NO_ZERO
 
 FORMAT = 'telescope_mount/pointing_model'
 VERSION = 2
@@ -280,7 +281,7 @@ class PointingModel:
         sx, sy = (np.sqrt(np.maximum(v, 0.0)).reshape(shape) for v in (x, y))
         return sx, sy
 
-    def residuals(self, run, encoder='enc', zero=None):
+    def residuals(self, run, encoder='enc', zero=NO_ZERO):
         """What the model leaves of a run, on the sky.
 
         Parameters
@@ -288,8 +289,8 @@ class PointingModel:
         run : PointingRun
         encoder : {'enc', 'abs'}
             The pair of encoder columns.
-        zero : optional
-            Angles to subtract from the encoder's, in any form of `zero_angles`.
+        zero : RunZero or Zeros
+            To subtract from the encoder's angles.
 
         Returns
         -------
@@ -299,7 +300,7 @@ class PointingModel:
         az, el = run['az'], run['el']
         context = Context.of_run(run, encoder) if self.effects else None
         az_enc, el_enc = self.sky_to_encoder(az, el, context)
-        zero_az, zero_el = zero_angles(zero, run)
+        zero_az, zero_el = zero.of_rows(run)
         x = wrap(run[f'az_{encoder}'] - zero_az - az_enc) * np.cos(el)
         return x, run[f'el_{encoder}'] - zero_el - el_enc
 
@@ -461,41 +462,3 @@ def _is_yaml(path):
     if suffix not in ('.json', '.yaml', '.yml'):
         raise ValueError(f'{path}: a model file ends in .json, .yaml or .yml; rename it')
     return suffix != '.json'
-
-
-def zero_angles(zero, run=None):
-    """Coordinate angles of a zero, however it is given.
-
-    Parameters
-    ----------
-    zero : None, pair of float or ndarray, object with ``az`` and ``el``, or dict
-        Radians. A dict gives one of the former for each number in the column ``run``.
-    run : PointingRun, optional
-        The rows that a dict is for.
-
-    Returns
-    -------
-    az, el : float or ndarray, shape (n,)
-        Radians, to be subtracted from the encoder's angles.
-
-    Raises
-    ------
-    ValueError
-        A dict lacks a number of the column ``run``, or there is no such column.
-    """
-    if zero is None:
-        return 0.0, 0.0
-    if isinstance(zero, dict):
-        if run is None or 'run' not in run:
-            raise ValueError('zeros by run number need the column run; add it or give one zero')
-        az, el = np.empty(len(run)), np.empty(len(run))
-        for number in np.unique(run['run']):
-            if number not in zero:
-                raise ValueError(f'no zero for run {number}; measure it or leave the run out')
-            rows = run['run'] == number
-            az[rows], el[rows] = zero_angles(zero[number])
-        return az, el
-    if hasattr(zero, 'az'):
-        return zero.az, zero.el
-    az, el = zero
-    return az, el

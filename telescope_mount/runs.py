@@ -96,11 +96,12 @@ def run_of_log(path):
     ValueError
         No observation in it, or it holds the simulator's truth.
     """
-    from msg_tools.convert import read_joints
     from msg_tools.units import wrap
     from pointing_model.catalogue import POLARIS_HIP
     from pointing_model.run import PointingRun
     from pointing_model.run_messages import cloud_to_run
+    from pointing_model.zero import NO_ZERO, Zeros
+    from pointing_model.zero_message import joints_to_zero
 
     bag = BagReader(path)
     if bag.has_truth:
@@ -108,13 +109,14 @@ def run_of_log(path):
     by_end = {topic.name.rsplit('/', 1)[-1]: topic.name for topic in bag.topics}
     if 'observation' not in by_end:
         raise ValueError(f'{path} has no topic observation; it is no log of a night')
-    parts, zeros = [], {}
+    parts, zeros = [], Zeros()
     names = [by_end['observation'], *([by_end['zero']] if 'zero' in by_end else [])]
     for message in bag.messages(names, decode=True):
         if message.topic == names[0]:
             parts.append(cloud_to_run(message.data))
         elif parts:
-            zeros[float(parts[-1]['run'][-1])] = read_joints(message.data)[1]
+            _, zero = joints_to_zero(message.data, run=parts[-1]['run'][-1])
+            zeros[zero.run] = zero
     if not parts:
         raise NoObservations(f'{path} has no observation in it')
     run = PointingRun.concatenate(parts)
@@ -123,10 +125,8 @@ def run_of_log(path):
     columns['az_raw'], columns['el_raw'] = _readings(columns)
     if zeros:
         notes.append(f'the zeros that the night set on {len(zeros)} power-ons are taken off')
-    for number, (az, el) in zeros.items():
-        rows = run['run'] == number
-        columns['az_enc'] = columns['az_enc'] - az * rows
-        columns['el_enc'] = columns['el_enc'] - el * rows
+        az, el = zeros.filled(np.unique(run['run']), NO_ZERO).of_rows(run)
+        columns['az_enc'], columns['el_enc'] = columns['az_enc'] - az, columns['el_enc'] - el
     columns['az_enc'] = run['az'] + wrap(columns['az_enc'] - run['az'])
     stars = columns['star'] != POLARIS_HIP
     notes.append(f'{int((~stars).sum())} exposures of Polaris left out')

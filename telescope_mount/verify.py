@@ -17,6 +17,7 @@ from msg_tools.units import DEG
 from pointing_model.model import PointingModel
 from pointing_model.pairing import centred, interpolate
 from pointing_model.run_messages import cloud_to_run
+from pointing_model.zero_message import joints_to_zero
 
 #: readings of an encoder that are kept until the observation of their time comes
 READINGS = 50_000
@@ -347,17 +348,17 @@ class _Replay:
             except ValueError as error:
                 self._check.differences.append(f'zero of {_at(stamp)}: {error}')
                 return
-            computed += [([zero.az, zero.el], [zero.sigma_az, zero.sigma_el])] * calibrated
+            computed += [(zero, True)] * calibrated
         for log_time, text in made:
             diagnosed = 'verdict' in json.loads(text)['provenance']
             model = self._diagnose(stamp) if diagnosed else self._fit(stamp, log_time)
             self._check.compare('model', text, model.to_json(), _at(stamp))
-            computed.append((self._zero_of_model(), None))
-        for data, (angles, sigma) in zip(zeros, computed):
-            _, position, _, effort = read_joints(data)
-            self._check.compare('zero', position, angles, _at(stamp))
-            if sigma is not None:
-                self._check.compare('sigma of the zero', effort, sigma, _at(stamp))
+            computed.append((self._session.zeros_in_force.newest, False))
+        for data, (zero, by_polaris) in zip(zeros, computed):
+            _, logged = joints_to_zero(data)
+            self._check.compare('zero', logged.angles, zero.angles, _at(stamp))
+            if by_polaris:
+                self._check.compare('sigma of the zero', logged.sigma, zero.sigma, _at(stamp))
 
     def _is_dated_reference(self, text, stamp):
         """Whether a model is the reference, published with the zero that is relative to it."""
@@ -369,10 +370,6 @@ class _Replay:
             one['provenance'] = {k: v for k, v in one['provenance'].items()
                                  if k != 'last_stamp_ns'}
         return document == own
-
-    def _zero_of_model(self):
-        zeros = self._session.zeros_in_force
-        return zeros[max(zeros)]
 
     def _fit(self, stamp, log_time):
         logged = self._reports.popleft() if self._reports else None

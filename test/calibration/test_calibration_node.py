@@ -13,6 +13,7 @@ from pointing_model.model import PointingModel
 from pointing_model.run import PointingRun
 from pointing_model.run_messages import run_to_cloud
 from pointing_model.terms import PHYSICAL
+from pointing_model.zero_message import joints_to_zero
 
 START = 1_768_482_000_000_000_000
 MOUNT = PointingModel(dict(zip(PHYSICAL, np.array([310, -170, 46, -23, 37, -21, 15]) * ARCSEC)))
@@ -196,9 +197,10 @@ def test_a_diagnosis_adds_the_effect_and_publishes_what_belongs_together(graph, 
     assert document['verdict'] == 'identified' and document['kept_out'] == 0
     assert [e.effect.name for e in model.effects] == document['applied'] == ['azimuth_encoder_1']
     assert model.provenance['last_stamp_ns'] == desk.stamp
-    _, zero, _, _ = convert.read_joints(zeros[0])
+    _, zero = joints_to_zero(zeros[0])
     told, = model.provenance['zeros_in_force']
-    assert zero == pytest.approx((told['az_arcsec'] * ARCSEC, told['el_arcsec'] * ARCSEC))
+    assert zero.run == told['run'] == 1
+    assert zero.angles == pytest.approx([told['az_arcsec'] * ARCSEC, told['el_arcsec'] * ARCSEC])
     fresh = eccentric(rows(50, seed=9))
     x, y = model.residuals(fresh, zero=zero)
     assert np.sqrt(np.mean(x**2 + y**2)) / ARCSEC < 0.7  # the noise: 0.42

@@ -7,6 +7,7 @@ from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
 from pointing_model.run import PointingRun
 from pointing_model.terms import PHYSICAL
+from pointing_model.zero import RunZero
 
 MODEL = PointingModel(dict(zip(
     PHYSICAL, np.array([200, 100, 60, -90, 120, -130, 80]) * ARCSEC)))
@@ -102,7 +103,7 @@ def test_options_and_other_fits():
     harmonics = external_check(run, fit=fit_harmonics, reading='printed', model=MODEL)
     assert harmonics.fits[0].model.harmonics.reading == 'printed'
     shifted = PointingRun({**run.columns, 'az_enc': run['az_enc'] + 1e-3})
-    zero = external_check(shifted, zero=(1e-3, 0.0), fit=fit_terms)
+    zero = external_check(shifted, zero=RunZero(1e-3, 0.0), fit=fit_terms)
     assert zero.held_out.radial == pytest.approx(external_check(run).held_out.radial, rel=1e-6)
 
 

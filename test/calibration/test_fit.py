@@ -7,6 +7,7 @@ from pointing_model.harmonics import Harmonics
 from pointing_model.model import PointingModel
 from pointing_model.run import PointingRun
 from pointing_model.terms import PHYSICAL, design
+from pointing_model.zero import RunZero
 
 TRUTH = np.array([200, 100, 60, -90, 120, -130, 80]) * ARCSEC
 MODEL = PointingModel(dict(zip(PHYSICAL, TRUTH)))
@@ -228,7 +229,7 @@ def test_zero_is_subtracted_and_other_encoder_is_used():
     columns = dict(run.columns)
     columns['az_abs'], columns['el_abs'] = run['az_enc'] + 1e-4, run['el_enc'] - 2e-4
     run = PointingRun(columns)
-    fit = fit_terms(run, encoder='abs', zero=(1e-4, -2e-4))
+    fit = fit_terms(run, encoder='abs', zero=RunZero(1e-4, -2e-4))
     np.testing.assert_allclose(fit.coefficients, TRUTH, atol=1e-6 * ARCSEC)
     fit = fit_terms(run, encoder='abs')
     assert fit.coefficients[0] - TRUTH[0] == pytest.approx(1e-4, abs=1e-11)

@@ -118,14 +118,14 @@ def test_zeros_of_all_nights_go_with_one_another():
         _, report = series.fit()
     for run in (1, 2, 3):
         # the change of the zero in the report is that of the zeros, and of what was put in
-        change = np.subtract((zeros[run].az, zeros[run].el), series.zeros_in_force[run - 2])
+        change = zeros[run].angles - series.zeros_in_force[run - 2].angles
         row = report['nights'][run - 1]['physical']
         assert change / ARCSEC == pytest.approx(
             [row['change_az_arcsec'], row['change_el_arcsec']], abs=1e-9)
         assert change / ARCSEC == pytest.approx(
             np.subtract(DRIFTS[run], DRIFTS[run - 2]), abs=2.5)
     # and of one night from the next, which has no part in its reference
-    apart = np.subtract(series.zeros_in_force[3], series.zeros_in_force[2]) / ARCSEC
+    apart = (series.zeros_in_force[3].angles - series.zeros_in_force[2].angles) / ARCSEC
     assert apart == pytest.approx(np.subtract(DRIFTS[3], DRIFTS[2]), abs=4.0)
 
 

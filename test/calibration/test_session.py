@@ -171,7 +171,7 @@ def test_stars_alone_give_the_zero_of_a_power_on_without_polaris():
     collected.add(rows(*field(rng, 60), 2, np.arange(60), rng, zero=DRIFT), 10**10)
     model, report = collected.fit()
     assert report['stars'] == 120
-    first, second = (np.array(collected.zeros_in_force[number]) for number in (1, 2))
+    first, second = (collected.zeros_in_force[number].angles for number in (1, 2))
     np.testing.assert_allclose((second - first) / ARCSEC, DRIFT / ARCSEC, atol=1.0)
     assert [z['run'] for z in report['zeros_in_force']] == [1, 2]
 
@@ -225,8 +225,8 @@ def test_the_model_is_for_pointing_with_the_zero():
     for number, block in ((1, blocks[0]), (2, blocks[3])):
         az, el = model.sky_to_encoder(block['az'], block['el'])
         zero = collected.zeros_in_force[number]
-        np.testing.assert_allclose(az + zero[0], block['az_enc'], atol=0.5 * ARCSEC)
-        np.testing.assert_allclose(el + zero[1], block['el_enc'], atol=0.1 * ARCSEC)
+        np.testing.assert_allclose(az + zero.az, block['az_enc'], atol=0.5 * ARCSEC)
+        np.testing.assert_allclose(el + zero.el, block['el_enc'], atol=0.1 * ARCSEC)
 
 
 def test_a_table_brings_back_the_night_after_a_restart():

@@ -6,12 +6,13 @@ import pytest
 from calibration.kept_out import for_fitting, is_kept_out
 from calibration.nights import NightSeries
 from calibration.session import CalibrationSession
-from calibration.session_diagnosis import FORMAT, zero_columns
+from calibration.session_diagnosis import FORMAT
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.catalogue import POLARIS_HIP
 from pointing_model.model import PointingModel
 from pointing_model.run import PointingRun
 from pointing_model.terms import PHYSICAL
+from pointing_model.zero import RunZero, Zeros
 
 MOUNT = PointingModel(dict(zip(PHYSICAL, np.array([310, -170, 46, -23, 37, -21, 15]) * ARCSEC)))
 DRIFT = np.array([20.0, -12.0]) * ARCSEC  # of the second power-on
@@ -103,7 +104,7 @@ def test_model_and_zero_of_each_power_on_belong_together(fit):
         block(45, 4, run=2, zero=DRIFT, eccentric=8.0), fit=fit)
     found = night.diagnose()
     assert 'azimuth_encoder_1' in found.document['applied']
-    change = np.subtract(found.zeros[2], found.zeros[1])
+    change = found.zeros[2].angles - found.zeros[1].angles
     np.testing.assert_allclose(change / ARCSEC, DRIFT / ARCSEC, atol=1.0)
     for number, zero in ((1, np.zeros(2)), (2, DRIFT)):
         fresh = block(200, 7, run=number, zero=zero, eccentric=8.0)
@@ -111,7 +112,7 @@ def test_model_and_zero_of_each_power_on_belong_together(fit):
         assert np.sqrt(np.mean(x**2 + y**2)) / ARCSEC < 1.4  # the noise is 0.99
     told = {row['run']: row['az_arcsec'] * ARCSEC
             for row in found.model.provenance['zeros_in_force']}
-    assert told == pytest.approx({n: z[0] for n, z in found.zeros.items()})
+    assert told == pytest.approx({n: z.az for n, z in found.zeros.items()})
 
 
 def test_a_diagnosis_without_stars_is_refused_with_a_reason():
@@ -135,17 +136,11 @@ def test_the_newest_of_many_nights_is_diagnosed():
     assert series.diagnose().document['applied'] == ['azimuth_encoder_1']
 
 
-def test_a_power_on_without_a_zero_has_that_before_it():
-    got = zero_columns(np.array([1.0, 2.0, 3.0, 0.0]), {1: (1.0, 2.0), 2: (3.0, 4.0)})
-    np.testing.assert_array_equal(got, [[1, 3, 3, 1], [2, 4, 4, 2]])
-    np.testing.assert_array_equal(zero_columns(np.ones(2), {}), np.zeros((2, 2)))
-
-
 def test_a_reading_is_what_the_encoder_reads():
     from calibration.session_diagnosis import _at_zero
     rows = block(5, 1)
     rows.columns['miss_x'] = np.full(5, 9.0) * ARCSEC
-    out = _at_zero(rows, {1: (7 * ARCSEC, 0.0)}, SITE)
+    out = _at_zero(rows, Zeros([RunZero(7 * ARCSEC, 0.0, run=1)]), SITE)
     np.testing.assert_allclose(
         wrap(out['az_raw'] - rows['az_enc']) * np.cos(rows['el']) / ARCSEC, -9.0, atol=1e-6)
     np.testing.assert_allclose((out['az_enc'] - rows['az_enc']) / ARCSEC, -7.0, atol=1e-6)
@@ -203,5 +198,5 @@ def test_the_noise_of_measured_rates_is_no_latency():
         measured = PointingRun({**rows.columns, **{
             name: factor * alone.get(name) + 0.3 * ARCSEC * rng.normal(size=50)
             for name in ('az_rate', 'el_rate')}})
-        assert ('az_rate' in _at_zero(measured, {}, SITE)) == there
-        assert 'az_rate' in _at_zero(measured, {}, None)  # without a site nothing is known
+        assert ('az_rate' in _at_zero(measured, Zeros(), SITE)) == there
+        assert 'az_rate' in _at_zero(measured, Zeros(), None)  # without a site nothing is known

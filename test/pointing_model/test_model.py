@@ -6,9 +6,10 @@ import pytest
 from msg_tools.units import ARCSEC, wrap
 from pointing_model import geometry
 from pointing_model.harmonics import Harmonics
-from pointing_model.model import PointingModel, zero_angles
+from pointing_model.model import PointingModel
 from pointing_model.run import PointingRun
 from pointing_model.terms import TERMS, design
+from pointing_model.zero import RunZero, Zeros
 
 
 def make(reading='zenith', seed=5, **kwargs):
@@ -93,18 +94,11 @@ def test_residuals_and_zeros():
     x, y = model.residuals(run)
     np.testing.assert_allclose(x, shift * np.cos(el), atol=1e-13)
     np.testing.assert_allclose(y, -shift, atol=1e-13)
-    zeros = {1: (30 * ARCSEC, -30 * ARCSEC), 2: (-20 * ARCSEC, 20 * ARCSEC)}
+    zeros = Zeros([RunZero(30 * ARCSEC, -30 * ARCSEC, run=1),
+                   RunZero(-20 * ARCSEC, 20 * ARCSEC, run=2)])
     assert np.abs(model.residuals(run, zero=zeros)).max() < 1e-13
     with pytest.raises(ValueError, match='run 2'):
-        model.residuals(run, zero={1: (0.0, 0.0)})
-
-
-def test_zero_angles_forms():
-    class Zero:
-        az, el = 1.0, 2.0
-
-    assert zero_angles(None) == (0.0, 0.0)
-    assert zero_angles(Zero()) == (1.0, 2.0) == zero_angles((1.0, 2.0))
+        model.residuals(run, zero=Zeros([RunZero(0.0, 0.0, run=1)]))
 
 
 @pytest.mark.parametrize('suffix', ['json', 'yaml'])

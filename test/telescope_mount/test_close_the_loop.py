@@ -11,6 +11,7 @@ from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
 from pointing_model.plan import parse_plan
 from pointing_model.run_files import read_run
+from pointing_model.zero import Zeros
 from telescope_mount.close_the_loop import (
     LoopOptions,
     _site_of,
@@ -90,7 +91,7 @@ def test_the_rows_of_a_check_are_blind_and_marked(backlash):
     # what the new one says of those rows
     old = PointingModel(backlash.model.terms, geometry=backlash.model.geometry)
     first = checks.select(checks['block'] == blocks[0])
-    zero = [v * ARCSEC for k, v in backlash.diagnosis['zeros_in_force'][-1].items() if k != 'run']
+    zero = Zeros.from_list(backlash.diagnosis['zeros_in_force']).newest
     x, y = old.residuals(first, zero=zero)
     assert np.std((x - first['miss_x']) / ARCSEC) < 1.0
 

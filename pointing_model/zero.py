@@ -1,0 +1,194 @@
+"""Zeros of the encoders: one of a run (a night, a power-on), and those of several runs.
+
+A zero is what the encoders read too much, in coordinate angles: subtract it from the readings.
+"""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from msg_tools.units import ARCSEC
+
+
+@dataclass(frozen=True)
+class RunZero:
+    """Zero of both axes in one run.
+
+    Parameters
+    ----------
+    az, el : float
+        Coordinate angles (not on the sky), radians: subtract them from the encoder's reading.
+    covariance : ndarray, shape (2, 2), optional
+        Of (az, el), radians^2.
+    run : int or float, optional
+        Number of the run, as in the column ``run``.
+    """
+
+    az: float
+    el: float
+    covariance: np.ndarray | None = field(default=None, compare=False)
+    run: float | None = None
+
+    @property
+    def angles(self):
+        """Azimuth and elevation, shape (2,), radians."""
+        return np.array([self.az, self.el])
+
+    @property
+    def sigma(self):
+        """Standard errors of azimuth and elevation, shape (2,), radians; NaN if unknown."""
+        if self.covariance is None:
+            return np.full(2, np.nan)
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def sigma_az(self):
+        """Standard error of `az`, radians."""
+        return float(self.sigma[0])
+
+    @property
+    def sigma_el(self):
+        """Standard error of `el`, radians."""
+        return float(self.sigma[1])
+
+    def of_rows(self, run):
+        """The angles for each row of a PointingRun: the same for all.
+
+        Returns
+        -------
+        az, el : float
+            Radians.
+        """
+        return self.az, self.el
+
+    def plus(self, az, el):
+        """The zero moved by two angles, radians; its covariance is not known any more."""
+        return RunZero(self.az + az, self.el + el, run=self.run)
+
+    def to_dict(self):
+        """``run`` (where it is known), ``az_arcsec``, ``el_arcsec``; JSON-ready."""
+        run = {} if self.run is None else {'run': self.run}
+        return {**run, 'az_arcsec': self.az / ARCSEC, 'el_arcsec': self.el / ARCSEC}
+
+    @classmethod
+    def from_dict(cls, document):
+        """Read `to_dict`'s document; other keys are left alone.
+
+        Raises
+        ------
+        ValueError
+            An angle is missing or is no number.
+        """
+        try:
+            return cls(document['az_arcsec'] * ARCSEC, document['el_arcsec'] * ARCSEC,
+                       run=document.get('run'))
+        except (KeyError, TypeError, AttributeError):
+            raise ValueError(f'not a zero with az_arcsec and el_arcsec: {document!r:.60}') from None
+
+
+#: angles as they were read
+NO_ZERO = RunZero(0.0, 0.0)
+
+
+class Zeros(dict):
+    """Zero of each run: number -> RunZero. A run that is not in it is refused.
+
+    Who wants something else for a missing run says what: `filled` or `carried`.
+
+    Parameters
+    ----------
+    zeros : iterable of RunZero
+        Each with its ``run``.
+
+    Raises
+    ------
+    ValueError
+        On asking for a run that has none.
+    """
+
+    def __init__(self, zeros=()):
+        super().__init__((zero.run, zero) for zero in zeros)
+
+    def __missing__(self, number):
+        raise ValueError(f'no zero for run {number}; measure it or leave the run out')
+
+    @property
+    def newest(self):
+        """Zero of the run with the greatest number; ValueError if there is none."""
+        if not self:
+            raise ValueError('no zero of any run; measure one')
+        return self[max(self)]
+
+    def of_rows(self, run):
+        """The angles for each row of a PointingRun.
+
+        Returns
+        -------
+        az, el : ndarray, shape (n,)
+            Radians.
+
+        Raises
+        ------
+        ValueError
+            There is no column ``run``, or a run of it has no zero.
+        """
+        if 'run' not in run:
+            raise ValueError('zeros by run number need the column run; add it or give one zero')
+        az, el = np.empty((2, len(run)))
+        for number in np.unique(run['run']):
+            rows = run['run'] == number
+            az[rows], el[rows] = self[number].angles
+        return az, el
+
+    def filled(self, numbers, missing):
+        """With a zero for each of `numbers`: `missing` (a RunZero) for those that have none."""
+        return Zeros([*self.values(), *(replace(missing, run=n) for n in numbers
+                                        if n not in self)])
+
+    def carried(self, numbers, first=None):
+        """A zero for each of `numbers`: that of the run before it, for those that have none.
+
+        Parameters
+        ----------
+        numbers : sequence of int or float
+        first : RunZero, optional
+            For what comes before the first that is known; by default that itself.
+        """
+        known = sorted(self)
+        out = []
+        for number in numbers:
+            before = [k for k in known if k <= number]
+            zero = self[before[-1]] if before else first or self[known[0]] if known else NO_ZERO
+            out.append(RunZero(zero.az, zero.el, zero.covariance, number))
+        return Zeros(out)
+
+    def to_list(self):
+        """`RunZero.to_dict` of each; JSON-ready."""
+        return [zero.to_dict() for zero in self.values()]
+
+    @classmethod
+    def from_list(cls, documents):
+        """Read `to_list`'s documents; ValueError if one is no zero."""
+        return cls(map(RunZero.from_dict, documents))
+
+
+def zeros_in_force(model):
+    """The zeros that a model went with, as its provenance tells.
+
+    Parameters
+    ----------
+    model : PointingModel or None
+
+    Returns
+    -------
+    Zeros
+        Of the power-ons that the model was fitted to; empty where nothing is known.
+    """
+    told = None if model is None else model.provenance.get('zeros_in_force')
+    return Zeros.from_list(told if isinstance(told, list) else ())
+
+
+def zero_in_force(model):
+    """The newest of `zeros_in_force`, or `NO_ZERO` where nothing is known."""
+    zeros = zeros_in_force(model)
+    return zeros.newest if zeros else NO_ZERO

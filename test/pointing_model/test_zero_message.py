@@ -1,0 +1,37 @@
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportError)
+
+from msg_tools.convert import joint_state
+from pointing_model.zero import RunZero
+from pointing_model.zero_message import joints_to_zero, zero_to_joints
+
+
+def test_there_and_back_to_the_bit():
+    rng = np.random.default_rng(1)
+    for run in (-1, 1, 12_345_678):
+        sigma = rng.uniform(1e-7, 1e-5, 2)
+        zero = RunZero(*rng.normal(size=2), np.diag(sigma**2), float(run))
+        message = zero_to_joints(zero, 5)
+        assert message.header.frame_id == f'power_on_{run}'
+        stamp, back = joints_to_zero(message)
+        assert stamp == 5 and back == zero and isinstance(back.run, int)
+        np.testing.assert_array_equal(back.sigma, zero.sigma)
+
+
+def test_an_older_message_is_of_the_run_that_was_on():
+    message = joint_state(7, (0.1, 0.2))
+    _, zero = joints_to_zero(message, run=4.0)
+    assert zero == RunZero(0.1, 0.2, run=4.0) and zero.covariance is None
+    assert joints_to_zero(message)[1].run is None
+    # a message that tells its run is believed
+    assert joints_to_zero(zero_to_joints(RunZero(0.1, 0.2, run=2), 1), run=4)[1].run == 2
+
+
+@pytest.mark.parametrize('message, words', [
+    (joint_state(1, (np.nan, 0.0)), 'not a number'),
+    (joint_state(1, (0.0, 0.0), frame='power_on_x'), 'power_on_x')])
+def test_what_is_no_zero(message, words):
+    with pytest.raises(ValueError, match=words):
+        joints_to_zero(message)
