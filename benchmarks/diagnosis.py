@@ -25,9 +25,9 @@ import numpy as np
 
 from calibration.diagnosis import Base, diagnose
 from calibration.diagnosis.base import observations
-from calibration.diagnosis.diagnosis import _Work as Work
 from calibration.diagnosis.linear import orthonormal
 from calibration.diagnosis.streamed import diagnose_streamed
+from calibration.diagnosis.work import Work
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model import geometry
 from pointing_model.effects import dictionary

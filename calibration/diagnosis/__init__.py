@@ -1,7 +1,8 @@
 """What a declared model lacks: candidates, their scores, chance, cross-validation, the verdict."""
 
 from .base import Base
-from .diagnosis import DiagnosedEffect, Diagnosis, diagnose
+from .diagnosis import diagnose
+from .result import DiagnosedEffect, Diagnosis
 from .streamed import diagnose_streamed
 
 __all__ = ['Base', 'DiagnosedEffect', 'Diagnosis', 'diagnose', 'diagnose_streamed']

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.fit import fit_terms
+from calibration.robust import GROSS
 from msg_tools.units import ARCSEC
 from pointing_model import geometry as rotation
 from pointing_model.context import Context
@@ -17,7 +18,6 @@ from pointing_model.terms import PHYSICAL, STANDARD6, known_terms, stacked_desig
 from .linear import Columns
 
 _SETS = {'physical': PHYSICAL, 'standard6': STANDARD6, 'index': ('IA', 'IE')}
-_GROSS = 7.0  # robust standard deviations from which a row is looked at for slips
 
 
 @dataclass(frozen=True)
@@ -332,7 +332,7 @@ def decode_slips(obs, state, alpha):
     raw = state.raw.reshape(2, n).copy()
     given = np.ones((2, n)) if obs.inverse_sigma is None else obs.inverse_sigma.reshape(2, n)
     noise = state.scale[:, None] / given
-    gross = np.hypot(*(raw / noise)) > _GROSS
+    gross = np.hypot(*(raw / noise)) > GROSS
     raw[0] /= obs.context.trig.cos_el
     noise[0] /= obs.context.trig.cos_el
     out = []

@@ -1,7 +1,6 @@
-"""Scores of candidate effects on what a fit leaves, and their chance level by sign flips.
+"""Linear algebra on stacked residuals: x of all rows, then y of all rows.
 
-Everything here is linear algebra on stacked residuals: x of all rows, then y of all rows. Both
-values of a row belong together: they are flipped together, weighted together and left out
+Both values of a row belong together: they are flipped together, weighted together and left out
 together.
 """
 
@@ -9,14 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calibration.robust import bisquare, hampel, huber, reweighted, sigma_of
 from msg_tools.units import ARCSEC
 
-#: part of a (scaled) column that must remain beyond the model for it to be told from the model
-DISTINCT = 0.02
-_EIGEN = 1e-10
-_BISQUARE = 7.0
-_HUBER = 1.5
-_HAMPEL = (3.0, 12.0, 25.0)
+from .constants import EIGEN
 
 
 def orthonormal(rows):
@@ -36,7 +31,7 @@ def orthonormal(rows):
         length = np.sqrt(np.einsum('ij,ij->i', rows, rows))
         rows = rows[length > 0.0] / length[length > 0.0, None]
         values, vectors = np.linalg.eigh(rows @ rows.T)
-        keep = values > _EIGEN * values[-1:]
+        keep = values > EIGEN * values[-1:]
         rows = (vectors[:, keep] / np.sqrt(values[keep])).T @ rows
     return rows
 
@@ -164,39 +159,37 @@ def fit_state(rows, b, inverse_sigma=None, weights=None, robust=True, final=Fals
     """
     n = len(b) // 2
     given = np.ones(2 * n) if inverse_sigma is None else inverse_sigma
-    warm = weights is not None
-    w = np.ones(n) if weights is None else weights
-    scale = np.ones(2)
-    last = _bisquare if final else _hampel
-    steps = [last] * 4 if warm else [None] + [_huber] * 6 + [last] * 5
+    least = ARCSEC if inverse_sigma is None else 1.0  # the unit of the noise that is not zero
+    last = bisquare if final else hampel
+    steps = [None] + [huber] * 6 + [last] * 5 if weights is None else [last] * 4
     if not robust:
-        steps, w = [None, None], np.ones(n)
-    for step in steps:
+        steps, weights = [None, None], None
+    scale, todo = np.ones(2), iter(steps)
+
+    def solve(w):
         root = given * np.concatenate((np.sqrt(w) / scale[0], np.sqrt(w) / scale[1]))
         basis = rows.basis(root)
         whitened = b * root
         residual = whitened - (basis @ whitened) @ basis
-        safe = np.where(root > 0.0, root, np.inf)
-        raw = residual / safe
+        raw = residual / np.where(root > 0.0, root, np.inf)
         if (w == 0.0).any():
             raw = _fill(rows, b, root, raw, w)
-        standard = (raw * given).reshape(2, n)
-        dof = np.sqrt(2 * n / max(2 * n - len(basis), 1))
+        return State(basis, root, residual, raw, w, scale)
+
+    def weigh(fit):
+        nonlocal scale
+        step = next(todo)
+        w, standard = fit.weights, (fit.raw * given).reshape(2, n)
+        dof = np.sqrt(2 * n / max(2 * n - len(fit.basis), 1))
         if step is not None:
-            middle = np.maximum(1.4826 * dof * np.median(np.abs(standard), axis=1),
-                                1e-6 * ARCSEC if inverse_sigma is None else 1e-6)
+            middle = np.maximum(sigma_of(standard, dof, axis=1), 1e-6 * least)
             w = step(np.hypot(*(standard / middle[:, None])))
         total = max(float(w.sum()), 1.0)
-        scale = np.maximum(np.sqrt((w * standard**2).sum(axis=1) / total) * dof,
-                           1e-9 * ARCSEC if inverse_sigma is None else 1e-9)
-    root = given * np.concatenate((np.sqrt(w) / scale[0], np.sqrt(w) / scale[1]))
-    basis = rows.basis(root)
-    whitened = b * root
-    residual = whitened - (basis @ whitened) @ basis
-    raw = residual / np.where(root > 0.0, root, np.inf)
-    if (w == 0.0).any():
-        raw = _fill(rows, b, root, raw, w)
-    return State(basis, root, residual, raw, w, scale)
+        scale = np.maximum(np.sqrt((w * standard**2).sum(axis=1) / total) * dof, 1e-9 * least)
+        return w
+
+    start = solve(np.ones(n) if weights is None else weights)
+    return reweighted(solve, weigh, start, len(steps))[0]
 
 
 def _fill(rows, b, root, raw, w):
@@ -227,148 +220,9 @@ def inverse_normal(rows, root):
     length = np.where(length > 0.0, length, 1.0)
     a /= length[:, None]
     values, vectors = np.linalg.eigh(a @ a.T)
-    keep = values > _EIGEN * values[-1]
+    keep = values > EIGEN * values[-1]
     half = vectors[:, keep] / (np.sqrt(values[keep]) * length[:, None])
     return half @ half.T
-
-
-def _huber(u):
-    return _HUBER / np.maximum(u, _HUBER)
-
-
-def _hampel(u):
-    a, b, c = _HAMPEL
-    return np.minimum(1.0, a / np.maximum(u, a)) * np.clip((c - u) / (c - b), 0.0, 1.0)
-
-
-def _bisquare(u):
-    return np.square(np.maximum(1.0 - np.square(u / _BISQUARE), 0.0))
-
-
-@dataclass
-class Scores:
-    """Of every candidate group on one residual.
-
-    Attributes
-    ----------
-    dof : ndarray of int, shape (G,)
-        Columns that the model does not have; 0: none, it cannot be told from the model.
-    delta_bic : ndarray, shape (G,)
-        Gain of adding the group; -inf where dof is 0.
-    bases : list of (ndarray of int, ndarray of shape (G_d, d, 2n), ndarray of int)
-        Groups of equal size, their orthonormal bases beyond the model, and their dof.
-    """
-
-    dof: np.ndarray
-    delta_bic: np.ndarray
-    bases: list
-
-    def basis(self, group):
-        """Orthonormal basis of one group, shape (d, 2n)."""
-        for groups, basis, _ in self.bases:
-            where = np.flatnonzero(groups == group)
-            if len(where):
-                return basis[where[0]]
-        raise ValueError(f'no candidate group {group}')
-
-
-class Bank:
-    """Candidate groups with their columns, evaluated once.
-
-    Parameters
-    ----------
-    effects : list of Effect
-    context : Context
-        Of the rows.
-    """
-
-    def __init__(self, effects, context=None, _columns=None):
-        self.effects = list(effects)
-        sizes = np.array([len(e.coefficient_names) for e in self.effects], int)
-        self._start = np.concatenate(([0], np.cumsum(sizes)))
-        if _columns is None:
-            n = len(context)
-            _columns = np.empty((self._start[-1], 2 * n))
-            for e, i, j in zip(self.effects, self._start[:-1], self._start[1:]):
-                _columns[i:j] = e.columns(context).reshape(j - i, 2 * n)
-        self.columns = _columns
-        self._by_size = [(int(d), np.flatnonzero(sizes == d)) for d in np.unique(sizes)]
-        # what was scanned, in parameters
-        self.scan_cost = np.array([0 if e.scan is None else e.scanned for e in self.effects], int)
-        names = {}
-        self.line = np.array([names.setdefault(e.line, len(names)) for e in self.effects], int)
-
-    def __len__(self):
-        return len(self.effects)
-
-    def of(self, g):
-        """Columns of group `g`, shape (d, 2n)."""
-        return self.columns[self._start[g]:self._start[g + 1]]
-
-    def replace(self, g, effect, columns):
-        """Put another effect with as many columns, shape (d, 2n), in the place of group `g`."""
-        self.effects = [*self.effects[:g], effect, *self.effects[g + 1:]]
-        self.of(g)[:] = columns
-
-    def rows(self, rows):
-        """The bank of some rows (indices or a mask of n)."""
-        n = self.columns.shape[1] // 2
-        index = np.arange(n)[rows]
-        return Bank(self.effects, None, self.columns[:, np.concatenate((index, index + n))])
-
-    def bases(self, state):
-        """Orthonormal bases of the groups beyond the model.
-
-        Yields
-        ------
-        groups : ndarray of int, shape (G_d,)
-        basis : ndarray, shape (G_d, d, 2n)
-            A row is zero where the group has fewer directions of its own.
-        dof : ndarray of int, shape (G_d,)
-        """
-        white = self.columns * state.root
-        length = np.sqrt(np.einsum('ij,ij->i', white, white))
-        white /= np.where(length > 0.0, length, 1.0)[:, None]
-        white -= (white @ state.basis.T) @ state.basis
-        for d, groups in self._by_size:
-            part = white[self._start[groups][:, None] + np.arange(d)]
-            if d == 1:
-                norm2 = np.einsum('gdi,gdi->gd', part, part)
-                keep = norm2 > DISTINCT**2
-                factor = np.where(keep, 1.0 / np.sqrt(np.where(keep, norm2, 1.0)), 0.0)
-                yield groups, part * factor[:, :, None], keep.sum(axis=1)
-                continue
-            values, vectors = np.linalg.eigh(part @ part.transpose(0, 2, 1))
-            keep = values > DISTINCT**2
-            factor = np.where(keep, 1.0 / np.sqrt(np.where(keep, values, 1.0)), 0.0)
-            yield (groups, (vectors * factor[:, None, :]).transpose(0, 2, 1) @ part,
-                   keep.sum(axis=1))
-
-    def score(self, state):
-        """Score all groups on what a state leaves.
-
-        Parameters
-        ----------
-        state : State
-
-        Returns
-        -------
-        Scores
-        """
-        n, size = state.n, len(self.effects)
-        dof, dbic = np.zeros(size, int), np.full(size, -np.inf)
-        r = state.residual
-        live = max(np.count_nonzero(state.weights > 0.05), 2)
-        rss = np.array([r[:n] @ r[:n], r[n:] @ r[n:]]) + 1e-30
-        bases = list(self.bases(state))
-        for groups, basis, k in bases:
-            left = np.square(r - np.einsum('gd,gdi->gi', basis @ r, basis))
-            ratio = np.stack([left[:, :n].sum(axis=1), left[:, n:].sum(axis=1)], axis=1) / rss
-            cost = (k + self.scan_cost[groups]) * np.log(live)
-            gain = -live * np.log(np.maximum(ratio, 1e-12)).sum(axis=1) - cost
-            dof[groups] = k
-            dbic[groups[k > 0]] = gain[k > 0]
-        return Scores(dof, dbic, bases)
 
 
 def overlap(a, b):

@@ -4,7 +4,8 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 
-from .linear import DISTINCT, solve
+from .constants import DISTINCT, LIVE, NESTED_FLIPS
+from .linear import solve
 from .search import Chance, search
 
 
@@ -127,13 +128,13 @@ def cv_gains(problem, found, folds):
     """
     if not found.chosen:
         return []
-    keep = found.state.weights > 0.05
+    keep = found.state.weights > LIVE
     whole = rms(cross_validate(problem, found.chosen, folds), keep)
     return [rms(cross_validate(problem, [c for j, c in enumerate(found.chosen) if j != i],
                                folds), keep) - whole for i in range(len(found.chosen))]
 
 
-def nested(problem, folds, alpha, rng, flips=499, curves=True):
+def nested(problem, folds, alpha, rng, flips=NESTED_FLIPS, curves=True):
     """As `cross_validate`, with the whole search repeated without each fold.
 
     Parameters

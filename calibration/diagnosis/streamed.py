@@ -21,7 +21,7 @@ from pointing_model.terms import stacked_design
 
 from .base import Base
 from .chance import normal_score
-from .linear import DISTINCT
+from .constants import DISTINCT, SET_WIDTH
 
 _SAMPLE = 5000  # rows of the first fit and of the robust scale
 _CUT = 7.0  # rows further out than so many robust standard deviations are set aside
@@ -280,7 +280,7 @@ def _forward(steps, alpha, rng, max_effects):
         p = _chance(steps, mapping, dofs, z[g], rng)
         if p > alpha:
             break
-        near = [i for i in np.argsort(-dbic) if i != g and dbic[i] >= dbic[g] - 6.0]
+        near = [i for i in np.argsort(-dbic) if i != g and dbic[i] >= dbic[g] - SET_WIDTH]
         names = [e.name for e in steps.layout.effects]
         lines.append({'name': names[g], 'p_family': p, 'delta_bic': float(dbic[g]),
                       'alternatives': [names[i] for i in near]})

@@ -4,6 +4,7 @@ from pathlib import PurePath
 
 import numpy as np
 
+from calibration.diagnosis.summary import histogram, radial_rms
 from pointing_model.effects.words import arcsec, readable
 
 from .svg_plot import MAX_ARROWS, Panel, SkyMap, clean, limit_of, svg, ticks
@@ -118,7 +119,7 @@ def sky_maps(view):
         names = [f'{name}: {number(a, 2, True)}″ azimuth × cos E, {number(b, 2, True)}″ elevation'
                  for name, a, b in zip(np.asarray(view.names, object)[used], x, y)]
         sky.arrows(view.az[used], view.el[used], x, y, scale, title.lower(), names)
-        rms = float(np.sqrt(np.mean(x**2 + y**2))) if x.size else np.nan
+        rms = radial_rms(x, y)
         sky.parts.append(f'<path class="{title.lower()} key" d="M12 388h{unit * scale:.1f}"/><text '
                          f'class="tick" x="12" y="382">{unit:g}″</text>')
         out.append(figure(svg(400, 400, sky.parts, f'Sky map {title.lower()}'),
@@ -137,23 +138,20 @@ def histograms(view):
     for title, axis in AXES:
         before, after = (v[axis][view.used] for v in (view.before, view.after))
         limit = limit_of(before, after)
-        bins = int(np.clip(np.sqrt(len(before)) * 1.6, 9, 41)) | 1
-        edges = np.linspace(-limit, limit, bins + 1)
-        counts = [np.histogram(np.clip(v, -limit, limit), edges)[0] for v in (before, after)]
+        edges, counts, (wide, sigma) = histogram(before, after, limit)
         panel = Panel((52, 26, 350, 190), (-limit, limit),
                       (0.0, 1.12 * max(1, *(c.max() for c in counts))))
         panel.axes(f'residual, {title} [arcsec]', 'observations', title)
         for values, style in zip(counts, ('before', 'after')):
             x, y = np.repeat(edges, 2), np.concatenate([[0], np.repeat(values, 2), [0]])
             panel.line(x, y, f'{style} area', close=True)
-        sigma = float(np.std(after)) if len(after) else np.nan
         if np.isfinite(sigma) and sigma > 0.0:
             u = np.linspace(-limit, limit, 120)
             step = edges[1] - edges[0]
             panel.line(u, len(after) * step / sigma / np.sqrt(2 * np.pi)
                        * np.exp(-0.5 * (u / sigma)**2), 'gauss')
         out.append(figure(svg(420, 262, panel.parts, f'Histogram {title}'),
-                          f'{title}: standard deviation {arcsec(np.std(before))} before, '
+                          f'{title}: standard deviation {arcsec(wide)} before, '
                           f'{arcsec(sigma)} after; dotted: normal distribution of the latter.'))
     return '<div class="pair">' + ''.join(out) + '</div>' + legend()
 

@@ -6,6 +6,8 @@ from pathlib import PurePath
 
 import numpy as np
 
+from calibration.diagnosis.constants import SET_WIDTH
+from calibration.diagnosis.summary import beyond_base, correlations, effect_offsets
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.effects import Amount
 from pointing_model.effects.words import arcsec, readable
@@ -31,7 +33,6 @@ _LABELS = {
     'pm_y': ('proper motion along elevation [arcsec/yr]', 1.0)}
 _ALWAYS = ('azimuth', 'elevation', 'time', 'order', 'temperature', 'approach_az', 'approach_el',
            'magnitude', 'az_rate')
-_CORRELATED_ROWS = 20000
 
 
 @dataclass
@@ -141,7 +142,7 @@ class View:
     notes: list = field(default_factory=list)
     untestable: list = field(default_factory=list)
     run_terms: dict = field(default_factory=dict)
-    set_width: float = 6.0
+    set_width: float = SET_WIDTH
     caution: str = ''
 
     @property
@@ -165,14 +166,14 @@ def view_of(diagnosis):
     context = obs.context
     document = diagnosis.to_dict()
     effects = [_found(diagnosis, e) for e in diagnosis.effects]
-    names, correlations = _correlations(diagnosis)
+    names, matrix = correlations(diagnosis)
     return View(
         document={**document, 'excluded': diagnosis.excluded},
         az=context.az, el=context.el, before=diagnosis.residual_before / ARCSEC,
         after=diagnosis.residual_after / ARCSEC, used=diagnosis.weights > 0.0,
         names=_row_names(obs), drivers=_drivers(diagnosis, effects), effects=effects,
-        ranking=diagnosis.ranking, terms=_terms(diagnosis), correlated=names,
-        correlations=correlations, sources=_sources(obs), notes=_notes(diagnosis),
+        ranking=diagnosis.ranking, terms=_terms(diagnosis), correlated=_coefficients(names),
+        correlations=matrix, sources=_sources(obs), notes=_notes(diagnosis),
         untestable=list(diagnosis.untestable), run_terms=diagnosis.run_terms,
         caution=diagnosis.caution)
 
@@ -281,8 +282,8 @@ def _drivers(diagnosis, effects):
 def _found(diagnosis, found):
     context = diagnosis.observations.context
     e = found.fitted.effect
-    fitted = np.tensordot(found.fitted.coefficients, found.columns, axes=1) / ARCSEC
-    rms = _beyond_base(diagnosis, fitted)
+    fitted = effect_offsets(found)
+    rms = beyond_base(diagnosis, fitted)
     raw = context.get(e.driver)
     known = raw[np.isfinite(raw)] if raw is not None else np.zeros(0)
     utc = getattr(context, 'time_is_utc', True)
@@ -292,26 +293,6 @@ def _found(diagnosis, found):
     name = readable(e.name)
     return FoundEffect(name[:1].upper() + name[1:], sentence, _facts(found), fitted,
                        _effect_driver(context, e), found.ranking)
-
-
-def _rows(diagnosis):
-    """Rows with weight, at most so many, evenly; and their places in x and y stacked."""
-    rows = np.flatnonzero(diagnosis.weights > 0.0)
-    if len(rows) > _CORRELATED_ROWS:
-        rows = rows[np.linspace(0, len(rows) - 1, _CORRELATED_ROWS).astype(int)]
-    return rows, np.concatenate((rows, rows + len(diagnosis.weights)))
-
-
-def _beyond_base(diagnosis, fitted):
-    """RMS (arcsec) of the part of an effect that the declared terms cannot take up."""
-    obs = diagnosis.observations
-    rows, both = _rows(diagnosis)
-    design = diagnosis.base.columns(obs.context, obs.label).rows(both).dense()
-    length = np.sqrt(np.einsum('ij,ij->i', design, design))
-    design = design / np.where(length > 0.0, length, 1.0)[:, None]
-    values = fitted.reshape(-1)[both]
-    left = values - np.linalg.lstsq(design.T, values, rcond=1e-8)[0] @ design
-    return float(np.sqrt(np.square(left).sum() / max(len(rows), 1)))
 
 
 def _facts(found):
@@ -361,33 +342,8 @@ def _terms(diagnosis):
     return out
 
 
-def _correlations(diagnosis):
-    """Names and correlations of the common terms and the effects, all else fitted beside them."""
-    obs, base = diagnosis.observations, diagnosis.base
-    n = len(obs)
-    rows, both = _rows(diagnosis)
-    found = [e for e in diagnosis.effects if e.fitted.effect.kind != 'known']
-    shared = base.columns(obs.context, obs.label).rows(both)
-    parts = [e.columns.reshape(-1, 2 * n)[:, both] for e in found]
-    design = shared.added(parts).dense() if parts else shared.dense()
-    names = [t for t in base.terms if t not in base.own]
-    at = np.arange(len(names)).tolist()
-    start = len(names) + 2 * base.harmonic_count
-    for e in found:
-        count = len(e.fitted.coefficients)
-        names += [readable(e.fitted.effect.name) + (f': {c}' if count > 1 else '')
-                  for c in e.fitted.effect.coefficient_names]
-        at += range(start, start + count)
-        start += count
-    scale = np.sqrt(np.mean(np.square(diagnosis.residual_after[:, rows]), axis=1))
-    weight = np.sqrt(diagnosis.weights[rows])
-    given = np.ones(2 * n) if obs.inverse_sigma is None else obs.inverse_sigma
-    root = given[both] * np.concatenate([weight / max(s, 1e-15) for s in scale])
-    if obs.inverse_sigma is not None:
-        root = given[both] * np.concatenate((weight, weight))
-    white = design * root
-    length = np.sqrt(np.einsum('ij,ij->i', white, white))
-    white /= np.where(length > 0.0, length, 1.0)[:, None]
-    inverse = np.linalg.pinv(white @ white.T, hermitian=True)[np.ix_(at, at)]
-    size = np.sqrt(np.maximum(np.diag(inverse), 1e-300))
-    return names, inverse / np.outer(size, size)
+def _coefficients(names):
+    """Names of effects that have one coefficient stand alone."""
+    several = {name for name, _ in names if sum(name == n for n, _ in names) > 1}
+    return [readable(name) + (f': {c}' if name in several else '') if c else name
+            for name, c in names]

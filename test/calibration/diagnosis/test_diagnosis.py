@@ -326,7 +326,7 @@ def test_several_runs_get_zeros_of_their_own():
 def test_a_choice_that_does_not_hold_elsewhere_is_said(monkeypatch):
     run = night(62, effect=backlash(8.0))
     assert diagnose(run, flips=299).caution == ''
-    monkeypatch.setattr('calibration.diagnosis.diagnosis.nested', lambda problem, *rest: (
+    monkeypatch.setattr('calibration.diagnosis.validation.nested', lambda problem, *rest: (
         np.ones((3, 2, problem.n)) * np.array([20.0, 10.0, 30.0])[:, None, None] * ARCSEC, []))
     result = diagnose(run, flips=299)
     assert len(result.effects) == 1 and result.after['cv_rms_arcsec'] > 40.0

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from calibration.diagnosis.chance import ChanceTest, normal_score, pair_corrected
-from calibration.diagnosis.linear import Bank, Columns, fit_state, orthonormal, overlap, solve
+from calibration.diagnosis.linear import Columns, fit_state, orthonormal, overlap, solve
 from calibration.diagnosis.resampling import (
     contiguous_folds,
     cross_validate,
@@ -14,6 +14,7 @@ from calibration.diagnosis.resampling import (
     random_folds,
     run_folds,
 )
+from calibration.diagnosis.scores import Bank
 from calibration.diagnosis.search import Chance, Choice, Found, Problem, search, standing
 from msg_tools.units import ARCSEC
 from pointing_model.context import Context
