@@ -3,6 +3,5 @@
 from .base import Base
 from .diagnosis import diagnose
 from .result import DiagnosedEffect, Diagnosis
-from .streamed import diagnose_streamed
 
-__all__ = ['Base', 'DiagnosedEffect', 'Diagnosis', 'diagnose', 'diagnose_streamed']
+__all__ = ['Base', 'DiagnosedEffect', 'Diagnosis', 'diagnose']

@@ -141,6 +141,17 @@ class Observations:
     def __len__(self):
         return len(self.rows)
 
+    def select(self, rows):
+        """Some of them (indices or a slice)."""
+        n = len(self)
+        where = np.arange(n)[rows]
+        both = np.concatenate((where, where + n))
+        return Observations(
+            self.run.select(rows), self.rows[rows], self.label[rows], self.runs,
+            self.context.select(rows), self.observed[both],
+            None if self.inverse_sigma is None else self.inverse_sigma[both], [], [],
+            self.lines[rows], self.sources[rows])
+
     def excluding(self, i, reason):
         """Entry of `excluded` for row `i`."""
         return {'row': int(self.lines[i]), 'source': self.sources[i], 'reason': reason}
@@ -190,7 +201,8 @@ def observations(runs, encoder='enc'):
         raise ValueError(f'none of {len(run)} observations can be used'
                          + (f' (row {bad[0]["row"]}: {bad[0]["reason"]})' if bad else ''))
     # the context first: what a row inherits from the one before is lost with the selection
-    context = _selected(Context.of_run(run, encoder), good)
+    context = Context.of_run(run, encoder)
+    context = context if good.all() else context.select(good)
     used = run.select(good)
     x, y = used.offsets(encoder)
     inverse = None if sigmas is None else 1.0 / np.concatenate([s[good] for s in sigmas])
@@ -229,22 +241,6 @@ def _labels(runs):
     texts = [f'{runs[i].meta.get("source") or i}:{v:g}' if several and not isinstance(v, str)
              else v for i, v in names]
     return texts, np.concatenate(labels)
-
-
-_DERIVED = ('order', 'lst', 'reading_az', 'reading_el', 'travel_az', 'travel_el', 'before_az',
-            'before_el')
-
-
-def _selected(context, good):
-    if good.all():
-        return context
-    derived = {name: context.get(name) for name in _DERIVED}
-    columns = {n: v[good] if np.ndim(v) else v for n, v in context.columns.items()}
-    out = Context(context.az[good], context.el[good], columns, context.latitude,
-                  context.longitude)
-    out.time_is_utc, out.raw_reading = context.time_is_utc, context.raw_reading
-    out._derived = {n: None if v is None else v[good] for n, v in derived.items()}
-    return out
 
 
 def _usable(run, encoder):

@@ -3,25 +3,32 @@
 import numpy as np
 
 from calibration.robust import BISQUARE
-from msg_tools.units import ARCSEC
 from pointing_model.effects import effect
 from pointing_model.effects.drifts import places_of_steps
 
 from .base import Base, observations
-from .constants import FLIPS, FOLDS, SET_WIDTH
+from .constants import FLIPS, FOLDS, STREAMED_FROM
 from .holdout import holdout_rms
 from .next_observations import propose
 from .resampling import cv_gains, rms
-from .result import DiagnosedEffect, Diagnosis
+from .result import (
+    DiagnosedEffect,
+    Diagnosis,
+    cause_is_other,
+    lines_of,
+    rms_entry,
+    verdict_of,
+)
 from .scores import Bank
 from .search import Chance, search, standing
+from .streamed import diagnose_streamed
 from .validation import cross_validated, folds_of
 from .work import Work
 
 
 def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None, encoder='enc',
              flips=FLIPS, folds=FOLDS, seed=0, robust=True, max_effects=20,
-             cross_validation=True):
+             cross_validation=True, streamed_from=STREAMED_FROM):
     """Find the effects that a model lacks, and prove the gain.
 
     Parameters
@@ -47,6 +54,9 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
     robust : bool
     max_effects : int
     cross_validation : bool
+    streamed_from : int
+        More rows than this are gone through in chunks, see `streamed`: without `flips`, `folds`,
+        `robust` and the cross-validation. A note says so.
 
     Returns
     -------
@@ -65,9 +75,23 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
     if not isinstance(base, Base):
         base = Base.parse(base, own_terms)
     rng = np.random.default_rng(seed)
+    if len(obs) > streamed_from:
+        result = diagnose_streamed(obs, base, alpha, rng, encoder, max_effects, streamed_from)
+    else:
+        result = _in_memory(obs, base, alpha, rng, encoder, robust, flips, max_effects,
+                            folds if cross_validation else 0)
+    if holdout is not None:
+        judged = holdout_rms(holdout, result, own_terms or ('IA', 'IE'), encoder)
+        result.before['holdout_rms_arcsec'] = judged.before
+        result.after['holdout_rms_arcsec'] = judged.after
+        result.notes += judged.notes
+    return result
+
+
+def _in_memory(obs, base, alpha, rng, encoder, robust, flips, max_effects, folds):
     work = Work(obs, base, alpha, robust, encoder)
     chance = Chance(work.problem.n, flips, rng)
-    parts = folds_of(work, folds, rng) if cross_validation else []
+    parts = folds_of(work, folds, rng) if folds else []
     found = search(work.problem, alpha, chance, max_effects=max_effects)
     stands, gains = _settle(work.problem, found, alpha, chance, parts)
     errors = cross_validated(work, found, parts, alpha, rng) if parts else None
@@ -85,11 +109,6 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
             entry.cv_gain_arcsec = gain
         result.before['cv_rms_arcsec'], result.after['cv_rms_arcsec'] = errors.before, errors.after
         result.cv_contiguous, result.caution = errors.stretches, errors.caution
-    if holdout is not None:
-        judged = holdout_rms(holdout, result, own_terms or ('IA', 'IE'), encoder)
-        result.before['holdout_rms_arcsec'] = judged.before
-        result.after['holdout_rms_arcsec'] = judged.after
-        result.notes += judged.notes
     if result.verdict == 'ambiguous':
         result.next_observations = propose(work.problem, obs, base, found, stands)
     return result
@@ -172,28 +191,11 @@ def _assemble(work, found, stands, fitted, chance):
               f'has a curve for it ({e.fitted.effect.name})' for e in effects
               if e.fitted.effect.kind == 'smooth']
     return Diagnosis(
-        _verdict(effects), work.base, obs, model, base_model, effects,
-        _rms_entry(base_fit.residual, keep), _rms_entry(fitted.residual, keep),
+        verdict_of(effects), work.base, obs, model, base_model, effects,
+        rms_entry(base_fit.residual, keep), rms_entry(fitted.residual, keep),
         base_fit.residual, fitted.residual, weights,
         _ranking(problem, nothing, chance), found.first_p, work.untestable + _hidden(problem),
         floor, excluded, [], notes, {}, run_terms)
-
-
-def _verdict(effects):
-    """Of what carries most of the gain: curves (unknown), or effects that have a name."""
-    if not effects:
-        return 'none'
-    curves = [e for e in effects if e.fitted.effect.kind == 'smooth']
-    named = [e for e in effects if e.fitted.effect.kind != 'smooth']
-    if sum(e.delta_bic for e in curves) > sum(e.delta_bic or 0.0 for e in named):
-        return 'unknown'
-    return 'ambiguous' if any(e.rivals for e in effects) else 'identified'
-
-
-def _rms_entry(residual, keep):
-    x, y = (float(np.sqrt(np.mean(np.square(r[keep])))) / ARCSEC for r in residual)
-    return {'rms_arcsec': float(np.hypot(x, y)), 'rms_x_arcsec': x, 'rms_y_arcsec': y,
-            'cv_rms_arcsec': None, 'holdout_rms_arcsec': None}
 
 
 def _slip_effect(fitted, p, obs):
@@ -207,31 +209,16 @@ def _diagnosed(problem, choice, stand, fitted, n):
     def names(groups):
         return list(dict.fromkeys(bank.effects[k].name for k in groups))
     rivals = [k for k in stand.alternatives
-              if k not in stand.same or fitted.effect.mechanism is None
-              or bank.effects[k].mechanism != fitted.effect.mechanism]
+              if k not in stand.same or cause_is_other(bank.effects[k], fitted.effect)]
     return DiagnosedEffect(
         fitted, stand.p, stand.delta_bic, None, names(stand.alternatives), names(stand.same),
-        names(rivals), _lines(bank, stand.scores.delta_bic),
+        names(rivals), lines_of(bank.effects, stand.scores.delta_bic),
         choice.columns(problem).reshape(-1, 2, n))
-
-
-def _lines(bank, delta_bic):
-    """Ranking: the best member of each line."""
-    out, seen = [], set()
-    best = delta_bic.max(initial=-np.inf)
-    for g in np.argsort(-delta_bic):
-        if np.isfinite(delta_bic[g]) and int(bank.line[g]) not in seen:
-            seen.add(int(bank.line[g]))
-            e = bank.effects[g]
-            out.append({'name': e.name, 'cause': e.cause, 'driver': e.driver, 'axes': e.axes,
-                        'delta_bic': float(delta_bic[g]), 'group': int(g),
-                        'in_set': bool(delta_bic[g] >= max(best - SET_WIDTH, 0.0))})
-    return out
 
 
 def _ranking(problem, state, chance):
     scores = problem.dictionary.score(state)
-    lines = _lines(problem.dictionary, scores.delta_bic)
+    lines = lines_of(problem.dictionary.effects, scores.delta_bic)
     p = chance.p_of_all(state, scores)
     for line in lines:
         line['p_family'] = float(p[line.pop('group')])

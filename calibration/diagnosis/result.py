@@ -10,6 +10,7 @@ from pointing_model.fitted_effects import FittedEffect
 from pointing_model.model import PointingModel
 
 from .base import Base, Observations
+from .constants import SET_WIDTH
 
 
 @dataclass
@@ -129,3 +130,51 @@ def _excluded(rows, obs):
     several = len({e.get('source') for e in rows} | set(obs.sources)) > 1
     return [{'row': e['row'], 'reason': f'{PurePath(str(e["source"])).name}: {e["reason"]}'
              if several and e.get('source') else e['reason']} for e in rows]
+
+
+def verdict_of(effects):
+    """Of what carries most of the gain: curves (unknown), or effects that have a name."""
+    if not effects:
+        return 'none'
+    curves = [e for e in effects if e.fitted.effect.kind == 'smooth']
+    named = [e for e in effects if e.fitted.effect.kind != 'smooth']
+    if sum(e.delta_bic for e in curves) > sum(e.delta_bic or 0.0 for e in named):
+        return 'unknown'
+    return 'ambiguous' if any(e.rivals for e in effects) else 'identified'
+
+
+def rms_entry(residual, keep):
+    x, y = (float(np.sqrt(np.mean(np.square(r[keep])))) / ARCSEC for r in residual)
+    return {'rms_arcsec': float(np.hypot(x, y)), 'rms_x_arcsec': x, 'rms_y_arcsec': y,
+            'cv_rms_arcsec': None, 'holdout_rms_arcsec': None}
+
+
+def cause_is_other(a, b):
+    """Whether two effects that are one curve have two causes."""
+    return b.mechanism is None or a.mechanism != b.mechanism
+
+
+def lines_of(effects, delta_bic):
+    """Ranking of scored effects, best first: the best member of each line.
+
+    Parameters
+    ----------
+    effects : list of Effect
+    delta_bic : ndarray, shape (G,)
+        -inf: cannot be told from the model.
+
+    Returns
+    -------
+    list of dict
+        ``name``, ``cause``, ``driver``, ``axes``, ``delta_bic``, ``in_set`` and ``group``.
+    """
+    out, seen = [], set()
+    best = delta_bic.max(initial=-np.inf)
+    for g in np.argsort(-delta_bic):
+        e = effects[g]
+        if np.isfinite(delta_bic[g]) and e.line not in seen:
+            seen.add(e.line)
+            out.append({'name': e.name, 'cause': e.cause, 'driver': e.driver, 'axes': e.axes,
+                        'delta_bic': float(delta_bic[g]), 'group': int(g),
+                        'in_set': bool(delta_bic[g] >= max(best - SET_WIDTH, 0.0))})
+    return out

@@ -86,48 +86,8 @@ class Work:
 
     def model(self, fitted, chosen):
         """`PointingModel` with the effects, and the terms of each run."""
-        base, p = self.base, fitted.p
-        values = dict(zip(fitted.common, p))
-        k, count = len(fitted.common), base.harmonic_count
-        at = k + 2 * count
-        effects = []
-        for c in chosen:
-            e = c.effect(self.problem)
-            d = len(e.coefficient_names)
-            sigma = np.sqrt(np.maximum(np.diag(fitted.inverse)[at:at + d], 0.0))
-            effects.append(FittedEffect(e, p[at:at + d], sigma))
-            at += d
-        run_terms = self._run_terms(fitted, at)
-        for t in base.own:
-            values[t] = self.start.get(t, 0.0) + float(
-                np.median([r[t] for r in run_terms.values()]))
-        harmonics = None
-        if count:
-            full = np.zeros((2, COUNT))
-            full[:, :count] = p[k:k + 2 * count].reshape(2, count)
-            covariance = np.zeros((2 * COUNT, 2 * COUNT))
-            index = np.concatenate((np.arange(count), COUNT + np.arange(count)))
-            covariance[np.ix_(index, index)] = fitted.inverse[k:k + 2 * count, k:k + 2 * count]
-            harmonics = Harmonics('zenith', full[0], full[1], covariance)
-        covariance = np.zeros((len(values), len(values)))
-        covariance[:k, :k] = fitted.inverse[:k, :k]
-        facts = {'method': 'diagnosis', 'source': self.obs.run.meta.get('source'),
-                 'rows': len(self.obs), 'encoder': self.encoder}
-        if base.own:
-            facts['own_terms'] = list(base.own)
-            facts['own_terms_are'] = 'the median of the runs'
-        texts = {str(self.obs.runs[r]): {t: (v + self.start.get(t, 0.0)) / ARCSEC
-                                         for t, v in terms.items()}
-                 for r, terms in run_terms.items()}
-        order = [*fitted.common, *base.own]
-        return PointingModel({t: values[t] for t in order}, covariance, harmonics, facts,
-                             'rotation', effects), texts
-
-    def _run_terms(self, fitted, at):
-        own = self.base.own
-        runs = np.unique(self.obs.label)
-        return {int(r): dict(zip(own, fitted.p[at + i * len(own):at + (i + 1) * len(own)]))
-                for i, r in enumerate(runs)} if own else {}
+        return made_model(self.obs, self.base, fitted, [c.effect(self.problem) for c in chosen],
+                          self.encoder)
 
 
 @dataclass
@@ -137,3 +97,56 @@ class Fitted:
     start: dict
     residual: np.ndarray
     common: list
+
+
+def made_model(obs, base, fitted, effects, encoder):
+    """What a fit says, as a model.
+
+    Parameters
+    ----------
+    obs : Observations
+    base : Base
+    fitted : Fitted
+    effects : list of Effect
+        In the order of their coefficients.
+    encoder : {'enc', 'abs'}
+
+    Returns
+    -------
+    model : PointingModel
+    run_terms : dict
+        Run -> terms that it fitted for itself, arcsec.
+    """
+    p = fitted.p
+    values = dict(zip(fitted.common, p))
+    k, count = len(fitted.common), base.harmonic_count
+    harmonics = None
+    if count:
+        full = np.zeros((2, COUNT))
+        full[:, :count] = p[k:k + 2 * count].reshape(2, count)
+        covariance = np.zeros((2 * COUNT, 2 * COUNT))
+        index = np.concatenate((np.arange(count), COUNT + np.arange(count)))
+        covariance[np.ix_(index, index)] = fitted.inverse[k:k + 2 * count, k:k + 2 * count]
+        harmonics = Harmonics('zenith', full[0], full[1], covariance)
+    sigma = np.sqrt(np.maximum(np.diag(fitted.inverse), 0.0))
+    at, found = k + 2 * count, []
+    for e in effects:
+        part = slice(at, at + len(e.coefficient_names))
+        found.append(FittedEffect(e, p[part], sigma[part]))
+        at = part.stop
+    own = base.own
+    run_terms = {int(r): dict(zip(own, p[at + i * len(own):at + (i + 1) * len(own)]))
+                 for i, r in enumerate(np.unique(obs.label))} if own else {}
+    for t in base.own:
+        values[t] = fitted.start.get(t, 0.0) + float(np.median([r[t] for r in run_terms.values()]))
+    covariance = np.zeros((len(values), len(values)))
+    covariance[:k, :k] = fitted.inverse[:k, :k]
+    facts = {'method': 'diagnosis', 'source': obs.run.meta.get('source'),
+             'rows': len(obs), 'encoder': encoder}
+    if base.own:
+        facts['own_terms'] = list(base.own)
+        facts['own_terms_are'] = 'the median of the runs'
+    texts = {str(obs.runs[r]): {t: (v + fitted.start.get(t, 0.0)) / ARCSEC
+                                for t, v in terms.items()} for r, terms in run_terms.items()}
+    return PointingModel({t: values[t] for t in [*fitted.common, *base.own]}, covariance,
+                         harmonics, facts, 'rotation', found), texts

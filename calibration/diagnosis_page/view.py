@@ -1,5 +1,6 @@
 """A diagnosis in the terms of its page: names, units, drivers, sentences."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta, timezone
 from pathlib import PurePath
@@ -102,7 +103,7 @@ class View:
         Residuals x, y, arcsec on the sky.
     used : ndarray of bool, shape (n,)
         Rows with weight in the fit.
-    names : list of str
+    names : sequence of str
         Of each row, for tooltips.
     drivers : list of Driver
     effects : list of FoundEffect
@@ -131,7 +132,7 @@ class View:
     before: np.ndarray
     after: np.ndarray
     used: np.ndarray
-    names: list
+    names: Sequence
     drivers: list
     effects: list
     ranking: list
@@ -171,7 +172,7 @@ def view_of(diagnosis):
         document={**document, 'excluded': diagnosis.excluded},
         az=context.az, el=context.el, before=diagnosis.residual_before / ARCSEC,
         after=diagnosis.residual_after / ARCSEC, used=diagnosis.weights > 0.0,
-        names=_row_names(obs), drivers=_drivers(diagnosis, effects), effects=effects,
+        names=RowNames(obs), drivers=_drivers(diagnosis, effects), effects=effects,
         ranking=diagnosis.ranking, terms=_terms(diagnosis), correlated=_coefficients(names),
         correlations=matrix, sources=_sources(obs), notes=_notes(diagnosis),
         untestable=list(diagnosis.untestable), run_terms=diagnosis.run_terms,
@@ -188,17 +189,30 @@ def effect_sentences(diagnosis):
     return [_found(diagnosis, found).sentence for found in diagnosis.effects]
 
 
-def _row_names(obs):
-    star = obs.run.get('star', '') if 'star' in obs.run else None
-    word = 'row' if obs.run.meta.get('lines') is None else 'line'
-    texts = [f'{word} {line}' for line in obs.lines.tolist()]
-    if len(_sources(obs)) > 1:
-        texts = [f'{PurePath(str(source)).name} {text}'
-                 for source, text in zip(obs.sources, texts)]
-    if star is None:
-        return texts
-    return [f'{text}, star {name:g}' if isinstance(name, float) else f'{text}, star {name}'
-            for text, name in zip(texts, np.asarray(star).tolist())]
+class RowNames:
+    """Names of the rows for tooltips, each made when it is asked for.
+
+    Parameters
+    ----------
+    obs : Observations
+    """
+
+    def __init__(self, obs):
+        self._lines, self._sources = obs.lines, obs.sources if len(_sources(obs)) > 1 else None
+        self._word = 'row' if obs.run.meta.get('lines') is None else 'line'
+        self._stars = obs.run.columns.get('star')
+
+    def __len__(self):
+        return len(self._lines)
+
+    def __getitem__(self, i):
+        text = f'{self._word} {self._lines[i]}'
+        if self._sources is not None:
+            text = f'{PurePath(str(self._sources[i])).name} {text}'
+        if self._stars is None:
+            return text
+        star = self._stars[i].item()
+        return f'{text}, star {star:g}' if isinstance(star, float) else f'{text}, star {star}'
 
 
 def _sources(obs):

@@ -7,7 +7,6 @@ import pytest
 
 from calibration.diagnosis import diagnose
 from calibration.diagnosis.base import Base, observations
-from calibration.diagnosis.streamed import diagnose_streamed
 from calibration.diagnosis_page.page import render
 from calibration.diagnosis_page.plain_words import verdict_sentences
 from calibration.diagnosis_page.view import view_of
@@ -385,24 +384,3 @@ def test_same_seed_same_answer():
     run = night(1, effect=backlash(6.0))
     one, two = (diagnose(run, flips=499, folds=4).to_dict() for _ in range(2))
     assert one == two
-
-
-def test_streamed_agrees_with_the_search_in_memory():
-    def chunks():
-        for i in range(5):
-            yield night(50 + i, n=800, effect=lambda c: (
-                0.5 * ARCSEC * np.cos(2.0 * c['az']), 0.4 * ARCSEC * c['approach_el']))
-    result = diagnose_streamed(chunks)
-    found = {e['name'] for e in result.effects}
-    assert found == {'azimuth_encoder_2', 'elevation_hysteresis'}
-    values = {f.effect.name: f.coefficients / ARCSEC for f in result.model.effects}
-    assert values['azimuth_encoder_2'] == pytest.approx([0.5, 0.0], abs=0.12)
-    assert values['elevation_hysteresis'] == pytest.approx([0.4], abs=0.08)
-    assert result.rows == 4000 and result.after_rms_arcsec == pytest.approx(2.0**0.5, rel=0.03)
-    assert result.model.terms['AN'] == pytest.approx(TRUTH['AN'], abs=0.3 * ARCSEC)
-
-    def clean():
-        for i in range(3):
-            yield night(70 + i, n=800, noise=lambda rng, el: rng.normal(size=(2, len(el)))
-                        / np.sin(el))
-    assert diagnose_streamed(clean).effects == []
