@@ -13,8 +13,8 @@ import json
 import numpy as np
 from zero_drift import Night
 
-from calibration.experiment_report import PAPER_TABLE_1, experiment_report, statistics
 from calibration.nights import NightSeries
+from calibration.paper_table_1 import PAPER_TABLE_1, compare_with_paper, statistics
 from encoder_sim.scenario_file import load_scenario
 
 NIGHTS = 11
@@ -32,7 +32,7 @@ def one(scenario, seed):
         series.add(rows, number + 1)
         series.calibrate_zero()
         _, report = series.fit()
-    out = experiment_report(report['nights'], NIGHTS)
+    out = compare_with_paper(report['nights'], NIGHTS)
     return out['statistics'], [out['budget'][f'{axis}_chi'] for axis in ('az', 'el')]
 
 

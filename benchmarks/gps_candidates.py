@@ -13,8 +13,8 @@ import numpy as np
 from satellite_candidates import Assumptions, track_effects
 from satellite_search import candidate_report, report_rows
 
-from calibration.report import new_table
 from calibration.satellite_check import PAPER, plot_gps
+from calibration.tables import new_table
 from msg_tools.units import DEG
 from pointing_model.elements import GPS_26690, parse_elements
 from pointing_model.satellite import passes, satellite_place

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from calibration.diagnosis import diagnose
-from calibration.experiment_report import PAPER_TABLE_1
+from calibration.paper_table_1 import PAPER_TABLE_1
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.run import PointingRun
 from telescope_mount.encoder_test import TABLE_2_MEASURED, TABLE_2_STANDARD

@@ -17,7 +17,7 @@ import numpy as np
 
 from calibration.fit import fit_terms
 from calibration.witnesses import Homing, check_witnesses
-from calibration.zero import PolarisExposures, zero_from_polaris
+from calibration.zero import zero_from_polaris
 from encoder_sim import keyed_noise
 from encoder_sim.encoder_scale import ZeroDrift, disc_angle
 from encoder_sim.geometry import MountGeometry, azimuth_elevation
@@ -181,8 +181,7 @@ def one(reference_scenario, scenario, seed, with_zero):
         return report, None
     then = earlier.select(earlier['star'] == POLARIS_HIP)
     exposures = rows.select(rows['star'] == POLARIS_HIP)
-    zero = zero_from_polaris(exposures['az'], exposures['el'], *exposures.offsets(),
-                             PolarisExposures.from_run(then), model=model)
+    zero = zero_from_polaris(exposures, then, model=model)
     true = [b.zero - a.zero for a, b in zip(before.encoders, now.encoders)]
     return report, [(zero.az - true[0], zero.sigma_az), (zero.el - true[1], zero.sigma_el)]
 

@@ -4,7 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .fit import Rms, fit_terms, rms_arcsec
+from pointing_model.rms import Rms, rms_arcsec
+
+from .fit import fit_terms
 
 
 class ExternalCheck(NamedTuple):

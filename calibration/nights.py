@@ -10,11 +10,12 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 from pointing_model.catalogue import POLARIS_HIP
+from pointing_model.rms import rms
 from pointing_model.terms import design
 from pointing_model.zero import NO_ZERO, Zeros, zero_in_force
 
-from .fit import fit_harmonics
-from .kept_out import for_fitting, is_kept_out
+from .fit_harmonics import fit_harmonics
+from .rows import for_fitting, is_kept_out
 from .satellite_check import tracking_errors
 from .session import CalibrationSession
 from .zero import zero_from_polaris
@@ -173,15 +174,13 @@ class NightSeries:
         first, last = rows['time'][polaris][[0, -1]]
         parts = {'before': rows.select(stars & ~polaris & (rows['time'] < first)),
                  'after': rows.select(stars & ~polaris & (rows['time'] > last))}
-        x, y = rows.select(polaris).offsets()
-        az, el = rows['az'][polaris], rows['el'][polaris]
         then = self._zero_then(number)
         out = {'night': number, 'reference': number - self._age}
         for kind in (PHYSICAL_TERMS, HARMONICS_ONLY):
             reference = self._reference(number, kind)
             if reference is None:
                 continue
-            zero = zero_from_polaris(az, el, x, y, reference)
+            zero = zero_from_polaris(rows.select(polaris), reference)
             out[kind] = {'zero': zero.to_dict(),
                          'change_az_arcsec': (zero.az - then.az) / ARCSEC,
                          'change_el_arcsec': (zero.el - then.el) / ARCSEC}
@@ -213,9 +212,9 @@ def _means(model, stars, zero):
     for name, values in (('az', az), ('x', x), ('el', y)):
         out[f'{name}_mean_arcsec'] = float(np.mean(values))
         out[f'{name}_std_arcsec'] = float(np.std(values, ddof=1)) if len(values) > 1 else 0.0
-        out[f'{name}_rms_arcsec'] = float(np.sqrt(np.mean(np.square(values))))
+        out[f'{name}_rms_arcsec'] = rms(values)
     out['radial_max_arcsec'] = float(np.max(np.hypot(x, y)))
-    out['radial_rms_arcsec'] = float(np.sqrt(np.mean(np.square(x) + np.square(y))))
+    out['radial_rms_arcsec'] = rms(x, y)
     return out
 
 

@@ -5,15 +5,17 @@ import numpy as np
 from msg_tools.units import ARCSEC
 from pointing_model.catalogue import POLARIS_HIP
 from pointing_model.model import PointingModel
+from pointing_model.rms import rms_arcsec
 from pointing_model.run import PointingRun
 from pointing_model.terms import PHYSICAL
 from pointing_model.zero import NO_ZERO, Zeros, zero_in_force
 
 from .check import split_half
-from .fit import fit_harmonics, fit_terms, rms_arcsec
-from .kept_out import for_fitting, with_check
+from .fit import fit_terms
+from .fit_harmonics import fit_harmonics
+from .rows import for_fitting, with_check
 from .witnesses import check_witnesses
-from .zero import PolarisExposures, zero_from_polaris
+from .zero import zero_from_polaris
 
 REPORT_FORMAT = 'telescope_mount/calibration_report'
 REPORT_VERSION = 1
@@ -24,7 +26,7 @@ TERMS = f'{len(PHYSICAL)} physical terms'
 BOTH = f'{TERMS}, then 13 harmonics'
 
 
-#: label in the report -> reading of E in paper 000's harmonics
+#: label in the report -> what E is in paper 000's harmonics
 HARMONICS = {
     '13 harmonics, E read as zenith distance': 'zenith',
     '13 harmonics, E read as printed': 'printed',
@@ -139,9 +141,7 @@ class CalibrationSession:
         reference = self.reference or PointingModel({})
         for number in np.unique(polaris['run']):
             part = polaris.select(polaris['run'] == number)
-            x, y = part.offsets()
-            self.zeros[int(number)] = zero_from_polaris(
-                part['az'], part['el'], x, y, reference, run=int(number))
+            self.zeros[int(number)] = zero_from_polaris(part, reference, run=int(number))
         if newest not in self.zeros:
             raise ValueError(f'Polaris was not observed since power-on {newest}; point at it first')
         return newest, self.zeros[newest]
@@ -149,7 +149,7 @@ class CalibrationSession:
     def fit(self, homings=()):
         """Fit all stars, and judge each kind of model on stars that it did not see.
 
-        Rows with ``check`` 1 are left out: see `kept_out`.
+        Rows with ``check`` 1 are left out: see `rows`.
 
         The terms are fitted together with the change of the zero from power-on to power-on, to
         stars and exposures of Polaris alike: Polaris fixes most of the change, the stars help.
@@ -270,11 +270,9 @@ class CalibrationSession:
     def _change(rows, before, after, model):
         """`model` says how the offset differs between the two places of Polaris on its circle."""
         polaris = rows.select(rows['star'] == POLARIS_HIP)
-        then = PolarisExposures.from_run(
-            polaris.select(polaris['run'] == before), name=f'power-on {before:.0f}')
-        now = polaris.select(polaris['run'] == after)
-        x, y = now.offsets()
-        return zero_from_polaris(now['az'], now['el'], x, y, then, model=model)
+        then, now = (polaris.select(polaris['run'] == number) for number in (before, after))
+        return zero_from_polaris(
+            now, then, model=model, reference_name=f'power-on {before:.0f}')
 
     def _steps(self, rows, notes):
         """RMS on the stars used and on those held out, from no correction to the full model."""
@@ -296,15 +294,16 @@ class CalibrationSession:
               zero_in_force(self.reference))
         if self.zeros:
             judge(ZEROED, base, polaris)
-        for label, reading in HARMONICS.items():
+        for label, interpretation in HARMONICS.items():
             try:
-                judge(label, fit_harmonics(halves['used'], reading, zero=polaris).model, polaris)
+                judge(label, fit_harmonics(halves['used'], interpretation, zero=polaris).model,
+                      polaris)
             except ValueError as err:
                 notes.append(f'{label}: {err}')
         try:
             result, zeros = self._fit_terms(rows.select(seen))
             judge(TERMS, result.model, zeros)
-            judge(BOTH, fit_harmonics(halves['used'], model=result.model, zero=zeros).model, zeros)
+            judge(BOTH, fit_harmonics(halves['used'], held=result.model, zero=zeros).model, zeros)
         except ValueError as err:
             notes.append(f'held-out check: {err}')
         return steps

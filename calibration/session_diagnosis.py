@@ -11,12 +11,12 @@ from pointing_model.catalogue import POLARIS_HIP
 from pointing_model.context import Context
 from pointing_model.effects import effect
 from pointing_model.model import PointingModel
+from pointing_model.rms import rms_arcsec
 from pointing_model.run import PointingRun
 from pointing_model.zero import NO_ZERO, Zeros
 
 from .diagnosis import Diagnosis, diagnose
-from .fit import rms_arcsec
-from .kept_out import for_fitting, is_kept_out
+from .rows import for_fitting, is_kept_out
 
 FORMAT = 'telescope_mount/diagnosis'
 VERSION = 1
@@ -52,7 +52,7 @@ def amend(rows, zeros, fitted=None, provenance=None, alpha=0.01, site=None):
     """Diagnose a night, and add what is found.
 
     Stars alone are diagnosed, without the exposures of Polaris: many rows in one direction would
-    make one small misfit there look like an effect. Rows kept out (`kept_out`) are used for
+    make one small misfit there look like an effect. Rows kept out (`rows`) are used for
     nothing but ``holdout_rms_arcsec``, with nothing refitted.
 
     Parameters

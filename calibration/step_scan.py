@@ -6,10 +6,13 @@ import numpy as np
 
 from .robust import huber, reweighted, sigma_of
 
-_CLIP = 3.0  # robust sigmas
+#: robust sigmas to which outliers are brought. Tried on nights of 40 rows with two spikes of 20
+#: sigma: no step by chance up to 4, 0.7 % at 6, 1.3 % unclipped; clean nights and the power to see
+#: a step of 1.7 sigma (67 %) are the same from 2 on
+_CLIP = 3.0
 _ITERATIONS = 20
 _STILL = 1e-6  # change of the weights that ends it
-_RCOND = 1e-7
+_RCOND = 1e-7  # relative singular value of columns that depend on others but for rounding
 
 
 class RobustFit(NamedTuple):

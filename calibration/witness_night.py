@@ -28,11 +28,19 @@ SHORT = ('az', 'el')
 INCREMENTAL, ABSOLUTE, MOUNT = 'incremental encoder', 'absolute encoder', 'mount or sky'
 
 _OTHER_TERMS = ('CA', 'NPAE', 'AN', 'AW', 'TF')
-_FEWEST_STARS = 12  # to judge by the whole sky
-_SEGMENT = 3  # rows on either side of a step
-_MOST_EVENTS = 3  # of an axis
+#: stars from which the whole sky judges: five terms and the zeros of two power-ons are 9 numbers,
+#: for which 12 stars have 24 values
+_FEWEST_STARS = 12
+#: rows on either side of a step. Two wild readings together at the end of 40 rows make a step in
+#: 29 % of the nights with 1 or 2, in 8 % with 3, in 1.5 % with 4, which is also later to see one
+_SEGMENT = 3
+#: steps and drifts of an axis in a night; who has more has another trouble
+_MOST_EVENTS = 3
+#: prior of what both hypotheses hold alike, wider than any mount's terms: their evidence does not
+#: depend on it
 _ANYTHING = 3600.0 * ARCSEC
-_LEAST = 0.02 * ARCSEC  # rounding of a fine encoder
+#: noise of a reading at least: a count of the incremental encoder (0.0686") / sqrt(12)
+_LEAST = 0.02 * ARCSEC
 
 
 @dataclass(frozen=True)
@@ -127,13 +135,13 @@ class Event:
 
 
 class Budget(NamedTuple):
-    """What is usual, 1 sigma in rad (see `check_witnesses`), and the rate of false alarms."""
+    """What is usual, 1 sigma in rad (see `check_witnesses`), and the chance of a false alarm."""
 
     absolute: float
     power_on: float
     term: float
     anomaly: float
-    family: float  # false alarms of a family of tests
+    false_alarm: float  # by all tests of one kind together
 
 
 class _Sky(NamedTuple):
@@ -213,7 +221,7 @@ class Night:
             result = scan(full, clipped(full, self.apart[axis]), columns, _LEAST)
             p = result.probability * len(about)
             best = int(np.argmin(p))
-            if p[best] >= budget.family / 2.0:  # two axes
+            if p[best] >= budget.false_alarm / 2.0:  # two axes
                 return found
             fit = robust_fit(np.column_stack([full, columns[:, best]]), self.apart[axis])
             found.append(_Found(*about[best], columns[:, best], fit.value[-1],
@@ -288,7 +296,7 @@ class Night:
             on_sky = np.column_stack([self._on(axis, column) for column in columns.T])
             p = scan(full, y, on_sky, _LEAST).probability * len(about)
             best = int(np.argmin(p))
-            if p[best] < budget.family / 2.0:
+            if p[best] < budget.false_alarm / 2.0:
                 fit = robust_fit(np.column_stack([full, on_sky[:, best]]), sky.enc)
                 run, kind, time = about[best]
                 out.append(Event(AXES[axis], float(run), kind, float(time), float(fit.value[-1]),
@@ -305,13 +313,13 @@ class Night:
             part = self.rows.select((self.run == run) & self.polaris)
             if len(part) < 2:
                 continue
-            zeros = [zero_from_polaris(part['az'], part['el'], *part.offsets(encoder),
-                                       PointingModel({})) for encoder in ('enc', 'abs')]
+            zeros = [zero_from_polaris(part, PointingModel({}), encoder=encoder)
+                     for encoder in ('enc', 'abs')]
             place = (float(np.arctan2(np.sin(part['az']).mean(), np.cos(part['az']).mean())),
                      float(part['el'].mean()))
             apart = [self.apart_at(axis, run, place[axis]) for axis in (0, 1)]
             out.append(Witness(
-                float(run), *place, *(np.array([zero.az, zero.el]) for zero in zeros),
+                float(run), *place, *(zero.angles for zero in zeros),
                 np.array([self._shared(axis, run, zeros) for axis in (0, 1)]),
                 np.array([value for value, _ in apart]), np.array([sigma for _, sigma in apart]),
                 min(zero.n for zero in zeros)))
@@ -354,7 +362,7 @@ class Night:
         freedom = max(before.exposures + now.exposures - 2, 1)
         freedom *= (expected**2 / noise) ** 2  # Welch: only the noise was estimated
         p = float(two_sided(second / expected, freedom)) * tests
-        alarm = p < budget.family
+        alarm = p < budget.false_alarm
         moved = {}
         if alarm:
             moved = self._suspects(axis, before, now, budget, sky, enc, second, apart,

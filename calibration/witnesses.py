@@ -38,8 +38,9 @@ __all__ = ['Change', 'Event', 'Homing', 'Witness', 'WitnessReport', 'check_witne
 
 #: counts by which the mark may be off at a later passage
 MARK_TOLERANCE = 10
-#: families of tests that share the rate of false alarms
-_FAMILIES = 3
+#: kinds of tests that share the chance of a false alarm: inside a power-on, against the sky, from
+#: power-on to power-on
+_KINDS = 3
 _HOUR = 3600.0
 
 
@@ -145,7 +146,7 @@ def check_witnesses(rows, reference=None, *, model=None, homings=(), absolute_si
     _hear_gaps(out, rows)
     night = Night.of(rows, reference)
     budget = Budget(absolute_sigma, power_on_sigma, term_sigma, anomaly_sigma,
-                     false_alarm / _FAMILIES)
+                     false_alarm / _KINDS)
     events = [(axis, event) for axis in (0, 1) for event in night.apart_events(axis, budget)]
     sky = night.sky(events, model, out.notes)
     out.events = [night.attributed(axis, event, sky) for axis, event in events]

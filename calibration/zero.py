@@ -12,47 +12,17 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
-from pointing_model.run import PointingRun
 from pointing_model.terms import PHYSICAL, design
 from pointing_model.zero import RunZero
 
 from .fit import fit_terms
+from .rows import usable
 
 #: reference of a zero that is the whole offset at Polaris
 NO_MODEL = 'no model'
-_FEWEST_FOR_ROBUST = 5  # below, a median says little about the noise
-
-
-@dataclass(frozen=True)
-class PolarisExposures:
-    """Exposures of Polaris in one power-on, for instance the reference.
-
-    Parameters
-    ----------
-    az, el : ndarray, shape (n,)
-        Catalogue place, radians.
-    x, y : ndarray, shape (n,)
-        Encoder - catalogue on the sky, radians.
-    sigma_x, sigma_y : ndarray, shape (n,), optional
-        1-sigma noise of x and y, radians.
-    name : str
-        What the report calls them.
-    """
-
-    az: np.ndarray
-    el: np.ndarray
-    x: np.ndarray
-    y: np.ndarray
-    sigma_x: np.ndarray = None
-    sigma_y: np.ndarray = None
-    name: str = 'an earlier power-on'
-
-    @classmethod
-    def from_run(cls, run, encoder='enc', name='an earlier power-on'):
-        """The rows of a `PointingRun`, all of them Polaris."""
-        x, y = run.offsets(encoder)
-        sigmas = [run.columns.get(c) for c in ('sigma_x', 'sigma_y')]
-        return cls(run['az'], run['el'], x, y, *sigmas, name=name)
+#: below, weights do not help: one exposure 20" off leaves 6.5" of error among 3 and 4.2" among 4
+#: with them, 6.7" and 5.0" without; among 5 it is 1.6" and 4.0", among 8 0.4" and 2.6"
+_FEWEST_FOR_ROBUST = 5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,36 +104,27 @@ def student_factor(dof):
     return 1.0 + 1.0 / (2.0 * dof) + 1.0 / (4.0 * dof**2) + 1.0 / (16.0 * dof**3)
 
 
-def _mean(exposures, model):
-    """Robust mean of (offset - model) as coordinate angles, with its covariance."""
-    az, el, x, y = (np.atleast_1d(np.asarray(v, float)) for v in (
-        exposures.az, exposures.el, exposures.x, exposures.y))
-    if model is not None:
-        model_x, model_y = model.offsets(az, el)
-        x, y = x - model_x, y - model_y
-    columns = {'az': az, 'el': el, 'az_enc': az + x / np.cos(el), 'el_enc': el + y}
-    sigmas = exposures.sigma_x, exposures.sigma_y
-    given = all(s is not None for s in sigmas)
-    if given:
-        columns['sigma_x'], columns['sigma_y'] = (
-            np.broadcast_to(np.asarray(s, float), az.shape) for s in sigmas)
-    finite = np.count_nonzero(np.isfinite(np.sum([az, el, x, y], axis=0)))
+def _mean(exposures, encoder, model, name):
+    """Robust mean of (encoder - model) as coordinate angles, with its covariance."""
+    rows = usable(exposures, encoder)
+    finite = len(rows.rows)
     if finite == 0:
-        raise ValueError(f'no usable exposure of Polaris ({exposures.name}); observe it first')
-    if finite == 1 and not given:
+        raise ValueError(f'no usable exposure of Polaris ({name}); observe it first')
+    if finite == 1 and rows.sigmas is None:
         raise ValueError(
-            f'one exposure of Polaris ({exposures.name}) has no scatter; give sigma_x and '
+            f'one exposure of Polaris ({name}) has no scatter; give sigma_x and '
             'sigma_y or expose again')
-    fit = fit_terms(PointingRun(columns), ('IA', 'IE'), geometry='first_order',
+    fit = fit_terms(exposures, ('IA', 'IE'), held=model or PointingModel({}), encoder=encoder,
                     robust=finite >= _FEWEST_FOR_ROBUST)
     covariance = fit.covariance
     weight = float(fit.weights.sum())
     if fit.covariance_from == 'measured scatter':
         covariance = covariance * student_factor(max(weight - 1.0, 1.0)) ** 2
     used = fit.weights > 0.0
+    az, el = exposures['az'][used], exposures['el'][used]
     scatter = np.array(fit.scatter) if used.sum() > 1 else np.full(2, np.nan)
-    scatter[0] /= np.mean(np.cos(el[used]))
-    return fit, covariance, scatter, az[used], el[used]
+    scatter[0] /= np.mean(np.cos(el))
+    return fit, covariance, scatter, az, el
 
 
 def _coordinate_columns(names, az, el):
@@ -172,26 +133,27 @@ def _coordinate_columns(names, az, el):
     return np.stack((np.mean(x / np.cos(el)[:, None], axis=0), np.mean(y, axis=0)))
 
 
-def zero_from_polaris(az, el, x, y, reference, *, sigma_x=None, sigma_y=None, model=None,
-                      run=None):
+def zero_from_polaris(exposures, reference, *, encoder='enc', model=None, run=None,
+                      reference_name='an earlier power-on'):
     """Change of the encoders' zero since a reference, from exposures of Polaris.
 
     Parameters
     ----------
-    az, el : float or ndarray, shape (n,)
-        Catalogue place of Polaris at each exposure, radians.
-    x, y : float or ndarray, shape (n,)
-        Encoder - catalogue on the sky, radians, with the star's miss distance in it.
-    reference : PolarisExposures or PointingModel
+    exposures : PointingRun
+        Its rows are Polaris, all of them. Without ``sigma_x`` and ``sigma_y`` the scatter of the
+        exposures gives their noise.
+    reference : PointingRun or PointingModel
         Exposures of an earlier power-on, or a model whose prediction at Polaris is the zero
         that its IA and IE stand for; the model's covariance enters the result's.
-    sigma_x, sigma_y : float or ndarray, optional
-        1-sigma noise of x and y, radians. Without them the scatter of the exposures gives it.
+    encoder : {'enc', 'abs'}
+        The pair of encoder columns.
     model : PointingModel, optional
         With reference exposures: takes out how the offset changes between the two places of
         Polaris on its circle (0.6" per minute of arc of collimation). Its covariance enters.
     run : int, optional
         Number of the power-on of the exposures.
+    reference_name : str
+        What the report calls the reference exposures.
 
     Returns
     -------
@@ -203,12 +165,11 @@ def zero_from_polaris(az, el, x, y, reference, *, sigma_x=None, sigma_y=None, mo
         No usable exposure, or only one and no sigma, here or in the reference; or `model`
         beside a reference that is a model.
     """
-    now = PolarisExposures(az, el, x, y, sigma_x, sigma_y, name='tonight')
     if isinstance(reference, PointingModel):
         if model is not None:
             raise ValueError('the reference is a model already; leave out the second one')
         model = reference
-    fit, covariance, scatter, now_az, now_el = _mean(now, model)
+    fit, covariance, scatter, now_az, now_el = _mean(exposures, encoder, model, 'tonight')
     value = fit.coefficients
     if isinstance(reference, PointingModel):
         columns = _coordinate_columns(tuple(model.terms), now_az, now_el)
@@ -222,7 +183,8 @@ def zero_from_polaris(az, el, x, y, reference, *, sigma_x=None, sigma_y=None, mo
         if not model.terms and model.harmonics is None:
             description = NO_MODEL
     else:
-        then, then_covariance, _, then_az, then_el = _mean(reference, model)
+        then, then_covariance, _, then_az, then_el = _mean(
+            reference, encoder, model, reference_name)
         value = value - then.coefficients
         covariance = covariance + then_covariance
         if model is not None:
@@ -230,7 +192,7 @@ def zero_from_polaris(az, el, x, y, reference, *, sigma_x=None, sigma_y=None, mo
             moved = (_coordinate_columns(names, now_az, now_el)
                      - _coordinate_columns(names, then_az, then_el))
             covariance = covariance + moved @ model.covariance @ moved.T
-        description = f'{np.count_nonzero(then.weights)} exposures of Polaris, {reference.name}'
+        description = f'{np.count_nonzero(then.weights)} exposures of Polaris, {reference_name}'
     others = tuple(name for name in PHYSICAL if name not in ('IA', 'IE'))
     false = _coordinate_columns(others, now_az, now_el)
     contamination = {

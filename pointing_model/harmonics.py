@@ -3,7 +3,7 @@
 With theta the functions are cos^k(theta), k = 0..4, and cos(A) sin(theta) cos^k(theta) and
 sin(A) sin(theta) cos^k(theta), k = 0..3, in the paper's order. They are spherical harmonics
 (degree <= 4, order <= 1) only where theta is the zenith distance; the paper prints E. Both
-readings are here:
+interpretations are here:
 
 - ``'zenith'``: theta = z, and the azimuth series gives f_A = delta-A sin z = delta-A cos E,
   which is the offset on the sky;
@@ -16,25 +16,27 @@ from dataclasses import dataclass
 
 import numpy as np
 
-READINGS = ('zenith', 'printed')
+INTERPRETATIONS = ('zenith', 'printed')
 
 #: Coefficients an axis. (Eq. 8 has 13 columns; the vectors printed there run to 14 entries.)
 COUNT = 13
 
 
-def _check(reading):
-    if reading not in READINGS:
-        raise ValueError(f'unknown reading of the harmonics {reading!r}; take zenith or printed')
+def _check(interpretation):
+    if interpretation not in INTERPRETATIONS:
+        raise ValueError(
+            f'unknown interpretation of the harmonics {interpretation!r}; take zenith or '
+            'printed')
 
 
-def basis(az, el, reading='zenith'):
+def basis(az, el, interpretation='zenith'):
     """The 13 functions of eq. 6 and 7 of paper 000.
 
     Parameters
     ----------
     az, el : float or ndarray, shape (n,)
         Catalogue place, radians.
-    reading : {'zenith', 'printed'}
+    interpretation : {'zenith', 'printed'}
         What the paper's E means: the zenith distance, or the elevation as printed.
 
     Returns
@@ -44,12 +46,12 @@ def basis(az, el, reading='zenith'):
     Raises
     ------
     ValueError
-        Unknown reading.
+        Unknown interpretation.
     """
-    _check(reading)
+    _check(interpretation)
     az, el = np.broadcast_arrays(np.atleast_1d(az), np.atleast_1d(el))
     sin_el, cos_el = np.sin(el), np.cos(el)
-    c, s = (sin_el, cos_el) if reading == 'zenith' else (cos_el, sin_el)
+    c, s = (sin_el, cos_el) if interpretation == 'zenith' else (cos_el, sin_el)
     out = np.empty((COUNT, len(az)))
     out[0] = 1.0
     out[1] = c
@@ -62,22 +64,22 @@ def basis(az, el, reading='zenith'):
     return out.T
 
 
-def sky_factor(el, reading='zenith'):
+def sky_factor(el, interpretation='zenith'):
     """Factor from f_A of eq. 6 to the offset on the sky delta-A cos E.
 
     Parameters
     ----------
     el : float or ndarray
         Catalogue elevation, radians.
-    reading : {'zenith', 'printed'}
+    interpretation : {'zenith', 'printed'}
 
     Returns
     -------
     float or ndarray
-        1 in the zenith reading, cot E in the printed one.
+        1 in the zenith interpretation, cot E in the printed one.
     """
-    _check(reading)
-    return np.ones_like(el, dtype=float) if reading == 'zenith' else 1.0 / np.tan(el)
+    _check(interpretation)
+    return np.ones_like(el, dtype=float) if interpretation == 'zenith' else 1.0 / np.tan(el)
 
 
 @dataclass(frozen=True)
@@ -86,7 +88,7 @@ class Harmonics:
 
     Parameters
     ----------
-    reading : {'zenith', 'printed'}
+    interpretation : {'zenith', 'printed'}
     coef_x, coef_y : ndarray, shape (13,)
         A_0..A_12 of eq. 6 and B_0..B_12 of eq. 7, radians.
     covariance : ndarray, shape (26, 26)
@@ -95,16 +97,16 @@ class Harmonics:
     Raises
     ------
     ValueError
-        Unknown reading, or a wrong number of coefficients.
+        Unknown interpretation, or a wrong number of coefficients.
     """
 
-    reading: str
+    interpretation: str
     coef_x: np.ndarray
     coef_y: np.ndarray
     covariance: np.ndarray
 
     def __post_init__(self):
-        _check(self.reading)
+        _check(self.interpretation)
         for name, shape in (
             ('coef_x', (COUNT,)), ('coef_y', (COUNT,)), ('covariance', (2 * COUNT,) * 2)
         ):
@@ -126,8 +128,8 @@ class Harmonics:
         x, y : ndarray, shape (n,)
             delta-A cos E and delta-E, radians.
         """
-        functions = basis(az, el, self.reading)
-        x = functions @ self.coef_x * sky_factor(np.atleast_1d(el), self.reading)
+        functions = basis(az, el, self.interpretation)
+        x = functions @ self.coef_x * sky_factor(np.atleast_1d(el), self.interpretation)
         return x, functions @ self.coef_y
 
     def variance(self, az, el):
@@ -143,8 +145,8 @@ class Harmonics:
         x, y : ndarray, shape (n,)
             radians^2.
         """
-        functions = basis(az, el, self.reading)
+        functions = basis(az, el, self.interpretation)
         c = self.covariance
-        factor = sky_factor(np.atleast_1d(el), self.reading)
+        factor = sky_factor(np.atleast_1d(el), self.interpretation)
         x = np.einsum('ni,ij,nj->n', functions, c[:COUNT, :COUNT], functions) * factor**2
         return x, np.einsum('ni,ij,nj->n', functions, c[COUNT:, COUNT:], functions)

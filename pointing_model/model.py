@@ -1,8 +1,6 @@
 """The pointing model: fitted terms and harmonics that turn sky into encoder and back."""
 
-import json
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 
@@ -10,19 +8,10 @@ from msg_tools.units import ARCSEC, wrap
 
 from . import geometry as rotation
 from .context import Context
-from .fitted_effects import FittedEffect, as_context, total
-from .harmonics import COUNT, Harmonics
+from .fitted_effects import as_context, total
+from .harmonics import Harmonics
 from .terms import Trig, design, known_terms
 from .zero import NO_ZERO
-
-FORMAT = 'telescope_mount/pointing_model'
-VERSION = 2
-_PLAIN_VERSION = 1  # without effects: as ever, so that older programs read it
-
-_CONVENTION = (
-    'offset = encoder - catalogue; azimuth from north through east, elevation from the horizon; '
-    'on the sky x = dA cos E, y = dE; terms in TPOINT names (IE has the opposite sign there)'
-)
 
 
 def _as_written(value, unit):
@@ -90,7 +79,7 @@ class PointingModel:
         if self.harmonics is not None:
             h = self.harmonics
             object.__setattr__(self, 'harmonics', Harmonics(
-                h.reading, _as_written(h.coef_x, ARCSEC), _as_written(h.coef_y, ARCSEC),
+                h.interpretation, _as_written(h.coef_x, ARCSEC), _as_written(h.coef_y, ARCSEC),
                 _as_written(h.covariance, ARCSEC**2)))
 
     def _split(self):
@@ -304,161 +293,26 @@ class PointingModel:
         x = wrap(run[f'az_{encoder}'] - zero_az - az_enc) * np.cos(el)
         return x, run[f'el_{encoder}'] - zero_el - el_enc
 
+    # files and messages, see `model_document`: it knows the models, and they only how to find it
+
     def to_json(self):
-        """The model as a versioned JSON document.
-
-        Returns
-        -------
-        str
-            Angles in arcsec. `from_json` gives the same model back, to the last bit.
-        """
-        sigma = np.sqrt(np.maximum(np.diag(self.covariance), 0.0)) / ARCSEC
-        document = {
-            'format': FORMAT,
-            'version': VERSION if self.effects else _PLAIN_VERSION,
-            'convention': _CONVENTION,
-            'geometry': self.geometry,
-            'terms': [
-                {'name': name, 'value_arcsec': value / ARCSEC, 'sigma_arcsec': float(s)}
-                for (name, value), s in zip(self.terms.items(), sigma)
-            ],
-            'covariance_arcsec2': (self.covariance / ARCSEC**2).tolist(),
-            'harmonics': None,
-            'provenance': self.provenance,
-        }
-        if self.harmonics is not None:
-            h = self.harmonics
-            document['harmonics'] = {
-                'reading': h.reading,
-                'azimuth_arcsec': (h.coef_x / ARCSEC).tolist(),
-                'elevation_arcsec': (h.coef_y / ARCSEC).tolist(),
-                'covariance_arcsec2': (h.covariance / ARCSEC**2).tolist(),
-            }
-        if self.effects:
-            document['effects'] = [e.document() for e in self.effects]
-        return json.dumps(document, indent=1)
-
-    @classmethod
-    def from_json(cls, text):
-        """Read `to_json`'s document.
-
-        Parameters
-        ----------
-        text : str
-
-        Returns
-        -------
-        PointingModel
-
-        Raises
-        ------
-        ValueError
-            It is no JSON, no pointing model, of a later version, or inconsistent.
-        """
-        try:
-            document = json.loads(text)
-        except ValueError as error:
-            raise ValueError(f'pointing model is not JSON: {error}') from None
-        return cls.from_document(document)
-
-    @classmethod
-    def from_document(cls, document):
-        """Read the parsed document (see `from_json`)."""
-        if not isinstance(document, dict) or document.get('format') != FORMAT:
-            raise ValueError(f'not a pointing model: the document has no format {FORMAT!r}')
-        if document.get('version') not in (_PLAIN_VERSION, VERSION):
-            raise ValueError(
-                f'pointing model of version {document.get("version")!r}, this program reads '
-                f'version {_PLAIN_VERSION} and {VERSION}; update the program or fit the run again')
-        try:
-            rows = document['terms']
-            terms = {row['name']: float(row['value_arcsec']) * ARCSEC for row in rows}
-            if len(terms) < len(rows):
-                raise ValueError('a term is named twice')
-            k = len(terms)
-            covariance = np.array(document['covariance_arcsec2'], float).reshape(k, k) * ARCSEC**2
-            harmonics = document.get('harmonics')
-            if harmonics is not None:
-                size = 2 * COUNT
-                harmonics = Harmonics(
-                    harmonics['reading'],
-                    np.array(harmonics['azimuth_arcsec'], float) * ARCSEC,
-                    np.array(harmonics['elevation_arcsec'], float) * ARCSEC,
-                    np.array(harmonics['covariance_arcsec2'], float).reshape(size, size)
-                    * ARCSEC**2,
-                )
-            provenance = document.get('provenance') or {}
-            if not isinstance(provenance, dict):
-                raise ValueError('provenance is not an object')
-            geometry = document['geometry']
-            effects = [FittedEffect.from_document(row) for row in document.get('effects') or ()]
-        except KeyError as error:
-            raise ValueError(f'pointing model document without {error}') from None
-        except (TypeError, ValueError, AttributeError) as error:
-            raise ValueError(f'pointing model document is damaged: {error}') from None
-        return cls(terms, covariance, harmonics, provenance, geometry, effects)
+        """`model_document.to_json` of this model."""
+        from .model_document import to_json
+        return to_json(self)
 
     def save(self, path):
-        """Write the model to a .json, .yaml or .yml file.
+        """`model_document.save` of this model."""
+        from .model_document import save
+        save(self, path)
 
-        Parameters
-        ----------
-        path : str or Path
+    @staticmethod
+    def from_json(text):
+        """`model_document.from_json`."""
+        from .model_document import from_json
+        return from_json(text)
 
-        Raises
-        ------
-        ValueError
-            Another suffix.
-        OSError
-            The file cannot be written.
-        """
-        path = Path(path)
-        text = self.to_json() + '\n'
-        if _is_yaml(path):
-            import yaml
-
-            text = yaml.safe_dump(json.loads(text), sort_keys=False)
-        path.write_text(text, encoding='utf-8')
-
-    @classmethod
-    def load(cls, path):
-        """Read a model that `save` wrote.
-
-        Parameters
-        ----------
-        path : str or Path
-
-        Returns
-        -------
-        PointingModel
-
-        Raises
-        ------
-        ValueError
-            Another suffix, or not a pointing model; the message names the file.
-        OSError
-            The file cannot be read.
-        """
-        path = Path(path)
-        is_yaml = _is_yaml(path)
-        try:
-            text = path.read_text(encoding='utf-8')
-            if not is_yaml:
-                return cls.from_json(text)
-            import yaml
-
-            try:
-                document = yaml.safe_load(text)
-            except yaml.YAMLError as error:
-                line = ' '.join(str(error).split())
-                raise ValueError(f'pointing model is not YAML: {line}') from None
-            return cls.from_document(document)
-        except ValueError as error:
-            raise ValueError(f'{path}: {error}') from None
-
-
-def _is_yaml(path):
-    suffix = path.suffix.lower()
-    if suffix not in ('.json', '.yaml', '.yml'):
-        raise ValueError(f'{path}: a model file ends in .json, .yaml or .yml; rename it')
-    return suffix != '.json'
+    @staticmethod
+    def load(path):
+        """`model_document.load`."""
+        from .model_document import load
+        return load(path)

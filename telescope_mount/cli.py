@@ -304,7 +304,7 @@ def _night(args):
 
 
 def _experiment(args):
-    from calibration.experiment_report import experiment_tables
+    from calibration.paper_table_1 import experiment_tables
 
     from .experiment import ExperimentOptions, run_experiment
     console = _console()
@@ -345,7 +345,7 @@ def _close_the_loop(args):
 
 
 def _print_report(console, report):
-    from calibration.report import night_tables
+    from calibration.tables import night_tables
     for table in night_tables(report):
         console.print(table)
     zeros = report['changes'] or report['zeros']
@@ -358,7 +358,7 @@ def _print_report(console, report):
 def _fit(args):
     from calibration.check import external_check
     from calibration.fit import fit_terms
-    from calibration.report import fit_tables
+    from calibration.tables import fit_tables
 
     from .runs import load_run
     names = tuple(name.strip() for name in args.terms.split(',') if name.strip())

@@ -143,7 +143,7 @@ def show(found, console):
     """The verdict in words, the error before and after, the effects, what was left out."""
     from calibration.diagnosis_page.plain_words import readable, verdict_sentences
     from calibration.diagnosis_page.view import effect_sentences
-    from calibration.report import new_table
+    from calibration.tables import new_table
     document = found.to_dict()
     headline, sentences = verdict_sentences(document, effect_sentences(found), limit=20,
                                             caution=found.caution)

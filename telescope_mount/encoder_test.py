@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.report import new_table
+from calibration.tables import new_table
 from msg_tools.units import ARCSEC
 
 _SECONDS = np.array([3600.0, 60.0, 1.0])

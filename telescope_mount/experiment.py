@@ -78,7 +78,7 @@ def run_experiment(options, progress=None):
     Returns
     -------
     dict
-        What `calibration.experiment_report` makes of it, with the ``files`` that were written.
+        What `calibration.paper_table_1` makes of it, with the ``files`` that were written.
 
     Raises
     ------
@@ -101,9 +101,9 @@ def run_experiment(options, progress=None):
 
 def _write(folder, options, latest):
     """table1.csv, gps.json, report.json, observations.csv and the pictures."""
-    from calibration.experiment_report import (
+    from calibration.paper_table_1 import (
         COLUMNS,
-        experiment_report,
+        compare_with_paper,
         plot_nights,
         plot_satellite,
     )
@@ -113,7 +113,7 @@ def _write(folder, options, latest):
 
     run = cloud_to_run(latest[topics.OBSERVATIONS.name])
     calibrated = json.loads(latest[topics.CALIBRATION_REPORT.name].data)
-    report = experiment_report(calibrated['nights'], NIGHTS)
+    report = compare_with_paper(calibrated['nights'], NIGHTS)
     report.update(seed=options.seed, drifts=options.drifts)
     files = {name: folder / name for name in (
         'table1.csv', 'gps.json', 'report.json', 'observations.csv', 'nights.png', 'gps.png')}

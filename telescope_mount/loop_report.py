@@ -1,6 +1,6 @@
 """What `close-the-loop` prints."""
 
-from calibration.report import new_table
+from calibration.tables import new_table
 
 
 def _arcsec(value):

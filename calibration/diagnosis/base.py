@@ -7,6 +7,7 @@ import numpy as np
 
 from calibration.fit import fit_terms
 from calibration.robust import GROSS
+from calibration.rows import usable
 from msg_tools.units import ARCSEC
 from pointing_model import geometry as rotation
 from pointing_model.context import Context
@@ -107,6 +108,8 @@ class Observations:
     ----------
     run : PointingRun
         All of them, in order.
+    encoder : {'enc', 'abs'}
+        Its columns that are diagnosed.
     rows : ndarray of int
         Their numbers in what was given.
     label : ndarray of int, shape (n,)
@@ -127,6 +130,7 @@ class Observations:
     """
 
     run: PointingRun
+    encoder: str
     rows: np.ndarray
     label: np.ndarray
     runs: list
@@ -147,7 +151,7 @@ class Observations:
         where = np.arange(n)[rows]
         both = np.concatenate((where, where + n))
         return Observations(
-            self.run.select(rows), self.rows[rows], self.label[rows], self.runs,
+            self.run.select(rows), self.encoder, self.rows[rows], self.label[rows], self.runs,
             self.context.select(rows), self.observed[both],
             None if self.inverse_sigma is None else self.inverse_sigma[both], [], [],
             self.lines[rows], self.sources[rows])
@@ -186,29 +190,26 @@ def observations(runs, encoder='enc'):
     lost = sorted({n for r in runs for n in r.columns} - set(run.columns))
     if lost:
         notes.append(f'not in all runs, so not used: {", ".join(lost)}')
-    if f'az_{encoder}' not in run:
-        raise ValueError(f'the run has no columns az_{encoder}, el_{encoder} to diagnose')
     columns = dict(run.columns)
     if len(runs) > 1 or 'run' not in columns or columns['run'].dtype.kind not in 'fiu':
         columns['run'] = label
     columns['row'] = np.arange(len(run))
     run = PointingRun(columns, run.meta)
-    good, sigmas, bad = _usable(run, encoder)
+    good = usable(run, encoder)
     lines, sources = _places(runs)
     bad = [{'row': int(lines[e['row']]), 'source': sources[e['row']], 'reason': e['reason']}
-           for e in bad]
-    if not good.any():
+           for e in good.excluded]
+    inverse, rows = None if good.sigmas is None else 1.0 / good.sigmas, good.rows
+    if not len(rows):
         raise ValueError(f'none of {len(run)} observations can be used'
                          + (f' (row {bad[0]["row"]}: {bad[0]["reason"]})' if bad else ''))
     # the context first: what a row inherits from the one before is lost with the selection
     context = Context.of_run(run, encoder)
-    context = context if good.all() else context.select(good)
-    used = run.select(good)
-    x, y = used.offsets(encoder)
-    inverse = None if sigmas is None else 1.0 / np.concatenate([s[good] for s in sigmas])
-    return Observations(used, np.flatnonzero(good), label[good], names, context,
-                        np.concatenate((x, y)), inverse, excluded + bad, notes, lines[good],
-                        sources[good])
+    if bad:
+        context, run = context.select(rows), run.select(rows)
+    return Observations(run, encoder, rows, label[rows], names, context,
+                        np.concatenate(run.offsets(encoder)), inverse, excluded + bad, notes,
+                        lines[rows], sources[rows])
 
 
 def _one_clock(runs, notes):
@@ -243,25 +244,6 @@ def _labels(runs):
     return texts, np.concatenate(labels)
 
 
-def _usable(run, encoder):
-    good, excluded, sigmas = np.ones(len(run), bool), [], None
-    for name in ('az', 'el', f'az_{encoder}', f'el_{encoder}'):
-        bad = ~np.isfinite(np.asarray(run[name], float))
-        excluded += [{'row': int(i), 'reason': f'{name} not finite'}
-                     for i in np.flatnonzero(bad & good)]
-        good &= ~bad
-    if 'sigma_x' in run and 'sigma_y' in run:
-        sigmas = [np.asarray(run[name], float) for name in ('sigma_x', 'sigma_y')]
-        if all(np.isnan(s).all() for s in sigmas):
-            return good, None, excluded
-        for s in sigmas:
-            bad = ~(np.isfinite(s) & (s > 0.0))
-            excluded += [{'row': int(i), 'reason': 'sigma not finite and positive'}
-                         for i in np.flatnonzero(bad & good)]
-            good &= ~bad
-    return good, sigmas, excluded
-
-
 def linearised(obs, base):
     """Start of the exact rotations, and the offsets that they leave.
 
@@ -281,19 +263,16 @@ def linearised(obs, base):
     geometric = tuple(t for t in base.terms if t in rotation.GEOMETRIC)
     if not geometric:
         return {}, obs.observed, np.ones(len(obs), bool)
-    columns = dict(obs.run.columns)
-    columns['az_enc'] = columns['az'] + obs.observed[:len(obs)] / np.cos(columns['el'])
-    columns['el_enc'] = columns['el'] + obs.observed[len(obs):]
     start = dict.fromkeys(geometric, 0.0)
     try:
-        start.update(fit_terms(PointingRun(columns), geometric).model.terms)
+        start.update(fit_terms(obs.run, geometric, encoder=obs.encoder).model.terms)
     except ValueError:
         # directions that do not determine the rotations: from the indices alone
         obs.notes.append('the directions do not determine all terms of the base: only '
                          'predictions there have a meaning')
         few = tuple(t for t in ('IA', 'IE') if t in geometric)
         if few:
-            start.update(fit_terms(PointingRun(columns), few).model.terms)
+            start.update(fit_terms(obs.run, few, encoder=obs.encoder).model.terms)
     left, feasible = after_rotation(obs, start)
     return start, left, feasible
 

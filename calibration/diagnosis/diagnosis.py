@@ -10,7 +10,7 @@ from .base import Base, observations
 from .constants import FLIPS, FOLDS, STREAMED_FROM
 from .holdout import holdout_rms
 from .next_observations import propose
-from .resampling import cv_gains, rms
+from .resampling import cv_gains, radial_arcsec
 from .result import (
     DiagnosedEffect,
     Diagnosis,
@@ -176,7 +176,7 @@ def _assemble(work, found, stands, fitted, chance):
         obs.excluding(i, f'outlier: more than {BISQUARE:g} times the noise from the model, and no '
                       'whole bar or line off') for i in np.flatnonzero(~keep)]
     dof = 2 * np.count_nonzero(keep) - len(found.state.basis)
-    floor = rms(fitted.residual, keep) * np.sqrt(2 * keep.sum() / max(dof, 1))
+    floor = radial_arcsec(fitted.residual, keep) * np.sqrt(2 * keep.sum() / max(dof, 1))
     notes = list(obs.notes)
     for why, dropped in (('no gain on rows left out', found.dropped_by_cv),
                          ('the choice does not repeat without some of the runs, and predicts '

@@ -8,6 +8,7 @@ import numpy as np
 from msg_tools.units import ARCSEC
 from pointing_model.fitted_effects import FittedEffect
 from pointing_model.model import PointingModel
+from pointing_model.rms import rms
 
 from .base import Base, Observations
 from .constants import SET_WIDTH
@@ -144,7 +145,7 @@ def verdict_of(effects):
 
 
 def rms_entry(residual, keep):
-    x, y = (float(np.sqrt(np.mean(np.square(r[keep])))) / ARCSEC for r in residual)
+    x, y = (rms(r[keep]) / ARCSEC for r in residual)
     return {'rms_arcsec': float(np.hypot(x, y)), 'rms_x_arcsec': x, 'rms_y_arcsec': y,
             'cv_rms_arcsec': None, 'holdout_rms_arcsec': None}
 

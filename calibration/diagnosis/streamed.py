@@ -8,7 +8,6 @@ Gaussian with that covariance, so they are drawn from it).
 
 import numpy as np
 
-from calibration.fit import rms_arcsec
 from calibration.robust import GROSS
 from msg_tools.units import ARCSEC
 from pointing_model.effects import dictionary
@@ -18,6 +17,7 @@ from .base import after_rotation, linearised
 from .chance import normal_score
 from .constants import ALIAS, DISTINCT, EIGEN, FLIPS
 from .linear import fit_state, solve
+from .resampling import radial_arcsec
 from .result import (
     DiagnosedEffect,
     Diagnosis,
@@ -86,7 +86,7 @@ def diagnose_streamed(obs, base, alpha, rng, encoder, max_effects, limit):
              for g, s, fitted in zip(chosen, stands, model.effects)]
     keep = data.weights > 0.0
     dof = 2 * np.count_nonzero(keep) - len(after.p)
-    floor = rms_arcsec(*after.residual[:, keep]).radial * np.sqrt(2 * keep.sum() / max(dof, 1))
+    floor = radial_arcsec(after.residual, keep) * np.sqrt(2 * keep.sum() / max(dof, 1))
     excluded = obs.excluded + [
         obs.excluding(i, f'outlier: more than {GROSS:g} times the noise from the base')
         for i in np.flatnonzero(~keep)]

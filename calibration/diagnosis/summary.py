@@ -91,11 +91,6 @@ def correlations(diagnosis):
     return names, inverse / np.outer(size, size)
 
 
-def radial_rms(x, y):
-    """Radial RMS of offsets, in their unit; NaN of none."""
-    return float(np.sqrt(np.mean(x**2 + y**2))) if x.size else np.nan
-
-
 def histogram(before, after, limit):
     """Counts of residuals before and after in the same bins; what is beyond is in the last ones.
 

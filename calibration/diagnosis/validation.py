@@ -9,8 +9,8 @@ from .resampling import (
     contiguous_folds,
     cross_validate,
     nested,
+    radial_arcsec,
     random_folds,
-    rms,
     run_folds,
 )
 
@@ -54,9 +54,10 @@ def cross_validated(work, found, parts, alpha, rng):
     def judged(folds):
         """RMS with no choice, and with the first 0, 1, ... of each fold."""
         left, _ = nested(problem, folds, alpha, rng)
-        return rms(cross_validate(problem, [], folds), keep), [rms(r, keep) for r in left]
+        return (radial_arcsec(cross_validate(problem, [], folds), keep),
+                [radial_arcsec(r, keep) for r in left])
     if not found.chosen:  # the model stays as it was
-        before = rms(cross_validate(problem, [], parts), keep)
+        before = radial_arcsec(cross_validate(problem, [], parts), keep)
         return Errors(before, before)
     before, counts = judged(parts)
     out = Errors(before, counts[-1])

@@ -4,8 +4,9 @@ from pathlib import PurePath
 
 import numpy as np
 
-from calibration.diagnosis.summary import histogram, radial_rms
+from calibration.diagnosis.summary import histogram
 from pointing_model.effects.words import arcsec, readable
+from pointing_model.rms import rms
 
 from .svg_plot import MAX_ARROWS, MAX_NAMED, Panel, SkyMap, clean, limit_of, svg, thin, ticks
 
@@ -117,7 +118,7 @@ def sky_maps(view):
     out = []
     for title, values in (('Before', view.before), ('After', view.after)):
         sky = SkyMap(400, lowest)
-        rms = radial_rms(*values[:, used])
+        radial = rms(*values[:, used])
         x, y = values[:, drawn]
         names = [f'{view.names[i]}: {number(a, 2, True)}″ azimuth × cos E, {number(b, 2, True)}″ '
                  'elevation' for i, a, b in zip(drawn, x, y)]
@@ -125,7 +126,7 @@ def sky_maps(view):
         sky.parts.append(f'<path class="{title.lower()} key" d="M12 388h{unit * scale:.1f}"/><text '
                          f'class="tick" x="12" y="382">{unit:g}″</text>')
         out.append(figure(svg(400, 400, sky.parts, f'Sky map {title.lower()}'),
-                          f'{title}: {arcsec(rms)} radial RMS. Zenith in the middle, rim at '
+                          f'{title}: {arcsec(radial)} radial RMS. Zenith in the middle, rim at '
                           f'{lowest:g}° elevation.'))
     text = f' {len(drawn)} of {int(used.sum())} stars are drawn.' if len(drawn) < used.sum() else ''
     return '<div class="pair">' + ''.join(out) + '</div>' + (

@@ -2,9 +2,11 @@ import numpy as np
 import pytest
 
 from calibration.check import external_check, split_half
-from calibration.fit import fit_harmonics, fit_terms, rms_arcsec
+from calibration.fit import fit_terms
+from calibration.fit_harmonics import fit_harmonics
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
+from pointing_model.rms import rms_arcsec
 from pointing_model.run import PointingRun
 from pointing_model.terms import PHYSICAL
 from pointing_model.zero import RunZero
@@ -100,8 +102,8 @@ def test_options_and_other_fits():
     run = make_run(10)
     fewer = external_check(run, names=('IA', 'IE'))
     assert fewer.held_out.radial > 20
-    harmonics = external_check(run, fit=fit_harmonics, reading='printed', model=MODEL)
-    assert harmonics.fits[0].model.harmonics.reading == 'printed'
+    harmonics = external_check(run, fit=fit_harmonics, interpretation='printed', held=MODEL)
+    assert harmonics.fits[0].model.harmonics.interpretation == 'printed'
     shifted = PointingRun({**run.columns, 'az_enc': run['az_enc'] + 1e-3})
     zero = external_check(shifted, zero=RunZero(1e-3, 0.0), fit=fit_terms)
     assert zero.held_out.radial == pytest.approx(external_check(run).held_out.radial, rel=1e-6)

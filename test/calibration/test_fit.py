@@ -1,10 +1,14 @@
 import numpy as np
 import pytest
 
-from calibration.fit import fit_first_order, fit_harmonics, fit_terms, rms_arcsec
+from calibration.fit import fit_first_order, fit_terms
+from calibration.fit_harmonics import fit_harmonics
 from msg_tools.units import ARCSEC
+from pointing_model.effects import effect
+from pointing_model.fitted_effects import FittedEffect
 from pointing_model.harmonics import Harmonics
 from pointing_model.model import PointingModel
+from pointing_model.rms import rms_arcsec
 from pointing_model.run import PointingRun
 from pointing_model.terms import PHYSICAL, design
 from pointing_model.zero import RunZero
@@ -220,7 +224,7 @@ def test_bad_arguments():
                          ({'encoder': 'third'}, 'third')):
         with pytest.raises(ValueError, match=word):
             fit_terms(run, **kwargs)
-    with pytest.raises(ValueError, match='reading'):
+    with pytest.raises(ValueError, match='interpretation'):
         fit_harmonics(run, 'nadir')
 
 
@@ -250,14 +254,14 @@ def test_harmonics_on_top_of_terms(reading):
     c = rng.normal(size=(2, 13)) * 5 * ARCSEC
     truth = PointingModel(MODEL.terms, None, Harmonics(reading, *c, np.eye(26)))
     run = make_run(rng, 200, (0, 0), truth)
-    fit = fit_harmonics(run, reading, model=MODEL, rcond=1e-9)
+    fit = fit_harmonics(run, reading, held=MODEL, rcond=1e-9)
     np.testing.assert_allclose(fit.model.harmonics.coef_x, c[0], atol=1e-5 * ARCSEC)
     np.testing.assert_allclose(fit.model.harmonics.coef_y, c[1], atol=1e-5 * ARCSEC)
     assert fit.model.terms == MODEL.terms and fit.rank == 26
     assert np.abs(fit.model.residuals(run)).max() < 1e-6 * ARCSEC
     assert fit.names[0] == 'A0' and fit.names[-1] == 'B12'
     with pytest.raises(ValueError, match='harmonics already'):
-        fit_harmonics(run, reading, model=fit.model)
+        fit_harmonics(run, reading, held=fit.model)
 
 
 def test_harmonics_of_thirty_stars_are_ill_conditioned_and_truncated():
@@ -298,3 +302,104 @@ def test_scatter_and_rms():
 def test_same_data_same_model():
     run = make_run(np.random.default_rng(21))
     assert fit_terms(run).model.to_json() == fit_terms(run).model.to_json()
+
+
+# --------------------------------------------------------------------------- held terms
+
+
+def held(*names):
+    return {name: MODEL.terms[name] for name in names}
+
+
+@pytest.mark.parametrize('robust', [True, False])
+@pytest.mark.parametrize('geometry', ['rotation', 'first_order'])
+def test_held_at_the_solution_the_others_are_those_of_the_free_fit(robust, geometry):
+    run = make_run(np.random.default_rng(30), 40)
+    if robust:
+        run['el_enc'][7] += 60 * ARCSEC
+    free = fit_terms(run, robust=robust, geometry=geometry)
+    fixed = {name: free.model.terms[name] for name in ('CA', 'AN', 'TF')}
+    # at the same weights: the noise of a fit with fewer terms is another by its freedom
+    again = fit_terms(run, ('IA', 'IE', 'NPAE', 'AW'), held=fixed, robust=robust,
+                      geometry=geometry)
+    atol = 0.02 if robust else 1e-6
+    for name in PHYSICAL:
+        assert again.model.terms[name] == pytest.approx(
+            free.model.terms[name], abs=atol * ARCSEC), name
+    assert again.names == ('IA', 'IE', 'NPAE', 'AW') and again.model.geometry == geometry
+    assert list(again.rejected) == list(free.rejected)
+    x, y = again.model.residuals(run)
+    np.testing.assert_allclose((again.residual_x, again.residual_y), (x, y), atol=1e-8 * ARCSEC)
+
+
+@pytest.mark.parametrize('names', [('IA', 'IE'), ('IA', 'CA', 'AW'), ('TF',), PHYSICAL])
+def test_what_is_held_acts_as_exact_rotations(names):
+    """60" of collimation and 177" of tilt have 0.4" of second order, which must not be lost."""
+    run = make_run(np.random.default_rng(31), 60, (0, 0), high=87.0)
+    fit = fit_terms(run, names, held=held(*(n for n in PHYSICAL if n not in names)))
+    for name in PHYSICAL:
+        assert fit.model.terms[name] == pytest.approx(MODEL.terms[name], abs=1e-6 * ARCSEC)
+    assert np.abs(fit.model.residuals(run)).max() < 1e-6 * ARCSEC
+
+
+@pytest.mark.parametrize('names', [('IA', 'IE'), ('IA', 'IE', 'AN')])
+def test_a_whole_model_is_held_and_terms_fitted_on_top(names):
+    rng = np.random.default_rng(32)
+    c = rng.normal(size=(2, 13)) * 5 * ARCSEC
+    eccentric = FittedEffect(effect('encoder', axis='az', order=1), np.array([8.0, -5.0]) * ARCSEC)
+    truth = PointingModel(
+        {**MODEL.terms, 'HASA2': 15 * ARCSEC}, np.eye(8) * ARCSEC**2,
+        Harmonics('zenith', *c, np.eye(26)), effects=[eccentric])
+    run = make_run(rng, 60, (0, 0), truth)
+    known = PointingModel({**truth.terms, **dict.fromkeys(names, 3 * ARCSEC)},
+                          truth.covariance, truth.harmonics, effects=truth.effects)
+    fit = fit_terms(run, names, held=known)
+    for name, value in fit.model.terms.items():
+        assert value == pytest.approx(truth.terms[name], abs=2e-5 * ARCSEC), name
+    # the coefficients are what was added
+    np.testing.assert_allclose(fit.coefficients, [MODEL.terms[n] - 3 * ARCSEC for n in names],
+                               atol=2e-5 * ARCSEC)
+    assert list(fit.model.terms) == list(truth.terms) and len(fit.model.effects) == 1
+    assert fit.model.harmonics is truth.harmonics or np.array_equal(
+        fit.model.harmonics.coef_x, truth.harmonics.coef_x)
+    # held terms keep their covariance, fitted ones have that of the fit
+    sigma = np.sqrt(np.diag(fit.model.covariance)) / ARCSEC
+    for name, value in zip(truth.terms, sigma):
+        assert value == pytest.approx(0.0 if name in names else 1.0, abs=1e-3), name
+    assert np.abs(fit.model.covariance - np.diag(np.diag(fit.model.covariance))).max() < 1e-15
+
+
+def test_values_that_are_held_have_no_variance():
+    fit = fit_terms(make_run(np.random.default_rng(33)), ('IA', 'IE'), held=held('CA', 'AN'))
+    assert list(fit.model.terms) == ['CA', 'AN', 'IA', 'IE']
+    assert not fit.model.covariance[:2].any()
+    np.testing.assert_array_equal(fit.model.covariance[2:, 2:].round(30),
+                                  fit.covariance.round(30))
+    assert fit.model.provenance['held'] == 'CA, AN'
+    assert 'held' not in fit_terms(make_run(np.random.default_rng(33))).model.provenance
+
+
+def test_held_terms_beside_outliers_and_zeros_of_each_run():
+    rng = np.random.default_rng(34)
+    run = make_run(rng, 60, run=np.repeat([1.0, 2.0], 30))
+    run['az_enc'][30:] += 50 * ARCSEC
+    run['el_enc'][::10] += 200 * ARCSEC
+    fit = fit_terms(run, ('IA', 'IE'), held=held('CA', 'NPAE', 'AN', 'AW', 'TF'), run_zeros=True)
+    assert list(fit.rejected) == list(range(0, 60, 10))
+    assert fit.run_zeros[2].az / ARCSEC == pytest.approx(50, abs=2)
+    assert fit.model.terms['IE'] / ARCSEC == pytest.approx(100, abs=1)
+
+
+def test_what_cannot_be_held():
+    run = make_run(np.random.default_rng(35))
+    for wrong, word in (({'XX': 1.0}, 'XX'), ({'CA': np.nan}, 'CA')):
+        with pytest.raises(ValueError, match=word):
+            fit_terms(run, ('IA',), held=wrong)
+    with pytest.raises(ValueError, match='flat'):
+        fit_terms(run, ('IA',), held=MODEL, geometry='flat')
+    # a star that the held model cannot reach is left out and named
+    run['el'][5] = np.pi / 2 - np.hypot(120, -130) * ARCSEC
+    run['az'][5] = np.arctan2(130, 120)
+    fit = fit_terms(run, ('IA', 'IE'), held=MODEL)
+    assert [e['row'] for e in fit.excluded] == [5] and 'cannot point' in fit.excluded[0]['reason']
+    assert np.isnan(fit.residual_x[5]) and fit.weights[5] == 0.0

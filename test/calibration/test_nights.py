@@ -3,16 +3,16 @@ import json
 import numpy as np
 import pytest
 
-from calibration.experiment_report import (
+from calibration.nights import NightSeries
+from calibration.paper_table_1 import (
     COLUMNS,
     PAPER_TABLE_1,
-    experiment_report,
+    compare_with_paper,
     experiment_tables,
     plot_nights,
     plot_satellite,
     statistics,
 )
-from calibration.nights import NightSeries
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.catalogue import POLARIS_HIP
 from pointing_model.model import PointingModel
@@ -224,7 +224,7 @@ def test_the_papers_table_recomputed():
 
 
 def test_report_tables_and_pictures(nights, tmp_path):
-    report = experiment_report(nights, 3)
+    report = compare_with_paper(nights, 3)
     assert [row['night'] for row in report['table1']] == [1, 2, 3]
     assert set(report['table1'][0]) == set(COLUMNS)
     gps = report['gps']
@@ -242,13 +242,13 @@ def test_report_tables_and_pictures(nights, tmp_path):
 
 
 def test_the_case_after_the_nights(nights):
-    case = experiment_report(nights, 2)['case_1_1']  # night 3: -9, 14 since night 1
+    case = compare_with_paper(nights, 2)['case_1_1']  # night 3: -9, 14 since night 1
     assert case['polaris_off_arcsec'] == pytest.approx(
         np.hypot(9.0 * np.cos(34.9 * DEG), 14.0), abs=1.5)
     assert case['before_rms_arcsec'] > 8.0 > case['after_max_arcsec']
-    assert experiment_report(nights, 3)['case_1_1'] is None
+    assert compare_with_paper(nights, 3)['case_1_1'] is None
 
 
 def test_a_missing_night_is_said(nights):
     with pytest.raises(ValueError, match='no calibrated night 4, 5'):
-        experiment_report(nights, 5)
+        compare_with_paper(nights, 5)

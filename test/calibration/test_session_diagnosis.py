@@ -3,8 +3,8 @@ import json
 import numpy as np
 import pytest
 
-from calibration.kept_out import for_fitting, is_kept_out
 from calibration.nights import NightSeries
+from calibration.rows import for_fitting, is_kept_out
 from calibration.session import CalibrationSession
 from calibration.session_diagnosis import FORMAT
 from msg_tools.units import ARCSEC, DEG, wrap

@@ -1,9 +1,10 @@
 import numpy as np
 import pytest
 
-from calibration.zero import PolarisExposures, student_factor, zero_from_polaris
+from calibration.zero import student_factor, zero_from_polaris
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
+from pointing_model.run import PointingRun
 from pointing_model.terms import PHYSICAL
 
 LATITUDE = 34.3 * DEG
@@ -22,18 +23,23 @@ def exposures(rng, n, zero=ZERO, noise=1.0, mount=MOUNT, start=None):
     az, el = polaris(rng, n, start)
     x, y = mount.offsets(az, el)
     dx, dy = rng.normal(size=(2, n)) * noise * ARCSEC
-    return az, el, x + zero[0] * np.cos(el) + dx, y + zero[1] + dy
+    return exposed(az, el, x + zero[0] * np.cos(el) + dx, y + zero[1] + dy)
+
+
+def exposed(az, el, x, y, **columns):
+    return PointingRun({'az': az, 'el': el, 'az_enc': az + x / np.cos(el), 'el_enc': el + y,
+                        **columns})
 
 
 def test_zero_is_a_coordinate_angle_to_subtract():
     rng = np.random.default_rng(0)
-    az, el, x, y = exposures(rng, 4, noise=0)
-    zero = zero_from_polaris(az, el, x, y, MOUNT)
+    night = exposures(rng, 4, noise=0)
+    zero = zero_from_polaris(night, MOUNT)
     assert zero.az == pytest.approx(ZERO[0], abs=1e-9 * ARCSEC)
     assert zero.el == pytest.approx(ZERO[1], abs=1e-9 * ARCSEC)
-    az_enc, el_enc = az + x / np.cos(el), el + y
     np.testing.assert_allclose(
-        (az_enc - zero.az, el_enc - zero.el), MOUNT.sky_to_encoder(az, el), atol=1e-12)
+        (night['az_enc'] - zero.az, night['el_enc'] - zero.el),
+        MOUNT.sky_to_encoder(night['az'], night['el']), atol=1e-12)
     assert zero.to_dict()['az_arcsec'] == pytest.approx(20.0)
 
 
@@ -44,10 +50,10 @@ def test_four_hundred_nights(kind):
         rng = np.random.default_rng([1, seed])
         night = exposures(rng, 16)
         if kind == 'model':
-            zero = zero_from_polaris(*night, MOUNT)
+            zero = zero_from_polaris(night, MOUNT)
         else:
-            reference = PolarisExposures(*exposures(rng, 16, (0.0, 0.0)))
-            zero = zero_from_polaris(*night, reference, model=MOUNT)
+            reference = exposures(rng, 16, (0.0, 0.0))
+            zero = zero_from_polaris(night, reference, model=MOUNT)
         error.append([zero.az - ZERO[0], zero.el - ZERO[1]])
         sigma.append([zero.sigma_az, zero.sigma_el])
     error, sigma = np.array(error) / ARCSEC, np.array(sigma) / ARCSEC
@@ -63,17 +69,17 @@ def test_four_hundred_nights(kind):
 def test_few_exposures_hold_68_percent(n):
     inside = 0
     for seed in range(300):
-        zero = zero_from_polaris(*exposures(np.random.default_rng([2, n, seed]), n), MOUNT)
+        zero = zero_from_polaris(exposures(np.random.default_rng([2, n, seed]), n), MOUNT)
         inside += int(abs(zero.az - ZERO[0]) < zero.sigma_az) + int(
             abs(zero.el - ZERO[1]) < zero.sigma_el)
     assert inside / 600 == pytest.approx(0.683, abs=0.06)
 
 
 def test_one_wild_exposure_does_not_move_it():
-    az, el, x, y = exposures(np.random.default_rng(3), 16)
-    clean = zero_from_polaris(az[1:], el[1:], x[1:], y[1:], MOUNT)
-    x[0] += 20 * ARCSEC
-    zero = zero_from_polaris(az, el, x, y, MOUNT)
+    night = exposures(np.random.default_rng(3), 16)
+    clean = zero_from_polaris(night.select(slice(1, None)), MOUNT)
+    night['az_enc'][0] += 20 * ARCSEC / np.cos(night['el'][0])
+    zero = zero_from_polaris(night, MOUNT)
     assert zero.rejected == 1 and zero.n == 15
     assert zero.az == pytest.approx(clean.az, abs=0.15 * ARCSEC)
     assert zero.sigma_az == pytest.approx(clean.sigma_az, rel=0.15)
@@ -82,8 +88,9 @@ def test_one_wild_exposure_does_not_move_it():
 def test_one_exposure_needs_a_sigma():
     night = exposures(np.random.default_rng(4), 1)
     with pytest.raises(ValueError, match='sigma'):
-        zero_from_polaris(*night, MOUNT)
-    zero = zero_from_polaris(*night, MOUNT, sigma_x=ARCSEC, sigma_y=2 * ARCSEC)
+        zero_from_polaris(night, MOUNT)
+    sigmas = {'sigma_x': np.array([ARCSEC]), 'sigma_y': np.array([2 * ARCSEC])}
+    zero = zero_from_polaris(PointingRun({**night.columns, **sigmas}), MOUNT)
     assert zero.sigma_from == 'given sigmas' and zero.n == 1
     # 1.21 sigma_x at latitude 34.3 degrees
     assert zero.sigma_az / ARCSEC == pytest.approx(1.21, abs=0.02)
@@ -97,7 +104,7 @@ def test_the_reference_adds_its_own_uncertainty():
     covariance[0, 0] = (3 * ARCSEC) ** 2  # IA: straight into the azimuth
     covariance[2, 2] = (1 * ARCSEC) ** 2  # CA: through 1 / cos E
     covariance[4, 4] = (2 * ARCSEC) ** 2  # AN: into the elevation
-    zero = zero_from_polaris(*night, PointingModel(MOUNT.terms, covariance))
+    zero = zero_from_polaris(night, PointingModel(MOUNT.terms, covariance))
     assert zero.sigma_az / ARCSEC == pytest.approx(np.hypot(3, 1.21), rel=0.01)
     assert zero.sigma_el / ARCSEC == pytest.approx(2.0, rel=0.01)
 
@@ -107,7 +114,7 @@ def test_contamination_is_what_a_changed_term_does(name):
     rng = np.random.default_rng(6)
     changed = PointingModel({**MOUNT.terms, name: MOUNT.terms[name] + ARCSEC})
     night = exposures(rng, 5, (0.0, 0.0), 0, changed)
-    zero = zero_from_polaris(*night, MOUNT)
+    zero = zero_from_polaris(night, MOUNT)
     if name in ('IA', 'IE'):
         expected = (1.0, 0.0) if name == 'IA' else (0.0, 1.0)
     else:
@@ -117,7 +124,7 @@ def test_contamination_is_what_a_changed_term_does(name):
 
 
 def test_contamination_numbers_at_this_latitude():
-    zero = zero_from_polaris(*exposures(np.random.default_rng(7), 16, start=0.0), MOUNT)
+    zero = zero_from_polaris(exposures(np.random.default_rng(7), 16, start=0.0), MOUNT)
     assert zero.contamination['az']['CA'] == pytest.approx(1 / np.cos(LATITUDE), rel=0.02)
     assert zero.contamination['az']['NPAE'] == pytest.approx(np.tan(LATITUDE), rel=0.03)
     assert zero.contamination['az']['AW'] == pytest.approx(np.tan(LATITUDE), rel=0.03)
@@ -129,23 +136,34 @@ def test_contamination_numbers_at_this_latitude():
 def test_model_takes_out_the_circle_of_polaris():
     rng = np.random.default_rng(8)
     night = exposures(rng, 16, noise=0, start=0.0)
-    reference = PolarisExposures(*exposures(rng, 16, (0.0, 0.0), 0, start=np.pi))
-    raw = zero_from_polaris(*night, reference)
+    reference = exposures(rng, 16, (0.0, 0.0), 0, start=np.pi)
+    raw = zero_from_polaris(night, reference)
     assert abs(raw.az - ZERO[0]) > 1 * ARCSEC
-    zero = zero_from_polaris(*night, reference, model=MOUNT)
+    zero = zero_from_polaris(night, reference, model=MOUNT)
     assert zero.az == pytest.approx(ZERO[0], abs=1e-8 * ARCSEC)
     assert zero.el == pytest.approx(ZERO[1], abs=1e-8 * ARCSEC)
 
 
 def test_unusable_exposures():
-    az, el, x, y = exposures(np.random.default_rng(9), 8)
-    x[2] = np.nan
-    zero = zero_from_polaris(az, el, x, y, MOUNT)
+    night = exposures(np.random.default_rng(9), 8)
+    night['az_enc'][2] = np.nan
+    zero = zero_from_polaris(night, MOUNT)
     assert zero.n == 7 and zero.excluded[0]['row'] == 2
-    with pytest.raises(ValueError, match='no usable exposure'):
-        zero_from_polaris(az, el, x * np.nan, y, MOUNT)
     with pytest.raises(ValueError, match='second'):
-        zero_from_polaris(az, el, x, y, MOUNT, model=MOUNT)
+        zero_from_polaris(night, MOUNT, model=MOUNT)
+    night['az_enc'][:] = np.nan
+    with pytest.raises(ValueError, match='no usable exposure'):
+        zero_from_polaris(night, MOUNT)
+
+
+def test_the_power_on_and_the_encoder_are_told():
+    night = exposures(np.random.default_rng(10), 8)
+    both = PointingRun({**night.columns, 'az_abs': night['az_enc'] + 1e-4,
+                        'el_abs': night['el_enc'] - 2e-4})
+    first, second = (zero_from_polaris(both, MOUNT, encoder=encoder, run=3)
+                     for encoder in ('enc', 'abs'))
+    assert first.run == 3 and first.to_dict()['run'] == 3
+    np.testing.assert_allclose(second.angles - first.angles, [1e-4, -2e-4], atol=1e-12)
 
 
 def test_student_factor():
@@ -159,9 +177,9 @@ def test_student_factor():
 def test_the_statement_names_what_polaris_cannot_tell_from_the_zero():
     """Erratum 4: IA + CA / cos E + (NPAE + AW) tan E and IE + AN + TF cos E, at the pole."""
     el = 34.3 * DEG
-    now = np.zeros(4), np.full(4, el), np.zeros(4), np.zeros(4)
-    reference = PolarisExposures(*now, 1e-6, 1e-6, name='night 3')
-    zero = zero_from_polaris(*now, reference, sigma_x=1e-6, sigma_y=1e-6)
+    now = exposed(np.zeros(4), np.full(4, el), np.zeros(4), np.zeros(4),
+                  sigma_x=np.full(4, 1e-6), sigma_y=np.full(4, 1e-6))
+    zero = zero_from_polaris(now, now, reference_name='night 3')
     text = zero.statement()
     azimuth, elevation = text.split('; the elevation: ')
     for words in (f'CA {1 / np.cos(el):+.2f}', f'NPAE {np.tan(el):+.2f}', f'AW {np.tan(el):+.2f}',
@@ -169,5 +187,4 @@ def test_the_statement_names_what_polaris_cannot_tell_from_the_zero():
         assert words in azimuth, words
     assert elevation == f'AN +1.00, TF {np.cos(el):+.2f}'
     assert zero.to_dict()['statement'] == text
-    assert 'every other term' in zero_from_polaris(
-        *now, PointingModel({}), sigma_x=1e-6, sigma_y=1e-6).statement()
+    assert 'every other term' in zero_from_polaris(now, PointingModel({})).statement()

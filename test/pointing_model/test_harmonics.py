@@ -72,7 +72,7 @@ def test_variance_by_sampling():
 
 
 def test_bad_input():
-    with pytest.raises(ValueError, match='reading'):
+    with pytest.raises(ValueError, match='interpretation'):
         basis(0.0, 1.0, 'nadir')
     with pytest.raises(ValueError, match='coef_x'):
         Harmonics('zenith', np.zeros(14), np.zeros(13), np.eye(26))

@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 
-from calibration.experiment_report import COLUMNS, PAPER_TABLE_1
+from calibration.paper_table_1 import COLUMNS, PAPER_TABLE_1
 from msg_tools.bag import BagReader
 from pointing_model.plan import parse_plan
 from pointing_model.run_files import read_run

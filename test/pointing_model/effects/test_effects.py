@@ -22,6 +22,7 @@ from pointing_model.effects import (
 )
 from pointing_model.fitted_effects import FittedEffect
 from pointing_model.model import PointingModel
+from pointing_model.model_document import from_document
 from pointing_model.run import PointingRun
 from pointing_model.terms import PHYSICAL, TERMS, design, stacked_design
 
@@ -389,11 +390,11 @@ def test_document_with_effects_to_the_bit():
     document = json.loads(text)
     document['effects'][0]['coefficients'][0]['name'] = 'other'
     with pytest.raises(ValueError, match='damaged.*half_difference'):
-        PointingModel.from_document(document)
+        from_document(document)
     document = json.loads(text)
     document['effects'][0]['family'] = 'nothing'
     with pytest.raises(ValueError, match='damaged.*unknown effect'):
-        PointingModel.from_document(document)
+        from_document(document)
 
 
 def run_at(az, el, noise=1.0, seed=3, **columns):

@@ -4,6 +4,7 @@ import numpy as np
 
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.catalogue import POLARIS_HIP
+from pointing_model.rms import rms, rms_arcsec
 from pointing_model.zero import Zeros
 
 from .session import RAW
@@ -69,8 +70,8 @@ def _zero_cells(zero):
             _angle(zero['el_arcsec'], zero['sigma_el_arcsec']), str(zero['exposures']))
 
 
-def _rms_cells(rms):
-    return [f'{rms[key]:.2f}' for key in ('x', 'y', 'radial')]
+def _rms_cells(values):
+    return [f'{values[key]:.2f}' for key in ('x', 'y', 'radial')]
 
 
 def terms_table(terms):
@@ -108,7 +109,6 @@ def fit_tables(run, result, encoder='enc', held_out=None):
     list
         What `rich.console.Console.print` takes: tables and lines of text.
     """
-    from .fit import rms_arcsec
     steps = new_table(
         f'RMS on the sky, arcsec, {len(run)} rows', 'correction', 'az', 'el', 'radial')
     steps.add_row(RAW, *_rms_cells(rms_arcsec(*run.offsets(encoder))._asdict()))
@@ -194,11 +194,11 @@ def _sky(axes, stars, x, y, title):
     # to east and north in the drawing: +A turns clockwise, +E points to the middle
     east = x * np.cos(az) - y * np.sin(az)
     north = -x * np.sin(az) - y * np.cos(az)
-    rms = float(np.sqrt(np.mean(x**2 + y**2)))
-    scale = 10.0 / max(rms, 1e-9)
+    radial = rms(x, y)
+    scale = 10.0 / max(radial, 1e-9)
     axes.quiver(az, distance, east * scale, north * scale, angles='uv', scale_units='dots',
                 scale=0.5, width=0.004, color='tab:blue')
     axes.plot(az, distance, '.', ms=3, color='0.3')
     axes.set_rlim(0.0, 75.0)
     axes.set_rgrids([30.0, 60.0], ['60°', '30°'], fontsize=7, color='0.5')
-    axes.set_title(f'{title}\nradial RMS {rms:.2f}″ (arrow of that length: 20 px)', fontsize=10)
+    axes.set_title(f'{title}\nradial RMS {radial:.2f}″ (arrow of that length: 20 px)', fontsize=10)

@@ -2,8 +2,10 @@
 
 import numpy as np
 
-from .report import new_table
+from pointing_model.rms import rms
+
 from .satellite_check import gps_statistics, plot_gps
+from .tables import new_table
 
 COLUMNS = ('night', 'before_az_arcsec', 'before_el_arcsec', 'after_az_arcsec', 'after_el_arcsec')
 
@@ -25,7 +27,7 @@ PAPER_TABLE_1 = tuple(dict(zip(COLUMNS, row)) for row in (
 SPECIFICATION_ARCSEC = 8.0
 
 
-def experiment_report(nights, count):
+def compare_with_paper(nights, count):
     """All figures of the experiment.
 
     Parameters
@@ -109,7 +111,7 @@ def statistics(table):
     for name in COLUMNS[1:]:
         values = np.array([row[name] for row in table])
         out[name] = {'mean': float(values.mean()), 'std': float(values.std(ddof=1)),
-                     'rms': float(np.sqrt(np.mean(values**2))),
+                     'rms': rms(values),
                      'max': float(np.abs(values).max())}
     return out
 
@@ -118,7 +120,7 @@ def statistics(table):
 
 
 def experiment_tables(report):
-    """Tables of `experiment_report`.
+    """Tables of `compare_with_paper`.
 
     Parameters
     ----------
@@ -202,7 +204,7 @@ def plot_nights(report, path):
     Parameters
     ----------
     report : dict
-        From `experiment_report`.
+        From `compare_with_paper`.
     path : str or Path
         PNG to write.
     """
@@ -248,7 +250,7 @@ def plot_satellite(report, path):
     Parameters
     ----------
     report : dict
-        From `experiment_report`.
+        From `compare_with_paper`.
     path : str or Path
         PNG to write.
     """

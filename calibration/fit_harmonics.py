@@ -1,0 +1,81 @@
+"""Fit of the spherical harmonics of paper 000, alone or on what the terms leave."""
+
+import numpy as np
+
+from msg_tools.units import wrap
+from pointing_model.harmonics import COUNT, Harmonics, basis, sky_factor
+from pointing_model.model import PointingModel
+from pointing_model.zero import NO_ZERO
+
+from .fit_result import make_result
+from .gauss_newton import gauss_newton, need_rows
+from .rows import UNREACHABLE, usable
+
+#: As `fit.RCOND`, for the harmonics. The functions themselves have 1.8e-4 (200 stars above 20
+#: degrees), 30 stars 0.5e-4 to 1.7e-4: what is below is for want of stars, not of independence.
+RCOND_HARMONICS = 1e-4
+
+
+def fit_harmonics(run, interpretation='zenith', *, held=None, robust=True, encoder='enc',
+                  zero=NO_ZERO, rcond=RCOND_HARMONICS, provenance=None):
+    """Fit the 13 spherical harmonics an axis of paper 000 (eq. 6-8).
+
+    Least squares of the error on the sky in both interpretations, so that their residuals
+    compare; f_A = delta-A sin E of the printed one is weighted accordingly.
+
+    Parameters
+    ----------
+    run : PointingRun
+    interpretation : {'zenith', 'printed'}
+        What the paper's E means (see `pointing_model.harmonics`).
+    held : PointingModel, optional
+        Fit what this model leaves (physical terms first), and keep its terms in the result.
+    robust, encoder, zero, provenance
+        As in `fit_terms`.
+    rcond : float
+        Relative singular value below which a direction is left out and reported: with few stars
+        the series is ill-conditioned.
+
+    Returns
+    -------
+    FitResult
+        ``names`` are A0..A12, B0..B12; ``model`` has the terms of `held` and the harmonics.
+
+    Raises
+    ------
+    ValueError
+        Too few usable rows, unknown interpretation or encoder, or `held` has harmonics.
+    """
+    if held is not None and held.harmonics is not None:
+        raise ValueError('the model has harmonics already; fit them to its terms alone')
+    used = usable(run, encoder, zero)
+    if held is not None:
+        at_az, at_el = held.sky_to_encoder(used.az, used.el)
+        used = used.only(np.isfinite(at_az) & np.isfinite(at_el), UNREACHABLE)
+        at_az, at_el = held.sky_to_encoder(used.az, used.el)
+    else:
+        at_az, at_el = used.az, used.el
+    az, el, sigmas = used.az, used.el, used.sigmas
+    n = len(used.rows)
+    need_rows(n, 2 * COUNT, sigmas is not None)
+    observed = np.concatenate((wrap(used.az_enc - at_az) * np.cos(el), used.el_enc - at_el))
+    functions = basis(az, el, interpretation).T
+    rows = np.zeros((2 * COUNT, 2 * n))
+    rows[:COUNT, :n] = functions * sky_factor(el, interpretation)
+    rows[COUNT:, n:] = functions
+    names = [f'A{i}' for i in range(COUNT)] + [f'B{i}' for i in range(COUNT)]
+    base = None if sigmas is None else 1.0 / np.square(sigmas)
+    robust = robust and 4 * n >= 3 * len(names)
+    everywhere = np.ones(n, bool)
+    solved = gauss_newton(lambda p: (observed, rows, everywhere), rows, base, robust, rcond,
+                          linear=True)
+
+    def make_model(p, covariance, facts):
+        harmonics = Harmonics(interpretation, p[:COUNT], p[COUNT:], covariance)
+        if held is None:
+            return PointingModel({}, None, harmonics, facts)
+        facts = {**facts, 'terms': held.provenance}
+        return PointingModel(held.terms, held.covariance, harmonics, facts, held.geometry)
+
+    return make_result(run, names, used, solved, make_model, provenance, {
+        'method': f'harmonics, {interpretation} reading', 'encoder': encoder, 'rcond': rcond})

@@ -1,0 +1,192 @@
+"""What a fit gives: the model, how good it is, and what the stars did not determine."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pointing_model.model import PointingModel
+from pointing_model.rms import rms_arcsec
+from pointing_model.zero import Zeros
+
+from .least_squares import covariance_of, spectrum_of
+
+
+@dataclass(frozen=True)
+class FitResult:
+    """A fitted model and how good it is.
+
+    Attributes
+    ----------
+    model : PointingModel
+        What was fitted (on top of the model it was fitted on).
+    names : tuple of str, length k
+        The fitted coefficients.
+    coefficients : ndarray, shape (k,)
+        Radians; of a term that was held too, what was added to it.
+    covariance : ndarray, shape (k, k)
+        Radians^2. Directions in `dropped` are not in it: there the coefficients are those of the
+        smallest norm, and only predictions among the observed stars have a meaning.
+    covariance_from : {'given sigmas', 'measured scatter'}
+        What the covariance is scaled by.
+    scatter : tuple of float
+        Noise of x and y, radians (per axis, with the degrees of freedom that the fit took).
+    rank : int
+    singular_values : ndarray, shape (k,)
+        Of the first-order design, weighted by the sigmas, with columns of unit length,
+        descending.
+    dropped : list of dict
+        Directions below `rcond`: ``text`` with the main terms, ``direction``,
+        ``relative_singular_value``.
+    residual_x, residual_y : ndarray, shape (n,)
+        On the sky, radians, a row of the run each; NaN in excluded rows.
+    weights : ndarray, shape (n,)
+        Robust weight of each row, 0 (rejected or excluded) to 1.
+    excluded : list of dict
+        ``row`` and ``reason`` of the rows that could not be used.
+    robust : bool
+        Whether rows were downweighted (never with fewer than 1.5 values a coefficient).
+    iterations : int
+    run_zeros : Zeros, optional
+        By how much the zero of each run lies above that of the first.
+    """
+
+    model: PointingModel
+    names: tuple
+    coefficients: np.ndarray
+    covariance: np.ndarray
+    covariance_from: str
+    scatter: tuple
+    rank: int
+    singular_values: np.ndarray
+    dropped: list
+    residual_x: np.ndarray
+    residual_y: np.ndarray
+    weights: np.ndarray
+    excluded: list
+    robust: bool
+    iterations: int
+    run_zeros: Zeros | None = None
+
+    @property
+    def sigma(self):
+        """Standard errors of the coefficients, radians, shape (k,)."""
+        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+    @property
+    def correlations(self):
+        """Correlation matrix of the coefficients, shape (k, k)."""
+        sigma = self.sigma
+        sigma = np.where(sigma > 0.0, sigma, 1.0)
+        return self.covariance / np.outer(sigma, sigma)
+
+    @property
+    def condition(self):
+        """Condition number of the design with columns of unit length."""
+        smallest = self.singular_values[-1]
+        return float(self.singular_values[0] / smallest) if smallest > 0.0 else np.inf
+
+    @property
+    def rejected(self):
+        """Indices of the rows that the robust fit gave no weight, without the excluded ones."""
+        return np.flatnonzero((self.weights == 0.0) & np.isfinite(self.residual_x))
+
+    def rms_arcsec(self, rejected=True):
+        """RMS of the residuals on the fitted rows.
+
+        Parameters
+        ----------
+        rejected : bool
+            Whether rows that the robust fit rejected are in it.
+
+        Returns
+        -------
+        Rms
+            arcsec on the sky; `n` is the number of rows.
+        """
+        keep = slice(None) if rejected else self.weights > 0.0
+        return rms_arcsec(self.residual_x[keep], self.residual_y[keep])
+
+
+def _dropped(spectrum, rank, names, basis=None):
+    """Directions that the data do not determine, in words."""
+    out = []
+    for i in range(len(spectrum.s) - rank):
+        row = spectrum.vectors[:, i] / spectrum.scale
+        if basis is not None:
+            row = basis @ row
+        row = row / row[np.argmax(np.abs(row))]
+        main = [(name, float(v)) for name, v in zip(names, row) if abs(v) >= 0.1]
+        main.sort(key=lambda pair: -abs(pair[1]))
+        out.append({
+            'text': ' '.join(f'{v:+.2f} {name}' for name, v in main),
+            'direction': dict(main),
+            'relative_singular_value': float(spectrum.s[i] / spectrum.s[-1]),
+        })
+    return out
+
+
+def make_result(run, names, used, solved, make_model, provenance, notes):
+    """`FitResult` of a solution.
+
+    Parameters
+    ----------
+    run : PointingRun
+    names : sequence of str, length k
+    used : rows.Usable
+    solved : gauss_newton.Solved
+    make_model : callable
+        ``make_model(p, covariance, facts) -> PointingModel``.
+    provenance : dict or None
+        Of the caller's, kept in the model.
+    notes : dict
+        What the fit itself writes into the provenance.
+    """
+    rows_used, sigmas, excluded = used.rows, used.sigmas, used.excluded
+    solution, basis, feasible = solved.solution, solved.basis, solved.feasible
+    row_weights = solved.row_weights
+    if row_weights is not None:
+        row_weights = row_weights * feasible
+    covariance, scatter = covariance_of(
+        solution, solved.base, row_weights, sigmas is not None, int(np.sum(~feasible)))
+    if basis is not None:
+        covariance = basis @ covariance @ basis.T
+    n = len(rows_used)
+    r = solution.residual
+    residual_x, residual_y, w = (np.full(len(run), v) for v in (np.nan, np.nan, 0.0))
+    residual_x[rows_used], residual_y[rows_used] = r[:n], r[n:]
+    w[rows_used] = 1.0 if row_weights is None else row_weights
+    if not feasible.all():
+        lost = rows_used[~feasible]
+        residual_x[lost], residual_y[lost], w[lost] = np.nan, np.nan, 0.0
+        excluded = excluded + [
+            {'row': int(i), 'reason': 'nearer to the zenith than the collimation lets the mount '
+                                      'look'} for i in lost]
+        excluded.sort(key=lambda e: e['row'])
+    if sigmas is not None:
+        x_unit, y_unit = (float(np.sqrt(np.mean(s**2))) for s in (sigmas[:n], sigmas[n:]))
+        scatter = scatter[0] * x_unit, scatter[1] * y_unit
+    dropped = _dropped(solved.spectrum, len(solution.p), names)
+    if solution.rank < len(solution.p):  # the robust weights took the stars that determine it
+        both = np.concatenate((row_weights, row_weights))
+        both = both if solved.base is None else both * solved.base
+        dropped += _dropped(
+            spectrum_of(solved.rows, both, solution.normal), solution.rank, names, basis)
+    rms = rms_arcsec(residual_x, residual_y)
+    covariance_from = 'measured scatter' if sigmas is None else 'given sigmas'
+    facts = {
+        **notes,
+        'source': run.meta.get('source'),
+        'rows': rms.n,
+        'rows_excluded': len(excluded),
+        'robust': row_weights is not None,
+        'covariance_from': covariance_from,
+        'rank': solution.rank,
+        'fitted_rms_arcsec': {'x': rms.x, 'y': rms.y, 'radial': rms.radial},
+        **(provenance or {}),
+    }
+    return FitResult(
+        model=make_model(solved.p, covariance, facts), names=tuple(names),
+        coefficients=solved.p, covariance=covariance, covariance_from=covariance_from,
+        scatter=scatter, rank=solution.rank, singular_values=solved.spectrum.s[::-1],
+        dropped=dropped, residual_x=residual_x, residual_y=residual_y, weights=w,
+        excluded=excluded, robust=row_weights is not None, iterations=solved.iterations)

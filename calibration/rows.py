@@ -1,0 +1,129 @@
+"""Which rows a fit may see, and which are there to judge it by."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from pointing_model.run import PointingRun
+from pointing_model.zero import NO_ZERO
+
+#: why a row is left out that no encoder angles belong to
+UNREACHABLE = 'the model cannot point there'
+
+
+def is_kept_out(rows):
+    """Mask of the rows to judge by: those whose column ``check`` is not 0.
+
+    The observer marks a row when it takes it, so that nothing has to be guessed from the plan.
+
+    Parameters
+    ----------
+    rows : PointingRun
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+    """
+    return np.asarray(rows.get('check', 0.0), dtype=float) != 0.0
+
+
+def for_fitting(rows):
+    """The rows that fits and choices may see: no satellites, and nothing that is kept out.
+
+    Parameters
+    ----------
+    rows : PointingRun
+        With column `star`; negative: a satellite, which is for checks only.
+    """
+    return rows.select((rows['star'] >= 0) & ~is_kept_out(rows))
+
+
+def with_check(rows):
+    """The rows with a column ``check``: joined with others, they must not take theirs away."""
+    if 'check' in rows:
+        return rows
+    return PointingRun({**rows.columns, 'check': np.zeros(len(rows))}, rows.meta)
+
+
+class Usable(NamedTuple):
+    """Rows that a fit can use, and why it cannot use the others (see `usable`).
+
+    Attributes
+    ----------
+    rows : ndarray of int, shape (m,)
+        Their places in the run.
+    az, el, az_enc, el_enc : ndarray, shape (m,)
+        Catalogue place, and encoder angles without their zero, radians.
+    sigmas : ndarray, shape (2m,), or None
+        1-sigma noise of x, then y, radians.
+    excluded : list of dict
+        ``row`` and ``reason`` of the others.
+    """
+
+    rows: np.ndarray
+    az: np.ndarray
+    el: np.ndarray
+    az_enc: np.ndarray
+    el_enc: np.ndarray
+    sigmas: np.ndarray | None
+    excluded: list
+
+    def only(self, good, reason):
+        """Those where `good`, shape (m,), holds; the others are excluded with the reason."""
+        if good.all():
+            return self
+        lost = [{'row': int(i), 'reason': reason} for i in self.rows[~good]]
+        sigmas = None if self.sigmas is None else self.sigmas[np.concatenate((good, good))]
+        return Usable(*(v[good] for v in self[:5]), sigmas,
+                      sorted(self.excluded + lost, key=lambda e: e['row']))
+
+
+def usable(run, encoder='enc', zero=NO_ZERO):
+    """Finite rows with their sigmas.
+
+    Parameters
+    ----------
+    run : PointingRun
+        ``sigma_x`` and ``sigma_y`` are taken if both are there and not all unknown.
+    encoder : {'enc', 'abs'}
+    zero : RunZero or Zeros
+        To subtract from the encoder's angles.
+
+    Returns
+    -------
+    Usable
+
+    Raises
+    ------
+    ValueError
+        Unknown encoder, or the run does not have it; a run without a zero.
+    """
+    if encoder not in ('enc', 'abs'):
+        raise ValueError(f'unknown encoder {encoder!r}; take enc or abs')
+    for name in (f'az_{encoder}', f'el_{encoder}'):
+        if name not in run:
+            raise ValueError(f'pointing run without column {name}; fit the other encoder')
+    columns = {name: np.asarray(run[name], float)
+               for name in ('az', 'el', f'az_{encoder}', f'el_{encoder}')}
+    zero_az, zero_el = zero.of_rows(run)
+    columns[f'az_{encoder}'] = columns[f'az_{encoder}'] - zero_az
+    columns[f'el_{encoder}'] = columns[f'el_{encoder}'] - zero_el
+    sigmas = None
+    if 'sigma_x' in run and 'sigma_y' in run:
+        sigmas = [np.asarray(run[name], float) for name in ('sigma_x', 'sigma_y')]
+        if all(np.isnan(s).all() for s in sigmas):
+            sigmas = None
+    good = np.ones(len(run), bool)
+    for value in columns.values():
+        good &= np.isfinite(value)
+    for value in sigmas or ():
+        good &= np.isfinite(value) & (value > 0.0)
+    excluded = []
+    for row in np.flatnonzero(~good):
+        bad = [name for name, v in columns.items() if not np.isfinite(v[row])]
+        reason = f'{", ".join(bad)} not finite' if bad else 'sigma not finite and positive'
+        excluded.append({'row': int(row), 'reason': reason})
+    keep = good if excluded else slice(None)
+    if sigmas is not None:
+        sigmas = np.concatenate([s[keep] for s in sigmas])
+    return Usable(np.flatnonzero(good), *(v[keep] for v in columns.values()), sigmas, excluded)

@@ -1,0 +1,188 @@
+"""The file of a pointing model: a versioned JSON (or YAML) document, and back to the last bit."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from msg_tools.units import ARCSEC
+
+from .fitted_effects import FittedEffect
+from .harmonics import COUNT, Harmonics
+from .model import PointingModel
+
+FORMAT = 'telescope_mount/pointing_model'
+VERSION = 2
+_PLAIN_VERSION = 1  # without effects: as ever, so that older programs read it
+_INTERPRETATION = 'reading'  # the key that `Harmonics.interpretation` has had in files ever since
+
+_CONVENTION = (
+    'offset = encoder - catalogue; azimuth from north through east, elevation from the horizon; '
+    'on the sky x = dA cos E, y = dE; terms in TPOINT names (IE has the opposite sign there)'
+)
+
+
+def to_json(model):
+    """A model as a versioned JSON document.
+
+    Parameters
+    ----------
+    model : PointingModel
+
+    Returns
+    -------
+    str
+        Angles in arcsec. `from_json` gives the same model back, to the last bit.
+    """
+    sigma = np.sqrt(np.maximum(np.diag(model.covariance), 0.0)) / ARCSEC
+    document = {
+        'format': FORMAT,
+        'version': VERSION if model.effects else _PLAIN_VERSION,
+        'convention': _CONVENTION,
+        'geometry': model.geometry,
+        'terms': [
+            {'name': name, 'value_arcsec': value / ARCSEC, 'sigma_arcsec': float(s)}
+            for (name, value), s in zip(model.terms.items(), sigma)
+        ],
+        'covariance_arcsec2': (model.covariance / ARCSEC**2).tolist(),
+        'harmonics': None,
+        'provenance': model.provenance,
+    }
+    if model.harmonics is not None:
+        h = model.harmonics
+        document['harmonics'] = {
+            _INTERPRETATION: h.interpretation,
+            'azimuth_arcsec': (h.coef_x / ARCSEC).tolist(),
+            'elevation_arcsec': (h.coef_y / ARCSEC).tolist(),
+            'covariance_arcsec2': (h.covariance / ARCSEC**2).tolist(),
+        }
+    if model.effects:
+        document['effects'] = [e.document() for e in model.effects]
+    return json.dumps(document, indent=1)
+
+
+def from_json(text):
+    """Read `to_json`'s document.
+
+    Parameters
+    ----------
+    text : str
+
+    Returns
+    -------
+    PointingModel
+
+    Raises
+    ------
+    ValueError
+        It is no JSON, no pointing model, of a later version, or inconsistent.
+    """
+    try:
+        document = json.loads(text)
+    except ValueError as error:
+        raise ValueError(f'pointing model is not JSON: {error}') from None
+    return from_document(document)
+
+
+def from_document(document):
+    """Read the parsed document (see `from_json`)."""
+    if not isinstance(document, dict) or document.get('format') != FORMAT:
+        raise ValueError(f'not a pointing model: the document has no format {FORMAT!r}')
+    if document.get('version') not in (_PLAIN_VERSION, VERSION):
+        raise ValueError(
+            f'pointing model of version {document.get("version")!r}, this program reads '
+            f'version {_PLAIN_VERSION} and {VERSION}; update the program or fit the run again')
+    try:
+        rows = document['terms']
+        terms = {row['name']: float(row['value_arcsec']) * ARCSEC for row in rows}
+        if len(terms) < len(rows):
+            raise ValueError('a term is named twice')
+        k = len(terms)
+        covariance = np.array(document['covariance_arcsec2'], float).reshape(k, k) * ARCSEC**2
+        harmonics = document.get('harmonics')
+        if harmonics is not None:
+            size = 2 * COUNT
+            harmonics = Harmonics(
+                harmonics[_INTERPRETATION],
+                np.array(harmonics['azimuth_arcsec'], float) * ARCSEC,
+                np.array(harmonics['elevation_arcsec'], float) * ARCSEC,
+                np.array(harmonics['covariance_arcsec2'], float).reshape(size, size)
+                * ARCSEC**2,
+            )
+        provenance = document.get('provenance') or {}
+        if not isinstance(provenance, dict):
+            raise ValueError('provenance is not an object')
+        geometry = document['geometry']
+        effects = [FittedEffect.from_document(row) for row in document.get('effects') or ()]
+    except KeyError as error:
+        raise ValueError(f'pointing model document without {error}') from None
+    except (TypeError, ValueError, AttributeError) as error:
+        raise ValueError(f'pointing model document is damaged: {error}') from None
+    return PointingModel(terms, covariance, harmonics, provenance, geometry, effects)
+
+
+def save(model, path):
+    """Write a model to a .json, .yaml or .yml file.
+
+    Parameters
+    ----------
+    model : PointingModel
+    path : str or Path
+
+    Raises
+    ------
+    ValueError
+        Another suffix.
+    OSError
+        The file cannot be written.
+    """
+    path = Path(path)
+    text = to_json(model) + '\n'
+    if _is_yaml(path):
+        import yaml
+
+        text = yaml.safe_dump(json.loads(text), sort_keys=False)
+    path.write_text(text, encoding='utf-8')
+
+
+def load(path):
+    """Read a model that `save` wrote.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    PointingModel
+
+    Raises
+    ------
+    ValueError
+        Another suffix, or not a pointing model; the message names the file.
+    OSError
+        The file cannot be read.
+    """
+    path = Path(path)
+    is_yaml = _is_yaml(path)
+    try:
+        text = path.read_text(encoding='utf-8')
+        if not is_yaml:
+            return from_json(text)
+        import yaml
+
+        try:
+            document = yaml.safe_load(text)
+        except yaml.YAMLError as error:
+            line = ' '.join(str(error).split())
+            raise ValueError(f'pointing model is not YAML: {line}') from None
+        return from_document(document)
+    except ValueError as error:
+        raise ValueError(f'{path}: {error}') from None
+
+
+def _is_yaml(path):
+    suffix = path.suffix.lower()
+    if suffix not in ('.json', '.yaml', '.yml'):
+        raise ValueError(f'{path}: a model file ends in .json, .yaml or .yml; rename it')
+    return suffix != '.json'

@@ -1,0 +1,55 @@
+"""Root mean squares, once for all."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from msg_tools.units import ARCSEC
+
+
+class Rms(NamedTuple):
+    """Root mean squares on the sky, arcsec, and the number of rows they are of."""
+
+    x: float
+    y: float
+    radial: float
+    n: int
+
+
+def rms(*axes):
+    """Root mean square of values, or of the length of vectors, in their own unit.
+
+    Parameters
+    ----------
+    *axes : array_like, shape (n,)
+        One: its RMS. Several: that of the root of the sum of their squares.
+
+    Returns
+    -------
+    float
+        NaN of no value.
+    """
+    squares = sum(np.square(values) for values in axes)
+    return float(np.sqrt(np.mean(squares))) if np.size(squares) else np.nan
+
+
+def rms_arcsec(x, y):
+    """RMS per axis and radial of on-sky offsets.
+
+    Parameters
+    ----------
+    x, y : ndarray, shape (n,)
+        Radians; rows that are not finite are left out.
+
+    Returns
+    -------
+    Rms
+        arcsec.
+    """
+    good = np.isfinite(x) & np.isfinite(y)
+    n = int(np.count_nonzero(good))
+    if n == 0:
+        return Rms(np.nan, np.nan, np.nan, 0)
+    xx = float(np.mean(np.square(x[good]))) / ARCSEC**2
+    yy = float(np.mean(np.square(y[good]))) / ARCSEC**2
+    return Rms(xx**0.5, yy**0.5, (xx + yy) ** 0.5, n)
