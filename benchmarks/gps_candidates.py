@@ -10,10 +10,10 @@ from datetime import datetime, timezone
 from pathlib import Path
 
 import numpy as np
+from satellite_candidates import Assumptions, track_effects
+from satellite_search import candidate_report, report_rows
 
-from calibration.satellite_candidates import Assumptions, track_effects
 from calibration.satellite_check import PAPER, plot_gps
-from calibration.satellite_search import candidate_report, report_rows
 from calibration.tables import new_table
 from msg_tools.units import DEG
 from pointing_model.elements import GPS_26690, parse_elements

@@ -201,7 +201,7 @@ class Calibration(MountNode):
         page = self.value('diagnosis_page')
         if not page:
             return
-        from .diagnosis_page.report import write_report
+        from .diagnosis_page.page import write_report
         try:
             write_report(diagnosis, Path(page))
         except OSError as err:

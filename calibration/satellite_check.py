@@ -2,7 +2,7 @@
 
 Measured minus orbit, before and after the zero calibration: mean and standard deviation on each
 axis, beside the paper's, and its figures 1 and 2. What may have left the paper's numbers is the
-subject of `satellite_candidates`.
+subject of `benchmarks/satellite_search.py`.
 """
 
 import numpy as np

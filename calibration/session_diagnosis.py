@@ -122,9 +122,9 @@ def _going_on(model, stars):
     effects = []
     for fitted in model.effects:
         e = fitted.effect
-        if e.family == 'drift' and e.driver == 'time' and e.parameters.get('within'):
+        if e.form == 'drift' and e.driver == 'time' and e.parameters.get('within'):
             fitted = replace(fitted, effect=effect(
-                e.family, **{**e.parameters, 'within': within[e.parameters['power']]}))
+                e.form, **{**e.parameters, 'within': within[e.parameters['power']]}))
         effects.append(fitted)
     return replace(model, effects=effects)
 

@@ -14,6 +14,8 @@ _KNOWN = set(COLUMNS) - {'pressure'} | {
     'az_raw', 'el_raw', 'pier_side', 'lst', 'lst_h', 'ra', 'dec', 'row', 'run_hours'}
 #: runs that begin farther apart are of several nights, s
 _NIGHT = 12.0 * 3600.0
+#: derived drivers that a row has from the rows around it
+_INHERITED = ('order', 'travel_az', 'travel_el', 'before_az', 'before_el')
 _TURN = 2.0 * np.pi
 _SIDEREAL = _TURN / 86164.0905  # rad/s
 _J2000 = 946728000.0  # UTC seconds of 2000-01-01T12:00
@@ -99,6 +101,21 @@ class Context:
             kept.pop('run_hours', None)
         out = Context(az, el, {**kept, **columns}, self.latitude, self.longitude)
         out.time_is_utc, out.raw_reading = self.time_is_utc, self.raw_reading
+        return out
+
+    def select(self, rows):
+        """Some rows (a mask, indices or a slice), with what they inherit from the one before.
+
+        Returns
+        -------
+        Context
+        """
+        for name in _INHERITED:
+            self.get(name)
+        columns = {n: v[rows] if np.ndim(v) else v for n, v in self.columns.items()}
+        out = Context(self.az[rows], self.el[rows], columns, self.latitude, self.longitude)
+        out.time_is_utc, out.raw_reading = self.time_is_utc, self.raw_reading
+        out._derived = {n: None if v is None else v[rows] for n, v in self._derived.items()}
         return out
 
     def extra(self):

@@ -7,7 +7,7 @@ import numpy as np
 from msg_tools.units import ARCSEC
 
 from .context import Context
-from .effects import Effect, of_document
+from .effects import Effect, of_document, to_document
 
 
 @dataclass(frozen=True)
@@ -65,8 +65,8 @@ class FittedEffect:
         e = self.effect
         rows = zip(e.coefficient_names, self.coefficients / ARCSEC, self.sigma / ARCSEC)
         return {
-            'name': e.name, 'family': e.family, 'parameters': e.parameters, 'cause': e.cause,
-            'formula': e.formula, 'driver': e.driver, 'unit': e.unit,
+            'name': e.name, **to_document(e), 'cause': e.cause, 'formula': e.formula,
+            'driver': e.driver, 'unit': e.unit,
             'coefficients': [{'name': name, 'value_arcsec': float(v), 'sigma_arcsec': float(s)}
                              for name, v, s in rows],
         }

@@ -1,7 +1,7 @@
 """What a declared model lacks: candidates, their scores, chance, cross-validation, the verdict."""
 
 from .base import Base
-from .diagnosis import DiagnosedEffect, Diagnosis, diagnose
-from .streamed import diagnose_streamed
+from .diagnosis import diagnose
+from .result import DiagnosedEffect, Diagnosis
 
-__all__ = ['Base', 'DiagnosedEffect', 'Diagnosis', 'diagnose', 'diagnose_streamed']
+__all__ = ['Base', 'DiagnosedEffect', 'Diagnosis', 'diagnose']

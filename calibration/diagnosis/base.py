@@ -6,6 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.fit import fit_terms
+from calibration.robust import GROSS
+from calibration.rows import usable
 from msg_tools.units import ARCSEC
 from pointing_model import geometry as rotation
 from pointing_model.context import Context
@@ -14,10 +16,9 @@ from pointing_model.harmonics import basis, sky_factor
 from pointing_model.run import PointingRun
 from pointing_model.terms import PHYSICAL, STANDARD6, known_terms, stacked_design
 
-from .candidates import Columns
+from .linear import Columns
 
 _SETS = {'physical': PHYSICAL, 'standard6': STANDARD6, 'index': ('IA', 'IE')}
-_GROSS = 7.0  # robust standard deviations from which a row is looked at for slips
 
 
 @dataclass(frozen=True)
@@ -107,6 +108,8 @@ class Observations:
     ----------
     run : PointingRun
         All of them, in order.
+    encoder : {'enc', 'abs'}
+        Its columns that are diagnosed.
     rows : ndarray of int
         Their numbers in what was given.
     label : ndarray of int, shape (n,)
@@ -127,6 +130,7 @@ class Observations:
     """
 
     run: PointingRun
+    encoder: str
     rows: np.ndarray
     label: np.ndarray
     runs: list
@@ -140,6 +144,17 @@ class Observations:
 
     def __len__(self):
         return len(self.rows)
+
+    def select(self, rows):
+        """Some of them (indices or a slice)."""
+        n = len(self)
+        where = np.arange(n)[rows]
+        both = np.concatenate((where, where + n))
+        return Observations(
+            self.run.select(rows), self.encoder, self.rows[rows], self.label[rows], self.runs,
+            self.context.select(rows), self.observed[both],
+            None if self.inverse_sigma is None else self.inverse_sigma[both], [], [],
+            self.lines[rows], self.sources[rows])
 
     def excluding(self, i, reason):
         """Entry of `excluded` for row `i`."""
@@ -175,28 +190,26 @@ def observations(runs, encoder='enc'):
     lost = sorted({n for r in runs for n in r.columns} - set(run.columns))
     if lost:
         notes.append(f'not in all runs, so not used: {", ".join(lost)}')
-    if f'az_{encoder}' not in run:
-        raise ValueError(f'the run has no columns az_{encoder}, el_{encoder} to diagnose')
     columns = dict(run.columns)
     if len(runs) > 1 or 'run' not in columns or columns['run'].dtype.kind not in 'fiu':
         columns['run'] = label
     columns['row'] = np.arange(len(run))
     run = PointingRun(columns, run.meta)
-    good, sigmas, bad = _usable(run, encoder)
+    good = usable(run, encoder)
     lines, sources = _places(runs)
     bad = [{'row': int(lines[e['row']]), 'source': sources[e['row']], 'reason': e['reason']}
-           for e in bad]
-    if not good.any():
+           for e in good.excluded]
+    inverse, rows = None if good.sigmas is None else 1.0 / good.sigmas, good.rows
+    if not len(rows):
         raise ValueError(f'none of {len(run)} observations can be used'
                          + (f' (row {bad[0]["row"]}: {bad[0]["reason"]})' if bad else ''))
     # the context first: what a row inherits from the one before is lost with the selection
-    context = _selected(Context.of_run(run, encoder), good)
-    used = run.select(good)
-    x, y = used.offsets(encoder)
-    inverse = None if sigmas is None else 1.0 / np.concatenate([s[good] for s in sigmas])
-    return Observations(used, np.flatnonzero(good), label[good], names, context,
-                        np.concatenate((x, y)), inverse, excluded + bad, notes, lines[good],
-                        sources[good])
+    context = Context.of_run(run, encoder)
+    if bad:
+        context, run = context.select(rows), run.select(rows)
+    return Observations(run, encoder, rows, label[rows], names, context,
+                        np.concatenate(run.offsets(encoder)), inverse, excluded + bad, notes,
+                        lines[rows], sources[rows])
 
 
 def _one_clock(runs, notes):
@@ -231,41 +244,6 @@ def _labels(runs):
     return texts, np.concatenate(labels)
 
 
-_DERIVED = ('order', 'lst', 'reading_az', 'reading_el', 'travel_az', 'travel_el', 'before_az',
-            'before_el')
-
-
-def _selected(context, good):
-    if good.all():
-        return context
-    derived = {name: context.get(name) for name in _DERIVED}
-    columns = {n: v[good] if np.ndim(v) else v for n, v in context.columns.items()}
-    out = Context(context.az[good], context.el[good], columns, context.latitude,
-                  context.longitude)
-    out.time_is_utc, out.raw_reading = context.time_is_utc, context.raw_reading
-    out._derived = {n: None if v is None else v[good] for n, v in derived.items()}
-    return out
-
-
-def _usable(run, encoder):
-    good, excluded, sigmas = np.ones(len(run), bool), [], None
-    for name in ('az', 'el', f'az_{encoder}', f'el_{encoder}'):
-        bad = ~np.isfinite(np.asarray(run[name], float))
-        excluded += [{'row': int(i), 'reason': f'{name} not finite'}
-                     for i in np.flatnonzero(bad & good)]
-        good &= ~bad
-    if 'sigma_x' in run and 'sigma_y' in run:
-        sigmas = [np.asarray(run[name], float) for name in ('sigma_x', 'sigma_y')]
-        if all(np.isnan(s).all() for s in sigmas):
-            return good, None, excluded
-        for s in sigmas:
-            bad = ~(np.isfinite(s) & (s > 0.0))
-            excluded += [{'row': int(i), 'reason': 'sigma not finite and positive'}
-                         for i in np.flatnonzero(bad & good)]
-            good &= ~bad
-    return good, sigmas, excluded
-
-
 def linearised(obs, base):
     """Start of the exact rotations, and the offsets that they leave.
 
@@ -285,19 +263,16 @@ def linearised(obs, base):
     geometric = tuple(t for t in base.terms if t in rotation.GEOMETRIC)
     if not geometric:
         return {}, obs.observed, np.ones(len(obs), bool)
-    columns = dict(obs.run.columns)
-    columns['az_enc'] = columns['az'] + obs.observed[:len(obs)] / np.cos(columns['el'])
-    columns['el_enc'] = columns['el'] + obs.observed[len(obs):]
     start = dict.fromkeys(geometric, 0.0)
     try:
-        start.update(fit_terms(PointingRun(columns), geometric).model.terms)
+        start.update(fit_terms(obs.run, geometric, encoder=obs.encoder).model.terms)
     except ValueError:
         # directions that do not determine the rotations: from the indices alone
         obs.notes.append('the directions do not determine all terms of the base: only '
                          'predictions there have a meaning')
         few = tuple(t for t in ('IA', 'IE') if t in geometric)
         if few:
-            start.update(fit_terms(PointingRun(columns), few).model.terms)
+            start.update(fit_terms(obs.run, few, encoder=obs.encoder).model.terms)
     left, feasible = after_rotation(obs, start)
     return start, left, feasible
 
@@ -332,7 +307,7 @@ def decode_slips(obs, state, alpha):
     raw = state.raw.reshape(2, n).copy()
     given = np.ones((2, n)) if obs.inverse_sigma is None else obs.inverse_sigma.reshape(2, n)
     noise = state.scale[:, None] / given
-    gross = np.hypot(*(raw / noise)) > _GROSS
+    gross = np.hypot(*(raw / noise)) > GROSS
     raw[0] /= obs.context.trig.cos_el
     noise[0] /= obs.context.trig.cos_el
     out = []

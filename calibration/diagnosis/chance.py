@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from .constants import PRIOR
+
 
 def pair_corrected(basis, residual):
     """Residuals made as large as the noise: (I - H)^(-1/2) of each row's 2 x 2 block.
@@ -44,7 +46,7 @@ class ChanceTest:
     The residual that is flipped is that of the model *with* the group, corrected for the
     leverage of all its columns: a strong effect does not hide itself. Scores are studentised
     with a variance for each group from that residual (so that noise may differ from row to row),
-    moderated toward the common one of the axis with `_PRIOR` rows (a group on few rows would
+    moderated toward the common one of the axis with `PRIOR` rows (a group on few rows would
     have a wild variance otherwise).
 
     Parameters
@@ -56,8 +58,6 @@ class ChanceTest:
     group : int
         The group to be tested.
     """
-
-    _PRIOR = 100.0
 
     def __init__(self, state, scores, group):
         n, r = state.n, state.residual
@@ -78,9 +78,9 @@ class ChanceTest:
             energy = energy[:, :n] + energy[:, n:]
             rows = np.square(dof) / np.maximum(np.square(energy).sum(axis=1), 1e-30) * free
             rows = np.maximum(rows, 0.5)
-            share = (rows / (rows + self._PRIOR))[:, None, None]
+            share = (rows / (rows + PRIOR))[:, None, None]
             whiten = _inverse_root(share * v + (1.0 - share) * common)
-            w = rows / (rows + self._PRIOR)
+            w = rows / (rows + PRIOR)
             # degrees of freedom of that variance, and how fast a fitted group shrinks it
             nu = 1.0 / (w * w / rows + (1.0 - w * w) / (n * free))
             shrink = w / rows + (1.0 - w) / (n * free)

@@ -1,15 +1,16 @@
 """Judging a model on runs that were left out: a new night of the same mount."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import PurePath
 
 import numpy as np
 
-from msg_tools.units import ARCSEC
 from pointing_model.fitted_effects import total
+from pointing_model.terms import stacked_design
 
-from .base import after_rotation, observations
-from .candidates import Columns, fit_state
+from .base import observations
+from .linear import Columns, fit_state
+from .resampling import radial_arcsec
 
 
 @dataclass
@@ -41,11 +42,10 @@ def holdout_rms(runs, result, own_terms, encoder='enc'):
     obs = observations(runs, encoder)
     left, kept = [], np.ones(len(obs), bool)
     for model in (result.base_model, result.model):
-        state = _refit(obs, result.base, model, own_terms)
+        state = _refit(obs, model, own_terms)
         left.append(state.raw.reshape(2, -1))
         kept &= state.weights > 0.0
-    before, after = (float(np.sqrt(np.mean(np.square(r[:, kept]).sum(axis=0)))) / ARCSEC
-                     for r in left)
+    before, after = (radial_arcsec(r, kept) for r in left)
     notes = [f'held out: {note}' for note in _left_out(obs)]
     for found in result.model.effects:
         lost = np.count_nonzero(found.unknown(obs.context))
@@ -67,19 +67,11 @@ def _left_out(obs):
                           for reason, places in reasons.items())]
 
 
-def _refit(obs, base, model, own_terms):
-    from pointing_model import geometry
-    from pointing_model.terms import stacked_design
-
-    turned = {n: v for n, v in model.terms.items() if n in geometry.GEOMETRIC}
-    b, _ = after_rotation(obs, turned)
-    others = [n for n in model.terms if n not in turned]
-    if others:
-        design = stacked_design(others, obs.context.az, obs.context.el)
-        b = b - np.array([model.terms[n] for n in others]) @ design
-    if model.harmonics is not None:
-        b = b - np.concatenate(model.harmonics.offsets(obs.context.az, obs.context.el))
-    b = b - np.concatenate(total(model.effects, obs.context))
-    own = stacked_design(tuple(own_terms), obs.context.az, obs.context.el)
+def _refit(obs, model, own_terms):
+    az, el = obs.context.az, obs.context.el
+    # the effects by the drivers of the whole run: a row may have one from the row before
+    b = obs.observed - np.nan_to_num(np.concatenate(replace(model, effects=()).offsets(az, el))) \
+        - np.concatenate(total(model.effects, obs.context))
+    own = stacked_design(tuple(own_terms), az, el)
     columns = Columns(own[:0], own, obs.label)
     return fit_state(columns, b, obs.inverse_sigma, final=True)

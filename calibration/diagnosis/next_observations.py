@@ -12,7 +12,7 @@ import numpy as np
 from msg_tools.units import DEG
 from pointing_model.context import Context
 
-from .candidates import solve
+from .linear import solve
 
 _COUNT = 6
 _RIVALS = 4

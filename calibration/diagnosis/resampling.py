@@ -3,8 +3,10 @@
 import numpy as np
 
 from msg_tools.units import ARCSEC
+from pointing_model.rms import rms
 
-from .candidates import DISTINCT, solve
+from .constants import DISTINCT, LIVE, NESTED_FLIPS
+from .linear import solve
 from .search import Chance, search
 
 
@@ -87,13 +89,9 @@ def _own_terms(other, design, left, root):
         other.b[np.tile(new, 2)] = rows.state([]).raw
 
 
-def rms(residual, keep=None):
-    """Radial RMS in arcsec of residuals of shape (2, m)."""
-    if keep is not None:
-        residual = residual[:, keep]
-    if not residual.size:
-        return None
-    return float(np.sqrt(np.mean(np.square(residual).sum(axis=0)))) / ARCSEC
+def radial_arcsec(residual, keep):
+    """Radial RMS in arcsec of the rows `keep` of residuals of shape (2, n), radians."""
+    return rms(*residual[:, keep]) / ARCSEC
 
 
 def cross_validate(problem, chosen, folds):
@@ -127,13 +125,13 @@ def cv_gains(problem, found, folds):
     """
     if not found.chosen:
         return []
-    keep = found.state.weights > 0.05
-    whole = rms(cross_validate(problem, found.chosen, folds), keep)
-    return [rms(cross_validate(problem, [c for j, c in enumerate(found.chosen) if j != i],
+    keep = found.state.weights > LIVE
+    whole = radial_arcsec(cross_validate(problem, found.chosen, folds), keep)
+    return [radial_arcsec(cross_validate(problem, [c for j, c in enumerate(found.chosen) if j != i],
                                folds), keep) - whole for i in range(len(found.chosen))]
 
 
-def nested(problem, folds, alpha, rng, flips=499, curves=True):
+def nested(problem, folds, alpha, rng, flips=NESTED_FLIPS, curves=True):
     """As `cross_validate`, with the whole search repeated without each fold.
 
     Parameters

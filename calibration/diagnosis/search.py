@@ -11,19 +11,19 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .candidates import Bank, Columns, fit_state, overlap
 from .chance import ChanceTest
+from .constants import (
+    ALIAS,
+    CURVE_SHARE,
+    DICTIONARY_SHARE,
+    FAR,
+    ROWS_PER_COLUMN,
+    SET_WIDTH,
+)
+from .linear import Columns, fit_state, overlap
+from .scores import Bank
 
-#: parts of the family-wise error that the dictionary and the curves may use. Their alarms overlap
-#: and the tests are conservative: together they stay below it (measured, benchmarks/diagnosis.py).
-DICTIONARY_SHARE = 0.85
-CURVE_SHARE = 0.35
-#: candidates within this BIC of the best are not told apart
-SET_WIDTH = 6.0
-#: an effect may be bought only with rows enough
-_ROWS_PER_COLUMN = 1.5
-_SWEEPS = 2
-_FAR = 2.5  # normal standard deviations above the largest of 200 flips
+_SWEEPS = 2  # second looks at all choices: the second sees what the first has changed
 
 
 @dataclass
@@ -152,7 +152,7 @@ class Chance:
             start = stop
             if hits > limit:
                 return max((hits + 1) / (stop + 1), 1.0001 * alpha)
-            if test.z > best.max() + _FAR:  # no flip will come near
+            if test.z > best.max() + FAR:  # no flip will come near
                 break
         return (hits + 1) / (count + 1)
 
@@ -174,7 +174,7 @@ class Chance:
 
 
 def _affordable(problem, state, size):
-    return 2 * problem.n - len(state.basis) - size >= _ROWS_PER_COLUMN * size + 2
+    return 2 * problem.n - len(state.basis) - size >= ROWS_PER_COLUMN * size + 2
 
 
 def _best(scores, excluded=()):
@@ -347,7 +347,7 @@ class Standing:
     scores: object
 
 
-def standing(problem, found, i, chance, alias=0.98):
+def standing(problem, found, i, chance, alias=ALIAS):
     """Test one choice with the others in the model, and find what could stand in its place.
 
     Parameters
@@ -372,14 +372,14 @@ def standing(problem, found, i, chance, alias=0.98):
     p = chance.p(state, scores, g)
     others = {c.group for j, c in enumerate(found.chosen) if j != i and c.curve == choice.curve}
     limit = scores.delta_bic.max() - SET_WIDTH
-    family = {int(bank.family[g])}
+    lines = {int(bank.line[g])}
     near = []
     if not choice.curve:
         for other in np.argsort(-scores.delta_bic):
             if scores.delta_bic[other] < max(limit, 0.0):
                 break
-            if other != g and other not in others and int(bank.family[other]) not in family:
-                family.add(int(bank.family[other]))
+            if other != g and other not in others and int(bank.line[other]) not in lines:
+                lines.add(int(bank.line[other]))
                 near.append(int(other))
     same = []
     if near:

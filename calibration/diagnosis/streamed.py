@@ -1,4 +1,4 @@
-"""Diagnosis of very long runs in chunks: memory does not grow with the number of rows.
+"""Diagnosis of very long runs from sums over chunks: memory hardly grows with the rows.
 
 The same search on sums: one pass accumulates the normal matrix of base and candidates and the
 sums of squares, a second one the variance of each candidate's score with the noise of every row
@@ -6,307 +6,377 @@ as it is (what sign flips of the residual pairs would give; of many rows the fli
 Gaussian with that covariance, so they are drawn from it).
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from calibration.fit import fit_terms
+from calibration.robust import GROSS
 from msg_tools.units import ARCSEC
-from pointing_model import geometry as rotation
-from pointing_model.context import Context
-from pointing_model.effects import Effect, dictionary
-from pointing_model.fitted_effects import FittedEffect
-from pointing_model.model import PointingModel
-from pointing_model.terms import stacked_design
+from pointing_model.effects import dictionary
+from pointing_model.terms import PHYSICAL
 
-from .base import Base
-from .candidates import DISTINCT
+from .base import after_rotation, linearised
 from .chance import normal_score
+from .constants import ALIAS, DISTINCT, EIGEN, FLIPS
+from .linear import fit_state, solve
+from .resampling import radial_arcsec
+from .result import (
+    DiagnosedEffect,
+    Diagnosis,
+    cause_is_other,
+    lines_of,
+    rms_entry,
+    verdict_of,
+)
+from .work import Fitted, made_model
 
+_CHUNK = 10000  # rows
 _SAMPLE = 5000  # rows of the first fit and of the robust scale
-_CUT = 7.0  # rows further out than so many robust standard deviations are set aside
-_DRAWS = 1999
+_OF_RUN = 30  # of these at least from each run
+_OWN = 300  # terms of single runs, at most: each is a row and a column of the normal matrix
+_NOTE = ('{} rows are more than {}: the diagnosis went through them in chunks. So it tried no '
+         'steps at unknown times and no curves, looked for no whole bars or lines among the '
+         'outliers, and did not cross-validate; --holdout judges it')
 
 
-@dataclass
-class StreamedDiagnosis:
-    """Result of `diagnose_streamed`.
+def diagnose_streamed(obs, base, alpha, rng, encoder, max_effects, limit):
+    """Search for effects in more rows than the search in memory can take.
 
-    Attributes
-    ----------
-    model : PointingModel
-        Base and effects.
-    effects : list of dict
-        ``name``, ``p_family``, ``delta_bic``, ``alternatives``.
-    rows, set_aside : int
-    before_rms_arcsec, after_rms_arcsec : float
-        Radial, of the rows that were used.
-    """
-
-    model: PointingModel
-    effects: list
-    rows: int
-    set_aside: int
-    before_rms_arcsec: float
-    after_rms_arcsec: float
-
-
-def diagnose_streamed(chunks, base='physical', alpha=0.01, *, effects=None, encoder='enc',
-                      seed=0, max_effects=20):
-    """Search for effects in more rows than fit the memory.
-
-    Least squares with the noise of each axis from a sample of the first chunk; rows beyond 7 of
-    its standard deviations from the first fit are set aside. No scans (steps), no curves, no
-    cross-validation: with so many rows chance is not what misleads.
+    Least squares with the noise of each axis from a sample; rows beyond 7 of its standard
+    deviations from the first fit are set aside.
 
     Parameters
     ----------
-    chunks : callable
-        ``chunks()`` gives an iterator of PointingRun; it is called twice.
-    base : str
-        Terms, see `diagnosis_base.Base.parse`; no harmonics.
+    obs : Observations
+    base : Base
     alpha : float
         Family-wise error.
-    effects : list of Effect, optional
-        Candidates; by default the dictionary for the first chunk.
+    rng : numpy.random.Generator
     encoder : {'enc', 'abs'}
-    seed : int
     max_effects : int
+    limit : int
+        Rows from which this way is taken, for the note.
 
     Returns
     -------
-    StreamedDiagnosis
+    Diagnosis
+        ``cv_rms_arcsec`` is None, ``next_observations`` and ``cv_contiguous`` are empty.
 
     Raises
     ------
     ValueError
-        No row, or a base with harmonics.
+        Too many runs with terms of their own.
     """
-    base = Base.parse(base)
-    if base.degree:
-        raise ValueError('a streamed diagnosis has no harmonics in its base; name terms')
-    first = next(iter(chunks()), None)
-    if first is None or not len(first):
-        raise ValueError('no observation in the stream')
-    start, scale = _first_fit(first, base, encoder)
-    if effects is None:
-        # a chunk does not know when its run began
-        effects = [e for e in dictionary(Context.of_run(first, encoder))[0]
-                   if e.driver != 'run_hours']
-    layout = _Layout(base.terms, effects)
-    sums = _Sums(layout)
-    for run in chunks():
-        sums.add(*_chunk(run, layout, start, scale, encoder))
-    steps = _Steps(layout, sums)
-    full = steps.everything()
-    for run in chunks():
-        steps.add_variance(*_chunk(run, layout, start, scale, encoder)[:3], full)
-    found = _forward(steps, alpha, np.random.default_rng(seed), max_effects)
-    return _result(layout, sums, steps, start, scale, found)
+    runs = np.unique(obs.label)
+    if len(base.own) * len(runs) > _OWN:
+        raise ValueError(f'{len(obs)} rows are too many to fit {", ".join(base.own)} in each of '
+                         f'{len(runs)} runs; diagnose fewer runs, or none with terms of its own '
+                         "(--own '')")
+    effects, untestable = dictionary(
+        obs.context, [t for t in PHYSICAL if t not in base.terms], base.own)
+    effects = [e for e in effects if e.form != 'run_zero' or not base.own]
+    data = _Data(obs, base, runs, effects)
+    sums = data.sums()
+    for columns, b in data.chunks():
+        sums.add_variance(columns, b)
+    chosen, first = _search(sums, alpha, rng, max_effects)
+    stands = _settle(sums, chosen, alpha, rng)
+    before, after = (data.exact_fit(which) for which in ([], chosen))
+    base_model, _ = made_model(obs, base, before, [], encoder)
+    model, run_terms = made_model(obs, base, after, [effects[g] for g in chosen], encoder)
+    found = [_diagnosed(sums, g, s, fitted, obs)
+             for g, s, fitted in zip(chosen, stands, model.effects)]
+    keep = data.weights > 0.0
+    dof = 2 * np.count_nonzero(keep) - len(after.p)
+    floor = radial_arcsec(after.residual, keep) * np.sqrt(2 * keep.sum() / max(dof, 1))
+    excluded = obs.excluded + [
+        obs.excluding(i, f'outlier: more than {GROSS:g} times the noise from the base')
+        for i in np.flatnonzero(~keep)]
+    p_all = first.p_of(first.z, rng)
+    ranking = [{**line, 'p_family': float(p_all[line.pop('group')])}
+               for line in lines_of(effects, first.delta_bic)]
+    hidden = [(e.name, e.alias or 'it is the same as terms of the base on these directions')
+              for e, d in zip(effects, first.dof) if d == 0]
+    return Diagnosis(
+        verdict_of(found), base, obs, model, base_model, found,
+        rms_entry(before.residual, keep), rms_entry(after.residual, keep), before.residual,
+        after.residual, data.weights, ranking, float(p_all.min(initial=1.0)), untestable + hidden,
+        floor, excluded, [], [*obs.notes, _NOTE.format(len(obs), limit)], {}, run_terms)
 
 
-def _first_fit(run, base, encoder):
-    sample = run.select(np.linspace(0, len(run) - 1, min(len(run), _SAMPLE)).astype(int))
-    fit = fit_terms(sample, base.terms, encoder=encoder)
-    ok = np.isfinite(fit.residual_x)
-    scale = [1.4826 * float(np.median(np.abs(r[ok]))) for r in (fit.residual_x, fit.residual_y)]
-    return fit.model.terms, np.maximum(scale, 1e-9 * ARCSEC)
+class _Data:
+    """The rows in chunks, beyond a first robust fit of a sample, in units of its noise.
+
+    Columns are the base's common ones, those of each run, and the candidates.
+    """
+
+    def __init__(self, obs, base, runs, effects):
+        self.obs, self.base, self.runs, self.effects = obs, base, runs, effects
+        each = max(_OF_RUN, _SAMPLE // len(runs))
+        rows = [np.flatnonzero(obs.label == r) for r in runs]
+        sample = obs.select(np.concatenate([
+            k[np.linspace(0, len(k) - 1, min(len(k), each)).astype(int)] for k in rows]))
+        self.start, left, _ = linearised(sample, base)
+        columns = base.columns(sample.context, sample.label)
+        state = fit_state(columns, left, sample.inverse_sigma, final=True)
+        self.scale, self._first = state.scale, solve(columns.dense(), left, state.root)
+        obs.notes += [note for note in sample.notes if note not in obs.notes]
+        self.weights = np.ones(len(obs))
+
+        self.common = [t for t in base.terms if t not in base.own]
+
+    def layout(self, effects):
+        """Places of the base's columns, and of each effect's; those of single runs come last."""
+        first = len(self.common) + 2 * self.base.harmonic_count
+        ends = first + np.cumsum([0, *(len(e.coefficient_names) for e in effects)])
+        own = ends[-1] + np.arange(len(self.base.own) * len(self.runs))
+        return (np.concatenate((np.arange(first), own)),
+                [np.arange(i, j) for i, j in zip(ends[:-1], ends[1:])])
+
+    def _chunk(self, rows, start, effects):
+        """Columns of some rows, what the rotations leave, and weights of the values (roots)."""
+        part = self.obs.select(rows)
+        n = len(part)
+        columns = self.base.columns(part.context, part.label)
+        base, groups = self.layout(effects)
+        out = np.zeros((len(base) + sum(map(len, groups)), 2 * n))
+        at = len(columns.common)
+        out[:at] = columns.common
+        for e in effects:
+            k = len(e.coefficient_names)
+            out[at:at + k] = e.columns(part.context).reshape(k, 2 * n)
+            at += k
+        for r in self.runs if columns.own is not None else ():
+            here = np.tile(part.label == r, 2)
+            out[at:at + len(columns.own), here] = columns.own[:, here]
+            at += len(columns.own)
+        given = 1.0 if part.inverse_sigma is None else part.inverse_sigma
+        return out, after_rotation(part, start)[0], given / np.repeat(self.scale, n)
+
+    def _rows(self):
+        for i in range(0, len(self.obs), _CHUNK):
+            yield slice(i, min(i + _CHUNK, len(self.obs)))
+
+    def chunks(self):
+        """Whitened columns and offsets beyond the first fit, without what was set aside."""
+        base, _ = self.layout(self.effects)
+        for rows in self._rows():
+            columns, left, root = self._chunk(rows, self.start, self.effects)
+            b = (left - self._first @ columns[base]) * root
+            good = np.hypot(*b.reshape(2, -1)) < GROSS
+            self.weights[rows] = good
+            both = np.concatenate((good, good))
+            columns *= root
+            yield (columns, b) if good.all() else (columns[:, both], b[both])
+
+    def sums(self):
+        """The normal matrix of everything."""
+        return _Sums(self.effects, *self.layout(self.effects), self.chunks())
+
+    def exact_fit(self, chosen):
+        """Exact rotations with the effects, as `Work.fit`."""
+        effects = [self.effects[g] for g in chosen]
+        common, start = self.common, dict(self.start)
+        geometric = [i for i, t in enumerate(common) if t in start]
+
+        def whitened():
+            for rows in self._rows():
+                columns, left, root = self._chunk(rows, start, effects)
+                root = root * np.tile(self.weights[rows], 2)
+                columns *= root
+                yield columns, left * root
+
+        for _ in range(4):
+            p, inverse = _Sums(effects, *self.layout(effects), whitened()).balanced()
+            # what the first order leaves of such a step
+            if not geometric or np.square(p[geometric]).max() < 1e-5 * ARCSEC:
+                break
+            for i in geometric:
+                start[common[i]] += p[i]
+        residual = np.empty((2, len(self.obs)))
+        for rows in self._rows():
+            columns, left, _ = self._chunk(rows, start, effects)
+            residual[:, rows] = (left - p @ columns).reshape(2, -1)
+        p[geometric] += [start[common[i]] for i in geometric]
+        return Fitted(p, inverse, start, residual, common)
 
 
-class _Layout:
-    """Which columns act on x, which on y: most act on one axis only."""
-
-    def __init__(self, terms, effects):
-        self.terms, self.effects = terms, effects
-        self.base = len(terms)
-        sizes = [len(e.coefficient_names) for e in effects]
-        self.start = self.base + np.concatenate(([0], np.cumsum(sizes)))
-        self.size = int(self.start[-1])
-        self.groups = [np.arange(i, j) for i, j in zip(self.start[:-1], self.start[1:])]
-
-    def columns(self, context):
-        """Shape (size, 2n)."""
-        n = len(context)
-        out = np.empty((self.size, 2 * n))
-        out[:self.base] = stacked_design(self.terms, context.az, context.el)
-        for e, g in zip(self.effects, self.groups):
-            out[g] = e.columns(context).reshape(len(g), 2 * n)
-        return out
-
-
-def _chunk(run, layout, start, scale, encoder):
-    """Whitened columns and offsets beyond the first fit, and how many rows were set aside."""
-    context = Context.of_run(run, encoder)
-    x, y = run.offsets(encoder)
-    turned = {t: v for t, v in start.items() if t in rotation.GEOMETRIC}
-    rx, ry = rotation.offsets(context.az, context.el, turned)
-    b = np.stack((x - rx, y - ry))
-    others = [t for t in layout.terms if t not in turned]
-    columns = layout.columns(context)
-    n = len(context)
-    if others:
-        index = [layout.terms.index(t) for t in others]
-        b = b - (np.array([start[t] for t in others]) @ columns[index]).reshape(2, n)
-    b /= scale[:, None]
-    with np.errstate(invalid='ignore'):
-        good = np.hypot(*b) < _CUT * np.sqrt(2.0) + 0.0
-    columns[:, :n] /= scale[0]
-    columns[:, n:] /= scale[1]
-    if not good.all():
-        both = np.concatenate((good, good))
-        columns, b = columns[:, both], b[:, good]
-    return columns, b.ravel(), int(good.sum()), n
+def _inverse(normal, length):
+    """Inverse of a normal matrix, in the directions that the rows determine."""
+    values, vectors = np.linalg.eigh(normal / np.outer(length, length))
+    keep = values > EIGEN * values[-1]
+    half = vectors[:, keep] / np.sqrt(values[keep]) / length[:, None]
+    return half @ half.T
 
 
 class _Sums:
-    """Normal matrix, right side and sums of squares of both axes."""
+    """Normal matrix, right side and sums of squares of both axes; fits of subsets from them."""
 
-    def __init__(self, layout):
-        k = layout.size
-        self.normal = np.zeros((2, k, k))
-        self.right = np.zeros((2, k))
-        self.squares = np.zeros(2)
-        self.rows = self.given = 0
+    def __init__(self, effects, base, groups, chunks):
+        self.effects, self.base, self.groups = effects, base, groups
+        self.size = len(base) + sum(map(len, groups))
+        self._normals = np.zeros((2, self.size, self.size))
+        self._rights, self._squares, self.rows = np.zeros((2, self.size)), np.zeros(2), 0
+        for columns, b in chunks:
+            n = len(b) // 2
+            for i, part in enumerate((slice(None, n), slice(n, None))):
+                # most columns act on one axis only, those of a run in few chunks
+                acting = np.flatnonzero(columns[:, part].any(axis=1))
+                c = columns[acting, part]
+                self._normals[i][np.ix_(acting, acting)] += c @ c.T
+                self._rights[i][acting] += c @ b[part]
+                self._squares[i] += b[part] @ b[part]
+            self.rows += n
+        self._normal, self._right = self._normals.sum(axis=0), self._rights.sum(axis=0)
+        self._length = np.sqrt(np.maximum(np.diag(self._normal), 1e-300))
+        self._variance = np.zeros_like(self._normal)
+        self._everything = self._fit(np.arange(self.size))[0]
 
-    def add(self, columns, b, n, given):
-        """Take a chunk."""
-        for i, part in enumerate((slice(None, n), slice(n, None))):
-            acting = np.flatnonzero(columns[:, part].any(axis=1))
-            c = columns[acting, part]
-            self.normal[i][np.ix_(acting, acting)] += c @ c.T
-            self.right[i][acting] += c @ b[part]
-            self.squares[i] += b[part] @ b[part]
-        self.rows += n
-        self.given += given
+    def _fit(self, index):
+        """Coefficients of the columns `index`, and the inverse of their normal matrix."""
+        inverse = _inverse(self._normal[np.ix_(index, index)], self._length[index])
+        return inverse @ self._right[index], inverse
 
+    def balanced(self):
+        """Coefficients of all columns and their covariance, each axis with its own noise."""
+        each = np.ones(2)
+        for _ in range(3):
+            normal = np.tensordot(each, self._normals, 1)
+            inverse = _inverse(normal, np.sqrt(np.maximum(np.diag(normal), 1e-300)))
+            p = inverse @ (each @ self._rights)
+            free = max(self.rows - 0.5 * self.size, 1.0)
+            each = free / np.maximum(self._rss(np.arange(self.size), p), 1e-300)
+        return p, inverse
 
-class _Steps:
-    """Fits of subsets of the columns from the sums."""
-
-    def __init__(self, layout, sums):
-        self.layout, self.sums = layout, sums
-        self.normal, self.right = sums.normal.sum(axis=0), sums.right.sum(axis=0)
-        length = np.sqrt(np.maximum(np.diag(self.normal), 1e-300))
-        self.length = length
-        self.scaled = self.normal / np.outer(length, length)
-        self.variance = np.zeros_like(self.normal)
-
-    def fit(self, index):
-        """Coefficients of the columns `index`."""
-        values, vectors = np.linalg.eigh(self.scaled[np.ix_(index, index)])
-        keep = values > 1e-10 * values[-1]
-        half = vectors[:, keep] / np.sqrt(values[keep]) / self.length[index][:, None]
-        inverse = half @ half.T
-        return inverse @ self.right[index], inverse
-
-    def everything(self):
-        """Coefficients of all columns together, shape (size,)."""
-        return self.fit(np.arange(self.layout.size))[0]
-
-    def add_variance(self, columns, b, n, p):
+    def add_variance(self, columns, b):
         """Take a chunk for the variance of the scores, with the residual of the full fit."""
-        r = b - p @ columns
+        n, r = len(b) // 2, b - self._everything @ columns
         pairs = columns[:, :n] * r[:n] + columns[:, n:] * r[n:]
-        self.variance += pairs @ pairs.T
+        self._variance += pairs @ pairs.T
 
-    def rss(self, index, p):
+    def _rss(self, index, p):
         """Residual sums of squares of x and y."""
         return np.array([s - 2.0 * p @ right[index] + p @ normal[np.ix_(index, index)] @ p
-                         for s, right, normal in zip(
-                             self.sums.squares, self.sums.right, self.sums.normal)])
+                         for s, right, normal in zip(self._squares, self._rights, self._normals)])
 
     def scores(self, chosen):
         """Of every group beyond the base and the chosen ones.
 
         Returns
         -------
-        delta_bic : ndarray, shape (G,)
-        z : ndarray, shape (G,)
-        mapping : ndarray, shape (m, size)
-            From all scores to the studentised ones of the groups.
-        dof : list of int
+        _Scores
         """
-        layout = self.layout
-        index = np.concatenate([np.arange(layout.base), *(layout.groups[g] for g in chosen)])
-        p, inverse = self.fit(index)
-        rss = self.rss(index, p)
-        score = self.right - self.normal[:, index] @ p
-        project = np.eye(layout.size)
-        project[:, index] -= self.normal[:, index] @ inverse
-        n = self.sums.rows
-        dbic, z = np.full(len(layout.groups), -np.inf), np.full(len(layout.groups), -np.inf)
-        rows, dofs = [], []
-        for g, columns in enumerate(layout.groups):
+        index = np.concatenate([self.base, *(self.groups[g] for g in chosen)])
+        p, inverse = self._fit(index)
+        rss = self._rss(index, p)
+        score = self._right - self._normal[:, index] @ p
+        project = np.eye(self.size)
+        project[:, index] -= self._normal[:, index] @ inverse
+        n, count = self.rows, len(self.groups)
+        out = _Scores(np.full(count, -np.inf), np.full(count, -np.inf), np.zeros(count, int),
+                      {}, project @ self._normal, project @ self._variance @ project.T, n)
+        for g, columns in enumerate(self.groups):
             if g in chosen:
+                out.dof[g] = -1  # in the model
                 continue
-            d = 1.0 / self.length[columns]
-            part = (project[columns] @ self.normal[:, columns]) * np.outer(d, d)
+            d = 1.0 / self._length[columns]
+            part = out.left[np.ix_(columns, columns)] * np.outer(d, d)
             values, vectors = np.linalg.eigh(0.5 * (part + part.T))
             keep = values > DISTINCT**2
             if not keep.any():
                 continue
             u = (vectors[:, keep] / np.sqrt(values[keep])).T * d  # to orthonormal scores
-            s = u @ score[columns]
             together = np.concatenate((index, columns))
-            q, _ = self.fit(together)
-            dbic[g] = n * np.log(rss / self.rss(together, q)).sum() - keep.sum() * np.log(n)
-            to = u @ project[columns]
-            v = to @ self.variance @ to.T
-            w, q = np.linalg.eigh(v)
+            q, _ = self._fit(together)
+            e = self.effects[g]
+            out.dof[g] = keep.sum()
+            out.delta_bic[g] = n * np.log(rss / self._rss(together, q)).sum() - np.log(n) * (
+                keep.sum() + (0 if e.scan is None else e.scanned))
+            w, q = np.linalg.eigh(u @ out.variance[np.ix_(columns, columns)] @ u.T)
             whiten = (q / np.sqrt(np.maximum(w, 1e-12 * w[-1]))) @ q.T
-            z[g] = normal_score(float(np.square(whiten @ s).sum()), keep.sum(), n)
-            rows.append(whiten @ to)
-            dofs.append(int(keep.sum()))
-        return dbic, z, np.vstack(rows) if rows else np.zeros((0, layout.size)), dofs
+            out.z[g] = normal_score(float(np.square(whiten @ (u @ score[columns])).sum()),
+                                    keep.sum(), n)
+            out.to[g] = columns, u, whiten @ u
+        return out
 
 
-def _chance(steps, mapping, dofs, z, rng):
-    """Family-wise p: the largest score of Gaussian draws with the variance of the scores."""
-    covariance = mapping @ steps.variance @ mapping.T
-    values, vectors = np.linalg.eigh(covariance)
-    draws = rng.normal(size=(_DRAWS, len(values))) * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
-    gain = np.add.reduceat(np.square(draws), np.cumsum([0, *dofs[:-1]]), axis=1)
-    best = normal_score(gain, np.array(dofs), float(steps.sums.rows)).max(axis=1)
-    return float((np.sum(best >= z) + 1) / (_DRAWS + 1))
+class _Scores:
+    """Of all groups beyond one model: `delta_bic`, `z` and `dof` (-1: in the model), shape (G,)."""
+
+    def __init__(self, delta_bic, z, dof, to, left, variance, n):
+        self.delta_bic, self.z, self.dof = delta_bic, z, dof
+        self.to, self.left, self.variance, self._n = to, left, variance, n
+
+    def p_of(self, z, rng):
+        """Family-wise p of scores: the largest of Gaussian draws with the variance of all."""
+        if not self.to:
+            return np.ones_like(z)
+        groups = sorted(self.to)
+        mapping = np.zeros((sum(self.dof[g] for g in groups), len(self.left)))
+        dofs, at = self.dof[groups], 0
+        for g in groups:
+            columns, _, whiten = self.to[g]
+            mapping[at:at + self.dof[g], columns] = whiten
+            at += self.dof[g]
+        values, vectors = np.linalg.eigh(mapping @ self.variance @ mapping.T)
+        draws = rng.normal(size=(FLIPS, len(values))) * np.sqrt(np.maximum(values, 0.0)) \
+            @ vectors.T
+        gain = np.add.reduceat(np.square(draws), np.cumsum([0, *dofs[:-1]]), axis=1)
+        best = np.sort(normal_score(gain, dofs, float(self._n)).max(axis=1))
+        return (len(best) - np.searchsorted(best, z, side='left') + 1.0) / (len(best) + 1.0)
+
+    def alias(self, a, b):
+        """Whether two groups are the same curve in these rows."""
+        (ca, ua, _), (cb, ub, _) = self.to[a], self.to[b]
+        cosines = np.linalg.svd(ua @ self.left[np.ix_(ca, cb)] @ ub.T, compute_uv=False)
+        return len(ua) == len(ub) and bool(cosines[-1]**2 > ALIAS)
 
 
-def _forward(steps, alpha, rng, max_effects):
-    chosen, lines = [], []
-    while len(chosen) < max_effects:
-        dbic, z, mapping, dofs = steps.scores(chosen)
-        g = int(np.argmax(dbic))
-        if not dbic[g] > 0.0:
+def _search(sums, alpha, rng, max_effects):
+    """Add groups while the best is beyond chance.
+
+    Returns
+    -------
+    chosen : list of int
+    first : _Scores
+        On what the base leaves.
+    """
+    chosen, first = [], sums.scores([])
+    scores = first
+    while sums.effects and len(chosen) < max_effects:
+        g = int(np.argmax(scores.delta_bic))
+        if not scores.delta_bic[g] > 0.0 or scores.p_of(scores.z[g], rng) > alpha:
             break
-        p = _chance(steps, mapping, dofs, z[g], rng)
-        if p > alpha:
-            break
-        near = [i for i in np.argsort(-dbic) if i != g and dbic[i] >= dbic[g] - 6.0]
-        names = [e.name for e in steps.layout.effects]
-        lines.append({'name': names[g], 'p_family': p, 'delta_bic': float(dbic[g]),
-                      'alternatives': [names[i] for i in near]})
         chosen.append(g)
-    return chosen, lines
+        scores = sums.scores(chosen)
+    return chosen, first
 
 
-def _result(layout, sums, steps, start, scale, found):
-    chosen, lines = found
-    base = np.arange(layout.base)
-    index = np.concatenate([base, *(layout.groups[g] for g in chosen)])
-    before = steps.rss(base, steps.fit(base)[0])
-    p, inverse = steps.fit(index)
-    after = steps.rss(index, p)
-    sigma = np.sqrt(np.diag(inverse))
-    terms = {t: start[t] + v for t, v in zip(layout.terms, p)}
-    effects, at = [], layout.base
-    for g in chosen:
-        e: Effect = layout.effects[g]
-        d = len(layout.groups[g])
-        effects.append(FittedEffect(e, p[at:at + d], sigma[at:at + d]))
-        at += d
-    k = layout.base
-    model = PointingModel(terms, inverse[:k, :k], None,
-                          {'method': 'diagnosis, streamed', 'rows': sums.rows}, 'rotation',
-                          effects)
-    rms = [float(np.sqrt(np.sum(r * scale**2) / max(sums.rows, 1))) / ARCSEC
-           for r in (before, after)]
-    return StreamedDiagnosis(model, lines, sums.rows, sums.given - sums.rows, *rms)
+def _settle(sums, chosen, alpha, rng):
+    """Test each choice with all others in the model; drop until all of them hold.
+
+    Returns
+    -------
+    list of (float, _Scores)
+        p, and the scores without it.
+    """
+    while True:
+        stands = []
+        for g in chosen:
+            scores = sums.scores([c for c in chosen if c != g])
+            stands.append((float(scores.p_of(scores.z[g], rng)), scores))
+        weak = [(p, i) for i, (p, s) in enumerate(stands)
+                if p > alpha or s.delta_bic[chosen[i]] <= 0.0]
+        if not weak:
+            return stands
+        chosen.pop(max(weak)[1])
+
+
+def _diagnosed(sums, g, stand, fitted, obs):
+    p, scores = stand
+    effect, lines = sums.effects[g], lines_of(sums.effects, scores.delta_bic)
+    near = [line['group'] for line in lines
+            if line['in_set'] and sums.effects[line['group']].line != effect.line]
+    same = [k for k in near if scores.alias(g, k)]
+    rivals = [k for k in near if k not in same or cause_is_other(sums.effects[k], effect)]
+    names = [[sums.effects[k].name for k in groups] for groups in (near, same, rivals)]
+    return DiagnosedEffect(fitted, p, float(scores.delta_bic[g]), None, *names, lines,
+                           effect.columns(obs.context))

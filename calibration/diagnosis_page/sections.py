@@ -4,8 +4,11 @@ from pathlib import PurePath
 
 import numpy as np
 
-from .plain_words import arcsec, readable
-from .svg_plot import MAX_ARROWS, Panel, SkyMap, clean, limit_of, svg, ticks
+from calibration.diagnosis.summary import histogram
+from pointing_model.effects.words import arcsec, readable
+from pointing_model.rms import rms
+
+from .svg_plot import MAX_ARROWS, MAX_NAMED, Panel, SkyMap, clean, limit_of, svg, thin, ticks
 
 AXES = (('azimuth × cos E', 0), ('elevation', 1))
 _MEASURES = (('holdout_rms_arcsec', 'held out'), ('cv_rms_arcsec', 'cross-validated'),
@@ -110,21 +113,22 @@ def sky_maps(view):
     scale = (34.0 if radial.size <= 150 else 24.0) / max(typical, 1e-6)
     unit = ticks(0.0, max(2.0 * typical, 1e-6), 2)
     unit = float(unit[unit > 0][0]) if (unit > 0).any() else 1.0
+    drawn = np.flatnonzero(used)
+    drawn = drawn[thin(len(drawn), MAX_ARROWS)]
     out = []
     for title, values in (('Before', view.before), ('After', view.after)):
         sky = SkyMap(400, lowest)
-        x, y = (v[used] for v in values)
-        names = [f'{name}: {number(a, 2, True)}″ azimuth × cos E, {number(b, 2, True)}″ elevation'
-                 for name, a, b in zip(np.asarray(view.names, object)[used], x, y)]
-        sky.arrows(view.az[used], view.el[used], x, y, scale, title.lower(), names)
-        rms = float(np.sqrt(np.mean(x**2 + y**2))) if x.size else np.nan
+        radial = rms(*values[:, used])
+        x, y = values[:, drawn]
+        names = [f'{view.names[i]}: {number(a, 2, True)}″ azimuth × cos E, {number(b, 2, True)}″ '
+                 'elevation' for i, a, b in zip(drawn, x, y)]
+        sky.arrows(view.az[drawn], view.el[drawn], x, y, scale, title.lower(), names)
         sky.parts.append(f'<path class="{title.lower()} key" d="M12 388h{unit * scale:.1f}"/><text '
                          f'class="tick" x="12" y="382">{unit:g}″</text>')
         out.append(figure(svg(400, 400, sky.parts, f'Sky map {title.lower()}'),
-                          f'{title}: {arcsec(rms)} radial RMS. Zenith in the middle, rim at '
+                          f'{title}: {arcsec(radial)} radial RMS. Zenith in the middle, rim at '
                           f'{lowest:g}° elevation.'))
-    drawn = min(int(used.sum()), MAX_ARROWS)
-    text = f' {drawn} of {int(used.sum())} stars are drawn.' if drawn < used.sum() else ''
+    text = f' {len(drawn)} of {int(used.sum())} stars are drawn.' if len(drawn) < used.sum() else ''
     return '<div class="pair">' + ''.join(out) + '</div>' + (
         f'<p class="note">Arrows show where the encoders read beyond the model, same scale on both '
         f'maps.{text}</p>')
@@ -136,23 +140,20 @@ def histograms(view):
     for title, axis in AXES:
         before, after = (v[axis][view.used] for v in (view.before, view.after))
         limit = limit_of(before, after)
-        bins = int(np.clip(np.sqrt(len(before)) * 1.6, 9, 41)) | 1
-        edges = np.linspace(-limit, limit, bins + 1)
-        counts = [np.histogram(np.clip(v, -limit, limit), edges)[0] for v in (before, after)]
+        edges, counts, (wide, sigma) = histogram(before, after, limit)
         panel = Panel((52, 26, 350, 190), (-limit, limit),
                       (0.0, 1.12 * max(1, *(c.max() for c in counts))))
         panel.axes(f'residual, {title} [arcsec]', 'observations', title)
         for values, style in zip(counts, ('before', 'after')):
             x, y = np.repeat(edges, 2), np.concatenate([[0], np.repeat(values, 2), [0]])
             panel.line(x, y, f'{style} area', close=True)
-        sigma = float(np.std(after)) if len(after) else np.nan
         if np.isfinite(sigma) and sigma > 0.0:
             u = np.linspace(-limit, limit, 120)
             step = edges[1] - edges[0]
             panel.line(u, len(after) * step / sigma / np.sqrt(2 * np.pi)
                        * np.exp(-0.5 * (u / sigma)**2), 'gauss')
         out.append(figure(svg(420, 262, panel.parts, f'Histogram {title}'),
-                          f'{title}: standard deviation {arcsec(np.std(before))} before, '
+                          f'{title}: standard deviation {arcsec(wide)} before, '
                           f'{arcsec(sigma)} after; dotted: normal distribution of the latter.'))
     return '<div class="pair">' + ''.join(out) + '</div>' + legend()
 
@@ -235,7 +236,8 @@ def effect_figure(view, effect):
         limit = limit_of(partial[used], fitted[used])
         panel = Panel((58, 26, 350, 190), limits, (-limit, limit))
         panel.axes(driver.label, 'residual [arcsec]', title, places, texts)
-        panel.points(x[used], partial[used], 'before', np.asarray(view.names, object)[used])
+        names = [view.names[i] for i in np.flatnonzero(used)] if used.sum() <= MAX_NAMED else None
+        panel.points(x[used], partial[used], 'before', names)
         panel.dashes(x[used], fitted[used], 'fit', 26.0 if driver.levels else 7.0)
         out.append(svg(420, 262, panel.parts, f'{effect.name}, {title}'))
     if not out:

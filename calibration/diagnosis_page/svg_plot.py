@@ -7,7 +7,7 @@ import numpy as np
 #: points drawn at most in one panel; the figures beside them are of all rows
 MAX_POINTS = 3000
 MAX_ARROWS = 400
-_NAMED = 400  # up to here every point has its name as a tooltip
+MAX_NAMED = 400  # up to here every point has its name as a tooltip
 
 
 def clean(text):
@@ -112,7 +112,7 @@ class Panel:
         over = (y[good] < low) | (y[good] > high)
         px, py = self.x(x[good]), self.y(np.clip(y[good], low, high))
         inside = ~over
-        if names is not None and len(x) <= _NAMED:
+        if names is not None and len(x) <= MAX_NAMED:
             self.parts.append(f'<g class="{style}">' + ''.join(
                 f'<circle cx="{_n(a)}" cy="{_n(b)}" r="{radius}"><title>{clean(names[i])}'
                 f'</title></circle>'
@@ -229,16 +229,15 @@ class SkyMap:
         x, y : ndarray, shape (n,)
             On the sky, arcsec.
         """
-        rows = thin(len(az), MAX_ARROWS)
-        px, py = self.place(az[rows], el[rows])
-        s, c = np.sin(az[rows]), np.cos(az[rows])
-        dx = (x[rows] * c - y[rows] * s) * scale
-        dy = (x[rows] * s + y[rows] * c) * scale
+        px, py = self.place(az, el)
+        s, c = np.sin(az), np.cos(az)
+        dx = (x * c - y * s) * scale
+        dy = (x * s + y * c) * scale
         long = np.hypot(dx, dy)
         cap = np.minimum(1.0, 0.6 * self.radius / np.maximum(long, 1e-12))
-        for i, a, b, u, v in zip(rows, px, py, dx * cap, dy * cap):
+        for name, a, b, u, v in zip(names, px, py, dx * cap, dy * cap):
             self.parts.append(
-                f'<g class="{style}"><title>{clean(names[i])}</title><circle cx="{_n(a)}" '
+                f'<g class="{style}"><title>{clean(name)}</title><circle cx="{_n(a)}" '
                 f'cy="{_n(b)}" r="1.7"/><path d="{_arrow(a, b, u, v)}"/></g>')
 
     def marks(self, az, el, style, texts):

@@ -1,15 +1,17 @@
 """A diagnosis in the terms of its page: names, units, drivers, sentences."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta, timezone
 from pathlib import PurePath
 
 import numpy as np
 
+from calibration.diagnosis.constants import SET_WIDTH
+from calibration.diagnosis.summary import beyond_base, correlations, effect_offsets
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.effects import PERIODS
-
-from .plain_words import arcsec, effect_sentence, readable
+from pointing_model.effects import Amount
+from pointing_model.effects.words import arcsec, readable
 
 _LEVELS = {'approach_az': {-1: 'anticlockwise', 0: 'unknown', 1: 'clockwise'},
            'approach_el': {-1: 'downward', 0: 'unknown', 1: 'upward'}}
@@ -32,7 +34,6 @@ _LABELS = {
     'pm_y': ('proper motion along elevation [arcsec/yr]', 1.0)}
 _ALWAYS = ('azimuth', 'elevation', 'time', 'order', 'temperature', 'approach_az', 'approach_el',
            'magnitude', 'az_rate')
-_CORRELATED_ROWS = 20000
 
 
 @dataclass
@@ -102,7 +103,7 @@ class View:
         Residuals x, y, arcsec on the sky.
     used : ndarray of bool, shape (n,)
         Rows with weight in the fit.
-    names : list of str
+    names : sequence of str
         Of each row, for tooltips.
     drivers : list of Driver
     effects : list of FoundEffect
@@ -131,7 +132,7 @@ class View:
     before: np.ndarray
     after: np.ndarray
     used: np.ndarray
-    names: list
+    names: Sequence
     drivers: list
     effects: list
     ranking: list
@@ -142,7 +143,7 @@ class View:
     notes: list = field(default_factory=list)
     untestable: list = field(default_factory=list)
     run_terms: dict = field(default_factory=dict)
-    set_width: float = 6.0
+    set_width: float = SET_WIDTH
     caution: str = ''
 
     @property
@@ -166,14 +167,14 @@ def view_of(diagnosis):
     context = obs.context
     document = diagnosis.to_dict()
     effects = [_found(diagnosis, e) for e in diagnosis.effects]
-    names, correlations = _correlations(diagnosis)
+    names, matrix = correlations(diagnosis)
     return View(
         document={**document, 'excluded': diagnosis.excluded},
         az=context.az, el=context.el, before=diagnosis.residual_before / ARCSEC,
         after=diagnosis.residual_after / ARCSEC, used=diagnosis.weights > 0.0,
-        names=_row_names(obs), drivers=_drivers(diagnosis, effects), effects=effects,
-        ranking=diagnosis.ranking, terms=_terms(diagnosis), correlated=names,
-        correlations=correlations, sources=_sources(obs), notes=_notes(diagnosis),
+        names=RowNames(obs), drivers=_drivers(diagnosis, effects), effects=effects,
+        ranking=diagnosis.ranking, terms=_terms(diagnosis), correlated=_coefficients(names),
+        correlations=matrix, sources=_sources(obs), notes=_notes(diagnosis),
         untestable=list(diagnosis.untestable), run_terms=diagnosis.run_terms,
         caution=diagnosis.caution)
 
@@ -188,17 +189,30 @@ def effect_sentences(diagnosis):
     return [_found(diagnosis, found).sentence for found in diagnosis.effects]
 
 
-def _row_names(obs):
-    star = obs.run.get('star', '') if 'star' in obs.run else None
-    word = 'row' if obs.run.meta.get('lines') is None else 'line'
-    texts = [f'{word} {line}' for line in obs.lines.tolist()]
-    if len(_sources(obs)) > 1:
-        texts = [f'{PurePath(str(source)).name} {text}'
-                 for source, text in zip(obs.sources, texts)]
-    if star is None:
-        return texts
-    return [f'{text}, star {name:g}' if isinstance(name, float) else f'{text}, star {name}'
-            for text, name in zip(texts, np.asarray(star).tolist())]
+class RowNames:
+    """Names of the rows for tooltips, each made when it is asked for.
+
+    Parameters
+    ----------
+    obs : Observations
+    """
+
+    def __init__(self, obs):
+        self._lines, self._sources = obs.lines, obs.sources if len(_sources(obs)) > 1 else None
+        self._word = 'row' if obs.run.meta.get('lines') is None else 'line'
+        self._stars = obs.run.columns.get('star')
+
+    def __len__(self):
+        return len(self._lines)
+
+    def __getitem__(self, i):
+        text = f'{self._word} {self._lines[i]}'
+        if self._sources is not None:
+            text = f'{PurePath(str(self._sources[i])).name} {text}'
+        if self._stars is None:
+            return text
+        star = self._stars[i].item()
+        return f'{text}, star {star:g}' if isinstance(star, float) else f'{text}, star {star}'
 
 
 def _sources(obs):
@@ -282,43 +296,22 @@ def _drivers(diagnosis, effects):
 def _found(diagnosis, found):
     context = diagnosis.observations.context
     e = found.fitted.effect
-    fitted = np.tensordot(found.fitted.coefficients, found.columns, axes=1) / ARCSEC
-    rms = _beyond_base(diagnosis, fitted)
+    fitted = effect_offsets(found)
+    rms = beyond_base(diagnosis, fitted)
     raw = context.get(e.driver)
     known = raw[np.isfinite(raw)] if raw is not None else np.zeros(0)
-    values = found.fitted.coefficients / ARCSEC
     utc = getattr(context, 'time_is_utc', True)
-    sentence = effect_sentence(
-        e, values, rms, (known.min(), known.max()) if known.size else None,
-        _utc if utc and e.driver == 'time' else None)
+    sentence = e.sentence(Amount(
+        found.fitted.coefficients / ARCSEC, rms, (known.min(), known.max()) if known.size else None,
+        _utc if utc and e.driver == 'time' else None))
     name = readable(e.name)
     return FoundEffect(name[:1].upper() + name[1:], sentence, _facts(found), fitted,
                        _effect_driver(context, e), found.ranking)
 
 
-def _rows(diagnosis):
-    """Rows with weight, at most so many, evenly; and their places in x and y stacked."""
-    rows = np.flatnonzero(diagnosis.weights > 0.0)
-    if len(rows) > _CORRELATED_ROWS:
-        rows = rows[np.linspace(0, len(rows) - 1, _CORRELATED_ROWS).astype(int)]
-    return rows, np.concatenate((rows, rows + len(diagnosis.weights)))
-
-
-def _beyond_base(diagnosis, fitted):
-    """RMS (arcsec) of the part of an effect that the declared terms cannot take up."""
-    obs = diagnosis.observations
-    rows, both = _rows(diagnosis)
-    design = diagnosis.base.columns(obs.context, obs.label).rows(both).dense()
-    length = np.sqrt(np.einsum('ij,ij->i', design, design))
-    design = design / np.where(length > 0.0, length, 1.0)[:, None]
-    values = fitted.reshape(-1)[both]
-    left = values - np.linalg.lstsq(design.T, values, rcond=1e-8)[0] @ design
-    return float(np.sqrt(np.square(left).sum() / max(len(rows), 1)))
-
-
 def _facts(found):
     e = found.fitted.effect
-    facts = [('Cause', e.cause), ('Formula', e.formula)]
+    facts = [('Cause', e.cause), ('Look at', e.look_at), ('Formula', e.formula)]
     values = zip(e.coefficient_names, found.fitted.coefficients / ARCSEC,
                  found.fitted.sigma / ARCSEC)
     facts += [(f'Coefficient {name}', f'{value:+.4g} ± {sigma:.2g} {e.unit}'.replace('-', '−'))
@@ -339,16 +332,11 @@ def _facts(found):
 
 
 def _effect_driver(context, e):
-    """Driver of an effect's figure; of a subdivision the place within its period."""
-    if e.family != 'subdivision':
+    """What an effect is drawn against."""
+    if e.figure is None:
         return driver_of(context, e.driver)
-    reading, p = context.get(e.driver), e.parameters
-    if reading is None:
-        return None
-    word = {'grating': 'a line of the grating', 'bars': 'a bar of the disc'}[p['graduation']]
-    period = PERIODS[p['graduation']]
-    return Driver(e.driver, f'place within {word} [0 to 1]', np.mod(reading, period) / period,
-                  plain=False)
+    label, values = e.figure(context)
+    return None if values is None else Driver(e.driver, label, values, plain=False)
 
 
 # ----------------------------------------------------------------------------------------- terms
@@ -368,33 +356,8 @@ def _terms(diagnosis):
     return out
 
 
-def _correlations(diagnosis):
-    """Names and correlations of the common terms and the effects, all else fitted beside them."""
-    obs, base = diagnosis.observations, diagnosis.base
-    n = len(obs)
-    rows, both = _rows(diagnosis)
-    found = [e for e in diagnosis.effects if e.fitted.effect.family != 'decode_slip']
-    shared = base.columns(obs.context, obs.label).rows(both)
-    parts = [e.columns.reshape(-1, 2 * n)[:, both] for e in found]
-    design = shared.added(parts).dense() if parts else shared.dense()
-    names = [t for t in base.terms if t not in base.own]
-    at = np.arange(len(names)).tolist()
-    start = len(names) + 2 * base.harmonic_count
-    for e in found:
-        count = len(e.fitted.coefficients)
-        names += [readable(e.fitted.effect.name) + (f': {c}' if count > 1 else '')
-                  for c in e.fitted.effect.coefficient_names]
-        at += range(start, start + count)
-        start += count
-    scale = np.sqrt(np.mean(np.square(diagnosis.residual_after[:, rows]), axis=1))
-    weight = np.sqrt(diagnosis.weights[rows])
-    given = np.ones(2 * n) if obs.inverse_sigma is None else obs.inverse_sigma
-    root = given[both] * np.concatenate([weight / max(s, 1e-15) for s in scale])
-    if obs.inverse_sigma is not None:
-        root = given[both] * np.concatenate((weight, weight))
-    white = design * root
-    length = np.sqrt(np.einsum('ij,ij->i', white, white))
-    white /= np.where(length > 0.0, length, 1.0)[:, None]
-    inverse = np.linalg.pinv(white @ white.T, hermitian=True)[np.ix_(at, at)]
-    size = np.sqrt(np.maximum(np.diag(inverse), 1e-300))
-    return names, inverse / np.outer(size, size)
+def _coefficients(names):
+    """Names of effects that have one coefficient stand alone."""
+    several = {name for name, _ in names if sum(name == n for n, _ in names) > 1}
+    return [readable(name) + (f': {c}' if name in several else '') if c else name
+            for name, c in names]

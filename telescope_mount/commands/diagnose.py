@@ -67,7 +67,7 @@ def run(args):
         args.json.write_text(json.dumps(found.to_dict(), indent=1) + '\n', encoding='utf-8')
         print_files(console, {'result': args.json})
     if args.report:
-        from calibration.diagnosis_page.report import write_report
+        from calibration.diagnosis_page.page import write_report
         write_report(found, args.report)
         print_files(console, {'page': args.report})
     if args.save:

@@ -11,7 +11,15 @@ from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model import geometry
 from pointing_model.catalogue import load_catalogue
 from pointing_model.context import Context
-from pointing_model.effects import PERIODS, dictionary, effect, of_document, smooths, steps
+from pointing_model.effects import (
+    PERIODS,
+    dictionary,
+    effect,
+    of_document,
+    smooths,
+    steps,
+    to_document,
+)
 from pointing_model.fitted_effects import FittedEffect
 from pointing_model.model import PointingModel
 from pointing_model.model_document import from_document
@@ -88,15 +96,14 @@ def test_the_dictionary_holds_what_is_asked_for():
     assert wanted <= names, wanted - names
     assert not untestable
     for e in effects:
-        assert e.cause and e.formula and e.driver and e.source, e.name
+        assert e.cause and e.formula and e.driver and e.source and e.look_at, e.name
     assert {e.name for e in steps(make_context())} == {'azimuth_zero_step', 'elevation_zero_step'}
 
 
 def test_every_effect_comes_back_from_its_document():
     context = make_context()
     for e in dictionary(context)[0] + steps(context)[:2] + smooths(context)[::40]:
-        again = of_document(json.loads(json.dumps({'family': e.family,
-                                                   'parameters': e.parameters})))
+        again = of_document(json.loads(json.dumps(to_document(e))))
         assert again == e
         columns = e.columns(context)
         assert columns.shape == (len(e.coefficient_names), 2, len(context))
@@ -516,7 +523,7 @@ def test_terms_that_the_base_lacks():
     context = make_context()
     plain = dictionary(context)[0]
     effects = dictionary(context, lacking=tuple(TERMS))[0]
-    terms = {e.name: e for e in effects if e.family == 'term'}
+    terms = {e.name: e for e in effects if e.form == 'term'}
     # the columns of these three are there under other names, as is the latitude's
     assert set(terms) == set(TERMS) - {'TX', 'TX3', 'ECES'}
     assert {e.name for e in plain} - {e.name for e in effects} == {

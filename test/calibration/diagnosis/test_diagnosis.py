@@ -7,9 +7,8 @@ import pytest
 
 from calibration.diagnosis import diagnose
 from calibration.diagnosis.base import Base, observations
-from calibration.diagnosis.streamed import diagnose_streamed
+from calibration.diagnosis_page.page import render
 from calibration.diagnosis_page.plain_words import verdict_sentences
-from calibration.diagnosis_page.report import render
 from calibration.diagnosis_page.view import view_of
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model import geometry
@@ -324,7 +323,7 @@ def test_several_runs_get_zeros_of_their_own():
 def test_a_choice_that_does_not_hold_elsewhere_is_said(monkeypatch):
     run = night(62, effect=backlash(8.0))
     assert diagnose(run, flips=299).caution == ''
-    monkeypatch.setattr('calibration.diagnosis.diagnosis.nested', lambda problem, *rest: (
+    monkeypatch.setattr('calibration.diagnosis.validation.nested', lambda problem, *rest: (
         np.ones((3, 2, problem.n)) * np.array([20.0, 10.0, 30.0])[:, None, None] * ARCSEC, []))
     result = diagnose(run, flips=299)
     assert len(result.effects) == 1 and result.after['cv_rms_arcsec'] > 40.0
@@ -383,24 +382,3 @@ def test_same_seed_same_answer():
     run = night(1, effect=backlash(6.0))
     one, two = (diagnose(run, flips=499, folds=4).to_dict() for _ in range(2))
     assert one == two
-
-
-def test_streamed_agrees_with_the_search_in_memory():
-    def chunks():
-        for i in range(5):
-            yield night(50 + i, n=800, effect=lambda c: (
-                0.5 * ARCSEC * np.cos(2.0 * c['az']), 0.4 * ARCSEC * c['approach_el']))
-    result = diagnose_streamed(chunks)
-    found = {e['name'] for e in result.effects}
-    assert found == {'azimuth_encoder_2', 'elevation_hysteresis'}
-    values = {f.effect.name: f.coefficients / ARCSEC for f in result.model.effects}
-    assert values['azimuth_encoder_2'] == pytest.approx([0.5, 0.0], abs=0.12)
-    assert values['elevation_hysteresis'] == pytest.approx([0.4], abs=0.08)
-    assert result.rows == 4000 and result.after_rms_arcsec == pytest.approx(2.0**0.5, rel=0.03)
-    assert result.model.terms['AN'] == pytest.approx(TRUTH['AN'], abs=0.3 * ARCSEC)
-
-    def clean():
-        for i in range(3):
-            yield night(70 + i, n=800, noise=lambda rng, el: rng.normal(size=(2, len(el)))
-                        / np.sin(el))
-    assert diagnose_streamed(clean).effects == []

@@ -9,19 +9,18 @@ each arc, in closed form; with two, the two means of "after" fix them up to thei
 from dataclasses import dataclass
 
 import numpy as np
-
-from msg_tools.units import DEG
-from pointing_model.satellite import passes, satellite_place
-from pointing_model.sky import DEFAULT_SITE, DEFAULT_WEATHER
-
-from .satellite_candidates import (
+from satellite_candidates import (
     CANDIDATES,
     Assumptions,
     four_numbers,
     polaris_effects,
     track_effects,
 )
-from .satellite_check import PAPER
+
+from calibration.satellite_check import PAPER
+from msg_tools.units import DEG
+from pointing_model.satellite import passes, satellite_place
+from pointing_model.sky import DEFAULT_SITE, DEFAULT_WEATHER
 
 STEP = 30.0  # s between the samples of a pass
 ARC_EVERY = 300.0  # s between the starts of arcs

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from calibration.diagnosis.candidates import Bank, Columns, fit_state, orthonormal, overlap, solve
 from calibration.diagnosis.chance import ChanceTest, normal_score, pair_corrected
+from calibration.diagnosis.linear import Columns, fit_state, orthonormal, overlap, solve
 from calibration.diagnosis.resampling import (
     contiguous_folds,
     cross_validate,
@@ -14,6 +14,7 @@ from calibration.diagnosis.resampling import (
     random_folds,
     run_folds,
 )
+from calibration.diagnosis.scores import Bank
 from calibration.diagnosis.search import Chance, Choice, Found, Problem, search, standing
 from msg_tools.units import ARCSEC
 from pointing_model.context import Context
@@ -141,12 +142,12 @@ def test_identification_at_lambda_nine():
         problem.b = problem.b + s * 9.0 * ARCSEC / np.linalg.norm(s - (q @ s) @ q)
         chance = Chance(60, 499, np.random.default_rng(i))
         found = search(problem, 0.01, chance)
-        family = problem.dictionary.family
+        line = problem.dictionary.line
         shown = set()
         for j, choice in enumerate(found.chosen):
             s = standing(problem, found, j, chance)
-            shown |= {int(family[k]) for k in (choice.group, *s.alternatives)}
-        good += int(family[g]) in shown
+            shown |= {int(line[k]) for k in (choice.group, *s.alternatives)}
+        good += int(line[g]) in shown
     assert good >= 26
 
 
@@ -193,7 +194,7 @@ def test_held_out_rows_are_not_looked_at():
     problem = make_problem(7, signal=play(2.0))
     folds = random_folds(60, 6, np.random.default_rng(1))
     left, choices = nested(problem, folds, 0.01, np.random.default_rng(2), flips=199)
-    assert all(any(problem.dictionary.effects[c.group].family == 'hysteresis' for c in chosen)
+    assert all(any(problem.dictionary.effects[c.group].form == 'hysteresis' for c in chosen)
                for chosen in choices)
     # if one row reads 40" more, its own residual is 40" more, to rounding
     row = int(folds[3][2])

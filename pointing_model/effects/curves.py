@@ -2,14 +2,15 @@
 
 import numpy as np
 
-from .effect_families import AXES, DRIVER_WORDS, effect, family, make
+from .base import AXES, Effect, effect, form
+from .words import driver_word
 
 _TURN = 2.0 * np.pi
 #: drivers that are given waves and bumps; air, stars and columns of the file get splines only
 _WAVY = ('azimuth', 'elevation', 'time', 'order')
 
 
-@family
+@form
 def _smooth(axis, driver, shape, factor='1', within=None, **numbers):
     """A curve of one driver for what no physical effect explains.
 
@@ -39,15 +40,16 @@ def _smooth(axis, driver, shape, factor='1', within=None, **numbers):
     else:
         tail = f'{shape}_{count // 2 if series else count}' if count > 1 else shape
     scan = shape if shape in ('bump', 'sawtooth') else 'wave' if wave else None
-    return make('smooth', {'axis': axis, 'driver': driver, 'shape': shape, 'factor': factor,
-                            'within': within, **numbers},
-                 f'smooth_of_{driver}_{axis}_{tail}' + ('_cosE' if factor == 'cosE' else ''),
-                 f'unknown cause: the {AXES[axis]} error follows the '
-                 f'{DRIVER_WORDS.get(driver, driver)} ({shape})', f'{shape} of {driver}'
-                 + (' x cos E' if factor == 'cosE' else ''), driver, axis,
-                 tuple(f'{shape[0]}{i + 1}' for i in range(count)), of, source='fall-back',
-                 requires=() if driver in ('azimuth', 'elevation') else (driver,), kind='smooth',
-                 scan=scan)
+    return Effect(f'smooth_of_{driver}_{axis}_{tail}' + ('_cosE' if factor == 'cosE' else ''),
+                  f'unknown cause: the {AXES[axis]} error follows the {driver_word(driver)} '
+                  f'({shape})', f'{shape} of {driver}' + (' x cos E' if factor == 'cosE' else ''),
+                  driver, axis, tuple(f'{shape[0]}{i + 1}' for i in range(count)), of,
+                  lambda _: f'The {AXES[axis]} error follows the {driver_word(driver)} in a way '
+                  'that no known effect explains; a curve is added in its place',
+                  f'what else changes with the {driver_word(driver)}', source='fall-back',
+                  requires=() if driver in ('azimuth', 'elevation') else (driver,), kind='smooth',
+                  # a bump and a sawtooth have a place and a width
+                  scan=scan, scanned=1 if wave else 2)
 
 
 def _fourier(u, orders, period):

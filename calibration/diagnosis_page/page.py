@@ -2,8 +2,10 @@
 
 from pathlib import Path
 
+from pointing_model.effects.words import arcsec
+
 from . import sections as page
-from .plain_words import arcsec, best_pair, verdict_sentences
+from .plain_words import best_pair, verdict_sentences
 from .style import CSS
 from .svg_plot import clean
 from .view import view_of

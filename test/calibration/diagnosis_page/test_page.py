@@ -7,20 +7,18 @@ import numpy as np
 import pytest
 
 from calibration.diagnosis import diagnose
+from calibration.diagnosis_page.page import render, write_report
 from calibration.diagnosis_page.plain_words import (
-    arcsec,
     best_pair,
-    effect_sentence,
-    readable,
     verdict_sentences,
 )
-from calibration.diagnosis_page.report import render, write_report
 from calibration.diagnosis_page.sections import exclusions, next_observations, ranking
 from calibration.diagnosis_page.svg_plot import Panel, SkyMap, limit_of, ticks
 from calibration.diagnosis_page.view import Driver, FoundEffect, View, driver_of, view_of
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.context import Context
-from pointing_model.effects import effect
+from pointing_model.effects import Amount, dictionary, effect, smooths, steps
+from pointing_model.effects.words import arcsec, readable
 from pointing_model.run import PointingRun
 
 EVIL = '"><script>alert(1)</script><img src=x onerror=alert(2)>\x07\u202e'
@@ -122,6 +120,7 @@ def test_the_finding_is_said_in_plain_words(page, diagnosis):
     assert size == pytest.approx(8.0, abs=1.0)
     assert (f'The azimuth axis reads {arcsec(size)} more across the line of sight when the last '
             'motion was clockwise than when it was anticlockwise') in page
+    assert '<dt>Look at</dt><dd>preload of the azimuth drive' in page
     for key in ('before', 'after'):
         assert arcsec(getattr(diagnosis, key)['rms_arcsec']) in page
 
@@ -188,12 +187,13 @@ def test_many_rows_stay_small():
 @pytest.mark.parametrize('value, more, less', [(1.35, 'clockwise', 'anticlockwise'),
                                                (-1.35, 'anticlockwise', 'clockwise')])
 def test_hysteresis_in_words(value, more, less):
-    text = effect_sentence(effect('hysteresis', axis='az', shape='cosE'), [value], 1.0)
+    text = effect('hysteresis', axis='az', shape='cosE').sentence(
+        Amount(np.array([value]), 1.0))
     assert text.startswith(f'The azimuth axis reads 2.70″ more when the last motion was {more} '
                            f'than when it was {less}')
 
 
-@pytest.mark.parametrize('family, parameters, values, span, words', [
+@pytest.mark.parametrize('form, parameters, values, span, words', [
     ('drift', {'of': 'IE', 'driver': 'temperature'}, [-0.5], (2.0, 12.0),
      'zero of the elevation axis moves 0.50″ a degree, 5.00″ for the 10.0 °C'),
     ('drift', {'of': 'IA', 'driver': 'time', 'scale': 3600.0}, [2.0], (0.0, 7200.0),
@@ -208,12 +208,12 @@ def test_hysteresis_in_words(value, more, less):
     ('smooth', {'axis': 'az', 'driver': 'elevation', 'shape': 'bump', 'centre': 1.0,
                 'width': 0.1}, [1.0], None, 'no known effect explains'),
 ])
-def test_effects_in_words(family, parameters, values, span, words):
-    assert words in effect_sentence(effect(family, **parameters), values, 3.0, span, str)
+def test_effects_in_words(form, parameters, values, span, words):
+    assert words in effect(form, **parameters).sentence(
+        Amount(np.array(values), 3.0, span, str))
 
 
-def test_every_family_has_words():
-    from pointing_model.effects import dictionary, smooths, steps
+def test_every_form_has_words():
     run = sky(40, 5)
     columns = {**run.columns, 'temperature': run['az'], 'magnitude': run['el'],
                'pier_side': run['approach_az'], 'miss_x': run['az'], 'miss_y': run['el'],
@@ -221,9 +221,9 @@ def test_every_family_has_words():
     columns.pop(EVIL)
     context = Context.of_run(PointingRun(columns, {'site': {'latitude': 0.6, 'longitude': 0.1}}))
     effects = dictionary(context)[0] + steps(context)[:1] + smooths(context)[:30]
-    assert len({e.family for e in effects}) > 14
+    assert len({e.form for e in effects}) > 14
     for e in effects:
-        text = effect_sentence(e, np.ones(len(e.coefficient_names)), 1.0, (0.0, 1.0), str)
+        text = e.sentence(Amount(np.ones(len(e.coefficient_names)), 1.0, (0.0, 1.0), str))
         assert text.endswith('(1.00″ rms of the residual).') and text[0].isupper()
         assert '_' not in text.replace('pier_side', '') and '{' not in text
 

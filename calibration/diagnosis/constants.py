@@ -1,0 +1,39 @@
+"""Numbers that the diagnosis rests on, each with its reason; weights: `calibration.robust`."""
+
+#: candidates within this BIC of the best are one set: from 6 on the evidence for one of two is
+#: "strong" (Kass and Raftery 1995, section 3.2)
+SET_WIDTH = 6.0
+#: squared cosine from which two groups are the same curve: what they do not share is then below
+#: SET_WIDTH, 0.02 lambda^2 < 6, up to an effect of lambda = 17 times its noise
+ALIAS = 0.98
+#: part of a (scaled) column that must remain beyond the model: below it the coefficient's sigma is
+#: 50 times that of the column alone, and what is told rests on the second order
+DISTINCT = 0.02
+#: eigenvalues of a normal matrix of unit columns below this part of the largest are rounding: its
+#: entries are good to some 1e-13 of 1e5 rows
+EIGEN = 1e-10
+#: weight above which a row counts: Hampel's is 0.05 at 20.5 standard deviations
+LIVE = 0.05
+#: parts of the family-wise error that the dictionary and the curves may use. Their alarms overlap
+#: and the tests are conservative: together they stay below it (measured, benchmarks/diagnosis.py).
+DICTIONARY_SHARE = 0.85
+CURVE_SHARE = 0.35
+#: rows with which a group's variance is moderated toward that of its axis: of a group on 100 rows
+#: its own counts half. One on few rows would have a wild variance without, and raise alarms.
+PRIOR = 100.0
+#: an effect may be bought only with rows enough: half as many free values as it has coefficients
+ROWS_PER_COLUMN = 1.5
+#: sign flips behind each p: of a p of 0.01, 1999 leave 0.002 of counting error
+FLIPS = 1999
+#: flips inside a fold, where a p is only compared with alpha
+NESTED_FLIPS = 499
+#: normal standard deviations above the largest of the first flips from where no flip will come near
+FAR = 2.5
+#: folds of the cross-validation; of `LONG` rows on, where each takes long, at most `FEW_FOLDS`
+FOLDS, FEW_FOLDS, LONG = 10, 5, 1500
+#: runs from which on whole runs are left out: with fewer, a fold is a third of all there is
+RUNS = 4
+#: rows from which a diagnosis goes through them in chunks: of so many the search in memory and its
+#: cross-validation take 22 s of CPU and 1.5 GB, and both grow with the rows (a million in chunks:
+#: 10 s, 0.4 GB beside the run)
+STREAMED_FROM = 10000

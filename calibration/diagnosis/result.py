@@ -1,0 +1,181 @@
+"""What a diagnosis says: the verdict, the effects, the errors before and after."""
+
+from dataclasses import dataclass, field
+from pathlib import PurePath
+
+import numpy as np
+
+from msg_tools.units import ARCSEC
+from pointing_model.fitted_effects import FittedEffect
+from pointing_model.model import PointingModel
+from pointing_model.rms import rms
+
+from .base import Base, Observations
+from .constants import SET_WIDTH
+
+
+@dataclass
+class DiagnosedEffect:
+    """One effect of the verdict.
+
+    Attributes
+    ----------
+    fitted : FittedEffect
+    p_family, delta_bic, cv_gain_arcsec : float or None
+    alternatives : list of str
+        Effects that explain the run as well (within 6 of the best BIC).
+    aliases, rivals : list of str
+        Of these the ones that are the same curve in this run, and the ones that have another
+        cause (not that a backlash is complete after some degrees or at once).
+    ranking : list of dict
+        Every candidate with this effect left out: ``name``, ``driver``, ``axes``, ``delta_bic``,
+        ``in_set``; best first.
+    columns : ndarray, shape (k, 2, n)
+    """
+
+    fitted: FittedEffect
+    p_family: float
+    delta_bic: float | None
+    cv_gain_arcsec: float | None
+    alternatives: list
+    aliases: list
+    rivals: list
+    ranking: list
+    columns: np.ndarray
+
+    def to_dict(self):
+        """Entry of the JSON result."""
+        e = self.fitted.effect
+        names = e.coefficient_names
+        return {
+            'name': e.name, 'tpoint': e.tpoint, 'driver': e.driver, 'axes': e.axes,
+            'coefficients_arcsec': dict(zip(names, (self.fitted.coefficients / ARCSEC).tolist())),
+            'sigma_arcsec': dict(zip(names, (self.fitted.sigma / ARCSEC).tolist())),
+            'p_family': self.p_family, 'delta_bic': self.delta_bic,
+            'alternatives': self.alternatives, 'cv_gain_arcsec': self.cv_gain_arcsec,
+        }
+
+
+@dataclass
+class Diagnosis:
+    """Result of `diagnose`.
+
+    Attributes
+    ----------
+    verdict : {'none', 'identified', 'ambiguous', 'unknown'}
+    base : Base
+    observations : Observations
+        The rows that were used.
+    model, base_model : PointingModel
+        With and without the effects.
+    effects : list of DiagnosedEffect
+    before, after : dict
+        RMS of the JSON result.
+    residual_before, residual_after : ndarray, shape (2, n)
+        Radians, x and y.
+    weights : ndarray, shape (n,)
+        Robust; 0: set aside.
+    ranking : list of dict
+        Every candidate on what the base leaves, best first: ``name``, ``driver``, ``axes``,
+        ``delta_bic``, ``p_family``, ``in_set``.
+    p_first : float
+        Family-wise p that the base leaves anything at all.
+    untestable : list of (str, str)
+        What could not be tested, and why.
+    noise_floor_arcsec : float
+    excluded, next_observations, notes : list
+    cv_contiguous : dict
+        ``before``, ``after``: RMS in arcsec with folds contiguous in time.
+    run_terms : dict
+        Run -> terms that it fitted for itself, arcsec.
+    caution : str
+        A sentence where the gain does not hold on some kind of rows left out.
+    """
+
+    verdict: str
+    base: Base
+    observations: Observations
+    model: PointingModel
+    base_model: PointingModel
+    effects: list
+    before: dict
+    after: dict
+    residual_before: np.ndarray
+    residual_after: np.ndarray
+    weights: np.ndarray
+    ranking: list
+    p_first: float
+    untestable: list
+    noise_floor_arcsec: float
+    excluded: list
+    next_observations: list
+    notes: list
+    cv_contiguous: dict = field(default_factory=dict)
+    run_terms: dict = field(default_factory=dict)
+    caution: str = ''
+
+    def to_dict(self):
+        """The JSON result; keys that do not apply are None."""
+        return {
+            'observations': len(self.observations), 'runs': len(self.observations.runs),
+            'base_terms': self.base.names(), 'verdict': self.verdict, 'before': self.before,
+            'after': self.after, 'noise_floor_arcsec': self.noise_floor_arcsec,
+            'effects': [e.to_dict() for e in self.effects],
+            'excluded': _excluded(self.excluded, self.observations),
+            'next_observations': self.next_observations,
+        }
+
+
+def _excluded(rows, obs):
+    """Row and reason; of several files, which."""
+    several = len({e.get('source') for e in rows} | set(obs.sources)) > 1
+    return [{'row': e['row'], 'reason': f'{PurePath(str(e["source"])).name}: {e["reason"]}'
+             if several and e.get('source') else e['reason']} for e in rows]
+
+
+def verdict_of(effects):
+    """Of what carries most of the gain: curves (unknown), or effects that have a name."""
+    if not effects:
+        return 'none'
+    curves = [e for e in effects if e.fitted.effect.kind == 'smooth']
+    named = [e for e in effects if e.fitted.effect.kind != 'smooth']
+    if sum(e.delta_bic for e in curves) > sum(e.delta_bic or 0.0 for e in named):
+        return 'unknown'
+    return 'ambiguous' if any(e.rivals for e in effects) else 'identified'
+
+
+def rms_entry(residual, keep):
+    x, y = (rms(r[keep]) / ARCSEC for r in residual)
+    return {'rms_arcsec': float(np.hypot(x, y)), 'rms_x_arcsec': x, 'rms_y_arcsec': y,
+            'cv_rms_arcsec': None, 'holdout_rms_arcsec': None}
+
+
+def cause_is_other(a, b):
+    """Whether two effects that are one curve have two causes."""
+    return b.mechanism is None or a.mechanism != b.mechanism
+
+
+def lines_of(effects, delta_bic):
+    """Ranking of scored effects, best first: the best member of each line.
+
+    Parameters
+    ----------
+    effects : list of Effect
+    delta_bic : ndarray, shape (G,)
+        -inf: cannot be told from the model.
+
+    Returns
+    -------
+    list of dict
+        ``name``, ``cause``, ``driver``, ``axes``, ``delta_bic``, ``in_set`` and ``group``.
+    """
+    out, seen = [], set()
+    best = delta_bic.max(initial=-np.inf)
+    for g in np.argsort(-delta_bic):
+        e = effects[g]
+        if np.isfinite(delta_bic[g]) and e.line not in seen:
+            seen.add(e.line)
+            out.append({'name': e.name, 'cause': e.cause, 'driver': e.driver, 'axes': e.axes,
+                        'delta_bic': float(delta_bic[g]), 'group': int(g),
+                        'in_set': bool(delta_bic[g] >= max(best - SET_WIDTH, 0.0))})
+    return out

@@ -1,0 +1,133 @@
+"""Candidate effects and their scores on what a fit leaves."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .constants import DISTINCT, LIVE
+
+
+@dataclass
+class Scores:
+    """Of every candidate group on one residual.
+
+    Attributes
+    ----------
+    dof : ndarray of int, shape (G,)
+        Columns that the model does not have; 0: none, it cannot be told from the model.
+    delta_bic : ndarray, shape (G,)
+        Gain of adding the group; -inf where dof is 0.
+    bases : list of (ndarray of int, ndarray of shape (G_d, d, 2n), ndarray of int)
+        Groups of equal size, their orthonormal bases beyond the model, and their dof.
+    """
+
+    dof: np.ndarray
+    delta_bic: np.ndarray
+    bases: list
+
+    def basis(self, group):
+        """Orthonormal basis of one group, shape (d, 2n)."""
+        for groups, basis, _ in self.bases:
+            where = np.flatnonzero(groups == group)
+            if len(where):
+                return basis[where[0]]
+        raise ValueError(f'no candidate group {group}')
+
+
+class Bank:
+    """Candidate groups with their columns, evaluated once.
+
+    Parameters
+    ----------
+    effects : list of Effect
+    context : Context
+        Of the rows.
+    """
+
+    def __init__(self, effects, context=None, _columns=None):
+        self.effects = list(effects)
+        sizes = np.array([len(e.coefficient_names) for e in self.effects], int)
+        self._start = np.concatenate(([0], np.cumsum(sizes)))
+        if _columns is None:
+            n = len(context)
+            _columns = np.empty((self._start[-1], 2 * n))
+            for e, i, j in zip(self.effects, self._start[:-1], self._start[1:]):
+                _columns[i:j] = e.columns(context).reshape(j - i, 2 * n)
+        self.columns = _columns
+        self._by_size = [(int(d), np.flatnonzero(sizes == d)) for d in np.unique(sizes)]
+        # what was scanned, in parameters
+        self.scan_cost = np.array([0 if e.scan is None else e.scanned for e in self.effects], int)
+        names = {}
+        self.line = np.array([names.setdefault(e.line, len(names)) for e in self.effects], int)
+
+    def __len__(self):
+        return len(self.effects)
+
+    def of(self, g):
+        """Columns of group `g`, shape (d, 2n)."""
+        return self.columns[self._start[g]:self._start[g + 1]]
+
+    def replace(self, g, effect, columns):
+        """Put another effect with as many columns, shape (d, 2n), in the place of group `g`."""
+        self.effects = [*self.effects[:g], effect, *self.effects[g + 1:]]
+        self.of(g)[:] = columns
+
+    def rows(self, rows):
+        """The bank of some rows (indices or a mask of n)."""
+        n = self.columns.shape[1] // 2
+        index = np.arange(n)[rows]
+        return Bank(self.effects, None, self.columns[:, np.concatenate((index, index + n))])
+
+    def bases(self, state):
+        """Orthonormal bases of the groups beyond the model.
+
+        Yields
+        ------
+        groups : ndarray of int, shape (G_d,)
+        basis : ndarray, shape (G_d, d, 2n)
+            A row is zero where the group has fewer directions of its own.
+        dof : ndarray of int, shape (G_d,)
+        """
+        white = self.columns * state.root
+        length = np.sqrt(np.einsum('ij,ij->i', white, white))
+        white /= np.where(length > 0.0, length, 1.0)[:, None]
+        white -= (white @ state.basis.T) @ state.basis
+        for d, groups in self._by_size:
+            part = white[self._start[groups][:, None] + np.arange(d)]
+            if d == 1:
+                norm2 = np.einsum('gdi,gdi->gd', part, part)
+                keep = norm2 > DISTINCT**2
+                factor = np.where(keep, 1.0 / np.sqrt(np.where(keep, norm2, 1.0)), 0.0)
+                yield groups, part * factor[:, :, None], keep.sum(axis=1)
+                continue
+            values, vectors = np.linalg.eigh(part @ part.transpose(0, 2, 1))
+            keep = values > DISTINCT**2
+            factor = np.where(keep, 1.0 / np.sqrt(np.where(keep, values, 1.0)), 0.0)
+            yield (groups, (vectors * factor[:, None, :]).transpose(0, 2, 1) @ part,
+                   keep.sum(axis=1))
+
+    def score(self, state):
+        """Score all groups on what a state leaves.
+
+        Parameters
+        ----------
+        state : State
+
+        Returns
+        -------
+        Scores
+        """
+        n, size = state.n, len(self.effects)
+        dof, dbic = np.zeros(size, int), np.full(size, -np.inf)
+        r = state.residual
+        live = max(np.count_nonzero(state.weights > LIVE), 2)
+        rss = np.array([r[:n] @ r[:n], r[n:] @ r[n:]]) + 1e-30
+        bases = list(self.bases(state))
+        for groups, basis, k in bases:
+            left = np.square(r - np.einsum('gd,gdi->gi', basis @ r, basis))
+            ratio = np.stack([left[:, :n].sum(axis=1), left[:, n:].sum(axis=1)], axis=1) / rss
+            cost = (k + self.scan_cost[groups]) * np.log(live)
+            gain = -live * np.log(np.maximum(ratio, 1e-12)).sum(axis=1) - cost
+            dof[groups] = k
+            dbic[groups[k > 0]] = gain[k > 0]
+        return Scores(dof, dbic, bases)

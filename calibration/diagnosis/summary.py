@@ -1,0 +1,114 @@
+"""Figures that a page of a diagnosis shows beside its result."""
+
+import numpy as np
+
+from msg_tools.units import ARCSEC
+
+_ROWS = 20000  # that a design is made of, at most: more change no printed digit
+
+
+def _rows(diagnosis):
+    """Rows with weight, at most so many, evenly; and their places in x and y stacked."""
+    rows = np.flatnonzero(diagnosis.weights > 0.0)
+    if len(rows) > _ROWS:
+        rows = rows[np.linspace(0, len(rows) - 1, _ROWS).astype(int)]
+    return rows, np.concatenate((rows, rows + len(diagnosis.weights)))
+
+
+def effect_offsets(found):
+    """What an effect moves in each row, shape (2, n), arcsec on the sky.
+
+    Parameters
+    ----------
+    found : DiagnosedEffect
+    """
+    return np.tensordot(found.fitted.coefficients, found.columns, axes=1) / ARCSEC
+
+
+def beyond_base(diagnosis, offsets):
+    """RMS of the part of some offsets that the declared terms cannot take up, radial.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+    offsets : ndarray, shape (2, n)
+        arcsec.
+
+    Returns
+    -------
+    float
+        arcsec.
+    """
+    obs = diagnosis.observations
+    rows, both = _rows(diagnosis)
+    design = diagnosis.base.columns(obs.context, obs.label).rows(both).dense()
+    length = np.sqrt(np.einsum('ij,ij->i', design, design))
+    design = design / np.where(length > 0.0, length, 1.0)[:, None]
+    values = offsets.reshape(-1)[both]
+    left = values - np.linalg.lstsq(design.T, values, rcond=1e-8)[0] @ design
+    return float(np.sqrt(np.square(left).sum() / max(len(rows), 1)))
+
+
+def correlations(diagnosis):
+    """Correlations of the common terms and the effects, all else fitted beside them.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+
+    Returns
+    -------
+    names : list of (str, str or None)
+        Term; or effect and coefficient.
+    matrix : ndarray, shape (k, k)
+    """
+    obs, base = diagnosis.observations, diagnosis.base
+    n = len(obs)
+    rows, both = _rows(diagnosis)
+    found = [e for e in diagnosis.effects if e.fitted.effect.kind != 'known']
+    shared = base.columns(obs.context, obs.label).rows(both)
+    parts = [e.columns.reshape(-1, 2 * n)[:, both] for e in found]
+    design = shared.added(parts).dense() if parts else shared.dense()
+    names = [(t, None) for t in base.terms if t not in base.own]
+    at = np.arange(len(names)).tolist()
+    start = len(names) + 2 * base.harmonic_count
+    for e in found:
+        coefficients = e.fitted.effect.coefficient_names
+        names += [(e.fitted.effect.name, c) for c in coefficients]
+        at += range(start, start + len(coefficients))
+        start += len(coefficients)
+    weight = np.sqrt(diagnosis.weights[rows])
+    if obs.inverse_sigma is None:
+        scale = np.sqrt(np.mean(np.square(diagnosis.residual_after[:, rows]), axis=1))
+        root = np.concatenate([weight / max(s, 1e-15) for s in scale])
+    else:
+        root = obs.inverse_sigma[both] * np.concatenate((weight, weight))
+    white = design * root
+    length = np.sqrt(np.einsum('ij,ij->i', white, white))
+    white /= np.where(length > 0.0, length, 1.0)[:, None]
+    inverse = np.linalg.pinv(white @ white.T, hermitian=True)[np.ix_(at, at)]
+    size = np.sqrt(np.maximum(np.diag(inverse), 1e-300))
+    return names, inverse / np.outer(size, size)
+
+
+def histogram(before, after, limit):
+    """Counts of residuals before and after in the same bins; what is beyond is in the last ones.
+
+    Parameters
+    ----------
+    before, after : ndarray, shape (n,)
+    limit : float
+        Of the bins, on both sides.
+
+    Returns
+    -------
+    edges : ndarray, shape (b + 1,)
+    counts : list of ndarray, shape (b,)
+    sigmas : list of float
+        Standard deviations.
+    """
+    bins = int(np.clip(np.sqrt(len(before)) * 1.6, 9, 41)) | 1
+    edges = np.linspace(-limit, limit, bins + 1)
+    both = before, after
+    return (edges, [np.histogram(np.clip(v, -limit, limit), edges)[0] for v in both],
+            [float(np.std(v)) if len(v) else np.nan for v in both])

@@ -1,0 +1,152 @@
+"""A run in the form of the search, and the exact fit and the model that come out of it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from msg_tools.units import ARCSEC
+from pointing_model import geometry as rotation
+from pointing_model.effects import dictionary, effect, smooths, steps
+from pointing_model.effects.base import AXES
+from pointing_model.fitted_effects import FittedEffect
+from pointing_model.harmonics import COUNT, Harmonics
+from pointing_model.model import PointingModel
+from pointing_model.terms import PHYSICAL
+
+from .base import after_rotation, decode_slips, linearised
+from .linear import inverse_normal
+from .scores import Bank
+from .search import Problem
+
+
+class Work:
+    """Observations, base and candidates in the form of the search."""
+
+    def __init__(self, obs, base, alpha, robust, encoder, curves=True):
+        columns = base.columns(obs.context, obs.label)
+        if 2 * len(obs) < len(columns) + 4:
+            raise ValueError(f'{len(obs)} usable observations do not determine {len(columns)} '
+                             'coefficients and a residual; observe more or fit fewer terms')
+        self.obs, self.base = obs, base
+        self.start, left, feasible = linearised(obs, base)
+        effects, self.untestable = dictionary(
+            obs.context, [t for t in PHYSICAL if t not in base.terms], base.own)
+        if base.own and {'IA', 'IE'} <= set(base.own):
+            effects = [e for e in effects if e.form != 'run_zero']
+        self.problem = Problem(columns, left, obs.inverse_sigma, None, None, robust)
+        self.slips = self._slips(alpha)
+        self.problem.dictionary = Bank(effects + steps(obs.context), obs.context)
+        self.problem.curves = Bank(smooths(obs.context) if curves else [], obs.context)
+        self.infeasible = ~feasible
+        self.encoder = encoder
+
+    def _slips(self, alpha):
+        """Correct whole bars and lines; they are known amounts."""
+        out = []
+        for axis, graduation, rows, multiples, p in decode_slips(
+                self.obs, self.problem.state([]), alpha):
+            e = effect('decode_slip', axis=axis, rows=self.obs.run['row'][rows].tolist(),
+                       multiples=multiples.tolist(), graduation=graduation)
+            fitted = FittedEffect(e, np.array([ARCSEC]), np.zeros(1))
+            x, y = fitted.offsets(self.obs.context)
+            self.obs.observed = self.obs.observed - np.concatenate((x, y))
+            self.problem.b = self.problem.b - np.concatenate((x, y))
+            out.append((fitted, p))
+            self.obs.notes.append(
+                f'the {AXES[axis]} encoder was read whole {graduation} beside the true place, and '
+                'set right, in ' + ', '.join(f'row {self.obs.lines[r]} ({m:+d})'
+                                             for r, m in zip(rows, multiples)))
+        return out
+
+    def fit(self, chosen, state):
+        """Exact rotations with the effects: coefficients, covariance, residual, by iteration.
+
+        Returns
+        -------
+        Fitted
+        """
+        design = self.problem.design(chosen).dense()
+        common = [t for t in self.base.terms if t not in self.base.own]
+        geometric = [i for i, t in enumerate(common) if t in rotation.GEOMETRIC]
+        root = state.root
+        inverse = inverse_normal(design, root)
+        start, left = dict(self.start), self.problem.b
+        for _ in range(4):
+            p = inverse @ (design @ (root * root * left))
+            residual = left - p @ design
+            step = p[geometric].copy()
+            # what the geometric terms gained goes into the rotations
+            for i, d in zip(geometric, step):
+                start[common[i]] += d
+            if not geometric or np.abs(step).max() < 1e-5 * ARCSEC:
+                break
+            left, _ = after_rotation(self.obs, start)
+        p[geometric] = [start[common[i]] for i in geometric]
+        return Fitted(p, inverse, start, residual.reshape(2, -1), common)
+
+    def model(self, fitted, chosen):
+        """`PointingModel` with the effects, and the terms of each run."""
+        return made_model(self.obs, self.base, fitted, [c.effect(self.problem) for c in chosen],
+                          self.encoder)
+
+
+@dataclass
+class Fitted:
+    p: np.ndarray
+    inverse: np.ndarray
+    start: dict
+    residual: np.ndarray
+    common: list
+
+
+def made_model(obs, base, fitted, effects, encoder):
+    """What a fit says, as a model.
+
+    Parameters
+    ----------
+    obs : Observations
+    base : Base
+    fitted : Fitted
+    effects : list of Effect
+        In the order of their coefficients.
+    encoder : {'enc', 'abs'}
+
+    Returns
+    -------
+    model : PointingModel
+    run_terms : dict
+        Run -> terms that it fitted for itself, arcsec.
+    """
+    p = fitted.p
+    values = dict(zip(fitted.common, p))
+    k, count = len(fitted.common), base.harmonic_count
+    harmonics = None
+    if count:
+        full = np.zeros((2, COUNT))
+        full[:, :count] = p[k:k + 2 * count].reshape(2, count)
+        covariance = np.zeros((2 * COUNT, 2 * COUNT))
+        index = np.concatenate((np.arange(count), COUNT + np.arange(count)))
+        covariance[np.ix_(index, index)] = fitted.inverse[k:k + 2 * count, k:k + 2 * count]
+        harmonics = Harmonics('zenith', full[0], full[1], covariance)
+    sigma = np.sqrt(np.maximum(np.diag(fitted.inverse), 0.0))
+    at, found = k + 2 * count, []
+    for e in effects:
+        part = slice(at, at + len(e.coefficient_names))
+        found.append(FittedEffect(e, p[part], sigma[part]))
+        at = part.stop
+    own = base.own
+    run_terms = {int(r): dict(zip(own, p[at + i * len(own):at + (i + 1) * len(own)]))
+                 for i, r in enumerate(np.unique(obs.label))} if own else {}
+    for t in base.own:
+        values[t] = fitted.start.get(t, 0.0) + float(np.median([r[t] for r in run_terms.values()]))
+    covariance = np.zeros((len(values), len(values)))
+    covariance[:k, :k] = fitted.inverse[:k, :k]
+    facts = {'method': 'diagnosis', 'source': obs.run.meta.get('source'),
+             'rows': len(obs), 'encoder': encoder}
+    if base.own:
+        facts['own_terms'] = list(base.own)
+        facts['own_terms_are'] = 'the median of the runs'
+    texts = {str(obs.runs[r]): {t: (v + fitted.start.get(t, 0.0)) / ARCSEC
+                                for t, v in terms.items()} for r, terms in run_terms.items()}
+    return PointingModel({t: values[t] for t in [*fitted.common, *base.own]}, covariance,
+                         harmonics, facts, 'rotation', found), texts

@@ -1,0 +1,291 @@
+"""What an effect is, and the registry of their forms.
+
+An effect is a group of first-order columns (x, y), on the sky, encoder - catalogue, that belong
+together physically, with the driver that makes it visible. The same object evaluates them for a
+run (to look for it) and for a pointing (to correct it). A row whose driver is unknown (NaN, or a
+column that is not there) gets zero: the drivers are centred, so this is the effect's value in the
+middle of the run that it was found in.
+
+A new effect is a function with `form` that builds it, and a line in its module's `proposal` that
+says when it may be tried: nothing outside that module.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from inspect import Parameter, signature
+
+import numpy as np
+
+from .words import arcsec
+
+AXES = {'az': 'azimuth', 'el': 'elevation'}
+ZERO_TERM = {'az': 'IA', 'el': 'IE'}
+HOUR = 3600.0
+_SIDE = 3  # rows on each side, below which a driver of two levels is carried by single rows
+
+
+@dataclass(frozen=True)
+class Amount:
+    """How large an effect is in a run, for its sentence.
+
+    Attributes
+    ----------
+    values : ndarray, shape (k,)
+        Coefficients in the effect's unit (arcsec, s, ...).
+    rms : float or None
+        Of what it leaves on the stars of the run if it is not in the model, arcsec.
+    span : tuple of float or None
+        Lowest and highest value of its driver in the run.
+    clock : callable or None
+        A time (s) as text.
+    """
+
+    values: np.ndarray
+    rms: float | None = None
+    span: tuple | None = None
+    clock: Callable | None = None
+
+    @property
+    def size(self):
+        """Length of the coefficients."""
+        return float(np.hypot.reduce(self.values))
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One candidate effect.
+
+    Attributes
+    ----------
+    name : str
+        Unique.
+    cause, formula : str
+        In plain words; columns (x, y) for each coefficient.
+    driver : str
+        Name in `Context.get`.
+    axes : {'az', 'el', 'both'}
+        Where it acts.
+    coefficient_names : tuple of str, length k
+    of : callable
+        `Context` -> list of k pairs (x, y); 0.0 is zero everywhere.
+    say : callable, optional
+        `Amount` -> what goes wrong, in a sentence without its full stop that needs no formula; by
+        default the cause.
+    look_at : str
+        What to look at on the mount.
+    unit : str
+        Of a coefficient; ``'s'`` and ``'yr'`` are written as that many "arcsec".
+    tpoint : str or None
+        Names of the same terms in TPOINT.
+    source : str
+    requires : tuple of str
+        Drivers without which it cannot be tested.
+    alias : str or None
+        Terms that it equals exactly, in words.
+    mechanism : str or None
+        Effects that share it are one cause, and no rivals of each other.
+    scan : str or None
+        Members of one scan (unknown time of a step, ...) share this name: one of them is meant.
+    scanned : int
+        Parameters that the scan tries: each costs an extra ln n.
+    kind : {'effect', 'smooth', 'known'}
+        'smooth': a curve without a cause; 'known': an amount that is not fitted.
+    figure : callable, optional
+        `Context` -> (label, values or None) to draw it against, where that is not its driver.
+    form : str
+        What builds it again: ``effect(form, **parameters)``. Set by the registry.
+    parameters : dict
+        JSON values. Set by the registry.
+    """
+
+    name: str
+    cause: str
+    formula: str
+    driver: str
+    axes: str
+    coefficient_names: tuple
+    of: Callable = field(compare=False, repr=False)
+    say: Callable | None = field(default=None, compare=False, repr=False)
+    look_at: str = ''
+    unit: str = 'arcsec'
+    tpoint: str | None = None
+    source: str = 'geometry'
+    requires: tuple = ()
+    alias: str | None = None
+    mechanism: str | None = None
+    scan: str | None = None
+    scanned: int = 1
+    kind: str = 'effect'
+    figure: Callable | None = field(default=None, compare=False, repr=False)
+    form: str = ''
+    parameters: dict = field(default_factory=dict)
+
+    def columns(self, context):
+        """Design columns.
+
+        Parameters
+        ----------
+        context : Context
+            n rows.
+
+        Returns
+        -------
+        ndarray, shape (k, 2, n)
+            On-sky offset (x, y), encoder - catalogue, for unit coefficients; zero in rows whose
+            driver is unknown.
+        """
+        out = np.zeros((len(self.coefficient_names), 2, len(context)))
+        if all(context.get(name) is not None for name in self.requires):
+            with np.errstate(divide='ignore', invalid='ignore', over='ignore'):
+                for row, (x, y) in zip(out, self.of(context)):
+                    row[0], row[1] = x, y
+            # unknown drivers, and cot E on the horizon
+            np.nan_to_num(out, copy=False, nan=0.0, posinf=0.0, neginf=0.0)
+        return out
+
+    def sentence(self, amount):
+        """What goes wrong, for a night assistant, from its `Amount`."""
+        text = self.say(amount) if self.say else self.cause[:1].upper() + self.cause[1:]
+        if amount.rms is None or not np.isfinite(amount.rms):
+            return f'{text}.'
+        return f'{text} ({arcsec(amount.rms)} rms of the residual).'
+
+    @property
+    def line(self):
+        """Its line in a ranking: all members of a scan are one."""
+        if self.scan is None:
+            return self.name
+        p = self.parameters
+        return f'{self.form} {self.scan} {p.get("driver")} {p.get("axis")} {p.get("factor")}'
+
+
+# ---------------------------------------------------------------------------------- the registry
+
+_FORMS = {}
+#: functions (context, lacking, own) -> Offers, of each cause
+PROPOSALS = []
+
+
+def form(build):
+    """Register a function that builds an `Effect` from parameters, under its name."""
+    name = build.__name__.lstrip('_')
+    named = [p for p in signature(build).parameters.values() if p.kind is not Parameter.VAR_KEYWORD]
+
+    def made(**parameters):
+        out = build(**parameters)
+        values = {p.name: parameters.get(p.name, p.default) for p in named}
+        return replace(out, form=name, parameters={**values, **parameters})
+    _FORMS[name] = made
+    return build
+
+
+def proposal(propose):
+    """Register a cause's ``propose(context, lacking, own)``: it yields `Offer`\\ s."""
+    PROPOSALS.append(propose)
+    return propose
+
+
+def effect(form, **parameters):
+    """Build an effect by its form and parameters.
+
+    Parameters
+    ----------
+    form : str
+    parameters
+        Of the form.
+
+    Returns
+    -------
+    Effect
+
+    Raises
+    ------
+    ValueError
+        Unknown form, or parameters that do not fit it.
+    """
+    build = _FORMS.get(form)
+    if build is None:
+        raise ValueError(f'unknown effect {form!r}; known are {", ".join(sorted(_FORMS))}')
+    try:
+        return build(**parameters)
+    except (TypeError, KeyError, IndexError) as error:
+        raise ValueError(f'effect {form} with wrong parameters {parameters}: {error}') from None
+
+
+def to_document(effect):
+    """What `of_document` builds it from again: ``family`` (the form) and ``parameters``."""
+    return {'family': effect.form, 'parameters': effect.parameters}
+
+
+def of_document(row):
+    """The effect of a JSON document's entry with ``family`` and ``parameters``."""
+    return effect(row['family'], **row['parameters'])
+
+
+# ------------------------------------------------------------------------- when it may be tried
+
+@dataclass(frozen=True)
+class Offer:
+    """Effects of one form for a run, or why they cannot be tested in it.
+
+    Attributes
+    ----------
+    form : str
+    effects : list of Effect
+    what : str
+        In words, for the reason.
+    reason : str or None
+        Why it cannot be tested.
+    axis : str
+        Of those that are offered axis by axis.
+    """
+
+    form: str
+    effects: list
+    what: str = ''
+    reason: str | None = None
+    axis: str = ''
+
+
+def offer(form, what, context, driver, build, against=None, axis=''):
+    """Offer ``build(known values of the driver)``, unless the driver can show nothing.
+
+    Parameters
+    ----------
+    form, what : str
+    context : Context
+    driver : str
+    build : callable
+    against : str, optional
+        Another reason against it.
+    axis : str
+
+    Returns
+    -------
+    Offer
+    """
+    values, reason = context.span(driver)
+    reason = reason or against
+    return Offer(form, [] if reason else build(values), what, reason, axis)
+
+
+def single_rows(context, driver, low, high):
+    """Why a driver of two levels can show nothing: single rows would carry the effect.
+
+    Returns
+    -------
+    str or None
+    """
+    values = context.get(driver)
+    if values is None:
+        return None
+    for side in (low, high):
+        count = int(np.sum(values == side))
+        if count < _SIDE:
+            return f'{driver} is {side:+g} in only {count} of {len(values)} rows'
+    return None
+
+
+def on_axis(axis, value, cos_el):
+    """Pair for an error of an axis' angle: on the sky the azimuth's is times cos E."""
+    return (value * cos_el, 0.0) if axis == 'az' else (0.0, value)

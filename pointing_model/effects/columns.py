@@ -1,0 +1,67 @@
+"""What follows a column of the file: magnitude, side of the pier, the user's own."""
+
+import numpy as np
+
+from .base import AXES, Effect, effect, form, offer, on_axis, proposal, single_rows
+from .words import arcsec
+
+_CAUSES = {
+    'magnitude': ('bright and faint stars are centred differently',
+                  'threshold and saturation of the centring; refraction of blue and red stars'),
+    'pier_side': ('another offset on the other side of the pier, or past the zenith',
+                  'what shifts when the tube goes over: mirror cell, focuser, counterweight'),
+}
+
+
+@form
+def _proportional(axis, driver, origin=0.0, scale=1.0, pattern='sky'):
+    """Offset on the sky, or of an axis' angle, proportional to a driver."""
+    sky = pattern == 'sky'
+
+    def of(c):
+        u = (c.get(driver) - origin) / scale
+        return [(u, 0.0) if axis == 'az' and sky else on_axis(axis, u, c.trig.cos_el)]
+
+    def say(amount):
+        value = amount.values[0]
+        if driver == 'magnitude':
+            return (f'Faint stars are centred {arcsec(value, True)} a magnitude beside bright ones '
+                    f'in {AXES[axis]}')
+        if driver == 'pier_side':
+            return (f'The {AXES[axis]} axis is off by another amount on the other side of the '
+                    'pier')
+        if amount.span is not None:
+            value = value * (amount.span[1] - amount.span[0]) / scale
+        return (f'The {AXES[axis]} error follows the column {driver} of the file: '
+                f'{arcsec(value, True)} from its lowest to its highest value')
+
+    cause, look_at = _CAUSES.get(driver, (f'follows the column {driver} of the file',
+                                          'what this column measures'))
+    name = 'magnitude_equation' if driver == 'magnitude' else driver
+    return Effect(f'{name}_{axis}' + ('' if sky or axis == 'el' else '_angle'),
+                  f'{cause} ({AXES[axis]})', ('' if sky or axis == 'el' else 'cos E x ') + driver,
+                  driver, axis, ('slope',), of, say, look_at,
+                  f'arcsec/({scale:.4g} {driver})' if scale != 1.0 else f'arcsec/{driver}',
+                  source='a column of the file', requires=(driver,))
+
+
+@proposal
+def propose(context, lacking, own):
+    """Where the column is known and varies; a side of the pier in more than single rows."""
+    for driver in _CAUSES:
+        yield offer('proportional', driver, context, driver, lambda v, driver=driver: [
+            effect('proportional', axis=axis, driver=driver, origin=float(np.mean(v)))
+            for axis in AXES], _single_side(context) if driver == 'pier_side' else None)
+    for driver in context.extra():
+        yield offer('proportional', driver, context, driver, lambda v, driver=driver: [
+            effect('proportional', axis=axis, driver=driver, origin=float(np.mean(v)),
+                   scale=float(np.std(v)), pattern=pattern)
+            for axis, pattern in (('az', 'sky'), ('az', 'angle'), ('el', 'sky'))])
+
+
+def _single_side(context):
+    values, reason = context.span('pier_side')
+    levels = () if reason else np.unique(values)
+    # the middle one of three is unknown
+    return single_rows(context, 'pier_side', levels[0], levels[-1]) if 2 <= len(levels) <= 3 \
+        else None

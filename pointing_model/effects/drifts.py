@@ -1,0 +1,173 @@
+"""Terms that move: with time or temperature, at once, or from run to run."""
+
+import numpy as np
+
+from pointing_model.terms import TERMS
+
+from .base import AXES, HOUR, ZERO_TERM, Effect, Offer, effect, form, offer, on_axis, proposal
+from .words import arcsec, driver_word
+
+#: what may drift: in a name, where it acts, in a sentence
+_MOVING = {
+    'IA': ('azimuth zero', 'az', 'The zero of the azimuth axis'),
+    'IE': ('elevation zero', 'el', 'The zero of the elevation axis'),
+    'CA': ('collimation', 'az', 'The collimation'),
+    'TF': ('flexure', 'el', 'The bending of the tube'),
+    'tilt': ('tilt of the azimuth axis', 'both', 'The tilt of the azimuth axis'),
+}
+_SYMBOLS = {'time': 't', 'temperature': 'T', 'order': 'n', 'run_hours': '(t - start of the run)'}
+_UNITS = {'time': '/h', 'run_hours': '/h', 'temperature': '/K', 'order': '/run'}
+_EACH = {'time': 'an hour', 'run_hours': 'an hour in each run', 'temperature': 'a degree',
+         'order': 'over the run'}
+_LONG = 96.0 * HOUR  # from here on a drift is told by the day
+
+
+@form
+def _drift(of, driver, power=1, origin=0.0, scale=1.0, within=None):
+    """A term x ((driver - origin) / scale)^power; the driver is held at the ends of `within`."""
+    what, axes, words = _MOVING[of]
+    names = ('AN', 'AW') if of == 'tilt' else (of,)
+    square = power == 2
+
+    def columns(c):
+        u = c.get(driver) if within is None else np.clip(c.get(driver), *within)
+        u = ((u - origin) / scale) ** power
+        return [(x * u, y * u) for x, y in (TERMS[n].of(c.trig) for n in names)]
+
+    def say(amount):
+        range_ = None if amount.span is None else amount.span[1] - amount.span[0]
+        if square:
+            text = f'{words} moves with {driver_word(driver)} along a curve'
+            if range_ is not None:
+                half = 0.5 * range_ / scale
+                text += f', {arcsec(amount.size * half**2)} between its middle and its ends'
+            return text
+        each = amount.size, _EACH.get(driver, f'over a typical change of {driver}')
+        if driver == 'time' and range_ is not None and range_ > _LONG:
+            each = amount.size * 86400.0 / scale, 'a day'
+        text = f'{words} moves {arcsec(each[0])} {each[1]}'
+        if driver in ('time', 'temperature') and range_ is not None:
+            whole = 'in the whole run' if driver == 'time' else \
+                f'for the {range_:.1f} °C of this run'
+            text += f', {arcsec(amount.size * range_ / scale)} {whole}'
+        return text
+
+    return Effect(f'{what.replace(" of the azimuth axis", "").replace(" ", "_")}_with_{driver}'
+                  + ('_squared' if square else ''),
+                  f'{what} moves with {driver_word(driver)}'
+                  + (', quadratically' if square else ''),
+                  f'{", ".join(names)} x {_SYMBOLS.get(driver, driver)}' + ('^2' if square else ''),
+                  driver, axes, names, columns, say,
+                  'what warms up or settles: encoder electronics, head and its bracket, pier, tube',
+                  f'arcsec{_UNITS.get(driver, f"/({scale:.4g})")}' + ('^2' if square else ''),
+                  source='paper 000, drift of the zero', requires=(driver,))
+
+
+@form
+def _step(axis, at, driver='time'):
+    """A zero that jumps where the driver passes `at`."""
+    def say(amount):
+        when = f' at {amount.clock(at)}' if amount.clock and driver == 'time' else ''
+        return f'The zero of the {AXES[axis]} axis jumped by {arcsec(amount.values[0], True)}{when}'
+
+    return Effect(f'{AXES[axis]}_zero_step', f'{AXES[axis]} zero jumps once: lost counts, a slip, '
+                  'a reference mark found anew', f'{ZERO_TERM[axis]} x H({driver} - tau)',
+                  driver, axis, ('step',),
+                  lambda c: [on_axis(axis, np.where(np.isnan(c.get(driver)), np.nan,
+                                                    1.0 * (c.get(driver) >= at)), c.trig.cos_el)],
+                  say, 'what happened then: a power-on, a slew at full speed, a bump; the coupling '
+                  'of the encoder, and its reference mark',
+                  source='paper 000, reference mark', requires=(driver,), scan=f'step_{axis}')
+
+
+@form
+def _run_zero(axis, runs):
+    return Effect(f'{AXES[axis]}_zero_per_run',
+                  f'{AXES[axis]} zero of its own in each run or power-on',
+                  f'{ZERO_TERM[axis]} in each run but the first', 'run', axis,
+                  tuple(f'run {r:g}' for r in runs[1:]),
+                  lambda c: [on_axis(axis, 1.0 * (c.get('run') == r), c.trig.cos_el)
+                             for r in runs[1:]],
+                  lambda amount: f'The zero of the {AXES[axis]} axis differs from run to run, by '
+                  f'up to {arcsec(np.ptp(np.append(amount.values, 0.0)))}',
+                  'how the reference mark is found after a power-on: speed, side, temperature',
+                  source='paper 000, Table 1', requires=('run',))
+
+
+def _drifts(driver, scale, values):
+    """Terms that follow a driver."""
+    low, high = float(np.min(values)), float(np.max(values))
+    # a drift goes on for a while after the run, but not for ever
+    reach = 0.5 * (high - low)
+    about = {'driver': driver, 'origin': float(np.mean(values)), 'scale': scale,
+             'within': [low - reach, high + reach]}
+    out = [effect('drift', of=of, **about) for of in _MOVING]
+    if driver != 'temperature':
+        out += [effect('drift', of=of, power=2, **about) for of in ('IA', 'IE')]
+    return out
+
+
+def _clock(context):
+    return ('time', HOUR) if context.get('time') is not None else ('order', 1.0)
+
+
+def _runs(context):
+    """The numbers of several runs."""
+    runs = context.get('run')
+    runs = [] if runs is None else np.unique(runs).tolist()
+    return runs if len(runs) > 1 else []
+
+
+@proposal
+def propose(context, lacking, own):
+    """Drifts with the clock, with the time in each run, with the temperature; a zero a run.
+
+    Of several nights, linear drifts in time of terms that each run fits for itself are those in
+    the time since the start of each run: only the latter, which tell another night, are offered.
+    """
+    clock, unit = _clock(context)
+    several = context.several_nights()
+    yield offer('drift', 'drift in time', context, clock, lambda v: [
+        e for e in _drifts(clock, unit, v) if not (
+            several and clock == 'time' and e.parameters['power'] == 1
+            and e.parameters['of'] in own)])
+    if several:
+        yield offer('drift', 'drift since the start of each run', context, 'run_hours',
+                    lambda v: _drifts('run_hours', 1.0, v))
+    yield offer('drift', 'drift with temperature', context, 'temperature',
+                lambda v: _drifts('temperature', 1.0, v))
+    runs = _runs(context)
+    yield Offer('run_zero', [effect('run_zero', axis=axis, runs=runs) for axis in AXES] if runs
+                else [])
+
+
+def steps(context, limit=32):
+    """Steps of either zero at every time between two rows (at most `limit` of them).
+
+    Parameters
+    ----------
+    context : Context
+    limit : int
+
+    Returns
+    -------
+    list of Effect
+        The members of two scans; at least three rows on each side. None for several runs
+        without times: a place in the order of one run is none in another.
+    """
+    driver, _ = _clock(context)
+    if driver == 'order' and _runs(context):
+        return []
+    between = places_of_steps(context, driver)
+    if len(between) > limit:
+        between = between[np.linspace(0, len(between) - 1, limit).round().astype(int)]
+    return [effect('step', axis=axis, at=float(t), driver=driver) for axis in AXES for t in between]
+
+
+def places_of_steps(context, driver):
+    """Values of the driver between two rows, at least three rows from either end."""
+    values, reason = context.span(driver)
+    if reason:
+        return np.empty(0)
+    distinct = np.unique(values)
+    return 0.5 * (distinct[1:] + distinct[:-1])[2:-2]

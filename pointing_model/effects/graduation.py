@@ -1,0 +1,97 @@
+"""The graduation of an encoder: subdivision of its lines or bars, and slips by whole ones."""
+
+import numpy as np
+
+from msg_tools.units import ARCSEC
+
+from .base import AXES, Effect, Offer, effect, form, on_axis, proposal
+from .words import arcsec
+
+_TURN = 2.0 * np.pi
+#: periods of the encoders' graduation, radians (paper 000: lines; paper 001: bars)
+PERIODS = {'grating': _TURN / 47200, 'bars': _TURN / 1080}
+_ONE = {'grating': 'a line of the grating', 'bars': 'a bar of the disc'}
+_EACH = {'grating': 'each line of its grating', 'bars': 'each bar of its disc'}
+_ALL = {'grating': 'lines of the grating', 'bars': 'bars of the disc'}
+
+
+@form
+def _subdivision(axis, graduation, order):
+    """Interpolation error within a line of the grating or a bar of the disc."""
+    k, period = int(order), PERIODS[graduation]
+    reading = f'reading_{axis}'
+
+    def of(c):
+        # the period divides the turn, so wraps of the cable do not matter
+        phase = np.mod(c.get(reading), period) * (_TURN * k / period)
+        return [on_axis(axis, f(phase), c.trig.cos_el) for f in (np.cos, np.sin)]
+
+    def place(c):
+        angle = c.get(reading)
+        return (f'place within {_ONE[graduation]} [0 to 1]',
+                None if angle is None else np.mod(angle, period) / period)
+
+    size = {'grating': f'({period / ARCSEC:.4f}")', 'bars': '(1200")'}[graduation]
+    return Effect(f'{AXES[axis]}_subdivision_{graduation}_{k}',
+                  f'{AXES[axis]} encoder divides {_ONE[graduation]} {size} unevenly, {k} in each',
+                  f'cos, sin of 2 pi {k} reading / period', reading, axis, ('cos', 'sin'), of,
+                  lambda amount: f'The {AXES[axis]} encoder divides {_EACH[graduation]} unevenly, '
+                  f'by up to {arcsec(amount.size)}',
+                  'offset, amplitude and phase of its sine and cosine signals' if graduation ==
+                  'grating' else 'focus and illumination of the reading head',
+                  source='paper 000, 400-fold interpolation; paper 001, eq. 12',
+                  requires=(reading,), figure=place)
+
+
+@form
+def _decode_slip(axis, rows, multiples, graduation):
+    """Whole bars or lines too many in single rows: known amounts, nothing to predict."""
+    step = PERIODS[graduation]
+
+    def of(c):
+        row = c.get('row')
+        value = np.zeros(len(c)) if row is None else sum(
+            (m * step / ARCSEC) * (row == r) for r, m in zip(rows, multiples))
+        return [on_axis(axis, value, c.trig.cos_el)]
+
+    return Effect(f'{AXES[axis]}_decode_slip_{graduation}',
+                  f'{AXES[axis]} encoder decoded whole {graduation} beside the true place in '
+                  f'{len(rows)} rows', f'multiples of {step / ARCSEC:.4f}"', 'row', axis,
+                  ('part',), of,
+                  lambda _: f'The {AXES[axis]} encoder was read whole {graduation} beside the true '
+                  f'place in {len(rows)} rows',
+                  'the images of these rows: dirt on the disc, exposure, blur',
+                  source='paper 001, eq. 12', kind='known')
+
+
+@proposal
+def propose(context, lacking, own):
+    """Subdivision where the raw readings are known and spread over the period."""
+    for axis in AXES:
+        what = f'{AXES[axis]} encoder subdivision'
+        values, reason = context.span(f'reading_{axis}')
+        if reason:
+            yield Offer('subdivision', [], what, reason, axis)
+            continue
+        place = context.az if axis == 'az' else context.el
+        for graduation in PERIODS:
+            against = _not_spread(axis, graduation, place, values)
+            yield Offer('subdivision', [] if against else [
+                effect('subdivision', axis=axis, graduation=graduation, order=order)
+                for order in (1, 2)], f'{what} ({graduation})', against, axis)
+
+
+def _not_spread(axis, graduation, place, reading):
+    """Why a subdivision cannot be seen: where the reading moves through the period by its own
+    error alone, that would be taken for its cause."""
+    period, words = PERIODS[graduation], _ALL[graduation]
+    if abs(np.mean(np.exp(2j * np.pi / period * np.mod(place, period)))) >= 0.8:
+        return f'the stars stand at nearly the same place between two {words}'
+    # of places spread evenly, half are then within 3 periods; some fixed places are told too
+    count = max(len(reading) // 4, 2)
+    turn = np.sort(np.mod(reading, 2.0 * np.pi))
+    last = np.append(turn, turn + 2.0 * np.pi)[count - 1:][:len(turn)]
+    if np.min(last - turn) <= 1.5 * period:
+        return (f'{count} of {len(reading)} readings of {AXES[axis]} lie within 1.5 {words}, '
+                'where their noise alone moves them')
+    return None

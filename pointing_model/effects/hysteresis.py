@@ -1,0 +1,69 @@
+"""Hysteresis: an axis reads differently by the side that it came from."""
+
+import numpy as np
+
+from msg_tools.units import DEG
+
+from .base import AXES, Effect, effect, form, offer, proposal, single_rows
+from .words import arcsec
+
+_MEMORIES = (3.0, 10.0, 30.0)  # degrees
+_SIDES = {'az': ('clockwise', 'anticlockwise'), 'el': ('upward', 'downward')}
+
+
+@form
+def _hysteresis(axis, shape='1', memory_deg=0.0):
+    """Offset by the direction of approach, times 1 or cos E, reached after some degrees."""
+    length = memory_deg * DEG
+    requires = (f'approach_{axis}',)
+    if length:
+        requires += (f'travel_{axis}', f'before_{axis}')
+
+    def of(c):
+        sign = c.get(f'approach_{axis}')
+        if length:
+            # a move leaves part of the old side behind; unknown before: fully on the new side
+            before = np.where(np.isnan(c.get(f'before_{axis}')), sign, c.get(f'before_{axis}'))
+            travel = np.where(np.isnan(c.get(f'travel_{axis}')), np.inf, c.get(f'travel_{axis}'))
+            sign = sign + (before - sign) * np.exp(-travel / length)
+        value = sign * c.trig.cos_el if shape == 'cosE' else sign
+        # of azimuth: of the encoder's angle, x cos E on the sky; or of the line of sight
+        return [(value, 0.0) if axis == 'az' else (0.0, value)]
+
+    def say(amount):
+        value = amount.values[0]
+        more, less = _SIDES[axis] if value > 0 else _SIDES[axis][::-1]
+        where = {('az', '1'): ' across the line of sight', ('el', 'cosE'): ' at the horizon'}.get(
+            (axis, shape), '')
+        return (f'The {AXES[axis]} axis reads {arcsec(2 * abs(value))} more{where} when the last '
+                f'motion was {more} than when it was {less}: backlash or hysteresis')
+
+    tail = '_cosE' if shape == 'cosE' else ''
+    place = {('az', '1'): ' across the line of sight', ('az', 'cosE'): '',
+             ('el', '1'): '', ('el', 'cosE'): ', as the weight of the tube acts'}[axis, shape]
+    return Effect(f'{AXES[axis]}_hysteresis{tail}'
+                  + (f'_memory_{memory_deg:g}deg' if length else ''),
+                  f'{AXES[axis]} reads differently by the side of approach (backlash){place}'
+                  + (f', reached within {memory_deg:g} degrees' if length else ''),
+                  f'sign(approach{", fading over some degrees" if length else ""})'
+                  + (' x cos E' if shape == 'cosE' else ''),
+                  f'approach_{axis}', axis, ('half_difference',), of, say,
+                  f'preload of the {AXES[axis]} drive, its gear, and the coupling of the encoder; '
+                  'until then approach stars from one side',
+                  source='backlash', requires=requires,
+                  # how many degrees it takes to be complete makes no other cause
+                  mechanism=f'hysteresis of {axis}, {shape}',
+                  scan=f'memory_{axis}{tail}' if length else None)
+
+
+@proposal
+def propose(context, lacking, own):
+    """Where both sides of approach are known in some rows; with memory, that before too."""
+    for axis in AXES:
+        against = single_rows(context, f'approach_{axis}', -1.0, 1.0)
+        for driver, what, memories in (('approach', '', (0.0,)),
+                                       ('before', ' with memory', _MEMORIES)):
+            yield offer('hysteresis', f'{AXES[axis]} hysteresis{what}', context,
+                        f'{driver}_{axis}', lambda _, axis=axis, memories=memories: [
+                            effect('hysteresis', axis=axis, shape=shape, memory_deg=memory)
+                            for shape in ('1', 'cosE') for memory in memories], against, axis)

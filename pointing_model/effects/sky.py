@@ -1,0 +1,121 @@
+"""The sky and the clock: aberration, equinox, proper motion, time, place, latency."""
+
+import numpy as np
+
+from msg_tools.units import ARCSEC
+from pointing_model.terms import TERMS
+
+from .base import Effect, Offer, effect, form, offer, proposal
+
+_STARS = 'what the star places were computed with: catalogue, equinox, corrections'
+_CLOCK = 'clock of the control computer, UT1 - UTC, coordinates of the site'
+
+
+def _displaced(c, vector):
+    """Offset (x, y) for a displacement of the direction by `vector`, shape (3, n)."""
+    return tuple(np.sum(vector * t, axis=0) for t in c.tangent())
+
+
+@form
+def _annual_aberration():
+    return Effect('annual_aberration', 'annual aberration left out of the star places',
+                  'the part across the line of sight of a dipole fixed among the stars', 'lst',
+                  'both', ('X', 'Y', 'Z'),
+                  lambda c: [_displaced(c, axis) for axis in c.equatorial()]
+                  if c.equatorial() is not None else [(np.nan, np.nan)] * 3,
+                  lambda _: 'The star places lack the annual aberration (20.5″)', _STARS,
+                  source='Explanatory Supplement; 20.5"', requires=('lst',))
+
+
+@form
+def _diurnal_aberration():
+    return Effect('diurnal_aberration',
+                  'diurnal aberration left out of the star places (0.32" cos latitude)',
+                  '(cos A, -sin E sin A)', 'azimuth', 'both', ('east',),
+                  lambda c: [(c.trig.cos_az, -c.trig.sin_el * c.trig.sin_az)],
+                  lambda _: 'The star places lack the diurnal aberration (0.3″)', _STARS,
+                  source='Explanatory Supplement')
+
+
+@form
+def _epoch_error():
+    def of(c):
+        axes = c.equatorial()
+        if axes is None:
+            return [(np.nan, np.nan)] * 2
+        place = c.direction()
+        return [_displaced(c, np.cross(axis, place, axis=0)) for axis in axes[:2]]
+
+    return Effect('precession_or_epoch_error',
+                  'star places of a wrong equinox: precession left out or applied twice',
+                  'rotation about the equatorial X and Y axes', 'lst', 'both', ('X', 'Y'), of,
+                  lambda _: 'The star places lack the right equinox: precession is left out or '
+                  'applied twice', _STARS, source='Explanatory Supplement', requires=('lst',))
+
+
+@form
+def _proper_motion():
+    return Effect('proper_motion', 'proper motion of the stars left out',
+                  'proper motion on the sky x years', 'star', 'both', ('years',),
+                  lambda c: [(c.get('pm_x'), c.get('pm_y'))],
+                  lambda _: 'The star places lack the proper motion of the stars', _STARS,
+                  unit='yr', source='Hipparcos-2', requires=('pm_x', 'pm_y'))
+
+
+def _turned(c, axis):
+    """Rotation of the sky about a fixed east-north-up axis."""
+    return _displaced(c, np.cross(axis[:, None], c.direction(), axis=0))
+
+
+@form
+def _clock(latitude):
+    pole = np.array([0.0, np.cos(latitude), np.sin(latitude)])
+    return Effect('clock_or_longitude', 'clock, UT1 or longitude wrong (15" a second of time)',
+                  'rotation about the pole', 'azimuth', 'both', ('hour_angle',),
+                  lambda c: [tuple(-v for v in _turned(c, pole))], look_at=_CLOCK,
+                  alias='clock and longitude are exactly IA + AW: no pointing run can tell them '
+                        'from these terms')
+
+
+@form
+def _latitude():
+    return Effect('latitude', 'latitude wrong', 'the columns of AN', 'azimuth', 'both',
+                  ('latitude',), lambda c: [TERMS['AN'].of(c.trig)], look_at=_CLOCK,
+                  alias='latitude is exactly AN: no pointing run can tell it from this term')
+
+
+@form
+def _latency():
+    def say(amount):
+        word = 'late' if amount.values[0] > 0 else 'early'
+        return f'Angles are read or stamped {abs(amount.values[0]):.3f} s too {word}'
+
+    return Effect('latency', 'angles read or stamped too late (or early)',
+                  '(azimuth rate x cos E, elevation rate) x delay', 'az_rate', 'both', ('delay',),
+                  lambda c: [(c.get('az_rate') * c.trig.cos_el / ARCSEC,
+                              c.get('el_rate') / ARCSEC)], say,
+                  'where the time stamp is taken: at the latch of the encoder, or after the bus',
+                  unit='s', requires=('az_rate', 'el_rate'),
+                  alias='at sidereal rate latency is exactly a clock error, IA + AW: only '
+                        'satellites or slews show it', source='timing')
+
+
+@proposal
+def propose(context, lacking, own):
+    """What needs the site, the sidereal time, catalogue stars or rates."""
+    yield Offer('diurnal_aberration', [effect('diurnal_aberration')])
+    if 'AN' not in lacking:  # the same columns
+        yield Offer('latitude', [effect('latitude')])
+    if context.latitude is None:
+        yield Offer('clock', [], 'clock_or_longitude', 'the latitude of the site is not known')
+    else:
+        yield Offer('clock', [effect('clock', latitude=float(context.latitude))])
+    if context.equatorial() is None:
+        yield Offer('annual_aberration', [], 'annual_aberration, precession_or_epoch_error',
+                    'the sidereal time or the latitude is not known')
+    else:
+        for name in ('annual_aberration', 'epoch_error'):
+            yield Offer(name, [effect(name)])
+    yield offer('proper_motion', 'proper motion', context, 'pm_x',
+                lambda _: [effect('proper_motion')])
+    yield offer('latency', 'latency', context, 'az_rate', lambda _: [effect('latency')])

@@ -1,0 +1,55 @@
+"""Figures beside the result: the part of an effect that counts, correlations, histograms."""
+
+import numpy as np
+import pytest
+
+from calibration.diagnosis import diagnose
+from calibration.diagnosis.summary import (
+    beyond_base,
+    correlations,
+    effect_offsets,
+    histogram,
+)
+from msg_tools.units import ARCSEC
+from pointing_model.run import PointingRun
+from pointing_model.terms import PHYSICAL, stacked_design
+
+
+@pytest.fixture(scope='module')
+def found():
+    rng = np.random.default_rng(4)
+    n = 60
+    az, el = rng.uniform(0.0, 6.28, n), np.arcsin(rng.uniform(0.35, 0.98, n))
+    side = rng.choice([-1.0, 1.0], n)
+    x, y = rng.normal(size=(2, n))
+    return diagnose(PointingRun({
+        'az': az, 'el': el, 'az_enc': az + (x + 5.0 * side) * ARCSEC / np.cos(el),
+        'el_enc': el + y * ARCSEC, 'approach_az': side}), flips=199, cross_validation=False)
+
+
+def test_what_the_terms_take_up_is_no_part_of_an_effect(found):
+    moved = effect_offsets(found.effects[0])
+    assert np.abs(moved[0]) == pytest.approx(np.full(60, 5.0), abs=0.6) and not moved[1].any()
+    assert 4.0 < beyond_base(found, moved) < 5.6
+    context = found.observations.context
+    taken = 30.0 * stacked_design(('AN',), context.az, context.el)[0].reshape(2, -1)
+    assert beyond_base(found, taken) < 1e-6
+    assert beyond_base(found, moved + taken) == pytest.approx(beyond_base(found, moved))
+
+
+def test_correlations_are_those_of_the_fit(found):
+    names, matrix = correlations(found)
+    assert names == [*((t, None) for t in PHYSICAL),
+                     ('azimuth_hysteresis', 'half_difference')]
+    size = np.sqrt(np.diag(found.model.covariance))
+    assert matrix[:7, :7] == pytest.approx(found.model.covariance / np.outer(size, size), abs=0.05)
+    assert np.diag(matrix) == pytest.approx(np.ones(8))
+
+
+def test_histograms_count_every_row():
+    rng = np.random.default_rng(1)
+    before, after = 3.0 * rng.normal(size=500), rng.normal(size=500)
+    edges, counts, sigmas = histogram(before, after, 2.0)
+    assert len(edges) % 2 == 0 and edges[0] == -2.0 and edges[-1] == 2.0
+    assert [c.sum() for c in counts] == [500, 500] and counts[0][0] > counts[1][0]
+    assert sigmas == pytest.approx([3.0, 1.0], rel=0.1)
