@@ -4,7 +4,6 @@ import copy
 import json
 import sys
 import time
-from importlib import resources
 from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -85,7 +84,7 @@ class McapLogger(MountNode):
         self._ring = Ring(round(size * 1e6)) if size else None
         self._recorded = {}  # full name -> (subscription, counter, bag)
         self._refused, self._suspect, self._gaps_told = set(), set(), {}
-        self._of_nodes, self._model, self._attached = {}, None, set()
+        self._of_nodes, self._model, self._attached = {}, None, False
         self._truth_bag = None
         self._bag = self._make_bag(self._folder)
         for name, topic in self._known.items():
@@ -360,16 +359,16 @@ class McapLogger(MountNode):
         self._of_nodes[node] = values
         self._guard(lambda bag: bag.add_metadata(RECORD + node, values))
         # what a node was given to read belongs to its parameters
-        for key, name, bag in (('model_file', 'reference_model.json', self._bag),
-                               ('scenario', 'scenario.yaml', self._truth_bag)):
-            text = json.loads(values.get(key, '""'))
-            if text and bag is not None and name not in self._attached and not self._error:
-                data = _file_of(text)
-                if data is not None:
-                    self._attached.add(name)
-                    self._guard(lambda other, bag=bag, name=name, data=data: (
-                        other.add_attachment(name, 'application/octet-stream', data)
-                        if other is bag else None))
+        text = json.loads(values.get('model_file', '""'))
+        if not text or self._attached or self._error or not Path(text).is_file():
+            return
+        try:
+            data = Path(text).read_bytes()
+        except OSError:
+            return
+        self._attached = True
+        self._guard(lambda bag: bag is self._bag and bag.add_attachment(
+            'reference_model.json', 'application/octet-stream', data))
 
     def problems(self):
         """A disk that refused, topics that cannot be had."""
@@ -402,18 +401,6 @@ class McapLogger(MountNode):
                 bag.close()
             except OSError as err:
                 print(f'error: {bag.folder}: {err}', file=sys.stderr)
-
-
-def _file_of(text):
-    """Bytes of a file that a parameter names, or of a scenario that comes with the simulator."""
-    path = Path(text)
-    try:
-        if path.is_file():
-            return path.read_bytes()
-        path = resources.files('encoder_sim') / 'scenarios' / f'{Path(text).name}.yaml'
-        return path.read_bytes() if path.is_file() else None
-    except (OSError, ModuleNotFoundError):
-        return None
 
 
 def main(args=None):

@@ -5,6 +5,7 @@ import pytest
 
 pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportError)
 
+from encoder_sim.scenario_file import scenario_files
 from msg_tools.bag import BagReader, BagWriter
 from msg_tools.convert import from_stamp
 from telescope_mount.cli import main
@@ -120,7 +121,9 @@ def test_provenance_decides(night, tmp_path):
     assert [a.name for a in log.attachments] == ['model.json']
     assert log.read_attachment('model.json') + b'\n' == (night / 'model.json').read_bytes()
     truth = BagReader(night / 'bag_truth')
-    assert [a.name for a in truth.attachments] == ['scenario.yaml']
+    assert truth.attachments == []
+    (told,) = truth.messages('/mount/truth/scenario', decode=True)
+    assert json.loads(told.data.data) == scenario_files('default')
     bag = rewrite(night / 'bag', tmp_path / 'bag', lambda topic, data: data,
                   leave_out=['parameters /mount/calibration'])
     report = verify_log(bag)
