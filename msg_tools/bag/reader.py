@@ -13,7 +13,8 @@ from typing import NamedTuple
 from mcap.opcode import Opcode
 
 from .decode import Decoders
-from .file import MAX_CHUNK, MIN_RECORDS, PARSE_ERRORS, BagFile, short, walk
+from .file import MIN_RECORDS, BagFile
+from .mcap_records import MAX_CHUNK, PARSE_ERRORS, short, walk
 from .metadata import listed_files
 from .ros_schema import load_qos
 from .writer import plain_name

@@ -9,7 +9,7 @@ from pathlib import Path
 from mcap.records import Schema
 
 from .decode import Decoders
-from .file import short
+from .mcap_records import short
 from .metadata import listed_files
 from .reader import BagMessage, BagReader, Topic
 from .ros_schema import load_qos, message_definition
