@@ -138,7 +138,6 @@ class McapLogger(MountNode):
         topic = Topic(name, type_name, qos)
         message = topic.message
         bag = self._bag_for(name)
-        bag.add_topic(name, type_name, offers)
         again = counter is not None
         counter = counter or _Received(latched)
         keep = name == self.resolve_topic_name(topics.MODEL.name)
@@ -162,9 +161,21 @@ class McapLogger(MountNode):
         sub = self.create_subscription(
             message, name, take, copy.copy(qos), raw=True,
             event_callbacks=NO_SUBSCRIPTION_EVENTS, **options)
+        try:
+            bag.add_topic(name, type_name, offers, self._type_hash(name, type_name))
+        except (ValueError, OSError):
+            self.destroy_subscription(sub)
+            raise
         self._recorded[name] = sub, counter, bag
         if name != topics.DIAGNOSTICS.name:  # it never comes to rest, so its count says nothing
             self._subscriptions_of[name] = [(sub, counter)]
+
+    def _type_hash(self, name, type_name):
+        """As the publishers tell it, or else the own subscription; None where they do not."""
+        infos = (*self.get_publishers_info_by_topic(name),
+                 *self.get_subscriptions_info_by_topic(name))
+        return next((str(info.topic_type_hash) for info in infos
+                     if info.topic_type == type_name and info.topic_type_hash.version > 0), None)
 
     def _discover(self):
         """Topics that have appeared, publishers that are not heard, parameters of new nodes."""

@@ -80,6 +80,25 @@ def test_topics_that_appear_later(graph, tmp_path):
     assert [row.sequence for row in rows] == list(range(1, 11))
 
 
+@pytest.mark.parametrize('told', [True, False])
+def test_the_type_hash_is_from_the_wire_or_else_from_the_files(graph, tmp_path, monkeypatch, told):
+    from rclpy.type_hash import TypeHash
+
+    from msg_tools.bag import type_hash, writer
+    wanted = type_hash('std_msgs/msg/Int32') if told else 'RIHS01_of_the_file'
+    monkeypatch.setattr(writer, 'type_hash', lambda name: 'RIHS01_of_the_file')
+    if not told:  # as of a middleware that does not carry it
+        monkeypatch.setattr(TypeHash, 'version', property(lambda self: -1, lambda self, v: None))
+    logger = add(graph, tmp_path, topics=['model', '/lab/numbers'])
+    send(graph, logger, NUMBERS, [number(1)])
+    hashes = {topic.name: topic.type_hash for topic in finish(
+        graph, logger, tmp_path / 'log').topics}
+    assert hashes['/lab/numbers'] == wanted
+    # nobody publishes it: the logger's own endpoint tells
+    assert (hashes['/mount/model'] == 'RIHS01_of_the_file') == (not told)
+    assert hashes['/mount/model'].startswith('RIHS01_')
+
+
 def test_names_and_patterns(graph, tmp_path):
     logger = add(graph, tmp_path, topics=['offset', '/lab/state'], patterns=['/lab/n.*'])
     send(graph, logger, STATE, [text('on')])
