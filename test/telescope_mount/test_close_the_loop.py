@@ -261,7 +261,7 @@ def test_all_scenarios_in_one_table_and_one_that_failed_does_not_end_it(
     from rich.console import Console
 
     from telescope_mount import close_the_loop as module
-    from telescope_mount.loop_report import all_table
+    from telescope_mount.loop_tables import all_table
     from telescope_mount.night import NightFailed
     asked, told = [], []
 
