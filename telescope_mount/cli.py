@@ -324,7 +324,7 @@ def _close_the_loop(args):
     from .close_the_loop import LoopOptions, close_all, close_the_loop
     from .loop_tables import all_table, loop_sentences, loop_tables
     options = LoopOptions(
-        out=args.out, scenario=args.scenario or '', run=args.measured, seed=args.seed,
+        out=args.out, scenario=args.scenario or '', file=args.measured, seed=args.seed,
         stars=args.stars, polaris=args.polaris, check=args.check, check_every=args.check_every,
         alpha=args.alpha, start_time=args.date, azimuth_origin=args.azimuth_origin,
         sky={key: value for key, value in (

@@ -24,7 +24,7 @@ class LoopOptions:
 
     out: Path
     scenario: str = ''
-    run: Path | None = None
+    file: Path | None = None
     seed: int = 1
     stars: int = 90
     polaris: int = 16
@@ -102,7 +102,7 @@ def close_the_loop(options, progress=None):
     Parameters
     ----------
     options : LoopOptions
-        With `scenario` or `run`.
+        With `scenario`, or with `file` of a measured run.
     progress : callable, optional
         Called with (text, done, total) as it goes on.
 
@@ -118,7 +118,7 @@ def close_the_loop(options, progress=None):
     NightFailed
         A node ended, or a step could not be carried out.
     """
-    if options.run is not None:
+    if options.file is not None:
         return _measured(options, progress)
     plan = loop_plan(options.stars, options.polaris, options.check)
     parse_plan(plan)
@@ -198,10 +198,10 @@ def _site_of(run, sky):
 def _measured(options, progress):
     from .runs import load_run
     # whatever cannot be read is said before a node starts
-    run = load_run(options.run, azimuth_origin=options.azimuth_origin)
+    run = load_run(options.file, azimuth_origin=options.azimuth_origin)
     progress = progress and partial(_of, len(run), progress)
     folder = prepare_folder(options.out)
-    file, origin = Path(options.run), options.azimuth_origin or ''
+    file, origin = Path(options.file), options.azimuth_origin or ''
     if file.is_dir() or file.suffix == '.mcap':
         from pointing_model.run_files import write_csv
         file, origin = folder / 'run.csv', ''
@@ -228,7 +228,7 @@ def _write(folder, options, plan, latest):
         checks = json.loads(latest[topics.CHECKS.name].data)['checks']
     report = {
         'format': FORMAT, 'version': VERSION, 'scenario': options.scenario or None,
-        'source': str(options.run) if options.run else None, 'seed': options.seed, 'plan': plan,
+        'source': str(options.file) if options.file else None, 'seed': options.seed, 'plan': plan,
         'verdict': diagnosis['verdict'], 'effects': diagnosis['effects'],
         'applied': diagnosis['applied'], 'noise_floor_arcsec': diagnosis['noise_floor_arcsec'],
         'before': diagnosis['before'], 'after': diagnosis['after'],

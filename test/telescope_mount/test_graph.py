@@ -352,8 +352,11 @@ def test_algorithms_know_no_ros():
            'geometry_msgs', 'rosgraph_msgs', 'msg_tools.node', 'msg_tools.topics',
            'msg_tools.convert')
     nodes = {ROOT / (module.replace('.', '/') + '.py') for module in NODES.values()}
-    glue = {ROOT / 'encoder_sim' / 'device_params.py', ROOT / 'pointing_model' / 'sky_params.py',
-            ROOT / 'pointing_model' / 'run_messages.py'}
+    # what turns messages and parameters into arrays, and back
+    glue = {ROOT / f'{name}.py' for name in (
+        'encoder_sim/device_params', 'encoder_reading/messages', 'pointing_model/sky_params',
+        'pointing_model/run_messages', 'pointing_model/zero_message',
+        'pointing_model/in_force_topics')}
     for path in sources('encoder_sim', 'encoder_reading', 'pointing_model', 'calibration'):
         if path not in nodes | glue:
             assert not any(of(imports(path), name) for name in ros), path
