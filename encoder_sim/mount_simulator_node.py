@@ -1,5 +1,6 @@
 """The mount simulator: drives the axes, publishes their true angles, and is the clock."""
 
+import json
 import sys
 import time
 
@@ -8,6 +9,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.clock import Clock, ClockType
 from rclpy.task import Future
 from rosgraph_msgs.msg import Clock as ClockMessage
+from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from msg_tools import convert, topics
@@ -16,7 +18,7 @@ from msg_tools.units import DEG
 
 from .device_params import DEVICE_PARAMS, parse_utc
 from .mount import HOME_ATTEMPTS, SimulatedMount
-from .scenario_file import load_scenario
+from .scenario_file import load_scenario, scenario_files
 
 #: change of the air's temperature that the thermometer tells, degC
 THERMOMETER_STEP = 0.05
@@ -50,6 +52,8 @@ class MountSimulator(MountNode):
         self._open_loop = 0
         self._truth_pub = self.publisher(topics.TRUTH_JOINTS)
         self._clock_pub = self.publisher(topics.CLOCK)
+        self.publisher(topics.TRUTH_SCENARIO).publish(
+            String(data=json.dumps(scenario_files(self.value('scenario')))))
         self._thermometer_pub = self.publisher(topics.AMBIENT)
         self._read_thermometer(0.0)
         self._feedback_sub = self.subscribe(topics.INCREMENTAL, self._on_feedback)

@@ -118,45 +118,89 @@ def load_scenario(name_or_path='default'):
         No such scenario, no YAML, an unknown key, a wrong type, or a value out of its range: one
         line with the file, the key and what is allowed.
     """
-    return _load(str(name_or_path), ())
+    scenario, chain = Scenario(), _chain(str(name_or_path))
+    for _, file, _, mapping in reversed(chain):
+        scenario = _to_section(mapping, Scenario, f'scenario {file}', scenario)
+        for axis in ('azimuth', 'elevation'):
+            limits = getattr(scenario.axes, axis)
+            if limits.travel_min >= limits.travel_max:
+                raise ValueError(f'scenario {file}, axes.{axis}: travel_min_deg must be below '
+                                 'travel_max_deg')
+    return dataclasses.replace(scenario, name=chain[0][0])
 
 
-def _load(text, chain):
+def scenario_files(name_or_path='default'):
+    """What a scenario says in its own words, for those who read it when all is over.
+
+    Parameters
+    ----------
+    name_or_path : str or Path
+        As for `load_scenario`, which says what is raised.
+
+    Returns
+    -------
+    list of dict
+        ``name`` and ``text`` of the scenario, then of each that it is based on.
+    """
+    return [{'name': name, 'text': text} for name, _, text, _ in _chain(str(name_or_path))]
+
+
+def undeclared(text):
+    """What a scenario does that nobody was told.
+
+    Parameters
+    ----------
+    text : str
+        Of the scenario's file.
+
+    Returns
+    -------
+    dict or None
+        ``what`` (a text) and ``shows_as`` (beginnings of names of effects; empty: of none, None:
+        not said); None where the scenario says nothing.
+    """
     import yaml
+    said = (yaml.safe_load(text) or {}).get('undeclared')
+    return {'what': said['what'], 'shows_as': said.get('shows_as')} if said else None
 
-    if text in chain:
-        raise ValueError(f'scenario {text}: based on itself')
+
+def _read(text):
+    """Name, name of the file for people, and content of a scenario."""
     path = Path(text)
     if path.suffix in ('.yaml', '.yml'):
         if not path.is_file():
             raise ValueError(f'scenario file {text} does not exist')
-        content, name, file = path.read_text(encoding='utf-8'), path.stem, text
-    elif text in scenario_names():
-        resource = resources.files('encoder_sim') / 'scenarios' / f'{text}.yaml'
-        content, name, file = resource.read_text(encoding='utf-8'), text, f'{text}.yaml'
-    else:
-        names = ', '.join(scenario_names())
-        raise ValueError(f'no scenario {text!r}: give a .yaml file or one of {names}')
-    try:
-        mapping = yaml.safe_load(content)
-    except yaml.YAMLError as error:
-        line = ' '.join(str(error).split())
-        raise ValueError(f'scenario {file}: no valid YAML: {line}') from None
-    if mapping is None:
-        mapping = {}
-    base = Scenario()
-    if isinstance(mapping, dict):
-        _drop_description(mapping, file)
-    if isinstance(mapping, dict) and 'based_on' in mapping:
-        parent = str(mapping.pop('based_on'))
-        if parent.endswith(('.yaml', '.yml')):
-            parent = str(path.parent / parent)
-        base = _load(parent, (*chain, text))
-    scenario = _to_section(mapping, Scenario, f'scenario {file}', base)
-    for axis in ('azimuth', 'elevation'):
-        limits = getattr(scenario.axes, axis)
-        if limits.travel_min >= limits.travel_max:
-            raise ValueError(
-                f'scenario {file}, axes.{axis}: travel_min_deg must be below travel_max_deg'
-            )
-    return dataclasses.replace(scenario, name=name)
+        return path.stem, text, path.read_text(encoding='utf-8')
+    if text not in scenario_names():
+        raise ValueError(f'no scenario {text!r}: give a .yaml file or one of '
+                         + ', '.join(scenario_names()))
+    resource = resources.files('encoder_sim') / 'scenarios' / f'{text}.yaml'
+    return text, f'{text}.yaml', resource.read_text(encoding='utf-8')
+
+
+def _chain(text):
+    """(name, file, content, mapping) of a scenario, then of each that it is based on."""
+    import yaml
+
+    out, seen = [], []
+    while text is not None:
+        if text in seen:
+            raise ValueError(f'scenario {text}: based on itself')
+        seen.append(text)
+        name, file, content = _read(text)
+        try:
+            mapping = yaml.safe_load(content)
+        except yaml.YAMLError as error:
+            line = ' '.join(str(error).split())
+            raise ValueError(f'scenario {file}: no valid YAML: {line}') from None
+        mapping = {} if mapping is None else mapping
+        parent = None
+        if isinstance(mapping, dict):
+            _drop_description(mapping, file)
+            if 'based_on' in mapping:
+                parent = str(mapping.pop('based_on'))
+                if parent.endswith(('.yaml', '.yml')):
+                    parent = str(Path(text).parent / parent)
+        out.append((name, file, content, mapping))
+        text = parent
+    return out

@@ -4,7 +4,6 @@ import copy
 import json
 import sys
 import time
-from importlib import resources
 from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -16,15 +15,14 @@ from std_srvs.srv import SetBool, Trigger
 from . import topics
 from .bag import BagWriter
 from .bag.gaps import SequenceGaps
-from .bag.provenance import RECORD, ParameterCollector, as_text
-from .bag.recording import Ring, Selection, adapt_qos, check_patterns, versions
+from .bag.provenance import ParameterCollector, as_text
+from .bag.recorder import Recorder
+from .bag.recording import Selection, adapt_qos, check_patterns, versions
 from .node import NO_SUBSCRIPTION_EVENTS, MountNode, Param, run_node
 from .topics import Topic
 
 #: a frame is rendered only for those who ask
 NOT_BY_DEFAULT = (topics.ABSOLUTE_FRAME.name,)
-#: bytes that may wait for the first /clock before they are written with their sources' times
-BEFORE_CLOCK = 64 * 2**20
 #: s between two looks at the graph for topics and publishers
 DISCOVERY = 0.25
 
@@ -74,20 +72,13 @@ class McapLogger(MountNode):
         super().__init__('mcap_logger', PARAMS, hardware_id='log', **kwargs)
         self._known = {self.resolve_topic_name(topic.name): topic for topic in topics.ALL}
         self._selection = self._select()
-        self._folder = self.value('folder')
-        self._truth_folder = self.value('truth_folder') or self._folder.rstrip('/') + '_truth'
-        self._error = None
-        self._before_clock, self._before_size = [], 0
-        self._written = 0
-        self._paused = False
-        self._held = {}  # latched messages that came while paused
-        size = self.value('snapshot_mb')
-        self._ring = Ring(round(size * 1e6)) if size else None
-        self._recorded = {}  # full name -> (subscription, counter, bag)
+        folder = self.value('folder')
+        self._recorder = Recorder(
+            self._make_bag, folder, self.value('truth_folder') or folder.rstrip('/') + '_truth',
+            self.get_logger(), round(self.value('snapshot_mb') * 1e6))
+        self._recorded = {}  # full name -> (subscription, counter)
         self._refused, self._suspect, self._gaps_told = set(), set(), {}
-        self._of_nodes, self._model, self._attached = {}, None, set()
-        self._truth_bag = None
-        self._bag = self._make_bag(self._folder)
+        self._model, self._attached = None, False
         for name, topic in self._known.items():
             if name in self._selection:
                 self._record(name, topic.type, topic.qos, [topic.qos])
@@ -97,7 +88,7 @@ class McapLogger(MountNode):
                 name: as_text(self.value(name)) for name in self._params})
         self._make_services()
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(self.value('flush_period_s'), self._flush, clock=steady)
+        self.create_timer(self.value('flush_period_s'), self._recorder.flush, clock=steady)
         self.create_timer(DISCOVERY, self._discover, clock=steady)
 
     # --- what is recorded -------------------------------------------------------------------
@@ -123,27 +114,15 @@ class McapLogger(MountNode):
                 'flush_period_s'), max_bytes=round(self.value('max_file_mb') * 1e6),
             max_seconds=self.value('max_file_s'), metadata=versions())
 
-    def _bag_for(self, name):
-        # truth has a bag of its own, which fit and diagnose refuse
-        if '/' + topics.TRUTH_PREFIX not in name:
-            return self._bag
-        if self._truth_bag is None:
-            self._truth_bag = self._make_bag(self._truth_folder)
-            for node, values in self._of_nodes.items():
-                self._truth_bag.add_metadata(RECORD + node, values)
-        return self._truth_bag
-
     def _record(self, name, type_name, qos, offers, counter=None):
         """Subscribe to a topic; raises what the middleware or the bag have against it."""
         latched = qos.durability == topics.LATCHED.durability
         topic = Topic(name, type_name, qos)
         message = topic.message
-        bag = self._bag_for(name)
-        bag.add_topic(name, type_name, offers)
         again = counter is not None
         counter = counter or _Received(latched)
         keep = name == self.resolve_topic_name(topics.MODEL.name)
-        clock, add = self.get_clock(), counter.sequence.add
+        clock, add, take_message = self.get_clock(), counter.sequence.add, self._recorder.take
 
         def take(data, info):
             number = info['publication_sequence_number']
@@ -156,16 +135,29 @@ class McapLogger(MountNode):
                 now = info['received_timestamp'] or time.time_ns()
             if keep:
                 self._model = data
-            self._take((bag, name, data, now, info['source_timestamp'], number), latched)
+            take_message(name, data, now, info['source_timestamp'], number, latched)
 
         options = {} if again or name not in self._known else {
             'qos_overriding_options': QoSOverridingOptions.with_default_policies()}
         sub = self.create_subscription(
             message, name, take, copy.copy(qos), raw=True,
             event_callbacks=NO_SUBSCRIPTION_EVENTS, **options)
-        self._recorded[name] = sub, counter, bag
+        try:
+            self._recorder.add_topic(
+                name, type_name, offers, self._type_hash(name, type_name))
+        except (ValueError, OSError):
+            self.destroy_subscription(sub)
+            raise
+        self._recorded[name] = sub, counter
         if name != topics.DIAGNOSTICS.name:  # it never comes to rest, so its count says nothing
             self._subscriptions_of[name] = [(sub, counter)]
+
+    def _type_hash(self, name, type_name):
+        """As the publishers tell it, or else the own subscription; None where they do not."""
+        infos = (*self.get_publishers_info_by_topic(name),
+                 *self.get_subscriptions_info_by_topic(name))
+        return next((str(info.topic_type_hash) for info in infos
+                     if info.topic_type == type_name and info.topic_type_hash.version > 0), None)
 
     def _discover(self):
         """Topics that have appeared, publishers that are not heard, parameters of new nodes."""
@@ -173,16 +165,16 @@ class McapLogger(MountNode):
             for name, types in self.get_topic_names_and_types():
                 if name not in self._recorded and name in self._selection:
                     self._appeared(name, types)
-        for name, (sub, counter, bag) in list(self._recorded.items()):
+        for name, (sub, counter) in list(self._recorded.items()):
             if sub.get_publisher_count() < self.count_publishers(name):
                 # a match may still be under way: what is seen twice counts
                 if name in self._suspect:
-                    self._adapt(name, sub, counter, bag)
+                    self._adapt(name, sub, counter)
                 self._suspect ^= {name}
             elif name in self._suspect:
                 self._suspect.discard(name)
             self._tell_gaps(name, counter)
-        if self.value('provenance') and not self._error:
+        if self.value('provenance') and not self._recorder.error:
             self._collector.step()
 
     def _appeared(self, name, types):
@@ -208,7 +200,7 @@ class McapLogger(MountNode):
         for text in warnings:
             self.get_logger().warning(f'{name}: {text}')
 
-    def _adapt(self, name, sub, counter, bag):
+    def _adapt(self, name, sub, counter):
         """Subscribe anew where a publisher asks for less than this subscription wants."""
         infos = self.get_publishers_info_by_topic(name)
         own = self._known[name].type if name in self._known else None
@@ -243,80 +235,17 @@ class McapLogger(MountNode):
                 f'{name}: {lost} messages lost so far, of {counter.sequence.publishers} publishers')
         self._gaps_told[name] = lost
 
-    # --- messages ---------------------------------------------------------------------------
-
-    def _take(self, entry, latched):
-        if entry[3] <= 0:
-            # under simulated time nothing has a time of reception before the first /clock
-            self._before_clock.append((entry, latched))
-            self._before_size += len(entry[2])
-            if self._before_size > BEFORE_CLOCK:
-                self.get_logger().warning(
-                    'no /clock: messages are written with the times of their sources')
-                self._write_before(None)
-            return
-        if self._before_clock:
-            self._write_before(entry[3])
-        self._sort(entry, latched)
-
-    def _write_before(self, now):
-        waiting, self._before_clock, self._before_size = self._before_clock, [], 0
-        for (bag, name, data, _, publish_time, sequence), latched in waiting:
-            # where no /clock ever came the source's time is the best there is
-            when = max(0, publish_time) if now is None else now
-            self._sort((bag, name, data, when, publish_time, sequence), latched)
-
-    def _sort(self, entry, latched):
-        """Write, keep for a snapshot, or leave out while paused."""
-        if self._paused:
-            if latched:
-                self._held[entry[1]] = entry
-        elif self._ring is not None:
-            self._ring.add(entry, len(entry[2]) + 100)
-        else:
-            self._write(*entry)
-
-    def _write(self, bag, name, data, log_time, publish_time, sequence):
-        if self._error:
-            return
-        try:
-            bag.write(name, data, log_time, publish_time if publish_time > 0 else 0, sequence or 0)
-            self._written += 1
-        except OSError as err:
-            self._fail(err)
-
-    def _bags(self):
-        return [bag for bag in (self._bag, self._truth_bag) if bag is not None]
-
-    def _flush(self):
-        self._guard(lambda bag: bag.refresh(wait=False))
-
-    def _guard(self, call):
-        """Do something with every bag; False after the disk has refused."""
-        try:
-            for bag in self._bags():
-                if self._error:
-                    break
-                call(bag)
-        except OSError as err:
-            self._fail(err)
-        return not self._error
-
-    def _fail(self, err):
-        self._error = f'recording stopped: {err}'
-        self.get_logger().error(f'{self._error}; what was written before is safe')
-
     # --- services ---------------------------------------------------------------------------
 
     def _make_services(self):
-        for name, call in (('pause', self._pause), ('resume', self._resume),
-                           ('is_paused', self._is_paused), ('split_bagfile', self._split),
-                           ('snapshot', self._snapshot)):
-            self.create_service(Trigger, f'~/{name}', self._answer(call))
+        recorder = self._recorder
+        for call in (recorder.pause, recorder.resume, recorder.is_paused, recorder.split_bagfile,
+                     recorder.snapshot):
+            self.create_service(Trigger, f'~/{call.__name__}', self._answer(call))
         self.create_service(
             SetBool, '~/set_paused',
             lambda request, response: self._answer(
-                self._pause if request.data else self._resume)(request, response))
+                recorder.pause if request.data else recorder.resume)(request, response))
 
     @staticmethod
     def _answer(call):
@@ -325,95 +254,43 @@ class McapLogger(MountNode):
             return response
         return serve
 
-    def _pause(self):
-        self._paused = True
-        return True, f'paused after {self._written} messages'
-
-    def _resume(self):
-        self._paused = False
-        held, self._held = self._held, {}
-        for entry in held.values():
-            self._sort(entry, True)
-        return True, f'recording; {len(held)} latched messages that came meanwhile are taken'
-
-    def _is_paused(self):
-        return self._paused, 'paused' if self._paused else 'recording'
-
-    def _split(self):
-        if not self._guard(lambda bag: bag.split()):
-            return False, self._error
-        return True, f'recording goes on in {self._bag.file.name}'
-
-    def _snapshot(self):
-        if self._ring is None:
-            return False, 'not in snapshot mode; start the logger with snapshot_mb above 0'
-        rows = self._ring.take()
-        for row in rows:
-            self._write(*row)
-        if not self._guard(lambda bag: bag.refresh()):
-            return False, self._error
-        return True, f'{len(rows)} messages written'
-
     # --- provenance -------------------------------------------------------------------------
 
     def _take_parameters(self, node, values):
-        self._of_nodes[node] = values
-        self._guard(lambda bag: bag.add_metadata(RECORD + node, values))
+        self._recorder.add_parameters(node, values)
         # what a node was given to read belongs to its parameters
-        for key, name, bag in (('model_file', 'reference_model.json', self._bag),
-                               ('scenario', 'scenario.yaml', self._truth_bag)):
-            text = json.loads(values.get(key, '""'))
-            if text and bag is not None and name not in self._attached and not self._error:
-                data = _file_of(text)
-                if data is not None:
-                    self._attached.add(name)
-                    self._guard(lambda other, bag=bag, name=name, data=data: (
-                        other.add_attachment(name, 'application/octet-stream', data)
-                        if other is bag else None))
+        text = json.loads(values.get('model_file', '""'))
+        if not text or self._attached or not Path(text).is_file():
+            return
+        try:
+            data = Path(text).read_bytes()
+        except OSError:
+            return
+        self._attached = True
+        self._recorder.attach('reference_model.json', 'application/octet-stream', data)
 
     def problems(self):
         """A disk that refused, topics that cannot be had."""
-        out = [(DiagnosticStatus.ERROR, self._error)] if self._error else []
+        out = [(DiagnosticStatus.ERROR, error)] if (error := self._recorder.error) else []
         return out + [(DiagnosticStatus.WARN, f'{name} is not recorded')
                       for name in sorted(self._refused)]
 
     def details(self):
         """Where the log is, and what was lost of whom."""
-        state = 'stopped' if self._error else 'paused' if self._paused else (
-            'snapshot' if self._ring is not None else 'recording')
-        rows = [('folder', str(self._bag.folder)), ('file', self._bag.file.name),
-                ('messages written', str(self._written)), ('state', state)]
+        recorder = self._recorder
+        rows = [('folder', str(recorder.bag.folder)), ('file', recorder.bag.file.name),
+                ('messages written', str(recorder.written)), ('state', recorder.state)]
         return rows + [
             (f'lost {name}', f'{counter.gaps} of {counter.sequence.publishers} publishers')
-            for name, (_, counter, _) in self._recorded.items() if counter.gaps]
+            for name, (_, counter) in self._recorded.items() if counter.gaps]
 
     def finish(self):
         """Write index and metadata; needs no ROS."""
-        self._write_before(None)
-        if self._model is not None and not self._error:
+        model = ()
+        if self._model is not None:
             size = int.from_bytes(self._model[4:8], 'little')
-            try:
-                self._bag.add_attachment(
-                    'model.json', 'application/json', self._model[8:7 + size])
-            except OSError as err:
-                self._error = str(err)
-        for bag in self._bags():
-            try:
-                bag.close()
-            except OSError as err:
-                print(f'error: {bag.folder}: {err}', file=sys.stderr)
-
-
-def _file_of(text):
-    """Bytes of a file that a parameter names, or of a scenario that comes with the simulator."""
-    path = Path(text)
-    try:
-        if path.is_file():
-            return path.read_bytes()
-        path = resources.files('encoder_sim') / 'scenarios' / f'{Path(text).name}.yaml'
-        return path.read_bytes() if path.is_file() else None
-    except (OSError, ModuleNotFoundError):
-        return None
+            model = (('model.json', 'application/json', self._model[8:7 + size]),)
+        self._recorder.close(*model)
 
 
 def main(args=None):

@@ -54,8 +54,10 @@ class Topic:
 
 CLOCK = Topic('/clock', 'rosgraph_msgs/msg/Clock', RELIABLE)
 COMMAND = Topic('command', 'trajectory_msgs/msg/JointTrajectory', RELIABLE)
+# only the simulated hardware may subscribe to these
 TRUTH_JOINTS = Topic('truth/joint_states', 'sensor_msgs/msg/JointState', DEEP)
 TRUTH_ZERO = Topic('truth/incremental_zero', 'sensor_msgs/msg/JointState', _qos(100, latched=True))
+TRUTH_SCENARIO = Topic('truth/scenario', 'std_msgs/msg/String', LATCHED)
 INCREMENTAL = Topic('incremental/joint_states', 'sensor_msgs/msg/JointState', DEEP)
 HOMING = Topic('incremental/homing', 'sensor_msgs/msg/PointCloud2', LATCHED)
 ABSOLUTE = Topic('absolute/joint_states', 'sensor_msgs/msg/JointState', DEEP)
@@ -79,5 +81,3 @@ DEMAND_SIGMA = Topic('demand_sigma', 'geometry_msgs/msg/Vector3Stamped', RELIABL
 DIAGNOSTICS = Topic('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', RELIABLE)
 
 ALL = tuple(value for value in list(globals().values()) if isinstance(value, Topic))
-#: only the simulated hardware may subscribe to these
-TRUTH_PREFIX = 'truth/'

@@ -3,7 +3,6 @@
 import json
 from dataclasses import dataclass, field, replace
 from functools import partial
-from importlib import resources
 from pathlib import Path
 
 from pointing_model.observing.plan import parse_plan
@@ -13,7 +12,7 @@ from .night import NightFailed, observe, prepare_folder
 
 FORMAT = 'telescope_mount/loop'
 VERSION = 1
-#: scenarios that are made for it
+#: names of the scenarios that are made for it begin so
 PREFIX = 'loop_'
 #: what the run player does, in the words of a plan
 _MEASURED_PLAN = 'fit, diagnose'
@@ -25,7 +24,7 @@ class LoopOptions:
 
     out: Path
     scenario: str = ''
-    run: Path | None = None
+    file: Path | None = None
     seed: int = 1
     stars: int = 90
     polaris: int = 16
@@ -56,39 +55,6 @@ def loop_plan(stars, polaris, check):
     """
     return (f'home, stars {stars}, polaris {polaris}, calibrate_zero, fit, check {check}, '
             f'diagnose, check {check}')
-
-
-def scenario_names():
-    """Scenarios of the package that are made for this, sorted."""
-    folder = resources.files('encoder_sim') / 'scenarios'
-    return sorted(file.name.removesuffix('.yaml') for file in folder.iterdir()
-                  if file.name.startswith(PREFIX) and file.name.endswith('.yaml'))
-
-
-def undeclared(scenario):
-    """What a scenario does that nobody was told, in its own words; read when all is over.
-
-    Parameters
-    ----------
-    scenario : str
-        A name or a file.
-
-    Returns
-    -------
-    dict or None
-        ``what`` (a text) and ``shows_as`` (beginnings of names of effects; empty: of none, None:
-        not said); None where the scenario says nothing.
-    """
-    import yaml
-    if scenario.endswith(('.yaml', '.yml')):
-        text = Path(scenario).read_text(encoding='utf-8')
-    else:
-        text = (resources.files('encoder_sim') / 'scenarios' / f'{scenario}.yaml').read_text(
-            encoding='utf-8')
-    said = (yaml.safe_load(text) or {}).get('undeclared')
-    if not said:
-        return None
-    return {'what': said['what'], 'shows_as': said.get('shows_as')}
 
 
 def judgement(shows_as, effects):
@@ -136,7 +102,7 @@ def close_the_loop(options, progress=None):
     Parameters
     ----------
     options : LoopOptions
-        With `scenario` or `run`.
+        With `scenario`, or with `file` of a measured run.
     progress : callable, optional
         Called with (text, done, total) as it goes on.
 
@@ -152,7 +118,7 @@ def close_the_loop(options, progress=None):
     NightFailed
         A node ended, or a step could not be carried out.
     """
-    if options.run is not None:
+    if options.file is not None:
         return _measured(options, progress)
     plan = loop_plan(options.stars, options.polaris, options.check)
     parse_plan(plan)
@@ -161,8 +127,11 @@ def close_the_loop(options, progress=None):
         bag=str(folder / 'bag'), scenario=options.scenario, seed=options.seed,
         start_time=options.start_time, plan=plan, sample_rate_hz=1.0, sky=options.sky,
         calibration=_calibration(options, folder, _simulated_site(options.sky)))
-    return observe(folder, specs, plan, partial(_write, folder, options, plan), progress,
-                   options.domain)
+    report = observe(folder, specs, plan, partial(_write, folder, options, plan), progress,
+                     options.domain)
+    # now that everything is decided
+    from .simulator import undeclared
+    return _judge(folder, report, undeclared(folder / 'bag_truth'))
 
 
 def close_all(options, progress=None):
@@ -175,7 +144,10 @@ def close_all(options, progress=None):
     """
     folder = prepare_folder(options.out)
     reports = []
+    from .simulator import scenario_names
     for name in scenario_names():
+        if not name.startswith(PREFIX):
+            continue
         try:
             reports.append(close_the_loop(
                 replace(options, scenario=name, out=folder / name),
@@ -226,10 +198,10 @@ def _site_of(run, sky):
 def _measured(options, progress):
     from .runs import load_run
     # whatever cannot be read is said before a node starts
-    run = load_run(options.run, azimuth_origin=options.azimuth_origin)
+    run = load_run(options.file, azimuth_origin=options.azimuth_origin)
     progress = progress and partial(_of, len(run), progress)
     folder = prepare_folder(options.out)
-    file, origin = Path(options.run), options.azimuth_origin or ''
+    file, origin = Path(options.file), options.azimuth_origin or ''
     if file.is_dir() or file.suffix == '.mcap':
         from pointing_model.run_files import write_csv
         file, origin = folder / 'run.csv', ''
@@ -239,12 +211,13 @@ def _measured(options, progress):
         player={'file': str(file.resolve()), 'azimuth_origin': origin,
                 'check_every': options.check_every},
         calibration=_calibration(options, folder, _site_of(run, options.sky)))
-    return observe(folder, specs, _MEASURED_PLAN, partial(_write, folder, options, _MEASURED_PLAN),
-                   progress, options.domain)
+    report = observe(folder, specs, _MEASURED_PLAN,
+                     partial(_write, folder, options, _MEASURED_PLAN), progress, options.domain)
+    return _judge(folder, report, None)
 
 
 def _write(folder, options, plan, latest):
-    """report.json, diagnosis.json, model.json and observations.csv."""
+    """diagnosis.json, model.json and observations.csv; the report so far."""
     from msg_tools import topics
     from pointing_model.run_files import write_csv
     from pointing_model.run_messages import cloud_to_run
@@ -255,7 +228,7 @@ def _write(folder, options, plan, latest):
         checks = json.loads(latest[topics.CHECKS.name].data)['checks']
     report = {
         'format': FORMAT, 'version': VERSION, 'scenario': options.scenario or None,
-        'source': str(options.run) if options.run else None, 'seed': options.seed, 'plan': plan,
+        'source': str(options.file) if options.file else None, 'seed': options.seed, 'plan': plan,
         'verdict': diagnosis['verdict'], 'effects': diagnosis['effects'],
         'applied': diagnosis['applied'], 'noise_floor_arcsec': diagnosis['noise_floor_arcsec'],
         'before': diagnosis['before'], 'after': diagnosis['after'],
@@ -266,17 +239,18 @@ def _write(folder, options, plan, latest):
             latest[topics.CALIBRATION_REPORT.name].data)['witnesses']['alarms'],
         'notes': diagnosis['notes'],
     }
-    files = {'log': folder / 'bag', 'model': folder / 'model.json',
-             'observations': folder / 'observations.csv', 'report': folder / 'report.json',
-             'diagnosis': folder / 'diagnosis.json', 'page': folder / 'diagnosis.html'}
-    write_csv(cloud_to_run(latest[topics.OBSERVATIONS.name]), files['observations'])
-    files['model'].write_text(latest[topics.MODEL.name].data + '\n')
-    files['diagnosis'].write_text(json.dumps(diagnosis, indent=1) + '\n')
-    # now that everything is decided
-    report['undeclared'] = undeclared(options.scenario) if options.scenario else None
-    told = report['undeclared'] or {'shows_as': None}
-    report['found'], report['false'] = judgement(
-        told['shows_as'], diagnosis['effects'])
-    report['files'] = {name: str(path) for name, path in files.items()}
-    files['report'].write_text(json.dumps(report, indent=1) + '\n')
+    write_csv(cloud_to_run(latest[topics.OBSERVATIONS.name]), folder / 'observations.csv')
+    (folder / 'model.json').write_text(latest[topics.MODEL.name].data + '\n')
+    (folder / 'diagnosis.json').write_text(json.dumps(diagnosis, indent=1) + '\n')
+    return report
+
+
+def _judge(folder, report, told):
+    """Add what the scenario did and whether it was found, and write report.json."""
+    report['undeclared'] = told
+    report['found'], report['false'] = judgement(told and told['shows_as'], report['effects'])
+    report['files'] = {name: str(folder / file) for name, file in (
+        ('log', 'bag'), ('model', 'model.json'), ('observations', 'observations.csv'),
+        ('report', 'report.json'), ('diagnosis', 'diagnosis.json'), ('page', 'diagnosis.html'))}
+    (folder / 'report.json').write_text(json.dumps(report, indent=1) + '\n')
     return report

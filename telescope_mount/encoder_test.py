@@ -5,9 +5,8 @@ evaluated by eqs. 14 to 16 of the paper, which are those of JJG 100-2003, the Ch
 regulation for total stations. `evaluate` serves the measured angles of any encoder; `TABLE_2` are
 the paper's.
 
-The bench is simulated: it lives in `encoder_sim.indexing_table`, which `run` imports. That is the
-one exception to the rule that nobody but its own nodes and tests imports the simulator. The rule
-keeps the truth from the calibration, and this bench calibrates nothing.
+The bench is simulated: `run` takes it through the one door to the simulator,
+`telescope_mount.simulator`. It calibrates nothing.
 """
 
 from dataclasses import dataclass
@@ -210,7 +209,7 @@ def run(seed=1, turns=20, pitch=48, progress=None):
     dict
         For JSON; every angle in arcsec.
     """
-    from encoder_sim.indexing_table import SCALES, IndexingTable
+    from .simulator import SCALES, IndexingTable
 
     tell = progress or (lambda text: None)
     params = SCALES[pitch]

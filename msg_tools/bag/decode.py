@@ -3,7 +3,7 @@
 from contextlib import redirect_stderr, redirect_stdout
 from io import StringIO
 
-from .file import short
+from .mcap_records import short
 
 #: a definition, or a line, longer than this is no message definition
 MAX_DEFINITION, MAX_LINE = 256 * 1024, 1000

@@ -1,25 +1,29 @@
 """One MCAP file of a log, read with its index or, after a crash, without."""
 
-import re
 import struct
 import zlib
 from collections import Counter
-from io import BytesIO
 from pathlib import Path
 from typing import NamedTuple
 
-import lz4.frame
-import zstandard
 from mcap import records
-from mcap.data_stream import ReadDataStream
-from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 
 from .chunks import MAGIC, NEVER
+from .mcap_records import (
+    CHUNK_HEAD,
+    MAX_CHUNK,
+    PARSE_ERRORS,
+    chunk_index,
+    decompress,
+    parse,
+    read_at,
+    short,
+    unpack_chunk,
+    walk,
+)
 from .writer import REPEATED_RECORD, STOPPED_RECORD
 
-#: a chunk that claims more than this is not believed (the usual size is 1 MiB)
-MAX_CHUNK = 128 * 2**20
 #: a file that expands to more than this and `EXPANSION` times its size is a bomb
 MIN_EXPANDED, EXPANSION = 256 * 2**20, 300
 #: so is one with more records than this and a byte of its size for each
@@ -28,14 +32,6 @@ MIN_RECORDS = 300_000
 MAX_METADATA = 16 * 2**20
 #: bytes that are looked through at a time for the next chunk after a damaged record
 WINDOW = 2**22
-PARSE_ERRORS = (
-    struct.error, McapError, ValueError, KeyError, IndexError, EOFError, MemoryError,
-    OverflowError,
-)
-# a chunk record whose compression is named, or whose two sizes agree; the length is below 2**40
-_CHUNK_HEAD = re.compile(
-    rb'\x06.{5}\0\0\0(?=.{16}(.{5}\0\0\0).{4}'
-    rb'(?:\x04\0\0\0zstd|\x03\0\0\0lz4|\0\0\0\0\1))', re.DOTALL)
 
 
 class AttachmentInfo(NamedTuple):
@@ -62,80 +58,6 @@ class Segment(NamedTuple):
     partial: bool
     channels: frozenset
     expanded: int  # bytes that the index tells, 0 where it is not known
-
-
-def short(error):
-    """One line of an exception."""
-    text = str(error) or type(error).__name__
-    return text.splitlines()[0][:120]
-
-
-def walk(buffer, most=2**62):
-    """(opcode, start of the body, end) of every whole record in `buffer`.
-
-    Raises
-    ------
-    ValueError
-        There are more than `most`.
-    """
-    pos, size = 0, len(buffer)
-    unpack = struct.Struct('<Q').unpack_from
-    while pos + 9 <= size and buffer[pos]:  # no record has the opcode 0
-        end = pos + 9 + unpack(buffer, pos + 1)[0]
-        if end > size:
-            return
-        if most <= 0:
-            raise ValueError('more records than a file of this size can hold')
-        most -= 1
-        yield buffer[pos], pos + 9, end
-        pos = end
-
-
-def read_at(stream, offset, length):
-    """`length` bytes at `offset`, or as many as there are."""
-    stream.seek(offset)
-    return stream.read(length)
-
-
-def _parse(record, body):
-    return record.read(ReadDataStream(BytesIO(body)))
-
-
-def _unpack_chunk(body):
-    """Fields of a (perhaps cut) chunk record: uncompressed size, crc, compression, data."""
-    size, crc, n = struct.unpack_from('<QII', body, 16)
-    compression = bytes(body[32:32 + n]).decode()
-    (length,) = struct.unpack_from('<Q', body, 32 + n)
-    return size, crc, compression, body[40 + n:40 + n + length], length
-
-
-def _decompress(data, compression, size):
-    """At most `size` bytes of `data`; fewer where it was cut."""
-    if size > MAX_CHUNK:
-        raise ValueError(f'a chunk claims {size} bytes, more than {MAX_CHUNK}')
-    if compression == '':
-        return bytes(data[:size])
-    try:
-        if compression == 'zstd':
-            decompressor = zstandard.ZstdDecompressor(max_window_size=2**27)
-            with decompressor.stream_reader(data) as stream:
-                return stream.read(size)
-        if compression == 'lz4':
-            return lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size)
-    except (zstandard.ZstdError, RuntimeError, EOFError) as error:
-        raise ValueError(f'{compression} data damaged: {error}') from None
-    raise ValueError(f'chunk compression {compression!r} is unknown')
-
-
-def _chunk_index(body):
-    """Start, end, offset, length, channels and uncompressed size of a chunk index record."""
-    start, end, offset, length, n = struct.unpack_from('<QQQQI', body)
-    if n % 10:
-        raise ValueError('chunk index with half an entry')
-    channels = frozenset(row[0] for row in struct.iter_unpack('<HQ', body[36:36 + n]))
-    (name,) = struct.unpack_from('<I', body, 44 + n)
-    _, size = struct.unpack_from('<QQ', body, 48 + n + name)
-    return start, end, offset, length, channels, size
 
 
 class BagFile:
@@ -224,9 +146,9 @@ class BagFile:
         for opcode, begin, end in walk(summary, self._most):
             body = summary[begin:end]
             if opcode == Opcode.STATISTICS:
-                statistics = _parse(records.Statistics, body)
+                statistics = parse(records.Statistics, body)
             elif opcode == Opcode.CHUNK_INDEX:
-                chunks.append(_chunk_index(body))
+                chunks.append(chunk_index(body))
             elif opcode in (Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX):
                 elsewhere.append(struct.unpack_from('<Q', body)[0])
             else:
@@ -268,9 +190,9 @@ class BagFile:
             return
         (number,) = struct.unpack_from('<H', body)
         if opcode == Opcode.SCHEMA and number not in self.schemas:
-            self.schemas[number] = _parse(records.Schema, body)
+            self.schemas[number] = parse(records.Schema, body)
         elif opcode == Opcode.CHANNEL and number not in self.channels:
-            self.channels[number] = _parse(records.Channel, body)
+            self.channels[number] = parse(records.Channel, body)
 
     def _take_large(self, opcode, offset, length):
         """Keep a metadata record, or note an attachment."""
@@ -279,7 +201,7 @@ class BagFile:
         if opcode == Opcode.METADATA:
             if length > MAX_METADATA:
                 raise ValueError(f'a metadata record of {length} bytes')
-            self.metadata.append(_parse(records.Metadata, self._at(offset, length)))
+            self.metadata.append(parse(records.Metadata, self._at(offset, length)))
         elif opcode == Opcode.ATTACHMENT:
             head = self._at(offset, min(length, 2**16))
             log_time, _, n = struct.unpack_from('<QQI', head)
@@ -405,7 +327,7 @@ class BagFile:
         """Offset of the next whole and sound chunk record from `pos` on, or None."""
         while pos + 49 <= self.size:
             window = self._at(pos, WINDOW + 64)
-            for match in _CHUNK_HEAD.finditer(window):
+            for match in CHUNK_HEAD.finditer(window):
                 offset = pos + match.start()
                 (length,) = struct.unpack_from('<Q', window, match.start() + 1)
                 if offset + 9 + length > self.size or match.start() >= WINDOW:
@@ -427,7 +349,7 @@ class BagFile:
         if length > MAX_CHUNK + 2**16:
             raise ValueError(f'a chunk claims {length} bytes, more than {MAX_CHUNK}')
         body = read_at(stream, offset, length)
-        size, crc, compression, data, stored = _unpack_chunk(body)
+        size, crc, compression, data, stored = unpack_chunk(body)
         if len(data) < stored and not partial:
             raise ValueError('its data are longer than its record')
         if expanded and size != expanded:
@@ -436,7 +358,7 @@ class BagFile:
             self._expanded += min(size, MAX_CHUNK)
             if self._expanded > self._limit:
                 raise ValueError(f'the file expands to more than {self._limit} bytes')
-        buffer = _decompress(data, compression, size)
+        buffer = decompress(data, compression, size)
         if not partial:
             if len(buffer) != size:
                 raise ValueError(f'{len(buffer)} bytes where {size} were announced')

@@ -19,6 +19,11 @@ def _span(first, last, count):
             'duration': {'nanoseconds': last - first if count else 0}}
 
 
+def is_truth(topic):
+    """Whether a topic is of the simulator's truth, by its name; calibration must refuse it."""
+    return '/truth/' in '/' + topic
+
+
 def information(topics, files, custom_data):
     """What rosbag2 calls the bag file information.
 

@@ -6,12 +6,12 @@ from rcl_interfaces.srv import GetParameters, ListParameters
 from rclpy.node import NodeNameNonExistentError
 from rclpy.parameter import parameter_value_to_python
 
+from .recorder import RECORD
+
 #: calls of `step` after which another node is asked before one that does not answer
 PATIENCE = 20
 #: times that a node is asked
 TRIES = 5
-#: prefix of the MCAP metadata record of a node
-RECORD = 'parameters '
 
 
 class ParameterCollector:

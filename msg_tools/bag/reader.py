@@ -13,8 +13,9 @@ from typing import NamedTuple
 from mcap.opcode import Opcode
 
 from .decode import Decoders
-from .file import MAX_CHUNK, MIN_RECORDS, PARSE_ERRORS, BagFile, short, walk
-from .metadata import listed_files
+from .file import MIN_RECORDS, BagFile
+from .mcap_records import MAX_CHUNK, PARSE_ERRORS, short, walk
+from .metadata import is_truth, listed_files
 from .ros_schema import load_qos
 from .writer import plain_name
 
@@ -109,7 +110,7 @@ class BagReader:
             record.name: record.metadata for file in self._files for record in file.metadata}
         self.attachments = [a for file in self._files for a in file.attachments]
         self.topics = self._merge_topics()
-        self.has_truth = any('/truth/' in '/' + topic.name for topic in self.topics)
+        self.has_truth = any(is_truth(topic.name) for topic in self.topics)
         segments = [s for file in self._files for s in file.segments]
         self.start_time = min((s.start for s in segments), default=None)
         self.end_time = max((s.end for s in segments), default=None)

@@ -1,7 +1,6 @@
 """What the logger decides without ROS: which topics, with which quality of service."""
 
 import re
-from collections import deque
 from importlib.metadata import PackageNotFoundError, version
 
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
@@ -89,32 +88,3 @@ def adapt_qos(offers):
                      else ReliabilityPolicy.BEST_EFFORT),
         durability=(DurabilityPolicy.TRANSIENT_LOCAL if all(latched)
                     else DurabilityPolicy.VOLATILE)), warnings
-
-
-class Ring:
-    """The newest messages, up to a number of bytes, for a snapshot.
-
-    Parameters
-    ----------
-    limit : int
-        Bytes of their data.
-    """
-
-    def __init__(self, limit):
-        self._limit = limit
-        self._rows = deque()
-        self._size = 0
-
-    def add(self, row, size):
-        """Take a message; the oldest make room."""
-        self._rows.append((row, size))
-        self._size += size
-        while self._size > self._limit and len(self._rows) > 1:
-            self._size -= self._rows.popleft()[1]
-
-    def take(self):
-        """All messages, oldest first; the ring is empty afterwards."""
-        rows = [row for row, _ in self._rows]
-        self._rows.clear()
-        self._size = 0
-        return rows

@@ -71,9 +71,10 @@ def split_type(type_name):
     return match.groups()
 
 
-@cache
-def _read_share(package, name, suffix, prefixes):
-    for prefix in prefixes:
+def _read_share(type_name, suffix):
+    """Text of a file that comes with a message type, or None."""
+    package, name = split_type(type_name)
+    for prefix in _prefixes(package):
         file = Path(prefix, 'share', package, 'msg', name + suffix)
         if file.is_file():
             return file.read_text(encoding='utf-8')
@@ -81,9 +82,9 @@ def _read_share(package, name, suffix, prefixes):
 
 
 def _message_text(type_name):
-    package, name = split_type(type_name)
-    text = _read_share(package, name, '.msg', _prefixes(package))
+    text = _read_share(type_name, '.msg')
     if text is None:
+        package, name = split_type(type_name)
         raise ValueError(
             f'message type {type_name}: no share/{package}/msg/{name}.msg found; install or '
             f'source the package {package}')
@@ -140,10 +141,12 @@ def message_definition(type_name):
 def type_hash(type_name):
     """RIHS01 hash of a message type, as its package was built with.
 
+    Where a graph is there, its endpoints tell it (`TopicEndpointInfo.topic_type_hash`).
+
     Parameters
     ----------
     type_name : str
-        ``package/msg/Type``.
+        As of `message_definition`.
 
     Returns
     -------
@@ -151,10 +154,9 @@ def type_hash(type_name):
         ``RIHS01_...``; empty where the package carries none (before ROS 2 Iron), as rosbag2
         does.
     """
-    package, name = split_type(type_name)
-    text = _read_share(package, name, '.json', _prefixes(package))
+    text = _read_share(type_name, '.json')
     entries = json.loads(text)['type_hashes'] if text else ()
-    full_name = f'{package}/msg/{name}'
+    full_name = '{}/msg/{}'.format(*split_type(type_name))
     return next((e['hash_string'] for e in entries if e['type_name'] == full_name), '')
 
 

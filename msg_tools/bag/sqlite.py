@@ -9,8 +9,8 @@ from pathlib import Path
 from mcap.records import Schema
 
 from .decode import Decoders
-from .file import short
-from .metadata import listed_files
+from .mcap_records import short
+from .metadata import is_truth, listed_files
 from .reader import BagMessage, BagReader, Topic
 from .ros_schema import load_qos, message_definition
 
@@ -83,7 +83,7 @@ class SqliteReader:
         self.topics = self._merge_topics(counts)
         self.start_time, self.end_time = min(spans, default=None), max(spans, default=None)
         self.complete = True
-        self.has_truth = any('/truth/' in '/' + topic.name for topic in self.topics)
+        self.has_truth = any(is_truth(topic.name) for topic in self.topics)
 
     @property
     def message_count(self):

@@ -209,7 +209,7 @@ class BagWriter:
         if self._out.closed:
             raise ValueError(f'{self.file} is closed')
 
-    def add_topic(self, topic, type_name, qos_profile=()):
+    def add_topic(self, topic, type_name, qos_profile=(), hash_=None):
         """Declare a topic; a second call with the same type changes nothing.
 
         Parameters
@@ -220,6 +220,8 @@ class BagWriter:
             ``package/msg/Type``.
         qos_profile : list or one of dict or QoSProfile
             What the publishers offer (`qos_dict`).
+        hash_ : str, optional
+            Type hash as an endpoint told it; by default that of the installed type.
 
         Raises
         ------
@@ -229,7 +231,8 @@ class BagWriter:
         type_name = '{}/msg/{}'.format(*split_type(type_name))
         if not isinstance(qos_profile, list | tuple):
             qos_profile = [qos_profile]
-        self.add_foreign_topic(topic, type_name, [qos_dict(profile) for profile in qos_profile])
+        self.add_foreign_topic(
+            topic, type_name, [qos_dict(profile) for profile in qos_profile], hash_=hash_)
 
     def add_foreign_topic(self, topic, type_name, qos, definition=None, hash_=None,
                           encoding='ros2msg'):
@@ -243,7 +246,7 @@ class BagWriter:
         definition : bytes, optional
             The schema that came with the data.
         hash_ : str, optional
-            Type hash, empty if there is none.
+            Type hash, empty if there is none; by default that of the installed type.
         encoding : str
             Of the schema.
         """
@@ -321,7 +324,7 @@ class BagWriter:
         self._guard(self._out.add_metadata, name, self._records[name])
 
     def add_attachment(self, name, media_type, data):
-        """Append an attachment, as the model of the night or the scenario.
+        """Append an attachment, as the model of the night.
 
         Parameters
         ----------

@@ -40,10 +40,10 @@ def add(commands):
 def run(args):
     """Observe or take, diagnose, observe again, print, write."""
     from ..close_the_loop import LoopOptions, close_all, close_the_loop
-    from ..loop_report import all_table, loop_sentences, loop_tables
+    from ..loop_tables import all_table, loop_sentences, loop_tables
     from .console import Progress, new_console, print_files, print_lines
     chosen = LoopOptions(
-        out=args.out, scenario=args.scenario or '', run=args.file, seed=args.seed,
+        out=args.out, scenario=args.scenario or '', file=args.file, seed=args.seed,
         stars=args.stars, polaris=args.polaris, check=args.check, check_every=args.check_every,
         alpha=args.alpha, start_time=args.date, azimuth_origin=args.azimuth_origin,
         sky=options.sky_of(args), domain=args.domain)

@@ -1,3 +1,5 @@
+import json
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 
 from encoder_sim.incremental_encoder_node import IncrementalEncoders
 from encoder_sim.mount_simulator_node import MountSimulator
+from encoder_sim.scenario_file import scenario_files
 from msg_tools import convert, topics
 from msg_tools.units import ARCSEC, DEG
 
@@ -58,6 +61,16 @@ def drifting(tmp_path):
     path.write_text('based_on: ideal\nincremental:\n  azimuth: {zero_drift_arcsec: 300.0}\n'
                     '  elevation: {zero_drift_arcsec: 300.0}\n')
     return str(path)
+
+
+def test_it_tells_the_log_of_the_truth_its_scenario(graph, drifting):
+    desk = Desk(graph, encoder=False, scenario=drifting)
+    # latched: whoever comes late gets it all the same
+    told = graph.listen(topics.TRUTH_SCENARIO)
+    graph.wait_for(lambda: told)
+    assert [file['name'] for file in json.loads(told[0].data)] == ['drifting', 'ideal']
+    assert json.loads(told[0].data) == scenario_files(drifting)
+    assert desk.node.value('scenario') == drifting
 
 
 def test_the_servo_makes_the_encoder_read_the_demand_not_the_axis(graph, drifting):

@@ -1,7 +1,7 @@
 import pytest
 
 from encoder_sim.scenario import Mount
-from encoder_sim.scenario_file import load_scenario, scenario_names
+from encoder_sim.scenario_file import load_scenario, scenario_files, scenario_names, undeclared
 from msg_tools.units import ARCSEC, DEG
 
 
@@ -111,6 +111,20 @@ def test_bad_file_is_one_line_with_file_and_key(tmp_path, text, parts):
     assert '\n' not in message
     for part in parts if 'nothing' in text else ['mine.yaml', *parts]:
         assert part in message
+
+
+def test_the_words_of_a_scenario_and_of_all_that_it_is_based_on(tmp_path):
+    write(tmp_path, 'based_on: ideal\nundeclared: {what: the parent}\n', 'parent.yaml')
+    text = 'based_on: parent.yaml\nundeclared: {what: a lean, shows_as: [tilt]}\n'
+    files = scenario_files(write(tmp_path, text))
+    assert [file['name'] for file in files] == ['mine', 'parent', 'ideal']
+    assert files[0]['text'] == text and files[1]['text'].startswith('based_on: ideal')
+    assert files[2:] == scenario_files('ideal')
+    assert undeclared(text) == {'what': 'a lean', 'shows_as': ['tilt']}
+    assert undeclared(files[1]['text']) == {'what': 'the parent', 'shows_as': None}
+    assert undeclared(files[2]['text']) is None and undeclared('') is None
+    with pytest.raises(ValueError, match='no scenario'):
+        scenario_files('best')
 
 
 def test_missing_file_and_unknown_name():

@@ -16,6 +16,7 @@ from mcap.writer import Writer
 from msg_tools.bag import BagReader, BagWriter
 from msg_tools.bag import file as bag_file
 from msg_tools.bag import reader as bag_reader
+from msg_tools.bag.mcap_records import decompress
 from msg_tools.bag.metadata import listed_files
 from msg_tools.bag.ros_schema import load_qos
 
@@ -105,9 +106,9 @@ def test_crowds_of_records(tmp_path, monkeypatch):
 
 def test_window_of_a_frame_that_wants_gigabytes(tmp_path):
     with pytest.raises(ValueError, match='damaged'):
-        bag_file._decompress(b'\x28\xb5\x2f\xfd\x00\xa8\x09\0\0x', 'zstd', 2**20)
+        decompress(b'\x28\xb5\x2f\xfd\x00\xa8\x09\0\0x', 'zstd', 2**20)
     sound = zstandard.ZstdCompressor().compress(b'x' * 100)
-    assert bag_file._decompress(sound, 'zstd', 100) == b'x' * 100
+    assert decompress(sound, 'zstd', 100) == b'x' * 100
 
 
 @pytest.mark.parametrize('text', [

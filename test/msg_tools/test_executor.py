@@ -141,6 +141,55 @@ def test_a_callback_that_awaits_is_finished_later(graph, node):
     assert got == ['begin', 'end']
 
 
+def test_a_service_that_awaits_answers_later_and_others_go_on_meanwhile(graph, node):
+    gate = Future(executor=graph.executor)
+
+    async def serve(request, response):
+        response.message = await gate
+        return response
+
+    node.create_service(Trigger, 'ask', serve)
+    client = graph.tester.create_client(Trigger, 'ask')
+    graph.wait_for(client.service_is_ready)
+    answer = client.call_async(Trigger.Request())
+    ticks = []
+    node.create_timer(0.001, lambda: ticks.append(1))
+    graph.wait_for(lambda: len(ticks) > 5)
+    assert not answer.done()
+    gate.set_result('opened')
+    graph.wait_for(answer.done)
+    assert answer.result().message == 'opened'
+
+
+def test_a_task_runs_in_the_thread_that_spins(graph):
+    got = []
+    task = graph.executor.create_task(got.append, 'called')
+    assert got == [] and not task.done()
+    graph.wait_for(task.done)
+    assert got == ['called']
+    failing = graph.executor.create_task(lambda: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        graph.wait_for(lambda: False)
+    assert failing.done()
+
+
+def test_a_timer_that_a_callback_before_it_cancels_or_destroys(graph, node):
+    # what is ready was found before: neither may be called for it
+    timers, got = [], []
+
+    def first():
+        got.append('first')
+        timers[1].cancel()
+        node.destroy_timer(timers[2])
+
+    timers[:] = [node.create_timer(0.02, call) for call in (
+        first, lambda: got.append('cancelled'), lambda: got.append('destroyed'))]
+    while not all(timer.is_ready() for timer in timers):
+        pass  # until all three are due
+    graph.wait_for(lambda: got.count('first') >= 3)
+    assert set(got) == {'first'}
+
+
 def test_an_error_in_a_callback_comes_out(graph, node):
     def fail(message):
         raise LookupError('here')

@@ -75,7 +75,7 @@ def test_every_byte_and_the_truth_apart(graph, tmp_path):
     assert [m.data for m in of(bag, '/mount/model')] == texts
     assert not bag.has_truth and truth.has_truth
     assert {t.name for t in truth.topics} == {
-        '/mount/truth/joint_states', '/mount/truth/incremental_zero'}
+        '/mount/truth/joint_states', '/mount/truth/incremental_zero', '/mount/truth/scenario'}
     assert [m.data for m in truth.messages()] == [
         data for i, data in messages if i == 1]
     stored = {t.name: t for t in bag.topics}

@@ -13,7 +13,8 @@ from std_msgs.msg import Int32, String
 
 from msg_tools import topics
 from msg_tools.bag import BagReader
-from msg_tools.bag.recording import Ring, Selection, adapt_qos
+from msg_tools.bag.recorder import Ring
+from msg_tools.bag.recording import Selection, adapt_qos
 from msg_tools.mcap_logger_node import McapLogger
 from msg_tools.topics import Topic
 
@@ -78,6 +79,25 @@ def test_topics_that_appear_later(graph, tmp_path):
     rows = list(bag.messages('/lab/numbers'))
     assert all(0 <= row.log_time - row.publish_time < 60e9 for row in rows)
     assert [row.sequence for row in rows] == list(range(1, 11))
+
+
+@pytest.mark.parametrize('told', [True, False])
+def test_the_type_hash_is_from_the_wire_or_else_from_the_files(graph, tmp_path, monkeypatch, told):
+    from rclpy.type_hash import TypeHash
+
+    from msg_tools.bag import type_hash, writer
+    wanted = type_hash('std_msgs/msg/Int32') if told else 'RIHS01_of_the_file'
+    monkeypatch.setattr(writer, 'type_hash', lambda name: 'RIHS01_of_the_file')
+    if not told:  # as of a middleware that does not carry it
+        monkeypatch.setattr(TypeHash, 'version', property(lambda self: -1, lambda self, v: None))
+    logger = add(graph, tmp_path, topics=['model', '/lab/numbers'])
+    send(graph, logger, NUMBERS, [number(1)])
+    hashes = {topic.name: topic.type_hash for topic in finish(
+        graph, logger, tmp_path / 'log').topics}
+    assert hashes['/lab/numbers'] == wanted
+    # nobody publishes it: the logger's own endpoint tells
+    assert (hashes['/mount/model'] == 'RIHS01_of_the_file') == (not told)
+    assert hashes['/mount/model'].startswith('RIHS01_')
 
 
 def test_names_and_patterns(graph, tmp_path):
@@ -174,7 +194,7 @@ def test_files_of_limited_size_and_time(graph, tmp_path):
     bag = finish(graph, logger, tmp_path / 'log')
     assert len(bag.files) > 2 and bag.complete
     assert data_of(bag, '/lab/numbers') == [number(i) for i in range(300)]
-    assert logger._bag._max_span == 10**15
+    assert logger._recorder.bag._max_span == 10**15
 
 
 def test_snapshot_keeps_the_newest(graph, tmp_path):
@@ -191,7 +211,7 @@ def test_parameters_of_all_nodes_are_in_the_log(graph, tmp_path):
     logger = add(graph, tmp_path, topics=['/lab/numbers'], provenance=True)
     from calibration.calibration_node import Calibration
     graph.add(Calibration, split_seed=77)
-    graph.wait_for(lambda: '/mount/calibration' in logger._of_nodes, 'its parameters')
+    graph.wait_for(lambda: '/mount/calibration' in logger._recorder.parameters, 'its parameters')
     bag = finish(graph, logger, tmp_path / 'log')
     values = bag.metadata['parameters /mount/calibration']
     assert json.loads(values['split_seed']) == 77

@@ -6,6 +6,7 @@ from importlib import resources
 import numpy as np
 import pytest
 
+from encoder_sim import scenario_file
 from msg_tools.bag import BagReader
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
@@ -17,12 +18,16 @@ from telescope_mount.close_the_loop import (
     _site_of,
     judgement,
     loop_plan,
-    scenario_names,
-    undeclared,
 )
 from telescope_mount.runs import load_run
+from telescope_mount.simulator import scenario_names, undeclared
 
 MMT = resources.files('calibration') / 'data' / 'mmt_2021-08-21.csv'
+LOOPS = [name for name in scenario_names() if name.startswith('loop_')]
+
+
+def said_by(scenario):
+    return scenario_file.undeclared(scenario_file.scenario_files(scenario)[0]['text'])
 
 
 class Loop:
@@ -50,7 +55,10 @@ def backlash(cli, tmp_path_factory):
 
 @pytest.fixture(scope='module')
 def clean(cli, tmp_path_factory):
-    return Loop(cli, tmp_path_factory.mktemp('loop') / 'out', '--scenario', 'loop_clean', *SMALL)
+    # by a user's own file, which says what it does as those of the package do
+    file = tmp_path_factory.mktemp('mine') / 'mine.yaml'
+    file.write_text('based_on: loop_clean\nundeclared: {what: nothing at all, shows_as: []}\n')
+    return Loop(cli, tmp_path_factory.mktemp('loop') / 'out', '--scenario', file, *SMALL)
 
 
 @pytest.fixture(scope='module')
@@ -107,7 +115,9 @@ def test_the_diagnosis_is_logged_and_nobody_was_told(backlash):
     assert names.count('/mount/diagnosis') == 1
     assert names.count('/mount/observer/checks') == 2
     assert names.count('/mount/model') == 2
-    secret = undeclared('loop_azimuth_backlash')['what']
+    secret = backlash.report['undeclared']['what']
+    assert undeclared(backlash.folder / 'bag_truth')['what'] == secret
+    assert secret == said_by('loop_azimuth_backlash')['what']
     for file in (backlash.folder / 'bag').iterdir():
         assert secret.encode() not in file.read_bytes()
     assert secret not in json.dumps(backlash.diagnosis)
@@ -144,6 +154,7 @@ def test_what_is_printed_and_written(backlash):
 def test_a_clean_night_is_left_as_it_was(clean):
     report = clean.report
     assert report['verdict'] == 'none' and report['found'] == 'yes'
+    assert report['undeclared'] == {'what': 'nothing at all', 'shows_as': []}
     assert report['effects'] == [] and clean.model.effects == ()
     assert report['blind_after']['rms_arcsec'] < 2.4
     assert 'the model stays as it was' in clean.text
@@ -185,13 +196,12 @@ def test_plan():
 
 
 def test_every_scenario_says_what_it_does():
-    names = scenario_names()
-    assert len(names) >= 12
-    for name in names:
-        told = undeclared(name)
+    assert len(LOOPS) >= 12
+    for name in LOOPS:
+        told = said_by(name)
         assert told['what'] and isinstance(told['shows_as'], list), name
         assert bool(told['shows_as']) == (name != 'loop_clean'), name
-    assert undeclared('default') is None
+    assert said_by('default') is None
 
 
 def effect(name, alternatives=(), aliases=()):
@@ -254,7 +264,7 @@ def test_all_scenarios_in_one_table_and_one_that_failed_does_not_end_it(
     from rich.console import Console
 
     from telescope_mount import close_the_loop as module
-    from telescope_mount.loop_report import all_table
+    from telescope_mount.loop_tables import all_table
     from telescope_mount.night import NightFailed
     asked, told = [], []
 
@@ -268,8 +278,8 @@ def test_all_scenarios_in_one_table_and_one_that_failed_does_not_end_it(
     monkeypatch.setattr(module, 'close_the_loop', one)
     report = module.close_all(LoopOptions(out=tmp_path / 'all', seed=4),
                               lambda *args: told.append(args))
-    assert asked == [(name, tmp_path / 'all' / name) for name in scenario_names()]
-    assert told[0] == (f'{scenario_names()[0]}: stars', 1, 2)
+    assert asked == [(name, tmp_path / 'all' / name) for name in LOOPS]
+    assert told[0] == (f'{LOOPS[0]}: stars', 1, 2)
     assert json.loads((tmp_path / 'all' / 'report.json').read_text()) == report
     out = io.StringIO()
     Console(file=out, width=200).print(all_table(report))

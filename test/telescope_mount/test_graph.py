@@ -3,6 +3,7 @@
 import ast
 import functools
 import importlib
+import re
 from pathlib import Path
 
 import pytest
@@ -18,12 +19,112 @@ from telescope_mount.graph import (
 )
 
 ROOT = Path(__file__).resolve().parents[2]
-PACKAGES = ('encoder_sim', 'pointing_model', 'calibration', 'msg_tools', 'telescope_mount')
+#: package -> the packages that it may name: import, or mention as a module or a path in a string
+BELOW = {
+    'msg_tools': (),
+    'encoder_reading': ('msg_tools',),
+    'pointing_model': ('msg_tools',),
+    'calibration': ('pointing_model', 'msg_tools'),
+    'encoder_sim': ('encoder_reading', 'msg_tools'),
+    'telescope_mount': ('calibration', 'pointing_model', 'encoder_reading', 'msg_tools'),
+    'launch': ('telescope_mount', 'calibration', 'pointing_model', 'encoder_reading', 'msg_tools'),
+}
+PACKAGES = tuple(name for name in BELOW if name != 'launch')
+#: what the simulator may use of the pointing model: the sky is the same for both
+SKY = tuple(f'pointing_model.{name}' for name in (
+    'catalogue', 'earth', 'sky', 'sky_params', 'target', 'elements', 'satellite'))
+#: the one door from outside to the simulator; besides, `NODES` of graph.py names its nodes
+DOOR = ROOT / 'telescope_mount' / 'simulator.py'
+#: functions whose text argument is the name of a package, or a part of a path
+LOADERS = frozenset(('import_module', '__import__', 'files', 'find_spec', 'run_module', 'as_file',
+                     'path', 'get_data', 'Path', 'PurePath', 'joinpath', 'join'))
+NAMED = re.compile(rf'(?<![\w.-])({"|".join(PACKAGES)})(?![\w-])((?:[./][\w.-]+)*)')
+
+
+def module_of(name):
+    """As much of a dotted name as is a module of the house."""
+    parts = name.split('.')
+    while len(parts) > 1 and not ((path := ROOT.joinpath(*parts)).is_dir()
+                                  or path.with_suffix('.py').is_file()):
+        parts.pop()
+    return '.'.join(parts)
+
+
+def named_in(text):
+    """Modules and files of the house that a string names.
+
+    Packages share their names with nodes and topics (`calibration/report`): only what exists
+    counts. Of the simulator the bare name is enough.
+    """
+    for match in NAMED.finditer(text):
+        package, rest = match.groups()
+        dotted = module_of((package + rest.split('/')[0]).rstrip('.'))
+        if package == 'encoder_sim' or '.' in dotted:
+            yield dotted
+        elif rest.startswith('/') and (ROOT / (package + rest).rstrip('.')).exists():
+            yield (package + rest).replace('/', '.')
+
+
+def names_used(text, package=()):
+    """(line, name) of what a source names of the house: imports, and strings in it.
+
+    Parameters
+    ----------
+    text : str
+        Python.
+    package : tuple of str
+        In which it stands, for relative imports.
+    """
+    tree = ast.parse(text)
+    prose = {id(node.body[0].value) for node in ast.walk(tree) if isinstance(node, (
+        ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef))
+        and node.body and isinstance(node.body[0], ast.Expr)}
+    found = set()
+    for node in ast.walk(tree):
+        names = ()
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            above = package[:len(package) - node.level + 1] if node.level else ()
+            module = '.'.join([*above, *([node.module] if node.module else [])])
+            names = ['.'.join(filter(None, (module, alias.name))) for alias in node.names]
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+            if id(node) not in prose:
+                found |= {(node.lineno, name) for name in named_in(node.value)}
+        elif isinstance(node, ast.JoinedStr):
+            # a module whose name is put together
+            names = [part.value[:-1] for part in node.values if isinstance(part, ast.Constant)
+                     and part.value.endswith('.')]
+        elif isinstance(node, (ast.Call, ast.BinOp)):
+            names = [part.value for part in _parts(node) if isinstance(part, ast.Constant)]
+        found |= {(node.lineno, module_of(name)) for name in names
+                  if str(name).split('.')[0] in PACKAGES}
+    return found
+
+
+def _parts(node):
+    """What a path or a package is made of, in a call or by `/`."""
+    if isinstance(node, ast.BinOp):
+        return (node.left, node.right) if isinstance(node.op, ast.Div) else ()
+    name = getattr(node.func, 'attr', getattr(node.func, 'id', None))
+    return [*node.args, *(k.value for k in node.keywords)] if name in LOADERS else ()
+
+
+@functools.cache
+def uses(path):
+    """`names_used` of a file; without the names of the nodes, which `NODES` has for all."""
+    text = path.read_text(encoding='utf-8')
+    if path == ROOT / 'telescope_mount' / 'graph.py':
+        nodes = next(item for item in ast.parse(text).body
+                     if isinstance(item, ast.Assign) and item.targets[0].id == 'NODES')
+        lines = text.splitlines()
+        text = '\n'.join([*lines[:nodes.lineno - 1], *lines[nodes.end_lineno:]])
+    return names_used(text, path.relative_to(ROOT).parent.parts)
 
 
 @functools.cache
 def imports(path):
-    """Full names of the modules that a source file imports, wherever in it."""
+    """Full names of all that a source file imports, wherever in it."""
     package = path.relative_to(ROOT).parent.parts
     names = set()
     for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
@@ -142,33 +243,108 @@ def test_launch_and_command_line_start_the_same_graph():
     assert not text & set(NODES)
 
 
-def test_nobody_but_its_own_nodes_sees_the_simulator():
-    for path in sources('pointing_model', 'calibration', 'msg_tools', 'telescope_mount', 'launch'):
-        names = of(imports(path), 'encoder_sim')
-        if path == ROOT / 'telescope_mount' / 'encoder_test.py':
-            # the test bench of the encoder calibrates nothing
-            names = {n for n in names if not of({n}, 'encoder_sim.indexing_table')}
-        assert not names, path
+def forbidden(package, names):
+    """Those of `names_used` that a package may not name."""
+    allowed = {package, *BELOW[package]}
+    return {(line, name) for line, name in names if name.split('.')[0] not in allowed
+            and not (package == 'encoder_sim' and name in SKY)}
 
 
-def test_the_simulator_does_not_know_the_model():
-    for path in sources('encoder_sim'):
-        names = imports(path)
-        for module in ('terms', 'geometry', 'model', 'harmonics'):
-            assert not of(names, f'pointing_model.{module}'), (path, module)
-        assert not of(names, 'calibration'), path
-
-
-def test_imports_run_one_way():
-    for path in sources('pointing_model'):
-        assert not of(imports(path), 'calibration'), path
-    for path in sources('msg_tools'):
-        for package in PACKAGES:
-            if package != 'msg_tools':
-                assert not of(imports(path), package), (path, package)
-    for package in PACKAGES[:-1]:
+def test_names_run_one_way():
+    for package in BELOW:
         for path in sources(package):
-            assert not of(imports(path), 'telescope_mount'), path
+            if path != DOOR:
+                assert not forbidden(package, uses(path)), path
+
+
+def test_the_simulator_is_seen_through_one_door_and_by_the_list_of_nodes():
+    assert {name.split('.')[0] for _, name in forbidden('telescope_mount', uses(DOOR))} == {
+        'encoder_sim'}
+    graph = (ROOT / 'telescope_mount' / 'graph.py').read_text(encoding='utf-8')
+    named = {name for _, name in forbidden('telescope_mount', names_used(graph))}
+    assert named == {module for module in NODES.values() if module.startswith('encoder_sim.')}
+
+
+def test_the_sky_does_not_know_the_model():
+    for name in SKY:
+        path = ROOT.joinpath(*name.split('.')).with_suffix('.py')
+        assert {n for _, n in uses(path) if n.startswith('pointing_model')} <= set(SKY), path
+
+
+def test_every_package_has_its_place():
+    tree = ast.parse((ROOT / 'setup.py').read_text(encoding='utf-8'))
+    parts = next(item.value for item in tree.body
+                 if isinstance(item, ast.Assign) and item.targets[0].id == 'PARTS')
+    assert set(ast.literal_eval(parts)) == set(PACKAGES)
+    # each of them stands on others that do not stand on it
+    for package, below in BELOW.items():
+        assert all(package not in BELOW[other] for other in below)
+        assert set(below) >= {far for near in below for far in BELOW[near]}
+
+
+@pytest.mark.parametrize('source, wanted', [
+    ('import encoder_sim', 'encoder_sim'),
+    ('import encoder_sim.mount as m', 'encoder_sim.mount'),
+    ('def f():\n    from encoder_sim.mount import SimulatedMount', 'encoder_sim.mount'),
+    ('from encoder_sim import mount', 'encoder_sim.mount'),
+    ('from ..encoder_sim import mount', 'encoder_sim.mount'),
+    ('from .. import encoder_sim', 'encoder_sim'),
+    ("import_module('encoder_sim.mount')", 'encoder_sim.mount'),
+    ("importlib.import_module(name='encoder_sim')", 'encoder_sim'),
+    ("__import__('encoder_sim')", 'encoder_sim'),
+    ("resources.files('encoder_sim') / 'scenarios'", 'encoder_sim'),
+    ("resources.files('encoder_sim.scenarios')", 'encoder_sim.scenarios'),
+    ("Path('/somewhere/encoder_sim/scenarios')", 'encoder_sim'),
+    ("open(root + '/encoder_sim/scenarios/ideal.yaml')", 'encoder_sim'),
+    ("Path(__file__).parents[1] / 'encoder_sim'", 'encoder_sim'),
+    ("f'{root}/encoder_sim/scenarios/{name}.yaml'", 'encoder_sim'),
+    ("f'encoder_sim.{name}'", 'encoder_sim'),
+    ("'-m encoder_sim.mount_simulator_node'.split()", 'encoder_sim.mount_simulator_node'),
+    ("PLACE = 'encoder_sim'", 'encoder_sim'),
+    ('from calibration import fit', 'calibration.fit'),
+    ("import_module('calibration')", 'calibration'),
+    ("find_spec('calibration.calibration_node')", 'calibration.calibration_node'),
+    ("f'calibration.{name}'", 'calibration'),
+    ("resources.files('calibration') / 'data'", 'calibration'),
+    ("root / 'calibration' / 'data'", 'calibration'),
+    ("root.joinpath('calibration', 'data')", 'calibration'),
+    ("os.path.join(root, 'calibration')", 'calibration'),
+    ("open('calibration/data/README.md')", 'calibration.data.README.md'),
+    ("MODULE = 'calibration.calibration_node'", 'calibration.calibration_node'),
+    ("MODULE = 'calibration.calibration_node:main'", 'calibration.calibration_node'),
+    ("run_module('telescope_mount.cli')", 'telescope_mount.cli'),
+])
+def test_the_checker_finds(source, wanted):
+    found = names_used(source, ('pointing_model',))
+    assert wanted in {name for _, name in found}
+    assert all(line == source.count('\n') + 1 for line, _ in found)
+    assert forbidden('pointing_model', found)
+
+
+@pytest.mark.parametrize('source', [
+    '"""As `encoder_sim.mount` has it."""',
+    'def f():\n    """See `calibration.fit`."""',
+    '# encoder_sim\nx = 1',
+    "Topic('calibration/report')",
+    "super().__init__('calibration')",
+    "FORMAT = 'telescope_mount/pointing_model'",
+    "version('telescope_mount')",
+    "'the calibration. It fits'",
+    "f'/mount/calibration/{name}'",
+    "'my_encoder_sim', 'encoder_simulated', 'x.encoder_sim'",
+    'from .calibration import x',
+    'from ..msg_tools import topics',
+    'import calibrations',
+])
+def test_the_checker_lets_pass(source):
+    assert not forbidden('pointing_model', names_used(source, ('pointing_model',)))
+
+
+def test_the_simulator_may_use_the_sky_and_nothing_else_of_the_model():
+    found = names_used('from pointing_model import sky, terms\n'
+                       'from pointing_model.target import Star\nfrom pointing_model import x')
+    assert {name for _, name in forbidden('encoder_sim', found)} == {
+        'pointing_model.terms', 'pointing_model'}
 
 
 def test_algorithms_know_no_ros():
@@ -176,10 +352,11 @@ def test_algorithms_know_no_ros():
            'geometry_msgs', 'rosgraph_msgs', 'msg_tools.node', 'msg_tools.topics',
            'msg_tools.convert')
     nodes = {ROOT / (module.replace('.', '/') + '.py') for module in NODES.values()}
-    glue = {ROOT / 'encoder_sim' / 'device_params.py', ROOT / 'pointing_model' / 'sky_params.py',
-            ROOT / 'pointing_model' / 'run_messages.py',
-            ROOT / 'pointing_model' / 'zero_message.py',
-            ROOT / 'pointing_model' / 'in_force_topics.py'}
-    for path in sources('encoder_sim', 'pointing_model', 'calibration'):
+    # what turns messages and parameters into arrays, and back
+    glue = {ROOT / f'{name}.py' for name in (
+        'encoder_sim/device_params', 'encoder_reading/messages', 'pointing_model/sky_params',
+        'pointing_model/run_messages', 'pointing_model/zero_message',
+        'pointing_model/in_force_topics')}
+    for path in sources('encoder_sim', 'encoder_reading', 'pointing_model', 'calibration'):
         if path not in nodes | glue:
             assert not any(of(imports(path), name) for name in ros), path

@@ -11,6 +11,7 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import String
 
 from calibration.homings import UNJUDGED
+from encoder_sim.scenario_file import scenario_files
 from msg_tools.bag import BagReader, BagWriter
 from msg_tools.convert import from_stamp
 from msg_tools.homing import cloud_to_homing, homing_to_cloud
@@ -176,7 +177,9 @@ def test_provenance_decides(night, tmp_path):
     assert [a.name for a in log.attachments] == ['model.json']
     assert log.read_attachment('model.json') + b'\n' == (night / 'model.json').read_bytes()
     truth = BagReader(night / 'bag_truth')
-    assert [a.name for a in truth.attachments] == ['scenario.yaml']
+    assert truth.attachments == []
+    (told,) = truth.messages('/mount/truth/scenario', decode=True)
+    assert json.loads(told.data.data) == scenario_files('default')
     bag = rewrite(night / 'bag', tmp_path / 'bag', lambda topic, data: data,
                   leave_out=['parameters /mount/calibration'])
     report = verify_log(bag)

@@ -1,0 +1,95 @@
+"""Records of MCAP: found, parsed, unpacked, whatever a damaged or hostile file says."""
+
+import re
+import struct
+from io import BytesIO
+
+import lz4.frame
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+
+#: a chunk that claims more than this is not believed (the usual size is 1 MiB)
+MAX_CHUNK = 128 * 2**20
+PARSE_ERRORS = (
+    struct.error, McapError, ValueError, KeyError, IndexError, EOFError, MemoryError,
+    OverflowError,
+)
+# a chunk record whose compression is named, or whose two sizes agree; the length is below 2**40
+CHUNK_HEAD = re.compile(
+    rb'\x06.{5}\0\0\0(?=.{16}(.{5}\0\0\0).{4}'
+    rb'(?:\x04\0\0\0zstd|\x03\0\0\0lz4|\0\0\0\0\1))', re.DOTALL)
+
+
+def short(error):
+    """One line of an exception."""
+    text = str(error) or type(error).__name__
+    return text.splitlines()[0][:120]
+
+
+def walk(buffer, most=2**62):
+    """(opcode, start of the body, end) of every whole record in `buffer`.
+
+    Raises
+    ------
+    ValueError
+        There are more than `most`.
+    """
+    pos, size = 0, len(buffer)
+    unpack = struct.Struct('<Q').unpack_from
+    while pos + 9 <= size and buffer[pos]:  # no record has the opcode 0
+        end = pos + 9 + unpack(buffer, pos + 1)[0]
+        if end > size:
+            return
+        if most <= 0:
+            raise ValueError('more records than a file of this size can hold')
+        most -= 1
+        yield buffer[pos], pos + 9, end
+        pos = end
+
+
+def read_at(stream, offset, length):
+    """`length` bytes at `offset`, or as many as there are."""
+    stream.seek(offset)
+    return stream.read(length)
+
+
+def parse(record, body):
+    return record.read(ReadDataStream(BytesIO(body)))
+
+
+def unpack_chunk(body):
+    """Fields of a (perhaps cut) chunk record: uncompressed size, crc, compression, data."""
+    size, crc, n = struct.unpack_from('<QII', body, 16)
+    compression = bytes(body[32:32 + n]).decode()
+    (length,) = struct.unpack_from('<Q', body, 32 + n)
+    return size, crc, compression, body[40 + n:40 + n + length], length
+
+
+def decompress(data, compression, size):
+    """At most `size` bytes of `data`; fewer where it was cut."""
+    if size > MAX_CHUNK:
+        raise ValueError(f'a chunk claims {size} bytes, more than {MAX_CHUNK}')
+    if compression == '':
+        return bytes(data[:size])
+    try:
+        if compression == 'zstd':
+            decompressor = zstandard.ZstdDecompressor(max_window_size=2**27)
+            with decompressor.stream_reader(data) as stream:
+                return stream.read(size)
+        if compression == 'lz4':
+            return lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size)
+    except (zstandard.ZstdError, RuntimeError, EOFError) as error:
+        raise ValueError(f'{compression} data damaged: {error}') from None
+    raise ValueError(f'chunk compression {compression!r} is unknown')
+
+
+def chunk_index(body):
+    """Start, end, offset, length, channels and uncompressed size of a chunk index record."""
+    start, end, offset, length, n = struct.unpack_from('<QQQQI', body)
+    if n % 10:
+        raise ValueError('chunk index with half an entry')
+    channels = frozenset(row[0] for row in struct.iter_unpack('<HQ', body[36:36 + n]))
+    (name,) = struct.unpack_from('<I', body, 44 + n)
+    _, size = struct.unpack_from('<QQ', body, 48 + n + name)
+    return start, end, offset, length, channels, size

@@ -1,0 +1,226 @@
+"""Where the messages that a logger receives go: two bags, by way of clock, pause and snapshot."""
+
+import sys
+from collections import deque
+
+from .metadata import is_truth
+
+#: bytes that may wait for the first /clock before they are written with their sources' times
+BEFORE_CLOCK = 64 * 2**20
+#: prefix of the MCAP metadata record with the parameters of a node
+RECORD = 'parameters '
+
+
+class Ring:
+    """The newest messages, up to a number of bytes, for a snapshot.
+
+    Parameters
+    ----------
+    limit : int
+        Bytes of their data.
+    """
+
+    def __init__(self, limit):
+        self._limit = limit
+        self._rows = deque()
+        self._size = 0
+
+    def add(self, row, size):
+        """Take a message; the oldest make room."""
+        self._rows.append((row, size))
+        self._size += size
+        while self._size > self._limit and len(self._rows) > 1:
+            self._size -= self._rows.popleft()[1]
+
+    def take(self):
+        """All messages, oldest first; the ring is empty afterwards."""
+        rows = [row for row, _ in self._rows]
+        self._rows.clear()
+        self._size = 0
+        return rows
+
+
+class Recorder:
+    """Two bags, the second for the truth, which fit and diagnose refuse.
+
+    Parameters
+    ----------
+    make_bag : callable
+        ``make_bag(folder)`` gives a `BagWriter`.
+    folder, truth_folder : str
+        The second is made when there is something for it.
+    log
+        Has ``warning(text)`` and ``error(text)``.
+    snapshot_bytes : int
+        Keep so much in memory and write it only when asked; 0: write all.
+
+    Attributes
+    ----------
+    bag : BagWriter
+        The first.
+    error : str or None
+        Why recording stopped.
+    written : int
+        Messages.
+    parameters : dict
+        Node name -> parameters, as of `add_parameters`.
+    """
+
+    def __init__(self, make_bag, folder, truth_folder, log, snapshot_bytes=0):
+        self._make_bag, self._truth_folder, self._log = make_bag, truth_folder, log
+        self._ring = Ring(snapshot_bytes) if snapshot_bytes else None
+        self._paused = False
+        self._held = {}  # latched messages that came while paused
+        self._before_clock, self._before_size = [], 0
+        self._bag_of = {}
+        self._truth_bag = None
+        self.error, self.written, self.parameters = None, 0, {}
+        self.bag = make_bag(folder)
+
+    @property
+    def state(self):
+        """For people, one word."""
+        return 'stopped' if self.error else 'paused' if self._paused else (
+            'snapshot' if self._ring is not None else 'recording')
+
+    def add_topic(self, name, type_name, offers, hash_):
+        """Declare a topic, with the arguments of `BagWriter.add_topic`, which says what it raises.
+        """
+        bag = self.bag
+        if is_truth(name):
+            if self._truth_bag is None:
+                self._truth_bag = self._make_bag(self._truth_folder)
+                for node, values in self.parameters.items():
+                    self._truth_bag.add_metadata(RECORD + node, values)
+            bag = self._truth_bag
+        bag.add_topic(name, type_name, offers, hash_)
+        self._bag_of[name] = bag
+
+    # --- messages ---------------------------------------------------------------------------
+
+    def take(self, name, data, log_time, publish_time, sequence, latched):
+        """A message; `log_time` is 0 as long as simulated time has not begun."""
+        if log_time <= 0:
+            # under simulated time nothing has a time of reception before the first /clock
+            self._before_clock.append((name, data, publish_time, sequence, latched))
+            self._before_size += len(data)
+            if self._before_size > BEFORE_CLOCK:
+                self._log.warning('no /clock: messages are written with the times of their sources')
+                self._write_before(None)
+            return
+        if self._before_clock:
+            self._write_before(log_time)
+        self._sort((name, data, log_time, publish_time, sequence), latched)
+
+    def _write_before(self, now):
+        waiting, self._before_clock, self._before_size = self._before_clock, [], 0
+        for name, data, publish_time, sequence, latched in waiting:
+            # where no /clock ever came the source's time is the best there is
+            when = max(0, publish_time) if now is None else now
+            self._sort((name, data, when, publish_time, sequence), latched)
+
+    def _sort(self, entry, latched):
+        """Write, keep for a snapshot, or leave out while paused."""
+        if self._paused:
+            if latched:
+                self._held[entry[0]] = entry
+        elif self._ring is not None:
+            self._ring.add(entry, len(entry[1]) + 100)
+        else:
+            self._write(*entry)
+
+    def _write(self, name, data, log_time, publish_time, sequence):
+        if self.error:
+            return
+        try:
+            self._bag_of[name].write(
+                name, data, log_time, publish_time if publish_time > 0 else 0, sequence or 0)
+            self.written += 1
+        except OSError as err:
+            self._fail(err)
+
+    # --- what else is done to the bags --------------------------------------------------------
+
+    def _bags(self):
+        return [bag for bag in (self.bag, self._truth_bag) if bag is not None]
+
+    def _guard(self, call):
+        """Do something with every bag; False after the disk has refused."""
+        try:
+            for bag in self._bags():
+                if self.error:
+                    break
+                call(bag)
+        except OSError as err:
+            self._fail(err)
+        return not self.error
+
+    def _fail(self, err):
+        self.error = f'recording stopped: {err}'
+        self._log.error(f'{self.error}; what was written before is safe')
+
+    def flush(self):
+        """Close the chunks, so that a crash spares them; does not wait for the disk."""
+        self._guard(lambda bag: bag.refresh(wait=False))
+
+    def add_parameters(self, node, values):
+        """A metadata record with the parameters of a node, in both bags."""
+        self.parameters[node] = values
+        self._guard(lambda bag: bag.add_metadata(RECORD + node, values))
+
+    def attach(self, name, media_type, data):
+        """An attachment of the first bag."""
+        self._guard(lambda bag: bag is self.bag and bag.add_attachment(name, media_type, data))
+
+    def close(self, *attachments):
+        """Write what waits, `attachments` (as of `attach`), index and metadata.
+
+        What then goes wrong is printed: there may be no log any more.
+        """
+        self._write_before(None)
+        try:
+            for attachment in () if self.error else attachments:
+                self.bag.add_attachment(*attachment)
+        except OSError as err:
+            self.error = str(err)
+        for bag in self._bags():
+            try:
+                bag.close()
+            except OSError as err:
+                print(f'error: {bag.folder}: {err}', file=sys.stderr)
+
+    # --- services: whether it was done, and a sentence ----------------------------------------
+
+    def pause(self):
+        """Write nothing until `resume`."""
+        self._paused = True
+        return True, f'paused after {self.written} messages'
+
+    def resume(self):
+        """Go on, with what is latched and came meanwhile."""
+        self._paused = False
+        held, self._held = self._held, {}
+        for entry in held.values():
+            self._sort(entry, True)
+        return True, f'recording; {len(held)} latched messages that came meanwhile are taken'
+
+    def is_paused(self):
+        """Whether `pause` was the last."""
+        return self._paused, 'paused' if self._paused else 'recording'
+
+    def split_bagfile(self):
+        """Go on in new files."""
+        if not self._guard(lambda bag: bag.split()):
+            return False, self.error
+        return True, f'recording goes on in {self.bag.file.name}'
+
+    def snapshot(self):
+        """Write what is kept in memory."""
+        if self._ring is None:
+            return False, 'not in snapshot mode; start the logger with snapshot_mb above 0'
+        rows = self._ring.take()
+        for row in rows:
+            self._write(*row)
+        if not self._guard(lambda bag: bag.refresh()):
+            return False, self.error
+        return True, f'{len(rows)} messages written'

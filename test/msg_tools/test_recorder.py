@@ -1,0 +1,127 @@
+"""Where received messages go, tried without a graph."""
+
+import logging
+import subprocess
+import sys
+
+import pytest
+
+from msg_tools.bag import BagReader, BagWriter
+from msg_tools.bag.recorder import BEFORE_CLOCK, Recorder
+
+STATE, TEXT, TRUTH = '/mount/state', '/mount/text', '/mount/truth/text'
+
+
+@pytest.fixture
+def make(demo, tmp_path):
+    def build(**options):
+        made = Recorder(BagWriter, str(tmp_path / 'log'), str(tmp_path / 'log_truth'),
+                        logging.getLogger('recorder'), **options)
+        for name in (TEXT, STATE):
+            made.add_topic(name, demo.TEXT, [], 'RIHS01_wire')
+        made.put = lambda word, when=10**18, name=TEXT, publish_time=7: made.take(
+            name, demo.text(word), when, publish_time, 1, name == STATE)
+        return made
+    return build
+
+
+@pytest.fixture
+def told(demo, tmp_path):
+    def read(folder='log'):
+        log = BagReader(tmp_path / folder)
+        assert log.complete and log.problems == []
+        return [(m.topic, m.data[8:-1].decode(), m.log_time) for m in log.messages()]
+    return read
+
+
+def test_the_truth_has_a_bag_of_its_own_from_its_first_topic_on(make, told, demo, tmp_path):
+    recorder = make()
+    recorder.add_parameters('/mount/early', {'a': '1'})
+    assert not (tmp_path / 'log_truth').exists()
+    recorder.add_topic(TRUTH, demo.TEXT, [], None)
+    recorder.add_parameters('/mount/late', {'b': '2'})
+    recorder.put('seen')
+    recorder.put('true', name=TRUTH)
+    recorder.attach('reference_model.json', 'application/json', b'{}')
+    recorder.close(('model.json', 'application/json', b'[]'))
+    assert told() == [(TEXT, 'seen', 10**18)]
+    assert told('log_truth') == [(TRUTH, 'true', 10**18)]
+    both = [BagReader(tmp_path / name) for name in ('log', 'log_truth')]
+    for log in both:
+        assert {'parameters /mount/early', 'parameters /mount/late'} <= set(log.metadata)
+    assert [a.name for a in both[0].attachments] == ['reference_model.json', 'model.json']
+    assert both[1].attachments == [] and both[1].has_truth and not both[0].has_truth
+    assert [t.type_hash for log in both for t in log.topics] == [
+        'RIHS01_wire', 'RIHS01_wire', demo.HASHES[demo.TEXT]]
+
+
+def test_what_came_before_the_clock_gets_its_time(make, told):
+    recorder = make()
+    recorder.put('early', when=0)
+    assert recorder.written == 0
+    recorder.put('late', when=5 * 10**9)
+    recorder.close()
+    assert told() == [(TEXT, 'early', 5 * 10**9), (TEXT, 'late', 5 * 10**9)]
+
+
+def test_without_a_clock_the_time_of_the_source_is_the_best_there_is(make, told, caplog):
+    recorder = make()
+    recorder.put('x' * BEFORE_CLOCK, when=0, publish_time=3)
+    assert 'no /clock' in caplog.text and recorder.written == 1
+    recorder.put('never', when=0, publish_time=-1)
+    recorder.close()
+    assert [when for *_, when in told()] == [0, 3]
+
+
+def test_a_pause_keeps_what_is_latched(make, told):
+    recorder = make()
+    assert recorder.pause() == (True, 'paused after 0 messages')
+    assert recorder.is_paused() == (True, 'paused') and recorder.state == 'paused'
+    for word in ('one', 'two'):
+        recorder.put(word)
+        recorder.put(word, name=STATE)
+    assert recorder.resume()[1].startswith('recording; 1 latched')
+    assert recorder.is_paused() == (False, 'recording') and recorder.state == 'recording'
+    assert 'log_1.mcap' in recorder.split_bagfile()[1]
+    recorder.close()
+    assert told() == [(STATE, 'two', 10**18)]
+
+
+def test_without_a_memory_there_is_no_snapshot(make):
+    assert make().snapshot()[0] is False
+
+
+def test_the_newest_are_kept_for_a_snapshot(make, told):
+    recorder = make(snapshot_bytes=400)
+    for number in range(10):
+        recorder.put(str(number))
+    assert recorder.state == 'snapshot' and recorder.written == 0
+    done, words = recorder.snapshot()
+    assert done and words == f'{recorder.written} messages written' and 0 < recorder.written < 5
+    recorder.put('too late')
+    recorder.close()
+    assert [word for _, word, _ in told()] == [str(10 - i) for i in range(recorder.written, 0, -1)]
+
+
+def test_a_disk_that_refuses_ends_it_with_a_reason(make, monkeypatch, caplog, capsys):
+    recorder = make()
+
+    def full(*args):
+        raise OSError('disk full')
+    monkeypatch.setattr(BagWriter, 'write', full)
+    recorder.put('one')
+    assert recorder.error == 'recording stopped: disk full' and recorder.state == 'stopped'
+    assert 'what was written before is safe' in caplog.text
+    recorder.put('two')
+    assert recorder.written == 0
+    assert recorder.split_bagfile() == (False, recorder.error)
+    recorder.flush()
+    monkeypatch.setattr(BagWriter, 'close', full)
+    recorder.close(('model.json', 'application/json', b''))
+    assert 'disk full' in capsys.readouterr().err
+
+
+def test_it_knows_no_ros():
+    code = ('import sys; sys.modules["rclpy"] = None; import msg_tools.bag.recorder; '
+            'import msg_tools.bag')
+    assert subprocess.run([sys.executable, '-c', code], timeout=60).returncode == 0
