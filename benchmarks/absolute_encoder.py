@@ -14,8 +14,8 @@ illumination), with noise variance sigma^2 + 1/12 for the rounding. It is averag
 angles. Printed beside it is the bound with the angle as the only unknown. Noise-only sigma is the
 scatter of repeated readings at one angle, so that a bias does not hide in it and none counts.
 
-Peers in the same run: the paper's reading (`encoder_sim.paper_reading`), its Newton fit alone, on
-the same batch and vectorised in the same way, and `scipy.optimize.curve_fit` of its sine, both
+Peers in the same run: the paper's method (`encoder_reading.paper_reader`), its Newton fit alone,
+on the same batch and vectorised in the same way, and `scipy.optimize.curve_fit` of its sine, both
 started from the decoded bars, which is not timed. Times are of one thread; the rounds alternate
 between the candidates and the median round is printed, as CPU time, which other load on the
 machine does not count into.
@@ -34,13 +34,14 @@ for _name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'):
 
 import numpy as np  # noqa: E402
 
+from encoder_reading.disc import WINDOW, Disc  # noqa: E402
+from encoder_reading.optics import INVERSION  # noqa: E402
+from encoder_reading.paper_reader import PaperReader, sine_start  # noqa: E402
+from encoder_reading.readings import CORRECTED, REJECTED  # noqa: E402
+from encoder_reading.template_reader import TemplateReader  # noqa: E402
 from encoder_sim.absolute import AbsoluteEncoder, read_frames  # noqa: E402
-from encoder_sim.ccd import INVERSION, LinearCCD  # noqa: E402
-from encoder_sim.disc import WINDOW, Disc  # noqa: E402
+from encoder_sim.ccd import LinearCCD  # noqa: E402
 from encoder_sim.indexing_table import SCALES, IndexingTable  # noqa: E402
-from encoder_sim.paper_reading import PaperReader, sine_start  # noqa: E402
-from encoder_sim.readings import CORRECTED, REJECTED  # noqa: E402
-from encoder_sim.template_reading import TemplateReader  # noqa: E402
 from msg_tools.units import ARCSEC, wrap  # noqa: E402
 
 _TURN = 2.0 * np.pi

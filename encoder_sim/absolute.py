@@ -5,10 +5,11 @@ from functools import lru_cache
 
 import numpy as np
 
+from encoder_reading.disc import Disc
+from encoder_reading.readings import CORRECTED, EXACT, REJECTED, Readings
+
 from .ccd import LinearCCD
-from .disc import Disc
 from .encoder_scale import ZeroDrift, disc_angle
-from .readings import CORRECTED, EXACT, REJECTED, Readings
 from .scenario import Absolute
 
 __all__ = ['CORRECTED', 'EXACT', 'REJECTED', 'AbsoluteEncoder', 'Readings', 'read_together']
@@ -31,9 +32,9 @@ def _reader(nominal):
     params = dataclasses.replace(Absolute(), **dict(zip(_NOMINAL, nominal)))
     disc = _disc(params.code)
     if params.reading == 'paper':
-        from .paper_reading import PaperReader
+        from encoder_reading.paper_reader import PaperReader
         return PaperReader(params, disc)
-    from .template_reading import TemplateReader
+    from encoder_reading.template_reader import TemplateReader
     return TemplateReader(params, disc)
 
 

@@ -4,13 +4,14 @@ import math
 
 import numpy as np
 
+from encoder_reading.disc import Disc
+from encoder_reading.optics import INVERSION
+from encoder_reading.paper_reader import CentroidReader, PaperReader, ParabolaReader
+from encoder_reading.template_reader import TemplateReader
 from msg_tools.units import ARCSEC, wrap
 
-from .ccd import INVERSION, LinearCCD
-from .disc import Disc
-from .paper_reading import CentroidReader, PaperReader, ParabolaReader
+from .ccd import LinearCCD
 from .scenario import Absolute
-from .template_reading import TemplateReader
 
 FACES = 23
 #: readings whose bars are damaged in the paper's fig. 12, counted from 1

@@ -3,6 +3,8 @@ import dataclasses
 import numpy as np
 import pytest
 
+from encoder_reading.paper_reader import PaperReader
+from encoder_reading.template_reader import TemplateReader
 from encoder_sim.absolute import (
     CORRECTED,
     EXACT,
@@ -12,10 +14,8 @@ from encoder_sim.absolute import (
     reader_of,
 )
 from encoder_sim.keyed_noise import uniform
-from encoder_sim.paper_reading import PaperReader
 from encoder_sim.scenario import Absolute
 from encoder_sim.scenario_file import load_scenario
-from encoder_sim.template_reading import TemplateReader
 from msg_tools.units import ARCSEC, wrap
 
 ANGLES = 2 * np.pi * uniform(11, 'test', 'angles', np.arange(300))

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from encoder_sim.bar_fit import BarLine
-from encoder_sim.bar_lattice import BarLattice
-from encoder_sim.bar_template import BarTemplate
-from encoder_sim.disc import BARS, Disc, windows_of
+from encoder_reading.bar_fit import BarLine
+from encoder_reading.bar_lattice import BarLattice
+from encoder_reading.bar_template import BarTemplate
+from encoder_reading.disc import BARS, Disc, windows_of
 from encoder_sim.scenario import Absolute
 
 

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from encoder_sim.bar_template import BarTemplate, fixed_point
-from encoder_sim.disc import BARS
+from encoder_reading.bar_template import BarTemplate, fixed_point
+from encoder_reading.disc import BARS
 from encoder_sim.scenario import Absolute
 
 

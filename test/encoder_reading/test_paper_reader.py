@@ -3,10 +3,10 @@ import dataclasses
 import numpy as np
 import pytest
 
+from encoder_reading.disc import BAR_ANGLE, Disc
+from encoder_reading.paper_reader import CentroidReader, PaperReader, ParabolaReader, sine_start
+from encoder_reading.readings import EXACT, REJECTED
 from encoder_sim.ccd import LinearCCD
-from encoder_sim.disc import BAR_ANGLE, Disc
-from encoder_sim.paper_reading import CentroidReader, PaperReader, ParabolaReader, sine_start
-from encoder_sim.readings import EXACT, REJECTED
 from encoder_sim.scenario import Absolute
 from msg_tools.units import ARCSEC, wrap
 

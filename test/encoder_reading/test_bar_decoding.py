@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from encoder_sim.bar_decoding import AMBIGUOUS, NOT_ON_DISC, BarDecoder, Bits, median
-from encoder_sim.bar_template import BarTemplate
-from encoder_sim.disc import BARS, Disc, windows_of
+from encoder_reading.bar_decoding import AMBIGUOUS, NOT_ON_DISC, BarDecoder, Bits, median
+from encoder_reading.bar_template import BarTemplate
+from encoder_reading.disc import BARS, Disc, windows_of
 from encoder_sim.scenario import Absolute
 
 RANK = np.arange(-18, 19)

@@ -3,9 +3,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from encoder_sim.bar_lattice import BarLattice
+from encoder_reading.bar_lattice import BarLattice
+from encoder_reading.disc import BAR_ANGLE, BARS, Disc
 from encoder_sim.ccd import LinearCCD
-from encoder_sim.disc import BAR_ANGLE, BARS, Disc
 from encoder_sim.scenario import Absolute
 
 HALF = 28

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .ccd import INVERSION
 from .disc import WINDOW
+from .optics import INVERSION
 from .readings import EXACT, REJECTED, Readings, checked_frames
 
 THRESHOLD = 150.0

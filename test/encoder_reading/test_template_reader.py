@@ -4,11 +4,11 @@ import warnings
 import numpy as np
 import pytest
 
+from encoder_reading.disc import BAR_ANGLE, BARS, Disc, windows_of
+from encoder_reading.readings import CORRECTED, EXACT, REJECTED
+from encoder_reading.template_reader import REASONS, TemplateReader
 from encoder_sim.ccd import LinearCCD, pixel_noise
-from encoder_sim.disc import BAR_ANGLE, BARS, Disc, windows_of
-from encoder_sim.readings import CORRECTED, EXACT, REJECTED
 from encoder_sim.scenario import Absolute
-from encoder_sim.template_reading import REASONS, TemplateReader
 from msg_tools.units import ARCSEC, wrap
 
 SCALES = {48: {}, 60: {'bar_pitch': 60.0, 'blur': 8.0, 'base': 88.0}}
