@@ -34,12 +34,13 @@ for _name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'):
 
 import numpy as np  # noqa: E402
 
+from encoder_reading.axis_reader import read_frames  # noqa: E402
 from encoder_reading.disc import WINDOW, Disc  # noqa: E402
 from encoder_reading.optics import INVERSION  # noqa: E402
 from encoder_reading.paper_reader import PaperReader, sine_start  # noqa: E402
 from encoder_reading.readings import CORRECTED, REJECTED  # noqa: E402
 from encoder_reading.template_reader import TemplateReader  # noqa: E402
-from encoder_sim.absolute import AbsoluteEncoder, read_frames  # noqa: E402
+from encoder_sim.absolute import AbsoluteEncoder  # noqa: E402
 from encoder_sim.ccd import LinearCCD  # noqa: E402
 from encoder_sim.indexing_table import SCALES, IndexingTable  # noqa: E402
 from msg_tools.units import ARCSEC, wrap  # noqa: E402
@@ -69,6 +70,7 @@ class Source:
 
     def __init__(self, params, seed, blobs=0):
         self.params, self.blobs = params, blobs
+        # of its own: `foreign` changes it
         self.disc = Disc(params.code)
         self.ccd = LinearCCD(params, self.disc, seed)
         self.rng = np.random.default_rng(seed)
@@ -149,7 +151,7 @@ def bound(source, angles):
 
 def part_bound(pitch, sizes, seed):
     source = Source(SCALES[pitch], seed)
-    reader = TemplateReader(source.params, source.disc)
+    reader = TemplateReader(source.params.design)
     angles = source.rng.uniform(0.0, _TURN, sizes['places'])
     full, alone = bound(source, angles)
     square = 0.0
@@ -207,8 +209,8 @@ def ladder(source, clean, n):
     of the decoded bars knows of it.
     """
     params, x = source.params, np.arange(float(source.params.pixels))
-    paper = PaperReader(params, source.disc)
-    template = TemplateReader(params, source.disc)
+    paper = PaperReader(params.design)
+    template = TemplateReader(params.design)
     middle, pitch = paper.middle, params.bar_pitch
     rank = np.arange(WINDOW)
     found, periods = {}, {}
@@ -286,7 +288,7 @@ def part_ladder(pitch, sizes, seed):
 def part_cut(pitch, sizes, seed):
     """How much of the sine's bias the bars at the two ends of the row explain."""
     source = Source(replace(SCALES[pitch], noise=0.0), seed)
-    disc, paper = source.disc, PaperReader(source.params, source.disc, cycle='centres')
+    disc, paper = source.disc, PaperReader(source.params.design, cycle='centres')
     angles = source.rng.uniform(0.0, _TURN, 3 * sizes['ladder'])
     error = np.concatenate([
         wrap(paper.read(source.ccd.light(part)).angle - part) / ARCSEC
@@ -330,8 +332,8 @@ def part_total(pitch, sizes, seed):
         sources = [Source(params, seed + disc, blobs) for disc in range(DISCS)]
         disc = sources[0].disc
         ours, paper = Tally(disc.bar_angle), Tally(disc.bar_angle)
-        template = TemplateReader(params, disc)
-        sine = PaperReader(params, disc, cycle='centres')
+        template = TemplateReader(params.design)
+        sine = PaperReader(params.design, cycle='centres')
         for source in sources:
             for angles, frames in source.batches(sizes['total'] // DISCS):
                 ours.add(template.read(frames), angles)
@@ -343,7 +345,7 @@ def part_total(pitch, sizes, seed):
                        note=f'rejected {paper.rejected}, bar taken wrong {paper.gross}'))
     source = Source(replace(SCALES[pitch], **STRONG_SHADING), seed)
     tally = Tally(source.disc.bar_angle)
-    template = TemplateReader(source.params, source.disc)
+    template = TemplateReader(source.params.design)
     for angles, frames in source.batches(sizes['total']):
         tally.add(template.read(frames), angles)
     out.append(row('total RMS, 30 % less light at the ends, 10 % of tilt', tally.rms, '"',
@@ -400,7 +402,7 @@ def part_gross(pitch, sizes, seed):
         # the dirty kinds share their 100 000
         count = n if name in ('clean', 'noise 5') else -(-n // 3)
         sources = [Source(params, seed + 10 + disc, blobs) for disc in range(DISCS)]
-        reader = TemplateReader(quiet, sources[0].disc)
+        reader = TemplateReader(quiet.design)
         tally = Tally(reader.disc.bar_angle)
         for source in sources:
             for angles, frames in source.batches(-(-count // DISCS)):
@@ -412,7 +414,7 @@ def part_gross(pitch, sizes, seed):
             out.append(row('rejected, clean', 100 * tally.rejected / tally.n, ' %', at_most=0.1,
                            digits=3))
     source = Source(quiet, seed + 2)
-    reader = TemplateReader(quiet, source.disc)
+    reader = TemplateReader(quiet.design)
     angles, seen = 0, 0
     for i in range(0, n, 6000):
         for frames in garbage(source, min(6000, n - i)):
@@ -456,7 +458,7 @@ def part_limits(pitch, sizes, seed):
             source = Source(replace(SCALES[pitch], bar_position_error=size * 1e-6), seed + disc)
             angles, frames = source.random(sizes['ladder'] // DISCS)
             square.append(np.mean(wrap(
-                TemplateReader(source.params, source.disc).read(frames).angle - angles) ** 2))
+                TemplateReader(source.params.design).read(frames).angle - angles) ** 2))
         out.append(row(f'total RMS, bars {size:g} um (rms) off their places',
                        np.sqrt(np.mean(square)) / ARCSEC, '"', digits=2))
     out.append(row('eccentricity of 1 um, one head: amplitude once a turn',
@@ -487,8 +489,8 @@ def part_speed(pitch, sizes, seed):
     source = Source(params, seed)
     shifted = Source(replace(params, **SHADING, **SHIFTED), seed).random(BATCH)[1]
     blobs = Source(replace(params, **SHADING), seed, BLOBS).random(BATCH)[1]
-    template = TemplateReader(params, source.disc)
-    paper = PaperReader(params, source.disc)
+    template = TemplateReader(params.design)
+    paper = PaperReader(params.design)
     frames = source.random(BATCH)[1]
     grey = INVERSION - frames.astype(float)
     omega, phase = sine_start(np.arange(WINDOW), paper.decode(grey).centre[:, :WINDOW])
@@ -543,6 +545,7 @@ def part_speed(pitch, sizes, seed):
 def part_node(pitch, sizes, seed):
     """What the node has to do for samples of both axes, without ROS: images, then angles."""
     encoders = [AbsoluteEncoder(SCALES[pitch], seed, axis) for axis in ('azimuth', 'elevation')]
+    readers = [encoder.reader for encoder in encoders]
     count, at_once = 64, (1, 4, 8, 32)
     stamps = 10**6 * np.arange(count)
     angles = np.random.default_rng(seed).uniform(0.0, 1.5, count)
@@ -557,7 +560,7 @@ def part_node(pitch, sizes, seed):
         frames = images()
 
         def read(frames=frames):
-            return [read_frames(encoders, part) for part in frames]
+            return [read_frames(readers, part) for part in frames]
 
         candidates[f'images, {n}'] = images, 1
         candidates[f'angles, {n}'] = read, 1

@@ -7,7 +7,7 @@ import numpy as np
 
 from .disc import WINDOW, windows_of
 
-#: why a frame was rejected, by the number in `TemplateReadings.reason`
+#: why a frame was rejected, by the number in `template_reader.TemplateReadings.reason`
 REASONS = ('', 'not finite', 'saturated', 'no contrast', 'not on the disc', 'ambiguous',
            'bars out of line', 'wrong direction')
 (NOT_FINITE, SATURATED, NO_CONTRAST, NOT_ON_DISC, AMBIGUOUS, OUT_OF_LINE,

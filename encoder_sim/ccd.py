@@ -119,7 +119,7 @@ class LinearCCD:
         kind = np.where(present, self.disc.bits, 2).astype(np.int64)
         reach = 1.5 * p.bar_pitch + np.abs(shift).max() + 1.0
         # a missing bar is one without width
-        profile = Profile((*half_widths(p, n), 0.0), p.blur, reach)
+        profile = Profile((*half_widths(p.design, n), 0.0), p.blur, reach)
         grey = np.empty(self._last)
         for i in range(0, len(grey), 2**18):
             pixel = np.arange(i, min(i + 2**18, len(grey))) / self._steps

@@ -71,6 +71,9 @@ def _parser():
     night.add_argument('--height', type=_real(-500.0, 9000.0, 'm'), metavar='M')
     night.add_argument('--params', type=Path, metavar='FILE',
                        help='ROS parameter file, read by every node after the values above')
+    night.add_argument('--absolute', choices=('angles', 'frames'), default='angles',
+                       help='what the simulated absolute encoder publishes: angles, or images '
+                       'that the node frame_reader reads (default: angles)')
     night.add_argument('--time-scale', type=_real(0.0, 1000.0, ''), default=0.0, metavar='X',
                        help='simulated seconds a second; 0 (default): as fast as the graph answers')
     night.add_argument('--domain', type=_whole(0, 101), metavar='N',
@@ -296,7 +299,8 @@ def _night(args):
     options = NightOptions(
         out=args.out, seed=args.seed, stars=args.stars, polaris=args.polaris,
         scenario=args.scenario, start_time=args.date, reference=args.reference,
-        domain=args.domain, time_scale=args.time_scale, params_file=args.params, sky=sky)
+        domain=args.domain, time_scale=args.time_scale, params_file=args.params, sky=sky,
+        absolute=args.absolute)
     with _Progress(console) as progress:
         report = run_night(options, progress)
     _print_report(console, report)

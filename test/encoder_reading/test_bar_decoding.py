@@ -3,15 +3,15 @@ import pytest
 
 from encoder_reading.bar_decoding import AMBIGUOUS, NOT_ON_DISC, BarDecoder, Bits, median
 from encoder_reading.bar_template import BarTemplate
+from encoder_reading.design import Design
 from encoder_reading.disc import BARS, Disc, windows_of
-from encoder_sim.scenario import Absolute
 
 RANK = np.arange(-18, 19)
 
 
 @pytest.fixture(scope='module')
 def decoder():
-    return BarDecoder(Disc(), RANK, BarTemplate(Absolute(), BARS), lambda rows: rows, 4.0)
+    return BarDecoder(Disc(), RANK, BarTemplate(Design(), BARS), lambda rows: rows, 4.0)
 
 
 def seen_bits(bars, legible=None, visible=None):
