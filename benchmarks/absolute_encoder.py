@@ -6,7 +6,7 @@
 Parts: bound, ladder, cut, total, gross, faces, limits, speed, node. Full size takes some minutes of
 one core (100 000 frames for each kind in `gross`), --quick some seconds. All frames are rendered by
 `encoder_sim.ccd` with noise of 2 grey levels and rounding to 8 bits unless said, at random angles
-of a disc, for both readings of the paper's figures (48 and 60 pixels a bar).
+of a disc, at both scales that the paper's figures allow (48 and 60 pixels a bar).
 
 The bound is the Cramer-Rao bound of the same image model: derivatives of the rendered image by
 the angle and by the unknown scale, contrast, ground level and shading (tilt and falloff of the
@@ -169,7 +169,7 @@ def part_bound(pitch, sizes, seed):
     ]
 
 
-# --- the ladder from the paper's reading to ours --------------------------------------------------
+# --- the ladder from the paper's method to ours ---------------------------------------------------
 
 def sine_fit(grey, weight, omega, phase, x):
     """Weighted least-squares sine of each row by Gauss-Newton: omega, phase at x = 0."""
@@ -430,7 +430,7 @@ def part_gross(pitch, sizes, seed):
     return out
 
 
-# --- 23 angles, and what no reading can remove ----------------------------------------------------
+# --- 23 angles, and what no method can remove -----------------------------------------------------
 
 def part_faces(pitch, sizes, seed):
     bench = IndexingTable(SCALES[pitch], seed, ('paper', 'template'))
@@ -450,7 +450,7 @@ def part_faces(pitch, sizes, seed):
 
 
 def part_limits(pitch, sizes, seed):
-    """What disc and bearing add, whatever the reading."""
+    """What disc and bearing add, whatever the method."""
     out = []
     for size in (0.5, 1.0, 2.0):
         square = []
@@ -530,11 +530,11 @@ def part_speed(pitch, sizes, seed):
         row('curve_fit of the sine (fit only)', us['curve_fit'], ' us', digits=0),
         row("the paper's Newton fit in numpy (fit only), batch", us['newton, batch'], ' us',
             digits=0, note=f'one frame alone {us["newton, one frame"]:.0f} us'),
-        row("the paper's reading, batch", us['paper, batch'], ' us', digits=0,
+        row("the paper's method, batch", us['paper, batch'], ' us', digits=0,
             note=f'one frame alone {us["paper, one frame"]:.0f} us'),
         row('curve_fit / ours in batches', us['curve_fit'] / batch, ' x', at_least=10.0,
             digits=0, note=f'one frame alone {us["curve_fit"] / single:.1f} x'),
-        row("the paper's reading / ours, both in batches", us['paper, batch'] / batch, ' x',
+        row("the paper's method / ours, both in batches", us['paper, batch'] / batch, ' x',
             digits=1),
         row('Newton fit / ours, both in batches', us['newton, batch'] / batch, ' x',
             at_least=10.0, digits=1,

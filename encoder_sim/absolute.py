@@ -1,4 +1,4 @@
-"""The absolute encoder of paper 001 on an axis: disc, linear CCD and reading."""
+"""The absolute encoder of paper 001 on an axis: disc, linear CCD and reader."""
 
 import numpy as np
 

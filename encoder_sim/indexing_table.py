@@ -15,7 +15,7 @@ from .scenario import Absolute
 FACES = 23
 #: readings whose bars are damaged in the paper's fig. 12, counted from 1
 DAMAGED = (5, 10, 15)
-#: the paper's CCD by the two readings of its figures that agree best with its grey levels
+#: the paper's CCD at the two scales that its figures allow and its grey levels fit best
 SCALES = {
     48: Absolute(noise=2.0),
     60: Absolute(noise=2.0, bar_pitch=60.0, blur=8.0, base=88.0),

@@ -47,7 +47,7 @@ def run(seed=1, turns=20, pitch=48, progress=None):
     turns : int
         How often the disc is put on the table and turned through the 23 angles.
     pitch : {48, 60}
-        Pixels a bar: the two readings of the paper's figures.
+        Pixels a bar: the two scales that the paper's figures allow.
     progress : callable, optional
         Called with what is being done.
 

@@ -1,5 +1,6 @@
 import array
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportErr
 
 from encoder_reading.axis_reader import AxisReader
 from encoder_reading.design import Design
-from encoder_reading.frame_reader_node import DESIGN_PARAMS, FrameReader
+from encoder_reading.frame_reader_node import DESIGN_PARAMS, PARAMS, FrameReader
 from encoder_reading.messages import frame_message, read_frame
 from encoder_reading.readings import CORRECTED, EXACT, REJECTED
 from encoder_sim.absolute import AbsoluteEncoder
@@ -160,6 +161,17 @@ def test_frames_alone_need_a_reader(graph):
 def test_designs_that_cannot_be_read(graph, overrides, text):
     with pytest.raises(ValueError, match=text):
         graph.add(FrameReader, **overrides)
+
+
+def test_the_parameter_file_of_the_documentation_is_complete():
+    import yaml
+    text = (Path(__file__).resolve().parents[2] / 'docs' / 'absolute_encoder.md').read_text()
+    values = yaml.safe_load(text.split('```yaml')[1].split('```')[0])
+    values = values['/**/frame_reader']['ros__parameters']
+    flat = {'max_batch': values.pop('max_batch')} | {
+        f'{axis}.{name}': value for axis, part in values.items() for name, value in part.items()}
+    assert flat == {param.name: param.default for param in PARAMS}
+    assert all(type(flat[param.name]) is type(param.default) for param in PARAMS)
 
 
 def test_parameters_tell_unit_and_range(graph):
