@@ -84,7 +84,7 @@ class BarDecoder:
         # bits of evidence in `wrong` of `count` bars, against all places and both directions
         evidence = np.full((n + 1, n + 1), -np.inf)
         for count in range(n + 1):
-            ways = np.cumsum([math.comb(count, k) for k in range(count + 1)])
+            ways = np.cumsum([float(math.comb(count, k)) for k in range(count + 1)])
             evidence[count, : count + 1] = count - np.log2(ways) - np.log2(2.0 * disc.bars)
         self._evidence = evidence
 

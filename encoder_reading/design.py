@@ -66,9 +66,9 @@ class Design:
     bar_narrow: float = _number(0.075, 'mm', 0.001, 10.0, "of a '1', on the circle")
     geometry: str = _choice(
         'the row of pixels is bent along the circle, or flat and touches it', 'arc', 'tangent')
-    pixels: int = _number(1800, '', 1200, 8192, 'of the linear CCD', int)
-    bar_pitch: float = _number(48.0, 'px', 40.0, 65.0, 'pixels a bar period, amid the row')
-    blur: float = _number(6.0, 'px', 0.5, 9.0, '1-sigma of the optical blur')
+    pixels: int = _number(1800, '', 400, 16384, 'of the linear CCD', int)
+    bar_pitch: float = _number(48.0, 'px', 16.0, 200.0, 'pixels a bar period, amid the row')
+    blur: float = _number(6.0, 'px', 0.3, 30.0, '1-sigma of the optical blur')
     heads: int = _number(1, '', 1, 2, 'reading heads; 2: opposite ones', int)
     mounting: str = _choice(
         'whether the pixels run along the disc', 'detect', 'forward', 'reversed')

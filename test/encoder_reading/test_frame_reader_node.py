@@ -151,7 +151,7 @@ def test_frames_alone_need_a_reader(graph):
 
 
 @pytest.mark.parametrize('overrides, text', [
-    ({'azimuth.pixels': 100}, 'must be 1200 to 8192'),
+    ({'azimuth.pixels': 100}, 'must be 400 to 16384'),
     ({'elevation.code': 'morse'}, "elevation.code = 'morse': code 'morse' is not one of table"),
     ({'elevation.method': 'sine'}, 'use one of template, paper'),
     ({'azimuth.bar_narrow_mm': 0.149}, 'azimuth encoder: .*cannot be told apart'),
@@ -179,7 +179,7 @@ def test_parameters_tell_unit_and_range(graph):
     pitch = node.describe_parameter('elevation.bar_pitch_px')
     assert '[px]' in pitch.description and pitch.read_only
     assert (pitch.floating_point_range[0].from_value, pitch.floating_point_range[0].to_value) == (
-        40.0, 65.0)
+        16.0, 200.0)
     assert 'with, against' in node.describe_parameter('azimuth.sense').additional_constraints
     # every field of the drawing can be told, and what is not told is the paper's
     for axis, params in DESIGN_PARAMS.items():

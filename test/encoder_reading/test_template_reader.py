@@ -135,6 +135,16 @@ def test_the_same_to_the_last_bit_alone_and_among_others(changes, blobs):
         together.angle, abs=1e-9, nan_ok=True)
 
 
+@pytest.mark.parametrize('pitch, blur, pixels', [
+    (16.0, 2.0, 1800), (25.0, 3.0, 8192), (100.0, 12.0, 4096), (200.0, 25.0, 16384)])
+def test_other_scales_than_the_papers(pitch, blur, pixels):
+    params = encoder(bar_pitch=pitch, blur=blur, pixels=pixels, scale_error=0.004)
+    places = angles(40)
+    readings = TemplateReader(params.design).read(frames(params, places))
+    assert (readings.quality == EXACT).all()
+    assert rms(errors(readings, places)) < 0.45
+
+
 def test_own_disc():
     disc = Disc(np.random.default_rng(2).integers(0, 2, 720))
     params = encoder(diameter=0.0526)
