@@ -57,7 +57,9 @@ COMMAND = Topic('command', 'trajectory_msgs/msg/JointTrajectory', RELIABLE)
 TRUTH_JOINTS = Topic('truth/joint_states', 'sensor_msgs/msg/JointState', DEEP)
 TRUTH_ZERO = Topic('truth/incremental_zero', 'sensor_msgs/msg/JointState', _qos(100, latched=True))
 INCREMENTAL = Topic('incremental/joint_states', 'sensor_msgs/msg/JointState', DEEP)
+# Velocities are NaN where the angles were read from images, which tell no rate.
 ABSOLUTE = Topic('absolute/joint_states', 'sensor_msgs/msg/JointState', DEEP)
+# Positions are the 1-sigma of the angles, as the image alone gives it, rad.
 ABSOLUTE_SIGMA = Topic('absolute/sigma', 'sensor_msgs/msg/JointState', DEEP)
 ABSOLUTE_FRAME = Topic('absolute/frame', 'sensor_msgs/msg/Image', SENSOR)
 MISS_DISTANCE = Topic('camera/miss_distance', 'geometry_msgs/msg/Vector3Stamped', RELIABLE)
