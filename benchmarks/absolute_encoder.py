@@ -6,7 +6,7 @@
 Parts: bound, ladder, cut, total, gross, faces, limits, speed, node. Full size takes some minutes of
 one core (100 000 frames for each kind in `gross`), --quick some seconds. All frames are rendered by
 `encoder_sim.ccd` with noise of 2 grey levels and rounding to 8 bits unless said, at random angles
-of a disc, for both readings of the paper's figures (48 and 60 pixels a bar).
+of a disc, at both scales that the paper's figures allow (48 and 60 pixels a bar).
 
 The bound is the Cramer-Rao bound of the same image model: derivatives of the rendered image by
 the angle and by the unknown scale, contrast, ground level and shading (tilt and falloff of the
@@ -14,8 +14,8 @@ illumination), with noise variance sigma^2 + 1/12 for the rounding. It is averag
 angles. Printed beside it is the bound with the angle as the only unknown. Noise-only sigma is the
 scatter of repeated readings at one angle, so that a bias does not hide in it and none counts.
 
-Peers in the same run: the paper's reading (`encoder_sim.paper_reading`), its Newton fit alone, on
-the same batch and vectorised in the same way, and `scipy.optimize.curve_fit` of its sine, both
+Peers in the same run: the paper's method (`encoder_reading.paper_reader`), its Newton fit alone,
+on the same batch and vectorised in the same way, and `scipy.optimize.curve_fit` of its sine, both
 started from the decoded bars, which is not timed. Times are of one thread; the rounds alternate
 between the candidates and the median round is printed, as CPU time, which other load on the
 machine does not count into.
@@ -34,13 +34,15 @@ for _name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'):
 
 import numpy as np  # noqa: E402
 
-from encoder_sim.absolute import AbsoluteEncoder, read_frames  # noqa: E402
-from encoder_sim.ccd import INVERSION, LinearCCD  # noqa: E402
-from encoder_sim.disc import WINDOW, Disc  # noqa: E402
+from encoder_reading.axis_reader import read_frames  # noqa: E402
+from encoder_reading.disc import WINDOW, Disc  # noqa: E402
+from encoder_reading.optics import INVERSION  # noqa: E402
+from encoder_reading.paper_reader import PaperReader, sine_start  # noqa: E402
+from encoder_reading.readings import CORRECTED, REJECTED  # noqa: E402
+from encoder_reading.template_reader import TemplateReader  # noqa: E402
+from encoder_sim.absolute import AbsoluteEncoder  # noqa: E402
+from encoder_sim.ccd import LinearCCD  # noqa: E402
 from encoder_sim.indexing_table import SCALES, IndexingTable  # noqa: E402
-from encoder_sim.paper_reading import PaperReader, sine_start  # noqa: E402
-from encoder_sim.readings import CORRECTED, REJECTED  # noqa: E402
-from encoder_sim.template_reading import TemplateReader  # noqa: E402
 from msg_tools.units import ARCSEC, wrap  # noqa: E402
 
 _TURN = 2.0 * np.pi
@@ -68,6 +70,7 @@ class Source:
 
     def __init__(self, params, seed, blobs=0):
         self.params, self.blobs = params, blobs
+        # of its own: `foreign` changes it
         self.disc = Disc(params.code)
         self.ccd = LinearCCD(params, self.disc, seed)
         self.rng = np.random.default_rng(seed)
@@ -148,7 +151,7 @@ def bound(source, angles):
 
 def part_bound(pitch, sizes, seed):
     source = Source(SCALES[pitch], seed)
-    reader = TemplateReader(source.params, source.disc)
+    reader = TemplateReader(source.params.design)
     angles = source.rng.uniform(0.0, _TURN, sizes['places'])
     full, alone = bound(source, angles)
     square = 0.0
@@ -166,7 +169,7 @@ def part_bound(pitch, sizes, seed):
     ]
 
 
-# --- the ladder from the paper's reading to ours --------------------------------------------------
+# --- the ladder from the paper's method to ours ---------------------------------------------------
 
 def sine_fit(grey, weight, omega, phase, x):
     """Weighted least-squares sine of each row by Gauss-Newton: omega, phase at x = 0."""
@@ -206,8 +209,8 @@ def ladder(source, clean, n):
     of the decoded bars knows of it.
     """
     params, x = source.params, np.arange(float(source.params.pixels))
-    paper = PaperReader(params, source.disc)
-    template = TemplateReader(params, source.disc)
+    paper = PaperReader(params.design)
+    template = TemplateReader(params.design)
     middle, pitch = paper.middle, params.bar_pitch
     rank = np.arange(WINDOW)
     found, periods = {}, {}
@@ -285,7 +288,7 @@ def part_ladder(pitch, sizes, seed):
 def part_cut(pitch, sizes, seed):
     """How much of the sine's bias the bars at the two ends of the row explain."""
     source = Source(replace(SCALES[pitch], noise=0.0), seed)
-    disc, paper = source.disc, PaperReader(source.params, source.disc, cycle='centres')
+    disc, paper = source.disc, PaperReader(source.params.design, cycle='centres')
     angles = source.rng.uniform(0.0, _TURN, 3 * sizes['ladder'])
     error = np.concatenate([
         wrap(paper.read(source.ccd.light(part)).angle - part) / ARCSEC
@@ -329,8 +332,8 @@ def part_total(pitch, sizes, seed):
         sources = [Source(params, seed + disc, blobs) for disc in range(DISCS)]
         disc = sources[0].disc
         ours, paper = Tally(disc.bar_angle), Tally(disc.bar_angle)
-        template = TemplateReader(params, disc)
-        sine = PaperReader(params, disc, cycle='centres')
+        template = TemplateReader(params.design)
+        sine = PaperReader(params.design, cycle='centres')
         for source in sources:
             for angles, frames in source.batches(sizes['total'] // DISCS):
                 ours.add(template.read(frames), angles)
@@ -342,7 +345,7 @@ def part_total(pitch, sizes, seed):
                        note=f'rejected {paper.rejected}, bar taken wrong {paper.gross}'))
     source = Source(replace(SCALES[pitch], **STRONG_SHADING), seed)
     tally = Tally(source.disc.bar_angle)
-    template = TemplateReader(source.params, source.disc)
+    template = TemplateReader(source.params.design)
     for angles, frames in source.batches(sizes['total']):
         tally.add(template.read(frames), angles)
     out.append(row('total RMS, 30 % less light at the ends, 10 % of tilt', tally.rms, '"',
@@ -399,7 +402,7 @@ def part_gross(pitch, sizes, seed):
         # the dirty kinds share their 100 000
         count = n if name in ('clean', 'noise 5') else -(-n // 3)
         sources = [Source(params, seed + 10 + disc, blobs) for disc in range(DISCS)]
-        reader = TemplateReader(quiet, sources[0].disc)
+        reader = TemplateReader(quiet.design)
         tally = Tally(reader.disc.bar_angle)
         for source in sources:
             for angles, frames in source.batches(-(-count // DISCS)):
@@ -411,7 +414,7 @@ def part_gross(pitch, sizes, seed):
             out.append(row('rejected, clean', 100 * tally.rejected / tally.n, ' %', at_most=0.1,
                            digits=3))
     source = Source(quiet, seed + 2)
-    reader = TemplateReader(quiet, source.disc)
+    reader = TemplateReader(quiet.design)
     angles, seen = 0, 0
     for i in range(0, n, 6000):
         for frames in garbage(source, min(6000, n - i)):
@@ -427,7 +430,7 @@ def part_gross(pitch, sizes, seed):
     return out
 
 
-# --- 23 angles, and what no reading can remove ----------------------------------------------------
+# --- 23 angles, and what no method can remove -----------------------------------------------------
 
 def part_faces(pitch, sizes, seed):
     bench = IndexingTable(SCALES[pitch], seed, ('paper', 'template'))
@@ -447,7 +450,7 @@ def part_faces(pitch, sizes, seed):
 
 
 def part_limits(pitch, sizes, seed):
-    """What disc and bearing add, whatever the reading."""
+    """What disc and bearing add, whatever the method."""
     out = []
     for size in (0.5, 1.0, 2.0):
         square = []
@@ -455,7 +458,7 @@ def part_limits(pitch, sizes, seed):
             source = Source(replace(SCALES[pitch], bar_position_error=size * 1e-6), seed + disc)
             angles, frames = source.random(sizes['ladder'] // DISCS)
             square.append(np.mean(wrap(
-                TemplateReader(source.params, source.disc).read(frames).angle - angles) ** 2))
+                TemplateReader(source.params.design).read(frames).angle - angles) ** 2))
         out.append(row(f'total RMS, bars {size:g} um (rms) off their places',
                        np.sqrt(np.mean(square)) / ARCSEC, '"', digits=2))
     out.append(row('eccentricity of 1 um, one head: amplitude once a turn',
@@ -486,8 +489,8 @@ def part_speed(pitch, sizes, seed):
     source = Source(params, seed)
     shifted = Source(replace(params, **SHADING, **SHIFTED), seed).random(BATCH)[1]
     blobs = Source(replace(params, **SHADING), seed, BLOBS).random(BATCH)[1]
-    template = TemplateReader(params, source.disc)
-    paper = PaperReader(params, source.disc)
+    template = TemplateReader(params.design)
+    paper = PaperReader(params.design)
     frames = source.random(BATCH)[1]
     grey = INVERSION - frames.astype(float)
     omega, phase = sine_start(np.arange(WINDOW), paper.decode(grey).centre[:, :WINDOW])
@@ -527,11 +530,11 @@ def part_speed(pitch, sizes, seed):
         row('curve_fit of the sine (fit only)', us['curve_fit'], ' us', digits=0),
         row("the paper's Newton fit in numpy (fit only), batch", us['newton, batch'], ' us',
             digits=0, note=f'one frame alone {us["newton, one frame"]:.0f} us'),
-        row("the paper's reading, batch", us['paper, batch'], ' us', digits=0,
+        row("the paper's method, batch", us['paper, batch'], ' us', digits=0,
             note=f'one frame alone {us["paper, one frame"]:.0f} us'),
         row('curve_fit / ours in batches', us['curve_fit'] / batch, ' x', at_least=10.0,
             digits=0, note=f'one frame alone {us["curve_fit"] / single:.1f} x'),
-        row("the paper's reading / ours, both in batches", us['paper, batch'] / batch, ' x',
+        row("the paper's method / ours, both in batches", us['paper, batch'] / batch, ' x',
             digits=1),
         row('Newton fit / ours, both in batches', us['newton, batch'] / batch, ' x',
             at_least=10.0, digits=1,
@@ -542,6 +545,7 @@ def part_speed(pitch, sizes, seed):
 def part_node(pitch, sizes, seed):
     """What the node has to do for samples of both axes, without ROS: images, then angles."""
     encoders = [AbsoluteEncoder(SCALES[pitch], seed, axis) for axis in ('azimuth', 'elevation')]
+    readers = [encoder.reader for encoder in encoders]
     count, at_once = 64, (1, 4, 8, 32)
     stamps = 10**6 * np.arange(count)
     angles = np.random.default_rng(seed).uniform(0.0, 1.5, count)
@@ -556,7 +560,7 @@ def part_node(pitch, sizes, seed):
         frames = images()
 
         def read(frames=frames):
-            return [read_frames(encoders, part) for part in frames]
+            return [read_frames(readers, part) for part in frames]
 
         candidates[f'images, {n}'] = images, 1
         candidates[f'angles, {n}'] = read, 1

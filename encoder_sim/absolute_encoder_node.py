@@ -1,31 +1,34 @@
-"""The absolute encoders of both axes: read their discs from the image on a linear CCD.
+"""The absolute encoders of both axes: images of their discs on a linear CCD, and the readings.
 
 The effort of a reading is its quality: 0 exact, 1 corrected, 2 rejected; a rejected one is NaN.
 """
 
-import array
+import dataclasses
 import math
 import sys
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticStatus
 
+from encoder_reading.messages import AngleOutput, Batch, frame_message
 from msg_tools import convert, topics
 from msg_tools.node import MountNode, Param, run_node
 
-from .absolute import REJECTED, AbsoluteEncoder, read_frames
+from .absolute import AbsoluteEncoder
 from .device_params import DEVICE_PARAMS, MAX_RATE, Decimator, parse_utc
 from .scenario_file import load_scenario
 
 PARAMS = (
     *DEVICE_PARAMS, MAX_RATE,
+    Param('publishes', 'angles', 'angles, which it reads in its own process, and images on demand; '
+          'or frames: every image, reliable, and no angles, for a frame_reader',
+          choices=('angles', 'frames'), fixed=True),
     Param('max_batch', 32, 'most samples taken at once when they come faster than they are read',
           1, 256),
     Param('frame_rate_hz', 10.0, 'most images a second of simulated time, made only while somebody '
           'subscribes; 0: one for every reading [Hz]', 0.0, 2000.0),
 )
-_BOTH = np.arange(2)
-_QUALITIES = ('exact', 'corrected', 'rejected')
+#: with which no image is lost on the way to the node that reads it
+EVERY_FRAME = dataclasses.replace(topics.ABSOLUTE_FRAME, qos=topics.DEEP)
 
 
 class AbsoluteEncoders(MountNode):
@@ -42,87 +45,50 @@ class AbsoluteEncoders(MountNode):
             for axis in convert.AXES]
         self._warmth = lambda stamps: scenario.temperature(stamps * 1e-9, start)
         self._decimator, self._frame_decimator = Decimator(), Decimator()
-        self._counts = np.zeros((2, 3), dtype=np.int64)  # of each axis and quality
-        self._pub = self.publisher(topics.ABSOLUTE)
-        self._frame_pub = self.publisher(topics.ABSOLUTE_FRAME)
-        self._truth = self.subscribe(topics.TRUTH_JOINTS, self._on_truth)
-        self._truth_counter = self._subscriptions_of[self._truth.topic_name][-1][1]
+        self._output = None
+        if self.value('publishes') == 'angles':
+            self._output = AngleOutput(self, [encoder.reader for encoder in self._encoders])
+        self._frame_pub = self.publisher(topics.ABSOLUTE_FRAME if self._output else EVERY_FRAME)
+        self._batch = Batch(self, self._work, lambda: self.value('max_batch'))
+        self.subscribe(topics.TRUTH_JOINTS, self._on_truth)
 
     def _on_truth(self, message):
-        samples = []
-        rate = self.value('max_rate_hz')
-        for truth in [message, *self._waiting()]:
-            try:
-                stamp, angles, rates = convert.read_joints(truth)[:3]
-                if not all(map(math.isfinite, angles)):
-                    raise ValueError('a true angle is not finite')
-            except ValueError as err:
-                self.reject(topics.TRUTH_JOINTS.name, str(err))
-                continue
-            if self._decimator.passes(stamp, rate):
-                samples.append((stamp, angles, rates))
-        if samples:
-            self._read(samples)
+        stamp, angles, rates = convert.read_joints(message)[:3]
+        if not all(map(math.isfinite, angles)):
+            raise ValueError('a true angle is not finite')
+        if self._decimator.passes(stamp, self.value('max_rate_hz')):
+            self._batch.add((stamp, angles, rates))
 
-    def _waiting(self):
-        """The messages behind the one that the executor brought: it brings one a turn."""
-        out = []
-        most = self.value('max_batch') - 1
-        with self._truth.handle:
-            while len(out) < most:
-                taken = self._truth.handle.take_message(self._truth.msg_type, False)
-                if taken is None:
-                    break
-                self._truth_counter.received(taken[1])
-                out.append(taken[0])
-        return out
-
-    def _read(self, samples):
-        stamps = np.array([sample[0] for sample in samples], dtype=np.int64)
+    def _work(self, samples):
+        stamps = [sample[0] for sample in samples]
         angles = np.array([sample[1] for sample in samples])
         rates = np.array([sample[2] for sample in samples])
         known = np.where(np.isfinite(rates), rates, 0.0)
-        warmth = self._warmth(stamps)
-        frames = [encoder.frames(stamps, angles[:, axis], known[:, axis], warmth)
+        when = np.array(stamps, dtype=np.int64)
+        warmth = self._warmth(when)
+        frames = [encoder.frames(when, angles[:, axis], known[:, axis], warmth)
                   for axis, encoder in enumerate(self._encoders)]
-        readings = read_frames(self._encoders, frames)
-        np.add.at(self._counts, (_BOTH, readings.quality), 1)
-        for (stamp, _, rate), angle, quality in zip(
-                samples, readings.angle.tolist(), readings.quality.tolist()):
-            self._pub.publish(convert.joint_state(stamp, angle, rate, quality))
-        if self._frame_pub.get_subscription_count() > 0:
+        rate = 0.0
+        if self._output:
+            self._output.read(stamps, frames, [sample[2] for sample in samples])
             rate = self.value('frame_rate_hz')
-            for i, sample in enumerate(samples):
-                if self._frame_decimator.passes(sample[0], rate):
-                    self._frame_pub.publish(
-                        _image(sample[0], np.concatenate([axis[:, i] for axis in frames])))
-
-    def required(self):
-        """It needs axes to sit on."""
-        return {self.resolve_topic_name(topics.TRUTH_JOINTS.name)}
+        if self._frame_pub.get_subscription_count() > 0:
+            for i, stamp in enumerate(stamps):
+                if self._frame_decimator.passes(stamp, rate):
+                    self._frame_pub.publish(frame_message(stamp, [part[:, i] for part in frames]))
 
     def problems(self):
-        """Images that could not be read."""
-        rejected = int(self._counts[:, REJECTED].sum())
-        if not rejected:
-            return []
-        return [(DiagnosticStatus.WARN, f'{rejected} images could not be read')]
+        """Images that could not be read, and who else reads."""
+        return self._output.problems() if self._output else []
 
     def details(self):
         """How many readings were of which quality."""
-        return [(f'{axis} {name}', str(count))
-                for axis, counts in zip(convert.AXES, self._counts)
-                for name, count in zip(_QUALITIES, counts)]
+        return self._output.details() if self._output else []
 
-
-def _image(stamp, rows):
-    """A mono8 image, a row per reading head: those of azimuth, then of elevation."""
-    from sensor_msgs.msg import Image
-    image = Image(height=rows.shape[0], width=rows.shape[1], encoding='mono8', is_bigendian=0,
-                  step=rows.shape[1], data=array.array('B', rows.tobytes()))
-    image.header.stamp = convert.to_stamp(stamp)
-    image.header.frame_id = 'absolute_encoder'
-    return image
+    def required(self):
+        """It needs axes to sit on, and in place of its own reader another."""
+        names = [topics.TRUTH_JOINTS, *([] if self._output else [topics.ABSOLUTE_FRAME])]
+        return {self.resolve_topic_name(topic.name) for topic in names}
 
 
 def main(args=None):

@@ -5,40 +5,12 @@ import math
 
 import numpy as np
 
-from . import keyed_noise
-from .disc import BARS
+from encoder_reading.optics import INVERSION, along_track, blurred_bar, half_widths
 
-#: paper 001, eq. 4: inverted grey level = 250 - grey level
-INVERSION = 250.0
+from . import keyed_noise
+
 _FINE = 64  # entries of the bar's profile a pixel
 _CHUNK = 64  # frames rendered at once, to bound the memory
-
-
-def pixel_places(params, bars=BARS):
-    """Place on the track that each pixel looks at, in bar periods from the middle of the row.
-
-    Parameters
-    ----------
-    params : scenario.Absolute
-        Its nominal geometry; `scale_error` and `mounting` are not in it.
-    bars : int
-        Of the disc.
-
-    Returns
-    -------
-    ndarray, shape (pixels,)
-        Rising with the disc angle.
-    """
-    offset = np.arange(params.pixels) - 0.5 * (params.pixels - 1)
-    return _to_places(offset / params.bar_pitch, params, bars)
-
-
-def _to_places(offset, params, bars):
-    """Bar periods along the circle of offsets in periods along the row."""
-    if params.geometry == 'tangent':
-        radius = bars / (2.0 * math.pi)
-        return radius * np.arctan(offset / radius)
-    return offset
 
 
 class Profile:
@@ -68,20 +40,6 @@ class Profile:
         at -= entry
         entry += np.asarray(kind) * (self._last + 1)
         return self._table[entry] + at * self._slope[entry]
-
-
-def blurred_bar(distance, half_width, blur):
-    """Light 0..1 of a bar behind a Gaussian blur, at distances from its centre, in pixels."""
-    erf = np.frompyfunc(math.erf, 1, 1)
-    root = math.sqrt(2.0) * blur
-    edges = erf((distance + half_width) / root) - erf((distance - half_width) / root)
-    return 0.5 * edges.astype(float)
-
-
-def half_widths(params, bars=BARS):
-    """Half width of a wide ('0') and of a narrow bar ('1'), nominal pixels."""
-    scale = params.bar_pitch / (math.pi * params.diameter / bars)  # pixels a metre on the circle
-    return 0.5 * params.bar_wide * scale, 0.5 * params.bar_narrow * scale
 
 
 class LinearCCD:
@@ -114,8 +72,9 @@ class LinearCCD:
         offset = np.arange(params.pixels) - 0.5 * (params.pixels - 1)
         if params.mounting == 'reversed':
             offset = -offset
-        self._offset = self._steps * params.bar_pitch * _to_places(
-            offset / (params.bar_pitch * (1.0 + params.scale_error)), params, disc.bars)
+        self._offset = self._steps * params.bar_pitch * along_track(
+            offset / (params.bar_pitch * (1.0 + params.scale_error)), params.geometry,
+            disc.bars)
         # where a row begins in the table, which entry each pixel sees from there, and what is over
         self._begin = math.floor(self._offset.min())
         entry = np.floor(self._offset)
@@ -160,7 +119,7 @@ class LinearCCD:
         kind = np.where(present, self.disc.bits, 2).astype(np.int64)
         reach = 1.5 * p.bar_pitch + np.abs(shift).max() + 1.0
         # a missing bar is one without width
-        profile = Profile((*half_widths(p, n), 0.0), p.blur, reach)
+        profile = Profile((*half_widths(p.design, n), 0.0), p.blur, reach)
         grey = np.empty(self._last)
         for i in range(0, len(grey), 2**18):
             pixel = np.arange(i, min(i + 2**18, len(grey))) / self._steps

@@ -4,18 +4,18 @@ import math
 
 import numpy as np
 
+from encoder_reading.optics import INVERSION
+from encoder_reading.paper_reader import CentroidReader, PaperReader, ParabolaReader
+from encoder_reading.template_reader import TemplateReader
 from msg_tools.units import ARCSEC, wrap
 
-from .ccd import INVERSION, LinearCCD
-from .disc import Disc
-from .paper_reading import CentroidReader, PaperReader, ParabolaReader
+from .ccd import LinearCCD
 from .scenario import Absolute
-from .template_reading import TemplateReader
 
 FACES = 23
 #: readings whose bars are damaged in the paper's fig. 12, counted from 1
 DAMAGED = (5, 10, 15)
-#: the paper's CCD by the two readings of its figures that agree best with its grey levels
+#: the paper's CCD at the two scales that its figures allow and its grey levels fit best
 SCALES = {
     48: Absolute(noise=2.0),
     60: Absolute(noise=2.0, bar_pitch=60.0, blur=8.0, base=88.0),
@@ -24,21 +24,20 @@ SCALES = {
 TABLE_ERROR = 0.2 * ARCSEC
 
 
-def readers(params, disc):
+def readers(design):
     """Every method under test, by name.
 
     Parameters
     ----------
-    params : scenario.Absolute
-    disc : disc.Disc
+    design : encoder_reading.design.Design
     """
     return {
-        'paper': PaperReader(params, disc),
-        'centroid': CentroidReader(params, disc),
-        'parabola': ParabolaReader(params, disc),
-        'template': TemplateReader(params, disc),
-        'paper_by_centres': PaperReader(params, disc, cycle='centres'),
-        'parabola_at_middle': ParabolaReader(params, disc, at='middle'),
+        'paper': PaperReader(design),
+        'centroid': CentroidReader(design),
+        'parabola': ParabolaReader(design),
+        'template': TemplateReader(design),
+        'paper_by_centres': PaperReader(design, cycle='centres'),
+        'parabola_at_middle': ParabolaReader(design, at='middle'),
     }
 
 
@@ -72,8 +71,8 @@ class IndexingTable:
 
     def __init__(self, params, seed=1, methods=None):
         self.params, self.seed = params, seed
-        self.disc = Disc(params.code)
-        known = readers(params, self.disc)
+        self.disc = params.design.disc
+        known = readers(params.design)
         self.readers = {name: known[name] for name in (methods or known)}
         self.ccd = LinearCCD(params, self.disc, seed)
         self.standard = standard_angles()
@@ -126,7 +125,7 @@ class IndexingTable:
         shift = np.zeros(bars)
         reach = int(0.5 * self.params.pixels / self.params.bar_pitch)
         grey = INVERSION - frames.astype(float)
-        first = PaperReader(self.params, self.disc).decode(grey).first
+        first = PaperReader(self.params.design).decode(grey).first
         for angle, bar in zip(angles, first):
             middle = round(angle / self.disc.bar_angle)
             view = middle + np.arange(-reach, reach + 1)
@@ -151,7 +150,7 @@ class IndexingTable:
     def fits(self, n):
         """R-square and period (pixels) of the paper's sine at `n` random angles, shape (n,)."""
         angles = self._rng.uniform(0.0, 2.0 * np.pi, n)
-        read = PaperReader(self.params, self.disc).read(self._frames(self.ccd, angles))
+        read = PaperReader(self.params.design).read(self._frames(self.ccd, angles))
         return read.r_square, read.period
 
 class _DisplacedBars(LinearCCD):

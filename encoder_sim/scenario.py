@@ -5,11 +5,13 @@ a data sheet (``an_arcsec``), without that suffix (``an``). The defaults are the
 noise. So each effect is switched by its own number.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
-from .scenario_fields import choice, number, numbers, optional, section, sections
+from encoder_reading.design import Design
+
+from .scenario_fields import choice, drawn, number, numbers, optional, section, sections
 
 
 @dataclass(frozen=True)
@@ -264,34 +266,22 @@ class Absolute(EncoderScale):
     """The absolute encoder of paper 001 on one axis.
 
     Grey levels are those of the 8 bits. Flaws of disc and CCD are drawn from the seed of the night
-    and stay what they are.
+    and stay what they are. What is not a flaw, `Design` explains.
 
     Attributes
     ----------
     code : {'table', 'equation2'}
         The disc of the paper's table 1, or of its eq. 2.
-    bar_wide, bar_narrow : float
-        Width of a '0' and of a '1' on the circle, m.
     bar_position_error : float
         1-sigma of a bar's place on the circle, m.
     missing_bars, shifted_bars : float
         Fraction of the bars that are not there, or not at their place.
     bar_shift : float
         How far a shifted bar is off, to either side, in bar periods.
-    heads : int
-        One reading head, or the mean of two opposite ones, which see no eccentricity.
     mounting : {'forward', 'reversed'}
-        Whether the pixels run along the disc or against it.
-    geometry : {'arc', 'tangent'}
-        The row of pixels bent along the circle, or flat and touching it in its middle.
-    pixels : int
-        Of the linear CCD.
-    bar_pitch : float
-        Pixels a bar period, as the reading expects it (in the middle of a flat row).
+        Whether the pixels run along the disc or against it, which the reader is not told.
     scale_error : float
         The image is that much larger, relative.
-    blur : float
-        1-sigma of the optical blur, pixels.
     exposure : float
         Time during which a moving disc smears, s; the stamp is its middle.
     base, contrast : float
@@ -309,25 +299,23 @@ class Absolute(EncoderScale):
         1-sigma of the read-out of a pixel, grey levels.
     full_well : float
         Electrons at grey level 255, which decide the shot noise; 0: none.
-    reading : {'template', 'paper'}
-        `template_reading`, or the reading of paper 001 with its faults, `paper_reading`.
     """
 
-    diameter: float = number(79.0, 'mm', 1.0, 10000.0)
+    diameter: float = drawn(Design, 'diameter')
     code: str = choice('table', 'table', 'equation2')
-    bar_wide: float = number(0.149, 'mm', 0.001, 10.0)
-    bar_narrow: float = number(0.075, 'mm', 0.001, 10.0)
+    bar_wide: float = drawn(Design, 'bar_wide')
+    bar_narrow: float = drawn(Design, 'bar_narrow')
     bar_position_error: float = number(0.0, 'um', 0.0, 50.0)
     missing_bars: float = number(0.0, 'percent', 0.0, 50.0)
     shifted_bars: float = number(0.0, 'percent', 0.0, 100.0)
     bar_shift: float = number(0.15, '', 0.0, 0.5)
-    heads: int = number(1, '', 1, 2, kind=int)
+    heads: int = drawn(Design, 'heads')
     mounting: str = choice('forward', 'forward', 'reversed')
-    geometry: str = choice('arc', 'arc', 'tangent')
-    pixels: int = number(1800, '', 1200, 8192, kind=int)
-    bar_pitch: float = number(48.0, 'px', 40.0, 65.0)
+    geometry: str = drawn(Design, 'geometry')
+    pixels: int = drawn(Design, 'pixels')
+    bar_pitch: float = drawn(Design, 'bar_pitch')
     scale_error: float = number(0.0, 'percent', -0.5, 0.5)
-    blur: float = number(6.0, 'px', 0.5, 9.0)
+    blur: float = drawn(Design, 'blur')
     exposure: float = number(0.0, 'us', 0.0, 100000.0)
     base: float = number(91.0, '', 0.0, 250.0)
     contrast: float = number(88.0, '', 1.0, 250.0)
@@ -339,7 +327,13 @@ class Absolute(EncoderScale):
     dust_size: float = number(60.0, 'px', 1.0, 1000.0)
     noise: float = number(0.0, '', 0.0, 100.0)
     full_well: float = number(0.0, 'ke', 0.0, 100000.0)
-    reading: str = choice('template', 'template', 'paper')
+    method: str = drawn(Design, 'method')
+
+    @property
+    def design(self):
+        """The drawing, and so all that a reader gets to know; how it is mounted it finds out."""
+        return Design(**{item.name: getattr(self, item.name) for item in fields(Design)
+                         if item.name not in ('mounting', 'sense')})
 
 
 @dataclass(frozen=True)

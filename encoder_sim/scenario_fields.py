@@ -53,6 +53,12 @@ def numbers(unit, low, high):
     return field(default=(), metadata={'unit': unit, 'range': (low, high), 'kind': list})
 
 
+def drawn(cls, name):
+    """The field `name` of the drawing `cls`, with its default and range."""
+    item = cls.__dataclass_fields__[name]
+    return field(default=item.default, metadata=item.metadata)
+
+
 def choice(default, *names):
     """A field with one of `names`."""
     return field(default=default, metadata={'choice': names})

@@ -60,7 +60,10 @@ TRUTH_ZERO = Topic('truth/incremental_zero', 'sensor_msgs/msg/JointState', _qos(
 TRUTH_SCENARIO = Topic('truth/scenario', 'std_msgs/msg/String', LATCHED)
 INCREMENTAL = Topic('incremental/joint_states', 'sensor_msgs/msg/JointState', DEEP)
 HOMING = Topic('incremental/homing', 'sensor_msgs/msg/PointCloud2', LATCHED)
+# Velocities are NaN where the angles were read from images, which tell no rate.
 ABSOLUTE = Topic('absolute/joint_states', 'sensor_msgs/msg/JointState', DEEP)
+# Positions are the 1-sigma of the angles, as the image alone gives it, rad.
+ABSOLUTE_SIGMA = Topic('absolute/sigma', 'sensor_msgs/msg/JointState', DEEP)
 ABSOLUTE_FRAME = Topic('absolute/frame', 'sensor_msgs/msg/Image', SENSOR)
 MISS_DISTANCE = Topic('camera/miss_distance', 'geometry_msgs/msg/Vector3Stamped', RELIABLE)
 AMBIENT = Topic('ambient/temperature', 'sensor_msgs/msg/Temperature', _qos(100, latched=True))

@@ -1,181 +1,27 @@
 """The 23-face test of an absolute encoder, as paper 001 does it in its section 3.
 
 An indexing table turns the disc to 23 standard angles, and the errors of the readings are
-evaluated by eqs. 14 to 16 of the paper, which are those of JJG 100-2003, the Chinese verification
-regulation for total stations. `evaluate` serves the measured angles of any encoder; `TABLE_2` are
-the paper's.
+evaluated by eqs. 14 to 16 of the paper (`encoder_reading.evaluation`, which serves the measured
+angles of any encoder).
 
 The bench is simulated: `run` takes it through the one door to the simulator,
 `telescope_mount.simulator`. It calibrates nothing.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from calibration.tables import new_table
+from encoder_reading.evaluation import (
+    TABLE_2_MEASURED,
+    TABLE_2_STANDARD,
+    evaluate,
+    harmonic_verdict,
+    sigma_interval,
+)
 from msg_tools.units import ARCSEC
 
-_SECONDS = np.array([3600.0, 60.0, 1.0])
-#: paper 001, table 2: standard angle, measured angle (degrees, minutes, seconds)
-_TABLE_2 = np.array([
-    [0, 0, 0.0, 0, 0, 0.64],
-    [15, 39, 7.8, 15, 39, 0.53],
-    [31, 18, 15.7, 31, 18, 8.11],
-    [46, 57, 23.5, 46, 57, 29.78],
-    [62, 36, 31.3, 62, 36, 35.18],
-    [78, 15, 39.1, 78, 15, 39.77],
-    [93, 54, 47.0, 93, 54, 46.73],
-    [109, 33, 54.8, 109, 33, 48.39],
-    [125, 13, 2.6, 125, 13, 8.91],
-    [140, 52, 10.4, 140, 52, 18.11],
-    [156, 31, 18.2, 156, 31, 19.96],
-    [172, 10, 26.0, 172, 10, 29.92],
-    [187, 49, 33.9, 187, 49, 40.70],
-    [203, 28, 41.7, 203, 28, 45.45],
-    [219, 7, 49.5, 219, 7, 49.73],
-    [234, 46, 57.3, 234, 47, 0.01],
-    [250, 26, 5.2, 250, 26, 4.86],
-    [266, 5, 13.0, 266, 5, 8.11],
-    [281, 44, 20.8, 281, 44, 19.02],
-    [297, 23, 28.6, 297, 23, 35.99],
-    [313, 2, 36.5, 313, 2, 36.07],
-    [328, 41, 44.3, 328, 41, 42.74],
-    [344, 20, 52.2, 344, 20, 55.19],
-])
-TABLE_2_STANDARD = _TABLE_2[:, :3] @ _SECONDS * ARCSEC
-TABLE_2_MEASURED = _TABLE_2[:, 3:] @ _SECONDS * ARCSEC
 #: what the paper found for each method: standard deviation, arcsec
 PRINTED_STD = {'paper': 4.57, 'centroid': 26.77, 'parabola': 16.93}
-
-
-@dataclass(frozen=True)
-class Evaluation:
-    """Readings at standard angles, evaluated; rad.
-
-    Attributes
-    ----------
-    graduation_errors : ndarray, shape (n,)
-        Measured - standard (eq. 14).
-    direction_errors : ndarray, shape (n,)
-        Without their mean (eq. 15).
-    mean, std : float
-        Mean of the graduation errors; standard deviation with n - 1 (eq. 16).
-    largest, smallest : float
-        Of the absolute graduation errors.
-    """
-
-    graduation_errors: np.ndarray
-    direction_errors: np.ndarray
-    mean: float
-    std: float
-    largest: float
-    smallest: float
-
-
-def evaluate(measured, standard):
-    """Evaluate readings at standard angles (paper 001, eqs. 14 to 16; JJG 100-2003).
-
-    Parameters
-    ----------
-    measured, standard : array_like, shape (n,)
-        rad, at least two; their differences are taken to half a turn.
-
-    Returns
-    -------
-    Evaluation
-
-    Raises
-    ------
-    ValueError
-        Different lengths, fewer than two, or an angle that is not finite.
-    """
-    measured, standard = np.asarray(measured, dtype=float), np.asarray(standard, dtype=float)
-    if measured.ndim != 1 or measured.shape != standard.shape or len(measured) < 2:
-        raise ValueError(f'{measured.shape} measured and {standard.shape} standard angles: give '
-                         'as many of the one as of the other, at least two')
-    bad = ~(np.isfinite(measured) & np.isfinite(standard))
-    if bad.any():
-        raise ValueError(f'angle {int(np.flatnonzero(bad)[0]) + 1} is not a finite number; '
-                         'leave rejected readings out')
-    errors = (measured - standard + np.pi) % (2.0 * np.pi) - np.pi
-    mean = float(errors.mean())
-    directions = errors - mean
-    return Evaluation(
-        errors, directions, mean, float(np.sqrt(directions @ directions / (len(errors) - 1))),
-        float(np.abs(errors).max()), float(np.abs(errors).min()))
-
-
-@dataclass(frozen=True)
-class HarmonicVerdict:
-    """Whether errors at equidistant angles hold harmonics of the turn.
-
-    Attributes
-    ----------
-    p_values, holm : ndarray, shape (orders,)
-        Of each harmonic alone against none (F test), and corrected for trying them all.
-    std, std_without : float
-        Of the errors, and of what all the harmonics leave (both with n - 1), rad.
-    left_out, left_out_without : float
-        RMS error at an angle that the mean, or mean and harmonics, were fitted without, rad.
-    """
-
-    p_values: np.ndarray
-    holm: np.ndarray
-    std: float
-    std_without: float
-    left_out: float
-    left_out_without: float
-
-    @property
-    def found(self):
-        """Whether any is significant at 5 %."""
-        return bool(self.holm.min() < 0.05)
-
-
-def harmonic_verdict(errors, orders=6):
-    """Look for harmonics 1 to `orders` of the turn in errors at equidistant angles.
-
-    Parameters
-    ----------
-    errors : array_like, shape (n,)
-        At angles i / n of a turn, rad; n > 2 orders + 1.
-
-    Returns
-    -------
-    HarmonicVerdict
-
-    Raises
-    ------
-    ValueError
-        Too few errors for that many harmonics.
-    """
-    errors = np.asarray(errors, dtype=float)
-    n = len(errors)
-    if n <= 2 * orders + 1:
-        raise ValueError(f'{n} errors cannot tell {orders} harmonics; give more than '
-                         f'{2 * orders + 1}')
-    angle = 2.0 * np.pi * np.arange(n) / n
-    centred = errors - errors.mean()
-    # equidistant angles: constant, cosines and sines are orthogonal
-    pairs = np.stack([[np.cos(k * angle), np.sin(k * angle)] for k in range(1, orders + 1)])
-    power = 2.0 / n * np.sum((pairs @ centred) ** 2, axis=1)
-    total = centred @ centred
-    # with two parameters the F test's tail has a closed form
-    p_values = (1.0 - power / total) ** (0.5 * (n - 3))
-    order = np.argsort(p_values)
-    steps = np.minimum(1.0, p_values[order] * (orders - np.arange(orders)))
-    holm = np.empty(orders)
-    holm[order] = np.maximum.accumulate(steps)
-    flat = pairs.reshape(-1, n)
-    rest = centred - 2.0 / n * (flat @ centred) @ flat
-    leverage = (2 * orders + 1) / n  # the same at every angle
-    return HarmonicVerdict(
-        p_values, holm, float(np.sqrt(total / (n - 1))), float(np.sqrt(rest @ rest / (n - 1))),
-        float(np.sqrt(total / n) / (1.0 - 1.0 / n)),
-        float(np.sqrt(rest @ rest / n) / (1.0 - leverage)))
-
-
 #: methods on the page; the others are variants of them
 MAIN = ('paper', 'centroid', 'parabola', 'template')
 #: of one bar in ten at readings 5, 10 and 15, in bar periods
@@ -200,7 +46,7 @@ def run(seed=1, turns=20, pitch=48, progress=None):
     turns : int
         How often the disc is put on the table and turned through the 23 angles.
     pitch : {48, 60}
-        Pixels a bar: the two readings of the paper's figures.
+        Pixels a bar: the two scales that the paper's figures allow.
     progress : callable, optional
         Called with what is being done.
 
@@ -331,13 +177,6 @@ def _table_2():
             'found': verdict.found},
         'sigma_95_percent_arcsec': list(sigma_interval(found.std / ARCSEC, 23)),
     }
-
-
-def sigma_interval(std, n):
-    """95 % interval of the sigma of which `n` normal readings gave `std`."""
-    from scipy.stats import chi2
-    low, high = chi2.ppf([0.025, 0.975], n - 1)
-    return float(std * np.sqrt((n - 1) / high)), float(std * np.sqrt((n - 1) / low))
 
 
 def _search(params, bench_of, turns):

@@ -12,6 +12,7 @@ NODES = {
     'mount_simulator': 'encoder_sim.mount_simulator_node',
     'incremental_encoder': 'encoder_sim.incremental_encoder_node',
     'absolute_encoder': 'encoder_sim.absolute_encoder_node',
+    'frame_reader': 'encoder_reading.frame_reader_node',
     'camera': 'encoder_sim.camera_node',
     'star_observer': 'pointing_model.star_observer_node',
     'pointing_corrector': 'pointing_model.pointing_corrector_node',
@@ -23,6 +24,10 @@ NODES = {
 
 SIMULATED = ('mount_simulator', 'incremental_encoder', 'absolute_encoder', 'camera')
 NIGHT = (*SIMULATED, 'star_observer', 'pointing_corrector', 'calibration', 'mcap_logger')
+
+#: a camera's images may be lost on the way; those of a simulated encoder must not be
+EVERY_FRAME = {f'qos_overrides.{NAMESPACE}/absolute/frame.subscription.{policy}': value
+               for policy, value in (('reliability', 'reliable'), ('depth', 5000))}
 
 
 @dataclass(frozen=True)
@@ -41,7 +46,7 @@ class NodeSpec:
 
 def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time_scale=0.0,
                 model_file='', first_run=1, sky=None, reference_age=0, satellite='',
-                sample_rate_hz=None, calibration=None):
+                sample_rate_hz=None, calibration=None, absolute='angles'):
     """The nodes of a simulated night.
 
     Parameters
@@ -72,12 +77,15 @@ def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time
         Readings a second of an exposure.
     calibration : dict, optional
         Further parameters of the calibration.
+    absolute : {'angles', 'frames'}
+        The simulated absolute encoder reads itself, or publishes images that `frame_reader` reads.
 
     Returns
     -------
     list of NodeSpec
     """
     sky = dict(sky or {})
+    names = (*NIGHT, *(['frame_reader'] if absolute == 'frames' else []))
     simulator = {'scenario': scenario, 'seed': seed} | (
         {'start_time': start_time} if start_time else {})
     parameters = {
@@ -86,19 +94,20 @@ def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time
             {'sample_rate_hz': sample_rate_hz} if sample_rate_hz
             else {'sample_rate_hz': 10.0} if time_scale else {}),
         'incremental_encoder': dict(simulator),
-        'absolute_encoder': dict(simulator),
+        'absolute_encoder': simulator | ({'publishes': 'frames'} if absolute == 'frames' else {}),
+        'frame_reader': EVERY_FRAME,
         'camera': simulator | sky | {'satellite': satellite},
         'star_observer': {
             'use_sim_time': True, 'star_seed': seed, 'model_file': model_file,
             'first_run': first_run, 'satellite': satellite,
-            'wait_for_nodes': [f'{NAMESPACE}/{name}' for name in NIGHT],
+            'wait_for_nodes': [f'{NAMESPACE}/{name}' for name in names],
         } | ({'plan': plan} if plan else {}) | sky,
         'pointing_corrector': {'use_sim_time': True, 'model_file': model_file},
         'calibration': {'use_sim_time': True, 'model_file': model_file, 'split_seed': seed,
                         'reference_age': reference_age} | (calibration or {}),
         'mcap_logger': {'use_sim_time': True, 'folder': bag},
     }
-    return [NodeSpec(name, NODES[name], parameters[name]) for name in NIGHT]
+    return [NodeSpec(name, NODES[name], parameters[name]) for name in names]
 
 
 #: with which a measured run is judged as a night is

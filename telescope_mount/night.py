@@ -34,6 +34,7 @@ class NightOptions:
     params_file: Path | None = None
     first_run: int = 1
     sky: dict = field(default_factory=dict)
+    absolute: str = 'angles'
 
 
 class NightFailed(RuntimeError):
@@ -90,7 +91,7 @@ def run_night(options, progress=None):
         bag=str(folder / 'bag'), scenario=options.scenario, seed=options.seed,
         start_time=options.start_time, plan=plan, time_scale=options.time_scale,
         model_file=str(options.reference.resolve()) if options.reference else '',
-        first_run=options.first_run, sky=options.sky)
+        first_run=options.first_run, sky=options.sky, absolute=options.absolute)
     report = observe(folder, specs, plan, partial(_write, folder), progress,
                      options.domain, options.params_file)
     _add_truth(folder / 'bag_truth', report)

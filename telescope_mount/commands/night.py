@@ -24,6 +24,9 @@ def add(commands):
     options.add_site(parser, height=True)
     parser.add_argument('--params', type=Path, metavar='FILE',
                         help='ROS parameter file, read by every node after the values above')
+    parser.add_argument('--absolute', choices=('angles', 'frames'), default='angles',
+                        help='what the simulated absolute encoder publishes: angles, or images '
+                        'that the node frame_reader reads (default: angles)')
     parser.add_argument('--time-scale', type=options.real(0.0, 1000.0), default=0.0, metavar='X',
                         help='simulated seconds a second; 0 (default): as fast as the graph '
                         'answers')
@@ -42,7 +45,7 @@ def run(args):
         out=args.out, seed=args.seed, stars=args.stars, polaris=args.polaris,
         scenario=args.scenario, start_time=args.date, reference=args.reference,
         domain=args.domain, time_scale=args.time_scale, params_file=args.params,
-        sky=options.sky_of(args))
+        sky=options.sky_of(args), absolute=args.absolute)
     with Progress(console) as progress:
         report = run_night(chosen, progress)
     print_calibration(console, report)

@@ -4,8 +4,9 @@ import math
 import numpy as np
 import pytest
 
-from encoder_sim.ccd import LinearCCD, pixel_noise, pixel_places
-from encoder_sim.disc import BAR_ANGLE, Disc
+from encoder_reading.disc import BAR_ANGLE, BARS, Disc
+from encoder_reading.optics import pixel_places
+from encoder_sim.ccd import LinearCCD, pixel_noise
 from encoder_sim.scenario import Absolute
 
 WIDE_PITCH = {'bar_pitch': 60.0, 'blur': 8.0, 'base': 88.0}
@@ -180,7 +181,8 @@ def test_flat_row_touches_the_circle():
     params = dataclasses.replace(Absolute(), geometry='tangent')
     radius = 48.0 * 1080 / (2 * math.pi)
     offset = np.arange(1800) - 899.5
-    assert pixel_places(params) * BAR_ANGLE == pytest.approx(np.arctan(offset / radius))
+    places = pixel_places(params.design, BARS) * BAR_ANGLE
+    assert places == pytest.approx(np.arctan(offset / radius))
     flat, bent = dark_places(ccd(geometry='tangent'), 0.5), dark_places(ccd(), 0.5)
     # x / R against tan(x / R): 3.6 pixels further out at the ends, nothing in the middle
     assert bent[0] - flat[0] == pytest.approx((899.5 - bent[0]) ** 3 / (3 * radius**2), abs=0.2)

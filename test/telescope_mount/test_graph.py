@@ -181,10 +181,20 @@ def test_installed_executables_are_the_nodes():
 def test_the_night_has_every_node_but_the_players():
     specs = night_graph(bag='bag')
     assert [spec.name for spec in specs] == list(NIGHT)
-    assert set(NIGHT) == set(NODES) - {'mcap_replay', 'run_player'}
+    assert set(NIGHT) == set(NODES) - {'mcap_replay', 'run_player', 'frame_reader'}
     assert [spec.full_name for spec in specs] == [f'/mount/{name}' for name in NIGHT]
     for spec in replay_graph('bag', '/mount/observation'):
         assert NODES[spec.name] == spec.module
+
+
+def test_one_node_publishes_the_angles_of_the_absolute_encoder():
+    read, raw = ({spec.name: spec.parameters for spec in night_graph(bag='b', absolute=absolute)}
+                 for absolute in ('angles', 'frames'))
+    assert 'frame_reader' not in read and 'publishes' not in read['absolute_encoder']
+    assert raw['absolute_encoder']['publishes'] == 'frames'
+    assert raw['star_observer']['wait_for_nodes'] == [f'/mount/{name}' for name in raw]
+    # the reader is told nothing of the scenario
+    assert all(name.startswith('qos_overrides.') for name in raw['frame_reader'])
 
 
 def test_a_measured_run_takes_the_place_of_instruments_and_observer():

@@ -1,17 +1,17 @@
 import numpy as np
 import pytest
 
-from encoder_sim.bar_decoding import AMBIGUOUS, NOT_ON_DISC, BarDecoder, Bits, median
-from encoder_sim.bar_template import BarTemplate
-from encoder_sim.disc import BARS, Disc, windows_of
-from encoder_sim.scenario import Absolute
+from encoder_reading.bar_decoding import AMBIGUOUS, NOT_ON_DISC, BarDecoder, Bits, median
+from encoder_reading.bar_template import BarTemplate
+from encoder_reading.design import Design
+from encoder_reading.disc import BARS, Disc, windows_of
 
 RANK = np.arange(-18, 19)
 
 
 @pytest.fixture(scope='module')
 def decoder():
-    return BarDecoder(Disc(), RANK, BarTemplate(Absolute(), BARS), lambda rows: rows, 4.0)
+    return BarDecoder(Disc(), RANK, BarTemplate(Design(), BARS), lambda rows: rows, 4.0)
 
 
 def seen_bits(bars, legible=None, visible=None):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .ccd import blurred_bar, half_widths
+from .optics import blurred_bar, half_widths
 
 _TURN = 2.0 * np.pi
 _UNLIKE = 0.1  # of the contrast, by which a bar may differ from both kinds
@@ -36,7 +36,7 @@ class BarTemplate:
 
     Parameters
     ----------
-    params : scenario.Absolute
+    design : design.Design
         Of which it uses the nominal image.
     bars : int
         Of the disc.
@@ -69,10 +69,10 @@ class BarTemplate:
         Bars so blurred that wide and narrow cannot be told apart.
     """
 
-    def __init__(self, params, bars):
-        self._pitch, self._blur = params.bar_pitch, params.blur
-        self._halves = half_widths(params, bars)
-        self._slope_blur = max(params.blur, _SHARPEST)
+    def __init__(self, design, bars):
+        self._pitch, self._blur = design.bar_pitch, design.blur
+        self._halves = half_widths(design, bars)
+        self._slope_blur = max(design.blur, _SHARPEST)
         self.half = int(np.ceil(self._halves[0] + 2.0 * self._slope_blur))
         self._x = np.arange(-self.half, self.half + 1.0)
         combos = np.arange(8)

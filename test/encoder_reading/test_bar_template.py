@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from encoder_sim.bar_template import BarTemplate, fixed_point
-from encoder_sim.disc import BARS
-from encoder_sim.scenario import Absolute
+from encoder_reading.bar_template import BarTemplate, fixed_point
+from encoder_reading.design import Design
+from encoder_reading.disc import BARS
 
 
 def test_products_with_grey_levels_are_exact():
@@ -27,7 +27,7 @@ def test_products_with_grey_levels_are_exact():
 
 @pytest.mark.parametrize('changes', [{}, {'bar_pitch': 60.0, 'blur': 8.0}])
 def test_what_neither_kind_explains(changes):
-    template = BarTemplate(Absolute(**changes), BARS)
+    template = BarTemplate(Design(**changes), BARS)
     rng = np.random.default_rng(2)
     cells = rng.integers(60, 170, (50, 2 * template.half + 1)).astype(np.float32)
     seen = template.columns @ cells.T
@@ -42,7 +42,7 @@ def test_what_neither_kind_explains(changes):
 
 
 def test_a_shifted_bar_answers_with_its_slope():
-    template = BarTemplate(Absolute(), BARS)
+    template = BarTemplate(Design(), BARS)
     for code in range(8):
         own = code >> 1 & 1
         light = [template._light(template._x, shift)[code] for shift in (-0.2, 0.2)]

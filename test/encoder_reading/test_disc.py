@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from encoder_sim.disc import BARS, RECURRENCES, Disc, code_bits, window_numbers, windows_of
+from encoder_reading.disc import BARS, RECURRENCES, Disc, code_bits, window_numbers, windows_of
 
 TABLE_1 = {  # paper 001, by the number of the first bit; rows that the text kept whole
     73: '010110111101011111001100001001010011',

@@ -3,7 +3,7 @@
 import numpy as np
 
 from .bar_template import fixed_point
-from .ccd import pixel_places
+from .optics import pixel_places
 
 _TURN = 2.0 * np.pi
 _WIDTH, _STEP = 5.0, 2.5  # of the windows, bar periods
@@ -17,7 +17,7 @@ class BarLattice:
 
     Parameters
     ----------
-    params : scenario.Absolute
+    design : design.Design
         Of which it uses the nominal image.
     bars : int
         Of the disc.
@@ -35,15 +35,15 @@ class BarLattice:
         They are fewer towards the ends.
     """
 
-    def __init__(self, params, bars, half):
-        self._half, self._last = half, params.pixels - 1 - half
-        self._pitch = np.float32(params.bar_pitch)
-        self._middle = np.float32(0.5 * (params.pixels - 1))
-        self._place = pixel_places(params, bars)
-        self.flat = params.geometry == 'tangent'
-        self.per_pixel = np.float32(1.0 / params.bar_pitch)
-        self._stretch = (np.gradient(self._place) * params.bar_pitch).astype(np.float32)
-        reach = int(np.interp(self._last, np.arange(params.pixels), self._place) + 0.5)
+    def __init__(self, design, bars, half):
+        self._half, self._last = half, design.pixels - 1 - half
+        self._pitch = np.float32(design.bar_pitch)
+        self._middle = np.float32(0.5 * (design.pixels - 1))
+        self._place = pixel_places(design, bars)
+        self.flat = design.geometry == 'tangent'
+        self.per_pixel = np.float32(1.0 / design.bar_pitch)
+        self._stretch = (np.gradient(self._place) * design.bar_pitch).astype(np.float32)
+        reach = int(np.interp(self._last, np.arange(design.pixels), self._place) + 0.5)
         self.rank = np.arange(-reach, reach + 1, dtype=np.float32)
         self._prepare_windows()
 

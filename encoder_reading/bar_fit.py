@@ -20,7 +20,7 @@ class BarLine:
 
     Parameters
     ----------
-    params : scenario.Absolute
+    design : design.Design
     lattice : bar_lattice.BarLattice
     template : bar_template.BarTemplate
     codes : ndarray of int, shape (disc.bars, bars)
@@ -28,10 +28,10 @@ class BarLine:
         neighbours: 4 * left + 2 * own + right.
     """
 
-    def __init__(self, params, lattice, template, codes):
+    def __init__(self, design, lattice, template, codes):
         self._lattice, self._template = lattice, template
         # bar periods, up to which the response is a straight line: 0.06 % of it are left
-        self._enough = np.float32(0.05 * max(params.blur, _SHARPEST) / params.bar_pitch)
+        self._enough = np.float32(0.05 * max(design.blur, _SHARPEST) / design.bar_pitch)
         per_pixel = float(lattice.per_pixel)
         self._expected = np.stack(
             [table[codes] for table in (

@@ -7,7 +7,7 @@ import numpy as np
 
 from .disc import WINDOW, windows_of
 
-#: why a frame was rejected, by the number in `TemplateReadings.reason`
+#: why a frame was rejected, by the number in `template_reader.TemplateReadings.reason`
 REASONS = ('', 'not finite', 'saturated', 'no contrast', 'not on the disc', 'ambiguous',
            'bars out of line', 'wrong direction')
 (NOT_FINITE, SATURATED, NO_CONTRAST, NOT_ON_DISC, AMBIGUOUS, OUT_OF_LINE,
@@ -84,7 +84,7 @@ class BarDecoder:
         # bits of evidence in `wrong` of `count` bars, against all places and both directions
         evidence = np.full((n + 1, n + 1), -np.inf)
         for count in range(n + 1):
-            ways = np.cumsum([math.comb(count, k) for k in range(count + 1)])
+            ways = np.cumsum([float(math.comb(count, k)) for k in range(count + 1)])
             evidence[count, : count + 1] = count - np.log2(ways) - np.log2(2.0 * disc.bars)
         self._evidence = evidence
 

@@ -3,10 +3,11 @@ import dataclasses
 import numpy as np
 import pytest
 
+from encoder_reading.design import Design
+from encoder_reading.disc import BAR_ANGLE, Disc
+from encoder_reading.paper_reader import CentroidReader, PaperReader, ParabolaReader, sine_start
+from encoder_reading.readings import EXACT, REJECTED
 from encoder_sim.ccd import LinearCCD
-from encoder_sim.disc import BAR_ANGLE, Disc
-from encoder_sim.paper_reading import CentroidReader, PaperReader, ParabolaReader, sine_start
-from encoder_sim.readings import EXACT, REJECTED
 from encoder_sim.scenario import Absolute
 from msg_tools.units import ARCSEC, wrap
 
@@ -39,7 +40,7 @@ def noisy(request):
 
 def test_error_of_the_papers_reading(noisy):
     pitch, angles, images = noisy
-    error = errors(PaperReader(scale(pitch), Disc(), cycle='centres'), images, angles)
+    error = errors(PaperReader(scale(pitch).design, cycle='centres'), images, angles)
     assert 3.5 < error.std() < 5.5  # the paper measured 4.57"
     assert abs(error.mean()) < 0.7
     assert np.abs(error).max() < 25.0
@@ -47,25 +48,25 @@ def test_error_of_the_papers_reading(noisy):
 
 def test_most_of_it_is_bias():
     angles = np.full(200, 1.234)
-    error = errors(PaperReader(Absolute(), Disc()), frames(48, angles, 2.0), angles)
+    error = errors(PaperReader(Design()), frames(48, angles, 2.0), angles)
     assert error.std() == pytest.approx(0.7, abs=0.15)
 
 
 def test_equation_12_takes_one_reading_in_a_hundred_one_bar_off():
     angles = np.random.default_rng(3).uniform(0.0, 2 * np.pi, 3000)
     images = frames(48, angles, 2.0)
-    literal = errors(PaperReader(Absolute(), Disc()), images, angles)
+    literal = errors(PaperReader(Design()), images, angles)
     gross = np.abs(literal) > GROSS
     assert 0.005 < gross.mean() < 0.016
     assert np.abs(np.abs(literal[gross]) - 1200.0).max() < 25.0
-    resolved = errors(PaperReader(Absolute(), Disc(), cycle='centres'), images, angles)
+    resolved = errors(PaperReader(Design(), cycle='centres'), images, angles)
     assert np.array_equal(resolved[~gross], literal[~gross])
     assert np.abs(resolved).max() < 25.0
 
 
 def test_cycle_by_centres_at_every_place_of_a_bar():
     angles = 500 * BAR_ANGLE + np.linspace(0.0, 2 * BAR_ANGLE, 600)
-    reader = PaperReader(Absolute(), Disc(), cycle='centres')
+    reader = PaperReader(Design(), cycle='centres')
     assert np.abs(errors(reader, frames(48, angles, 2.0), angles)).max() < 25.0
 
 
@@ -77,7 +78,7 @@ def test_cycle_by_centres_at_every_place_of_a_bar():
     (0.0, 40, 0.0),
 ])
 def test_equation_12(phase, start, corrected):
-    reader = PaperReader(Absolute(), Disc())
+    reader = PaperReader(Design())
     omega = np.array([2 * np.pi / 48.0])
     out = reader._equation12(np.array([phase]), omega, np.array([start]))
     assert out == pytest.approx(corrected)
@@ -87,7 +88,7 @@ def test_the_fit_is_the_least_squares_sine():
     from scipy.optimize import curve_fit
 
     image = frames(48, [2.1], 2.0)
-    reader = PaperReader(Absolute(), Disc())
+    reader = PaperReader(Design())
     bars = reader.decode(250.0 - image)
     omega, phase = sine_start(np.arange(18), bars.centre[:, :18])
     (amplitude, omega, phase, level), r_square = reader.fit(250.0 - image, omega, phase)
@@ -105,7 +106,7 @@ def test_the_fit_is_the_least_squares_sine():
 
 def test_goodness_and_period_are_told(noisy):
     pitch, _, images = noisy
-    read = PaperReader(scale(pitch), Disc()).read(np.concatenate([images, np.zeros((1, 1800))]))
+    read = PaperReader(scale(pitch).design).read(np.concatenate([images, np.zeros((1, 1800))]))
     assert np.all((read.r_square[:-1] > 0.7) & (read.r_square[:-1] < 0.9))
     assert read.period[:-1] == pytest.approx(pitch, abs=0.08)
     assert np.isnan(read.r_square[-1]) and np.isnan(read.period[-1])
@@ -113,7 +114,7 @@ def test_goodness_and_period_are_told(noisy):
 
 def test_a_start_far_from_the_solution_is_no_fit():
     image = 250.0 - frames()
-    reader = PaperReader(Absolute(), Disc())
+    reader = PaperReader(Design())
     _, r_square = reader.fit(image, np.array([2 * np.pi / 41.0]), np.array([0.3]))
     assert r_square[0] < 0.6
 
@@ -122,7 +123,7 @@ def test_wide_and_narrow_by_integrated_grey():
     """In the paper's fig. 4 the row reads 111000110101010010, which is at bit 403 (from 1)."""
     bits = [int(c) for c in '111000110101010010']
     angle = (402 + 18.0) * BAR_ANGLE
-    reader = PaperReader(Absolute(), Disc())
+    reader = PaperReader(Design())
     bars = reader.decode(250.0 - frames(48, [angle]))
     start, end = bars.start[0], bars.end[0]
     at = 402 - bars.first[0]
@@ -132,7 +133,7 @@ def test_wide_and_narrow_by_integrated_grey():
 @pytest.mark.parametrize('reader', [CentroidReader, ParabolaReader])
 def test_rivals(noisy, reader):
     pitch, angles, images = noisy
-    error = errors(reader(scale(pitch), Disc()), images, angles)
+    error = errors(reader(scale(pitch).design), images, angles)
     assert abs(np.median(error)) < 2.0
     # neither printed value, 26.77" and 16.93", comes out
     low, high = {CentroidReader: (7.0, 10.5), ParabolaReader: (2.2, 6.0)}[reader]
@@ -155,7 +156,7 @@ FIRST = 899.5 - 18 * 48
 def test_centroid_knows_one_bar_only():
     angle = 300 * BAR_ANGLE
     image = frames(48, [angle]).astype(float)
-    reader = CentroidReader(Absolute(), Disc())
+    reader = CentroidReader(Design())
     before = errors(reader, image, angle)
     assert errors(reader, moved_bar(image, FIRST), angle) - before == pytest.approx(-100.0, abs=2.0)
     assert errors(reader, moved_bar(image, FIRST + 48), angle) == before
@@ -169,7 +170,7 @@ def test_centroid_knows_one_bar_only():
 def test_parabola_draws_a_line_through_18_bars(at, share):
     angle = 300 * BAR_ANGLE
     image = frames(48, [angle]).astype(float)
-    reader = ParabolaReader(Absolute(), Disc(), at=at)
+    reader = ParabolaReader(Design(), at=at)
     before = errors(reader, image, angle)
     shift = errors(reader, moved_bar(image, FIRST), angle) - before
     assert shift == pytest.approx(-100.0 * share, abs=1.0)
@@ -188,15 +189,15 @@ def test_frames_that_cannot_be_read(reader):
     holed[900] = np.nan
     noise = np.random.default_rng(1).integers(0, 255, 1800)
     images = np.stack([blank, good, black, white, covered, holed, noise])
-    read = reader(Absolute(), Disc()).read(images)
+    read = reader(Design()).read(images)
     assert read.quality.dtype == np.int8
     assert read.quality.tolist() == [REJECTED, EXACT, *[REJECTED] * 5]
     assert np.isnan(read.angle[[0, 2, 3, 4, 5, 6]]).all()
     assert wrap(read.angle[1] - 1.0) == pytest.approx(0.0, abs=25 * ARCSEC)
-    assert reader(Absolute(), Disc()).read(np.empty((0, 1800), np.uint8)).angle.shape == (0,)
-    assert reader(Absolute(), Disc()).read(good).angle.shape == (1,)
+    assert reader(Design()).read(np.empty((0, 1800), np.uint8)).angle.shape == (0,)
+    assert reader(Design()).read(good).angle.shape == (1,)
     with pytest.raises(ValueError, match='1800 pixels'):
-        reader(Absolute(), Disc()).read(np.zeros((2, 1799)))
+        reader(Design()).read(np.zeros((2, 1799)))
 
 
 @pytest.mark.parametrize('reader', [PaperReader, CentroidReader, ParabolaReader])
@@ -214,7 +215,7 @@ def test_a_wrong_bar_is_rejected_not_repaired(reader):
 def test_ends_of_the_circle_and_whatever_batch(reader):
     angles = np.linspace(-0.02, 0.02, 150)
     images = frames(48, angles, 1.0)
-    device = reader(Absolute(), Disc(), **({'cycle': 'centres'} if reader is PaperReader else {}))
+    device = reader(Design(), **({'cycle': 'centres'} if reader is PaperReader else {}))
     read = device.read(images)
     assert read.angle.min() >= 0.0 and read.angle.max() < 2 * np.pi
     assert np.abs(wrap(read.angle - angles)).max() < 40 * ARCSEC
@@ -224,6 +225,6 @@ def test_ends_of_the_circle_and_whatever_batch(reader):
 
 def test_unknown_options():
     with pytest.raises(ValueError, match='equation12'):
-        PaperReader(Absolute(), Disc(), cycle='guess')
+        PaperReader(Design(), cycle='guess')
     with pytest.raises(ValueError, match='middle'):
-        ParabolaReader(Absolute(), Disc(), at='end')
+        ParabolaReader(Design(), at='end')

@@ -1,4 +1,4 @@
-"""The reading that ships: every visible bar is compared with what it must look like there."""
+"""The method that ships: every visible bar is compared with what it must look like there."""
 
 from dataclasses import dataclass
 
@@ -42,15 +42,16 @@ class TemplateReadings(Readings):
         Visible bars that are not as the code has them, or that could not be read.
     used : ndarray of int, shape (n,)
         Bars that decided the angle.
-    sigma : ndarray, shape (n,)
-        Standard error of the angle from the scatter of the bars about their line, rad.
+
+    Notes
+    -----
+    `sigma` comes from the scatter of the bars about their line.
     """
 
     reason: np.ndarray
     backwards: np.ndarray
     wrong: np.ndarray
     used: np.ndarray
-    sigma: np.ndarray
 
 
 class TemplateReader:
@@ -78,19 +79,20 @@ class TemplateReader:
 
     Parameters
     ----------
-    params : scenario.Absolute
-        Of which it uses the nominal image: pixels, bar_pitch, blur, bar widths, geometry.
-    disc : disc.Disc
-    direction : {'detect', 'forward', 'reversed'}
-        In which direction the pixels may run; a frame in the other one is rejected.
+    design : design.Design
+        Its `mounting` says in which direction the pixels may run; a frame in the other one is
+        rejected.
+    disc : disc.Disc, optional
+        Another than that of the design.
 
     Raises
     ------
     ValueError
-        Unknown direction; fewer than 22 bars in view; bars so blurred that wide and narrow cannot
-        be told apart.
+        Fewer than 22 bars in view; bars so blurred that wide and narrow cannot be told apart.
     """
 
+    #: frames are read alike, however many at once
+    BLOCK = None
     #: of the pixels, at 255
     MAX_SATURATED = 0.05
     #: grey levels
@@ -104,23 +106,20 @@ class TemplateReader:
     #: how far the line may move from where the phase put it, bar periods
     MAX_MOVE = 0.25
 
-    def __init__(self, params, disc, direction='detect'):
-        if direction not in ('detect', 'forward', 'reversed'):
-            raise ValueError(f"direction {direction!r} is not one of 'detect', 'forward', "
-                             "'reversed'")
-        self.params, self.disc, self.direction = params, disc, direction
-        self.pixels = params.pixels
-        self._template = BarTemplate(params, disc.bars)
-        self._lattice = BarLattice(params, disc.bars, self._template.half)
+    def __init__(self, design, disc=None):
+        self.disc = disc = design.disc if disc is None else disc
+        self.mounting, self.pixels = design.mounting, design.pixels
+        self._template = BarTemplate(design, disc.bars)
+        self._lattice = BarLattice(design, disc.bars, self._template.half)
         n = len(self._lattice.rank)
         if n - 1 < _FEWEST:
             raise ValueError(
-                f'{self.pixels} pixels at {params.bar_pitch:g} px a bar show {n - 1} whole bars: '
+                f'{self.pixels} pixels at {design.bar_pitch:g} px a bar show {n - 1} whole bars: '
                 f'{_FEWEST} are needed to tell place and direction')
         bits = disc.bits.astype(np.int64)
         codes = 4 * np.roll(bits, 1) + 2 * bits + np.roll(bits, -1)
         codes = np.roll(windows_of(codes, n), n // 2, axis=0)
-        self._line = BarLine(params, self._lattice, self._template, codes)
+        self._line = BarLine(design, self._lattice, self._template, codes)
         self._decoder = BarDecoder(disc, self._lattice.rank, self._template, self._line.smooth,
                                    self.MIN_CONTRAST)
         self._fewest = self.MIN_SHARE * n
@@ -145,7 +144,7 @@ class TemplateReader:
         """
         frames = checked_frames(frames, self.pixels)
         if len(frames) == 0:
-            kinds = (float, np.int8, np.int8, bool, np.int64, np.int64, float)
+            kinds = (float, np.int8, float, np.int8, bool, np.int64, np.int64)
             return TemplateReadings(*(np.empty(0, dtype=kind) for kind in kinds))
         # a frame that is no image leads to numbers that are none: it is rejected in the end
         with np.errstate(all='ignore'):
@@ -156,20 +155,19 @@ class TemplateReader:
 
     def _read(self, frames):
         """The fields of TemplateReadings; the other direction is tried where the code fails."""
-        turned = self.direction == 'reversed' or self.direction == 'detect' and self._backwards
+        turned = self.mounting == 'reversed' or self.mounting == 'detect' and self._backwards
         fields = self._read_one_way(frames[:, ::-1] if turned else frames)
-        reason = fields[2]
-        if turned:
-            fields[3][:] = True
+        reason, backwards = fields[3:5]
+        backwards[:] = turned
         failed = np.flatnonzero(reason == NOT_ON_DISC)
         if len(failed):
             again = self._read_one_way(frames[failed] if turned else frames[failed, ::-1])
-            fits = again[2] == 0
+            fits = again[3] == 0
             rows = failed[fits]
-            if self.direction != 'detect':
+            if self.mounting != 'detect':
                 reason[rows] = WRONG_DIRECTION
             else:
-                again[3][:] = not turned
+                again[4][:] = not turned
                 for field, values in zip(fields, again):
                     field[rows] = values[fits]
                 # only the speed depends on which is tried first
@@ -204,7 +202,7 @@ class TemplateReader:
             rejected = reason > 0
             angle[rejected] = sigma[rejected] = np.nan
             quality[rejected] = REJECTED
-        return angle, quality, reason, np.zeros(n, dtype=bool), wrong, used, sigma
+        return angle, quality, sigma, reason, np.zeros(n, dtype=bool), wrong, used
 
     def _reject(self, frames, bits, fine, spoilt, reason):
         """Set the reason for each frame that is not as it ought to be; the last one counts."""

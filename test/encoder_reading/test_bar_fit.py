@@ -1,23 +1,23 @@
 import numpy as np
 import pytest
 
-from encoder_sim.bar_fit import BarLine
-from encoder_sim.bar_lattice import BarLattice
-from encoder_sim.bar_template import BarTemplate
-from encoder_sim.disc import BARS, Disc, windows_of
-from encoder_sim.scenario import Absolute
+from encoder_reading.bar_fit import BarLine
+from encoder_reading.bar_lattice import BarLattice
+from encoder_reading.bar_template import BarTemplate
+from encoder_reading.design import Design
+from encoder_reading.disc import BARS, Disc, windows_of
 
 
 class Line:
     """The line and, beside it, bars of which only their shifts are known."""
 
     def __init__(self):
-        params = Absolute()
-        template = BarTemplate(params, BARS)
-        self.lattice = BarLattice(params, BARS, template.half)
+        design = Design()
+        template = BarTemplate(design, BARS)
+        self.lattice = BarLattice(design, BARS, template.half)
         bits = Disc().bits.astype(np.int64)
         codes = 4 * np.roll(bits, 1) + 2 * bits + np.roll(bits, -1)
-        self.line = BarLine(params, self.lattice, template, np.roll(windows_of(codes, 37), 18, 0))
+        self.line = BarLine(design, self.lattice, template, np.roll(windows_of(codes, 37), 18, 0))
 
     def __call__(self, values, good):
         class Bars:

@@ -1,14 +1,14 @@
-"""The reading of paper 001, and the two that the paper compares it with.
+"""The method of paper 001, and the two that the paper compares it with.
 
-They are the baselines of `template_reading` and keep their faults.
+They are the baselines of `template_reader` and keep their faults.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from .ccd import INVERSION
 from .disc import WINDOW
+from .optics import INVERSION
 from .readings import EXACT, REJECTED, Readings, checked_frames
 
 THRESHOLD = 150.0
@@ -20,7 +20,7 @@ _CHUNK = 64  # frames worked on at once, to bound the memory
 
 
 class _BarReader:
-    """Decoding of paper 001, section 2.1, which all three readings share.
+    """Decoding of paper 001, section 2.1, which all three methods share.
 
     The row is inverted (eq. 4). Bars are the runs of pixels above a threshold, '0' where their
     integrated grey level reaches the width threshold and '1' below. A bar that touches an end of
@@ -29,9 +29,10 @@ class _BarReader:
 
     Parameters
     ----------
-    params : scenario.Absolute
-        Of which they use `pixels` and `bar_pitch`.
-    disc : disc.Disc
+    design : design.Design
+        Of which they use `pixels`, `bar_pitch` and `mounting`.
+    disc : disc.Disc, optional
+        Another than that of the design.
 
     Notes
     -----
@@ -39,12 +40,16 @@ class _BarReader:
     it does about that; here gaps and bars narrower than 5 pixels count for nothing.
     """
 
+    #: frames to read at once, for that the last digit does not depend on their number
+    BLOCK = 8
     _SMALLEST = 5
     _READINGS = Readings
     _COLUMNS = 1  # that `_place` returns: place in bars, not wrapped, and more
 
-    def __init__(self, params, disc):
-        self.disc, self.pitch, self.pixels = disc, params.bar_pitch, params.pixels
+    def __init__(self, design, disc=None):
+        self.disc = design.disc if disc is None else disc
+        self.pitch, self.pixels = design.bar_pitch, design.pixels
+        self._turned = design.mounting == 'reversed'
         self.middle = 0.5 * (self.pixels - 1)
 
     def read(self, frames):
@@ -58,7 +63,7 @@ class _BarReader:
         Returns
         -------
         readings.Readings
-            EXACT or REJECTED: these readings correct nothing.
+            EXACT or REJECTED, and no sigma: these methods correct and estimate nothing.
 
         Raises
         ------
@@ -66,6 +71,7 @@ class _BarReader:
             Wrong number of pixels.
         """
         frames = checked_frames(frames, self.pixels)
+        frames = frames[:, ::-1] if self._turned else frames
         columns = np.full((self._COLUMNS, len(frames)), np.nan)
         for i in range(0, len(frames), _CHUNK):
             grey = INVERSION - frames[i : i + _CHUNK]
@@ -77,7 +83,7 @@ class _BarReader:
         # a hair below a full turn is rounded up to it
         angle = np.where(angle >= _TURN, 0.0, angle)
         quality = np.where(np.isnan(angle), REJECTED, EXACT).astype(np.int8)
-        return self._READINGS(angle, quality, *columns[1:])
+        return self._READINGS(angle, quality, np.full(len(frames), np.nan), *columns[1:])
 
     def decode(self, grey):
         """The whole bars of inverted frames, shape (n, pixels).
@@ -159,7 +165,7 @@ class PaperReadings(Readings):
 
 
 class PaperReader(_BarReader):
-    """The paper's own reading: a sine through the whole row (eqs. 5 to 13).
+    """The paper's own method: a sine through the whole row (eqs. 5 to 13).
 
     Newton's method fits ``A sin(w x + phi) + n`` to the inverted row, from a straight line through
     the decoded bars, until the norm of the step is at most 1e-6; a fit with an R-square below 0.6
@@ -169,7 +175,7 @@ class PaperReader(_BarReader):
 
     Parameters
     ----------
-    params, disc
+    design, disc
         As for the others.
     cycle : {'equation12', 'centres'}
         How the phase finds its bar: by the paper's rule, or by the centres of the decoded bars.
@@ -188,8 +194,8 @@ class PaperReader(_BarReader):
     _READINGS = PaperReadings
     _COLUMNS = 3
 
-    def __init__(self, params, disc, cycle='equation12'):
-        super().__init__(params, disc)
+    def __init__(self, design, disc=None, cycle='equation12'):
+        super().__init__(design, disc)
         if cycle not in ('equation12', 'centres'):
             raise ValueError(f"cycle {cycle!r} is not one of 'equation12', 'centres'")
         self.cycle = cycle
@@ -327,15 +333,15 @@ class ParabolaReader(_BarReader):
 
     Parameters
     ----------
-    params, disc
+    design, disc
         As for the others.
     at : {'start', 'middle'}
         Where the line is read: at pixel 0, as the paper reads its phase, or where it is best
         known, in the middle of the 18 bars.
     """
 
-    def __init__(self, params, disc, at='start'):
-        super().__init__(params, disc)
+    def __init__(self, design, disc=None, at='start'):
+        super().__init__(design, disc)
         if at not in ('start', 'middle'):
             raise ValueError(f"at {at!r} is not one of 'start', 'middle'")
         self.at = at

@@ -1,11 +1,10 @@
-import dataclasses
-
 import numpy as np
 import pytest
 
-from encoder_sim.bar_lattice import BarLattice
+from encoder_reading.bar_lattice import BarLattice
+from encoder_reading.design import Design
+from encoder_reading.disc import BAR_ANGLE, BARS, Disc
 from encoder_sim.ccd import LinearCCD
-from encoder_sim.disc import BAR_ANGLE, BARS, Disc
 from encoder_sim.scenario import Absolute
 
 HALF = 28
@@ -18,8 +17,7 @@ def test_place_and_scale_whatever_the_bits(changes):
     params = Absolute(**changes)
     places = np.random.default_rng(1).uniform(0.0, 2 * np.pi, 300)
     light = LinearCCD(params, Disc()).light(places)
-    nominal = dataclasses.replace(params, scale_error=0.0)
-    alpha, beta = BarLattice(nominal, BARS, HALF).locate(light)
+    alpha, beta = BarLattice(params.design, BARS, HALF).locate(light)
     # a bar's place is where the disc was left, counted from the middle
     expected = -places / BAR_ANGLE
     off = (alpha - expected + 0.5) % 1.0 - 0.5
@@ -28,7 +26,7 @@ def test_place_and_scale_whatever_the_bits(changes):
 
 
 def test_pixels_of_the_bars():
-    lattice = BarLattice(Absolute(), BARS, HALF)
+    lattice = BarLattice(Design(), BARS, HALF)
     assert lattice.rank.tolist() == list(range(-18, 19))
     pixel, beyond, visible = lattice.pixels(
         np.array([0.0, 0.3], np.float32), np.array([0.0, 0.01], np.float32))
@@ -40,7 +38,7 @@ def test_pixels_of_the_bars():
 
 
 def test_a_flat_row_sees_less_of_the_disc_at_its_ends():
-    lattice = BarLattice(Absolute(geometry='tangent'), BARS, HALF)
+    lattice = BarLattice(Design(geometry='tangent'), BARS, HALF)
     assert lattice.stretch(np.array([0, 899, 1799])) == pytest.approx(
         [0.988, 1.0, 0.988], abs=0.001)
     assert lattice.pixels_of(np.array([0])) == pytest.approx([48.0 / 0.988], abs=0.1)

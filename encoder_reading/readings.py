@@ -1,10 +1,12 @@
-"""What every reading makes of the frames of the linear CCD."""
+"""What every reader makes of the frames of the linear CCD."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 EXACT, CORRECTED, REJECTED = 0, 1, 2
+#: names of the qualities
+QUALITIES = ('exact', 'corrected', 'rejected')
 
 
 @dataclass(frozen=True)
@@ -18,10 +20,14 @@ class Readings:
     quality : ndarray of int8, shape (n,)
         EXACT: every bar that was read fits the code there. CORRECTED: some bars do not, and the
         place was found all the same. REJECTED: no angle.
+    sigma : ndarray, shape (n,)
+        Standard error of the angle from the image alone, rad; NaN where rejected, or where the
+        method knows none.
     """
 
     angle: np.ndarray
     quality: np.ndarray
+    sigma: np.ndarray
 
 
 def checked_frames(frames, pixels):

@@ -1,0 +1,143 @@
+"""The angle of an axis from the frames of its reading heads."""
+
+import dataclasses
+from functools import lru_cache
+
+import numpy as np
+
+from .paper_reader import PaperReader
+from .readings import Readings
+from .template_reader import TemplateReader
+
+_TURN = 2.0 * np.pi
+_METHODS = {'template': TemplateReader, 'paper': PaperReader}
+
+
+@lru_cache(maxsize=8)
+def _reader(design):
+    return _METHODS[design.method](design)
+
+
+def reader_of(design):
+    """The reader of single frames that a design asks for; axes of one design share it.
+
+    Parameters
+    ----------
+    design : design.Design
+
+    Raises
+    ------
+    ValueError
+        The design cannot be read.
+    """
+    # how its heads stand and its disc lies changes nothing in a single frame
+    return _reader(dataclasses.replace(design, heads=1, sense='with'))
+
+
+class AxisReader:
+    """Reads one axis.
+
+    Parameters
+    ----------
+    design : design.Design
+    axis : str
+        ``azimuth`` reads from 0 to 360 degrees, ``elevation`` from -180 to 180.
+
+    Raises
+    ------
+    ValueError
+        The design cannot be read.
+    """
+
+    def __init__(self, design, axis):
+        self.design, self.axis = design, axis
+        self.reader = reader_of(design)
+
+    def join(self, readings):
+        """The axis from the readings of its heads.
+
+        Parameters
+        ----------
+        readings : Readings
+            Of one head after the other.
+
+        Returns
+        -------
+        Readings
+            Angle of the axis, and the 1-sigma of it. Rejected where any head is: a single head
+            would bring the eccentricity back.
+        """
+        angle, quality, sigma = readings.angle, readings.quality, readings.sigma
+        if self.design.heads == 2:
+            first, second = angle.reshape(2, -1)
+            apart = (second - first) % _TURN - np.pi
+            angle = (first + 0.5 * apart) % _TURN
+            quality = quality.reshape(2, -1).max(axis=0)
+            sigma = 0.5 * np.hypot(*sigma.reshape(2, -1))
+        if self.design.sense == 'against':
+            angle = -angle % _TURN
+        if self.axis == 'elevation':
+            angle = (angle + np.pi) % _TURN - np.pi
+        return Readings(angle, quality, sigma)
+
+
+def read_frames(axes, frames):
+    """Read several axes, all of one design in one go.
+
+    Parameters
+    ----------
+    axes : sequence of AxisReader
+    frames : sequence of ndarray, shape (heads, n, pixels)
+        Those of each axis, all with the same n.
+
+    Returns
+    -------
+    Readings
+        All arrays of shape (n, len(axes)); the same to the last bit, whatever is read together.
+
+    Raises
+    ------
+    ValueError
+        Frames with another number of pixels than the design has.
+    """
+    n = frames[0].shape[1]
+    out = Readings(np.empty((n, len(axes))), np.empty((n, len(axes)), dtype=np.int8),
+                   np.empty((n, len(axes))))
+    for reader in {id(axis.reader): axis.reader for axis in axes}.values():
+        mine = [i for i, axis in enumerate(axes) if axis.reader is reader]
+        rows = np.concatenate([frames[i].reshape(-1, frames[i].shape[2]) for i in mine])
+        readings = _read_in_blocks(reader, rows) if reader.BLOCK else reader.read(rows)
+        begin = 0
+        for i in mine:
+            end = begin + frames[i].shape[0] * n
+            joined = axes[i].join(_part(readings, begin, end))
+            for column, values in zip(_columns(out), _columns(joined)):
+                column[:, i] = values
+            begin = end
+    return out
+
+
+def _columns(readings):
+    return readings.angle, readings.quality, readings.sigma
+
+
+def _part(readings, begin, end):
+    return Readings(*(column[begin:end] for column in _columns(readings)))
+
+
+def _read_in_blocks(reader, rows):
+    """Always so many frames at once.
+
+    The last digit of a product of matrices depends on their size. In blocks of one size a reading
+    is the same to the last bit whatever else is read with it, as ours is by itself.
+    """
+    parts = []
+    for i in range(0, len(rows), reader.BLOCK):
+        block = rows[i : i + reader.BLOCK]
+        n = len(block)
+        if n < reader.BLOCK:
+            block = np.concatenate([block, np.repeat(block[-1:], reader.BLOCK - n, axis=0)])
+        parts.append(_columns(_part(reader.read(block), 0, n)))
+    if not parts:
+        return reader.read(rows)
+    return Readings(*map(np.concatenate, zip(*parts)))

@@ -1,0 +1,109 @@
+"""What a reader knows of an absolute encoder: the drawing of its disc and optics, and no flaw."""
+
+import math
+from dataclasses import dataclass, field, fields
+from functools import lru_cache
+
+from .disc import RECURRENCES, WINDOW, Disc
+
+#: units of the data sheet, in SI
+UNITS = {'': 1.0, 'mm': 1e-3, 'px': 1.0}
+
+
+def _number(default, unit, low, high, doc, kind=float):
+    value = kind(default * UNITS[unit])
+    return field(default=value, metadata={
+        'unit': unit, 'range': (low, high), 'kind': kind, 'doc': doc})
+
+
+def _choice(doc, default, *others):
+    return field(default=default, metadata={'choice': (default, *others), 'doc': doc})
+
+
+@dataclass(frozen=True)
+class Design:
+    """The drawing of an absolute encoder on one axis; by default that of paper 001.
+
+    Parameters
+    ----------
+    code : {'table', 'equation2'} or str of 0 and 1
+        The disc of the paper's table 1, that of its eq. 2, or the bits of your own, one a bar in
+        the direction in which the disc angle rises; 1 is a narrow bar.
+    diameter : float
+        Of the circle of bars, m.
+    bar_wide, bar_narrow : float
+        Width of a '0' and of a '1' on the circle, m.
+    geometry : {'arc', 'tangent'}
+        The row of pixels bent along the circle, or flat and touching it in its middle.
+    pixels : int
+        Of the linear CCD.
+    bar_pitch : float
+        Pixels a bar period (in the middle of a flat row); the image may differ by 1 %.
+    blur : float
+        1-sigma of the optical blur, pixels.
+    heads : int
+        One reading head, or two opposite ones, of which the mean sees no eccentricity.
+    mounting : {'detect', 'forward', 'reversed'}
+        Whether the pixels run along the disc or against it. Only the method 'template' can find
+        it out; 'paper' takes 'detect' as 'forward'.
+    sense : {'with', 'against'}
+        Whether the disc angle rises with the angle of the axis, or falls.
+    method : {'template', 'paper'}
+        How an image becomes an angle: `template_reader`, or as paper 001 does, with its faults
+        and for its grey levels (`paper_reader`).
+
+    Raises
+    ------
+    ValueError
+        A value out of its range, or not one of those allowed; a code in which 18 bars are found
+        twice; bars that are wider than their period, or a '1' that is wider than a '0'.
+    """
+
+    code: str = field(default='table', metadata={
+        'doc': 'bars of the disc: table (paper 001, table 1), equation2, or your own bits'})
+    diameter: float = _number(79.0, 'mm', 1.0, 10000.0, 'of the circle of bars')
+    bar_wide: float = _number(0.149, 'mm', 0.001, 10.0, "of a '0', on the circle")
+    bar_narrow: float = _number(0.075, 'mm', 0.001, 10.0, "of a '1', on the circle")
+    geometry: str = _choice(
+        'the row of pixels is bent along the circle, or flat and touches it', 'arc', 'tangent')
+    pixels: int = _number(1800, '', 400, 16384, 'of the linear CCD', int)
+    bar_pitch: float = _number(48.0, 'px', 16.0, 200.0, 'pixels a bar period, amid the row')
+    blur: float = _number(6.0, 'px', 0.3, 30.0, '1-sigma of the optical blur')
+    heads: int = _number(1, '', 1, 2, 'reading heads; 2: opposite ones', int)
+    mounting: str = _choice(
+        'whether the pixels run along the disc', 'detect', 'forward', 'reversed')
+    sense: str = _choice('whether the disc angle rises with that of the axis', 'with', 'against')
+    method: str = _choice('how an image becomes an angle', 'template', 'paper')
+
+    def __post_init__(self):
+        for item in fields(self):
+            value, rules = getattr(self, item.name), item.metadata
+            if 'choice' in rules and value not in rules['choice']:
+                raise ValueError(
+                    f'{item.name} {value!r} is not one of {", ".join(map(repr, rules["choice"]))}')
+            if 'range' in rules:
+                (low, high), unit = rules['range'], rules['unit']
+                shown = f'{value / UNITS[unit]:g} {unit}'.strip()
+                if not low * UNITS[unit] <= value <= high * UNITS[unit]:
+                    raise ValueError(f'{item.name} {shown}: must be {low:g} to {high:g}')
+                if rules['kind'] is int and value != int(value):
+                    raise ValueError(f'{item.name} {shown}: must be a whole number')
+        period = math.pi * self.diameter / self.disc.bars
+        if not self.bar_narrow <= self.bar_wide < period:
+            raise ValueError(
+                f'bars of {1e3 * self.bar_wide:g} mm (0) and {1e3 * self.bar_narrow:g} mm (1) '
+                f'every {1e3 * period:.4g} mm: a 0 must be the wider one, and narrower than that')
+
+    @property
+    def disc(self):
+        """The disc, shared by all designs with its code."""
+        return disc_of(self.code)
+
+
+@lru_cache(maxsize=8)
+def disc_of(code):
+    """The disc of a `code`, as `Design` takes it; ValueError where it is none."""
+    if code not in RECURRENCES and (len(code) <= WINDOW or not set(code) <= set('01')):
+        raise ValueError(f'code {code!r} is not one of {", ".join(RECURRENCES)}, nor a row of '
+                         f'more than {WINDOW} bits, 0 and 1')
+    return Disc(code)

@@ -1,0 +1,107 @@
+"""Reads the absolute encoders of both axes from the images of their CCDs, simulated or real.
+
+The effort of a reading is its quality: 0 exact, 1 corrected, 2 rejected; a rejected one is NaN.
+An image tells no rate: velocities are NaN.
+"""
+
+import sys
+from dataclasses import fields
+
+import numpy as np
+
+from msg_tools import convert, topics
+from msg_tools.node import MountNode, Param, run_node
+
+from .axis_reader import AxisReader
+from .design import UNITS, Design, disc_of
+from .messages import AngleOutput, Batch, read_frame
+
+
+def _param(axis, item):
+    """The parameter of an axis for a field of `Design`, in the unit of a data sheet."""
+    rules, value = item.metadata, item.default
+    unit, low_high = rules.get('unit', ''), rules.get('range', (None, None))
+    return Param(
+        f'{axis}.{item.name}' + (f'_{unit}' if unit else ''),
+        value / UNITS[unit] if isinstance(value, float) else value,
+        f'{axis} encoder: {rules["doc"]}' + (f' [{unit}]' if unit else ''), *low_high,
+        choices=rules.get('choice', ()), check=disc_of if item.name == 'code' else None,
+        fixed=True)
+
+
+#: parameters of each axis with the field of `Design` that they give
+DESIGN_PARAMS = {axis: [(item, _param(axis, item)) for item in fields(Design)]
+                 for axis in convert.AXES}
+PARAMS = (
+    *(param for axis in convert.AXES for _, param in DESIGN_PARAMS[axis]),
+    Param('max_batch', 32, 'most images read at once when they come faster than they are read',
+          1, 256),
+)
+
+
+def axes_of(values):
+    """The readers of both axes.
+
+    Parameters
+    ----------
+    values : dict
+        Of all parameters.
+
+    Raises
+    ------
+    ValueError
+        A design that contradicts itself or cannot be read; it names the axis.
+    """
+    out = []
+    for axis, params in DESIGN_PARAMS.items():
+        drawing = {item.name: values[param.name] * UNITS[item.metadata['unit']]
+                   if item.type is float else values[param.name] for item, param in params}
+        try:
+            out.append(AxisReader(Design(**drawing), axis))
+        except ValueError as err:
+            raise ValueError(f'{axis} encoder: {err}') from None
+    return out
+
+
+class FrameReader(MountNode):
+    """Turns images into readings; NaN where an image could not be read."""
+
+    def __init__(self, **kwargs):
+        super().__init__('frame_reader', PARAMS, hardware_id='absolute encoder, its images',
+                         **kwargs)
+        self._axes = axes_of({param.name: self.value(param.name) for param in PARAMS})
+        self._output = AngleOutput(self, self._axes)
+        self._batch = Batch(self, self._read, lambda: self.value('max_batch'))
+        self.subscribe(topics.ABSOLUTE_FRAME, self._on_frame)
+
+    def check_together(self, values):
+        """Whether both designs can be read."""
+        axes_of(values)
+
+    def _on_frame(self, message):
+        self._batch.add(read_frame(message, self._axes))
+
+    def _read(self, images):
+        frames = [np.stack([image[axis] for _, image in images], axis=1) for axis in (0, 1)]
+        self._output.read([stamp for stamp, _ in images], frames)
+
+    def problems(self):
+        """Images that could not be read, and who else reads."""
+        return self._output.problems()
+
+    def details(self):
+        """How many readings were of which quality."""
+        return self._output.details()
+
+    def required(self):
+        """It needs images."""
+        return {self.resolve_topic_name(topics.ABSOLUTE_FRAME.name)}
+
+
+def main(args=None):
+    """Entry point of ``ros2 run telescope_mount frame_reader``."""
+    sys.exit(run_node(FrameReader, args))
+
+
+if __name__ == '__main__':
+    main()

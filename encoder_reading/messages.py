@@ -1,0 +1,181 @@
+"""Frames and angles as ROS messages, for every node that reads an absolute encoder."""
+
+import array
+import time
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.clock import Clock, ClockType
+
+from msg_tools import convert, topics
+
+from .axis_reader import read_frames
+from .readings import QUALITIES, REJECTED
+
+_BOTH = np.arange(2)
+#: mono8 and the name that OpenCV has for it
+_ENCODINGS = ('mono8', '8UC1')
+
+
+def frame_message(stamp, frames):
+    """A mono8 image with a row for each reading head: those of azimuth, then of elevation.
+
+    Parameters
+    ----------
+    stamp : int
+        ns.
+    frames : sequence of ndarray of uint8, shape (heads, pixels)
+        Of each axis; the rows of a shorter CCD are filled with 0.
+    """
+    rows = np.zeros((sum(map(len, frames)), max(part.shape[1] for part in frames)), np.uint8)
+    first = 0
+    for part in frames:
+        rows[first : first + len(part), : part.shape[1]] = part
+        first += len(part)
+    image = topics.ABSOLUTE_FRAME.message(
+        height=rows.shape[0], width=rows.shape[1], encoding='mono8', is_bigendian=0,
+        step=rows.shape[1], data=array.array('B', rows.tobytes()))
+    image.header.stamp = convert.to_stamp(stamp)
+    image.header.frame_id = 'absolute_encoder'
+    return image
+
+
+def read_frame(message, axes):
+    """The way back from `frame_message`.
+
+    Parameters
+    ----------
+    message : sensor_msgs.msg.Image
+        Its rows may be padded (`step`).
+    axes : sequence of axis_reader.AxisReader
+
+    Returns
+    -------
+    stamp : int
+        ns.
+    frames : list of ndarray of uint8, shape (heads, pixels)
+        Of each axis, views of the message.
+
+    Raises
+    ------
+    ValueError
+        Not 8 bits of grey, not of that many rows or columns, cut short, or without a stamp.
+    """
+    heads = [axis.design.heads for axis in axes]
+    width = max(axis.design.pixels for axis in axes)
+    if message.encoding not in _ENCODINGS:
+        raise ValueError(f'image in {message.encoding!r}: need {_ENCODINGS[0]}')
+    if (message.height, message.width) != (sum(heads), width):
+        raise ValueError(
+            f'image of {message.height} rows, {message.width} columns: need {sum(heads)} rows (a '
+            f'reading head each: {heads[0]} of azimuth, then {heads[1]} of elevation), {width} '
+            'columns')
+    if message.step < width or len(message.data) != message.height * message.step:
+        raise ValueError(f'image of {len(message.data)} bytes in {message.height} rows of '
+                         f'{message.step}: need that many, and {width} or more a row')
+    stamp = convert.from_stamp(message.header.stamp)
+    if stamp <= 0:
+        raise ValueError('image without a stamp')
+    rows = np.frombuffer(message.data, dtype=np.uint8).reshape(message.height, message.step)
+    return stamp, [rows[:heads[0], :axes[0].design.pixels],
+                   rows[heads[0]:, :axes[1].design.pixels]]
+
+
+class AngleOutput:
+    """What a node that reads both axes publishes and says of itself.
+
+    Of one graph only one node may have this: two would publish different angles on one topic.
+
+    Parameters
+    ----------
+    node : msg_tools.node.MountNode
+    axes : sequence of axis_reader.AxisReader
+    """
+
+    def __init__(self, node, axes):
+        self._node, self._axes = node, axes
+        self._angles = node.publisher(topics.ABSOLUTE)
+        self._sigma = node.publisher(topics.ABSOLUTE_SIGMA)
+        self._counts = np.zeros((2, 3), dtype=np.int64)  # of each axis and quality
+
+    def read(self, stamps, frames, rates=None):
+        """Read frames and publish the angles.
+
+        Parameters
+        ----------
+        stamps : sequence of int
+            n of them, ns.
+        frames : sequence of ndarray, shape (heads, n, pixels)
+            Of each axis.
+        rates : sequence of (float, float), optional
+            rad/s; an image tells none, so that they are NaN without.
+        """
+        readings = read_frames(self._axes, frames)
+        np.add.at(self._counts, (_BOTH, readings.quality), 1)
+        unknown = np.nan, np.nan
+        for stamp, angle, quality, rate in zip(
+                stamps, readings.angle.tolist(), readings.quality.tolist(),
+                rates or [unknown] * len(stamps)):
+            self._angles.publish(convert.joint_state(stamp, angle, rate, quality))
+        if self._sigma.get_subscription_count() > 0:
+            for stamp, sigma in zip(stamps, readings.sigma.tolist()):
+                self._sigma.publish(convert.joint_state(stamp, sigma))
+
+    def problems(self):
+        """For the node's diagnostics: another reader in the graph, images that were not read."""
+        name = self._angles.topic_name
+        publishers = self._node.count_publishers(name)
+        rejected = int(self._counts[:, REJECTED].sum())
+        out = []
+        if publishers > 1:
+            out.append((DiagnosticStatus.ERROR, f'{publishers} nodes publish {name}: only one may; '
+                        'end a frame_reader, or let the simulator publish frames'))
+        if rejected:
+            out.append((DiagnosticStatus.WARN, f'{rejected} images could not be read'))
+        return out
+
+    def details(self):
+        """For the node's diagnostics: how many readings were of which quality."""
+        return [(f'{axis} {name}', str(count))
+                for axis, counts in zip(convert.AXES, self._counts)
+                for name, count in zip(QUALITIES, counts)]
+
+
+class Batch:
+    """Collects what arrives faster than it is worked on, until the executor has taken it.
+
+    One call for many costs less than many calls, so a node that fell behind catches up.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+    work : callable
+        ``work(items)``, which must not raise.
+    most : callable
+        ``most()`` items at once.
+    """
+
+    def __init__(self, node, work, most):
+        self._work, self._most, self._items = work, most, []
+        self._ended = self._took = 0.0
+        # due at once when it is set, so it runs when the messages that were ready are taken
+        self._timer = node.create_timer(0.0, self._finish, autostart=False,
+                                        clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def add(self, item):
+        """Take another one."""
+        self._items.append(item)
+        # one that comes long after the last work did not wait for it, nor does another yet
+        if time.monotonic() - self._ended > 0.5 * self._took:
+            self._finish()
+        elif len(self._items) == 1:
+            self._timer.reset()
+
+    def _finish(self):
+        self._timer.cancel()
+        items, self._items = self._items, []
+        most, begun = self._most(), time.monotonic()
+        for i in range(0, len(items), most):
+            self._work(items[i : i + most])
+        self._ended = time.monotonic()
+        self._took = self._ended - begun
