@@ -65,6 +65,17 @@ def named_in(text):
             yield (package + rest).replace('/', '.')
 
 
+def imported(tree, package):
+    """(line, full name) of all that a source in `package` imports, wherever in it."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from ((node.lineno, alias.name) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            above = package[:len(package) - node.level + 1] if node.level else ()
+            parts = [*above, *([node.module] if node.module else [])]
+            yield from ((node.lineno, '.'.join([*parts, alias.name])) for alias in node.names)
+
+
 def names_used(text, package=()):
     """(line, name) of what a source names of the house: imports, and strings in it.
 
@@ -79,27 +90,20 @@ def names_used(text, package=()):
     prose = {id(node.body[0].value) for node in ast.walk(tree) if isinstance(node, (
         ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef))
         and node.body and isinstance(node.body[0], ast.Expr)}
-    found = set()
+    named = list(imported(tree, package))
     for node in ast.walk(tree):
         names = ()
-        if isinstance(node, ast.Import):
-            names = [alias.name for alias in node.names]
-        elif isinstance(node, ast.ImportFrom):
-            above = package[:len(package) - node.level + 1] if node.level else ()
-            module = '.'.join([*above, *([node.module] if node.module else [])])
-            names = ['.'.join(filter(None, (module, alias.name))) for alias in node.names]
-        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
-            if id(node) not in prose:
-                found |= {(node.lineno, name) for name in named_in(node.value)}
+        if isinstance(node, ast.Constant) and isinstance(node.value, str):
+            names = () if id(node) in prose else named_in(node.value)
         elif isinstance(node, ast.JoinedStr):
             # a module whose name is put together
             names = [part.value[:-1] for part in node.values if isinstance(part, ast.Constant)
                      and part.value.endswith('.')]
         elif isinstance(node, (ast.Call, ast.BinOp)):
             names = [part.value for part in _parts(node) if isinstance(part, ast.Constant)]
-        found |= {(node.lineno, module_of(name)) for name in names
-                  if str(name).split('.')[0] in PACKAGES}
-    return found
+        named += [(node.lineno, name) for name in names]
+    return {(line, module_of(name))
+            for line, name in named if str(name).split('.')[0] in PACKAGES}
 
 
 def _parts(node):
@@ -125,16 +129,8 @@ def uses(path):
 @functools.cache
 def imports(path):
     """Full names of all that a source file imports, wherever in it."""
-    package = path.relative_to(ROOT).parent.parts
-    names = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
-        if isinstance(node, ast.Import):
-            names |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            above = package[:len(package) - node.level + 1] if node.level else ()
-            module = '.'.join([*above, *([node.module] if node.module else [])])
-            names |= {module} | {f'{module}.{alias.name}' for alias in node.names}
-    return names
+    tree = ast.parse(path.read_text(encoding='utf-8'))
+    return {name for _, name in imported(tree, path.relative_to(ROOT).parent.parts)}
 
 
 def sources(*packages):
@@ -319,7 +315,7 @@ def test_every_package_has_its_place():
     ("root / 'calibration' / 'data'", 'calibration'),
     ("root.joinpath('calibration', 'data')", 'calibration'),
     ("os.path.join(root, 'calibration')", 'calibration'),
-    ("open('calibration/data/README.md')", 'calibration.data.README.md'),
+    ("open('calibration/data/README.md')", 'calibration.data'),
     ("MODULE = 'calibration.calibration_node'", 'calibration.calibration_node'),
     ("MODULE = 'calibration.calibration_node:main'", 'calibration.calibration_node'),
     ("run_module('telescope_mount.cli')", 'telescope_mount.cli'),
