@@ -114,6 +114,7 @@ def _mean(exposures, encoder, model, name):
         raise ValueError(
             f'one exposure of Polaris ({name}) has no scatter; give sigma_x and '
             'sigma_y or expose again')
+    # an empty model is held where there is none: the same arithmetic, to the bit
     fit = fit_terms(exposures, ('IA', 'IE'), held=model or PointingModel({}), encoder=encoder,
                     robust=finite >= _FEWEST_FOR_ROBUST)
     covariance = fit.covariance

@@ -244,7 +244,7 @@ def _add_truth(bag, report):
 
 def _write(folder, results):
     """observations.csv, model.json, report.json and the plot."""
-    from calibration.tables import plot_night
+    from calibration.night_plot import plot_night
     from msg_tools import topics
     from msg_tools.units import ARCSEC
     from pointing_model.earth import earth_orientation

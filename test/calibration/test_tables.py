@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 
 from calibration.fit import fit_terms
+from calibration.night_plot import plot_night
 from calibration.session import CalibrationSession
-from calibration.tables import fit_tables, night_tables, plot_night, terms_table
+from calibration.tables import fit_tables, night_tables, terms_table
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.catalogue import POLARIS_HIP
 from pointing_model.run import PointingRun
