@@ -19,21 +19,20 @@ def add(commands):
     what.add_argument('--scenario', help='instead: what is wrong with the simulated mount, a name '
                       '(loop_*), a YAML file, or "all" for every loop_* of the package')
     options.add_out(parser, 'loop', 'log, model, reports and page')
-    options.add_seed(parser)
+    options.add(parser, 'seed')
     parser.add_argument('--stars', type=options.whole(12, 5000), default=90,
                         help='that fit and diagnosis see (default: 90)')
-    options.add_polaris(parser)
+    options.add(parser, 'polaris')
     parser.add_argument('--check', type=options.whole(2, 5000), default=30,
                         help='fresh stars pointed at blind, before and after (default: 30)')
     parser.add_argument('--check-every', type=options.whole(2, 1000), default=4, metavar='N',
                         help='of a measured run one row in N is kept out (default: 4)')
     parser.add_argument('--alpha', type=options.real(1e-6, 0.5), default=0.01,
                         help='chance that a clean night gets any effect (default: 0.01)')
-    options.add_date(parser)
-    options.add_site(parser, 'of the site; a measured run whose file does not tell it gets what '
-                     'follows the stars only with both')
-    options.add_azimuth_origin(parser)
-    options.add_domain(parser)
+    options.add(parser, 'date')
+    options.add(parser, 'latitude', help='of the site; a measured run whose file does not tell it '
+                'gets what follows the stars only with both')
+    options.add(parser, 'longitude', 'azimuth-origin', 'domain')
     parser.set_defaults(run=run)
 
 

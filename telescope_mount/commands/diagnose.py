@@ -33,12 +33,12 @@ def add(commands):
     parser.add_argument('--report', type=Path, metavar='FILE.html', help='write a page')
     parser.add_argument('--save', type=Path, metavar='FILE',
                         help='write the model with what was found (.json, .yaml)')
-    options.add_encoder(parser)
-    options.add_azimuth_origin(parser)
-    options.add_site(parser, 'of the site, for runs in right ascension', height=True)
+    options.add(parser, 'encoder', 'azimuth-origin')
+    options.add(parser, 'latitude', help='of the site, for runs in right ascension')
+    options.add(parser, 'longitude', 'height')
     parser.add_argument('--pressure', type=float, metavar='HPA',
                         help='for runs in right ascension; 0: no refraction')
-    options.add_seed(parser, 'of the resampling', 0)
+    options.add(parser, 'seed', default=0, help='of the resampling (default: 0)')
     parser.set_defaults(run=run)
 
 

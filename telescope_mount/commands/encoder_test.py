@@ -13,7 +13,7 @@ def add(commands):
         'it by the paper\'s method, its two rivals and ours, and compare with what was printed.')
     options.add_out(parser, 'encoder_test', 'the picture')
     parser.add_argument('--json', type=Path, metavar='FILE', help='write all figures')
-    options.add_seed(parser, 'of disc, table and noise')
+    options.add(parser, 'seed', help='of disc, table and noise (default: 1)')
     parser.add_argument('--turns', type=options.whole(2, 1000), default=20,
                         help='of 23 angles each (default: 20)')
     parser.add_argument('--pitch', type=int, choices=(48, 60), default=48,

@@ -12,16 +12,16 @@ def add(commands):
         'zero calibration. On one night a GPS satellite is tracked. Prints the paper\'s table 1 '
         'with ours beside it.')
     options.add_out(parser, 'experiment', 'tables, log and plots')
-    options.add_seed(parser)
+    options.add(parser, 'seed')
     parser.add_argument('--drifts', choices=('paper', 'random'), default='paper',
                         help='of the zero at each power-on: those that give the paper\'s errors '
                         'before calibration (default), or random ones of that scatter')
     parser.add_argument('--stars', type=options.whole(8, 500), default=30,
                         help='in each of the two blocks of a night (default: 30)')
-    options.add_polaris(parser, 500)
+    options.add(parser, 'polaris', type=options.whole(2, 500))
     parser.add_argument('--satellite', type=options.whole(2, 200), default=20,
                         help='exposures of the satellite before and after (default: 20)')
-    options.add_domain(parser)
+    options.add(parser, 'domain')
     parser.set_defaults(run=run)
 
 

@@ -30,7 +30,7 @@ def add(commands):
     parser.add_argument('--start', metavar='TIME',
                         help='seconds since the first row or message, or UTC in ISO 8601')
     parser.add_argument('--end', metavar='TIME', help='likewise; the end is left out')
-    options.add_azimuth_origin(parser)
+    options.add(parser, 'azimuth-origin')
     parser.set_defaults(run=run)
 
 

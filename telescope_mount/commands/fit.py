@@ -14,8 +14,7 @@ def add(commands):
     parser.add_argument('file', type=Path, metavar='RUN')
     parser.add_argument('--terms', type=options.names, default='IA,IE,CA,NPAE,AN,AW,TF',
                         help='comma-separated (default: the seven physical terms)')
-    options.add_encoder(parser)
-    options.add_azimuth_origin(parser)
+    options.add(parser, 'encoder', 'azimuth-origin')
     parser.add_argument('--run', dest='number', type=options.whole(-10**6, 10**6), metavar='N',
                         help='of several runs in the file (column run) the one of this number')
     parser.add_argument('--no-robust', action='store_true', help='plain least squares')

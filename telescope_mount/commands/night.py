@@ -12,16 +12,15 @@ def add(commands):
         description='Start every node as a process, observe stars and Polaris, set the zero, fit '
         'the pointing model, log everything, and print the error before and after.')
     options.add_out(parser, 'night', 'log, model, observations and plot')
-    options.add_seed(parser)
+    options.add(parser, 'seed')
     parser.add_argument('--stars', type=options.whole(4, 5000), default=30,
                         help='in each of the two blocks (default: 30)')
-    options.add_polaris(parser)
+    options.add(parser, 'polaris')
     parser.add_argument('--scenario', default='default',
                         help='what is wrong with the simulated mount: a name or a YAML file')
-    options.add_reference(parser, 'model.json of an earlier night: the zero is the change since '
-                          'then, and tonight is one power-on: stars, Polaris, stars')
-    options.add_date(parser)
-    options.add_site(parser, height=True)
+    options.add(parser, 'reference', help='model.json of an earlier night: the zero is the change '
+                'since then, and tonight is one power-on: stars, Polaris, stars')
+    options.add(parser, 'date', 'latitude', 'longitude', 'height')
     parser.add_argument('--params', type=Path, metavar='FILE',
                         help='ROS parameter file, read by every node after the values above')
     parser.add_argument('--absolute', choices=('angles', 'frames'), default='angles',
@@ -30,7 +29,7 @@ def add(commands):
     parser.add_argument('--time-scale', type=options.real(0.0, 1000.0), default=0.0, metavar='X',
                         help='simulated seconds a second; 0 (default): as fast as the graph '
                         'answers')
-    options.add_domain(parser)
+    options.add(parser, 'domain')
     parser.set_defaults(run=run)
 
 

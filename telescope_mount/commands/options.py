@@ -35,65 +35,41 @@ def names(text):
     return tuple(name.strip() for name in text.split(',') if name.strip())
 
 
+#: options that several commands have, as ``add_argument`` takes them
+SHARED = {
+    'seed': {'type': whole(0, 2**31 - 1), 'default': 1,
+             'help': 'of every random number (default: 1)'},
+    'polaris': {'type': whole(2, 5000), 'default': 16,
+                'help': 'exposures of Polaris for a zero (default: 16)'},
+    'date': {'default': '', 'metavar': 'UTC',
+             'help': 'begin of the night, ISO 8601 (default: 2026-01-15T13:00:00)'},
+    'latitude': {'type': real(-90.0, 90.0, 'degrees'), 'metavar': 'DEG', 'help': 'of the site'},
+    'longitude': {'type': real(-180.0, 360.0, 'degrees'), 'metavar': 'DEG',
+                  'help': 'of the site, east positive'},
+    'height': {'type': real(-500.0, 9000.0, 'm'), 'metavar': 'M',
+               'help': 'of the site above the ellipsoid'},
+    'reference': {'type': Path, 'metavar': 'MODEL'},
+    'encoder': {'choices': ('enc', 'abs'), 'default': 'enc',
+                'help': 'which pair of encoder columns (default: enc)'},
+    'azimuth-origin': {'choices': ('N', 'S'), 'help': 'where azimuth 0 is in a TPOINT file'},
+    'domain': {'type': whole(0, 101), 'metavar': 'N', 'help': 'ROS domain (default: a free one)'},
+}
+
+
+def add(parser, *names, **changes):
+    """Add options of `SHARED` by name, with `changes` of this command."""
+    for name in names:
+        parser.add_argument(f'--{name}', **SHARED[name] | changes)
+
+
 def add_out(parser, default, what):
-    """--out: a folder for results."""
+    """Add --out: a folder for results."""
     parser.add_argument('--out', type=Path, default=Path(default), metavar='DIR',
                         help=f'folder for {what} (default: {default})')
 
 
-def add_seed(parser, what='of every random number', default=1, told=None):
-    """--seed; `told` says the default where it is no number."""
-    parser.add_argument('--seed', type=whole(0, 2**31 - 1), default=default,
-                        help=f'{what} (default: {told or default})')
-
-
-def add_polaris(parser, most=5000):
-    """--polaris."""
-    parser.add_argument('--polaris', type=whole(2, most), default=16,
-                        help='exposures of Polaris for a zero (default: 16)')
-
-
-def add_domain(parser):
-    """--domain."""
-    parser.add_argument('--domain', type=whole(0, 101), metavar='N',
-                        help='ROS domain (default: a free one)')
-
-
-def add_date(parser):
-    """--date."""
-    parser.add_argument('--date', default='', metavar='UTC',
-                        help='begin of the night, ISO 8601 (default: 2026-01-15T13:00:00)')
-
-
-def add_azimuth_origin(parser):
-    """--azimuth-origin."""
-    parser.add_argument('--azimuth-origin', choices=('N', 'S'),
-                        help='where azimuth 0 is in a TPOINT file')
-
-
-def add_encoder(parser):
-    """--encoder."""
-    parser.add_argument('--encoder', choices=('enc', 'abs'), default='enc',
-                        help='which pair of encoder columns (default: enc)')
-
-
-def add_reference(parser, words):
-    """--reference."""
-    parser.add_argument('--reference', type=Path, metavar='MODEL', help=words)
-
-
-def add_site(parser, words='of the site', height=False):
-    """--latitude, --longitude and, if wanted, --height; `sky_of` reads them."""
-    parser.add_argument('--latitude', type=real(-90.0, 90.0, 'degrees'), metavar='DEG', help=words)
-    parser.add_argument('--longitude', type=real(-180.0, 360.0, 'degrees'), metavar='DEG',
-                        help='of the site, east positive')
-    if height:
-        parser.add_argument('--height', type=real(-500.0, 9000.0, 'm'), metavar='M',
-                            help='of the site above the ellipsoid')
-
-
 def sky_of(args):
-    """The parameters of the sky that the options of `add_site` set."""
+    """The parameters of the sky that latitude, longitude and height set."""
     given = {'latitude_deg': args.latitude, 'longitude_deg': args.longitude,
              'height_m': getattr(args, 'height', None)}
     return {name: value for name, value in given.items() if value is not None}

@@ -11,10 +11,11 @@ def add(commands):
         'replay', help='replay a log into a fresh calibration',
         description='Publish a log again, calibrate on it, and print the same tables.')
     parser.add_argument('log', type=Path, metavar='BAG')
-    options.add_reference(parser, 'the reference model, if the night had one')
-    options.add_seed(parser, 'of the choice of held-out stars; that of the night')
+    options.add(parser, 'reference', help='the reference model, if the night had one')
+    options.add(parser, 'seed',
+                help='of the choice of held-out stars; that of the night (default: 1)')
     parser.add_argument('--out', type=Path, metavar='FILE', help='write the model')
-    options.add_domain(parser)
+    options.add(parser, 'domain')
     parser.set_defaults(run=run)
 
 

@@ -13,8 +13,10 @@ def add(commands):
         'from what they were derived from, without a ROS graph. Exit code 1 if a number is not '
         'the same to the bit.')
     parser.add_argument('log', type=Path, metavar='BAG')
-    options.add_reference(parser, 'the reference model of the night (default: as the log says)')
-    options.add_seed(parser, 'of the choice of held-out stars', None, 'as the log says, or 1')
+    options.add(parser, 'reference',
+                help='the reference model of the night (default: as the log says)')
+    options.add(parser, 'seed', default=None,
+                help='of the choice of held-out stars (default: as the log says, or 1)')
     parser.set_defaults(run=run)
 
 

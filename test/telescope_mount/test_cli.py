@@ -71,6 +71,23 @@ def test_bad_options_are_one_line(refused, words, text):
     assert text in refused(*words)
 
 
+def test_git_ignores_what_is_written_by_default():
+    from telescope_mount.cli import _parser
+    commands = next(a.choices for a in _parser()._actions if a.dest == 'command')
+    folders = [str(parser.get_default('out')) for parser in commands.values()
+               if parser.get_default('out')]
+    assert len(folders) == 4
+    folders += ['night_bag', 'night_bag_truth', 'telescope_mount_log', 'bag', 'bag_recovered']
+    root = Path(__file__).parents[2]
+    if not (root / '.git').exists():
+        pytest.skip('not a clone of the repository')
+    done = subprocess.run(['git', 'check-ignore', *(f'{name}/' for name in folders)], cwd=root,
+                          capture_output=True, text=True)
+    if done.returncode > 1:
+        pytest.skip('git cannot read the repository')
+    assert done.stdout.split() == [f'{name}/' for name in folders]
+
+
 # --- night --------------------------------------------------------------------------------------
 
 
