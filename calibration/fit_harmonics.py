@@ -1,8 +1,11 @@
 """Fit of the spherical harmonics of paper 000, alone or on what the terms leave."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from msg_tools.units import wrap
+from pointing_model.context import Context
 from pointing_model.harmonics import COUNT, Harmonics, basis, sky_factor
 from pointing_model.model import PointingModel
 from pointing_model.zero import NO_ZERO
@@ -29,7 +32,7 @@ def fit_harmonics(run, interpretation='zenith', *, held=None, robust=True, encod
     interpretation : {'zenith', 'printed'}
         What the paper's E means (see `pointing_model.harmonics`).
     held : PointingModel, optional
-        Fit what this model leaves (physical terms first), and keep its terms in the result.
+        Fit what this model leaves (physical terms first); the result has its terms and effects.
     robust, encoder, zero, provenance
         As in `fit_terms`.
     rcond : float
@@ -39,7 +42,7 @@ def fit_harmonics(run, interpretation='zenith', *, held=None, robust=True, encod
     Returns
     -------
     FitResult
-        ``names`` are A0..A12, B0..B12; ``model`` has the terms of `held` and the harmonics.
+        ``names`` are A0..A12, B0..B12; ``model`` has what `held` has, and the harmonics.
 
     Raises
     ------
@@ -50,9 +53,10 @@ def fit_harmonics(run, interpretation='zenith', *, held=None, robust=True, encod
         raise ValueError('the model has harmonics already; fit them to its terms alone')
     used = usable(run, encoder, zero)
     if held is not None:
-        at_az, at_el = held.sky_to_encoder(used.az, used.el)
-        used = used.only(np.isfinite(at_az) & np.isfinite(at_el), UNREACHABLE)
-        at_az, at_el = held.sky_to_encoder(used.az, used.el)
+        context = Context.of_run(run, encoder) if held.effects else None
+        at = np.stack(held.sky_to_encoder(run['az'], run['el'], context))
+        used = used.only(np.isfinite(at[:, used.rows]).all(axis=0), UNREACHABLE)
+        at_az, at_el = at[:, used.rows]
     else:
         at_az, at_el = used.az, used.el
     az, el, sigmas = used.az, used.el, used.sigmas
@@ -75,7 +79,7 @@ def fit_harmonics(run, interpretation='zenith', *, held=None, robust=True, encod
         if held is None:
             return PointingModel({}, None, harmonics, facts)
         facts = {**facts, 'terms': held.provenance}
-        return PointingModel(held.terms, held.covariance, harmonics, facts, held.geometry)
+        return replace(held, harmonics=harmonics, provenance=facts)
 
     return make_result(run, names, used, solved, make_model, provenance, {
         'method': f'harmonics, {interpretation} reading', 'encoder': encoder, 'rcond': rcond})

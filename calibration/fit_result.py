@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
-from pointing_model.rms import rms_arcsec
+from pointing_model.rms import rms, rms_arcsec
 from pointing_model.zero import Zeros
 
 from .least_squares import covariance_of, spectrum_of
@@ -71,6 +72,12 @@ class FitResult:
     def sigma(self):
         """Standard errors of the coefficients, radians, shape (k,)."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+    def term_rows(self):
+        """``name``, ``value_arcsec``, ``sigma_arcsec`` of each coefficient; JSON-ready."""
+        return [{'name': name, 'value_arcsec': float(value) / ARCSEC,
+                 'sigma_arcsec': float(sigma) / ARCSEC}
+                for name, value, sigma in zip(self.names, self.coefficients, self.sigma)]
 
     @property
     def correlations(self):
@@ -163,7 +170,7 @@ def make_result(run, names, used, solved, make_model, provenance, notes):
                                       'look'} for i in lost]
         excluded.sort(key=lambda e: e['row'])
     if sigmas is not None:
-        x_unit, y_unit = (float(np.sqrt(np.mean(s**2))) for s in (sigmas[:n], sigmas[n:]))
+        x_unit, y_unit = (rms(s) for s in (sigmas[:n], sigmas[n:]))
         scatter = scatter[0] * x_unit, scatter[1] * y_unit
     dropped = _dropped(solved.spectrum, len(solution.p), names)
     if solution.rank < len(solution.p):  # the robust weights took the stars that determine it
@@ -171,17 +178,17 @@ def make_result(run, names, used, solved, make_model, provenance, notes):
         both = both if solved.base is None else both * solved.base
         dropped += _dropped(
             spectrum_of(solved.rows, both, solution.normal), solution.rank, names, basis)
-    rms = rms_arcsec(residual_x, residual_y)
+    fitted = rms_arcsec(residual_x, residual_y)
     covariance_from = 'measured scatter' if sigmas is None else 'given sigmas'
     facts = {
         **notes,
         'source': run.meta.get('source'),
-        'rows': rms.n,
+        'rows': fitted.n,
         'rows_excluded': len(excluded),
         'robust': row_weights is not None,
         'covariance_from': covariance_from,
         'rank': solution.rank,
-        'fitted_rms_arcsec': {'x': rms.x, 'y': rms.y, 'radial': rms.radial},
+        'fitted_rms_arcsec': {'x': fitted.x, 'y': fitted.y, 'radial': fitted.radial},
         **(provenance or {}),
     }
     return FitResult(

@@ -11,7 +11,7 @@ import numpy as np
 from msg_tools.units import ARCSEC
 from pointing_model.catalogue import POLARIS_HIP
 from pointing_model.rms import rms
-from pointing_model.terms import design
+from pointing_model.terms import mean_columns
 from pointing_model.zero import NO_ZERO, Zeros, zero_in_force
 
 from .fit_harmonics import fit_harmonics
@@ -224,15 +224,10 @@ def _budget(model, zero, polaris, stars):
     Polaris' exposures, the scatter of the stars, and what the reference model's covariance leaves
     between the place of Polaris and the mean of the stars.
     """
-    names = tuple(model.terms)
-
-    def mean_columns(run):
-        x, y = design(names, run['az'], run['el'])
-        return np.stack([np.mean(x / np.cos(run['el'])[:, None], axis=0), np.mean(y, axis=0)])
-
-    apart = mean_columns(stars) - mean_columns(polaris)
+    at_stars, at_polaris = (mean_columns(tuple(model.terms), run['az'], run['el'])
+                            for run in (stars, polaris))
+    apart = at_stars - at_polaris
     # the zero's covariance has that of the model at Polaris, which cancels but for `apart`
-    at_polaris = mean_columns(polaris)
     exposures = zero.covariance - at_polaris @ model.covariance @ at_polaris.T
     x, y = model.residuals(stars, zero=zero)
     az = x / np.cos(stars['el'])

@@ -189,7 +189,7 @@ class CalibrationSession:
             'zeros': self.zeros.to_list(),
             'changes': self._changes(rows, result.model),
             'zeros_in_force': in_force,
-            'terms': _terms(result),
+            'terms': result.term_rows(),
             'correlations': result.correlations.tolist(),
             'condition': result.condition,
             'rejected': len(result.rejected),
@@ -338,9 +338,3 @@ class CalibrationSession:
 
 def _rms(model, run, zero):
     return rms_arcsec(*model.residuals(run, zero=zero))._asdict()
-
-
-def _terms(result):
-    return [{'name': name, 'value_arcsec': float(value) / ARCSEC,
-             'sigma_arcsec': float(sigma) / ARCSEC}
-            for name, value, sigma in zip(result.names, result.coefficients, result.sigma)]

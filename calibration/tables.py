@@ -117,8 +117,6 @@ def fit_tables(run, result, encoder='enc', held_out=None):
     if held_out is not None:
         steps.add_row(f'{len(result.names)} terms, each half judged by a fit to the other',
                       *_rms_cells(held_out._asdict()))
-    terms = [{'name': name, 'value_arcsec': value / ARCSEC, 'sigma_arcsec': sigma / ARCSEC}
-             for name, value, sigma in zip(result.names, result.coefficients, result.sigma)]
     lines = [f'sigma from the {result.covariance_from.removeprefix("measured ")}'
              f'{"" if result.covariance_from == "given sigmas" else " of the residuals"}; '
              f'condition {result.condition:.0f}, rank {result.rank} of {len(result.names)}']
@@ -132,7 +130,7 @@ def fit_tables(run, result, encoder='enc', held_out=None):
     for row in [*run.meta.get('excluded', []), *result.excluded]:
         lines.append(f'row {row["row"]} left out: {row["reason"]}')
     lines += [f'note: {note}' for note in run.meta.get('notes', [])]
-    return [terms_table(terms), steps, *lines]
+    return [terms_table(result.term_rows()), steps, *lines]
 
 
 def _strong_correlations(result):

@@ -9,7 +9,7 @@ from msg_tools.units import ARCSEC, wrap
 from pointing_model.catalogue import POLARIS_HIP
 from pointing_model.model import PointingModel
 from pointing_model.run import PointingRun
-from pointing_model.terms import design
+from pointing_model.terms import design, mean_columns
 
 from .fit import fit_terms
 from .step_scan import (
@@ -424,9 +424,6 @@ def _circle(before, now, model, term_sigma):
     else:
         offsets = [np.zeros(2)] * 2
         names, spread = _OTHER_TERMS, np.eye(len(_OTHER_TERMS)) * term_sigma**2
-    rows = []
-    for az, el in places:
-        x, y = design(names, az, el)
-        rows.append(np.stack([x[0] / np.cos(el[0]), y[0]]))
-    moved = rows[1] - rows[0]
+    then, later = (mean_columns(names, az, el) for az, el in places)
+    moved = later - then
     return offsets[1] - offsets[0], np.diag(moved @ spread @ moved.T)

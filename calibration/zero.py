@@ -12,7 +12,7 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
-from pointing_model.terms import PHYSICAL, design
+from pointing_model.terms import PHYSICAL, mean_columns
 from pointing_model.zero import RunZero
 
 from .fit import fit_terms
@@ -114,6 +114,7 @@ def _mean(exposures, encoder, model, name):
         raise ValueError(
             f'one exposure of Polaris ({name}) has no scatter; give sigma_x and '
             'sigma_y or expose again')
+    # an empty model is held where there is none: the same arithmetic, to the bit
     fit = fit_terms(exposures, ('IA', 'IE'), held=model or PointingModel({}), encoder=encoder,
                     robust=finite >= _FEWEST_FOR_ROBUST)
     covariance = fit.covariance
@@ -125,12 +126,6 @@ def _mean(exposures, encoder, model, name):
     scatter = np.array(fit.scatter) if used.sum() > 1 else np.full(2, np.nan)
     scatter[0] /= np.mean(np.cos(el))
     return fit, covariance, scatter, az, el
-
-
-def _coordinate_columns(names, az, el):
-    """Mean over the exposures of the derivatives of (az, el) encoder angles, shape (2, k)."""
-    x, y = design(names, az, el)
-    return np.stack((np.mean(x / np.cos(el)[:, None], axis=0), np.mean(y, axis=0)))
 
 
 def zero_from_polaris(exposures, reference, *, encoder='enc', model=None, run=None,
@@ -172,7 +167,7 @@ def zero_from_polaris(exposures, reference, *, encoder='enc', model=None, run=No
     fit, covariance, scatter, now_az, now_el = _mean(exposures, encoder, model, 'tonight')
     value = fit.coefficients
     if isinstance(reference, PointingModel):
-        columns = _coordinate_columns(tuple(model.terms), now_az, now_el)
+        columns = mean_columns(tuple(model.terms), now_az, now_el)
         covariance = covariance + columns @ model.covariance @ columns.T
         if model.harmonics is not None:
             vx, vy = model.harmonics.variance(now_az, now_el)
@@ -189,12 +184,11 @@ def zero_from_polaris(exposures, reference, *, encoder='enc', model=None, run=No
         covariance = covariance + then_covariance
         if model is not None:
             names = tuple(model.terms)
-            moved = (_coordinate_columns(names, now_az, now_el)
-                     - _coordinate_columns(names, then_az, then_el))
+            moved = mean_columns(names, now_az, now_el) - mean_columns(names, then_az, then_el)
             covariance = covariance + moved @ model.covariance @ moved.T
         description = f'{np.count_nonzero(then.weights)} exposures of Polaris, {reference_name}'
     others = tuple(name for name in PHYSICAL if name not in ('IA', 'IE'))
-    false = _coordinate_columns(others, now_az, now_el)
+    false = mean_columns(others, now_az, now_el)
     contamination = {
         axis: {name: float(v) for name, v in zip(others, row) if v != 0.0}
         for axis, row in zip(('az', 'el'), false)

@@ -207,3 +207,21 @@ def design(names, az, el):
     az, el = np.broadcast_arrays(np.atleast_1d(az), np.atleast_1d(el))
     both = stacked_design(names, az, el)
     return both[:, : len(az)].T, both[:, len(az):].T
+
+
+def mean_columns(names, az, el):
+    """Mean over some rows of the derivatives of the encoder angles, as of Polaris' exposures.
+
+    Parameters
+    ----------
+    names : sequence of str, length k
+    az, el : ndarray, shape (n,)
+        Catalogue place, radians.
+
+    Returns
+    -------
+    ndarray, shape (2, k)
+        Of azimuth (the coordinate angle, not on the sky) and elevation, for unit coefficients.
+    """
+    x, y = design(names, az, el)
+    return np.stack((np.mean(x / np.cos(el)[:, None], axis=0), np.mean(y, axis=0)))

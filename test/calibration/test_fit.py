@@ -403,3 +403,18 @@ def test_what_cannot_be_held():
     fit = fit_terms(run, ('IA', 'IE'), held=MODEL)
     assert [e['row'] for e in fit.excluded] == [5] and 'cannot point' in fit.excluded[0]['reason']
     assert np.isnan(fit.residual_x[5]) and fit.weights[5] == 0.0
+
+
+def test_harmonics_on_top_of_a_model_with_effects():
+    rng = np.random.default_rng(36)
+    eccentric = FittedEffect(effect('encoder', axis='az', order=1), np.array([8.0, -5.0]) * ARCSEC)
+    known = PointingModel(MODEL.terms, effects=[eccentric])
+    c = rng.normal(size=(2, 13)) * 5 * ARCSEC
+    truth = PointingModel(MODEL.terms, None, Harmonics('zenith', *c, np.eye(26)),
+                          effects=[eccentric])
+    run = make_run(rng, 200, (0, 0), truth)
+    run['az'][3] = np.nan
+    fit = fit_harmonics(run, held=known, rcond=1e-9)
+    np.testing.assert_allclose(fit.model.harmonics.coef_x, c[0], atol=1e-4 * ARCSEC)
+    assert len(fit.model.effects) == 1 and [e['row'] for e in fit.excluded] == [3]
+    assert np.nanmax(np.abs(fit.model.residuals(run))) < 1e-5 * ARCSEC
