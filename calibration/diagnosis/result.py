@@ -145,6 +145,7 @@ def verdict_of(effects):
 
 
 def rms_entry(residual, keep):
+    """Of the JSON result: RMS of the rows `keep` of residuals of shape (2, n), radians."""
     x, y = (rms(r[keep]) / ARCSEC for r in residual)
     return {'rms_arcsec': float(np.hypot(x, y)), 'rms_x_arcsec': x, 'rms_y_arcsec': y,
             'cv_rms_arcsec': None, 'holdout_rms_arcsec': None}

@@ -11,7 +11,7 @@ says when it may be tried: nothing outside that module.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from inspect import Parameter, signature
 
 import numpy as np
@@ -169,12 +169,16 @@ PROPOSALS = []
 def form(build):
     """Register a function that builds an `Effect` from parameters, under its name."""
     name = build.__name__.lstrip('_')
-    named = [p for p in signature(build).parameters.values() if p.kind is not Parameter.VAR_KEYWORD]
+    named = [(p.name, p.default) for p in signature(build).parameters.values()
+             if p.kind is not Parameter.VAR_KEYWORD]
 
     def made(**parameters):
         out = build(**parameters)
-        values = {p.name: parameters.get(p.name, p.default) for p in named}
-        return replace(out, form=name, parameters={**values, **parameters})
+        # nobody else has it yet; `replace` would make it twice, and there are hundreds in a run
+        object.__setattr__(out, 'form', name)
+        object.__setattr__(out, 'parameters', {
+            **{n: parameters.get(n, default) for n, default in named}, **parameters})
+        return out
     _FORMS[name] = made
     return build
 

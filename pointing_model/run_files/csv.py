@@ -27,6 +27,7 @@ _TEXT = ('star', 'block', 'run')  # may hold names in place of numbers
 _CLOCK = 1e8  # s: below, time counts from an arbitrary start
 _TOO_CLOSE = 0.05  # s on average: no mount goes from star to star so fast
 _CLOSE = 1.0
+_BLOCK = 5000  # lines that are split at a time
 
 
 def csv_delimiter(lines):
@@ -68,26 +69,32 @@ def read_csv(path, lines, delimiter, encoder=None):
         A column is missing or twice there, a cell is no number, a row has another length.
     """
     body = content(lines)
-    table = _split(path, body, delimiter)
-    header, rows = table[0], table[1:]
+    (header,) = _split(path, body[:1], delimiter)
     numbers = np.array([number for number, _ in body[1:]], dtype=int)
     twice = [name for name in header if name and header.count(name) > 1]
     if twice:
         raise ValueError(f'{path}: column {twice[0]!r} is there twice')
     _require(path, header, encoder)
-    if not rows:
+    if len(body) == 1:
         raise NoObservations(f'{path} has a header row but no observations')
-    if set(map(len, rows)) != {len(header)}:
-        bad = next(i for i, row in enumerate(rows) if len(row) != len(header))
-        raise ValueError(f'{path}, row {numbers[bad]}: {len(rows[bad])} cells, but the header '
-                         f'has {len(header)}')
+    blocks, texts = [], []
+    for i in range(1, len(body), _BLOCK):
+        rows = _split(path, body[i:i + _BLOCK], delimiter)
+        bad = next((k for k, row in enumerate(rows, i - 1) if len(row) != len(header)), None)
+        if bad is not None:
+            raise ValueError(f'{path}, row {numbers[bad]}: {len(rows[bad - i + 1])} cells, but the '
+                             f'header has {len(header)}')
+        # of a million rows, cells as text and rows that differ would take most of the memory
+        texts += [hash('\0'.join(row)) for row in rows]
+        blocks.append([np.array([cell.encode() for cell in cells]) for cells in zip(*rows)])
     columns, meta = {}, {'format': 'csv', 'notes': []}
-    for header_name, cells in zip(header, zip(*rows)):
+    for i, header_name in enumerate(header):
+        cells = [cell.decode() for block in blocks for cell in block[i].tolist()]
         _take_column(path, numbers, header, header_name, cells, columns, meta)
     _one_source(columns, meta)
     commented = [number for number, line in enumerate(lines, 1) if number > body[0][0]
                  and line.startswith('#') and _is_row(line[1:], delimiter, len(header))]
-    return Table(columns, numbers, ['\0'.join(row) for row in rows], meta, commented=commented)
+    return Table(columns, numbers, texts, meta, commented=commented)
 
 
 def _split(path, body, delimiter):

@@ -231,3 +231,24 @@ def test_a_measured_file_reads_as_before(tmp_path):
     run = read_run(path)
     assert {'temperature', 'pier_side', 'lst_h'} <= set(run.columns)
     assert len(run.meta['notes']) == 1 and 'derived' in run.meta['notes'][0]
+
+
+def test_blocks_of_a_long_file_are_one_table(read, monkeypatch):
+    rows = [(f'2021-08-21T04:{i:02d}:01.5Z', 10 + i, 20 + i, 10 + i, 20 + i, f'é {i % 3}', i)
+            for i in range(40)]
+    rows[30] = rows[4]
+    text = table(f'time,{HEADER},star,fan', *rows)
+    whole = read(text)
+    for module in ('csv', 'table'):
+        monkeypatch.setattr(f'pointing_model.run_files.{module}._BLOCK', 7)
+    run = read(text)
+    assert whole.meta['notes'] == run.meta['notes'] and len(run) == 39
+    np.testing.assert_array_equal(whole.meta['lines'], run.meta['lines'])
+    assert [(e['row'], e['reason']) for e in run.meta['excluded']] == [(32, 'the same as row 6')]
+    for name in whole.columns:
+        assert run[name].dtype == whole[name].dtype
+        np.testing.assert_array_equal(run[name], whole[name])
+    with pytest.raises(ValueError, match='row 25: 6 cells, but the header has 7'):
+        read(table(f'time,{HEADER},star,fan', *rows[:23], rows[23][:6], *rows[24:]))
+    with pytest.raises(ValueError, match='row 25: a quoted cell'):
+        read(table(f'time,{HEADER},star,fan', *rows[:23], (*rows[23][:6], '"'), *rows[24:]))
