@@ -62,7 +62,7 @@ class Source:
 
     Parameters
     ----------
-    params : scenario.Absolute
+    params : scenario_encoders.Absolute
     seed : int
     blobs : int
         Of 60 pixels, at other places in each frame.

@@ -1,7 +1,7 @@
 """The absolute encoder in the graph: two axes at 1 kHz, its node on one core.
 
     python benchmarks/absolute_encoder_graph.py [--seconds S] [--rate HZ] [--core N]
-                                                [--realtime] [--quick] [--json FILE]
+                                                [--realtime] [--frames] [--quick] [--json FILE]
 
 Three processes and real DDS. One publishes true axis angles with the stamp of that moment. The
 node `absolute_encoder`, pinned to one core, renders the image of both discs and reads it. This
@@ -11,9 +11,10 @@ Latency is from the stamp to the arrival here: two passes through DDS, the rende
 (which a real CCD would not need), the reading of both, and the scheduling of the machine. A
 reading is lost if a published stamp never comes back. Beside it is the latency of the true angles
 themselves, one pass through DDS to this process: what the machine costs without the node. On a
-busy machine --realtime (as root) gives the three processes the scheduling that a control computer
-would give them. CPU is what the node's process used: above
-1 ms a sample it cannot keep up at 1 kHz.
+busy machine --realtime (as root) gives the processes the scheduling that a control computer
+would give them. CPU is what the node's process used: above 1 ms a sample it cannot keep up at
+1 kHz. With --frames the simulator only renders, in a process of its own, and it is the node
+`frame_reader` that is pinned and measured, as with a real CCD.
 """
 
 import argparse
@@ -157,17 +158,21 @@ def _percentiles(latency_ns):
     return {'p50': p50, 'p99': p99, 'p99.9': p999, 'max': latency.max()}
 
 
-def run(rate, seconds, core, scenario, realtime):
+def run(rate, seconds, core, scenario, realtime, frames):
     """Measure; returns the figures as a dict."""
     from telescope_mount import domain
-    from telescope_mount.graph import NODES, NodeSpec
+    from telescope_mount.graph import EVERY_FRAME, NODES, NodeSpec
     from telescope_mount.processes import Processes, dds_environment
     with tempfile.TemporaryDirectory() as folder:
         lock = domain.claim()
         os.environ.update(dds_environment(folder, lock.number), ROS_LOG_DIR=folder)
         processes = Processes(folder, lock.number)
-        name = 'absolute_encoder'
-        processes.start(NodeSpec(name, NODES[name], {'scenario': scenario}))
+        parameters = {'absolute_encoder': {'scenario': scenario}}
+        if frames:
+            parameters['absolute_encoder']['publishes'] = 'frames'
+            parameters['frame_reader'] = EVERY_FRAME
+        for name, values in parameters.items():
+            processes.start(NodeSpec(name, NODES[name], values))
         pid = processes.running[name].pid
         # threads that it makes later inherit it
         for thread in os.listdir(f'/proc/{pid}/task'):
@@ -180,7 +185,8 @@ def run(rate, seconds, core, scenario, realtime):
              str(seconds)], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
             env=processes.environment)
         if realtime:
-            for process in (pid, source.pid, 0):
+            nodes = (node.pid for node in processes.running.values())
+            for process in (*nodes, source.pid, 0):
                 os.sched_setscheduler(process, os.SCHED_RR, os.sched_param(10))
         receiver = Receiver()
         try:
@@ -220,7 +226,7 @@ def run(rate, seconds, core, scenario, realtime):
         'rejected': int(np.isnan(angles[mine]).sum()),
         'latency_ms': _percentiles((arrivals - stamps)[mine]),
         'truth_latency_ms': _percentiles((truth_arrivals - truth_stamps)[alone]),
-        'cpu_ms_a_sample': 1e3 * used / len(published), 'core': core,
+        'node': name, 'cpu_ms_a_sample': 1e3 * used / len(published), 'core': core,
         'load_average': os.getloadavg()[0],
     }
 
@@ -233,6 +239,8 @@ def main():
     parser.add_argument('--realtime', action='store_true',
                         help='SCHED_RR for the three processes; needs the right to')
     parser.add_argument('--scenario', default='default')
+    parser.add_argument('--frames', action='store_true',
+                        help='measure frame_reader on the images of the simulator')
     parser.add_argument('--quick', action='store_true', help='5 seconds')
     parser.add_argument('--json', type=Path, metavar='FILE')
     parser.add_argument('--publish', action='store_true', help=argparse.SUPPRESS)
@@ -240,11 +248,12 @@ def main():
     seconds = 5.0 if args.quick else args.seconds
     if args.publish:
         return publish(args.rate, seconds)
-    result = run(args.rate, seconds, args.core, args.scenario, args.realtime)
+    result = run(args.rate, seconds, args.core, args.scenario, args.realtime,
+                 args.frames)
     if args.json:
         args.json.write_text(json.dumps(result, indent=2) + '\n')
     latency = result['latency_ms']
-    print(f'absolute_encoder, 2 axes at {result["rate_hz"]:.1f} Hz for {seconds:g} s, node on core '
+    print(f'{result["node"]}, 2 axes at {result["rate_hz"]:.1f} Hz for {seconds:g} s, node on core '
           f'{result["core"]} (load average of the machine {result["load_average"]:.1f})')
     print(f'  true angles published {result["published"]}, readings lost {result["lost"]} '
           f'(target 0), rejected {result["rejected"]}')

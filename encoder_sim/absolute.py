@@ -16,7 +16,7 @@ class AbsoluteEncoder:
 
     Parameters
     ----------
-    params : scenario.Absolute
+    params : scenario_encoders.Absolute
     seed : int
     axis : str
         ``azimuth`` reads from 0 to 360 degrees, ``elevation`` from -180 to 180.

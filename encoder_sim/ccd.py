@@ -47,7 +47,7 @@ class LinearCCD:
 
     Parameters
     ----------
-    params : scenario.Absolute
+    params : scenario_encoders.Absolute
     disc : disc.Disc
     seed : int
         Decides the flaws and the noise.

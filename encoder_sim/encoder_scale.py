@@ -68,7 +68,7 @@ class ZeroDrift:
 
     Parameters
     ----------
-    params : scenario.EncoderScale
+    params : scenario_encoders.EncoderScale
         Of the encoder.
     seed : int
     device : str

@@ -71,7 +71,7 @@ class IncrementalEncoder:
 
     Parameters
     ----------
-    params : scenario.Incremental
+    params : scenario_encoders.Incremental
     seed : int
     axis : str
         ``azimuth`` or ``elevation``: with the seed it decides the random numbers.

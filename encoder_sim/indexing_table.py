@@ -10,7 +10,7 @@ from encoder_reading.template_reader import TemplateReader
 from msg_tools.units import ARCSEC, wrap
 
 from .ccd import LinearCCD
-from .scenario import Absolute
+from .scenario_encoders import Absolute
 
 FACES = 23
 #: readings whose bars are damaged in the paper's fig. 12, counted from 1
@@ -51,7 +51,7 @@ class IndexingTable:
 
     Parameters
     ----------
-    params : scenario.Absolute
+    params : scenario_encoders.Absolute
     seed : int
         Of disc, table and noise.
     methods : iterable of str, optional

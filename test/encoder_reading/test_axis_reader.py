@@ -7,7 +7,7 @@ from encoder_reading.axis_reader import AxisReader, read_frames
 from encoder_reading.design import Design
 from encoder_reading.readings import CORRECTED, EXACT, REJECTED, Readings
 from encoder_sim.absolute import AbsoluteEncoder
-from encoder_sim.scenario import Absolute
+from encoder_sim.scenario_encoders import Absolute
 from msg_tools.units import ARCSEC, wrap
 
 ANGLES = np.random.default_rng(4).uniform(0.0, 2.0 * np.pi, 400)

@@ -8,7 +8,7 @@ from encoder_reading.disc import BAR_ANGLE, BARS, Disc, windows_of
 from encoder_reading.readings import CORRECTED, EXACT, REJECTED
 from encoder_reading.template_reader import REASONS, TemplateReader
 from encoder_sim.ccd import LinearCCD, pixel_noise
-from encoder_sim.scenario import Absolute
+from encoder_sim.scenario_encoders import Absolute
 from msg_tools.units import ARCSEC, wrap
 
 SCALES = {48: {}, 60: {'bar_pitch': 60.0, 'blur': 8.0, 'base': 88.0}}

@@ -8,7 +8,7 @@ from encoder_reading.readings import CORRECTED, EXACT, REJECTED
 from encoder_reading.template_reader import TemplateReader
 from encoder_sim.absolute import AbsoluteEncoder, read_together
 from encoder_sim.keyed_noise import uniform
-from encoder_sim.scenario import Absolute
+from encoder_sim.scenario_encoders import Absolute
 from encoder_sim.scenario_file import load_scenario
 from msg_tools.units import ARCSEC, wrap
 

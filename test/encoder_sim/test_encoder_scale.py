@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from encoder_sim.encoder_scale import ZeroDrift, disc_angle
-from encoder_sim.scenario import EncoderScale
+from encoder_sim.scenario_encoders import EncoderScale
 from msg_tools.units import ARCSEC, DEG
 
 TURN = np.linspace(0.0, 2 * np.pi, 361)

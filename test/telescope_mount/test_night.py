@@ -216,3 +216,14 @@ def test_results_of_an_earlier_fit_are_not_taken_for_the_last(report_stamp, mode
             {'provenance': {'last_stamp_ns': stamp(model_stamp)}})),
     }
     assert _up_to_date(latest, ['stars', 'fit', 'stars', 'fit']) == good
+
+
+def test_a_night_read_from_frames_is_the_same_night(cli, night, tmp_path):
+    """Images over DDS and their reader give what the simulated encoder reads by itself."""
+    out = tmp_path / 'night'
+    done = cli('night', '--out', out, '--stars', 8, '--polaris', 4, '--seed', 3,
+               '--absolute', 'frames')
+    assert done.returncode == 0, (done.stdout, done.stderr)
+    for name in ('observations.csv', 'model.json'):
+        assert (out / name).read_bytes() == (night / name).read_bytes(), name
+    assert (out / 'nodes' / 'frame_reader.params.yaml').is_file()

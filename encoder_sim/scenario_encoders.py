@@ -1,0 +1,231 @@
+"""What is wrong with the simulated encoders: their part of `scenario`, in SI."""
+
+from dataclasses import dataclass, fields
+
+from encoder_reading.design import Design
+
+from .scenario_fields import choice, drawn, number, numbers, section, sections
+
+
+@dataclass(frozen=True)
+class EncoderScale:
+    """What every encoder has: a disc off its centre, and a zero that moves.
+
+    Attributes
+    ----------
+    diameter : float
+        Of the graduated circle, m.
+    eccentricity, eccentricity_phase : float
+        Distance of the disc's centre from the axis (m), and the axis angle at which it lies away
+        from the head (rad).
+    zero_offset : float
+        Of the mounting, in the reading, rad.
+    zero_drift : float
+        1-sigma change of the zero from one power-on to the next, in the reading, rad.
+    zero_drifts : tuple of float
+        The change at each power-on instead, in order; the last one stays.
+    zero_rate, zero_slope : float
+        Drift of the reading with time (rad/s) and temperature (rad/degC from
+        `reference_temperature`).
+    latency : float
+        The reading is that old when it gets its stamp, s.
+    """
+
+    diameter: float = number(300.0, 'mm', 1.0, 10000.0)
+    eccentricity: float = number(0.0, 'um', 0.0, 1000.0)
+    eccentricity_phase: float = number(0.0, 'deg', -360.0, 360.0)
+    zero_offset: float = number(0.0, 'arcsec', -36000.0, 36000.0)
+    zero_drift: float = number(0.0, 'arcsec', 0.0, 3600.0)
+    zero_drifts: tuple = numbers('arcsec', -3600.0, 3600.0)
+    zero_rate: float = number(0.0, 'arcsec_per_hour', -600.0, 600.0)
+    zero_slope: float = number(0.0, 'arcsec_per_degc', -600.0, 600.0)
+    reference_temperature: float = number(10.0, 'c', -60.0, 60.0)
+    latency: float = number(0.0, 'ms', -1000.0, 1000.0)
+
+
+@dataclass(frozen=True)
+class CountLoss:
+    """A fault: at once the counter is `counts` too low, `at` seconds after the start."""
+
+    at: float = number(0.0, 's', 0.0, 1e6)
+    counts: int = number(0, '', -10**9, 10**9, kind=int)
+
+
+@dataclass(frozen=True)
+class Incremental(EncoderScale):
+    """The incremental encoder of paper 000 on one axis.
+
+    The reference mark gives a triangular signal (a slit seen through a slit) that a comparator
+    turns into the index pulse. At the reference temperature and the nominal supply its peak is 1.
+
+    Attributes
+    ----------
+    lines, interpolation : int
+        Lines of the grating, and counts (edges in quadrature) a line.
+    tilt, tilt_phase : float
+        Of the disc against the plane across the axis (rad), and the axis angle at which the line
+        of both planes lies at the head (rad).
+    heads : int
+        One reading head, or the mean of two opposite ones.
+    subdivision_1, subdivision_2, subdivision_phase : float
+        Error of the interpolation, once and twice a line (rad), and its phase (rad).
+    mark_angle : float
+        Nominal axis angle of the reference mark, rad.
+    pulse_width : float
+        Width of the mark's signal at half its peak, rad. The counter is cleared at the near edge
+        of the pulse, so from above that much further up than from below.
+    threshold : float
+        Of the comparator: it decides how wide the pulse is, and a mark with a weaker signal gives
+        none.
+    signal_slope, signal_supply : float
+        Relative change of the signal by a degC and by a volt.
+    pulse_time : float
+        The shortest pulse that is noticed, s.
+    mark_from : {'any', 'below', 'above'}
+        The direction from which the mark clears the counter.
+    mark_slope, mark_supply : float
+        How the place of the mark on the grating moves, in the reading: rad/degC, rad/V. It counts
+        when the mark is met.
+    zero_supply : float
+        Drift of the reading with the supply at any time, rad/V.
+    supply, supply_nominal, supply_rate : float
+        Supply at the start (V), that of the data sheet (V), and its change (V/s).
+    supply_ripple, ripple_frequency : float
+        Amplitude (V) and frequency (Hz) of what the mains leave on it.
+    max_count_rate : float
+        Edges a second that the counter can follow; the others are lost. 0: all.
+    miscounts : float
+        Wrong counts by noise, up or down, in a million counts passed.
+    jitter : float
+        1-sigma noise of one reading, in counts.
+    power_cycles : tuple of float
+        A fault: the power fails for a moment so many seconds after the start.
+    losses : tuple of CountLoss
+        A fault: counts lost by a disturbance.
+    home_side : {'below', 'above'}
+        From where homing comes to the mark.
+    home_rate : float
+        At which homing passes it, rad/s.
+    """
+
+    lines: int = number(47200, '', 1, 1_000_000, kind=int)
+    interpolation: int = number(400, '', 1, 100_000, kind=int)
+    tilt: float = number(0.0, 'deg', 0.0, 30.0)
+    tilt_phase: float = number(0.0, 'deg', -360.0, 360.0)
+    heads: int = number(1, '', 1, 2, kind=int)
+    subdivision_1: float = number(0.0, 'arcsec', 0.0, 60.0)
+    subdivision_2: float = number(0.0, 'arcsec', 0.0, 60.0)
+    subdivision_phase: float = number(0.0, 'deg', -360.0, 360.0)
+    mark_angle: float = number(180.0, 'deg', -360.0, 360.0)
+    pulse_width: float = number(0.0, 'arcsec', 0.0, 3600.0)
+    threshold: float = number(50.0, 'percent', 1.0, 1000.0)
+    signal_slope: float = number(0.0, 'percent_per_degc', -100.0, 100.0)
+    signal_supply: float = number(0.0, 'percent_per_v', -1000.0, 1000.0)
+    pulse_time: float = number(0.0, 'ms', 0.0, 1000.0)
+    mark_from: str = choice('any', 'any', 'below', 'above')
+    mark_slope: float = number(0.0, 'arcsec_per_degc', -600.0, 600.0)
+    mark_supply: float = number(0.0, 'arcsec_per_v', -3600.0, 3600.0)
+    zero_supply: float = number(0.0, 'arcsec_per_v', -3600.0, 3600.0)
+    supply: float = number(5.0, 'v', 0.0, 100.0)
+    supply_nominal: float = number(5.0, 'v', 0.1, 100.0)
+    supply_rate: float = number(0.0, 'v_per_hour', -10.0, 10.0)
+    supply_ripple: float = number(0.0, 'v', 0.0, 10.0)
+    ripple_frequency: float = number(100.0, 'hz', 0.01, 1e6)
+    max_count_rate: float = number(0.0, 'mhz', 0.0, 1000.0)
+    miscounts: float = number(0.0, '', 0.0, 1e5)
+    jitter: float = number(0.0, '', 0.0, 1000.0)
+    power_cycles: tuple = numbers('s', 0.0, 1e6)
+    losses: tuple = sections(CountLoss)
+    home_side: str = choice('below', 'below', 'above')
+    home_rate: float = number(0.25, 'deg_s', 1e-4, 90.0)
+
+
+@dataclass(frozen=True)
+class Absolute(EncoderScale):
+    """The absolute encoder of paper 001 on one axis.
+
+    Grey levels are those of the 8 bits. Flaws of disc and CCD are drawn from the seed of the night
+    and stay what they are. What is not a flaw, `Design` explains.
+
+    Attributes
+    ----------
+    code : {'table', 'equation2'}
+        The disc of the paper's table 1, or of its eq. 2.
+    bar_position_error : float
+        1-sigma of a bar's place on the circle, m.
+    missing_bars, shifted_bars : float
+        Fraction of the bars that are not there, or not at their place.
+    bar_shift : float
+        How far a shifted bar is off, to either side, in bar periods.
+    mounting : {'forward', 'reversed'}
+        Whether the pixels run along the disc or against it, which the reader is not told.
+    scale_error : float
+        The image is that much larger, relative.
+    exposure : float
+        Time during which a moving disc smears, s; the stamp is its middle.
+    base, contrast : float
+        Grey level between the bars and height of a bar in the inverted image (paper 001, eq. 4).
+    shading_tilt, shading_falloff : float
+        Illumination at the ends of the row, relative to its middle: more by `shading_tilt` at the
+        last pixel and less at the first, and less by `shading_falloff` at both.
+    pixel_nonuniformity : float
+        1-sigma of the pixels' sensitivity, relative.
+    disc_dust, ccd_dust : int
+        Opaque blobs on the track, at random places of the turn, and before the CCD.
+    dust_size : float
+        Their width, pixels.
+    noise : float
+        1-sigma of the read-out of a pixel, grey levels.
+    full_well : float
+        Electrons at grey level 255, which decide the shot noise; 0: none.
+    """
+
+    diameter: float = drawn(Design, 'diameter')
+    code: str = choice('table', 'table', 'equation2')
+    bar_wide: float = drawn(Design, 'bar_wide')
+    bar_narrow: float = drawn(Design, 'bar_narrow')
+    bar_position_error: float = number(0.0, 'um', 0.0, 50.0)
+    missing_bars: float = number(0.0, 'percent', 0.0, 50.0)
+    shifted_bars: float = number(0.0, 'percent', 0.0, 100.0)
+    bar_shift: float = number(0.15, '', 0.0, 0.5)
+    heads: int = drawn(Design, 'heads')
+    mounting: str = choice('forward', 'forward', 'reversed')
+    geometry: str = drawn(Design, 'geometry')
+    pixels: int = drawn(Design, 'pixels')
+    bar_pitch: float = drawn(Design, 'bar_pitch')
+    scale_error: float = number(0.0, 'percent', -0.5, 0.5)
+    blur: float = drawn(Design, 'blur')
+    exposure: float = number(0.0, 'us', 0.0, 100000.0)
+    base: float = number(91.0, '', 0.0, 250.0)
+    contrast: float = number(88.0, '', 1.0, 250.0)
+    shading_tilt: float = number(0.0, 'percent', -90.0, 90.0)
+    shading_falloff: float = number(0.0, 'percent', 0.0, 90.0)
+    pixel_nonuniformity: float = number(0.0, 'percent', 0.0, 50.0)
+    disc_dust: int = number(0, '', 0, 10000, kind=int)
+    ccd_dust: int = number(0, '', 0, 100, kind=int)
+    dust_size: float = number(60.0, 'px', 1.0, 1000.0)
+    noise: float = number(0.0, '', 0.0, 100.0)
+    full_well: float = number(0.0, 'ke', 0.0, 100000.0)
+    method: str = drawn(Design, 'method')
+
+    @property
+    def design(self):
+        """The drawing, and so all that a reader gets to know; how it is mounted it finds out."""
+        return Design(**{item.name: getattr(self, item.name) for item in fields(Design)
+                         if item.name not in ('mounting', 'sense')})
+
+
+@dataclass(frozen=True)
+class IncrementalPair:
+    """The incremental encoders of both axes."""
+
+    azimuth: Incremental = section(Incremental)
+    elevation: Incremental = section(Incremental)
+
+
+@dataclass(frozen=True)
+class AbsolutePair:
+    """The absolute encoders of both axes."""
+
+    azimuth: Absolute = section(Absolute)
+    elevation: Absolute = section(Absolute)
