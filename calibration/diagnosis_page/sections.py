@@ -5,7 +5,8 @@ from pathlib import PurePath
 import numpy as np
 
 from calibration.diagnosis.summary import histogram
-from pointing_model.effects.words import arcsec, readable
+from pointing_model.effects.base import AXES as AXIS_WORDS
+from pointing_model.effects.words import SIDES, arcsec, readable
 from pointing_model.rms import rms
 
 from .svg_plot import MAX_ARROWS, MAX_NAMED, Panel, SkyMap, clean, limit_of, svg, thin, ticks
@@ -277,7 +278,6 @@ def ranking(rows, width, limit=15):
 
 
 _RANKING = ('', 'candidate', 'driver', 'axis', 'gain ΔBIC', 'p (family-wise)', 'set')
-_AXIS = {'az': 'azimuth', 'el': 'elevation'}
 
 
 def _candidate(i, r, top):
@@ -286,7 +286,7 @@ def _candidate(i, r, top):
     bar = Markup(f'<span class="gauge"><i class="{"inset" if r["in_set"] else ""}" '
                  f'style="width:{100 * part:.0f}%"></i></span>{number(gain, 1)}')
     return [str(i), readable(r['name']), readable(r.get('driver') or '–'),
-            _AXIS.get(r.get('axes'), r.get('axes')), bar, probability(r.get('p_family')),
+            AXIS_WORDS.get(r.get('axes'), r.get('axes')), bar, probability(r.get('p_family')),
             '● in the set' if r['in_set'] else '']
 
 
@@ -355,10 +355,6 @@ def exclusions(excluded, limit=12):
     return table(['reason', 'count', 'rows'], rows)
 
 
-_SIDES = {'approach_az': {-1: 'anticlockwise', 1: 'clockwise'},
-          'approach_el': {-1: 'downward', 1: 'upward'}}
-
-
 def next_observations(rows):
     """Proposed observations, as tables and on the sky.
 
@@ -387,7 +383,7 @@ def _next_group(names, group):
     timed = any(row.get('after_hours') is not None for _, row in group)
     cells = []
     for i, row in group:
-        sides = [words[row[key]] for key, words in _SIDES.items() if row.get(key) in words]
+        sides = [words[row[key]] for key, words in SIDES.items() if row.get(key) in words]
         if row.get('last_move_deg'):
             sides.append(f'{row["last_move_deg"]:g}° back')
         hours = [number(row.get('after_hours'), 1)] if timed else []

@@ -5,10 +5,9 @@ import numpy as np
 from msg_tools.units import DEG
 
 from .base import AXES, Effect, effect, form, offer, proposal, single_rows
-from .words import arcsec
+from .words import SIDES, arcsec
 
 _MEMORIES = (3.0, 10.0, 30.0)  # degrees
-_SIDES = {'az': ('clockwise', 'anticlockwise'), 'el': ('upward', 'downward')}
 
 
 @form
@@ -32,7 +31,8 @@ def _hysteresis(axis, shape='1', memory_deg=0.0):
 
     def say(amount):
         value = amount.values[0]
-        more, less = _SIDES[axis] if value > 0 else _SIDES[axis][::-1]
+        sides = SIDES[f'approach_{axis}']
+        more, less = (sides[1], sides[-1]) if value > 0 else (sides[-1], sides[1])
         where = {('az', '1'): ' across the line of sight', ('el', 'cosE'): ' at the horizon'}.get(
             (axis, shape), '')
         return (f'The {AXES[axis]} axis reads {arcsec(2 * abs(value))} more{where} when the last '

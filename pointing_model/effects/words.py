@@ -6,6 +6,9 @@ import numpy as np
 
 #: drivers in words, where their name is not the word
 DRIVER_WORDS = {'order': 'order of the rows', 'run_hours': 'time since the start of the run'}
+#: last motion of an axis in words
+SIDES = {'approach_az': {-1: 'anticlockwise', 1: 'clockwise'},
+         'approach_el': {-1: 'downward', 1: 'upward'}}
 _TIMES = {1: 'once', 2: 'twice'}
 
 
