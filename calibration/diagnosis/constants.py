@@ -19,7 +19,8 @@ LIVE = 0.05
 DICTIONARY_SHARE = 0.85
 CURVE_SHARE = 0.35
 #: rows with which a group's variance is moderated toward that of its axis: of a group on 100 rows
-#: its own counts half. One on few rows would have a wild variance without, and raise alarms.
+#: its own counts half. The level does not hang on it (noise as 1/sin^2 E, alpha 0.05, false alarms
+#: of 60 nights with 1, 100, 1e6: 30 stars 1, 3, 1; 200 stars 4, 5, 4).
 PRIOR = 100.0
 #: an effect may be bought only with rows enough: half as many free values as it has coefficients
 ROWS_PER_COLUMN = 1.5
