@@ -145,8 +145,12 @@ def test_other_scales_than_the_papers(pitch, blur, pixels):
     assert rms(errors(readings, places)) < 0.45
 
 
+def random_disc(seed, bars):
+    return Disc(''.join(map(str, np.random.default_rng(seed).integers(0, 2, bars))))
+
+
 def test_own_disc():
-    disc = Disc(np.random.default_rng(2).integers(0, 2, 720))
+    disc = random_disc(2, 720)
     params = encoder(diameter=0.0526)
     places = angles(100)
     readings = TemplateReader(params.design, disc).read(frames(params, places, disc=disc))
@@ -297,7 +301,7 @@ def test_random_garbage_never_becomes_an_angle_or_a_warning():
 
 def test_bars_of_random_bits_never_become_an_angle():
     params = encoder()
-    disc = Disc(np.random.default_rng(8).integers(0, 2, BARS))
+    disc = random_disc(8, BARS)
     places = angles(600)
     readings = TemplateReader(params.design).read(frames(params, places, disc=disc))
     assert (readings.quality == REJECTED).all()
