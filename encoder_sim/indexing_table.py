@@ -41,11 +41,6 @@ def readers(design):
     }
 
 
-def standard_angles():
-    """The 23 angles of the table, rad: equal parts of a turn."""
-    return 2.0 * np.pi * np.arange(FACES) / FACES
-
-
 class IndexingTable:
     """A disc and its CCD on an indexing table.
 
@@ -75,7 +70,7 @@ class IndexingTable:
         known = readers(params.design)
         self.readers = {name: known[name] for name in (methods or known)}
         self.ccd = LinearCCD(params, self.disc, seed)
-        self.standard = standard_angles()
+        self.standard = 2.0 * np.pi * np.arange(FACES) / FACES
         self.damaged_readings = DAMAGED
         self.gross = 0.5 * self.disc.bar_angle
         self._rng = np.random.default_rng(seed)
@@ -152,6 +147,7 @@ class IndexingTable:
         angles = self._rng.uniform(0.0, 2.0 * np.pi, n)
         read = PaperReader(self.params.design).read(self._frames(self.ccd, angles))
         return read.r_square, read.period
+
 
 class _DisplacedBars(LinearCCD):
     def __init__(self, params, disc, seed, shift):
