@@ -100,7 +100,5 @@ class Design:
         return disc_of(self.code)
 
 
-@lru_cache(maxsize=8)
-def disc_of(code):
-    """The disc of a `code`, as `Design` takes it; ValueError where it is none."""
-    return Disc(code)
+#: the disc of a code, as `Design` takes it; ValueError where it is none
+disc_of = lru_cache(maxsize=8)(Disc)

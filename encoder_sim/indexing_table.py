@@ -1,6 +1,7 @@
 """The simulated bench of paper 001, section 3: an indexing table turns the disc to 23 angles."""
 
 import math
+from functools import partial
 
 import numpy as np
 
@@ -24,21 +25,15 @@ SCALES = {
 TABLE_ERROR = 0.2 * ARCSEC
 
 
-def readers(design):
-    """Every method under test, by name.
-
-    Parameters
-    ----------
-    design : encoder_reading.design.Design
-    """
-    return {
-        'paper': PaperReader(design),
-        'centroid': CentroidReader(design),
-        'parabola': ParabolaReader(design),
-        'template': TemplateReader(design),
-        'paper_by_centres': PaperReader(design, cycle='centres'),
-        'parabola_at_middle': ParabolaReader(design, at='middle'),
-    }
+#: every method under test, by name
+METHODS = {
+    'paper': PaperReader,
+    'centroid': CentroidReader,
+    'parabola': ParabolaReader,
+    'template': TemplateReader,
+    'paper_by_centres': partial(PaperReader, cycle='centres'),
+    'parabola_at_middle': partial(ParabolaReader, at='middle'),
+}
 
 
 class IndexingTable:
@@ -49,8 +44,8 @@ class IndexingTable:
     params : scenario_encoders.Absolute
     seed : int
         Of disc, table and noise.
-    methods : iterable of str, optional
-        Names out of `readers`; all of them by default.
+    methods : iterable of str
+        Names out of `METHODS`.
 
     Attributes
     ----------
@@ -64,11 +59,10 @@ class IndexingTable:
         Error from which a reading is grossly wrong: half a bar, rad.
     """
 
-    def __init__(self, params, seed=1, methods=None):
+    def __init__(self, params, seed=1, methods=tuple(METHODS)):
         self.params, self.seed = params, seed
         self.disc = params.design.disc
-        known = readers(params.design)
-        self.readers = {name: known[name] for name in (methods or known)}
+        self.readers = {name: METHODS[name](params.design) for name in methods}
         self.ccd = LinearCCD(params, self.disc, seed)
         self.standard = 2.0 * np.pi * np.arange(FACES) / FACES
         self.damaged_readings = DAMAGED

@@ -11,6 +11,8 @@ from pathlib import Path
 from .scenario import Scenario
 from .scenario_fields import in_si
 
+_FOLDER = resources.files('encoder_sim') / 'scenarios'
+
 
 def _key(item):
     """Key of a field in the file: a drift is named by what it drifts with, which the unit says."""
@@ -82,8 +84,7 @@ def _drop_description(mapping, file):
 
 def scenario_names():
     """Names of the scenarios that come with the package."""
-    folder = resources.files('encoder_sim') / 'scenarios'
-    return sorted(f.name[:-5] for f in folder.iterdir() if f.name.endswith('.yaml'))
+    return sorted(f.name[:-5] for f in _FOLDER.iterdir() if f.name.endswith('.yaml'))
 
 
 def load_scenario(name_or_path='default'):
@@ -161,8 +162,8 @@ def _read(text):
     if text not in scenario_names():
         raise ValueError(f'no scenario {text!r}: give a .yaml file or one of '
                          + ', '.join(scenario_names()))
-    resource = resources.files('encoder_sim') / 'scenarios' / f'{text}.yaml'
-    return text, f'{text}.yaml', resource.read_text(encoding='utf-8')
+    file = f'{text}.yaml'
+    return text, file, (_FOLDER / file).read_text(encoding='utf-8')
 
 
 def _chain(text):

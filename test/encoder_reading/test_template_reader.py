@@ -4,9 +4,10 @@ import warnings
 import numpy as np
 import pytest
 
+from encoder_reading.bar_decoding import REASONS
 from encoder_reading.disc import BAR_ANGLE, BARS, Disc, windows_of
 from encoder_reading.readings import CORRECTED, EXACT, REJECTED
-from encoder_reading.template_reader import REASONS, TemplateReader
+from encoder_reading.template_reader import TemplateReader
 from encoder_sim.ccd import LinearCCD, pixel_noise
 from encoder_sim.scenario_encoders import Absolute
 from msg_tools.units import ARCSEC, wrap
