@@ -69,7 +69,7 @@ class AbsoluteEncoder:
         stamps = np.atleast_1d(np.asarray(stamps, dtype=np.int64))
         angles = np.atleast_1d(np.asarray(angles, dtype=float))
         rates = np.asarray(rates, dtype=float)
-        return np.stack([
+        return np.array([
             ccd.frames(stamps, self._shown(stamps, angles, rates, temperature, head), rates)
             for head, ccd in enumerate(self.heads)])
 

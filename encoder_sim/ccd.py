@@ -255,7 +255,8 @@ class LinearCCD:
         ndarray of uint8, shape (n, pixels)
         """
         angles = np.atleast_1d(np.asarray(angles, dtype=float))
-        rates = np.broadcast_to(rates, angles.shape)
+        if np.ndim(rates) == 0:
+            rates = np.full(angles.shape, rates)
         out = np.empty((len(angles), self.params.pixels), dtype=np.uint8)
         for i in range(0, len(angles), _CHUNK):
             rows = slice(i, i + _CHUNK)
