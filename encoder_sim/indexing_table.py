@@ -59,7 +59,7 @@ class IndexingTable:
         Error from which a reading is grossly wrong: half a bar, rad.
     """
 
-    def __init__(self, params, seed=1, methods=tuple(METHODS)):
+    def __init__(self, params, seed, methods=tuple(METHODS)):
         self.params, self.seed = params, seed
         self.disc = params.design.disc
         self.readers = {name: METHODS[name](params.design) for name in methods}
