@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass, field, fields
 from functools import lru_cache
 
-from .disc import RECURRENCES, WINDOW, Disc
+from .disc import Disc
 
 #: units of the data sheet, in SI
 UNITS = {'': 1.0, 'mm': 1e-3, 'px': 1.0}
@@ -100,10 +100,5 @@ class Design:
         return disc_of(self.code)
 
 
-@lru_cache(maxsize=8)
-def disc_of(code):
-    """The disc of a `code`, as `Design` takes it; ValueError where it is none."""
-    if code not in RECURRENCES and (len(code) <= WINDOW or not set(code) <= set('01')):
-        raise ValueError(f'code {code!r} is not one of {", ".join(RECURRENCES)}, nor a row of '
-                         f'more than {WINDOW} bits, 0 and 1')
-    return Disc(code)
+#: the disc of a code, as `Design` takes it; ValueError where it is none
+disc_of = lru_cache(maxsize=8)(Disc)

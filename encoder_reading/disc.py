@@ -16,28 +16,32 @@ RECURRENCES = {
 
 
 def code_bits(code):
-    """The bits of a disc of paper 001.
+    """The bits of a disc.
 
     Parameters
     ----------
-    code : {'table', 'equation2'}
+    code : {'table', 'equation2'} or str of 0 and 1
         The recurrence that table 1 of paper 001 follows, or that of its eq. 2; both begin with
-        the 18 bits of eq. 3.
+        the 18 bits of eq. 3. Or bits of your own, more than 18.
 
     Returns
     -------
-    ndarray of uint8, shape (1080,)
+    ndarray of uint8, shape (bars,)
 
     Raises
     ------
     ValueError
         Unknown code.
     """
-    if code not in RECURRENCES:
-        raise ValueError(f'disc code {code!r} is not one of {", ".join(RECURRENCES)}')
-    bits = [int(c) for c in INITIAL]
-    for i in range(len(bits), BARS):
-        bits.append(sum(bits[i - k] for k in RECURRENCES[code]) % 2)
+    if code in RECURRENCES:
+        bits = [int(c) for c in INITIAL]
+        for i in range(len(bits), BARS):
+            bits.append(sum(bits[i - k] for k in RECURRENCES[code]) % 2)
+    elif len(code) > WINDOW and set(code) <= set('01'):
+        bits = [int(c) for c in code]
+    else:
+        raise ValueError(f'code {code!r} is not one of {", ".join(RECURRENCES)}, nor a row of '
+                         f'more than {WINDOW} bits, 0 and 1')
     return np.array(bits, dtype=np.uint8)
 
 
@@ -45,11 +49,6 @@ def windows_of(bits, length=WINDOW):
     """Each bit with those that follow it around the disc, shape (bars, length)."""
     bits = np.asarray(bits)
     return bits[(np.arange(len(bits))[:, np.newaxis] + np.arange(length)) % len(bits)]
-
-
-def window_numbers(bits):
-    """Each bit with the 17 that follow it around the disc, as one number, shape of `bits`."""
-    return windows_of(bits).astype(np.int64) @ _WEIGHTS
 
 
 _WEIGHTS = 1 << np.arange(WINDOW - 1, -1, -1)
@@ -60,7 +59,7 @@ class Disc:
 
     Parameters
     ----------
-    code : {'table', 'equation2'} or str of 0 and 1 or sequence of 0 and 1
+    code : {'table', 'equation2'} or str of 0 and 1
         A code of paper 001, or one of your own, of any number of bars above 18.
 
     Attributes
@@ -78,11 +77,10 @@ class Disc:
     """
 
     def __init__(self, code='table'):
-        self.bits = _own_bits(code) if _is_own(code) else code_bits(code)
-        self.code = 'own' if _is_own(code) else code
+        self.bits = code_bits(code)
         self.bars = len(self.bits)
         self.bar_angle = 2.0 * np.pi / self.bars
-        numbers = window_numbers(self.bits)
+        numbers = windows_of(self.bits) @ _WEIGHTS
         order = np.argsort(numbers, kind='stable')
         same = np.flatnonzero(np.diff(numbers[order]) == 0)
         if len(same):
@@ -107,37 +105,3 @@ class Disc:
             -1 where the disc has no such window.
         """
         return self._place[np.asarray(windows, dtype=np.int64) @ _WEIGHTS].astype(np.int64)
-
-    def distance(self, length, reverse=False):
-        """Fewest bits by which two windows of the disc differ.
-
-        Parameters
-        ----------
-        length : int
-            Bits a window.
-        reverse : bool
-            Compare each window with all those read backwards instead: 0 where a window could
-            have been read in either direction.
-        """
-        # +1 and -1 instead of bits: a product counts equal less unequal ones
-        signs = 2.0 * windows_of(self.bits, length).astype(np.float32) - 1.0
-        if reverse:
-            products = signs @ signs[:, ::-1].T
-        else:
-            products = signs @ signs.T
-            np.fill_diagonal(products, -length)
-        return int(length - products.max()) // 2
-
-
-def _is_own(code):
-    return not isinstance(code, str) or (len(code) > WINDOW and set(code) <= set('01'))
-
-
-def _own_bits(code):
-    values = np.array([int(c) for c in code] if isinstance(code, str) else code)
-    if values.ndim != 1 or len(values) <= WINDOW:
-        raise ValueError(f'disc code of shape {values.shape}: give one row of more than {WINDOW}')
-    if not np.isin(values, (0, 1)).all():
-        wrong = np.flatnonzero(~np.isin(values, (0, 1)))[0]
-        raise ValueError(f'disc code: bar {wrong} is {values[wrong]}, not 0 or 1')
-    return values.astype(np.uint8)

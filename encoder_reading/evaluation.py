@@ -49,8 +49,6 @@ class Evaluation:
     ----------
     graduation_errors : ndarray, shape (n,)
         Measured - standard (eq. 14).
-    direction_errors : ndarray, shape (n,)
-        Without their mean (eq. 15).
     mean, std : float
         Mean of the graduation errors; standard deviation with n - 1 (eq. 16).
     largest, smallest : float
@@ -58,7 +56,6 @@ class Evaluation:
     """
 
     graduation_errors: np.ndarray
-    direction_errors: np.ndarray
     mean: float
     std: float
     largest: float
@@ -92,9 +89,9 @@ def evaluate(measured, standard):
                          'leave rejected readings out')
     errors = (measured - standard + np.pi) % (2.0 * np.pi) - np.pi
     mean = float(errors.mean())
-    directions = errors - mean
+    directions = errors - mean  # eq. 15
     return Evaluation(
-        errors, directions, mean, float(np.sqrt(directions @ directions / (len(errors) - 1))),
+        errors, mean, float(np.sqrt(directions @ directions / (len(errors) - 1))),
         float(np.abs(errors).max()), float(np.abs(errors).min()))
 
 
@@ -106,15 +103,14 @@ class HarmonicVerdict:
     ----------
     p_values, holm : ndarray, shape (orders,)
         Of each harmonic alone against none (F test), and corrected for trying them all.
-    std, std_without : float
-        Of the errors, and of what all the harmonics leave (both with n - 1), rad.
+    std_without : float
+        Standard deviation of what all the harmonics leave (with n - 1), rad.
     left_out, left_out_without : float
         RMS error at an angle that the mean, or mean and harmonics, were fitted without, rad.
     """
 
     p_values: np.ndarray
     holm: np.ndarray
-    std: float
     std_without: float
     left_out: float
     left_out_without: float
@@ -163,7 +159,7 @@ def harmonic_verdict(errors, orders=6):
     rest = centred - 2.0 / n * (flat @ centred) @ flat
     leverage = (2 * orders + 1) / n  # the same at every angle
     return HarmonicVerdict(
-        p_values, holm, float(np.sqrt(total / (n - 1))), float(np.sqrt(rest @ rest / (n - 1))),
+        p_values, holm, float(np.sqrt(rest @ rest / (n - 1))),
         float(np.sqrt(total / n) / (1.0 - 1.0 / n)),
         float(np.sqrt(rest @ rest / n) / (1.0 - leverage)))
 

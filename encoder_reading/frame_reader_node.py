@@ -82,16 +82,8 @@ class FrameReader(MountNode):
         self._batch.add(read_frame(message, self._axes))
 
     def _read(self, images):
-        frames = [np.stack([image[axis] for _, image in images], axis=1) for axis in (0, 1)]
-        self._output.read([stamp for stamp, _ in images], frames)
-
-    def problems(self):
-        """Images that could not be read, and who else reads."""
-        return self._output.problems()
-
-    def details(self):
-        """How many readings were of which quality."""
-        return self._output.details()
+        stamps, frames = zip(*images)
+        self._output.read(stamps, [np.stack(axis, axis=1) for axis in zip(*frames)])
 
     def required(self):
         """It needs images."""

@@ -84,7 +84,8 @@ def read_frame(message, axes):
 class AngleOutput:
     """What a node that reads both axes publishes and says of itself.
 
-    Of one graph only one node may have this: two would publish different angles on one topic.
+    Of one graph only one node may have this: two would publish different angles on one topic. The
+    node's `problems` and `details` are those of its readings.
 
     Parameters
     ----------
@@ -94,6 +95,7 @@ class AngleOutput:
 
     def __init__(self, node, axes):
         self._node, self._axes = node, axes
+        node.problems, node.details = self.problems, self.details
         self._angles = node.publisher(topics.ABSOLUTE)
         self._sigma = node.publisher(topics.ABSOLUTE_SIGMA)
         self._counts = np.zeros((2, 3), dtype=np.int64)  # of each axis and quality

@@ -271,15 +271,10 @@ def sine_start(rank, centre):
     centre : ndarray, shape (n, k)
         Pixels.
     """
-    slope, start = _line(rank, centre)
+    offset = rank - rank.mean()
+    slope = centre @ offset / (offset @ offset)
+    start = centre.mean(axis=1) - slope * rank.mean()
     return _TURN / slope, 0.5 * np.pi - _TURN * start / slope
-
-
-def _line(x, y):
-    """Least-squares straight line through each row of y: slope, value at x = 0."""
-    offset = x - x.mean()
-    slope = y @ offset / (offset @ offset)
-    return slope, y.mean(axis=1) - slope * x.mean()
 
 
 def _derivatives(grey, x, unknowns):

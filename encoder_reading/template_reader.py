@@ -9,7 +9,6 @@ from .bar_decoding import (
     NOT_FINITE,
     NOT_ON_DISC,
     OUT_OF_LINE,
-    REASONS,
     SATURATED,
     WRONG_DIRECTION,
     BarDecoder,
@@ -19,8 +18,6 @@ from .bar_lattice import BarLattice
 from .bar_template import BarTemplate
 from .disc import windows_of
 from .readings import REJECTED, Readings, checked_frames
-
-__all__ = ['REASONS', 'TemplateReader', 'TemplateReadings']
 
 _CHUNK = 64  # frames worked on at once: they fit into the cache
 _FEWEST = 22  # bars, that tell the direction
@@ -35,7 +32,7 @@ class TemplateReadings(Readings):
     Attributes
     ----------
     reason : ndarray of int8, shape (n,)
-        Index into `REASONS`; 0 where the frame was read.
+        Index into `bar_decoding.REASONS`; 0 where the frame was read.
     backwards : ndarray of bool, shape (n,)
         The pixels run against the disc.
     wrong : ndarray of int, shape (n,)

@@ -11,11 +11,10 @@ import numpy as np
 
 from encoder_reading.messages import AngleOutput, Batch, frame_message
 from msg_tools import convert, topics
-from msg_tools.node import MountNode, Param, run_node
+from msg_tools.node import Param, run_node
 
 from .absolute import AbsoluteEncoder
-from .device_params import DEVICE_PARAMS, MAX_RATE, Decimator, parse_utc
-from .scenario_file import load_scenario
+from .device_params import DEVICE_PARAMS, MAX_RATE, Decimator, MountedDevice
 
 PARAMS = (
     *DEVICE_PARAMS, MAX_RATE,
@@ -31,19 +30,13 @@ PARAMS = (
 EVERY_FRAME = dataclasses.replace(topics.ABSOLUTE_FRAME, qos=topics.DEEP)
 
 
-class AbsoluteEncoders(MountNode):
+class AbsoluteEncoders(MountedDevice):
     """Turns true axis angles into readings; NaN where an image could not be read."""
 
     def __init__(self, **kwargs):
         super().__init__('absolute_encoder', PARAMS, hardware_id='simulated absolute encoder',
                          **kwargs)
-        scenario = load_scenario(self.value('scenario'))
-        start = parse_utc(self.value('start_time')) * 1e-9
-        self._encoders = [
-            AbsoluteEncoder(getattr(scenario.absolute, axis), self.value('seed'), axis,
-                            start=start)
-            for axis in convert.AXES]
-        self._warmth = lambda stamps: scenario.temperature(stamps * 1e-9, start)
+        self._encoders = self.encoders(AbsoluteEncoder, self.scenario.absolute)
         self._decimator, self._frame_decimator = Decimator(), Decimator()
         self._output = None
         if self.value('publishes') == 'angles':
@@ -60,35 +53,26 @@ class AbsoluteEncoders(MountNode):
             self._batch.add((stamp, angles, rates))
 
     def _work(self, samples):
-        stamps = [sample[0] for sample in samples]
-        angles = np.array([sample[1] for sample in samples])
-        rates = np.array([sample[2] for sample in samples])
+        stamps, angles, rates = zip(*samples)
+        angles = np.array(angles)
         known = np.where(np.isfinite(rates), rates, 0.0)
         when = np.array(stamps, dtype=np.int64)
-        warmth = self._warmth(when)
+        warmth = self.warmth(when)
         frames = [encoder.frames(when, angles[:, axis], known[:, axis], warmth)
                   for axis, encoder in enumerate(self._encoders)]
         rate = 0.0
         if self._output:
-            self._output.read(stamps, frames, [sample[2] for sample in samples])
+            self._output.read(stamps, frames, rates)
             rate = self.value('frame_rate_hz')
         if self._frame_pub.get_subscription_count() > 0:
             for i, stamp in enumerate(stamps):
                 if self._frame_decimator.passes(stamp, rate):
                     self._frame_pub.publish(frame_message(stamp, [part[:, i] for part in frames]))
 
-    def problems(self):
-        """Images that could not be read, and who else reads."""
-        return self._output.problems() if self._output else []
-
-    def details(self):
-        """How many readings were of which quality."""
-        return self._output.details() if self._output else []
-
     def required(self):
         """It needs axes to sit on, and in place of its own reader another."""
-        names = [topics.TRUTH_JOINTS, *([] if self._output else [topics.ABSOLUTE_FRAME])]
-        return {self.resolve_topic_name(topic.name) for topic in names}
+        other = set() if self._output else {self._frame_pub.topic_name}
+        return super().required() | other
 
 
 def main(args=None):

@@ -9,14 +9,12 @@ import numpy as np
 
 from msg_tools.units import DEG
 
-from .scenario import AxisLimits
-
-__all__ = ['AxisLimits', 'Leg', 'Move', 'MountAxes', 'Trajectory', 'catch_up', 'plan_move']
-
 AXES = ('azimuth', 'elevation')
 _TURN = 2.0 * np.pi
 # the ringing is damped by this many time constants within the settling time, and swings so often
 _DECAY, _SWINGS = 8.0, 4.0
+#: how many commands back `MountAxes.state` can still answer
+_MEMORY = 64
 
 
 @dataclass(frozen=True)
@@ -109,39 +107,15 @@ class Trajectory:
         Rising, s.
     positions : array_like, shape (n, 2)
         Azimuth and elevation, rad. Azimuth may jump by whole turns.
-    velocities : array_like, shape (n, 2), optional
-        rad/s. Without them, differences of the points.
-
-    Raises
-    ------
-    ValueError
-        No point, wrong shapes, a time that does not rise, a value that is not finite.
+    velocities : array_like, shape (n, 2)
+        rad/s.
     """
 
-    def __init__(self, times, positions, velocities=None):
-        self.times = np.atleast_1d(np.asarray(times, dtype=float))
-        n = len(self.times)
+    def __init__(self, times, positions, velocities):
+        self.times = np.asarray(times, dtype=float)
         self.positions = np.array(positions, dtype=float)
-        if n == 0 or self.times.ndim != 1 or self.positions.shape != (n, 2):
-            raise ValueError(
-                f'trajectory with times {self.times.shape} and positions {self.positions.shape}: '
-                'n times and n rows of azimuth, elevation are wanted'
-            )
-        if np.any(np.diff(self.times) <= 0.0):
-            raise ValueError('trajectory whose times do not rise: sort its points by time')
         self.positions[:, 0] = np.unwrap(self.positions[:, 0])
-        if velocities is None:
-            velocities = np.zeros((1, 2))
-            if n > 1:
-                velocities = np.gradient(self.positions, self.times, axis=0)
         self.velocities = np.array(velocities, dtype=float)
-        if self.velocities.shape != (n, 2):
-            raise ValueError(
-                f'trajectory with velocities {self.velocities.shape} for {n} points: give (n, 2)'
-            )
-        finite = np.isfinite(self.times).all() and np.isfinite(self.positions).all()
-        if not (finite and np.isfinite(self.velocities).all()):
-            raise ValueError('trajectory with a value that is not finite: leave that point out')
 
     def shifted(self, azimuth):
         """The same with `azimuth` (rad) added to the azimuth."""
@@ -315,11 +289,9 @@ class MountAxes:
         At which they stand still at `angles`, s.
     angles : array_like, shape (2,)
         rad.
-    memory : int
-        How many commands back `state` can still answer.
     """
 
-    def __init__(self, azimuth, elevation, time, angles, memory=64):
+    def __init__(self, azimuth, elevation, time, angles):
         self.limits = (azimuth, elevation)
         rest = Trajectory([time], [angles], [[0.0, 0.0]])
         nothing = plan_move(0.0, 0.0, azimuth)
@@ -327,7 +299,6 @@ class MountAxes:
             Leg(time, rest, (nothing, nothing), np.full(2, time), time, self.limits,
                 np.array(angles, dtype=float), np.zeros(2))
         ]
-        self._memory = memory
 
     @property
     def leg(self):
@@ -360,7 +331,7 @@ class MountAxes:
         if start < self._legs[-1].start:
             raise ValueError('command older than the one being carried out: check its stamp')
         leg = self._plan(start, trajectory)
-        self._legs = [*self._legs[1 - self._memory :], leg]
+        self._legs = [*self._legs[1 - _MEMORY :], leg]
         return leg.settled
 
     def _plan(self, start, trajectory):

@@ -1,6 +1,6 @@
 """The star camera: where the brightest star of the field lies on the chip."""
 
-from dataclasses import replace
+from dataclasses import astuple, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -41,48 +41,31 @@ class Camera:
 
     Parameters
     ----------
-    params : scenario.Camera
+    scenario : scenario.Scenario
     seed : int
     site : sky.Site
-        Where the mount really is.
+        Where the mount is, if the scenario does not say.
     weather : sky.Weather
-        At the start of the night.
-    clock_offset : float
-        True UTC - stamp, s.
-    temperature : callable, optional
-        ``temperature(time, start)`` of the air, degC; without it that of `weather`.
-    start : float, optional
-        Start of the night, UTC s, from which the temperature changes; without it the first stamp.
+        The same of the air.
+    start : float
+        Start of the night, UTC s, from which the temperature changes.
     satellite : target.SatelliteTarget, optional
         One more light in the sky, bright enough to be seen.
     """
 
-    def __init__(
-        self, params, seed, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, *, clock_offset=0.0,
-        temperature=None, start=None, satellite=None,
-    ):
-        self.params, self.seed, self.satellite = params, seed, satellite
-        self.site, self.weather = site, weather
-        self.clock_offset, self.temperature, self.start = clock_offset, temperature, start
-        self._stars = load_catalogue(params.mag_limit)
+    def __init__(self, scenario, seed, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, start=0.0,
+                 satellite=None):
+        self.params, self.clock_offset = scenario.camera, scenario.clock_offset
+        self.seed, self.start, self.satellite = seed, start, satellite
+        self.site, self.weather, self._true_air = site, weather, scenario.weather
+        if scenario.site is not None:
+            self.site = Site(*astuple(scenario.site))
+        if scenario.weather is not None:
+            air = scenario.weather
+            self.weather = Weather(
+                air.pressure, air.temperature, air.humidity, air.wavelength * 1e6)
+        self._stars = load_catalogue(self.params.mag_limit)
         self._coarse = None  # (time, unit vectors of all stars then)
-
-    @classmethod
-    def from_scenario(cls, scenario, seed, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, start=None,
-                      satellite=None):
-        """Camera of a scenario; `site` and `weather` hold where the scenario has none."""
-        true_site, air = scenario.site, scenario.weather
-        if true_site is not None:
-            site = Site(true_site.latitude, true_site.longitude, true_site.height)
-        if air is not None:
-            weather = Weather(
-                air.pressure, air.temperature, air.humidity, air.wavelength * 1e6
-            )
-        return cls(
-            scenario.camera, seed, site, weather, clock_offset=scenario.clock_offset,
-            temperature=None if air is None else air.temperature_at, start=start,
-            satellite=satellite,
-        )
 
     def expose(self, stamps, frames):
         """Measure the brightest star of the field.
@@ -104,8 +87,6 @@ class Camera:
         miss, hip, mag = np.full((n, 2), np.nan), np.zeros(n, dtype=np.int64), np.full(n, np.nan)
         if n == 0:
             return Exposures(miss, hip, mag)
-        if self.start is None:
-            self.start = stamps[0] * 1e-9
         time = stamps * 1e-9 + self.clock_offset
         exposure, star = self._candidates(time, frames[:, FORWARD])
         if len(exposure):
@@ -135,8 +116,6 @@ class Camera:
         miss = np.full((len(stamps), 2), np.nan)
         if self.satellite is None or len(stamps) == 0:
             return miss
-        if self.start is None:
-            self.start = stamps[0] * 1e-9
         time = stamps * 1e-9 + self.clock_offset
         place = self.satellite.place(time, self.site, self._air(time))
         inside, tangent = self._on_chip(direction(*place), frames)
@@ -174,9 +153,10 @@ class Camera:
         return exposure[inside], star[inside], tangent[inside]
 
     def _air(self, moments):
-        if self.temperature is None:
+        if self._true_air is None:
             return self.weather
-        return replace(self.weather, temperature_c=self.temperature(moments, self.start))
+        return replace(
+            self.weather, temperature_c=self._true_air.temperature_at(moments, self.start))
 
     def _on_chip(self, towards, frames):
         """Whether directions (n, 3) fall on the chip, and their tangent plane (n, 2), rad."""

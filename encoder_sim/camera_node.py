@@ -5,15 +5,14 @@ import sys
 import numpy as np
 
 from msg_tools import convert, topics
-from msg_tools.node import MountNode, Param, run_node
+from msg_tools.node import Param, run_node
 from msg_tools.units import ARCSEC, wrap
 from pointing_model.sky_params import SKY_PARAMS, sky_of
 from pointing_model.target import satellite_target
 
 from .camera import Camera
-from .device_params import DEVICE_PARAMS, parse_utc
+from .device_params import DEVICE_PARAMS, MountedDevice
 from .geometry import MountGeometry
-from .scenario_file import load_scenario
 
 PARAMS = (
     *DEVICE_PARAMS, *SKY_PARAMS,
@@ -25,24 +24,21 @@ PARAMS = (
 )
 
 
-class StarCamera(MountNode):
+class StarCamera(MountedDevice):
     """Exposes whenever true angles come; NaN says that no star was measured."""
 
     def __init__(self, **kwargs):
         super().__init__('camera', PARAMS, hardware_id='simulated camera', **kwargs)
-        self._scenario = load_scenario(self.value('scenario'))
         self._samples = []
         self._without = 0
-        self._start = parse_utc(self.value('start_time')) * 1e-9
-        self._geometry = MountGeometry(self._scenario.mount, self._start)
+        self._geometry = MountGeometry(self.scenario.mount, self.start * 1e-9)
         self._build()
         self._pub = self.publisher(topics.MISS_DISTANCE)
         self.subscribe(topics.TRUTH_JOINTS, self._on_truth)
 
     def _build(self):
-        self._camera = Camera.from_scenario(
-            self._scenario, self.value('seed'), *sky_of(self), self._start,
-            satellite_target(self.value('satellite')))
+        self._camera = Camera(self.scenario, self.value('seed'), *sky_of(self), self.start * 1e-9,
+                              satellite_target(self.value('satellite')))
 
     def parameters_changed(self, names):
         """The sky over another site, or through other air."""
@@ -61,8 +57,7 @@ class StarCamera(MountNode):
             self._samples = samples[-1:]
 
     def _expose(self):
-        stamps = np.array([s for s, _, _ in self._samples])
-        angles = np.array([a for _, a, _ in self._samples])
+        stamps, angles, sides = map(np.array, zip(*self._samples))
         begin, end = stamps[0], stamps[-1]
         middle = begin + (end - begin) // 2
         # differences of the stamps: as floats, nanoseconds since 1970 are too coarse
@@ -71,10 +66,10 @@ class StarCamera(MountNode):
         az = angles[0, 0] + np.interp(at, since, wrap(angles[:, 0] - angles[0, 0]))
         el = np.interp(at, since, angles[:, 1])
         moments = np.array([begin, middle, end])
-        side = np.nan_to_num(np.array(self._samples[-1][2]))
-        warmth = self._scenario.temperature(moments * 1e-9, self._start)
-        frames = self._geometry.frames(az, el, time=moments * 1e-9, temperature=warmth,
-                                       approach_az=side[0], approach_el=side[1])
+        side = np.nan_to_num(sides[-1])
+        frames = self._geometry.frames(
+            az, el, time=moments * 1e-9, temperature=self.warmth(moments),
+            approach_az=side[0], approach_el=side[1])
         seen = self._camera.expose(moments, frames)
         stars = seen.miss if len(set(seen.hip)) == 1 else np.full((3, 2), np.nan)
         # of what is in the field the one that stays on its pixels is the one followed
@@ -86,10 +81,6 @@ class StarCamera(MountNode):
             miss = np.full(2, np.nan)
         self._without += int(np.isnan(miss[0]))
         self._pub.publish(convert.vector(int(middle), *miss, 'camera'))
-
-    def required(self):
-        """It sits on the mount."""
-        return {self.resolve_topic_name(topics.TRUTH_JOINTS.name)}
 
     def details(self):
         """Exposures without a star."""

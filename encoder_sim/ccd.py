@@ -2,6 +2,7 @@
 
 import copy
 import math
+from functools import lru_cache
 
 import numpy as np
 
@@ -293,6 +294,7 @@ class LinearCCD:
         return self.render(angles, noise, rates)
 
 
+@lru_cache(maxsize=1)
 def _quantiles():
     """The middle of each of 65 536 equally likely parts of the normal distribution."""
     from statistics import NormalDist
@@ -304,9 +306,6 @@ def _quantiles():
     lower = np.interp(np.arange(32768), ends, [inverse(p[i]) for i in ends])
     values = np.concatenate([lower, -lower[::-1]])
     return (values / values.std()).astype(np.float32)
-
-
-_QUANTILES = None
 
 
 def pixel_noise(seed, device, stamps, pixels):
@@ -326,8 +325,5 @@ def pixel_noise(seed, device, stamps, pixels):
     -------
     ndarray of float32, shape (len(stamps), pixels)
     """
-    global _QUANTILES
-    if _QUANTILES is None:
-        _QUANTILES = _quantiles()
     bits = keyed_noise.bits(seed, device, 'pixel noise', stamps, -(-pixels // 4))
-    return _QUANTILES[bits.view(np.uint16)[:, :pixels]]
+    return _quantiles()[bits.view(np.uint16)[:, :pixels]]

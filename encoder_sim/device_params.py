@@ -1,8 +1,9 @@
-"""Parameters that every simulated device has."""
+"""What the nodes of the simulated devices share: parameters, scenario, start of the night."""
 
 from datetime import datetime, timezone
 
-from msg_tools.node import Param
+from msg_tools import convert, topics
+from msg_tools.node import MountNode, Param
 
 from .scenario_file import load_scenario
 
@@ -40,6 +41,35 @@ DEVICE_PARAMS = (
 MAX_RATE = Param(
     'max_rate_hz', 0.0, 'most readings a second of simulated time; 0: one for every true angle '
     '[Hz]', 0.0, 2000.0)
+
+
+class MountedDevice(MountNode):
+    """Sits on the mount, and works on the true angles of its axes.
+
+    Attributes
+    ----------
+    scenario : scenario.Scenario
+    start : int
+        Of the night, ns.
+    """
+
+    def __init__(self, *args, **kwargs):
+        super().__init__(*args, **kwargs)
+        self.scenario = load_scenario(self.value('scenario'))
+        self.start = parse_utc(self.value('start_time'))
+
+    def encoders(self, kind, pair):
+        """An encoder of `kind` on each axis, as the scenario has the `pair`."""
+        return [kind(getattr(pair, axis), self.value('seed'), axis, start=self.start * 1e-9)
+                for axis in convert.AXES]
+
+    def warmth(self, stamps):
+        """Temperature of mount and encoders at `stamps` (ns), degC."""
+        return self.scenario.temperature(stamps * 1e-9, self.start * 1e-9)
+
+    def required(self):
+        """It needs axes to sit on."""
+        return {self.resolve_topic_name(topics.TRUTH_JOINTS.name)}
 
 
 class Decimator:

@@ -70,11 +70,11 @@ class MountGeometry:
     Parameters
     ----------
     mount : scenario.Mount
-    start : float, optional
-        Start of the night, UTC s, from which the drifts count; without it the first time asked.
+    start : float
+        Start of the night, UTC s, from which the drifts count.
     """
 
-    def __init__(self, mount, start=None):
+    def __init__(self, mount, start=0.0):
         self.mount = mount
         self.start = start
 
@@ -109,8 +109,6 @@ class MountGeometry:
             that ``frames @ enu`` are the components seen by the tube.
         """
         mount = self.mount
-        if time is not None and self.start is None:
-            self.start = float(np.min(time))
         az = np.atleast_1d(np.asarray(az, dtype=float))
         el = np.atleast_1d(np.asarray(el, dtype=float))
         az, el = np.broadcast_arrays(az, el)

@@ -77,25 +77,28 @@ class IncrementalEncoder:
         ``azimuth`` or ``elevation``: with the seed it decides the random numbers.
     power_on : int
         Number of this power-on, 1 for the first: it decides the zero drift.
-    start : float, optional
-        Start of the night, UTC s, from which drifts and faults count; without it the first stamp.
+    start : float
+        Start of the night, UTC s, from which drifts and faults count.
+
+    Attributes
+    ----------
+    count_angle : float
+        rad a count: 0.0686" for paper 000's grating.
+    zero : float
+        What homing left in the reading, rad: drift of this power-on, side and shift of the mark.
+        NaN before; truth, for the simulator's own log.
     """
 
-    def __init__(self, params, seed, axis, power_on=1, start=None):
-        self.params, self.seed, self.axis = params, seed, axis
+    def __init__(self, params, seed, axis, power_on=1, start=0.0):
+        self.params, self.seed = params, seed
         self.power_on, self.start = power_on, start
         self._device = f'incremental/{axis}'
         self._zero = ZeroDrift(params, seed, self._device)
         self._turn_counts = params.lines * params.interpolation
-        self._count_angle = _TURN / self._turn_counts
+        self.count_angle = _TURN / self._turn_counts
         self._cycles = sorted(params.power_cycles)  # still to come
         self._supply = params.supply
         self._clear()
-
-    @property
-    def count_angle(self):
-        """rad a count: 0.0686" for paper 000's grating."""
-        return self._count_angle
 
     @property
     def homed(self):
@@ -106,14 +109,6 @@ class IncrementalEncoder:
     def zero_drift(self):
         """Shift of the reading since this power-on, rad."""
         return self._zero.at_power_on(self.power_on)
-
-    @property
-    def zero(self):
-        """What homing left in the reading, rad: drift of this power-on, side and shift of the mark.
-
-        NaN before; truth, for the simulator's own log.
-        """
-        return self._homed_zero
 
     @property
     def status(self):
@@ -128,7 +123,7 @@ class IncrementalEncoder:
 
     def _clear(self):
         self._cleared_at = None  # grating count at which the counter was cleared
-        self._homed_zero = np.nan
+        self.zero = np.nan
         self._sense = 0  # of the motion that did
         self._last = None  # stamp and angle of the last sample
         self._lost = 0  # counts lost since
@@ -155,7 +150,7 @@ class IncrementalEncoder:
         return shown
 
     def _grating_count(self, angle, shift=0.0):
-        return np.floor((self._shown(angle) + shift) / self._count_angle)
+        return np.floor((self._shown(angle) + shift) / self.count_angle)
 
     # --- reference mark -------------------------------------------------------------------------
 
@@ -213,10 +208,10 @@ class IncrementalEncoder:
         self._passed += len(passages.row)
         if len(passages.row) == 0:
             return
-        i = -1  # the last one is what the status shows
-        counts = self._grating_count(passages.angle[i]) - self._cleared_at - lost[passages.row[i]]
-        sides = 0.5 * (self._sense - passages.sense[i])  # 1: cleared from below, passed from above
-        error = counts - sides * self.params.pulse_width / self._count_angle
+        row, sense, angle = (column[-1] for column in passages)  # the status shows the last one
+        counts = self._grating_count(angle) - self._cleared_at - lost[row]
+        sides = 0.5 * (self._sense - sense)  # 1: cleared from below, passed from above
+        error = counts - sides * self.params.pulse_width / self.count_angle
         error -= self._turn_counts * np.rint(error / self._turn_counts)
         self._mark_error = float(np.rint(error))
 
@@ -228,7 +223,7 @@ class IncrementalEncoder:
         lost = np.zeros(len(stamps))
         if not (p.max_count_rate or p.miscounts or p.losses):
             return lost
-        counts = np.nan_to_num(np.diff(angles) / self._count_angle)  # a bad sample loses none
+        counts = np.nan_to_num(np.diff(angles) / self.count_angle)  # a bad sample loses none
         if p.max_count_rate > 0.0:
             excess = np.abs(counts) - p.max_count_rate * np.diff(stamps) * 1e-9
             lost[1:] = np.cumsum(np.sign(counts) * np.floor(np.maximum(excess, 0.0)))
@@ -267,8 +262,6 @@ class IncrementalEncoder:
         angles = np.atleast_1d(np.asarray(angles, dtype=float))
         if len(stamps) == 0:
             return np.empty(0)
-        if self.start is None:
-            self.start = stamps[0] * 1e-9
         temperature = self.params.reference_temperature if temperature is None else temperature
         temperature = np.broadcast_to(np.asarray(temperature, dtype=float), angles.shape)
         past = angles - np.asarray(rates) * self.params.latency
@@ -310,7 +303,7 @@ class IncrementalEncoder:
             row, self._sense, angle = (column[hits[0]] for column in passages)
             self._cleared_at = float(self._grating_count(angle))
             off = p.mark_angle - angle
-            self._homed_zero = float(off - _TURN * np.rint(off / _TURN))
+            self.zero = float(off - _TURN * np.rint(off / _TURN))
             valid_from = row - known
             lost = lost - lost[row]
             passages = _Passages(*(column[hits[0] + 1:] for column in passages))
@@ -324,6 +317,6 @@ class IncrementalEncoder:
         if p.jitter > 0.0:
             noise = keyed_noise.normal(self.seed, self._device, 'jitter', stamps)
             counts = counts + np.round(p.jitter * noise)
-        reading = p.mark_angle + counts * self._count_angle
+        reading = p.mark_angle + counts * self.count_angle
         reading[:valid_from] = np.nan
         return reading

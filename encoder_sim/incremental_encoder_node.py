@@ -8,28 +8,21 @@ from std_srvs.srv import Trigger
 
 from msg_tools import convert, topics
 from msg_tools.homing import AxisHoming, homing_to_cloud
-from msg_tools.node import MountNode, run_node
+from msg_tools.node import run_node
 from msg_tools.units import ARCSEC
 
-from .device_params import DEVICE_PARAMS, MAX_RATE, Decimator, parse_utc
+from .device_params import DEVICE_PARAMS, MAX_RATE, Decimator, MountedDevice
 from .incremental import IncrementalEncoder
-from .scenario_file import load_scenario
 
 
-class IncrementalEncoders(MountNode):
+class IncrementalEncoders(MountedDevice):
     """Turns true axis angles into counts; NaN until the reference mark has been met."""
 
     def __init__(self, **kwargs):
         super().__init__('incremental_encoder', (*DEVICE_PARAMS, MAX_RATE),
                          hardware_id='simulated incremental encoder', **kwargs)
-        scenario = load_scenario(self.value('scenario'))
-        self._stamp = parse_utc(self.value('start_time'))
-        start = self._stamp * 1e-9
-        self._encoders = [
-            IncrementalEncoder(getattr(scenario.incremental, axis), self.value('seed'), axis,
-                               start=start)
-            for axis in convert.AXES]
-        self._warmth = lambda stamp: scenario.temperature(stamp * 1e-9, start)
+        self._stamp = self.start
+        self._encoders = self.encoders(IncrementalEncoder, self.scenario.incremental)
         self._decimator = Decimator()
         self._homed = False
         self._pub = self.publisher(topics.INCREMENTAL)
@@ -44,7 +37,7 @@ class IncrementalEncoders(MountNode):
         stamp, angles, rates = convert.read_joints(message)[:3]
         self._stamp = stamp
         # every sample is counted, whether it is published or not
-        reading = [float(encoder.feed(stamp, angle, rate, self._warmth(stamp))[0])
+        reading = [float(encoder.feed(stamp, angle, rate, self.warmth(stamp))[0])
                    for encoder, angle, rate in zip(self._encoders, angles, rates)]
         homed = bool(np.isfinite(reading).all())
         if homed and not self._homed:
@@ -74,10 +67,6 @@ class IncrementalEncoders(MountNode):
         response.success = True
         response.message = f'power-on {self._encoders[0].power_on}; home before measuring'
         return response
-
-    def required(self):
-        """It needs axes to sit on."""
-        return {self.resolve_topic_name(topics.TRUTH_JOINTS.name)}
 
     def problems(self):
         """Not homed yet, or a counter that the mark gives the lie."""

@@ -1,6 +1,7 @@
 """The simulated bench of paper 001, section 3: an indexing table turns the disc to 23 angles."""
 
 import math
+from functools import partial
 
 import numpy as np
 
@@ -24,26 +25,15 @@ SCALES = {
 TABLE_ERROR = 0.2 * ARCSEC
 
 
-def readers(design):
-    """Every method under test, by name.
-
-    Parameters
-    ----------
-    design : encoder_reading.design.Design
-    """
-    return {
-        'paper': PaperReader(design),
-        'centroid': CentroidReader(design),
-        'parabola': ParabolaReader(design),
-        'template': TemplateReader(design),
-        'paper_by_centres': PaperReader(design, cycle='centres'),
-        'parabola_at_middle': ParabolaReader(design, at='middle'),
-    }
-
-
-def standard_angles():
-    """The 23 angles of the table, rad: equal parts of a turn."""
-    return 2.0 * np.pi * np.arange(FACES) / FACES
+#: every method under test, by name
+METHODS = {
+    'paper': PaperReader,
+    'centroid': CentroidReader,
+    'parabola': ParabolaReader,
+    'template': TemplateReader,
+    'paper_by_centres': partial(PaperReader, cycle='centres'),
+    'parabola_at_middle': partial(ParabolaReader, at='middle'),
+}
 
 
 class IndexingTable:
@@ -54,8 +44,8 @@ class IndexingTable:
     params : scenario_encoders.Absolute
     seed : int
         Of disc, table and noise.
-    methods : iterable of str, optional
-        Names out of `readers`; all of them by default.
+    methods : iterable of str
+        Names out of `METHODS`.
 
     Attributes
     ----------
@@ -69,13 +59,12 @@ class IndexingTable:
         Error from which a reading is grossly wrong: half a bar, rad.
     """
 
-    def __init__(self, params, seed=1, methods=None):
+    def __init__(self, params, seed, methods=tuple(METHODS)):
         self.params, self.seed = params, seed
         self.disc = params.design.disc
-        known = readers(params.design)
-        self.readers = {name: known[name] for name in (methods or known)}
+        self.readers = {name: METHODS[name](params.design) for name in methods}
         self.ccd = LinearCCD(params, self.disc, seed)
-        self.standard = standard_angles()
+        self.standard = 2.0 * np.pi * np.arange(FACES) / FACES
         self.damaged_readings = DAMAGED
         self.gross = 0.5 * self.disc.bar_angle
         self._rng = np.random.default_rng(seed)
@@ -152,6 +141,7 @@ class IndexingTable:
         angles = self._rng.uniform(0.0, 2.0 * np.pi, n)
         read = PaperReader(self.params.design).read(self._frames(self.ccd, angles))
         return read.r_square, read.period
+
 
 class _DisplacedBars(LinearCCD):
     def __init__(self, params, disc, seed, shift):

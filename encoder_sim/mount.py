@@ -22,22 +22,21 @@ STILL = [[0.0, 0.0]]
 class SimulatedMount:
     """Both drives of a mount, whose servo makes the incremental encoder read the demand.
 
-    Times are seconds since the start of the night.
+    Times are seconds since the start of the night, when the axes stand still, a little before
+    their reference marks.
 
     Parameters
     ----------
     scenario : scenario.Scenario
-    time : float
-        At which the axes stand still, a little before their reference marks.
     """
 
-    def __init__(self, scenario, time=0.0):
+    def __init__(self, scenario):
         encoders = scenario.incremental.azimuth, scenario.incremental.elevation
         self._marks = np.array([encoder.mark_angle for encoder in encoders])
         self._home_rate = np.array([encoder.home_rate for encoder in encoders])
         self._home_side = np.array(
             [1.0 if encoder.home_side == 'below' else -1.0 for encoder in encoders])
-        self._axes = MountAxes(scenario.axes.azimuth, scenario.axes.elevation, time,
+        self._axes = MountAxes(scenario.axes.azimuth, scenario.axes.elevation, 0.0,
                                self._marks - 2.0 * DEG)
         # what the encoder reads too much; the servo turns the axes back by it
         self.servo = np.zeros(2)

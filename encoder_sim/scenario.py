@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .scenario_encoders import AbsolutePair, IncrementalPair
-from .scenario_fields import choice, number, optional, section, sections
+from .scenario_encoders import Absolute, Incremental
+from .scenario_fields import both_axes, choice, number, optional, section, sections
 
 
 @dataclass(frozen=True)
@@ -35,14 +35,6 @@ class AxisLimits:
     settling_amplitude: float = number(0.0, 'arcsec', 0.0, 600.0)
     travel_min: float = number(-36000.0, 'deg', -36000.0, 36000.0)
     travel_max: float = number(36000.0, 'deg', -36000.0, 36000.0)
-
-
-@dataclass(frozen=True)
-class Axes:
-    """The two axes."""
-
-    azimuth: AxisLimits = section(AxisLimits)
-    elevation: AxisLimits = section(AxisLimits)
 
 
 @dataclass(frozen=True)
@@ -219,6 +211,8 @@ class Scenario:
     name : str
     clock_offset : float
         True UTC - stamp, s.
+    axes, incremental, absolute
+        With an `azimuth` and an `elevation`.
     site : TrueSite or None
         None: where the observer believes to be.
     weather : TrueWeather or None
@@ -228,9 +222,9 @@ class Scenario:
     name: str = 'ideal'
     clock_offset: float = number(0.0, 'ms', -600000.0, 600000.0)
     mount: Mount = section(Mount)
-    axes: Axes = section(Axes)
-    incremental: IncrementalPair = section(IncrementalPair)
-    absolute: AbsolutePair = section(AbsolutePair)
+    axes: object = both_axes(AxisLimits)
+    incremental: object = both_axes(Incremental)
+    absolute: object = both_axes(Absolute)
     camera: Camera = section(Camera)
     site: TrueSite | None = optional(TrueSite)
     weather: TrueWeather | None = optional(TrueWeather)

@@ -4,7 +4,7 @@ from dataclasses import dataclass, fields
 
 from encoder_reading.design import Design
 
-from .scenario_fields import choice, drawn, number, numbers, section, sections
+from .scenario_fields import choice, drawn, number, numbers, sections
 
 
 @dataclass(frozen=True)
@@ -213,19 +213,3 @@ class Absolute(EncoderScale):
         """The drawing, and so all that a reader gets to know; how it is mounted it finds out."""
         return Design(**{item.name: getattr(self, item.name) for item in fields(Design)
                          if item.name not in ('mounting', 'sense')})
-
-
-@dataclass(frozen=True)
-class IncrementalPair:
-    """The incremental encoders of both axes."""
-
-    azimuth: Incremental = section(Incremental)
-    elevation: Incremental = section(Incremental)
-
-
-@dataclass(frozen=True)
-class AbsolutePair:
-    """The absolute encoders of both axes."""
-
-    azimuth: Absolute = section(Absolute)
-    elevation: Absolute = section(Absolute)

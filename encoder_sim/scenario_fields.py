@@ -1,42 +1,22 @@
 """Fields of a scenario: the unit that a value has in the file, and its allowed range."""
 
-from dataclasses import field
+from dataclasses import field, make_dataclass
 
 from msg_tools.units import ARCSEC, DEG
 
-_MM, _UM, _MS, _US, _HPA = 1e-3, 1e-6, 1e-3, 1e-6, 1.0
-_HOUR = 3600.0
-#: what a key of the file ends in -> its unit in SI
-UNITS = {
-    '': 1.0,
-    'arcsec': ARCSEC,
-    'arcmin': 60.0 * ARCSEC,
-    'deg': DEG,
-    'deg_s': DEG,
-    'deg_s2': DEG,
-    'arcsec_per_hour': ARCSEC / _HOUR,
-    'arcsec_per_degc': ARCSEC,
-    's': 1.0,
-    'h': _HOUR,
-    'ms': _MS,
-    'us': _US,
-    'm': 1.0,
-    'mm': _MM,
-    'um': _UM,
-    'px': 1.0,
-    'ke': 1e3,
-    'c': 1.0,
-    'c_per_hour': 1.0 / _HOUR,
-    'hpa': _HPA,
-    'mhz': 1e6,
-    'hz': 1.0,
-    'percent': 0.01,
-    'percent_per_degc': 0.01,
-    'percent_per_v': 0.01,
-    'arcsec_per_v': ARCSEC,
-    'v': 1.0,
-    'v_per_hour': 1.0 / _HOUR,
+_UNITS = {
+    '': 1.0, 'percent': 0.01, 'px': 1.0, 'ke': 1e3,
+    'deg': DEG, 'arcmin': 60.0 * ARCSEC, 'arcsec': ARCSEC, 'deg_s': DEG, 'deg_s2': DEG,
+    's': 1.0, 'ms': 1e-3, 'us': 1e-6, 'h': 3600.0, 'hour': 3600.0, 'hz': 1.0, 'mhz': 1e6,
+    'm': 1.0, 'mm': 1e-3, 'um': 1e-6,
+    'c': 1.0, 'degc': 1.0, 'hpa': 1.0, 'v': 1.0,
 }
+
+
+def in_si(unit):
+    """What a key of the file ends in, such as ``um`` or ``arcsec_per_hour``, in SI."""
+    unit, _, divisor = unit.partition('_per_')
+    return _UNITS[unit] / _UNITS[divisor]
 
 
 def number(default, unit, low, high, *, kind=float):
@@ -44,8 +24,8 @@ def number(default, unit, low, high, *, kind=float):
 
     The default is in the unit of the file as well.
     """
-    value = kind(default) if kind is int else default * UNITS[unit]
-    return field(default=value, metadata={'unit': unit, 'range': (low, high), 'kind': kind})
+    return field(default=kind(default * in_si(unit)),
+                 metadata={'unit': unit, 'range': (low, high), 'kind': kind})
 
 
 def numbers(unit, low, high):
@@ -67,6 +47,12 @@ def choice(default, *names):
 def section(cls):
     """A field with an instance of `cls`, a section of its own in the file."""
     return field(default_factory=cls, metadata={'section': cls})
+
+
+def both_axes(cls):
+    """A section with an instance of `cls` for `azimuth` and one for `elevation`."""
+    axes = [(axis, cls, section(cls)) for axis in ('azimuth', 'elevation')]
+    return section(make_dataclass(f'{cls.__name__}Pair', axes, frozen=True))
 
 
 def sections(cls):

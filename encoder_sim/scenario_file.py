@@ -5,44 +5,33 @@ Only the simulator reads them. What a file does not name stays at the value of t
 """
 
 import dataclasses
-import math
 from importlib import resources
 from pathlib import Path
 
 from .scenario import Scenario
-from .scenario_fields import UNITS
+from .scenario_fields import in_si
 
-# drifts are named by what they drift with; the file spells the unit out
-_KEYS = {
-    f'{name}_{kind}': f'{name}_arcsec_per_{per}'
-    for name in ('ca', 'an', 'aw', 'tf', 'zero', 'mark')
-    for kind, per in (('rate', 'hour'), ('slope', 'degc'), ('supply', 'v'))
-} | {
-    'signal_slope': 'signal_percent_per_degc',
-    'signal_supply': 'signal_percent_per_v',
-    'supply_rate': 'supply_v_per_hour',
-    'temperature_rate': 'temperature_c_per_hour',
-}
+_FOLDER = resources.files('encoder_sim') / 'scenarios'
 
 
 def _key(item):
-    """Key of a field in the file."""
+    """Key of a field in the file: a drift is named by what it drifts with, which the unit says."""
     unit = item.metadata.get('unit')
-    if item.name in _KEYS:
-        return _KEYS[item.name]
-    return f'{item.name}_{unit}' if unit else item.name
+    name = item.name.rpartition('_')[0] if unit and '_per_' in unit else item.name
+    return f'{name}_{unit}' if unit else name
 
 
 def _to_number(value, item, where):
     low, high = item.metadata['range']
     kind = item.metadata['kind']
     what = 'a whole number' if kind is int else 'a number'
+    wrong = f'{where}: {value!r} is not {what} from {low:g} to {high:g}'
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         hint = ' (write 1.0e-3, not 1e-3)' if isinstance(value, str) and 'e' in value else ''
-        raise ValueError(f'{where}: {value!r} is not {what} from {low:g} to {high:g}{hint}')
-    if not (math.isfinite(value) and low <= value <= high) or (kind is int and value != int(value)):
-        raise ValueError(f'{where}: {value!r} is not {what} from {low:g} to {high:g}')
-    return int(value) if kind is int else value * UNITS[item.metadata['unit']]
+        raise ValueError(wrong + hint)
+    if not low <= value <= high or (kind is int and value != int(value)):
+        raise ValueError(wrong)
+    return int(value) if kind is int else value * in_si(item.metadata['unit'])
 
 
 def _to_value(value, item, where, base):
@@ -95,8 +84,7 @@ def _drop_description(mapping, file):
 
 def scenario_names():
     """Names of the scenarios that come with the package."""
-    folder = resources.files('encoder_sim') / 'scenarios'
-    return sorted(f.name[:-5] for f in folder.iterdir() if f.name.endswith('.yaml'))
+    return sorted(f.name[:-5] for f in _FOLDER.iterdir() if f.name.endswith('.yaml'))
 
 
 def load_scenario(name_or_path='default'):
@@ -174,8 +162,8 @@ def _read(text):
     if text not in scenario_names():
         raise ValueError(f'no scenario {text!r}: give a .yaml file or one of '
                          + ', '.join(scenario_names()))
-    resource = resources.files('encoder_sim') / 'scenarios' / f'{text}.yaml'
-    return text, f'{text}.yaml', resource.read_text(encoding='utf-8')
+    file = f'{text}.yaml'
+    return text, file, (_FOLDER / file).read_text(encoding='utf-8')
 
 
 def _chain(text):

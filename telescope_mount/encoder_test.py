@@ -8,6 +8,8 @@ The bench is simulated: `run` takes it through the one door to the simulator,
 `telescope_mount.simulator`. It calibrates nothing.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from calibration.tables import new_table
@@ -20,10 +22,12 @@ from encoder_reading.evaluation import (
 )
 from msg_tools.units import ARCSEC
 
+from .simulator import SCALES, IndexingTable
+
 #: what the paper found for each method: standard deviation, arcsec
 PRINTED_STD = {'paper': 4.57, 'centroid': 26.77, 'parabola': 16.93}
-#: methods on the page; the others are variants of them
-MAIN = ('paper', 'centroid', 'parabola', 'template')
+#: methods in the picture; the others are variants of them
+_COLOURS = {'centroid': 'C1', 'parabola': 'C2', 'paper': 'C0', 'template': 'C3'}
 #: of one bar in ten at readings 5, 10 and 15, in bar periods
 DAMAGE = 0.15
 #: pixel noise at which the page repeats the comparison, grey levels: see `needed`
@@ -55,8 +59,6 @@ def run(seed=1, turns=20, pitch=48, progress=None):
     dict
         For JSON; every angle in arcsec.
     """
-    from .simulator import SCALES, IndexingTable
-
     tell = progress or (lambda text: None)
     params = SCALES[pitch]
     tell('23 angles')
@@ -67,12 +69,9 @@ def run(seed=1, turns=20, pitch=48, progress=None):
     tell('one bar')
     quiet, noisy = bench.one_bar(noise=False), bench.one_bar()
     tell('the noise of the paper')
-    loud = IndexingTable(with_level(params, 'noise', PAPER_NOISE), seed)
-    loud_errors = loud.turns(turns)
+    loud_errors = IndexingTable(replace(params, noise=PAPER_NOISE), seed).turns(turns)
     tell('what the rivals need')
-    # a reading that eq. 12 puts one bar off is counted elsewhere
-    rows = _search(params, lambda changed: IndexingTable(
-        changed, seed, ('paper_by_centres', 'centroid', 'parabola')), max(2, turns // 2))
+    rows = _search(params, seed, max(2, turns // 2))
     gross = bench.gross
     return {
         'conditions': {
@@ -105,21 +104,21 @@ def run(seed=1, turns=20, pitch=48, progress=None):
     }
 
 
-def with_level(params, name, level):
-    """A copy of the encoder's parameters with one of them at `level`."""
-    from dataclasses import replace
-    return replace(params, **{name: level})
-
-
 def _curves(errors):
     return {name: [None if np.isnan(v) else float(v) for v in e / ARCSEC]
-            for name, e in errors.items() if name in MAIN}
+            for name, e in errors.items() if name in _COLOURS}
 
 
 def _usual(errors, gross):
     """Errors without what was rejected or is grossly wrong, NaN there."""
     with np.errstate(invalid='ignore'):
         return np.where(np.abs(errors) < gross, errors, np.nan)
+
+
+def _left_out(errors, usual):
+    """How many of the errors are not in the usual ones, and why."""
+    return {'rejected': int(np.isnan(errors).sum()),
+            'gross': int((np.isfinite(errors) & np.isnan(usual)).sum())}
 
 
 def _std(errors, gross):
@@ -132,17 +131,15 @@ def _std(errors, gross):
 def _summary(errors, gross):
     """Figures of turns of readings, shape (turns, 23), without the rejected and the gross ones."""
     usual = _usual(errors, gross)
-    turns = [evaluate(row[np.isfinite(row)], np.zeros(np.isfinite(row).sum()))
-             for row in usual if np.isfinite(row).sum() > 1]
+    rows = [row[np.isfinite(row)] for row in usual]
+    turns = [evaluate(row, np.zeros(len(row))) for row in rows if len(row) > 1]
     if not turns:
-        return {'std_arcsec': None, 'max_arcsec': None, 'rejected': int(np.isnan(errors).sum()),
-                'gross': 0}
+        return {'std_arcsec': None, 'max_arcsec': None, **_left_out(errors, usual)}
     stds = np.array([turn.std for turn in turns]) / ARCSEC
     return {
         'std_arcsec': float(np.sqrt(np.mean(stds**2))),
         'max_arcsec': float(np.mean([turn.largest for turn in turns]) / ARCSEC),
-        'rejected': int(np.isnan(errors).sum()),
-        'gross': int((np.isfinite(errors) & np.isnan(usual)).sum()),
+        **_left_out(errors, usual),
         'median_std_arcsec': float(np.median(stds)),
         'std_range_arcsec': [float(v) for v in np.percentile(stds, [5, 95])],
         'largest_of_all_arcsec': float(np.nanmax(np.abs(usual)) / ARCSEC),
@@ -156,8 +153,7 @@ def _damage_summary(errors, readings, gross):
     read = np.abs(usual[np.isfinite(usual)]) / ARCSEC
     return {'rms_arcsec': float(np.sqrt(np.mean(read**2))) if len(read) else None,
             'max_arcsec': float(read.max()) if len(read) else None,
-            'rejected': int(np.isnan(part).sum()),
-            'gross': int((np.isfinite(part) & np.isnan(usual)).sum())}
+            **_left_out(part, usual)}
 
 
 def _table_2():
@@ -179,12 +175,14 @@ def _table_2():
     }
 
 
-def _search(params, bench_of, turns):
+def _search(params, seed, turns):
     """Each disturbance alone, level by level: what the methods of the paper then show."""
     out = []
     for name, levels, unit, size in _DISTURBANCES:
         for level in (getattr(params, name), *levels):
-            bench = bench_of(with_level(params, name, level))
+            # a reading that eq. 12 puts one bar off is counted elsewhere
+            bench = IndexingTable(replace(params, **{name: level}), seed,
+                                  ('paper_by_centres', 'centroid', 'parabola'))
             errors = bench.turns(turns)
             row = {'disturbance': name, 'level': level / size, 'unit': unit}
             for method, e in errors.items():
@@ -211,26 +209,20 @@ def needed(rows):
         For each disturbance and rival: the level, and the sine's standard deviation and R-square
         there; None where no level that was tried is enough.
     """
-    out = []
+    out, columns = [], {'level': 'level', 'paper_arcsec': 'paper', 'r_square': 'r_square'}
     for name in dict.fromkeys(row['disturbance'] for row in rows):
         tried = [row for row in rows if row['disturbance'] == name and row['paper'] is not None]
-        level = np.array([row['level'] for row in tried])
         for rival in ('centroid', 'parabola'):
             shown = np.array([row[rival] for row in tried])
             found = {'disturbance': name, 'unit': tried[0]['unit'], 'rival': rival,
-                     'printed_arcsec': PRINTED_STD[rival], 'level': None, 'paper_arcsec': None,
-                     'r_square': None}
+                     'printed_arcsec': PRINTED_STD[rival], **dict.fromkeys(columns)}
             above = np.flatnonzero(shown >= PRINTED_STD[rival])
             if len(above) and above[0] > 0:
                 i = above[0]
                 part = (PRINTED_STD[rival] - shown[i - 1]) / (shown[i] - shown[i - 1])
-
-                def between(values, i=i, part=part):
-                    return float(values[i - 1] + part * (values[i] - values[i - 1]))
-
-                found['level'] = between(level)
-                found['paper_arcsec'] = between([row['paper'] for row in tried])
-                found['r_square'] = between([row['r_square'] for row in tried])
+                for key, column in columns.items():
+                    low, high = tried[i - 1][column], tried[i][column]
+                    found[key] = float(low + part * (high - low))
             out.append(found)
     return out
 
@@ -306,9 +298,6 @@ def _cell(value, digits=2):
     return '-' if value is None else f'{value:.{digits}f}'
 
 
-_COLOURS = {'paper': 'C0', 'centroid': 'C1', 'parabola': 'C2', 'template': 'C3'}
-
-
 def plot(report, path):
     """The curves beside the printed table, as PNG.
 
@@ -319,52 +308,38 @@ def plot(report, path):
     path : Path
         Of the file.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     figure = Figure(figsize=(13.5, 9.0), layout='constrained')
-    FigureCanvasAgg(figure)
     grid = figure.add_gridspec(2, 3, width_ratios=[1.25, 1.25, 1.0])
-    curves, conditions = report['curves'], report['conditions']
-    loud = report['noise_of_the_paper']
-    reading = np.arange(1, 24)
+    curves, conditions, table_2 = report['curves'], report['conditions'], report['table_2']
+    first_turn, loud = report['first_turn'], report['noise_of_the_paper']
+    reading, both = np.arange(1, 24), ('paper', 'template')
 
     axes = figure.add_subplot(grid[0, 0])
-    axes.plot(reading, report['table_2']['errors_arcsec'], 'ko--', lw=0.8, ms=4,
-              label=f'printed in table 2: {report["table_2"]["std_arcsec"]:.2f}"')
-    for name in ('paper', 'template'):
-        axes.plot(reading, _plottable(curves['first_turn'][name]), 'o-', c=_COLOURS[name], lw=1.2,
-                  ms=3, label=_label(name, report['first_turn']))
-    _finish(axes, 'One turn, and the printed one', 'reading')
-
-    axes = figure.add_subplot(grid[0, 1])
-    for name in ('centroid', 'parabola', 'paper', 'template'):
-        axes.plot(reading, _plottable(curves['noise_of_the_paper'][name]), 'o-', c=_COLOURS[name],
-                  lw=1.2, ms=3, label=_label(name, loud['methods'], PRINTED_STD))
-    _finish(axes, f'All methods, noise {loud["noise_grey_levels"]:g} grey levels (fig. 11)',
-            'reading')
-
-    axes = figure.add_subplot(grid[1, 0])
-    for name in ('centroid', 'parabola', 'paper', 'template'):
-        axes.plot(reading, _plottable(curves['damaged'][name]), 'o-', c=_COLOURS[name], lw=1.2,
-                  ms=3, label=name)
-    _finish(axes, 'Bars displaced at readings 5, 10, 15 (fig. 12)', 'reading')
-
+    axes.plot(reading, table_2['errors_arcsec'], 'ko--', lw=0.8, ms=4,
+              label=f'printed in table 2: {table_2["std_arcsec"]:.2f}"')
+    _draw(axes, 'One turn, and the printed one', reading, curves['first_turn'],
+          {name: _label(name, first_turn) for name in both})
+    _draw(figure.add_subplot(grid[0, 1]),
+          f'All methods, noise {loud["noise_grey_levels"]:g} grey levels (fig. 11)', reading,
+          curves['noise_of_the_paper'],
+          {name: _label(name, loud['methods'], PRINTED_STD) for name in _COLOURS})
+    names = {name: name for name in _COLOURS}
+    _draw(figure.add_subplot(grid[1, 0]), 'Bars displaced at readings 5, 10, 15 (fig. 12)', reading,
+          curves['damaged'], names)
     axes = figure.add_subplot(grid[1, 1])
-    for name in ('centroid', 'parabola', 'paper', 'template'):
-        axes.plot(curves['one_bar_position'], _plottable(curves['one_bar'][name]), c=_COLOURS[name],
-                  lw=0.5 if name == 'centroid' else 1.2, label=name)
-    _finish(axes, 'Through one bar, without noise', 'place in the bar ["]')
+    _draw(axes, 'Through one bar, without noise', curves['one_bar_position'], curves['one_bar'],
+          names, marker='', centroid_width=0.5)
+    axes.set_xlabel('place in the bar ["]')
 
     axes = figure.add_subplot(grid[:, 2])
     axes.axis('off')
-    rows = [['reading', 'printed', 'paper', 'template']]
-    rows += [[str(i + 1), *(_cell(value) for value in (
-        report['table_2']['errors_arcsec'][i], curves['first_turn']['paper'][i],
-        curves['first_turn']['template'][i]))] for i in range(23)]
-    rows += [['std', _cell(report['table_2']['std_arcsec']),
-              *(_cell(report['first_turn'][name]['std_arcsec']) for name in ('paper', 'template'))],
-             ['max', _cell(report['table_2']['max_arcsec']),
-              *(_cell(report['first_turn'][name]['max_arcsec']) for name in ('paper', 'template'))]]
+    columns = table_2['errors_arcsec'], *(curves['first_turn'][name] for name in both)
+    rows = [['reading', 'printed', *both]]
+    rows += [[str(i), *map(_cell, values)] for i, values in enumerate(zip(*columns), 1)]
+    rows += [[key, *(_cell(figures[f'{key}_arcsec'])
+                     for figures in (table_2, *(first_turn[name] for name in both)))]
+             for key in ('std', 'max')]
     cells = axes.table(rows, loc='center', cellLoc='right')
     cells.auto_set_font_size(False)
     cells.set_fontsize(8)
@@ -380,20 +355,19 @@ def plot(report, path):
     figure.savefig(path, dpi=110)
 
 
-def _plottable(values):
-    """A gross error would flatten the rest: it is left out, as a rejected reading is."""
-    values = np.array([np.nan if v is None else v for v in values])
-    with np.errstate(invalid='ignore'):
-        return np.where(np.abs(values) < 600.0, values, np.nan)
+def _draw(axes, title, x, curves, labels, marker='o', centroid_width=1.2):
+    """The curves of the methods in `labels`."""
+    for name, label in labels.items():
+        # a gross error would flatten the rest: it is left out, as a rejected reading is
+        values = np.array([np.nan if v is None else v for v in curves[name]])
+        axes.plot(x, _usual(values, 600.0), c=_COLOURS[name], marker=marker, ms=3, label=label,
+                  lw=centroid_width if name == 'centroid' else 1.2)
+    axes.axhline(0.0, color='0.6', lw=0.6)
+    axes.set(title=title, xlabel='reading', ylabel='error ["]')
+    axes.title.set_fontsize(10)
+    axes.legend(fontsize=8)
 
 
 def _label(name, summaries, printed=None):
     text = f'{name}: {_cell(summaries[name]["std_arcsec"])}"'
     return text + (f' (printed {printed[name]})' if printed and name in printed else '')
-
-
-def _finish(axes, title, xlabel):
-    axes.axhline(0.0, color='0.6', lw=0.6)
-    axes.set(title=title, xlabel=xlabel, ylabel='error ["]')
-    axes.title.set_fontsize(10)
-    axes.legend(fontsize=8)

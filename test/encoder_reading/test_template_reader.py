@@ -4,9 +4,10 @@ import warnings
 import numpy as np
 import pytest
 
+from encoder_reading.bar_decoding import REASONS
 from encoder_reading.disc import BAR_ANGLE, BARS, Disc, windows_of
 from encoder_reading.readings import CORRECTED, EXACT, REJECTED
-from encoder_reading.template_reader import REASONS, TemplateReader
+from encoder_reading.template_reader import TemplateReader
 from encoder_sim.ccd import LinearCCD, pixel_noise
 from encoder_sim.scenario_encoders import Absolute
 from msg_tools.units import ARCSEC, wrap
@@ -145,8 +146,12 @@ def test_other_scales_than_the_papers(pitch, blur, pixels):
     assert rms(errors(readings, places)) < 0.45
 
 
+def random_disc(seed, bars):
+    return Disc(''.join(map(str, np.random.default_rng(seed).integers(0, 2, bars))))
+
+
 def test_own_disc():
-    disc = Disc(np.random.default_rng(2).integers(0, 2, 720))
+    disc = random_disc(2, 720)
     params = encoder(diameter=0.0526)
     places = angles(100)
     readings = TemplateReader(params.design, disc).read(frames(params, places, disc=disc))
@@ -297,7 +302,7 @@ def test_random_garbage_never_becomes_an_angle_or_a_warning():
 
 def test_bars_of_random_bits_never_become_an_angle():
     params = encoder()
-    disc = Disc(np.random.default_rng(8).integers(0, 2, BARS))
+    disc = random_disc(8, BARS)
     places = angles(600)
     readings = TemplateReader(params.design).read(frames(params, places, disc=disc))
     assert (readings.quality == REJECTED).all()

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from encoder_sim.axes import AxisLimits, MountAxes, Trajectory, catch_up, plan_move
+from encoder_sim.axes import MountAxes, Trajectory, catch_up, plan_move
+from encoder_sim.scenario import AxisLimits
 from msg_tools.units import ARCSEC, DEG
 
 LIMITS = AxisLimits(max_rate=4 * DEG, max_acceleration=2 * DEG, settling_time=1.0)
@@ -58,21 +59,6 @@ def test_hermite_between_points_and_on_at_both_ends():
     assert position[0] == pytest.approx(curve[2] + 2.0 * slope[2])
     assert position[1] == pytest.approx(curve[0] - slope[0])
     assert rate[0] == pytest.approx(slope[2])
-
-
-@pytest.mark.parametrize(
-    'arguments, message',
-    [
-        (([], np.empty((0, 2))), 'n times'),
-        (([0.0], [[1.0, 2.0, 3.0]]), 'n times'),
-        (([1.0, 1.0], np.zeros((2, 2))), 'do not rise'),
-        (([1.0], [[0.0, np.nan]]), 'not finite'),
-        (([1.0], [[0.0, 1.0]], [[1.0]]), 'velocities'),
-    ],
-)
-def test_bad_trajectory(arguments, message):
-    with pytest.raises(ValueError, match=message):
-        Trajectory(*arguments)
 
 
 def test_catches_up_with_a_moving_target():

@@ -8,9 +8,10 @@ from msg_tools.units import ARCSEC, DEG
 
 COUNT = 1296000.0 / 18_880_000  # arcsec
 MARK = 180 * DEG
+START = 1_768_482_000.0
 
 
-def stamps(n, step=0.01, start=1_768_482_000.0):
+def stamps(n, step=0.01, start=START):
     return np.rint((start + step * np.arange(n)) * 1e9).astype(np.int64)
 
 
@@ -21,7 +22,7 @@ def crossing(n=101, low=179.0, high=181.0):
 
 def encoder(**params):
     power_on = params.pop('power_on', 1)
-    return IncrementalEncoder(Incremental(**params), 1, 'azimuth', power_on)
+    return IncrementalEncoder(Incremental(**params), 1, 'azimuth', power_on, start=START)
 
 
 def test_a_count_is_paper_000s():

@@ -119,7 +119,8 @@ def test_a_faint_star_is_drawn_aside_more():
     up = np.flatnonzero(el > 30 * DEG)[:400]
     stamps = np.full(len(up), int(NIGHT) * 10**9)
     frames = MountGeometry(Mount()).frames(az[up], el[up])
-    plain, drawn = (Camera(CameraParams(field_of_view=600 * ARCSEC, trail=trail), 1).expose(
+    plain, drawn = (Camera(
+        Scenario(camera=CameraParams(field_of_view=600 * ARCSEC, trail=trail)), 1).expose(
         stamps, frames) for trail in (0.0, 30.0 * ARCSEC))
     shift = (drawn.miss - plain.miss) / ARCSEC
     assert np.abs(shift[:, 1]).max() == 0.0
