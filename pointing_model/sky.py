@@ -13,9 +13,7 @@ import numpy as np
 
 from msg_tools.units import DEG
 
-from .earth import TURN_RATE, earth_orientation, split_utc
-
-_STEP = 0.02  # s, half the base of the symmetric difference for rates
+from .earth import earth_orientation, split_utc
 
 
 @dataclass(frozen=True)
@@ -115,37 +113,8 @@ def observed_place(stars, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, orie
     ValueError
         A time is outside 1900-2100, or the number of times does not fit.
     """
-    return _observe(_cirs(stars, *_frame(time, site, orientation, len(stars))), weather)
-
-
-def observed_rates(stars, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, orientation=None):
-    """Rates of the observed place, for tracking.
-
-    Parameters
-    ----------
-    stars, time, site, weather, orientation
-        As for `observed_place`.
-
-    Returns
-    -------
-    az_rate, el_rate : ndarray, shape (n,)
-        Radians a second, to better than 3e-5 arcsec/s (azimuth: times cos(el)).
-
-    Notes
-    -----
-    Symmetric difference over 0.04 s of the Earth's rotation alone: what changes the star's own
-    place (diurnal and annual aberration, precession, nutation) is slower than that error.
-    """
-    ri, di, astrom = _cirs(stars, *_frame(time, site, orientation, len(stars)))
-    az, el = [], []
-    for sign in (-1.0, 1.0):
-        turned = astrom.copy()
-        turned['eral'] += sign * _STEP * TURN_RATE
-        place = _observe((ri, di, turned), weather)
-        az.append(place[0])
-        el.append(place[1])
-    d_az = (az[1] - az[0] + np.pi) % (2.0 * np.pi) - np.pi
-    return d_az / (2.0 * _STEP), (el[1] - el[0]) / (2.0 * _STEP)
+    astrom = _frame(time, site, orientation, len(stars))
+    return _observe(erfa.ufunc.atciq(*stars.at_j2000, astrom), astrom, weather)
 
 
 def icrs_to_observed(ra, dec, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, orientation=None):
@@ -165,9 +134,8 @@ def icrs_to_observed(ra, dec, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, 
     """
     ra, dec = np.broadcast_arrays(np.asarray(ra, float), np.asarray(dec, float))
     count = None if ra.ndim == 0 else ra.size
-    astrom, _ = _frame(time, site, orientation, count)
-    ri, di = erfa.ufunc.atciq(ra, dec, 0.0, 0.0, 0.0, 0.0, astrom)
-    return _observe((ri, di, astrom), weather)
+    astrom = _frame(time, site, orientation, count)
+    return _observe(erfa.ufunc.atciq(ra, dec, 0.0, 0.0, 0.0, 0.0, astrom), astrom, weather)
 
 
 def _frame(time, site, orientation, count):
@@ -189,25 +157,19 @@ def _frame(time, site, orientation, count):
         utc1, utc2, dut1, site.longitude, site.latitude, site.height, xp, yp, 0.0, 0.0, 0.0, 0.5)
     if np.any(status < 0):
         raise ValueError('time is not one that ERFA can convert: give UTC since 1970-01-01')
-    return astrom[inverse.reshape(time.shape)], time
+    return astrom[inverse.reshape(time.shape)]
 
 
 def _orientation(orientation):
     return orientation.dut1, orientation.xp, orientation.yp
 
 
-def _cirs(stars, astrom, _):
-    ri, di = erfa.ufunc.atciq(*stars.at_j2000, astrom)
-    return ri, di, astrom
-
-
-def _observe(place, weather):
-    ri, di, astrom = place
+def _observe(cirs, astrom, weather):
     refa, refb = erfa.ufunc.refco(weather.pressure_hpa, weather.temperature_c, weather.humidity,
                                   weather.wavelength_um)
     if np.ndim(refa) > astrom.ndim:
         astrom = np.broadcast_to(astrom, np.shape(refa))
     astrom = astrom.copy()
     astrom['refa'], astrom['refb'] = refa, refb
-    az, zenith_distance, *_ = erfa.ufunc.atioq(ri, di, astrom)
+    az, zenith_distance, *_ = erfa.ufunc.atioq(*cirs, astrom)
     return az, np.pi / 2.0 - zenith_distance
