@@ -30,13 +30,7 @@ import numpy as np
 from msg_tools.units import DEG, wrap
 
 from .earth import DAY, TURN_RATE, earth_orientation, split_utc
-from .elements import GPS_26690, Satellite, load_elements, parse_elements
 from .sky import DEFAULT_SITE, DEFAULT_WEATHER
-
-__all__ = [
-    'GPS_26690', 'Corrections', 'Pass', 'Satellite', 'in_sunlight', 'load_elements',
-    'parse_elements', 'passes', 'refracted', 'satellite_place', 'satellite_rates', 'sun_elevation',
-]
 
 _EARTH_RADIUS = 6378137.0  # m, equatorial, for the shadow
 _LIGHT_STEPS = 3
