@@ -24,7 +24,8 @@ class Exposer:
 
     Parameters
     ----------
-    outbox : Outbox
+    outbox
+        As of a `Sequencer`.
     instruments : Instruments
     in_force : InForce
     table : Table
