@@ -25,7 +25,7 @@ from pointing_model.satellite import (
     satellite_rates,
 )
 from pointing_model.sky import DEFAULT_SITE, DEFAULT_WEATHER
-from pointing_model.terms import TERMS
+from pointing_model.terms import design
 
 _MOUNT = ('IA', 'IE', 'CA', 'NPAE', 'AN', 'AW', 'TF')
 
@@ -233,8 +233,8 @@ def track_effects(satellite, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER):
     }
     out = {name: (a / ARCSEC, e / ARCSEC) for name, (a, e) in out.items()}
     for name in _MOUNT:
-        x, y = TERMS[name].columns(az, el)
-        out[name] = x / np.cos(el), y
+        x, y = design([name], az, el)
+        out[name] = x[:, 0] / np.cos(el), y[:, 0]
     return out
 
 
@@ -254,7 +254,7 @@ def polaris_effects(site, weather):
     """
     out = {}
     for name in _MOUNT:
-        x, y = (float(v) for v in TERMS[name].columns(0.0, site.latitude))
+        x, y = (float(v[0, 0]) for v in design([name], 0.0, site.latitude))
         out[name] = x / np.cos(site.latitude), y
     bent = refracted(site.latitude, weather) - site.latitude
     out['refraction_percent'] = 0.0, 0.01 * bent / ARCSEC
