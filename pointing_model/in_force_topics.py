@@ -3,7 +3,7 @@
 from msg_tools import convert, topics
 from msg_tools.node import Param
 
-from .in_force import InForce
+from .drivers import InForce
 from .model import PointingModel
 from .zero_message import joints_to_zero
 

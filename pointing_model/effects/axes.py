@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .base import AXES, Effect, Offer, effect, form, on_axis, proposal
+from .base import AXES, Effect, Offer, effect, form, on_axis
 from .words import arcsec, times
 
 
@@ -82,7 +82,6 @@ def _elevation_axis_wobble(order):
                   look_at='run-out of both elevation bearings')
 
 
-@proposal
 def propose(context, lacking, own):
     """Orders that a mount's parts make; what the axes do is seen in the directions."""
     for axis, highest in (('el', 3), ('az', 6)):

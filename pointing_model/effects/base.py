@@ -6,8 +6,9 @@ run (to look for it) and for a pointing (to correct it). A row whose driver is u
 column that is not there) gets zero: the drivers are centred, so this is the effect's value in the
 middle of the run that it was found in.
 
-A new effect is a function with `form` that builds it, and a line in its module's `proposal` that
-says when it may be tried: nothing outside that module.
+A new effect is a function with `form` that builds it, and a line in its module's
+``propose(context, lacking, own)``, which yields an `Offer` that says when it may be tried:
+nothing outside that module.
 """
 
 from collections.abc import Callable
@@ -162,8 +163,6 @@ class Effect:
 # ---------------------------------------------------------------------------------- the registry
 
 _FORMS = {}
-#: functions (context, lacking, own) -> Offers, of each cause
-PROPOSALS = []
 
 
 def form(build):
@@ -181,12 +180,6 @@ def form(build):
         return out
     _FORMS[name] = made
     return build
-
-
-def proposal(propose):
-    """Register a cause's ``propose(context, lacking, own)``: it yields `Offer`\\ s."""
-    PROPOSALS.append(propose)
-    return propose
 
 
 def effect(form, **parameters):

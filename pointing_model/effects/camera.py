@@ -4,7 +4,7 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 
-from .base import Effect, effect, form, offer, proposal
+from .base import Effect, effect, form, offer
 
 
 @form
@@ -28,7 +28,6 @@ def _camera(of):
                   'arcsec/arcsec', requires=('miss_x', 'miss_y'), source='camera')
 
 
-@proposal
 def propose(context, lacking, own):
     """Where the miss distance is known and varies."""
     yield offer('camera', 'camera rotation and scale', context, 'miss_x',

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .base import AXES, Effect, effect, form, offer, on_axis, proposal, single_rows
+from .base import AXES, Effect, effect, form, offer, on_axis, single_rows
 from .words import arcsec
 
 _CAUSES = {
@@ -45,7 +45,6 @@ def _proportional(axis, driver, origin=0.0, scale=1.0, pattern='sky'):
                   source='a column of the file', requires=(driver,))
 
 
-@proposal
 def propose(context, lacking, own):
     """Where the column is known and varies; a side of the pier in more than single rows."""
     for driver in _CAUSES:

@@ -4,7 +4,7 @@ import numpy as np
 
 from pointing_model.terms import TERMS
 
-from .base import AXES, HOUR, ZERO_TERM, Effect, Offer, effect, form, offer, on_axis, proposal
+from .base import AXES, HOUR, ZERO_TERM, Effect, Offer, effect, form, offer, on_axis
 from .words import arcsec, driver_word
 
 #: what may drift: in a name, where it acts, in a sentence
@@ -118,7 +118,6 @@ def _runs(context):
     return runs if len(runs) > 1 else []
 
 
-@proposal
 def propose(context, lacking, own):
     """Drifts with the clock, with the time in each run, with the temperature; a zero a run.
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 
-from .base import AXES, Effect, Offer, effect, form, on_axis, proposal
+from .base import AXES, Effect, Offer, effect, form, on_axis
 from .words import arcsec
 
 _TURN = 2.0 * np.pi
@@ -64,7 +64,6 @@ def _decode_slip(axis, rows, multiples, graduation):
                   source='paper 001, eq. 12', kind='known')
 
 
-@proposal
 def propose(context, lacking, own):
     """Subdivision where the raw readings are known and spread over the period."""
     for axis in AXES:

@@ -4,7 +4,7 @@ import numpy as np
 
 from msg_tools.units import DEG
 
-from .base import AXES, Effect, effect, form, offer, proposal, single_rows
+from .base import AXES, Effect, effect, form, offer, single_rows
 from .words import arcsec
 
 _MEMORIES = (3.0, 10.0, 30.0)  # degrees
@@ -56,7 +56,6 @@ def _hysteresis(axis, shape='1', memory_deg=0.0):
                   scan=f'memory_{axis}{tail}' if length else None)
 
 
-@proposal
 def propose(context, lacking, own):
     """Where both sides of approach are known in some rows; with memory, that before too."""
     for axis in AXES:

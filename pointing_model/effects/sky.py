@@ -5,7 +5,7 @@ import numpy as np
 from msg_tools.units import ARCSEC
 from pointing_model.terms import TERMS
 
-from .base import Effect, Offer, effect, form, offer, proposal
+from .base import Effect, Offer, effect, form, offer
 
 _STARS = 'what the star places were computed with: catalogue, equinox, corrections'
 _CLOCK = 'clock of the control computer, UT1 - UTC, coordinates of the site'
@@ -100,7 +100,6 @@ def _latency():
                         'satellites or slews show it', source='timing')
 
 
-@proposal
 def propose(context, lacking, own):
     """What needs the site, the sidereal time, catalogue stars or rates."""
     yield Offer('diurnal_aberration', [effect('diurnal_aberration')])

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from msg_tools.units import ARCSEC
-from pointing_model.in_force import InForce
+from pointing_model.drivers import InForce
 from pointing_model.model import PointingModel
 from pointing_model.zero import NO_ZERO, RunZero
 

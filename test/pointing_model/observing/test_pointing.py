@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.in_force import InForce
+from pointing_model.drivers import InForce
 from pointing_model.model import PointingModel
 from pointing_model.observing.pointing import KNOT, Conditions, Pointing, Standing, track_to
 from pointing_model.sky import DEFAULT_SITE, DEFAULT_WEATHER

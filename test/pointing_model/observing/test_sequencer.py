@@ -9,7 +9,7 @@ import pytest
 
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.catalogue import POLARIS_HIP, load_catalogue
-from pointing_model.in_force import InForce
+from pointing_model.drivers import InForce
 from pointing_model.model import PointingModel
 from pointing_model.observing.instruments import ABSOLUTE, CAMERA, MOUNT, Instruments
 from pointing_model.observing.sequencer import Sequencer
