@@ -52,15 +52,10 @@ def basis(az, el, interpretation='zenith'):
     az, el = np.broadcast_arrays(np.atleast_1d(az), np.atleast_1d(el))
     sin_el, cos_el = np.sin(el), np.cos(el)
     c, s = (sin_el, cos_el) if interpretation == 'zenith' else (cos_el, sin_el)
-    out = np.empty((COUNT, len(az)))
-    out[0] = 1.0
-    out[1] = c
-    out[2] = np.cos(az) * s
-    out[3] = np.sin(az) * s
-    for zonal in (4, 7, 10):
-        out[zonal] = out[zonal - 3] * c
-        out[zonal + 1] = out[zonal - 2] * c
-        out[zonal + 2] = out[zonal - 1] * c
+    out = np.ones((COUNT, len(az)))
+    out[1:4] = c, np.cos(az) * s, np.sin(az) * s
+    for i in range(4, COUNT):
+        out[i] = out[i - 3] * c
     return out.T
 
 

@@ -5,7 +5,7 @@ from pathlib import PurePath
 import numpy as np
 
 from calibration.diagnosis.summary import histogram
-from pointing_model.effects.words import arcsec, readable
+from pointing_model.effects.base import arcsec, readable
 from pointing_model.rms import rms
 
 from .svg_plot import MAX_ARROWS, MAX_NAMED, Panel, SkyMap, clean, limit_of, svg, thin, ticks

@@ -11,7 +11,7 @@ from calibration.diagnosis.constants import SET_WIDTH
 from calibration.diagnosis.summary import beyond_base, correlations, effect_offsets
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.effects import Amount
-from pointing_model.effects.words import arcsec, readable
+from pointing_model.effects.base import arcsec, readable
 
 _LEVELS = {'approach_az': {-1: 'anticlockwise', 0: 'unknown', 1: 'clockwise'},
            'approach_el': {-1: 'downward', 0: 'unknown', 1: 'upward'}}

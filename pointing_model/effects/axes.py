@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from .base import AXES, Effect, Offer, effect, form, on_axis
-from .words import arcsec, times
+from .base import AXES, Effect, Offer, arcsec, effect, form, on_axis, times
 
 
 @form

@@ -11,17 +11,14 @@ A new effect is a function with `form` that builds it, and a line in its module'
 nothing outside that module.
 """
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from inspect import Parameter, signature
 
 import numpy as np
 
-from .words import arcsec
-
 AXES = {'az': 'azimuth', 'el': 'elevation'}
-ZERO_TERM = {'az': 'IA', 'el': 'IE'}
-HOUR = 3600.0
 _SIDE = 3  # rows on each side, below which a driver of two levels is carried by single rows
 
 
@@ -286,3 +283,34 @@ def single_rows(context, driver, low, high):
 def on_axis(axis, value, cos_el):
     """Pair for an error of an axis' angle: on the sky the azimuth's is times cos E."""
     return (value * cos_el, 0.0) if axis == 'az' else (0.0, value)
+
+
+# ------------------------------------------------------------- words that the sentences share
+
+#: drivers in words, where their name is not the word
+_DRIVER_WORDS = {'order': 'order of the rows', 'run_hours': 'time since the start of the run'}
+_TIMES = {1: 'once', 2: 'twice'}
+
+
+def arcsec(value, sign=False):
+    """A value for a sentence, e.g. ``2.70″``."""
+    if value is None or not np.isfinite(value):
+        return '?'
+    digits = 0 if abs(value) >= 99.95 else 1 if abs(value) >= 9.995 else 2
+    return f'{value:{"+" if sign else ""}.{digits}f}″'.replace('-', '−')
+
+
+def times(order):
+    """How often a turn, e.g. ``twice per turn``."""
+    return f'{_TIMES.get(order, f"{order} times")} per turn'
+
+
+def driver_word(name):
+    """A driver in words."""
+    return _DRIVER_WORDS.get(name, name)
+
+
+def readable(name):
+    """Name of an effect for people: ``azimuth_encoder_2`` is "azimuth encoder, 2 per turn"."""
+    name = re.sub(r'(encoder|wobble|nod)_(\d+)$', r'\1, \2 per turn', str(name))
+    return re.sub(r'_memory_([\d.]+)deg', r', memory \1°', name).replace('_', ' ')

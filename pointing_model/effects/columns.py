@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from .base import AXES, Effect, effect, form, offer, on_axis, single_rows
-from .words import arcsec
+from .base import AXES, Effect, arcsec, effect, form, offer, on_axis, single_rows
 
 _CAUSES = {
     'magnitude': ('bright and faint stars are centred differently',

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from .base import AXES, Effect, effect, form
-from .words import driver_word
+from .base import AXES, Effect, driver_word, effect, form
 
 _TURN = 2.0 * np.pi
 #: drivers that are given waves and bumps; air, stars and columns of the file get splines only

@@ -4,9 +4,10 @@ import numpy as np
 
 from pointing_model.terms import TERMS
 
-from .base import AXES, HOUR, ZERO_TERM, Effect, Offer, effect, form, offer, on_axis
-from .words import arcsec, driver_word
+from .base import AXES, Effect, Offer, arcsec, driver_word, effect, form, offer, on_axis
 
+_HOUR = 3600.0
+_ZERO_TERM = {'az': 'IA', 'el': 'IE'}
 #: what may drift: in a name, where it acts, in a sentence
 _MOVING = {
     'IA': ('azimuth zero', 'az', 'The zero of the azimuth axis'),
@@ -19,7 +20,7 @@ _SYMBOLS = {'time': 't', 'temperature': 'T', 'order': 'n', 'run_hours': '(t - st
 _UNITS = {'time': '/h', 'run_hours': '/h', 'temperature': '/K', 'order': '/run'}
 _EACH = {'time': 'an hour', 'run_hours': 'an hour in each run', 'temperature': 'a degree',
          'order': 'over the run'}
-_LONG = 96.0 * HOUR  # from here on a drift is told by the day
+_LONG = 96.0 * _HOUR  # from here on a drift is told by the day
 
 
 @form
@@ -71,7 +72,7 @@ def _step(axis, at, driver='time'):
         return f'The zero of the {AXES[axis]} axis jumped by {arcsec(amount.values[0], True)}{when}'
 
     return Effect(f'{AXES[axis]}_zero_step', f'{AXES[axis]} zero jumps once: lost counts, a slip, '
-                  'a reference mark found anew', f'{ZERO_TERM[axis]} x H({driver} - tau)',
+                  'a reference mark found anew', f'{_ZERO_TERM[axis]} x H({driver} - tau)',
                   driver, axis, ('step',),
                   lambda c: [on_axis(axis, np.where(np.isnan(c.get(driver)), np.nan,
                                                     1.0 * (c.get(driver) >= at)), c.trig.cos_el)],
@@ -84,7 +85,7 @@ def _step(axis, at, driver='time'):
 def _run_zero(axis, runs):
     return Effect(f'{AXES[axis]}_zero_per_run',
                   f'{AXES[axis]} zero of its own in each run or power-on',
-                  f'{ZERO_TERM[axis]} in each run but the first', 'run', axis,
+                  f'{_ZERO_TERM[axis]} in each run but the first', 'run', axis,
                   tuple(f'run {r:g}' for r in runs[1:]),
                   lambda c: [on_axis(axis, 1.0 * (c.get('run') == r), c.trig.cos_el)
                              for r in runs[1:]],
@@ -108,7 +109,7 @@ def _drifts(driver, scale, values):
 
 
 def _clock(context):
-    return ('time', HOUR) if context.get('time') is not None else ('order', 1.0)
+    return ('time', _HOUR) if context.get('time') is not None else ('order', 1.0)
 
 
 def _runs(context):

@@ -4,8 +4,7 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 
-from .base import AXES, Effect, Offer, effect, form, on_axis
-from .words import arcsec
+from .base import AXES, Effect, Offer, arcsec, effect, form, on_axis
 
 _TURN = 2.0 * np.pi
 #: periods of the encoders' graduation, radians (paper 000: lines; paper 001: bars)

@@ -4,8 +4,7 @@ import numpy as np
 
 from msg_tools.units import DEG
 
-from .base import AXES, Effect, effect, form, offer, single_rows
-from .words import arcsec
+from .base import AXES, Effect, arcsec, effect, form, offer, single_rows
 
 _MEMORIES = (3.0, 10.0, 30.0)  # degrees
 _SIDES = {'az': ('clockwise', 'anticlockwise'), 'el': ('upward', 'downward')}

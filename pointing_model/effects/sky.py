@@ -43,8 +43,7 @@ def _epoch_error():
         axes = c.equatorial()
         if axes is None:
             return [(np.nan, np.nan)] * 2
-        place = c.direction()
-        return [_displaced(c, np.cross(axis, place, axis=0)) for axis in axes[:2]]
+        return [_displaced(c, np.cross(axis, c.direction(), axis=0)) for axis in axes[:2]]
 
     return Effect('precession_or_epoch_error',
                   'star places of a wrong equinox: precession left out or applied twice',
@@ -62,17 +61,12 @@ def _proper_motion():
                   unit='yr', source='Hipparcos-2', requires=('pm_x', 'pm_y'))
 
 
-def _turned(c, axis):
-    """Rotation of the sky about a fixed east-north-up axis."""
-    return _displaced(c, np.cross(axis[:, None], c.direction(), axis=0))
-
-
 @form
 def _clock(latitude):
-    pole = np.array([0.0, np.cos(latitude), np.sin(latitude)])
+    pole = np.array([[0.0], [np.cos(latitude)], [np.sin(latitude)]])
     return Effect('clock_or_longitude', 'clock, UT1 or longitude wrong (15" a second of time)',
                   'rotation about the pole', 'azimuth', 'both', ('hour_angle',),
-                  lambda c: [tuple(-v for v in _turned(c, pole))], look_at=_CLOCK,
+                  lambda c: [_displaced(c, -np.cross(pole, c.direction(), axis=0))], look_at=_CLOCK,
                   alias='clock and longitude are exactly IA + AW: no pointing run can tell them '
                         'from these terms')
 
