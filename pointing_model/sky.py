@@ -87,7 +87,7 @@ DEFAULT_SITE = Site()
 DEFAULT_WEATHER = Weather()
 
 
-def observed_place(stars, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, orientation=None):
+def observed_place(stars, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER):
     """Observed place of catalogue stars.
 
     Parameters
@@ -99,8 +99,6 @@ def observed_place(stars, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, orie
     site : Site
     weather : Weather
         ``pressure_hpa=0`` for the direction without refraction.
-    orientation : EarthOrientation, optional
-        Of the shape of `time`; from the IERS tables if not given.
 
     Returns
     -------
@@ -113,18 +111,18 @@ def observed_place(stars, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, orie
     ValueError
         A time is outside 1900-2100, or the number of times does not fit.
     """
-    astrom = _frame(time, site, orientation, len(stars))
+    astrom = _frame(time, site, len(stars))
     return _observe(erfa.ufunc.atciq(*stars.at_j2000, astrom), astrom, weather)
 
 
-def icrs_to_observed(ra, dec, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, orientation=None):
+def icrs_to_observed(ra, dec, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER):
     """Observed place of ICRS directions at infinity, without proper motion.
 
     Parameters
     ----------
     ra, dec : float or ndarray
         ICRS, radians.
-    time, site, weather, orientation
+    time, site, weather
         As for `observed_place`; `ra`, `dec` and `time` broadcast.
 
     Returns
@@ -134,34 +132,23 @@ def icrs_to_observed(ra, dec, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, 
     """
     ra, dec = np.broadcast_arrays(np.asarray(ra, float), np.asarray(dec, float))
     count = None if ra.ndim == 0 else ra.size
-    astrom = _frame(time, site, orientation, count)
+    astrom = _frame(time, site, count)
     return _observe(erfa.ufunc.atciq(ra, dec, 0.0, 0.0, 0.0, 0.0, astrom), astrom, weather)
 
 
-def _frame(time, site, orientation, count):
+def _frame(time, site, count):
     """ERFA's astrom for each time, computed once for each distinct one; with no refraction."""
     time = np.asarray(time, float)
     if time.ndim > 1 or (time.ndim == 1 and count not in (None, 1) and time.size != count):
         raise ValueError(f'{time.size} times for {count} stars: give one time, or one for each')
     moments, inverse = np.unique(time, return_inverse=True)
-    if orientation is None:
-        dut1, xp, yp = _orientation(earth_orientation(moments))
-    else:
-        dut1, xp, yp = (np.broadcast_to(v, time.shape) for v in _orientation(orientation))
-        if moments.size == time.size:
-            moments, inverse = np.atleast_1d(time), np.arange(time.size)
-        first = np.unique(inverse.ravel(), return_index=True)[1]
-        dut1, xp, yp = (v.ravel()[first] for v in (dut1, xp, yp))
-    utc1, utc2 = split_utc(moments)
+    earth = earth_orientation(moments)
     astrom, _, status = erfa.ufunc.apco13(
-        utc1, utc2, dut1, site.longitude, site.latitude, site.height, xp, yp, 0.0, 0.0, 0.0, 0.5)
+        *split_utc(moments), earth.dut1, site.longitude, site.latitude, site.height, earth.xp,
+        earth.yp, 0.0, 0.0, 0.0, 0.5)
     if np.any(status < 0):
         raise ValueError('time is not one that ERFA can convert: give UTC since 1970-01-01')
     return astrom[inverse.reshape(time.shape)]
-
-
-def _orientation(orientation):
-    return orientation.dut1, orientation.xp, orientation.yp
 
 
 def _observe(cirs, astrom, weather):

@@ -5,7 +5,8 @@ tried, its sentence for people and what to look at on the mount. All modules of 
 found by themselves; the order of effects that are not in `ORDER` follows their names.
 
 Sources: TPOINT (P. T. Wallace, names of terms), paper 000 (circular gratings, drift of the zero),
-paper 001 (bars of a coded disc, decoding); first-order geometry otherwise.
+paper 001 (bars of a coded disc, decoding), the Explanatory Supplement (aberration, equinox),
+Hipparcos-2 (proper motion); first-order geometry otherwise.
 """
 
 from importlib import import_module

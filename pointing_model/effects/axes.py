@@ -32,12 +32,12 @@ def _encoder(axis, order):
             return f'{head}{times(order)}: {short}'  # most of it other terms would take up
         return f'{head}by up to {arcsec(amount.size)}, {times(order)}: {short}'
 
+    # source: paper 001, centring of the disc
     return Effect(f'{AXES[axis]}_encoder_{k}', f'{AXES[axis]} {cause}: {k} a turn',
                   f'cos {k}{letter}, sin {k}{letter} on the {AXES[axis]} angle'
                   + (' (on the sky x cos E)' if az else ''),
                   AXES[axis], axis, ('cos', 'sin'), of, say, look_at,
-                  tpoint=names.get((axis, k), f'H{letter}C{letter}{k} H{letter}S{letter}{k}'),
-                  source='TPOINT; paper 001, centring of the disc')
+                  tpoint=names.get((axis, k), f'H{letter}C{letter}{k} H{letter}S{letter}{k}'))
 
 
 @form
@@ -55,8 +55,7 @@ def _bearing_wobble(order):
                   lambda amount: f'The azimuth axis wobbles by up to {arcsec(amount.size)}, '
                   f'{times(order)}: a bearing or track that is not flat',
                   'flatness of the azimuth bearing or track, with a level on the fork',
-                  tpoint='HECA HESA HVCA HVSA' if k == 1 else f'HECA{k} HESA{k} HVCA{k} HVSA{k}',
-                  source='TPOINT')
+                  tpoint='HECA HESA HVCA HVSA' if k == 1 else f'HECA{k} HESA{k} HVCA{k} HVSA{k}')
 
 
 @form
@@ -68,7 +67,7 @@ def _nod(order):
                   lambda amount: f'The mount nods by {arcsec(amount.size)} in elevation, '
                   f'{times(order)} of the azimuth axis',
                   'wheels or pads under the azimuth axis, and the base under the fork',
-                  tpoint='HECA HESA' if k == 1 else f'HECA{k} HESA{k}', source='TPOINT')
+                  tpoint='HECA HESA' if k == 1 else f'HECA{k} HESA{k}')
 
 
 @form

@@ -75,7 +75,6 @@ class Effect:
         Of a coefficient; ``'s'`` and ``'yr'`` are written as that many "arcsec".
     tpoint : str or None
         Names of the same terms in TPOINT.
-    source : str
     requires : tuple of str
         Drivers without which it cannot be tested.
     alias : str or None
@@ -107,7 +106,6 @@ class Effect:
     look_at: str = ''
     unit: str = 'arcsec'
     tpoint: str | None = None
-    source: str = 'geometry'
     requires: tuple = ()
     alias: str | None = None
     mechanism: str | None = None

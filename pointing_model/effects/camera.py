@@ -25,7 +25,7 @@ def _camera(of):
                              else (c.get('miss_x') / ARCSEC, c.get('miss_y') / ARCSEC)], say,
                   'the angle of the camera on its flange' if rotation
                   else 'focal length and pixel size that the camera is reduced with',
-                  'arcsec/arcsec', requires=('miss_x', 'miss_y'), source='camera')
+                  'arcsec/arcsec', requires=('miss_x', 'miss_y'))
 
 
 def propose(context, lacking, own):

@@ -41,7 +41,7 @@ def _proportional(axis, driver, origin=0.0, scale=1.0, pattern='sky'):
                   f'{cause} ({AXES[axis]})', ('' if sky or axis == 'el' else 'cos E x ') + driver,
                   driver, axis, ('slope',), of, say, look_at,
                   f'arcsec/({scale:.4g} {driver})' if scale != 1.0 else f'arcsec/{driver}',
-                  source='a column of the file', requires=(driver,))
+                  requires=(driver,))
 
 
 def propose(context, lacking, own):

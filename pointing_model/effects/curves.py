@@ -45,7 +45,7 @@ def _smooth(axis, driver, shape, factor='1', within=None, **numbers):
                   driver, axis, tuple(f'{shape[0]}{i + 1}' for i in range(count)), of,
                   lambda _: f'The {AXES[axis]} error follows the {driver_word(driver)} in a way '
                   'that no known effect explains; a curve is added in its place',
-                  f'what else changes with the {driver_word(driver)}', source='fall-back',
+                  f'what else changes with the {driver_word(driver)}',
                   requires=() if driver in ('azimuth', 'elevation') else (driver,), kind='smooth',
                   # a bump and a sawtooth have a place and a width
                   scan=scan, scanned=1 if wave else 2)

@@ -28,7 +28,7 @@ def _terms(name):
     term, cause, formula, sentence, look_at = _TERM_EFFECTS[name]
     return Effect(name, cause, formula, 'elevation', 'el', (term,),
                   lambda c: [TERMS[term].of(c.trig)], lambda _: sentence, look_at,
-                  tpoint=term if TERMS[term].tpoint_sign else None, source='TPOINT')
+                  tpoint=term if TERMS[term].tpoint_sign else None)
 
 
 #: of these the dictionary has the same columns under another name
@@ -45,8 +45,7 @@ def _term(name):
                   term.formula, 'azimuth' if 'A' in term.formula else 'elevation', axes, (name,),
                   lambda c: [term.of(c.trig)],
                   look_at='whether the declared model should have this term (--base)',
-                  tpoint=name if term.tpoint_sign else None,
-                  source='TPOINT' if term.tpoint_sign else 'geometry')
+                  tpoint=name if term.tpoint_sign else None)
 
 
 @form

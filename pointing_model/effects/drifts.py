@@ -53,6 +53,7 @@ def _drift(of, driver, power=1, origin=0.0, scale=1.0, within=None):
             text += f', {arcsec(amount.size * range_ / scale)} {whole}'
         return text
 
+    # source: paper 000, drift of the zero
     return Effect(f'{what.replace(" of the azimuth axis", "").replace(" ", "_")}_with_{driver}'
                   + ('_squared' if square else ''),
                   f'{what} moves with {driver_word(driver)}'
@@ -61,7 +62,7 @@ def _drift(of, driver, power=1, origin=0.0, scale=1.0, within=None):
                   driver, axes, names, columns, say,
                   'what warms up or settles: encoder electronics, head and its bracket, pier, tube',
                   f'arcsec{_UNITS.get(driver, f"/({scale:.4g})")}' + ('^2' if square else ''),
-                  source='paper 000, drift of the zero', requires=(driver,))
+                  requires=(driver,))
 
 
 @form
@@ -71,6 +72,7 @@ def _step(axis, at, driver='time'):
         when = f' at {amount.clock(at)}' if amount.clock and driver == 'time' else ''
         return f'The zero of the {AXES[axis]} axis jumped by {arcsec(amount.values[0], True)}{when}'
 
+    # source: paper 000, reference mark
     return Effect(f'{AXES[axis]}_zero_step', f'{AXES[axis]} zero jumps once: lost counts, a slip, '
                   'a reference mark found anew', f'{_ZERO_TERM[axis]} x H({driver} - tau)',
                   driver, axis, ('step',),
@@ -78,11 +80,12 @@ def _step(axis, at, driver='time'):
                                                     1.0 * (c.get(driver) >= at)), c.trig.cos_el)],
                   say, 'what happened then: a power-on, a slew at full speed, a bump; the coupling '
                   'of the encoder, and its reference mark',
-                  source='paper 000, reference mark', requires=(driver,), scan=f'step_{axis}')
+                  requires=(driver,), scan=f'step_{axis}')
 
 
 @form
 def _run_zero(axis, runs):
+    # source: paper 000, Table 1
     return Effect(f'{AXES[axis]}_zero_per_run',
                   f'{AXES[axis]} zero of its own in each run or power-on',
                   f'{_ZERO_TERM[axis]} in each run but the first', 'run', axis,
@@ -92,7 +95,7 @@ def _run_zero(axis, runs):
                   lambda amount: f'The zero of the {AXES[axis]} axis differs from run to run, by '
                   f'up to {arcsec(np.ptp(np.append(amount.values, 0.0)))}',
                   'how the reference mark is found after a power-on: speed, side, temperature',
-                  source='paper 000, Table 1', requires=('run',))
+                  requires=('run',))
 
 
 def _drifts(driver, scale, values):

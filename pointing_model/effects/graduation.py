@@ -31,6 +31,7 @@ def _subdivision(axis, graduation, order):
                 None if angle is None else np.mod(angle, period) / period)
 
     size = {'grating': f'({period / ARCSEC:.4f}")', 'bars': '(1200")'}[graduation]
+    # source: paper 000, 400-fold interpolation; paper 001, eq. 12
     return Effect(f'{AXES[axis]}_subdivision_{graduation}_{k}',
                   f'{AXES[axis]} encoder divides {_ONE[graduation]} {size} unevenly, {k} in each',
                   f'cos, sin of 2 pi {k} reading / period', reading, axis, ('cos', 'sin'), of,
@@ -38,7 +39,6 @@ def _subdivision(axis, graduation, order):
                   f'by up to {arcsec(amount.size)}',
                   'offset, amplitude and phase of its sine and cosine signals' if graduation ==
                   'grating' else 'focus and illumination of the reading head',
-                  source='paper 000, 400-fold interpolation; paper 001, eq. 12',
                   requires=(reading,), figure=place)
 
 
@@ -53,6 +53,7 @@ def _decode_slip(axis, rows, multiples, graduation):
             (m * step / ARCSEC) * (row == r) for r, m in zip(rows, multiples))
         return [on_axis(axis, value, c.trig.cos_el)]
 
+    # source: paper 001, eq. 12
     return Effect(f'{AXES[axis]}_decode_slip_{graduation}',
                   f'{AXES[axis]} encoder decoded whole {graduation} beside the true place in '
                   f'{len(rows)} rows', f'multiples of {step / ARCSEC:.4f}"', 'row', axis,
@@ -60,7 +61,7 @@ def _decode_slip(axis, rows, multiples, graduation):
                   lambda _: f'The {AXES[axis]} encoder was read whole {graduation} beside the true '
                   f'place in {len(rows)} rows',
                   'the images of these rows: dirt on the disc, exposure, blur',
-                  source='paper 001, eq. 12', kind='known')
+                  kind='known')
 
 
 def propose(context, lacking, own):

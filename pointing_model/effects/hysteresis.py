@@ -49,7 +49,7 @@ def _hysteresis(axis, shape='1', memory_deg=0.0):
                   f'approach_{axis}', axis, ('half_difference',), of, say,
                   f'preload of the {AXES[axis]} drive, its gear, and the coupling of the encoder; '
                   'until then approach stars from one side',
-                  source='backlash', requires=requires,
+                  requires=requires,
                   # how many degrees it takes to be complete makes no other cause
                   mechanism=f'hysteresis of {axis}, {shape}',
                   scan=f'memory_{axis}{tail}' if length else None)

@@ -24,7 +24,7 @@ def _annual_aberration():
                   lambda c: [_displaced(c, axis) for axis in c.equatorial()]
                   if c.equatorial() is not None else [(np.nan, np.nan)] * 3,
                   lambda _: 'The star places lack the annual aberration (20.5″)', _STARS,
-                  source='Explanatory Supplement; 20.5"', requires=('lst',))
+                  requires=('lst',))
 
 
 @form
@@ -33,8 +33,7 @@ def _diurnal_aberration():
                   'diurnal aberration left out of the star places (0.32" cos latitude)',
                   '(cos A, -sin E sin A)', 'azimuth', 'both', ('east',),
                   lambda c: [(c.trig.cos_az, -c.trig.sin_el * c.trig.sin_az)],
-                  lambda _: 'The star places lack the diurnal aberration (0.3″)', _STARS,
-                  source='Explanatory Supplement')
+                  lambda _: 'The star places lack the diurnal aberration (0.3″)', _STARS)
 
 
 @form
@@ -49,7 +48,7 @@ def _epoch_error():
                   'star places of a wrong equinox: precession left out or applied twice',
                   'rotation about the equatorial X and Y axes', 'lst', 'both', ('X', 'Y'), of,
                   lambda _: 'The star places lack the right equinox: precession is left out or '
-                  'applied twice', _STARS, source='Explanatory Supplement', requires=('lst',))
+                  'applied twice', _STARS, requires=('lst',))
 
 
 @form
@@ -58,7 +57,7 @@ def _proper_motion():
                   'proper motion on the sky x years', 'star', 'both', ('years',),
                   lambda c: [(c.get('pm_x'), c.get('pm_y'))],
                   lambda _: 'The star places lack the proper motion of the stars', _STARS,
-                  unit='yr', source='Hipparcos-2', requires=('pm_x', 'pm_y'))
+                  unit='yr', requires=('pm_x', 'pm_y'))
 
 
 @form
@@ -91,7 +90,7 @@ def _latency():
                   'where the time stamp is taken: at the latch of the encoder, or after the bus',
                   unit='s', requires=('az_rate', 'el_rate'),
                   alias='at sidereal rate latency is exactly a clock error, IA + AW: only '
-                        'satellites or slews show it', source='timing')
+                        'satellites or slews show it')
 
 
 def propose(context, lacking, own):

@@ -4,18 +4,18 @@ The sequencer knows no ROS. It reads `Instruments` and `InForce`, and asks whoev
 outbox, for all else; each new thing to know is followed by `Sequencer.advance`.
 """
 
+import json
 from dataclasses import replace
 
 import numpy as np
 
 from msg_tools.status import Progress
 from msg_tools.steps import Refused, Steps, call
-from msg_tools.units import DEG
+from msg_tools.units import ARCSEC, DEG
 
 from ..catalogue import POLARIS_HIP, load_catalogue
 from ..earth import earth_orientation
 from ..target import StarTarget, satellite_target
-from . import blind_check
 from .exposing import Exposer
 from .instruments import MOUNT
 from .plan import parse_plan
@@ -25,6 +25,8 @@ from .star_choice import choose_stars
 #: what a star takes, to know that it stays within the limits until its turn, s
 SECONDS_A_STAR = 40.0
 _HOUR = 3_600_000_000_000  # ns
+CHECKS_FORMAT = 'telescope_mount/blind_checks'
+CHECKS_VERSION = 1
 
 
 class Sequencer:
@@ -158,10 +160,11 @@ class Sequencer:
         first, lost = len(self._table), self._progress.lost
         for target in self._fresh_stars(count):
             yield from self._observe(target, blind=True)
-        self._checks.append({'block': self._progress.block, **blind_check.summary(
+        self._checks.append({'block': self._progress.block, **blind_summary(
             [[row['miss_x'], row['miss_y']] for row in self._table.rows[first:]],
             self._progress.lost - lost, self._in_force.model)})
-        self._out.send_checks(blind_check.document(self._checks))
+        self._out.send_checks(json.dumps({
+            'format': CHECKS_FORMAT, 'version': CHECKS_VERSION, 'checks': self._checks}))
 
     def _do_polaris(self, count):
         self._check_polaris()
@@ -297,3 +300,36 @@ class Sequencer:
         run = self._table.all(again)
         if run is not None:
             self._out.send_table(run, self._table.newest)
+
+
+def blind_summary(miss, lost=0, model=None):
+    """RMS of the miss distances of fresh stars pointed at blind, which is the pointing error.
+
+    Parameters
+    ----------
+    miss : array_like, shape (n, 2)
+        Star - boresight towards +A and +E, rad, of first exposures: model and zero in force,
+        nothing centred.
+    lost : int
+        Stars that were not in the field, and so are in no figure.
+    model : PointingModel, optional
+        That was in force.
+
+    Returns
+    -------
+    dict
+        ``stars``, ``lost``, ``rms_arcsec`` (radial), ``rms_x_arcsec``, ``rms_y_arcsec``,
+        ``mean_x_arcsec``, ``mean_y_arcsec``, ``max_arcsec``, None where there is no star;
+        ``terms`` and ``effects`` of the model.
+    """
+    miss = np.asarray(miss, dtype=float).reshape(-1, 2) / ARCSEC
+    names = ('rms_arcsec', 'rms_x_arcsec', 'rms_y_arcsec', 'mean_x_arcsec', 'mean_y_arcsec',
+             'max_arcsec')
+    values = [None] * len(names)
+    if len(miss):
+        x, y = np.sqrt(np.mean(miss**2, axis=0))
+        values = [np.hypot(x, y), x, y, *miss.mean(axis=0), np.hypot(*miss.T).max()]
+    return {'stars': len(miss), 'lost': int(lost),
+            **{n: None if v is None else float(v) for n, v in zip(names, values)},
+            'terms': list(model.terms) if model else [],
+            'effects': [e.effect.name for e in model.effects] if model else []}

@@ -8,7 +8,7 @@ import pytest
 
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.catalogue import EPOCH_JD, POLARIS_HIP, load_catalogue
-from pointing_model.earth import EarthOrientation, earth_orientation, split_utc
+from pointing_model.earth import earth_orientation, split_utc
 from pointing_model.sky import DEFAULT_SITE, Site, Weather, icrs_to_observed, observed_place
 
 TIME = 1.7e9
@@ -131,26 +131,6 @@ def test_many_times_are_the_same_as_one_by_one():
             stars.select([k]), time[k], weather=Weather(pressure[k], 5.0, 0.2))
         for axis in (0, 1):
             assert together[axis][k] == pytest.approx(alone[axis][0], abs=1e-13)
-
-
-def test_given_orientation_is_used():
-    stars = _up().select(slice(5))
-    o = earth_orientation(TIME)
-    turned = EarthOrientation(o.dut1 + 1.0, o.xp, o.yp, 0.0, 0.0, 'IERS final')
-    place, later = (observed_place(stars, TIME + s, orientation=o) for s in (0.0, 1.0))
-    rate = [b - a for a, b in zip(place, later)]
-    shift = [b - a for a, b in zip(place, observed_place(stars, TIME, orientation=turned))]
-    assert shift[0] == pytest.approx(rate[0], rel=1e-3, abs=1e-9)
-    assert shift[1] == pytest.approx(rate[1], rel=1e-3, abs=1e-9)
-    # vectors of times and of orientations, unsorted, go together
-    time = TIME + np.array([40.0, 0.0, 20.0, 0.0, 10.0])
-    dut1 = o.dut1 + np.array([3.0, 1.0, 0.0, 1.0, 2.0])
-    many = EarthOrientation(dut1, o.xp, o.yp, 0.0, 0.0, 'IERS final')
-    az, _ = observed_place(stars, time, orientation=many)
-    for k in range(5):
-        one = EarthOrientation(dut1[k], o.xp, o.yp, 0.0, 0.0, 'IERS final')
-        expected = observed_place(stars.select([k]), time[k], orientation=one)[0][0]
-        assert az[k] == pytest.approx(expected, abs=1e-13)
 
 
 @pytest.mark.parametrize('time', [-2.2e9, -1e9, -2.8e8, 0.0, 4.1e9])

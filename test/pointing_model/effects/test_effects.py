@@ -96,7 +96,7 @@ def test_the_dictionary_holds_what_is_asked_for():
     assert wanted <= names, wanted - names
     assert not untestable
     for e in effects:
-        assert e.cause and e.formula and e.driver and e.source and e.look_at, e.name
+        assert e.cause and e.formula and e.driver and e.look_at, e.name
     assert {e.name for e in steps(make_context())} == {'azimuth_zero_step', 'elevation_zero_step'}
 
 
