@@ -16,6 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from msg_tools.units import ARCSEC
+
 INTERPRETATIONS = ('zenith', 'printed')
 
 #: Coefficients an axis. (Eq. 8 has 13 columns; the vectors printed there run to 14 entries.)
@@ -102,13 +104,13 @@ class Harmonics:
 
     def __post_init__(self):
         _check(self.interpretation)
-        for name, shape in (
-            ('coef_x', (COUNT,)), ('coef_y', (COUNT,)), ('covariance', (2 * COUNT,) * 2)
-        ):
+        for name, shape, unit in (('coef_x', (COUNT,), ARCSEC), ('coef_y', (COUNT,), ARCSEC),
+                                  ('covariance', (2 * COUNT,) * 2, ARCSEC**2)):
             value = np.asarray(getattr(self, name), float)
             if value.shape != shape:
                 raise ValueError(f'harmonics need {name} of shape {shape}, not {value.shape}')
-            object.__setattr__(self, name, value)
+            # as the document's decimal numbers give it back
+            object.__setattr__(self, name, value / unit * unit)
 
     def offsets(self, az, el):
         """Encoder - catalogue on the sky.

@@ -76,11 +76,6 @@ class PointingModel:
             raise ValueError(f'pointing model with {", ".join(bad)} not finite; fit it again')
         object.__setattr__(self, 'terms', dict(zip(self.terms, values.tolist())))
         object.__setattr__(self, 'covariance', covariance)
-        if self.harmonics is not None:
-            h = self.harmonics
-            object.__setattr__(self, 'harmonics', Harmonics(
-                h.interpretation, _as_written(h.coef_x, ARCSEC), _as_written(h.coef_y, ARCSEC),
-                _as_written(h.covariance, ARCSEC**2)))
 
     def _split(self):
         """Coefficients of the rotations, and those that add their columns."""

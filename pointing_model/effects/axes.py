@@ -10,8 +10,6 @@ def _encoder(axis, order):
     """Harmonic of an encoder, `order` a turn."""
     k = int(order)
     az = axis == 'az'
-    names = {('az', 1): 'ACEC ACES', ('az', 2): 'HACA2 HASA2', ('el', 1): 'ECEC ECES',
-             ('el', 2): 'HECE2 HESE2'}
     letter = 'A' if az else 'E'
 
     def of(c):
@@ -37,7 +35,8 @@ def _encoder(axis, order):
                   f'cos {k}{letter}, sin {k}{letter} on the {AXES[axis]} angle'
                   + (' (on the sky x cos E)' if az else ''),
                   AXES[axis], axis, ('cos', 'sin'), of, say, look_at,
-                  tpoint=names.get((axis, k), f'H{letter}C{letter}{k} H{letter}S{letter}{k}'))
+                  tpoint=f'{letter}CEC {letter}CES' if k == 1 else
+                  f'H{letter}C{letter}{k} H{letter}S{letter}{k}')
 
 
 @form
