@@ -83,18 +83,16 @@ def _natural_spline(u, knots):
     return [v, *(d(k) - end for k in range(len(t) - 2))]
 
 
-def smooths(context, drivers=None):
+def smooths(context):
     """Curves of each driver and axis, for what the dictionary does not explain.
 
-    Fourier series (azimuth, one turn), natural splines, single waves and single bumps scanned in
-    place and width.
+    The drivers are azimuth, elevation, time or order, for several nights the hours since the
+    start of each run, temperature, magnitude, the user's own. The curves are Fourier series
+    (azimuth, one turn), natural splines, single waves and single bumps scanned in place and width.
 
     Parameters
     ----------
     context : Context
-    drivers : sequence of str, optional
-        By default azimuth, elevation, time or order, for several nights the hours since the start
-        of each run, temperature, magnitude, the user's own.
 
     Returns
     -------
@@ -102,10 +100,9 @@ def smooths(context, drivers=None):
         None of the order of the rows for several runs: a place in one is none in another.
     """
     clock = 'time' if context.get('time') is not None else 'order'
-    if drivers is None:
-        drivers = ['azimuth', 'elevation', clock,
-                   *(['run_hours'] if context.several_nights() else []),
-                   'temperature', 'magnitude', *context.extra()]
+    drivers = ['azimuth', 'elevation', clock,
+               *(['run_hours'] if context.several_nights() else []),
+               'temperature', 'magnitude', *context.extra()]
     run = context.get('run')
     several = run is not None and len(np.unique(run)) > 1
     out = []

@@ -146,7 +146,7 @@ def test_drift_and_curves_are_not_extrapolated_for_ever():
     y = drift.columns(later)[0, 1]
     assert y[0] == pytest.approx((later.columns['time'][0] - time.mean()) / 3600.0)
     assert y[2] == y[1] > y[0]
-    for curve in smooths(context, ['time'])[::15]:
+    for curve in [e for e in smooths(context) if e.driver == 'time'][::15]:
         ends = curve.columns(context.at(context.az, np.full(60, 0.5), time=time.max()))
         beyond = curve.columns(context.at(context.az, np.full(60, 0.5), time=time.max() + 1e5))
         assert np.array_equal(ends, beyond), curve.name
