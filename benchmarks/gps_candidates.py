@@ -10,6 +10,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 
 import numpy as np
+from passes import passes
 from satellite_candidates import Assumptions, track_effects
 from satellite_search import candidate_report, report_rows
 
@@ -17,7 +18,7 @@ from calibration.satellite_check import PAPER, plot_gps
 from calibration.tables import new_table
 from msg_tools.units import DEG
 from pointing_model.elements import GPS_26690, parse_elements
-from pointing_model.satellite import passes, satellite_place
+from pointing_model.satellite import satellite_place
 
 NOISE = 1.0  # arcsec on each axis, of the curves drawn
 

@@ -18,15 +18,11 @@ import numpy as np
 
 from msg_tools.units import ARCSEC, wrap
 from pointing_model.earth import TURN_RATE
-from pointing_model.satellite import (
-    Corrections,
-    refracted,
-    satellite_place,
-    satellite_rates,
-)
+from pointing_model.satellite import Corrections, refracted, satellite_place
 from pointing_model.sky import DEFAULT_SITE, DEFAULT_WEATHER
-from pointing_model.terms import TERMS
+from pointing_model.terms import design
 
+_RATE_STEP = 0.5  # s
 _MOUNT = ('IA', 'IE', 'CA', 'NPAE', 'AN', 'AW', 'TF')
 
 @dataclass(frozen=True)
@@ -179,6 +175,27 @@ def _candidates():
 CANDIDATES = _candidates()
 
 
+def satellite_rates(satellite, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER):
+    """Rates of the observed place, for tracking.
+
+    Parameters
+    ----------
+    satellite, time, site, weather
+        As for `satellite_place`.
+
+    Returns
+    -------
+    az_rate, el_rate : float or ndarray
+        Radians a second: symmetric difference over 1 s, for a GPS satellite right to 1e-6
+        arcsec/s below 85 degrees of elevation.
+    """
+    time = np.asarray(time, float)
+    first = satellite_place(satellite, time - _RATE_STEP, site, weather)
+    last = satellite_place(satellite, time + _RATE_STEP, site, weather)
+    width = 2.0 * _RATE_STEP
+    return wrap(last[0] - first[0]) / width, (last[1] - first[1]) / width
+
+
 def track_effects(satellite, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER):
     """What each cause of one unit adds to measured minus orbit.
 
@@ -233,8 +250,8 @@ def track_effects(satellite, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER):
     }
     out = {name: (a / ARCSEC, e / ARCSEC) for name, (a, e) in out.items()}
     for name in _MOUNT:
-        x, y = TERMS[name].columns(az, el)
-        out[name] = x / np.cos(el), y
+        x, y = design([name], az, el)
+        out[name] = x[:, 0] / np.cos(el), y[:, 0]
     return out
 
 
@@ -254,7 +271,7 @@ def polaris_effects(site, weather):
     """
     out = {}
     for name in _MOUNT:
-        x, y = (float(v) for v in TERMS[name].columns(0.0, site.latitude))
+        x, y = (float(v[0, 0]) for v in design([name], 0.0, site.latitude))
         out[name] = x / np.cos(site.latitude), y
     bent = refracted(site.latitude, weather) - site.latitude
     out['refraction_percent'] = 0.0, 0.01 * bent / ARCSEC

@@ -9,6 +9,7 @@ each arc, in closed form; with two, the two means of "after" fix them up to thei
 from dataclasses import dataclass
 
 import numpy as np
+from passes import passes
 from satellite_candidates import (
     CANDIDATES,
     Assumptions,
@@ -19,7 +20,7 @@ from satellite_candidates import (
 
 from calibration.satellite_check import PAPER
 from msg_tools.units import DEG
-from pointing_model.satellite import passes, satellite_place
+from pointing_model.satellite import satellite_place
 from pointing_model.sky import DEFAULT_SITE, DEFAULT_WEATHER
 
 STEP = 30.0  # s between the samples of a pass

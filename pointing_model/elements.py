@@ -88,15 +88,13 @@ class Satellite:
         return 1e3 * position.reshape(shape), 1e3 * velocity.reshape(shape)
 
 
-def parse_elements(text, number=None):
+def parse_elements(lines):
     """Two-line elements, checked.
 
     Parameters
     ----------
-    text : str or sequence of str
-        The lines; names and empty lines between the pairs are passed over.
-    number : int, optional
-        Catalogue number of the satellite meant, where there are several.
+    lines : sequence of str
+        Names and empty lines around the pair are passed over.
 
     Returns
     -------
@@ -106,9 +104,8 @@ def parse_elements(text, number=None):
     ------
     ValueError
         A line is too short, its checksum is wrong, the pair does not belong together, a number
-        in it is none, or the satellite meant is not there or not clear.
+        in it is none, or there are several pairs.
     """
-    lines = text.splitlines() if isinstance(text, str) else list(text)
     lines = [line.rstrip() for line in lines]
     starts = [i for i, line in enumerate(lines) if line.startswith('1 ')]
     if not starts:
@@ -118,26 +115,19 @@ def parse_elements(text, number=None):
         if i + 1 == len(lines) or not lines[i + 1].startswith('2 '):
             raise ValueError(f'two-line elements: line {i + 2} should begin with "2 "')
         found.append(_pair(lines[i], lines[i + 1], i + 1))
-    if number is not None:
-        chosen = [s for s in found if s.number == number]
-        if not chosen:
-            known = ', '.join(str(s.number) for s in found[:5])
-            raise ValueError(f'no elements of satellite {number}; there are those of {known}')
-        found = chosen
     if len(found) > 1:
-        raise ValueError(f'{len(found)} sets of elements where one is needed: '
-                         'name the satellite by its number, or leave one set')
+        known = ', '.join(str(s.number) for s in found[:5])
+        raise ValueError(f'{len(found)} sets of elements where one is needed: leave one of those '
+                         f'of {known}')
     return found[0]
 
 
-def load_elements(path, number=None):
+def load_elements(path):
     """Read a file of two-line elements.
 
     Parameters
     ----------
     path : str or Path
-    number : int, optional
-        As for `parse_elements`.
 
     Returns
     -------
@@ -152,7 +142,7 @@ def load_elements(path, number=None):
     """
     text = Path(path).read_text(encoding='ascii', errors='replace')
     try:
-        return parse_elements(text, number)
+        return parse_elements(text.splitlines())
     except ValueError as error:
         raise ValueError(f'{path}: {error}') from None
 

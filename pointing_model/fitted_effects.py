@@ -43,14 +43,12 @@ class FittedEffect:
             object.__setattr__(self, name, value / ARCSEC * ARCSEC)
 
     def offsets(self, context):
-        """Encoder - catalogue on the sky, x and y of shape (n,), radians."""
-        x, y = np.tensordot(self.coefficients, self.effect.columns(context), axes=1)
-        return x, y
+        """Encoder - catalogue on the sky, x and y, shape (2, n), radians."""
+        return np.tensordot(self.coefficients, self.effect.columns(context), axes=1)
 
     def variance(self, context):
         """Variance of `offsets` with the coefficients taken as independent."""
-        x, y = np.tensordot(self.sigma**2, self.effect.columns(context) ** 2, axes=1)
-        return x, y
+        return np.tensordot(self.sigma**2, self.effect.columns(context) ** 2, axes=1)
 
     def unknown(self, context):
         """Mask of the rows in which a driver is unknown and the effect counts as zero."""
@@ -108,8 +106,7 @@ def as_context(context, az, el):
 
 def total(effects, context):
     """Sum of the effects, x and y of shape (n,), radians."""
-    x, y = np.zeros(len(context)), np.zeros(len(context))
+    out = np.zeros((2, len(context)))
     for fitted in effects:
-        dx, dy = fitted.offsets(context)
-        x, y = x + dx, y + dy
-    return x, y
+        out += fitted.offsets(context)
+    return out

@@ -213,26 +213,17 @@ def offsets_and_jacobian(az, el, coefficients, names):
         d_sin_e = duz / (cos_c * cos_n)
         return columns(d_sin_e, -cos_c * sin_n * d_sin_e, dux, duy)
 
-    jacobian = {}
-    for name in names:
-        if name == 'IA':
-            jacobian[name] = cos_el, 0.0
-        elif name == 'IE':
-            jacobian[name] = 0.0, 1.0
-        elif name == 'TF':
-            jacobian[name] = 0.0, cos_el
-        elif name == 'CA':
-            d = (sin_c * cos_n * sin_e + cos_c * sin_n) / (cos_c * cos_n)
-            jacobian[name] = columns(
-                d, -cos_c * cos_n + sin_c * sin_n * sin_e - cos_c * sin_n * d)
-        elif name == 'NPAE':
-            d = (cos_c * sin_n * sin_e + sin_c * cos_n) / (cos_c * cos_n)
-            jacobian[name] = columns(
-                d, sin_c * sin_n - cos_c * cos_n * sin_e - cos_c * sin_n * d)
-        elif name == 'AN':
-            jacobian[name] = tilt(1.0, 0.0)
-        elif name == 'AW':
-            jacobian[name] = tilt(0.0, 1.0)
-        else:
-            raise ValueError(f'{name} is no geometric term; take one of {", ".join(GEOMETRIC)}')
-    return x, y, jacobian
+    def ca_column():
+        d = (sin_c * cos_n * sin_e + cos_c * sin_n) / (cos_c * cos_n)
+        return columns(d, -cos_c * cos_n + sin_c * sin_n * sin_e - cos_c * sin_n * d)
+
+    def npae_column():
+        d = (cos_c * sin_n * sin_e + sin_c * cos_n) / (cos_c * cos_n)
+        return columns(d, sin_c * sin_n - cos_c * cos_n * sin_e - cos_c * sin_n * d)
+
+    jacobian = {
+        'IA': lambda: (cos_el, 0.0), 'IE': lambda: (0.0, 1.0), 'TF': lambda: (0.0, cos_el),
+        'CA': ca_column, 'NPAE': npae_column,
+        'AN': lambda: tilt(1.0, 0.0), 'AW': lambda: tilt(0.0, 1.0),
+    }
+    return x, y, {name: jacobian[name]() for name in names}

@@ -16,6 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from msg_tools.units import ARCSEC
+
 INTERPRETATIONS = ('zenith', 'printed')
 
 #: Coefficients an axis. (Eq. 8 has 13 columns; the vectors printed there run to 14 entries.)
@@ -52,15 +54,10 @@ def basis(az, el, interpretation='zenith'):
     az, el = np.broadcast_arrays(np.atleast_1d(az), np.atleast_1d(el))
     sin_el, cos_el = np.sin(el), np.cos(el)
     c, s = (sin_el, cos_el) if interpretation == 'zenith' else (cos_el, sin_el)
-    out = np.empty((COUNT, len(az)))
-    out[0] = 1.0
-    out[1] = c
-    out[2] = np.cos(az) * s
-    out[3] = np.sin(az) * s
-    for zonal in (4, 7, 10):
-        out[zonal] = out[zonal - 3] * c
-        out[zonal + 1] = out[zonal - 2] * c
-        out[zonal + 2] = out[zonal - 1] * c
+    out = np.ones((COUNT, len(az)))
+    out[1:4] = c, np.cos(az) * s, np.sin(az) * s
+    for i in range(4, COUNT):
+        out[i] = out[i - 3] * c
     return out.T
 
 
@@ -107,13 +104,13 @@ class Harmonics:
 
     def __post_init__(self):
         _check(self.interpretation)
-        for name, shape in (
-            ('coef_x', (COUNT,)), ('coef_y', (COUNT,)), ('covariance', (2 * COUNT,) * 2)
-        ):
+        for name, shape, unit in (('coef_x', (COUNT,), ARCSEC), ('coef_y', (COUNT,), ARCSEC),
+                                  ('covariance', (2 * COUNT,) * 2, ARCSEC**2)):
             value = np.asarray(getattr(self, name), float)
             if value.shape != shape:
                 raise ValueError(f'harmonics need {name} of shape {shape}, not {value.shape}')
-            object.__setattr__(self, name, value)
+            # as the document's decimal numbers give it back
+            object.__setattr__(self, name, value / unit * unit)
 
     def offsets(self, az, el):
         """Encoder - catalogue on the sky.

@@ -1,12 +1,152 @@
-"""What a mount is pointed with now: the model, the zero, and the thermometer's readings."""
+"""What is known of a pointing before it is made: the model and the zero that are in force, and the
+drivers of the model's effects.
+"""
+
+from collections import deque
+from dataclasses import replace
 
 import numpy as np
 
-from msg_tools.units import ARCSEC
+from msg_tools.units import ARCSEC, wrap
 
-from .drivers import Thermometer, demand_angles
+from .context import Context
 from .model import PointingModel
 from .zero import NO_ZERO, zeros_in_force
+
+#: an effect that follows the time holds for so long after the last row it was fitted to, ns
+HORIZON = 12 * 3600 * 10**9
+
+
+class Thermometer:
+    """Readings of a thermometer by their stamps."""
+
+    def __init__(self):
+        self._readings = deque(maxlen=1000)
+
+    def take(self, stamp, celsius):
+        """Keep a reading; one that is older than the last begins anew.
+
+        Parameters
+        ----------
+        stamp : int
+            ns.
+        celsius : float
+        """
+        if self._readings and stamp < self._readings[-1][0]:
+            self._readings.clear()
+        self._readings.append((stamp, celsius))
+
+    def before(self, stamp, default):
+        """The last reading (degC) made before `stamp` (ns); `default` without one."""
+        return next((value for at, value in reversed(self._readings) if at < stamp), default)
+
+
+def time_driver(model, stamps):
+    """Times at which the effects of a model may be asked that follow the time.
+
+    Parameters
+    ----------
+    model : PointingModel
+    stamps : ndarray of int, shape (n,)
+        ns.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        UTC s; NaN more than `HORIZON` after the last row of the model, or as long before it: a
+        drift goes on for the night, not for weeks.
+    """
+    stamps = np.asarray(stamps, dtype=np.int64)
+    last = model.provenance.get('last_stamp_ns')
+    time = stamps * 1e-9
+    if isinstance(last, int) and not isinstance(last, bool):
+        time = np.where(np.abs(stamps - last) <= HORIZON, time, np.nan)
+    return time
+
+
+def travelled(demand, row):
+    """How the axes came to a pointing, for an effect that remembers the last one.
+
+    Parameters
+    ----------
+    demand : array_like, shape (2,)
+        Encoder angles, rad.
+    row : dict or None
+        The observation before, with the names of `run.COLUMNS`.
+
+    Returns
+    -------
+    dict
+        ``travel_az``, ``before_az``, ...; empty without a row before.
+    """
+    if row is None:
+        return {}
+    return {'travel_az': abs(float(wrap(demand[0] - row['az_enc']))),
+            'travel_el': abs(float(demand[1] - row['el_enc'])),
+            'before_az': row['approach_az'], 'before_el': row['approach_el']}
+
+
+def pointing_context(model, stamps, az, el, known, *, zero, here, approach, row, site):
+    """What the effects of a model may ask of a pointing that is still to be made.
+
+    Parameters
+    ----------
+    model : PointingModel
+    stamps : ndarray of int, shape (n,)
+        Of the track, ns.
+    az, el : ndarray, shape (n,)
+        Catalogue places, rad.
+    known : dict
+        Further drivers by the names of `run.COLUMNS`.
+    zero : array_like, shape (2,)
+        In force, rad.
+    here : array_like, shape (2,)
+        Where the encoders stand, rad.
+    approach : array_like, shape (2,), or None
+        Sign with which the axes came to this star, if they did; without it that of the move
+        from `here`.
+    row : dict or None
+        The observation before.
+    site : sky.Site
+
+    Returns
+    -------
+    Context
+    """
+    # which way the axes will come is known without the effects
+    plain = np.ravel(replace(model, effects=()).sky_to_encoder(az[0], el[0])) + zero
+    if approach is None:
+        approach = np.sign([wrap(plain[0] - here[0]), plain[1] - here[1]])
+    return Context(az, el, {
+        **known, 'time': time_driver(model, stamps), 'approach_az': approach[0],
+        'approach_el': approach[1], **travelled(plain, row)}, site.latitude, site.longitude)
+
+
+def demand_angles(model, az, el, context, zero):
+    """Encoder angles that point at a place, without the zero.
+
+    Parameters
+    ----------
+    model : PointingModel
+    az, el : ndarray, shape (n,)
+        Catalogue place, rad.
+    context : Context or None
+    zero : array_like, shape (2,)
+        In force, rad: an encoder's graduation is met at the angle with the zero.
+
+    Returns
+    -------
+    az, el : ndarray, shape (n,)
+    """
+    if context is None or not model.by_reading:
+        return model.sky_to_encoder(az, el, context)
+    raw = az, el
+    # each round divides the error by period / (2 pi amplitude)
+    for _ in range(12):
+        out = model.sky_to_encoder(
+            az, el, context.at(az, el, az_raw=raw[0] + zero[0], el_raw=raw[1] + zero[1]))
+        raw = out
+    return out
 
 
 class InForce:

@@ -76,11 +76,6 @@ class PointingModel:
             raise ValueError(f'pointing model with {", ".join(bad)} not finite; fit it again')
         object.__setattr__(self, 'terms', dict(zip(self.terms, values.tolist())))
         object.__setattr__(self, 'covariance', covariance)
-        if self.harmonics is not None:
-            h = self.harmonics
-            object.__setattr__(self, 'harmonics', Harmonics(
-                h.interpretation, _as_written(h.coef_x, ARCSEC), _as_written(h.coef_y, ARCSEC),
-                _as_written(h.covariance, ARCSEC**2)))
 
     def _split(self):
         """Coefficients of the rotations, and those that add their columns."""
@@ -103,23 +98,22 @@ class PointingModel:
 
     def _from_effects(self, az, el, az_enc, el_enc, context):
         """What the effects add, on the sky; the angles without them stand for the reading."""
-        shape = np.shape(az)
-        flat = [np.ravel(v) for v in (az, el, az_enc, el_enc)]
-        context = as_context(context, *flat[:2])
-        known = {name for name in ('az_enc', 'el_enc', 'az_raw', 'el_raw')
-                 if name in context.columns}
-        if known:
-            x, y = total(self.effects, context)
-            return x.reshape(shape), y.reshape(shape)
+        shape = (2, *np.shape(az))
+        az, el, az_enc, el_enc = (np.ravel(v) for v in (az, el, az_enc, el_enc))
+        context = as_context(context, az, el)
+        if {'az_enc', 'el_enc', 'az_raw', 'el_raw'} & set(context.columns):
+            return total(self.effects, context).reshape(shape)
         # the mount will read what this very model says: each round divides the error by
         # period / (2 pi amplitude)
-        x, y = np.zeros(len(context)), np.zeros(len(context))
-        for _ in range(12 if self._by_reading() else 1):
+        x, y = np.zeros((2, len(context)))
+        for _ in range(12 if self.by_reading else 1):
             x, y = total(self.effects, context.at(
-                *flat[:2], az_enc=flat[2] + x / np.cos(flat[1]), el_enc=flat[3] + y))
-        return x.reshape(shape), y.reshape(shape)
+                az, el, az_enc=az_enc + x / np.cos(el), el_enc=el_enc + y))
+        return x.reshape(shape[1:]), y.reshape(shape[1:])
 
-    def _by_reading(self):
+    @property
+    def by_reading(self):
+        """Whether an effect depends on what the encoders read."""
         return any(e.effect.driver.startswith('reading') for e in self.effects)
 
     def unknown(self, az, el, context=None):
@@ -198,9 +192,8 @@ class PointingModel:
             def added(az, el):
                 x, y = self._added(az, el, columns)
                 if self.effects:
-                    dx, dy = total(self.effects, as_context(
-                        context, np.ravel(az), np.ravel(el)).at(
-                            np.ravel(az), np.ravel(el), **reading))
+                    flat = np.ravel(az), np.ravel(el)
+                    dx, dy = total(self.effects, as_context(context, *flat).at(*flat, **reading))
                     x, y = x + dx.reshape(np.shape(az)), y + dy.reshape(np.shape(az))
                 return x / np.cos(el), y
         return rotation.encoder_to_sky(az_enc, el_enc, turned, added)
@@ -223,22 +216,6 @@ class PointingModel:
         az_enc, el_enc = self.sky_to_encoder(az, el, context)
         return wrap(az_enc - az) * np.cos(el), el_enc - el
 
-    def covariance_at(self, az, el):
-        """Covariance of the on-sky offset from that of the terms (not of the harmonics).
-
-        Parameters
-        ----------
-        az, el : float or ndarray, shape (n,)
-            Catalogue place, radians.
-
-        Returns
-        -------
-        ndarray, shape (n, 2, 2)
-            radians^2.
-        """
-        columns = np.stack(design(tuple(self.terms), az, el), axis=1)  # (n, 2, k)
-        return columns @ self.covariance @ columns.transpose(0, 2, 1)
-
     def sigma(self, az, el, context=None):
         """Standard error of the predicted offset, from the covariance of all coefficients.
 
@@ -259,7 +236,8 @@ class PointingModel:
         """
         shape = np.broadcast_shapes(np.shape(az), np.shape(el))
         az, el = (np.broadcast_to(v, shape).ravel() for v in (az, el))
-        variance = self.covariance_at(az, el)
+        columns = np.stack(design(tuple(self.terms), az, el), axis=1)  # (n, 2, k)
+        variance = columns @ self.covariance @ columns.transpose(0, 2, 1)
         x, y = variance[:, 0, 0], variance[:, 1, 1]
         if self.harmonics is not None:
             hx, hy = self.harmonics.variance(az, el)
@@ -267,8 +245,7 @@ class PointingModel:
         for fitted in self.effects:
             ex, ey = fitted.variance(as_context(context, az, el))
             x, y = x + ex, y + ey
-        sx, sy = (np.sqrt(np.maximum(v, 0.0)).reshape(shape) for v in (x, y))
-        return sx, sy
+        return tuple(np.sqrt(np.maximum(v, 0.0)).reshape(shape) for v in (x, y))
 
     def residuals(self, run, encoder='enc', zero=NO_ZERO):
         """What the model leaves of a run, on the sky.

@@ -8,7 +8,7 @@ import numpy as np
 from msg_tools.units import ARCSEC
 
 from .fitted_effects import FittedEffect
-from .harmonics import COUNT, Harmonics
+from .harmonics import Harmonics
 from .model import PointingModel
 
 FORMAT = 'telescope_mount/pointing_model'
@@ -35,6 +35,7 @@ def to_json(model):
         Angles in arcsec. `from_json` gives the same model back, to the last bit.
     """
     sigma = np.sqrt(np.maximum(np.diag(model.covariance), 0.0)) / ARCSEC
+    h = model.harmonics
     document = {
         'format': FORMAT,
         'version': VERSION if model.effects else _PLAIN_VERSION,
@@ -45,17 +46,14 @@ def to_json(model):
             for (name, value), s in zip(model.terms.items(), sigma)
         ],
         'covariance_arcsec2': (model.covariance / ARCSEC**2).tolist(),
-        'harmonics': None,
-        'provenance': model.provenance,
-    }
-    if model.harmonics is not None:
-        h = model.harmonics
-        document['harmonics'] = {
+        'harmonics': None if h is None else {
             _INTERPRETATION: h.interpretation,
             'azimuth_arcsec': (h.coef_x / ARCSEC).tolist(),
             'elevation_arcsec': (h.coef_y / ARCSEC).tolist(),
             'covariance_arcsec2': (h.covariance / ARCSEC**2).tolist(),
-        }
+        },
+        'provenance': model.provenance,
+    }
     if model.effects:
         document['effects'] = [e.document() for e in model.effects]
     return json.dumps(document, indent=1)
@@ -101,13 +99,11 @@ def from_document(document):
         covariance = np.array(document['covariance_arcsec2'], float).reshape(k, k) * ARCSEC**2
         harmonics = document.get('harmonics')
         if harmonics is not None:
-            size = 2 * COUNT
             harmonics = Harmonics(
                 harmonics[_INTERPRETATION],
                 np.array(harmonics['azimuth_arcsec'], float) * ARCSEC,
                 np.array(harmonics['elevation_arcsec'], float) * ARCSEC,
-                np.array(harmonics['covariance_arcsec2'], float).reshape(size, size)
-                * ARCSEC**2,
+                np.array(harmonics['covariance_arcsec2'], float) * ARCSEC**2,
             )
         provenance = document.get('provenance') or {}
         if not isinstance(provenance, dict):

@@ -10,7 +10,7 @@ from msg_tools.node import MountNode, run_node
 from msg_tools.units import ARCSEC, wrap
 
 from .context import Context
-from .drivers import time_driver
+from .in_force import time_driver
 from .in_force_topics import MODEL_FILE, in_force_of
 
 PARAMS = (MODEL_FILE,)

@@ -27,20 +27,11 @@ from dataclasses import dataclass
 import erfa
 import numpy as np
 
-from msg_tools.units import DEG, wrap
-
 from .earth import DAY, TURN_RATE, earth_orientation, split_utc
-from .elements import GPS_26690, Satellite, load_elements, parse_elements
 from .sky import DEFAULT_SITE, DEFAULT_WEATHER
-
-__all__ = [
-    'GPS_26690', 'Corrections', 'Pass', 'Satellite', 'in_sunlight', 'load_elements',
-    'parse_elements', 'passes', 'refracted', 'satellite_place', 'satellite_rates', 'sun_elevation',
-]
 
 _EARTH_RADIUS = 6378137.0  # m, equatorial, for the shadow
 _LIGHT_STEPS = 3
-_RATE_STEP = 0.5  # s
 # what ERFA's atioq takes as the least cosine and sine of an elevation
 _LEAST_COS, _LEAST_SIN = 1e-6, 0.05
 
@@ -116,29 +107,6 @@ def satellite_place(satellite, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER,
         far = np.inf if not corrections.parallactic_refraction else distance
         el = refracted(el, weather, far, float(_length(_site_vector(site))))
     return np.mod(az, 2.0 * np.pi), el, distance
-
-
-def satellite_rates(satellite, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, **options):
-    """Rates of the observed place, for tracking.
-
-    Parameters
-    ----------
-    satellite, time, site, weather
-        As for `satellite_place`.
-    **options
-        ``corrections`` and ``time_bias`` of `satellite_place`.
-
-    Returns
-    -------
-    az_rate, el_rate : float or ndarray
-        Radians a second: symmetric difference over 1 s, for a GPS satellite right to 1e-6
-        arcsec/s below 85 degrees of elevation.
-    """
-    time = np.asarray(time, float)
-    first = satellite_place(satellite, time - _RATE_STEP, site, weather, **options)
-    last = satellite_place(satellite, time + _RATE_STEP, site, weather, **options)
-    width = 2.0 * _RATE_STEP
-    return wrap(last[0] - first[0]) / width, (last[1] - first[1]) / width
 
 
 def refracted(el, weather, distance=np.inf, radius=_EARTH_RADIUS):
@@ -219,86 +187,6 @@ def sun_elevation(time, site=DEFAULT_SITE):
     """
     time = np.asarray(time, float)
     return _horizontal(_sun_and_motion(time)[0], _earth(time, None)[1], site)[1]
-
-
-@dataclass(frozen=True)
-class Pass:
-    """One visible pass.
-
-    Attributes
-    ----------
-    start, end, top : float
-        UTC, seconds since 1970-01-01: of its first and last moment, and of its highest.
-    top_el : float
-        Radians.
-    """
-
-    start: float
-    end: float
-    top: float
-    top_el: float
-
-
-def passes(satellite, start, hours, site=DEFAULT_SITE, min_el=20.0 * DEG, *, dark=False,
-           step=60.0):
-    """Passes of a satellite over a site.
-
-    Parameters
-    ----------
-    satellite : Satellite
-    start : float
-        UTC, seconds since 1970-01-01.
-    hours : float
-    site : Site
-    min_el : float
-        Observed elevation (ordinary air), radians.
-    dark : bool
-        Only while the Sun is 12 degrees below the horizon and shines on the satellite.
-    step : float
-        Seconds; a pass shorter than that may be missed.
-
-    Returns
-    -------
-    list of Pass
-        Start and end to a millisecond; cut where the hours begin and end.
-
-    Raises
-    ------
-    ValueError
-        `hours` or `step` is not positive, or as `satellite_place`.
-    """
-    if not (hours > 0.0 and step > 0.0):
-        raise ValueError(f'hours {hours:g} and step {step:g} of a search for passes must be > 0')
-
-    def elevation(time):
-        return satellite_place(satellite, time, site)[1]
-
-    def seen(time):
-        up = elevation(time) >= min_el
-        if dark:
-            late = time[up]
-            up[up] = (sun_elevation(late, site) < -12.0 * DEG) & in_sunlight(satellite, late)
-        return up
-
-    time = np.append(np.arange(start, start + 3600.0 * hours, step), start + 3600.0 * hours)
-    up = seen(time)
-    turns = np.flatnonzero(up[1:] != up[:-1])
-    low, high, there = time[turns], time[turns + 1], up[turns]
-    while turns.size and np.max(high - low) > 1e-3:
-        middle = 0.5 * (low + high)
-        same = seen(middle) == there
-        low, high = np.where(same, middle, low), np.where(same, high, middle)
-    edges = [*([time[0]] if up[0] else []), *(0.5 * (low + high)), *([time[-1]] if up[-1] else [])]
-    out = []
-    for first, last in zip(edges[::2], edges[1::2]):
-        grid = np.linspace(first, last, 101)
-        for _ in range(3):  # the top: 100 steps, then 50 within two of them, twice
-            el = elevation(grid)
-            i = int(np.argmax(el))
-            top, top_el = grid[i], el[i]
-            grid = np.linspace(grid[max(i - 1, 0)], grid[min(i + 1, len(grid) - 1)], 51)
-        out.append(Pass(float(first), float(last), float(top), float(top_el)))
-    return out
 
 
 def _earth(time, orientation):

@@ -13,9 +13,7 @@ import numpy as np
 
 from msg_tools.units import DEG
 
-from .earth import TURN_RATE, earth_orientation, split_utc
-
-_STEP = 0.02  # s, half the base of the symmetric difference for rates
+from .earth import earth_orientation, split_utc
 
 
 @dataclass(frozen=True)
@@ -89,7 +87,7 @@ DEFAULT_SITE = Site()
 DEFAULT_WEATHER = Weather()
 
 
-def observed_place(stars, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, orientation=None):
+def observed_place(stars, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER):
     """Observed place of catalogue stars.
 
     Parameters
@@ -101,8 +99,6 @@ def observed_place(stars, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, orie
     site : Site
     weather : Weather
         ``pressure_hpa=0`` for the direction without refraction.
-    orientation : EarthOrientation, optional
-        Of the shape of `time`; from the IERS tables if not given.
 
     Returns
     -------
@@ -115,47 +111,18 @@ def observed_place(stars, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, orie
     ValueError
         A time is outside 1900-2100, or the number of times does not fit.
     """
-    return _observe(_cirs(stars, *_frame(time, site, orientation, len(stars))), weather)
+    astrom = _frame(time, site, len(stars))
+    return _observe(erfa.ufunc.atciq(*stars.at_j2000, astrom), astrom, weather)
 
 
-def observed_rates(stars, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, orientation=None):
-    """Rates of the observed place, for tracking.
-
-    Parameters
-    ----------
-    stars, time, site, weather, orientation
-        As for `observed_place`.
-
-    Returns
-    -------
-    az_rate, el_rate : ndarray, shape (n,)
-        Radians a second, to better than 3e-5 arcsec/s (azimuth: times cos(el)).
-
-    Notes
-    -----
-    Symmetric difference over 0.04 s of the Earth's rotation alone: what changes the star's own
-    place (diurnal and annual aberration, precession, nutation) is slower than that error.
-    """
-    ri, di, astrom = _cirs(stars, *_frame(time, site, orientation, len(stars)))
-    az, el = [], []
-    for sign in (-1.0, 1.0):
-        turned = astrom.copy()
-        turned['eral'] += sign * _STEP * TURN_RATE
-        place = _observe((ri, di, turned), weather)
-        az.append(place[0])
-        el.append(place[1])
-    d_az = (az[1] - az[0] + np.pi) % (2.0 * np.pi) - np.pi
-    return d_az / (2.0 * _STEP), (el[1] - el[0]) / (2.0 * _STEP)
-
-
-def icrs_to_observed(ra, dec, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, orientation=None):
+def icrs_to_observed(ra, dec, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER):
     """Observed place of ICRS directions at infinity, without proper motion.
 
     Parameters
     ----------
     ra, dec : float or ndarray
         ICRS, radians.
-    time, site, weather, orientation
+    time, site, weather
         As for `observed_place`; `ra`, `dec` and `time` broadcast.
 
     Returns
@@ -165,49 +132,31 @@ def icrs_to_observed(ra, dec, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, 
     """
     ra, dec = np.broadcast_arrays(np.asarray(ra, float), np.asarray(dec, float))
     count = None if ra.ndim == 0 else ra.size
-    astrom, _ = _frame(time, site, orientation, count)
-    ri, di = erfa.ufunc.atciq(ra, dec, 0.0, 0.0, 0.0, 0.0, astrom)
-    return _observe((ri, di, astrom), weather)
+    astrom = _frame(time, site, count)
+    return _observe(erfa.ufunc.atciq(ra, dec, 0.0, 0.0, 0.0, 0.0, astrom), astrom, weather)
 
 
-def _frame(time, site, orientation, count):
+def _frame(time, site, count):
     """ERFA's astrom for each time, computed once for each distinct one; with no refraction."""
     time = np.asarray(time, float)
     if time.ndim > 1 or (time.ndim == 1 and count not in (None, 1) and time.size != count):
         raise ValueError(f'{time.size} times for {count} stars: give one time, or one for each')
     moments, inverse = np.unique(time, return_inverse=True)
-    if orientation is None:
-        dut1, xp, yp = _orientation(earth_orientation(moments))
-    else:
-        dut1, xp, yp = (np.broadcast_to(v, time.shape) for v in _orientation(orientation))
-        if moments.size == time.size:
-            moments, inverse = np.atleast_1d(time), np.arange(time.size)
-        first = np.unique(inverse.ravel(), return_index=True)[1]
-        dut1, xp, yp = (v.ravel()[first] for v in (dut1, xp, yp))
-    utc1, utc2 = split_utc(moments)
+    earth = earth_orientation(moments)
     astrom, _, status = erfa.ufunc.apco13(
-        utc1, utc2, dut1, site.longitude, site.latitude, site.height, xp, yp, 0.0, 0.0, 0.0, 0.5)
+        *split_utc(moments), earth.dut1, site.longitude, site.latitude, site.height, earth.xp,
+        earth.yp, 0.0, 0.0, 0.0, 0.5)
     if np.any(status < 0):
         raise ValueError('time is not one that ERFA can convert: give UTC since 1970-01-01')
-    return astrom[inverse.reshape(time.shape)], time
+    return astrom[inverse.reshape(time.shape)]
 
 
-def _orientation(orientation):
-    return orientation.dut1, orientation.xp, orientation.yp
-
-
-def _cirs(stars, astrom, _):
-    ri, di = erfa.ufunc.atciq(*stars.at_j2000, astrom)
-    return ri, di, astrom
-
-
-def _observe(place, weather):
-    ri, di, astrom = place
+def _observe(cirs, astrom, weather):
     refa, refb = erfa.ufunc.refco(weather.pressure_hpa, weather.temperature_c, weather.humidity,
                                   weather.wavelength_um)
     if np.ndim(refa) > astrom.ndim:
         astrom = np.broadcast_to(astrom, np.shape(refa))
     astrom = astrom.copy()
     astrom['refa'], astrom['refb'] = refa, refb
-    az, zenith_distance, *_ = erfa.ufunc.atioq(ri, di, astrom)
+    az, zenith_distance, *_ = erfa.ufunc.atioq(*cirs, astrom)
     return az, np.pi / 2.0 - zenith_distance

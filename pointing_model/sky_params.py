@@ -5,6 +5,7 @@ from msg_tools.units import DEG
 
 from .sky import DEFAULT_SITE, DEFAULT_WEATHER, Site, Weather
 
+#: in the order of the fields of `Site` and `Weather`
 SKY_PARAMS = (
     Param('latitude_deg', DEFAULT_SITE.latitude / DEG, 'geodetic latitude of the site [deg]',
           -90.0, 90.0),
@@ -29,8 +30,5 @@ def sky_of(node):
     site : Site
     weather : Weather
     """
-    site = Site(node.value('latitude_deg') * DEG, node.value('longitude_deg') * DEG,
-                node.value('height_m'))
-    weather = Weather(node.value('pressure_hpa'), node.value('temperature_c'),
-                      node.value('humidity'), node.value('wavelength_um'))
-    return site, weather
+    latitude, longitude, height, *weather = (node.value(param.name) for param in SKY_PARAMS)
+    return Site(latitude * DEG, longitude * DEG, height), Weather(*weather)

@@ -57,7 +57,7 @@ LEVELS = {'failed': DiagnosticStatus.ERROR, 'waiting': DiagnosticStatus.WARN}
 class StarObserver(MountNode):
     """Runs the observing plan and publishes one row for every star measured.
 
-    It is the `observing.sequencer.Outbox` of its sequencer.
+    It is the outbox of its `observing.sequencer.Sequencer`.
     """
 
     def __init__(self, **kwargs):
@@ -146,17 +146,9 @@ class StarObserver(MountNode):
         """ns."""
         return self.get_clock().now().nanoseconds
 
-    def missing(self):
-        """What the graph lacks."""
-        return self.waiting_for()
-
     def client(self, verb):
         """Of a service."""
         return self._asked[verb]
-
-    def log(self):
-        """Of the node."""
-        return self.get_logger()
 
     def refuse_frame(self, reason):
         """Count it."""

@@ -1,16 +1,10 @@
 """What a mount is pointed at: a star of the catalogue, or a satellite by its elements."""
 
-from dataclasses import dataclass
-from functools import cached_property
-from pathlib import Path
-
 import numpy as np
 
-from .catalogue import Stars
 from .sky import observed_place
 
 
-@dataclass(frozen=True)
 class StarTarget:
     """One star.
 
@@ -18,61 +12,48 @@ class StarTarget:
     ----------
     stars : Stars
         Of one row.
+
+    Attributes
+    ----------
+    number : int
+        Hipparcos number: `star` of the run.
+    name : str
+        For people.
+    magnitude : float
+        Of the catalogue.
     """
 
-    stars: Stars
-
-    @cached_property
-    def number(self):
-        """Hipparcos number: `star` of the run."""
-        return int(self.stars.hip[0])
-
-    @property
-    def name(self):
-        """For people."""
-        return f'HIP {self.number}'
-
-    @property
-    def magnitude(self):
-        """Of the catalogue."""
-        return float(self.stars.mag[0])
+    def __init__(self, stars):
+        self._stars = stars
+        self.number = int(stars.hip[0])
+        self.name = f'HIP {self.number}'
+        self.magnitude = float(stars.mag[0])
 
     def place(self, time, site, weather):
         """Observed place at each time (n,), UTC s: az, el (n,), radians."""
-        rows = self.stars.select(np.zeros(len(time), int))
+        rows = self._stars.select(np.zeros(len(time), int))
         return observed_place(rows, time, site, weather)
 
 
-@dataclass(frozen=True)
 class SatelliteTarget:
-    """A satellite of the Earth.
+    """A satellite of the Earth, as a `StarTarget`; its number is the catalogue's, negative.
 
     Parameters
     ----------
-    satellite : satellite.Satellite
+    satellite : elements.Satellite
     """
 
-    satellite: object
+    magnitude = np.nan  # nothing that elements tell
 
-    @property
-    def number(self):
-        """Its catalogue number, negative: `star` of the run."""
-        return -int(self.satellite.number)
-
-    @property
-    def name(self):
-        """For people."""
-        return f'satellite {self.satellite.number}'
-
-    @property
-    def magnitude(self):
-        """Nothing that elements tell."""
-        return np.nan
+    def __init__(self, satellite):
+        self._satellite = satellite
+        self.number = -int(satellite.number)
+        self.name = f'satellite {satellite.number}'
 
     def place(self, time, site, weather):
         """Observed place at each time (n,), UTC s: az, el (n,), radians."""
         from .satellite import satellite_place
-        return satellite_place(self.satellite, time, site, weather)[:2]
+        return satellite_place(self._satellite, time, site, weather)[:2]
 
 
 def satellite_target(text):
@@ -100,5 +81,5 @@ def satellite_target(text):
     # sgp4 costs every start of a node; only who tracks a satellite needs it
     from .elements import GPS_26690, load_elements, parse_elements
     if text == 'gps-26690':
-        return SatelliteTarget(parse_elements('\n'.join(GPS_26690)))
-    return SatelliteTarget(load_elements(Path(text)))
+        return SatelliteTarget(parse_elements(GPS_26690))
+    return SatelliteTarget(load_elements(text))

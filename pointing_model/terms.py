@@ -41,82 +41,60 @@ class Term:
         Name of the coefficient here.
     doc : str
         What it is, in words.
-    tpoint_name : str or None
-        The same term in TPOINT, None if it has none.
-    tpoint_sign : int
-        coefficient here = ``tpoint_sign`` x coefficient in TPOINT. TPOINT's corrections take the
-        encoder to the star and its internal azimuth is zero in the south and 90 degrees in the
-        east, hence the signs.
+    formula : str
+        Its columns (x, y).
+    tpoint_sign : int or None
+        coefficient here = ``tpoint_sign`` x coefficient in TPOINT, where the term has the same
+        name; None if it has none. TPOINT's corrections take the encoder to the star and its
+        internal azimuth is zero in the south and 90 degrees in the east, hence the signs.
     of : callable
         `Trig` -> (x, y); an entry that is zero everywhere is `ZERO`.
     """
 
     name: str
     doc: str
-    tpoint_name: str | None
-    tpoint_sign: int
+    formula: str
+    tpoint_sign: int | None
     of: Callable
-
-    def columns(self, az, el):
-        """Design columns.
-
-        Parameters
-        ----------
-        az, el : float or ndarray, shape (n,)
-            Catalogue place, radians.
-
-        Returns
-        -------
-        x, y : ndarray, shape (n,)
-            On-sky offset (encoder - catalogue) for a unit coefficient.
-        """
-        x, y = self.of(Trig(np.asarray(az, float), np.asarray(el, float)))
-        shape = np.broadcast_shapes(np.shape(az), np.shape(el))
-        return np.broadcast_to(x, shape).astype(float), np.broadcast_to(y, shape).astype(float)
-
-
-def _terms():
-    rows = [
-        ('IA', 'azimuth index', 'IA', 1, lambda t: (t.cos_el, ZERO)),
-        ('IE', 'elevation index', 'IE', -1, lambda t: (ZERO, 1.0)),
-        ('CA', 'collimation, positive where the line of sight is left of the tube', 'CA', 1,
-         lambda t: (1.0, ZERO)),
-        ('NPAE', 'elevation axis not perpendicular to the azimuth axis, its right end high',
-         'NPAE', 1, lambda t: (t.sin_el, ZERO)),
-        ('AN', 'azimuth axis leans north', 'AN', 1,
-         lambda t: (t.sin_az * t.sin_el, t.cos_az)),
-        ('AW', 'azimuth axis leans west', 'AW', 1,
-         lambda t: (t.cos_az * t.sin_el, -t.sin_az)),
-        ('TF', 'tube flexure, cos E', 'TF', 1, lambda t: (ZERO, t.cos_el)),
-        ('TX', 'flexure or refraction constant, cot E', 'TX', 1,
-         lambda t: (ZERO, t.cos_el / t.sin_el)),
-        ('TX3', 'third order of the refraction, cot^3 E', None, 1,
-         lambda t: (ZERO, (t.cos_el / t.sin_el) ** 3)),
-        ('ECES', 'elevation encoder centring, sin E', 'ECES', -1, lambda t: (ZERO, t.sin_el)),
-        ('HECE2', 'elevation, cos 2E', 'HECE2', -1, lambda t: (ZERO, np.cos(2 * t.el))),
-        ('HESE2', 'elevation, sin 2E', 'HESE2', -1, lambda t: (ZERO, np.sin(2 * t.el))),
-        ('ACEC', 'azimuth encoder centring, cos A', 'ACEC', -1,
-         lambda t: (t.cos_az * t.cos_el, ZERO)),
-        ('ACES', 'azimuth encoder centring, sin A', 'ACES', 1,
-         lambda t: (t.sin_az * t.cos_el, ZERO)),
-        ('HACA2', 'azimuth encoder, cos 2A', 'HACA2', 1,
-         lambda t: (np.cos(2 * t.az) * t.cos_el, ZERO)),
-        ('HASA2', 'azimuth encoder, sin 2A', 'HASA2', -1,
-         lambda t: (np.sin(2 * t.az) * t.cos_el, ZERO)),
-        ('HECA', 'elevation nod, cos A', 'HECA', 1, lambda t: (ZERO, t.cos_az)),
-        ('HESA', 'elevation nod, sin A', 'HESA', -1, lambda t: (ZERO, t.sin_az)),
-        ('HECA2', 'elevation nod, cos 2A', 'HECA2', -1, lambda t: (ZERO, np.cos(2 * t.az))),
-        ('HESA2', 'elevation nod, sin 2A', 'HESA2', 1, lambda t: (ZERO, np.sin(2 * t.az))),
-        ('HVCA2', 'azimuth axis wobble across the line of sight, cos 2A', 'HVCA2', 1,
-         lambda t: (np.cos(2 * t.az) * t.sin_el, ZERO)),
-        ('HVSA2', 'azimuth axis wobble across the line of sight, sin 2A', 'HVSA2', -1,
-         lambda t: (np.sin(2 * t.az) * t.sin_el, ZERO)),
-    ]
-    return {row[0]: Term(*row) for row in rows}
 
 
 #: name -> `Term`
-TERMS = _terms()
+TERMS = {row[0]: Term(*row) for row in (
+    ('IA', 'azimuth index', '(cos E, 0)', 1, lambda t: (t.cos_el, ZERO)),
+    ('IE', 'elevation index', '(0, 1)', -1, lambda t: (ZERO, 1.0)),
+    ('CA', 'collimation, positive where the line of sight is left of the tube', '(1, 0)', 1,
+     lambda t: (1.0, ZERO)),
+    ('NPAE', 'elevation axis not perpendicular to the azimuth axis, its right end high',
+     '(sin E, 0)', 1, lambda t: (t.sin_el, ZERO)),
+    ('AN', 'azimuth axis leans north', '(sin A sin E, cos A)', 1,
+     lambda t: (t.sin_az * t.sin_el, t.cos_az)),
+    ('AW', 'azimuth axis leans west', '(cos A sin E, -sin A)', 1,
+     lambda t: (t.cos_az * t.sin_el, -t.sin_az)),
+    ('TF', 'tube flexure, cos E', '(0, cos E)', 1, lambda t: (ZERO, t.cos_el)),
+    ('TX', 'flexure or refraction constant, cot E', '(0, cot E)', 1,
+     lambda t: (ZERO, t.cos_el / t.sin_el)),
+    ('TX3', 'third order of the refraction, cot^3 E', '(0, cot^3 E)', None,
+     lambda t: (ZERO, (t.cos_el / t.sin_el) ** 3)),
+    ('ECES', 'elevation encoder centring, sin E', '(0, sin E)', -1, lambda t: (ZERO, t.sin_el)),
+    ('HECE2', 'elevation, cos 2E', '(0, cos 2E)', -1, lambda t: (ZERO, np.cos(2 * t.el))),
+    ('HESE2', 'elevation, sin 2E', '(0, sin 2E)', -1, lambda t: (ZERO, np.sin(2 * t.el))),
+    ('ACEC', 'azimuth encoder centring, cos A', '(cos A cos E, 0)', -1,
+     lambda t: (t.cos_az * t.cos_el, ZERO)),
+    ('ACES', 'azimuth encoder centring, sin A', '(sin A cos E, 0)', 1,
+     lambda t: (t.sin_az * t.cos_el, ZERO)),
+    ('HACA2', 'azimuth encoder, cos 2A', '(cos 2A cos E, 0)', 1,
+     lambda t: (np.cos(2 * t.az) * t.cos_el, ZERO)),
+    ('HASA2', 'azimuth encoder, sin 2A', '(sin 2A cos E, 0)', -1,
+     lambda t: (np.sin(2 * t.az) * t.cos_el, ZERO)),
+    ('HECA', 'elevation nod, cos A', '(0, cos A)', 1, lambda t: (ZERO, t.cos_az)),
+    ('HESA', 'elevation nod, sin A', '(0, sin A)', -1, lambda t: (ZERO, t.sin_az)),
+    ('HECA2', 'elevation nod, cos 2A', '(0, cos 2A)', -1, lambda t: (ZERO, np.cos(2 * t.az))),
+    ('HESA2', 'elevation nod, sin 2A', '(0, sin 2A)', 1, lambda t: (ZERO, np.sin(2 * t.az))),
+    ('HVCA2', 'azimuth axis wobble across the line of sight, cos 2A', '(cos 2A sin E, 0)', 1,
+     lambda t: (np.cos(2 * t.az) * t.sin_el, ZERO)),
+    ('HVSA2', 'azimuth axis wobble across the line of sight, sin 2A', '(sin 2A sin E, 0)', -1,
+     lambda t: (np.sin(2 * t.az) * t.sin_el, ZERO)),
+)}
 
 #: The geometry of an alt-az mount and Hooke's law flexure.
 PHYSICAL = ('IA', 'IE', 'CA', 'NPAE', 'AN', 'AW', 'TF')

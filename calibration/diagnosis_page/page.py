@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from pointing_model.effects.words import arcsec
+from pointing_model.effects.base import arcsec
 
 from . import sections as page
 from .plain_words import best_pair, verdict_sentences

@@ -1,6 +1,6 @@
 """What a diagnosis found, in sentences that need no formula."""
 
-from pointing_model.effects.words import arcsec, readable
+from pointing_model.effects.base import arcsec, readable
 
 #: arcsec; what is left beyond this is no noise of pointing
 _ABSURD = 1800.0

@@ -6,7 +6,7 @@ import numpy as np
 
 from calibration.diagnosis.summary import histogram
 from pointing_model.effects.base import AXES as AXIS_WORDS
-from pointing_model.effects.words import SIDES, arcsec, readable
+from pointing_model.effects.base import SIDES, arcsec, readable
 from pointing_model.rms import rms
 
 from .svg_plot import MAX_ARROWS, MAX_NAMED, Panel, SkyMap, clean, limit_of, svg, thin, ticks

@@ -11,7 +11,7 @@ from calibration.diagnosis.constants import SET_WIDTH
 from calibration.diagnosis.summary import beyond_base, correlations, effect_offsets
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.effects import Amount
-from pointing_model.effects.words import SIDES, arcsec, readable
+from pointing_model.effects.base import SIDES, arcsec, readable
 
 _LEVELS = {name: {**sides, 0: 'unknown'} for name, sides in SIDES.items()}
 _LABELS = {

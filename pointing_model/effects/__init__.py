@@ -2,10 +2,11 @@
 
 A module a cause: each effect with its columns, its driver, its name in TPOINT, when it may be
 tried, its sentence for people and what to look at on the mount. All modules of this package are
-found by themselves; the order of effects that are not in `dictionary.ORDER` follows their names.
+found by themselves; the order of effects that are not in `ORDER` follows their names.
 
 Sources: TPOINT (P. T. Wallace, names of terms), paper 000 (circular gratings, drift of the zero),
-paper 001 (bars of a coded disc, decoding); first-order geometry otherwise.
+paper 001 (bars of a coded disc, decoding), the Explanatory Supplement (aberration, equinox),
+Hipparcos-2 (proper motion); first-order geometry otherwise.
 """
 
 from importlib import import_module
@@ -13,12 +14,50 @@ from pkgutil import iter_modules
 
 from .base import Amount, Effect, effect, of_document, to_document
 from .curves import smooths
-from .dictionary import dictionary
 from .drifts import steps
 from .graduation import PERIODS
 
-for _module in sorted(iter_modules(__path__), key=lambda m: m.name):
-    import_module(f'.{_module.name}', __name__)
-
 __all__ = ['PERIODS', 'Amount', 'Effect', 'dictionary', 'effect', 'of_document', 'smooths', 'steps',
            'to_document']
+
+_MODULES = [import_module(f'.{name}', __name__)
+            for name in sorted(module.name for module in iter_modules(__path__))]
+
+#: The dictionary's order, by form (and axis, where it is offered axis by axis); what is not here
+#: follows. Of equal scores the first wins, so another order is another result.
+ORDER = ('term', 'terms', 'encoder', 'bearing_wobble', 'nod', 'elevation_axis_wobble',
+         'fork_cross_term', 'diurnal_aberration', 'latitude', 'clock', 'annual_aberration',
+         'epoch_error', 'drift', 'hysteresis az', 'subdivision az', 'hysteresis el',
+         'subdivision el', 'proper_motion', 'latency', 'camera', 'proportional',
+         'run_zero')
+
+
+def dictionary(context, lacking=(), own=()):
+    """All effects that this project knows, with parameters from the run (origins, scales).
+
+    Parameters
+    ----------
+    context : Context
+        Of the run.
+    lacking : sequence of str, optional
+        Names in `terms.TERMS` of terms that the declared model does not have: candidates too.
+    own : sequence of str, optional
+        Terms that each run fits for itself.
+
+    Returns
+    -------
+    effects : list of Effect
+        What can be tested.
+    untestable : list of (str, str)
+        Effect (or its driver) and the reason why it cannot be tested in this run.
+    """
+    offers = [o for module in _MODULES if hasattr(module, 'propose')
+              for o in module.propose(context, tuple(lacking), tuple(own))]
+    offers.sort(key=_place)
+    return ([e for o in offers for e in o.effects],
+            [(o.what, o.reason) for o in offers if o.reason])
+
+
+def _place(offer):
+    key = f'{offer.form} {offer.axis}'.strip()
+    return ORDER.index(key) if key in ORDER else len(ORDER)

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from .base import AXES, Effect, Offer, effect, form, on_axis, proposal
-from .words import arcsec, times
+from .base import AXES, Effect, Offer, arcsec, effect, form, on_axis, times
 
 
 @form
@@ -11,8 +10,6 @@ def _encoder(axis, order):
     """Harmonic of an encoder, `order` a turn."""
     k = int(order)
     az = axis == 'az'
-    names = {('az', 1): 'ACEC ACES', ('az', 2): 'HACA2 HASA2', ('el', 1): 'ECEC ECES',
-             ('el', 2): 'HECE2 HESE2'}
     letter = 'A' if az else 'E'
 
     def of(c):
@@ -33,12 +30,13 @@ def _encoder(axis, order):
             return f'{head}{times(order)}: {short}'  # most of it other terms would take up
         return f'{head}by up to {arcsec(amount.size)}, {times(order)}: {short}'
 
+    # source: paper 001, centring of the disc
     return Effect(f'{AXES[axis]}_encoder_{k}', f'{AXES[axis]} {cause}: {k} a turn',
                   f'cos {k}{letter}, sin {k}{letter} on the {AXES[axis]} angle'
                   + (' (on the sky x cos E)' if az else ''),
                   AXES[axis], axis, ('cos', 'sin'), of, say, look_at,
-                  tpoint=names.get((axis, k), f'H{letter}C{letter}{k} H{letter}S{letter}{k}'),
-                  source='TPOINT; paper 001, centring of the disc')
+                  tpoint=f'{letter}CEC {letter}CES' if k == 1 else
+                  f'H{letter}C{letter}{k} H{letter}S{letter}{k}')
 
 
 @form
@@ -56,8 +54,7 @@ def _bearing_wobble(order):
                   lambda amount: f'The azimuth axis wobbles by up to {arcsec(amount.size)}, '
                   f'{times(order)}: a bearing or track that is not flat',
                   'flatness of the azimuth bearing or track, with a level on the fork',
-                  tpoint='HECA HESA HVCA HVSA' if k == 1 else f'HECA{k} HESA{k} HVCA{k} HVSA{k}',
-                  source='TPOINT')
+                  tpoint='HECA HESA HVCA HVSA' if k == 1 else f'HECA{k} HESA{k} HVCA{k} HVSA{k}')
 
 
 @form
@@ -69,7 +66,7 @@ def _nod(order):
                   lambda amount: f'The mount nods by {arcsec(amount.size)} in elevation, '
                   f'{times(order)} of the azimuth axis',
                   'wheels or pads under the azimuth axis, and the base under the fork',
-                  tpoint='HECA HESA' if k == 1 else f'HECA{k} HESA{k}', source='TPOINT')
+                  tpoint='HECA HESA' if k == 1 else f'HECA{k} HESA{k}')
 
 
 @form
@@ -82,7 +79,6 @@ def _elevation_axis_wobble(order):
                   look_at='run-out of both elevation bearings')
 
 
-@proposal
 def propose(context, lacking, own):
     """Orders that a mount's parts make; what the axes do is seen in the directions."""
     for axis, highest in (('el', 3), ('az', 6)):

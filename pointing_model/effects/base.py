@@ -6,21 +6,19 @@ run (to look for it) and for a pointing (to correct it). A row whose driver is u
 column that is not there) gets zero: the drivers are centred, so this is the effect's value in the
 middle of the run that it was found in.
 
-A new effect is a function with `form` that builds it, and a line in its module's `proposal` that
-says when it may be tried: nothing outside that module.
+A new effect is a function with `form` that builds it, and a line in its module's
+``propose(context, lacking, own)``, which yields an `Offer` that says when it may be tried:
+nothing outside that module.
 """
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from inspect import Parameter, signature
 
 import numpy as np
 
-from .words import arcsec
-
 AXES = {'az': 'azimuth', 'el': 'elevation'}
-ZERO_TERM = {'az': 'IA', 'el': 'IE'}
-HOUR = 3600.0
 _SIDE = 3  # rows on each side, below which a driver of two levels is carried by single rows
 
 
@@ -77,7 +75,6 @@ class Effect:
         Of a coefficient; ``'s'`` and ``'yr'`` are written as that many "arcsec".
     tpoint : str or None
         Names of the same terms in TPOINT.
-    source : str
     requires : tuple of str
         Drivers without which it cannot be tested.
     alias : str or None
@@ -109,7 +106,6 @@ class Effect:
     look_at: str = ''
     unit: str = 'arcsec'
     tpoint: str | None = None
-    source: str = 'geometry'
     requires: tuple = ()
     alias: str | None = None
     mechanism: str | None = None
@@ -162,8 +158,6 @@ class Effect:
 # ---------------------------------------------------------------------------------- the registry
 
 _FORMS = {}
-#: functions (context, lacking, own) -> Offers, of each cause
-PROPOSALS = []
 
 
 def form(build):
@@ -181,12 +175,6 @@ def form(build):
         return out
     _FORMS[name] = made
     return build
-
-
-def proposal(propose):
-    """Register a cause's ``propose(context, lacking, own)``: it yields `Offer`\\ s."""
-    PROPOSALS.append(propose)
-    return propose
 
 
 def effect(form, **parameters):
@@ -293,3 +281,37 @@ def single_rows(context, driver, low, high):
 def on_axis(axis, value, cos_el):
     """Pair for an error of an axis' angle: on the sky the azimuth's is times cos E."""
     return (value * cos_el, 0.0) if axis == 'az' else (0.0, value)
+
+
+# ------------------------------------------------------------- words that the sentences share
+
+#: drivers in words, where their name is not the word
+_DRIVER_WORDS = {'order': 'order of the rows', 'run_hours': 'time since the start of the run'}
+#: last motion of an axis in words
+SIDES = {'approach_az': {-1: 'anticlockwise', 1: 'clockwise'},
+         'approach_el': {-1: 'downward', 1: 'upward'}}
+_TIMES = {1: 'once', 2: 'twice'}
+
+
+def arcsec(value, sign=False):
+    """A value for a sentence, e.g. ``2.70″``."""
+    if value is None or not np.isfinite(value):
+        return '?'
+    digits = 0 if abs(value) >= 99.95 else 1 if abs(value) >= 9.995 else 2
+    return f'{value:{"+" if sign else ""}.{digits}f}″'.replace('-', '−')
+
+
+def times(order):
+    """How often a turn, e.g. ``twice per turn``."""
+    return f'{_TIMES.get(order, f"{order} times")} per turn'
+
+
+def driver_word(name):
+    """A driver in words."""
+    return _DRIVER_WORDS.get(name, name)
+
+
+def readable(name):
+    """Name of an effect for people: ``azimuth_encoder_2`` is "azimuth encoder, 2 per turn"."""
+    name = re.sub(r'(encoder|wobble|nod)_(\d+)$', r'\1, \2 per turn', str(name))
+    return re.sub(r'_memory_([\d.]+)deg', r', memory \1°', name).replace('_', ' ')

@@ -4,7 +4,7 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 
-from .base import Effect, effect, form, offer, proposal
+from .base import Effect, effect, form, offer
 
 
 @form
@@ -25,10 +25,9 @@ def _camera(of):
                              else (c.get('miss_x') / ARCSEC, c.get('miss_y') / ARCSEC)], say,
                   'the angle of the camera on its flange' if rotation
                   else 'focal length and pixel size that the camera is reduced with',
-                  'arcsec/arcsec', requires=('miss_x', 'miss_y'), source='camera')
+                  'arcsec/arcsec', requires=('miss_x', 'miss_y'))
 
 
-@proposal
 def propose(context, lacking, own):
     """Where the miss distance is known and varies."""
     yield offer('camera', 'camera rotation and scale', context, 'miss_x',

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from .base import AXES, Effect, effect, form, offer, on_axis, proposal, single_rows
-from .words import arcsec
+from .base import AXES, Effect, arcsec, effect, form, offer, on_axis, single_rows
 
 _CAUSES = {
     'magnitude': ('bright and faint stars are centred differently',
@@ -42,10 +41,9 @@ def _proportional(axis, driver, origin=0.0, scale=1.0, pattern='sky'):
                   f'{cause} ({AXES[axis]})', ('' if sky or axis == 'el' else 'cos E x ') + driver,
                   driver, axis, ('slope',), of, say, look_at,
                   f'arcsec/({scale:.4g} {driver})' if scale != 1.0 else f'arcsec/{driver}',
-                  source='a column of the file', requires=(driver,))
+                  requires=(driver,))
 
 
-@proposal
 def propose(context, lacking, own):
     """Where the column is known and varies; a side of the pier in more than single rows."""
     for driver in _CAUSES:

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from .base import AXES, Effect, effect, form
-from .words import driver_word
+from .base import AXES, Effect, driver_word, effect, form
 
 _TURN = 2.0 * np.pi
 #: drivers that are given waves and bumps; air, stars and columns of the file get splines only
@@ -46,7 +45,7 @@ def _smooth(axis, driver, shape, factor='1', within=None, **numbers):
                   driver, axis, tuple(f'{shape[0]}{i + 1}' for i in range(count)), of,
                   lambda _: f'The {AXES[axis]} error follows the {driver_word(driver)} in a way '
                   'that no known effect explains; a curve is added in its place',
-                  f'what else changes with the {driver_word(driver)}', source='fall-back',
+                  f'what else changes with the {driver_word(driver)}',
                   requires=() if driver in ('azimuth', 'elevation') else (driver,), kind='smooth',
                   # a bump and a sawtooth have a place and a width
                   scan=scan, scanned=1 if wave else 2)
@@ -84,18 +83,16 @@ def _natural_spline(u, knots):
     return [v, *(d(k) - end for k in range(len(t) - 2))]
 
 
-def smooths(context, drivers=None):
+def smooths(context):
     """Curves of each driver and axis, for what the dictionary does not explain.
 
-    Fourier series (azimuth, one turn), natural splines, single waves and single bumps scanned in
-    place and width.
+    The drivers are azimuth, elevation, time or order, for several nights the hours since the
+    start of each run, temperature, magnitude, the user's own. The curves are Fourier series
+    (azimuth, one turn), natural splines, single waves and single bumps scanned in place and width.
 
     Parameters
     ----------
     context : Context
-    drivers : sequence of str, optional
-        By default azimuth, elevation, time or order, for several nights the hours since the start
-        of each run, temperature, magnitude, the user's own.
 
     Returns
     -------
@@ -103,10 +100,9 @@ def smooths(context, drivers=None):
         None of the order of the rows for several runs: a place in one is none in another.
     """
     clock = 'time' if context.get('time') is not None else 'order'
-    if drivers is None:
-        drivers = ['azimuth', 'elevation', clock,
-                   *(['run_hours'] if context.several_nights() else []),
-                   'temperature', 'magnitude', *context.extra()]
+    drivers = ['azimuth', 'elevation', clock,
+               *(['run_hours'] if context.several_nights() else []),
+               'temperature', 'magnitude', *context.extra()]
     run = context.get('run')
     several = run is not None and len(np.unique(run)) > 1
     out = []

@@ -2,7 +2,7 @@
 
 from pointing_model.terms import TERMS, ZERO, Trig
 
-from .base import Effect, Offer, effect, form, proposal
+from .base import Effect, Offer, effect, form
 
 _TERM_EFFECTS = {
     # name: (term, cause, formula, what goes wrong, what to look at)
@@ -28,23 +28,9 @@ def _terms(name):
     term, cause, formula, sentence, look_at = _TERM_EFFECTS[name]
     return Effect(name, cause, formula, 'elevation', 'el', (term,),
                   lambda c: [TERMS[term].of(c.trig)], lambda _: sentence, look_at,
-                  tpoint=TERMS[term].tpoint_name or None, source='TPOINT')
+                  tpoint=term if TERMS[term].tpoint_sign else None)
 
 
-#: name: (formula, driver that shows it)
-_TERM_COLUMNS = {
-    'IA': ('(cos E, 0)', 'elevation'), 'IE': ('(0, 1)', 'elevation'),
-    'CA': ('(1, 0)', 'elevation'), 'NPAE': ('(sin E, 0)', 'elevation'),
-    'AN': ('(sin A sin E, cos A)', 'azimuth'), 'AW': ('(cos A sin E, -sin A)', 'azimuth'),
-    'TF': ('(0, cos E)', 'elevation'), 'TX': ('(0, cot E)', 'elevation'),
-    'TX3': ('(0, cot^3 E)', 'elevation'), 'ECES': ('(0, sin E)', 'elevation'),
-    'HECE2': ('(0, cos 2E)', 'elevation'), 'HESE2': ('(0, sin 2E)', 'elevation'),
-    'ACEC': ('(cos A cos E, 0)', 'azimuth'), 'ACES': ('(sin A cos E, 0)', 'azimuth'),
-    'HACA2': ('(cos 2A cos E, 0)', 'azimuth'), 'HASA2': ('(sin 2A cos E, 0)', 'azimuth'),
-    'HECA': ('(0, cos A)', 'azimuth'), 'HESA': ('(0, sin A)', 'azimuth'),
-    'HECA2': ('(0, cos 2A)', 'azimuth'), 'HESA2': ('(0, sin 2A)', 'azimuth'),
-    'HVCA2': ('(cos 2A sin E, 0)', 'azimuth'), 'HVSA2': ('(sin 2A sin E, 0)', 'azimuth'),
-}
 #: of these the dictionary has the same columns under another name
 _NAMED = tuple(term for term, *_ in _TERM_EFFECTS.values())
 
@@ -52,13 +38,14 @@ _NAMED = tuple(term for term, *_ in _TERM_EFFECTS.values())
 @form
 def _term(name):
     """A term of `terms.TERMS` that the declared model does not have, in first order."""
-    term, (formula, driver) = TERMS[name], _TERM_COLUMNS[name]
+    term = TERMS[name]
     x, y = term.of(Trig(1.0, 0.5))
     axes = 'el' if x is ZERO else 'az' if y is ZERO else 'both'
-    return Effect(name, term.doc + (', or the latitude is wrong' if name == 'AN' else ''), formula,
-                  driver, axes, (name,), lambda c: [term.of(c.trig)],
+    return Effect(name, term.doc + (', or the latitude is wrong' if name == 'AN' else ''),
+                  term.formula, 'azimuth' if 'A' in term.formula else 'elevation', axes, (name,),
+                  lambda c: [term.of(c.trig)],
                   look_at='whether the declared model should have this term (--base)',
-                  tpoint=term.tpoint_name, source='TPOINT' if term.tpoint_name else 'geometry')
+                  tpoint=name if term.tpoint_sign else None)
 
 
 @form
@@ -70,7 +57,6 @@ def _fork_cross_term():
                   look_at='stiffness of the fork and its joint with the azimuth bearing')
 
 
-@proposal
 def propose(context, lacking, own):
     """Terms that the declared model may lack; whatever it is, the directions are known."""
     yield Offer('term', [effect('term', name=name) for name in lacking if name not in _NAMED])

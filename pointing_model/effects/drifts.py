@@ -4,9 +4,10 @@ import numpy as np
 
 from pointing_model.terms import TERMS
 
-from .base import AXES, HOUR, ZERO_TERM, Effect, Offer, effect, form, offer, on_axis, proposal
-from .words import arcsec, driver_word
+from .base import AXES, Effect, Offer, arcsec, driver_word, effect, form, offer, on_axis
 
+_HOUR = 3600.0
+_ZERO_TERM = {'az': 'IA', 'el': 'IE'}
 #: what may drift: in a name, where it acts, in a sentence
 _MOVING = {
     'IA': ('azimuth zero', 'az', 'The zero of the azimuth axis'),
@@ -19,7 +20,7 @@ _SYMBOLS = {'time': 't', 'temperature': 'T', 'order': 'n', 'run_hours': '(t - st
 _UNITS = {'time': '/h', 'run_hours': '/h', 'temperature': '/K', 'order': '/run'}
 _EACH = {'time': 'an hour', 'run_hours': 'an hour in each run', 'temperature': 'a degree',
          'order': 'over the run'}
-_LONG = 96.0 * HOUR  # from here on a drift is told by the day
+_LONG = 96.0 * _HOUR  # from here on a drift is told by the day
 
 
 @form
@@ -52,6 +53,7 @@ def _drift(of, driver, power=1, origin=0.0, scale=1.0, within=None):
             text += f', {arcsec(amount.size * range_ / scale)} {whole}'
         return text
 
+    # source: paper 000, drift of the zero
     return Effect(f'{what.replace(" of the azimuth axis", "").replace(" ", "_")}_with_{driver}'
                   + ('_squared' if square else ''),
                   f'{what} moves with {driver_word(driver)}'
@@ -60,7 +62,7 @@ def _drift(of, driver, power=1, origin=0.0, scale=1.0, within=None):
                   driver, axes, names, columns, say,
                   'what warms up or settles: encoder electronics, head and its bracket, pier, tube',
                   f'arcsec{_UNITS.get(driver, f"/({scale:.4g})")}' + ('^2' if square else ''),
-                  source='paper 000, drift of the zero', requires=(driver,))
+                  requires=(driver,))
 
 
 @form
@@ -70,28 +72,30 @@ def _step(axis, at, driver='time'):
         when = f' at {amount.clock(at)}' if amount.clock and driver == 'time' else ''
         return f'The zero of the {AXES[axis]} axis jumped by {arcsec(amount.values[0], True)}{when}'
 
+    # source: paper 000, reference mark
     return Effect(f'{AXES[axis]}_zero_step', f'{AXES[axis]} zero jumps once: lost counts, a slip, '
-                  'a reference mark found anew', f'{ZERO_TERM[axis]} x H({driver} - tau)',
+                  'a reference mark found anew', f'{_ZERO_TERM[axis]} x H({driver} - tau)',
                   driver, axis, ('step',),
                   lambda c: [on_axis(axis, np.where(np.isnan(c.get(driver)), np.nan,
                                                     1.0 * (c.get(driver) >= at)), c.trig.cos_el)],
                   say, 'what happened then: a power-on, a slew at full speed, a bump; the coupling '
                   'of the encoder, and its reference mark',
-                  source='paper 000, reference mark', requires=(driver,), scan=f'step_{axis}')
+                  requires=(driver,), scan=f'step_{axis}')
 
 
 @form
 def _run_zero(axis, runs):
+    # source: paper 000, Table 1
     return Effect(f'{AXES[axis]}_zero_per_run',
                   f'{AXES[axis]} zero of its own in each run or power-on',
-                  f'{ZERO_TERM[axis]} in each run but the first', 'run', axis,
+                  f'{_ZERO_TERM[axis]} in each run but the first', 'run', axis,
                   tuple(f'run {r:g}' for r in runs[1:]),
                   lambda c: [on_axis(axis, 1.0 * (c.get('run') == r), c.trig.cos_el)
                              for r in runs[1:]],
                   lambda amount: f'The zero of the {AXES[axis]} axis differs from run to run, by '
                   f'up to {arcsec(np.ptp(np.append(amount.values, 0.0)))}',
                   'how the reference mark is found after a power-on: speed, side, temperature',
-                  source='paper 000, Table 1', requires=('run',))
+                  requires=('run',))
 
 
 def _drifts(driver, scale, values):
@@ -108,7 +112,7 @@ def _drifts(driver, scale, values):
 
 
 def _clock(context):
-    return ('time', HOUR) if context.get('time') is not None else ('order', 1.0)
+    return ('time', _HOUR) if context.get('time') is not None else ('order', 1.0)
 
 
 def _runs(context):
@@ -118,7 +122,6 @@ def _runs(context):
     return runs if len(runs) > 1 else []
 
 
-@proposal
 def propose(context, lacking, own):
     """Drifts with the clock, with the time in each run, with the temperature; a zero a run.
 

@@ -4,8 +4,7 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 
-from .base import AXES, Effect, Offer, effect, form, on_axis, proposal
-from .words import arcsec
+from .base import AXES, Effect, Offer, arcsec, effect, form, on_axis
 
 _TURN = 2.0 * np.pi
 #: periods of the encoders' graduation, radians (paper 000: lines; paper 001: bars)
@@ -32,6 +31,7 @@ def _subdivision(axis, graduation, order):
                 None if angle is None else np.mod(angle, period) / period)
 
     size = {'grating': f'({period / ARCSEC:.4f}")', 'bars': '(1200")'}[graduation]
+    # source: paper 000, 400-fold interpolation; paper 001, eq. 12
     return Effect(f'{AXES[axis]}_subdivision_{graduation}_{k}',
                   f'{AXES[axis]} encoder divides {_ONE[graduation]} {size} unevenly, {k} in each',
                   f'cos, sin of 2 pi {k} reading / period', reading, axis, ('cos', 'sin'), of,
@@ -39,7 +39,6 @@ def _subdivision(axis, graduation, order):
                   f'by up to {arcsec(amount.size)}',
                   'offset, amplitude and phase of its sine and cosine signals' if graduation ==
                   'grating' else 'focus and illumination of the reading head',
-                  source='paper 000, 400-fold interpolation; paper 001, eq. 12',
                   requires=(reading,), figure=place)
 
 
@@ -54,6 +53,7 @@ def _decode_slip(axis, rows, multiples, graduation):
             (m * step / ARCSEC) * (row == r) for r, m in zip(rows, multiples))
         return [on_axis(axis, value, c.trig.cos_el)]
 
+    # source: paper 001, eq. 12
     return Effect(f'{AXES[axis]}_decode_slip_{graduation}',
                   f'{AXES[axis]} encoder decoded whole {graduation} beside the true place in '
                   f'{len(rows)} rows', f'multiples of {step / ARCSEC:.4f}"', 'row', axis,
@@ -61,10 +61,9 @@ def _decode_slip(axis, rows, multiples, graduation):
                   lambda _: f'The {AXES[axis]} encoder was read whole {graduation} beside the true '
                   f'place in {len(rows)} rows',
                   'the images of these rows: dirt on the disc, exposure, blur',
-                  source='paper 001, eq. 12', kind='known')
+                  kind='known')
 
 
-@proposal
 def propose(context, lacking, own):
     """Subdivision where the raw readings are known and spread over the period."""
     for axis in AXES:

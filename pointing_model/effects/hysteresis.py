@@ -4,8 +4,7 @@ import numpy as np
 
 from msg_tools.units import DEG
 
-from .base import AXES, Effect, effect, form, offer, proposal, single_rows
-from .words import SIDES, arcsec
+from .base import AXES, SIDES, Effect, arcsec, effect, form, offer, single_rows
 
 _MEMORIES = (3.0, 10.0, 30.0)  # degrees
 
@@ -50,13 +49,12 @@ def _hysteresis(axis, shape='1', memory_deg=0.0):
                   f'approach_{axis}', axis, ('half_difference',), of, say,
                   f'preload of the {AXES[axis]} drive, its gear, and the coupling of the encoder; '
                   'until then approach stars from one side',
-                  source='backlash', requires=requires,
+                  requires=requires,
                   # how many degrees it takes to be complete makes no other cause
                   mechanism=f'hysteresis of {axis}, {shape}',
                   scan=f'memory_{axis}{tail}' if length else None)
 
 
-@proposal
 def propose(context, lacking, own):
     """Where both sides of approach are known in some rows; with memory, that before too."""
     for axis in AXES:

@@ -5,7 +5,7 @@ import numpy as np
 from msg_tools.units import ARCSEC
 from pointing_model.terms import TERMS
 
-from .base import Effect, Offer, effect, form, offer, proposal
+from .base import Effect, Offer, effect, form, offer
 
 _STARS = 'what the star places were computed with: catalogue, equinox, corrections'
 _CLOCK = 'clock of the control computer, UT1 - UTC, coordinates of the site'
@@ -24,7 +24,7 @@ def _annual_aberration():
                   lambda c: [_displaced(c, axis) for axis in c.equatorial()]
                   if c.equatorial() is not None else [(np.nan, np.nan)] * 3,
                   lambda _: 'The star places lack the annual aberration (20.5″)', _STARS,
-                  source='Explanatory Supplement; 20.5"', requires=('lst',))
+                  requires=('lst',))
 
 
 @form
@@ -33,8 +33,7 @@ def _diurnal_aberration():
                   'diurnal aberration left out of the star places (0.32" cos latitude)',
                   '(cos A, -sin E sin A)', 'azimuth', 'both', ('east',),
                   lambda c: [(c.trig.cos_az, -c.trig.sin_el * c.trig.sin_az)],
-                  lambda _: 'The star places lack the diurnal aberration (0.3″)', _STARS,
-                  source='Explanatory Supplement')
+                  lambda _: 'The star places lack the diurnal aberration (0.3″)', _STARS)
 
 
 @form
@@ -43,14 +42,13 @@ def _epoch_error():
         axes = c.equatorial()
         if axes is None:
             return [(np.nan, np.nan)] * 2
-        place = c.direction()
-        return [_displaced(c, np.cross(axis, place, axis=0)) for axis in axes[:2]]
+        return [_displaced(c, np.cross(axis, c.direction(), axis=0)) for axis in axes[:2]]
 
     return Effect('precession_or_epoch_error',
                   'star places of a wrong equinox: precession left out or applied twice',
                   'rotation about the equatorial X and Y axes', 'lst', 'both', ('X', 'Y'), of,
                   lambda _: 'The star places lack the right equinox: precession is left out or '
-                  'applied twice', _STARS, source='Explanatory Supplement', requires=('lst',))
+                  'applied twice', _STARS, requires=('lst',))
 
 
 @form
@@ -59,20 +57,15 @@ def _proper_motion():
                   'proper motion on the sky x years', 'star', 'both', ('years',),
                   lambda c: [(c.get('pm_x'), c.get('pm_y'))],
                   lambda _: 'The star places lack the proper motion of the stars', _STARS,
-                  unit='yr', source='Hipparcos-2', requires=('pm_x', 'pm_y'))
-
-
-def _turned(c, axis):
-    """Rotation of the sky about a fixed east-north-up axis."""
-    return _displaced(c, np.cross(axis[:, None], c.direction(), axis=0))
+                  unit='yr', requires=('pm_x', 'pm_y'))
 
 
 @form
 def _clock(latitude):
-    pole = np.array([0.0, np.cos(latitude), np.sin(latitude)])
+    pole = np.array([[0.0], [np.cos(latitude)], [np.sin(latitude)]])
     return Effect('clock_or_longitude', 'clock, UT1 or longitude wrong (15" a second of time)',
                   'rotation about the pole', 'azimuth', 'both', ('hour_angle',),
-                  lambda c: [tuple(-v for v in _turned(c, pole))], look_at=_CLOCK,
+                  lambda c: [_displaced(c, -np.cross(pole, c.direction(), axis=0))], look_at=_CLOCK,
                   alias='clock and longitude are exactly IA + AW: no pointing run can tell them '
                         'from these terms')
 
@@ -97,10 +90,9 @@ def _latency():
                   'where the time stamp is taken: at the latch of the encoder, or after the bus',
                   unit='s', requires=('az_rate', 'el_rate'),
                   alias='at sidereal rate latency is exactly a clock error, IA + AW: only '
-                        'satellites or slews show it', source='timing')
+                        'satellites or slews show it')
 
 
-@proposal
 def propose(context, lacking, own):
     """What needs the site, the sidereal time, catalogue stars or rates."""
     yield Offer('diurnal_aberration', [effect('diurnal_aberration')])

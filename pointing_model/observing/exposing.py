@@ -24,7 +24,8 @@ class Exposer:
 
     Parameters
     ----------
-    outbox : Outbox
+    outbox
+        As of a `Sequencer`.
     instruments : Instruments
     in_force : InForce
     table : Table
@@ -72,8 +73,7 @@ class Exposer:
         pointing = Pointing(target, self._in_force, np.zeros(2) if blind else self._carried)
         seen = blank = 0
         while True:
-            frame = yield from self.expose(pointing)
-            stamp, miss = frame
+            stamp, miss = yield from self.expose(pointing)
             if not np.isfinite(miss).all():
                 blank += 1
                 if blank < BLANKS:

@@ -1,7 +1,6 @@
 """The instruments as the observer knows them: what they said last, and which are silent."""
 
 import time
-from typing import NamedTuple
 
 import numpy as np
 
@@ -12,14 +11,6 @@ from .pairing import Exposures
 MOUNT, ABSOLUTE, CAMERA = 'mount and incremental encoder', 'absolute encoder', 'camera'
 #: an axis slower than this stands still, rad/s
 STILL = 0.01 * DEG
-
-
-class Reading(NamedTuple):
-    """Of the incremental encoder: ns, rad, rad/s."""
-
-    stamp: int
-    angle: tuple
-    rate: tuple
 
 
 class Instruments:
@@ -36,8 +27,10 @@ class Instruments:
     ----------
     exposures : Exposures
         Readings and frames since the last command.
-    reading : Reading or None
-        The last one.
+    stamp : int
+        Of the last reading of the incremental encoder, ns; 0 before the first.
+    here, rate : ndarray, tuple
+        Its angles, rad, and rates, rad/s, shape (2,); None before the first.
     homed : bool
     run : int
         Number of the power-on: each time that the encoder has been homed is one.
@@ -45,7 +38,7 @@ class Instruments:
 
     def __init__(self, first_run=1, wall=time.monotonic):
         self.exposures = Exposures()
-        self.reading = None
+        self.stamp, self.here, self.rate = 0, None, None
         self.homed = False
         self.run = first_run - 1
         self._wall = wall
@@ -54,7 +47,7 @@ class Instruments:
     def take_incremental(self, stamp, angle, rate):
         """Take a reading; True where the clock went back. ValueError for one out of order."""
         back = self.exposures.add_reading('enc', stamp, angle)
-        self.reading = Reading(stamp, angle, rate)
+        self.stamp, self.here, self.rate = stamp, np.array(angle), rate
         homed = bool(np.isfinite(angle).all())
         if homed and not self.homed:
             self.run += 1
@@ -73,23 +66,13 @@ class Instruments:
         self.exposures.add_frame(stamp, x, y)
         self.hear(CAMERA)
 
-    @property
-    def stamp(self):
-        """Of the last reading, ns; 0 before the first."""
-        return self.reading.stamp if self.reading else 0
-
-    @property
-    def here(self):
-        """Encoder angles of the last reading, shape (2,), rad."""
-        return np.array(self.reading.angle)
-
     def homed_since(self, stamp):
         """Whether a reading after `stamp` says so, with the axes at rest.
 
         Which reading comes in first must not decide what follows.
         """
         return (self.homed and self.stamp > stamp
-                and not np.any(np.abs(self.reading.rate) > STILL))
+                and not np.any(np.abs(self.rate) > STILL))
 
     def hear(self, name):
         """Count the silence of an instrument from now on."""

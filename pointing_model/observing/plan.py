@@ -60,14 +60,12 @@ def parse_plan(text):
         verb, rest = words[0], words[1:]
         if verb not in VERBS:
             raise ValueError(f'plan step {verb!r} is unknown; use {", ".join(VERBS)}')
-        if not VERBS[verb]:
-            if rest:
-                raise ValueError(f'plan step {verb} takes no count')
-            steps.append(Step(verb))
-            continue
-        if len(rest) != 1 or not rest[0].isdecimal() or not 1 <= int(rest[0]) <= 100000:
+        if not VERBS[verb] and rest:
+            raise ValueError(f'plan step {verb} takes no count')
+        if VERBS[verb] and (len(rest) != 1 or not rest[0].isdecimal()
+                            or not 1 <= int(rest[0]) <= 100000):
             raise ValueError(f'plan step {part.strip()!r}: write {verb} and a count of 1 to 100000')
-        steps.append(Step(verb, int(rest[0])))
+        steps.append(Step(verb, *map(int, rest)))
     if not steps:
         raise ValueError('the plan is empty')
     return steps

@@ -6,7 +6,7 @@ import numpy as np
 
 from msg_tools.units import wrap
 
-from ..drivers import pointing_context
+from ..in_force import pointing_context
 
 #: seconds between the knots of a commanded track; the cubic between them is good to 1e-3 arcsec
 KNOT = 20.0

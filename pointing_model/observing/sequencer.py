@@ -1,22 +1,21 @@
 """The observing plan as work that waits: what is done step by step, and what each step awaits.
 
 The sequencer knows no ROS. It reads `Instruments` and `InForce`, and asks whoever runs it, its
-`Outbox`, for all else; each new thing to know is followed by `Sequencer.advance`.
+outbox, for all else; each new thing to know is followed by `Sequencer.advance`.
 """
 
+import json
 from dataclasses import replace
-from typing import Protocol
 
 import numpy as np
 
 from msg_tools.status import Progress
 from msg_tools.steps import Refused, Steps, call
-from msg_tools.units import DEG
+from msg_tools.units import ARCSEC, DEG
 
 from ..catalogue import POLARIS_HIP, load_catalogue
 from ..earth import earth_orientation
 from ..target import StarTarget, satellite_target
-from . import blind_check
 from .exposing import Exposer
 from .instruments import MOUNT
 from .plan import parse_plan
@@ -26,48 +25,8 @@ from .star_choice import choose_stars
 #: what a star takes, to know that it stays within the limits until its turn, s
 SECONDS_A_STAR = 40.0
 _HOUR = 3_600_000_000_000  # ns
-
-class Outbox(Protocol):
-    """What the sequencer asks of whoever runs it.
-
-    Times are int, ns.
-    """
-
-    def value(self, name):
-        """The parameter `name` of the star observer."""
-
-    def sky(self):
-        """Site and weather of now: sky.Site, sky.Weather."""
-
-    def now(self):
-        """The (simulated) time; 0 before it is known."""
-
-    def missing(self):
-        """What the graph still lacks before a plan can begin, list of str."""
-
-    def client(self, verb):
-        """Client of the service `verb`, see `msg_tools.steps.call`."""
-
-    def send_command(self, track):
-        """Send a `Track` to the mount."""
-
-    def send_row(self, run, stamp):
-        """Publish an observation, a PointingRun of one row."""
-
-    def send_table(self, run, stamp):
-        """Publish all rows so far."""
-
-    def send_checks(self, text):
-        """Publish the document of the blind checks."""
-
-    def send_status(self, progress, text):
-        """Publish how far the plan is, a `Progress`."""
-
-    def refuse_frame(self, reason):
-        """Count an exposure that cannot be used."""
-
-    def log(self):
-        """A logger with ``info``, ``warning`` and ``error``."""
+CHECKS_FORMAT = 'telescope_mount/blind_checks'
+CHECKS_VERSION = 1
 
 
 class Sequencer:
@@ -75,7 +34,21 @@ class Sequencer:
 
     Parameters
     ----------
-    outbox : Outbox
+    outbox
+        Whoever runs it, with these methods (times are int, ns):
+
+        - ``value(name)``: a parameter of the star observer
+        - ``sky()``: site and weather of now, sky.Site and sky.Weather
+        - ``now()``: the (simulated) time; 0 before it is known
+        - ``waiting_for()``: what the graph still lacks before a plan can begin, list of str
+        - ``client(verb)``: client of a service, see `msg_tools.steps.call`
+        - ``send_command(track)``: send a `Track` to the mount
+        - ``send_row(run, stamp)``: publish an observation, a PointingRun of one row
+        - ``send_table(run, stamp)``: publish all rows so far
+        - ``send_checks(text)``: publish the document of the blind checks
+        - ``send_status(progress, text)``: publish how far the plan is, a `Progress`
+        - ``refuse_frame(reason)``: count an exposure that cannot be used
+        - ``get_logger()``: a logger with ``info``, ``warning`` and ``error``
     instruments : Instruments
     in_force : InForce
     table : Table
@@ -148,21 +121,21 @@ class Sequencer:
     def _ended(self, error):
         if error is None:
             self._set_state('done', 'plan finished')
-            self._out.log().info(f'plan finished: {len(self._table)} observations, '
+            self._out.get_logger().info(f'plan finished: {len(self._table)} observations, '
                                  f'{self._progress.lost} stars lost')
         else:
             self._set_state('failed', str(error))
-            self._out.log().error(str(error))
+            self._out.get_logger().error(str(error))
 
     def _follow(self, plan):
         """The night as a generator of conditions to wait for."""
         self._set_state('waiting', 'the graph')
-        yield lambda: not self._out.missing()
+        yield lambda: not self._out.waiting_for()
         yield lambda: self._out.now() > 0
         self._evening = self._out.now()
         orientation = earth_orientation(self._evening * 1e-9)
         self.earth = orientation.statement()
-        self._out.log().info(self.earth)
+        self._out.get_logger().info(self.earth)
         self._exposer.exposed = self._evening + 1
         steps = parse_plan(plan)
         if any(step.verb == 'satellite' for step in steps) and not self._out.value('satellite'):
@@ -187,10 +160,11 @@ class Sequencer:
         first, lost = len(self._table), self._progress.lost
         for target in self._fresh_stars(count):
             yield from self._observe(target, blind=True)
-        self._checks.append({'block': self._progress.block, **blind_check.summary(
+        self._checks.append({'block': self._progress.block, **blind_summary(
             [[row['miss_x'], row['miss_y']] for row in self._table.rows[first:]],
             self._progress.lost - lost, self._in_force.model)})
-        self._out.send_checks(blind_check.document(self._checks))
+        self._out.send_checks(json.dumps({
+            'format': CHECKS_FORMAT, 'version': CHECKS_VERSION, 'checks': self._checks}))
 
     def _do_polaris(self, count):
         self._check_polaris()
@@ -250,7 +224,8 @@ class Sequencer:
         row = yield from self._exposer.observe(target, self._progress.block, blind)
         if row is None:
             self._progress.lost += 1
-            self._out.log().warning(f'{target.name}: nothing in the field; go on with the next')
+            self._out.get_logger().warning(
+                f'{target.name}: nothing in the field; go on with the next')
         else:
             self._out.send_row(self._table.add(row), row['stamp'])
         self._progress.done += 1
@@ -297,7 +272,7 @@ class Sequencer:
 
     def _need_home(self):
         if not self._instruments.homed and self._homes:
-            self._out.log().warning('the encoder has no zero any more: homing again')
+            self._out.get_logger().warning('the encoder has no zero any more: homing again')
             yield from self._do_home()
         if not self._instruments.homed:
             yield from self._until(lambda: self._instruments.homed,
@@ -305,7 +280,7 @@ class Sequencer:
 
     def _call(self, verb):
         answer = yield from call(verb, self._out.client(verb), self.advance, self._until)
-        self._out.log().info(answer)
+        self._out.get_logger().info(answer)
 
     def _until(self, condition, what):
         self._set_waiting(what)
@@ -325,3 +300,36 @@ class Sequencer:
         run = self._table.all(again)
         if run is not None:
             self._out.send_table(run, self._table.newest)
+
+
+def blind_summary(miss, lost=0, model=None):
+    """RMS of the miss distances of fresh stars pointed at blind, which is the pointing error.
+
+    Parameters
+    ----------
+    miss : array_like, shape (n, 2)
+        Star - boresight towards +A and +E, rad, of first exposures: model and zero in force,
+        nothing centred.
+    lost : int
+        Stars that were not in the field, and so are in no figure.
+    model : PointingModel, optional
+        That was in force.
+
+    Returns
+    -------
+    dict
+        ``stars``, ``lost``, ``rms_arcsec`` (radial), ``rms_x_arcsec``, ``rms_y_arcsec``,
+        ``mean_x_arcsec``, ``mean_y_arcsec``, ``max_arcsec``, None where there is no star;
+        ``terms`` and ``effects`` of the model.
+    """
+    miss = np.asarray(miss, dtype=float).reshape(-1, 2) / ARCSEC
+    names = ('rms_arcsec', 'rms_x_arcsec', 'rms_y_arcsec', 'mean_x_arcsec', 'mean_y_arcsec',
+             'max_arcsec')
+    values = [None] * len(names)
+    if len(miss):
+        x, y = np.sqrt(np.mean(miss**2, axis=0))
+        values = [np.hypot(x, y), x, y, *miss.mean(axis=0), np.hypot(*miss.T).max()]
+    return {'stars': len(miss), 'lost': int(lost),
+            **{n: None if v is None else float(v) for n, v in zip(names, values)},
+            'terms': list(model.terms) if model else [],
+            'effects': [e.effect.name for e in model.effects] if model else []}

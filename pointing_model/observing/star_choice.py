@@ -4,6 +4,7 @@ import numpy as np
 
 from msg_tools.units import ARCSEC, DEG, wrap
 
+from .. import harmonics
 from ..sky import DEFAULT_SITE, DEFAULT_WEATHER, observed_place
 
 NEIGHBOUR_DISTANCE = 30.0 * 60.0 * ARCSEC  # a field of 30 arcmin to its corner, and a mount 8 off
@@ -125,14 +126,6 @@ def _xyz(az, el):
     return np.stack([np.cos(el) * np.cos(az), np.cos(el) * np.sin(az), np.sin(el)], axis=-1)
 
 
-def _harmonics(az, el):
-    """The 13 functions of paper 000, eq. 6-7, in zenith distance (n, 13)."""
-    c, s = np.sin(el), np.cos(el)
-    zonal = [c**k for k in range(5)]
-    first = [f * s * c**k for k in range(4) for f in (np.cos(az), np.sin(az))]
-    return np.stack(zonal + first, axis=1)
-
-
 def _stratified(az, el, n, min_el, max_el, rng):
     """Rows of n stars, one in each of n equal cells of azimuth and sin(elevation)."""
     bands = max(1, round(np.sqrt(n / 2.0)))
@@ -145,7 +138,7 @@ def _stratified(az, el, n, min_el, max_el, rng):
     column = np.minimum((turn % 1.0 * count[band]).astype(int), count[band] - 1)
     cell = np.concatenate([[0], np.cumsum(count)])[band] + column
 
-    basis = _harmonics(az, el)
+    basis = harmonics.basis(az, el)
     # orthonormal over the sky, so that a millionth is small in every direction; einsum because
     # the threads of a BLAS would keep a core of the other nodes busy
     gram = np.einsum('ij,ik->jk', basis, basis) / len(az) + 1e-9 * np.eye(basis.shape[1])

@@ -1,5 +1,7 @@
 """Pointing runs from files: our CSV, TPOINT, the raw nights of the MMT, logs of the IRAM 30 m."""
 
-from .files import COLUMNS, NoObservations, iso_utc, read_run, swap_encoders, write_csv
+from .csv import iso_utc, write_csv
+from .files import read_run, swap_encoders
+from .table import NoObservations
 
-__all__ = ['COLUMNS', 'NoObservations', 'iso_utc', 'read_run', 'swap_encoders', 'write_csv']
+__all__ = ['NoObservations', 'iso_utc', 'read_run', 'swap_encoders', 'write_csv']

@@ -7,22 +7,11 @@ import numpy as np
 
 from pointing_model.run import COLUMNS
 
-from .table import (
-    SPECIAL,
-    YEAR_1900,
-    YEAR_2100,
-    NoObservations,
-    Table,
-    content,
-    floats,
-    is_number,
-    own_name,
-    parse_iso,
-    sidereal_name,
-)
+from . import table
+from .table import Table, bad_cell, content, floats, is_number, same_width
 
 CSV_NAMES = {csv_name: name for name, (csv_name, _, _) in COLUMNS.items()}
-CSV_NAMES.update({name: name for name in SPECIAL})
+CSV_NAMES.update({name: name for name in table.SPECIAL})
 _TEXT = ('star', 'block', 'run')  # may hold names in place of numbers
 _CLOCK = 1e8  # s: below, time counts from an arbitrary start
 _TOO_CLOSE = 0.05  # s on average: no mount goes from star to star so fast
@@ -76,14 +65,12 @@ def read_csv(path, lines, delimiter, encoder=None):
         raise ValueError(f'{path}: column {twice[0]!r} is there twice')
     _require(path, header, encoder)
     if len(body) == 1:
-        raise NoObservations(f'{path} has a header row but no observations')
+        raise table.NoObservations(f'{path} has a header row but no observations')
     blocks, texts = [], []
     for i in range(1, len(body), _BLOCK):
         rows = _split(path, body[i:i + _BLOCK], delimiter)
-        bad = next((k for k, row in enumerate(rows, i - 1) if len(row) != len(header)), None)
-        if bad is not None:
-            raise ValueError(f'{path}, row {numbers[bad]}: {len(rows[bad - i + 1])} cells, but the '
-                             f'header has {len(header)}')
+        same_width(path, numbers[i - 1:], rows, len(header), 'cells',
+                   f'the header has {len(header)}')
         # of a million rows, cells as text and rows that differ would take most of the memory
         texts += [hash('\0'.join(row)) for row in rows]
         blocks.append([np.array([cell.encode() for cell in cells]) for cells in zip(*rows)])
@@ -100,10 +87,10 @@ def read_csv(path, lines, delimiter, encoder=None):
 def _split(path, body, delimiter):
     """Cells of every line; a quoted cell may not run over the end of its line."""
     try:
-        table = list(csv.reader((line for _, line in body), delimiter=delimiter, strict=True))
+        rows = list(csv.reader((line for _, line in body), delimiter=delimiter, strict=True))
     except csv.Error:
-        table = []
-    if len(table) != len(body):
+        rows = []
+    if len(rows) != len(body):
         for number, line in body:
             try:
                 whole = len(list(csv.reader([line], delimiter=delimiter, strict=True))) == 1
@@ -111,7 +98,7 @@ def _split(path, body, delimiter):
                 whole = False
             if not whole:
                 raise ValueError(f'{path}, row {number}: a quoted cell does not end on its line')
-    return [[cell.strip() for cell in row] for row in table]
+    return [[cell.strip() for cell in row] for row in rows]
 
 
 def _is_row(line, delimiter, width):
@@ -138,8 +125,8 @@ def _take_column(path, numbers, header, header_name, cells, columns, meta):
         bad = next((i for i, cell in enumerate(cells) if cell and not is_number(cell)), None)
         if bad is None:
             values = floats(path, numbers, header_name, cells)
-            own = sidereal_name(values, header, meta['notes']) if header_name == 'lst' \
-                else own_name(header_name, header, meta['notes'])
+            own = table.sidereal_name(values, header, meta['notes']) if header_name == 'lst' \
+                else table.own_name(header_name, header, meta['notes'])
             columns[own] = values
         else:
             meta['notes'].append(f'column {header_name[:40]!r} left out: it is not numeric (row '
@@ -209,9 +196,7 @@ def _approach(path, numbers, header_name, cells):
     values = floats(path, numbers, header_name, cells)
     bad = ~np.isin(values, (-1.0, 0.0, 1.0)) & ~np.isnan(values)
     if bad.any():
-        i = int(np.argmax(bad))
-        raise ValueError(f'{path}, row {numbers[i]}, column {header_name}: {cells[i][:40]!r} is '
-                         'not -1, 0 or 1')
+        raise bad_cell(path, numbers, header_name, cells, int(np.argmax(bad)), 'is not -1, 0 or 1')
     return values
 
 
@@ -226,7 +211,7 @@ def _time(path, numbers, cells, meta):
                 raise ValueError(
                     f'{path}, column time: mixes seconds (row {numbers[one]}) and ISO 8601 (row '
                     f'{numbers[other]})') from None
-        return parse_iso(path, numbers, 'time', cells)
+        return table.parse_iso(path, numbers, 'time', cells)
     _refuse_other_units(path, numbers, cells, values, meta)
     if np.any(np.abs(values) < _CLOCK):
         meta['time_is_utc'] = False
@@ -236,14 +221,14 @@ def _time(path, numbers, cells, meta):
 
 def _refuse_other_units(path, numbers, cells, values, meta):
     finite = np.isfinite(values)
-    outside = finite & ((values < YEAR_1900) | (values > YEAR_2100))
+    outside = finite & ((values < table.YEAR_1900) | (values > table.YEAR_2100))
     if outside.any():
         i = int(np.argmax(outside))
         unit = next((f' (is this {word}?)' for scale, word in (
             (1e3, 'milliseconds'), (1e6, 'microseconds'), (1e9, 'nanoseconds'))
-            if _CLOCK < values[i] / scale < YEAR_2100), '')
-        raise ValueError(f'{path}, row {numbers[i]}, column time: {cells[i][:40]!r} is outside '
-                         f'1900 to 2100{unit}; give seconds since 1970 or ISO 8601')
+            if _CLOCK < values[i] / scale < table.YEAR_2100), '')
+        raise bad_cell(path, numbers, 'time', cells, i, f'is outside 1900 to 2100{unit}; give '
+                       'seconds since 1970 or ISO 8601')
     known = np.sort(values[finite])
     if len(known) < 5 or known[0] == known[-1]:
         return
@@ -260,7 +245,7 @@ def _refuse_other_units(path, numbers, cells, values, meta):
 
 def _reads_as_iso(cell):
     try:
-        parse_iso('', [0], '', [cell])
+        table.parse_iso('', [0], '', [cell])
     except ValueError:
         return False
     return True
@@ -313,19 +298,19 @@ def write_csv(run, path):
     """
     names = [name for name in COLUMNS if name in run]
     names += [name for name in run.columns if name not in COLUMNS]
-    header, table = [], []
+    header, columns = [], []
     for name in names:
         values = run[name]
         csv_name, unit, _ = COLUMNS.get(name, (name, 1.0, ''))
         header.append(csv_name)
         if name == 'time' and run.meta.get('time_is_utc', True):
-            table.append(iso_utc(np.asarray(values, dtype=float)))
+            columns.append(iso_utc(np.asarray(values, dtype=float)))
         elif values.dtype.kind in 'fc':
             values = values if unit == 1.0 else values / unit
-            table.append(['' if v != v else repr(v) for v in values.tolist()])
+            columns.append(['' if v != v else repr(v) for v in values.tolist()])
         else:
-            table.append(values.tolist())
-    texts = [cell for cells in [header, *table] for cell in cells if isinstance(cell, str)]
+            columns.append(values.tolist())
+    texts = [cell for cells in [header, *columns] for cell in cells if isinstance(cell, str)]
     if any('\n' in text or '\r' in text for text in texts):
         raise ValueError(f'{path}: a name in the run spans lines; CSV rows are lines here')
     # a row that begins with the comment sign would be lost
@@ -333,4 +318,4 @@ def write_csv(run, path):
     with open(path, 'w', newline='', encoding='utf-8') as stream:
         writer = csv.writer(stream, lineterminator='\n', quoting=quoting)
         writer.writerow(header)
-        writer.writerows(zip(*table))
+        writer.writerows(zip(*columns))

@@ -3,16 +3,14 @@
 from pathlib import Path
 
 from msg_tools.units import DEG
-from pointing_model.run import COLUMNS, PointingRun
+from pointing_model.run import PointingRun
 
 from . import checks
-from .csv import csv_delimiter, iso_utc, read_csv, write_csv
+from .csv import csv_delimiter, read_csv
 from .iram import looks_like_iram, read_iram
 from .mmt import looks_like_mmt, read_mmt
-from .table import NoObservations, read_lines
+from .table import read_lines
 from .tpoint import looks_like_tpoint, read_tpoint
-
-__all__ = ['COLUMNS', 'NoObservations', 'iso_utc', 'read_run', 'swap_encoders', 'write_csv']
 
 _KINDS = ('a CSV file with a header row (az_deg, el_deg, az_enc_deg, el_enc_deg, ...), a TPOINT '
           'file (caption, ": ALTAZ", latitude, rows of 4 numbers), a raw MMT night (CAT:, '

@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 
-from .table import Table, content, floats, is_number, own_name, parse_iso
+from .table import Table, content, floats, is_number, own_name, parse_iso, same_width
 
 _ROW = re.compile(r'#?\s*(\d{4}-\d\d-\d\d)\.(\d+)\s', re.ASCII)
 _NEEDED = ('id', 'UTh', 'AZd', 'ELd', 'pnt.X', 'pnt.Y')
@@ -57,10 +57,8 @@ def read_iram(path, lines):
     if not rows:
         raise ValueError(f'{path} has a header but no observations')
     cells = [line.lstrip('# ').split() for _, line in rows]
-    for (number, _), words in zip(rows, cells):
-        if len(words) != len(names):
-            raise ValueError(f'{path}, row {number}: {len(words)} values, but the header names '
-                             f'{len(names)} columns')
+    same_width(path, [number for number, _ in rows], cells, len(names), 'values',
+               f'the header names {len(names)} columns')
     return _table(path, rows, dict(zip(names, zip(*cells))))
 
 

@@ -18,6 +18,7 @@ DERIVED = frozenset((
 _HOURS_OF_A_DAY = 24.0
 _RADIANS = 6.3  # a little more than a turn
 _BLOCK = 5000  # times that are read together
+_NO_TIME = 'is neither ISO 8601 (2021-08-21T04:36:01.5Z) nor seconds since 1970'
 YEAR_1900, YEAR_2100 = -2208988800.0, 4102444800.0  # s since 1970
 
 
@@ -158,6 +159,24 @@ def is_number(text):
     return True
 
 
+def bad_cell(path, lines, label, cells, i, what):
+    """The ValueError of the cell of row `i`, which `what` is said of."""
+    return ValueError(f'{path}, row {lines[i]}, column {label}: {cells[i][:40]!r} {what}')
+
+
+def same_width(path, numbers, rows, width, what, against):
+    """Refuse a row of another length than `width`; `what` its cells are, and `against` what.
+
+    Raises
+    ------
+    ValueError
+        With the file and the row.
+    """
+    for number, row in zip(numbers, rows):
+        if len(row) != width:
+            raise ValueError(f'{path}, row {number}: {len(row)} {what}, but {against}')
+
+
 def floats(path, lines, label, cells):
     """Cells as numbers; an empty one is NaN.
 
@@ -170,8 +189,7 @@ def floats(path, lines, label, cells):
         return np.array([cell or 'nan' for cell in cells], dtype=float)
     except ValueError:
         bad = next((i for i, cell in enumerate(cells) if cell and not is_number(cell)), 0)
-        raise ValueError(f'{path}, row {lines[bad]}, column {label}: '
-                         f'{cells[bad][:40]!r} is not a number') from None
+        raise bad_cell(path, lines, label, cells, bad, 'is not a number') from None
 
 
 def parse_iso(path, lines, label, cells):
@@ -188,7 +206,7 @@ def parse_iso(path, lines, label, cells):
     matches = [_ISO.fullmatch(cell) for cell in cells]
     for i, (match, cell) in enumerate(zip(matches, cells)):
         if cell and match is None:
-            _bad_time(path, lines[i], label, cell)
+            raise bad_cell(path, lines, label, cells, i, _NO_TIME)
     plain = [f'{m[1]}T{m[2] or "00:00:00"}' if m else 'NaT' for m in matches]
     try:
         stamps = np.array(plain, dtype='datetime64[s]')
@@ -197,15 +215,14 @@ def parse_iso(path, lines, label, cells):
             try:
                 np.datetime64(text, 's')
             except ValueError:
-                _bad_time(path, lines[i], label, cells[i])
+                raise bad_cell(path, lines, label, cells, i, _NO_TIME) from None
         raise
     rest = np.array([float(m[3] or 0.0) - _zone(m) if m else np.nan for m in matches])
     seconds = np.where(np.isnat(stamps), 0, stamps.astype(np.int64)) + rest
     outside = (seconds < YEAR_1900) | (seconds > YEAR_2100)
     if outside.any():
-        i = int(np.argmax(outside))
-        raise ValueError(f'{path}, row {lines[i]}, column {label}: {cells[i][:40]!r} is outside '
-                         '1900 to 2100')
+        raise bad_cell(path, lines, label, cells, int(np.argmax(outside)),
+                       'is outside 1900 to 2100')
     return seconds
 
 
@@ -218,8 +235,3 @@ def _zone(match):
     if not sign:
         return 0
     return int(sign + '1') * (int(hours) * 3600 + int(minutes or 0) * 60)
-
-
-def _bad_time(path, line, label, cell):
-    raise ValueError(f'{path}, row {line}, column {label}: {cell[:40]!r} is neither ISO 8601 '
-                     '(2021-08-21T04:36:01.5Z) nor seconds since 1970') from None

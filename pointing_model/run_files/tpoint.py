@@ -7,7 +7,7 @@ import numpy as np
 from msg_tools.units import DEG
 from pointing_model.run import REQUIRED
 
-from .table import NoObservations, Table, content, floats, is_number
+from .table import NoObservations, Table, content, floats, is_number, same_width
 
 _ANGLES = ('observed azimuth', 'observed elevation', 'mount azimuth', 'mount elevation')
 
@@ -98,10 +98,7 @@ def _rows(path, body):
     if not 4 <= width <= 8:
         raise ValueError(f'{path}, row {numbers[0]}: {width} numbers; only format 4 (observed '
                          'azimuth and elevation, mount azimuth and elevation) is read')
-    if set(map(len, cells)) != {width}:
-        bad = next(i for i, row in enumerate(cells) if len(row) != width)
-        raise ValueError(f'{path}, row {numbers[bad]}: {len(cells[bad])} numbers, but '
-                         f'{width} in the first row')
+    same_width(path, numbers, cells, width, 'numbers', f'{width} in the first row')
     return numbers, cells
 
 

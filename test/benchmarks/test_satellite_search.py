@@ -12,14 +12,16 @@ from calibration.satellite_check import PAPER
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.elements import GPS_26690, parse_elements
 from pointing_model.geometry import sky_to_encoder
-from pointing_model.satellite import passes, satellite_place
+from pointing_model.satellite import satellite_place
 from pointing_model.sky import DEFAULT_SITE, DEFAULT_WEATHER, Site, icrs_to_observed
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / 'benchmarks'))
+from passes import passes
 from satellite_candidates import (
     CANDIDATES,
     Assumptions,
     polaris_effects,
+    satellite_rates,
     track_effects,
 )
 from satellite_search import _Search, _tracks, candidate_report, report_rows
@@ -50,6 +52,18 @@ def results():
 def _offset(az_el, reference):
     az, el = az_el
     return wrap(az - reference[0]) / ARCSEC, (el - reference[1]) / ARCSEC
+
+
+def test_rates_are_those_of_the_place(time):
+    az_rate, el_rate = satellite_rates(GPS, time)
+    az, el, _ = satellite_place(GPS, time)
+    later = satellite_place(GPS, time + 3.0)
+    earlier = satellite_place(GPS, time - 3.0)
+    assert np.max(np.abs(wrap(later[0] - earlier[0]) / 6.0 - az_rate)) < 5e-4 * ARCSEC
+    assert np.max(np.abs((later[1] - earlier[1]) / 6.0 - el_rate)) < 5e-4 * ARCSEC
+    on_sky = np.hypot(az_rate * np.cos(el), el_rate) / ARCSEC
+    assert on_sky.min() > 15.0 and on_sky.max() < 45.0
+    assert np.shape(satellite_rates(GPS, float(time[0]))[0]) == ()
 
 
 def test_effect_of_a_late_time_is_the_place_later(time, effects):

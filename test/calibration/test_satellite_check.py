@@ -11,11 +11,11 @@ from calibration.satellite_check import (
     tracking_errors,
     tracking_statistics,
 )
-from msg_tools.units import ARCSEC
+from msg_tools.units import ARCSEC, DEG
 from pointing_model.elements import GPS_26690, parse_elements
 from pointing_model.model import PointingModel
 from pointing_model.run import PointingRun
-from pointing_model.satellite import passes, satellite_place
+from pointing_model.satellite import satellite_place
 from pointing_model.zero import RunZero
 
 GPS = parse_elements(GPS_26690)
@@ -23,8 +23,8 @@ GPS = parse_elements(GPS_26690)
 
 @pytest.fixture(scope='module')
 def time():
-    one = passes(GPS, GPS.epoch, 24.0)[0]
-    return np.arange(one.start, one.end, 120.0)
+    day = np.arange(GPS.epoch, GPS.epoch + 86400.0, 120.0)
+    return day[satellite_place(GPS, day)[1] > 20.0 * DEG]
 
 
 def _run(time, d_az, d_el):

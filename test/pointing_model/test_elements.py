@@ -26,13 +26,12 @@ def test_elements_of_the_paper():
 
 def test_elements_from_a_file_with_names(tmp_path):
     path = tmp_path / 'two.tle'
+    path.write_text('\n'.join(['', 'GPS', *GPS_26690, '']))
+    assert load_elements(path) == GPS
     iss = [_with_checksum(line) for line in ISS]
     path.write_text('\n'.join(['ISS', *iss, '', 'GPS', *GPS_26690, '']))
-    assert load_elements(path, 26690) == GPS
-    with pytest.raises(ValueError, match='2 sets of elements'):
+    with pytest.raises(ValueError, match=r'two\.tle: 2 sets of elements .* 25544, 26690'):
         load_elements(path)
-    with pytest.raises(ValueError, match=r'two\.tle: no elements of satellite 5; .*25544, 26690'):
-        load_elements(path, 5)
 
 
 @pytest.mark.parametrize(('lines', 'what'), [

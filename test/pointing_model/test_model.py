@@ -6,7 +6,7 @@ from pointing_model import geometry
 from pointing_model.harmonics import Harmonics
 from pointing_model.model import PointingModel
 from pointing_model.run import PointingRun
-from pointing_model.terms import TERMS, design
+from pointing_model.terms import TERMS, Trig, design
 from pointing_model.zero import RunZero, Zeros
 
 
@@ -43,7 +43,7 @@ def test_offset_is_rotation_plus_columns_plus_harmonics():
     az, el = sky(50)
     x, y = geometry.offsets(az, el, {n: model.terms[n] for n in geometry.GEOMETRIC})
     for name in ('HASA2', 'TX'):
-        cx, cy = TERMS[name].columns(az, el)
+        cx, cy = TERMS[name].of(Trig(az, el))
         x, y = x + model.terms[name] * cx, y + model.terms[name] * cy
     hx, hy = model.harmonics.offsets(az, el)
     np.testing.assert_allclose(model.offsets(az, el), (x + hx, y + hy), atol=1e-14)

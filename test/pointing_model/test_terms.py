@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from pointing_model.terms import PHYSICAL, STANDARD6, TERMS, design, stacked_design
+from pointing_model.terms import PHYSICAL, STANDARD6, TERMS, Trig, design, stacked_design
 
 
 def test_columns_are_those_of_the_convention():
@@ -13,7 +13,7 @@ def test_columns_are_those_of_the_convention():
         'AN': (sa * se, ca), 'AW': (ca * se, -sa), 'TF': (zero, ce), 'TX': (zero, ce / se),
     }
     for name, (x, y) in expected.items():
-        got = TERMS[name].columns(az, el)
+        got = TERMS[name].of(Trig(az, el))
         np.testing.assert_allclose(got[0], x, atol=1e-15, err_msg=name)
         np.testing.assert_allclose(got[1], y, atol=1e-15, err_msg=name)
 
@@ -24,8 +24,8 @@ def test_design_stacks_all_terms_in_order():
     x, y = design(tuple(TERMS), az, el)
     assert x.shape == y.shape == (7, len(TERMS))
     for i, term in enumerate(TERMS.values()):
-        np.testing.assert_array_equal(x[:, i], term.columns(az, el)[0])
-        np.testing.assert_array_equal(y[:, i], term.columns(az, el)[1])
+        np.testing.assert_array_equal(x[:, i], term.of(Trig(az, el))[0])
+        np.testing.assert_array_equal(y[:, i], term.of(Trig(az, el))[1])
     both = stacked_design(tuple(TERMS), az, el)
     np.testing.assert_array_equal(both, np.hstack((x.T, y.T)))
 
@@ -48,13 +48,13 @@ def test_tpoint_signs():
         'HESE2': (0, np.sin(2 * el)), 'HECE2': (0, np.cos(2 * el)),
         'HVSA2': (np.sin(2 * their_az) * tan, 0), 'HVCA2': (np.cos(2 * their_az) * tan, 0),
     }
-    assert set(theirs) == {t.tpoint_name for t in TERMS.values() if t.tpoint_name}
+    assert set(theirs) == {t.name for t in TERMS.values() if t.tpoint_sign}
     for term in TERMS.values():
-        if term.tpoint_name is None:
+        if term.tpoint_sign is None:
             continue
-        d_az, d_el = theirs[term.tpoint_name]
+        d_az, d_el = theirs[term.name]
         # encoder - star is the opposite correction, and our azimuth runs the other way
-        x, y = term.columns(az, el)
+        x, y = term.of(Trig(az, el))
         assert x * term.tpoint_sign == pytest.approx(d_az * np.cos(el), abs=1e-14), term.name
         assert y * term.tpoint_sign == pytest.approx(-d_el, abs=1e-14), term.name
 

@@ -18,7 +18,7 @@ from calibration.diagnosis_page.view import Driver, FoundEffect, View, driver_of
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.context import Context
 from pointing_model.effects import Amount, dictionary, effect, smooths, steps
-from pointing_model.effects.words import arcsec, readable
+from pointing_model.effects.base import arcsec, readable
 from pointing_model.run import PointingRun
 
 EVIL = '"><script>alert(1)</script><img src=x onerror=alert(2)>\x07\u202e'

@@ -8,8 +8,8 @@ import pytest
 from msg_tools.units import ARCSEC
 from pointing_model.context import Context
 from pointing_model.effects import Amount, base, dictionary, effect, of_document, to_document
+from pointing_model.effects.base import arcsec
 from pointing_model.effects.dictionary import ORDER
-from pointing_model.effects.words import arcsec
 from pointing_model.fitted_effects import FittedEffect
 from pointing_model.model import PointingModel
 

@@ -12,7 +12,7 @@ from pointing_model.catalogue import POLARIS_HIP, load_catalogue
 from pointing_model.in_force import InForce
 from pointing_model.model import PointingModel
 from pointing_model.observing.instruments import ABSOLUTE, CAMERA, MOUNT, Instruments
-from pointing_model.observing.sequencer import Outbox, Sequencer
+from pointing_model.observing.sequencer import Sequencer
 from pointing_model.observing.table import Table
 from pointing_model.sky import DEFAULT_SITE, DEFAULT_WEATHER, Site, observed_place
 from pointing_model.zero import RunZero
@@ -46,7 +46,7 @@ class Service:
             result=lambda: SimpleNamespace(success=answer[0], message=answer[1]))
 
 
-class Bench(Outbox):
+class Bench:
     """Mount, encoders, camera, clocks and the other side of every topic."""
 
     def __init__(self, plan='', homed=True, **settings):
@@ -79,13 +79,13 @@ class Bench(Outbox):
     def now(self):
         return self.stamp
 
-    def missing(self):
+    def waiting_for(self):
         return self.lacks
 
     def client(self, verb):
         return Service(self, verb)
 
-    def log(self):
+    def get_logger(self):
         return logging.getLogger('bench')
 
     def refuse_frame(self, reason):

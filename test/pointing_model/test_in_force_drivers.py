@@ -3,7 +3,9 @@ import pytest
 
 from msg_tools.units import ARCSEC
 from pointing_model.context import Context
-from pointing_model.drivers import (
+from pointing_model.effects import PERIODS, effect
+from pointing_model.fitted_effects import FittedEffect
+from pointing_model.in_force import (
     HORIZON,
     Thermometer,
     demand_angles,
@@ -11,10 +13,8 @@ from pointing_model.drivers import (
     time_driver,
     travelled,
 )
-from pointing_model.effects import PERIODS, effect
-from pointing_model.fitted_effects import FittedEffect
 from pointing_model.model import PointingModel
-from pointing_model.observing.blind_check import summary
+from pointing_model.observing.sequencer import blind_summary
 from pointing_model.sky import DEFAULT_SITE
 
 NOW = 1_768_482_000_000_000_000
@@ -71,7 +71,7 @@ def test_without_a_reading_nothing_is_iterated():
 
 
 def test_rms_of_a_check():
-    got = summary(np.array([[3.0, -4.0], [-3.0, -4.0]]) * ARCSEC, lost=1)
+    got = blind_summary(np.array([[3.0, -4.0], [-3.0, -4.0]]) * ARCSEC, lost=1)
     assert (got['stars'], got['lost']) == (2, 1)
     assert got['rms_arcsec'] == pytest.approx(5.0)
     assert got['rms_x_arcsec'] == pytest.approx(3.0)
@@ -79,7 +79,7 @@ def test_rms_of_a_check():
     assert got['mean_x_arcsec'] == pytest.approx(0.0)
     assert got['mean_y_arcsec'] == pytest.approx(-4.0)
     assert got['max_arcsec'] == pytest.approx(5.0)
-    nothing = summary([], lost=3)
+    nothing = blind_summary([], lost=3)
     assert nothing['stars'] == 0 and nothing['lost'] == 3 and nothing['rms_arcsec'] is None
 
 

@@ -1,0 +1,89 @@
+"""When a satellite can be tracked: its passes over a site."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from msg_tools.units import DEG
+from pointing_model.satellite import in_sunlight, satellite_place, sun_elevation
+from pointing_model.sky import DEFAULT_SITE
+
+
+@dataclass(frozen=True)
+class Pass:
+    """One visible pass.
+
+    Attributes
+    ----------
+    start, end, top : float
+        UTC, seconds since 1970-01-01: of its first and last moment, and of its highest.
+    top_el : float
+        Radians.
+    """
+
+    start: float
+    end: float
+    top: float
+    top_el: float
+
+
+def passes(satellite, start, hours, site=DEFAULT_SITE, min_el=20.0 * DEG, *, dark=False,
+           step=60.0):
+    """Passes of a satellite over a site.
+
+    Parameters
+    ----------
+    satellite : Satellite
+    start : float
+        UTC, seconds since 1970-01-01.
+    hours : float
+    site : Site
+    min_el : float
+        Observed elevation (ordinary air), radians.
+    dark : bool
+        Only while the Sun is 12 degrees below the horizon and shines on the satellite.
+    step : float
+        Seconds; a pass shorter than that may be missed.
+
+    Returns
+    -------
+    list of Pass
+        Start and end to a millisecond; cut where the hours begin and end.
+
+    Raises
+    ------
+    ValueError
+        `hours` or `step` is not positive, or as `satellite_place`.
+    """
+    if not (hours > 0.0 and step > 0.0):
+        raise ValueError(f'hours {hours:g} and step {step:g} of a search for passes must be > 0')
+
+    def elevation(time):
+        return satellite_place(satellite, time, site)[1]
+
+    def seen(time):
+        up = elevation(time) >= min_el
+        if dark:
+            late = time[up]
+            up[up] = (sun_elevation(late, site) < -12.0 * DEG) & in_sunlight(satellite, late)
+        return up
+
+    time = np.append(np.arange(start, start + 3600.0 * hours, step), start + 3600.0 * hours)
+    up = seen(time)
+    turns = np.flatnonzero(up[1:] != up[:-1])
+    low, high, there = time[turns], time[turns + 1], up[turns]
+    while turns.size and np.max(high - low) > 1e-3:
+        middle = 0.5 * (low + high)
+        same = seen(middle) == there
+        low, high = np.where(same, middle, low), np.where(same, high, middle)
+    edges = [*([time[0]] if up[0] else []), *(0.5 * (low + high)), *([time[-1]] if up[-1] else [])]
+    out = []
+    for first, last in zip(edges[::2], edges[1::2]):
+        grid = np.linspace(first, last, 101)
+        for _ in range(3):  # the top: 100 steps, then 50 within two of them, twice
+            el = elevation(grid)
+            i = int(np.argmax(el))
+            top, top_el = grid[i], el[i]
+            grid = np.linspace(grid[max(i - 1, 0)], grid[min(i + 1, len(grid) - 1)], 51)
+        out.append(Pass(float(first), float(last), float(top), float(top_el)))
+    return out
