@@ -1,15 +1,24 @@
 """An effect is one function and one offer: everything else finds it by itself."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from msg_tools.units import ARCSEC
+from pointing_model import effects as package
 from pointing_model.context import Context
-from pointing_model.effects import Amount, base, dictionary, effect, of_document, to_document
+from pointing_model.effects import (
+    ORDER,
+    Amount,
+    base,
+    dictionary,
+    effect,
+    of_document,
+    to_document,
+)
 from pointing_model.effects.base import arcsec
-from pointing_model.effects.dictionary import ORDER
 from pointing_model.fitted_effects import FittedEffect
 from pointing_model.model import PointingModel
 
@@ -31,8 +40,6 @@ def context():
 def swing(monkeypatch):
     """A new effect, as a module of the package would add it."""
     monkeypatch.setattr(base, '_FORMS', dict(base._FORMS))
-    monkeypatch.setattr(base, 'PROPOSALS', base.PROPOSALS)
-    known = len(base.PROPOSALS)
 
     @base.form
     def _swing(order, scale=1.0):
@@ -41,13 +48,12 @@ def swing(monkeypatch):
             lambda c: [(scale * np.cos(order * c.az), 0.0)],
             lambda amount: f'The tube swings by {arcsec(amount.size)}', 'the tube')
 
-    @base.proposal
     def propose(context, lacking, own):
         yield base.Offer('swing', [effect('swing', order=2)])
         yield base.Offer('swing', [], 'swing of the third order', 'nobody asked')
 
-    yield
-    del base.PROPOSALS[known:]
+    module = SimpleNamespace(propose=propose)
+    monkeypatch.setattr(package, '_MODULES', [*package._MODULES, module])
 
 
 def test_a_new_effect_is_one_function_and_one_offer(context, swing):
@@ -64,7 +70,8 @@ def test_a_new_effect_is_one_function_and_one_offer(context, swing):
 
 
 def test_every_form_that_is_offered_has_its_place(context):
-    offers = [o for propose in base.PROPOSALS for o in propose(context, ('CA', 'HACA2'), ())]
+    offers = [o for module in package._MODULES if hasattr(module, 'propose')
+              for o in module.propose(context, ('CA', 'HACA2'), ())]
     assert {f'{o.form} {o.axis}'.strip() for o in offers} == set(ORDER)
     assert all(e.form == o.form for o in offers for e in o.effects)
 
