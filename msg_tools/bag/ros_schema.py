@@ -18,7 +18,7 @@ except ImportError:  # PyYAML built without libyaml
     from yaml import SafeLoader as Loader
 
 #: limits of what a foreign channel may say
-MAX_QOS_TEXT, MAX_PROFILES = 65536, 100
+MAX_QOS_TEXT, MAX_PROFILES, MAX_NESTING = 65536, 100, 20
 _SEPARATOR = '=' * 80
 _PRIMITIVES = frozenset((
     'bool', 'byte', 'char', 'float32', 'float64', 'int8', 'uint8', 'int16', 'uint16', 'int32',
@@ -221,23 +221,25 @@ def dump_yaml(document):
         document, Dumper=_PlainDumper, default_flow_style=False, sort_keys=False, width=10**6)
 
 
-def load_yaml(text, *, depth=20):
+def load_yaml(text):
     """YAML of a foreign file; the loader of libyaml would crash on deep nesting.
 
     Raises
     ------
     ValueError
-        Not YAML, or nested more than `depth` deep.
+        Not YAML, nested too deep, or with merge keys.
     """
     try:
         level = 0
         for event in yaml.parse(text, Loader=Loader):
             level += isinstance(event, yaml.CollectionStartEvent)
             level -= isinstance(event, yaml.CollectionEndEvent)
-            if level > depth:
-                raise ValueError(f'YAML nested more than {depth} deep')
+            if level > MAX_NESTING:
+                raise ValueError(f'YAML nested more than {MAX_NESTING} deep')
+            if isinstance(event, yaml.ScalarEvent) and event.value == '<<':
+                raise ValueError('YAML with a merge key')  # a few lines of them fill the memory
         return yaml.load(text, Loader=Loader)
-    except yaml.YAMLError as error:
+    except Exception as error:  # foreign text fails in any way
         raise ValueError(' '.join(str(error).split())[:120]) from None
 
 

@@ -8,11 +8,9 @@ from pathlib import Path
 
 from mcap.records import Schema
 
-from .decode import Decoders
 from .mcap_records import short
-from .metadata import is_truth, listed_files
-from .reader import BagMessage, BagReader, Topic
-from .ros_schema import load_qos, message_definition
+from .reader import BagMessage, BagReader, Reader, Topic
+from .ros_schema import message_definition
 
 
 def open_bag(path):
@@ -39,7 +37,7 @@ def open_bag(path):
     return BagReader(path)
 
 
-class SqliteReader:
+class SqliteReader(Reader):
     """Read a bag in SQLite; attributes and `messages` are those of `BagReader`.
 
     Parameters
@@ -55,13 +53,11 @@ class SqliteReader:
         It may not be read.
     """
 
+    SUFFIX = '.db3'
     metadata, attachments = {}, ()
 
     def __init__(self, path):
-        self.path = Path(path)
-        self._skipped = Counter()
-        self._decoders = Decoders(self._skipped)
-        self._problems = []
+        super().__init__(path)
         self._definitions = {}
         self.files = self._find()
         self._rows = {}  # file -> {topic id: (name, type, format, qos text, hash)}
@@ -83,31 +79,6 @@ class SqliteReader:
         self.topics = self._merge_topics(counts)
         self.start_time, self.end_time = min(spans, default=None), max(spans, default=None)
         self.complete = True
-        self.has_truth = any(is_truth(topic.name) for topic in self.topics)
-
-    @property
-    def message_count(self):
-        """Messages in all files."""
-        return sum(topic.count for topic in self.topics)
-
-    @property
-    def problems(self):
-        """What is wrong, one str each; grows while messages are read."""
-        return self._problems + [f'{what} ({count} times)' if count > 1 else what
-                                 for what, count in self._skipped.items()]
-
-    def _find(self):
-        if not self.path.is_dir():
-            if not self.path.exists():
-                raise ValueError(f'{self.path} does not exist')
-            return [self.path]
-        names, problem = listed_files(self.path)
-        if problem:
-            self._problems.append(problem)
-        found = sorted(self.path.glob('*.db3'))
-        listed = [self.path / name for name in dict.fromkeys(names)
-                  if (self.path / name) in found]
-        return listed + [file for file in found if file not in listed]
 
     def _read_topics(self, base):
         kinds = dict(base.execute('SELECT name, type FROM sqlite_master'))
@@ -131,13 +102,8 @@ class SqliteReader:
         merged = {}
         for rows in self._rows.values():
             for name, type_name, _, qos_text, hash_ in rows.values():
-                try:
-                    qos = load_qos(qos_text)
-                except ValueError as error:
-                    qos = []
-                    self._problems.append(f'{name}: QoS text not understood ({short(error)})')
                 merged.setdefault((name, type_name), Topic(
-                    name, type_name, counts[name, type_name], qos, hash_))
+                    name, type_name, counts[name, type_name], self._qos_of(name, qos_text), hash_))
         return list(merged.values())
 
     def _schema(self, type_name):
