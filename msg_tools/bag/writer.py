@@ -6,7 +6,7 @@ import time
 from collections import deque
 from concurrent.futures import ThreadPoolExecutor
 from importlib.metadata import PackageNotFoundError, version
-from pathlib import Path, PurePath
+from pathlib import Path
 
 from .chunks import COMPRESSIONS, NEVER, McapFile
 from .metadata import information, sync_folder, write_metadata
@@ -53,8 +53,6 @@ class BagWriter:
     ----------
     folder : str or Path
         Made here; must not exist or be empty.
-    name : str, optional
-        Stem of the files ``<name>_<n>.mcap``; the folder's name by default.
     metadata : dict of str to str, optional
         Written as an MCAP metadata record `OWN_RECORD` at once, so that a crash keeps it, and
         as ``custom_data`` of the bag.
@@ -85,7 +83,7 @@ class BagWriter:
     before.
     """
 
-    def __init__(self, folder, *, name=None, metadata=None, chunk_size=2**20, chunk_seconds=0.5,
+    def __init__(self, folder, *, metadata=None, chunk_size=2**20, chunk_seconds=0.5,
                  compression='zstd', max_bytes=0, max_seconds=0.0):
         self.folder = Path(folder)
         if compression not in COMPRESSIONS:
@@ -95,9 +93,7 @@ class BagWriter:
             raise ValueError(f'{self.folder} is a file; give a folder for the log')
         if self.folder.is_dir() and any(self.folder.iterdir()):
             raise ValueError(f'{self.folder} is not empty; give another folder or remove it')
-        self._stem = name or self.folder.resolve().name
-        if self._stem != PurePath(self._stem).name:
-            raise ValueError(f'name {self._stem!r} of a log must be a plain file name')
+        self._stem = self.folder.resolve().name
         self.folder.mkdir(parents=True, exist_ok=True)
         self.custom_data = {str(k): str(v) for k, v in (metadata or {}).items()}
         self._records = {OWN_RECORD: self.custom_data} if self.custom_data else {}
@@ -197,11 +193,6 @@ class BagWriter:
     def message_count(self):
         """Messages written so far; those repeated at the start of a file are counted once."""
         return self._written
-
-    @property
-    def topics(self):
-        """Names of the topics added so far."""
-        return list(self._topics)
 
     def _check_open(self):
         if self._error:

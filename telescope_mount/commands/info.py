@@ -85,7 +85,7 @@ def log_info(path, *, quick=False):
 
 def _read_through(bag):
     """(first, last log time, count, SequenceGaps) by topic and type."""
-    from msg_tools.bag.gaps import SequenceGaps
+    from msg_tools.gaps import SequenceGaps
     latched = {(t.name, t.type): t.latched for t in bag.topics}
     seen = {}
     for message in bag.messages():
