@@ -29,14 +29,13 @@ def run(args):
     """Observe, print, write."""
     from calibration.paper_table_1 import experiment_tables
 
-    from ..experiment import ExperimentOptions, run_experiment
+    from ..experiment import run_experiment
     from .console import Progress, new_console, print_files, print_lines
     console = new_console()
-    chosen = ExperimentOptions(
-        out=args.out, seed=args.seed, drifts=args.drifts, stars=args.stars, polaris=args.polaris,
-        satellite=args.satellite, domain=args.domain)
     with Progress(console) as progress:
-        report = run_experiment(chosen, progress)
+        report = run_experiment(
+            args.out, seed=args.seed, drifts=args.drifts, stars=args.stars, polaris=args.polaris,
+            satellite=args.satellite, domain_number=args.domain, progress=progress)
     for table in experiment_tables(report):
         console.print(table)
     print_lines(console, 'alarm', report['alarms'])
