@@ -117,12 +117,12 @@ def close_the_loop(out, *, scenario='', file=None, seed=1, stars=90, polaris=16,
         # whatever cannot be read is said before a node starts
         run = load_run(file, azimuth_origin=azimuth_origin)
         progress = progress and partial(_of, len(run), progress)
-        plan, site = _MEASURED_PLAN, _site_of(run, sky)
+        plan = _MEASURED_PLAN
     else:
-        plan, site = loop_plan(stars, polaris, check), _simulated_site(sky)
+        run, plan = None, loop_plan(stars, polaris, check)
         parse_plan(plan)
     folder = prepare_folder(out)
-    calibration = {'alpha': alpha, 'site': site,
+    calibration = {'alpha': alpha, 'site': _site_of(run, sky),
                    'diagnosis_page': str((folder / 'diagnosis.html').resolve())}
     if file is not None:
         specs = measured_graph(
@@ -175,25 +175,21 @@ def _of(total, progress, text, done, _):
     progress(text, done, total)
 
 
-def _simulated_site(sky):
-    """What the observer believes, as the calibration's parameter."""
+def _site_of(run, sky):
+    """The calibration's parameter: what was given, else what the run's file says.
+
+    Without a run, what the observer of a simulated one believes.
+    """
     from msg_tools.units import DEG
     from pointing_model.sky import DEFAULT_SITE
-    latitude = sky.get('latitude_deg', DEFAULT_SITE.latitude / DEG)
-    return f'{latitude!r}, {sky.get("longitude_deg", DEFAULT_SITE.longitude / DEG)!r}'
-
-
-def _site_of(run, sky):
-    """As `_simulated_site`, of a measured run: what was given, else what the file says."""
-    from msg_tools.units import DEG
-    told = run.meta.get('site') or {}
+    told = DEFAULT_SITE if run is None else run.meta.get('site') or {}
     if not isinstance(told, dict):
         told = {'latitude': told.latitude, 'longitude': told.longitude}
     told = {f'{name}_deg': value / DEG for name, value in told.items()
             if name in ('latitude', 'longitude') and value is not None} | sky
     # times from an arbitrary start say nothing of the stars' place
-    if len({'latitude_deg', 'longitude_deg'} & set(told)) < 2 \
-            or not run.meta.get('time_is_utc', True):
+    dated = run is None or run.meta.get('time_is_utc', True)
+    if not dated or not {'latitude_deg', 'longitude_deg'} <= set(told):
         return ''
     return f'{told["latitude_deg"]!r}, {told["longitude_deg"]!r}'
 

@@ -306,6 +306,8 @@ def _cell(value, digits=2):
     return '-' if value is None else f'{value:.{digits}f}'
 
 
+#: in the order in which they cover each other
+_PLOTTED = ('centroid', 'parabola', 'paper', 'template')
 _COLOURS = {'paper': 'C0', 'centroid': 'C1', 'parabola': 'C2', 'template': 'C3'}
 
 
@@ -328,29 +330,26 @@ def plot(report, path):
     loud = report['noise_of_the_paper']
     reading = np.arange(1, 24)
 
-    axes = figure.add_subplot(grid[0, 0])
-    axes.plot(reading, report['table_2']['errors_arcsec'], 'ko--', lw=0.8, ms=4,
-              label=f'printed in table 2: {report["table_2"]["std_arcsec"]:.2f}"')
-    for name in ('paper', 'template'):
-        axes.plot(reading, _plottable(curves['first_turn'][name]), 'o-', c=_COLOURS[name], lw=1.2,
-                  ms=3, label=_label(name, report['first_turn']))
-    _finish(axes, 'One turn, and the printed one', 'reading')
-
-    axes = figure.add_subplot(grid[0, 1])
-    for name in ('centroid', 'parabola', 'paper', 'template'):
-        axes.plot(reading, _plottable(curves['noise_of_the_paper'][name]), 'o-', c=_COLOURS[name],
-                  lw=1.2, ms=3, label=_label(name, loud['methods'], PRINTED_STD))
-    _finish(axes, f'All methods, noise {loud["noise_grey_levels"]:g} grey levels (fig. 11)',
-            'reading')
-
-    axes = figure.add_subplot(grid[1, 0])
-    for name in ('centroid', 'parabola', 'paper', 'template'):
-        axes.plot(reading, _plottable(curves['damaged'][name]), 'o-', c=_COLOURS[name], lw=1.2,
-                  ms=3, label=name)
-    _finish(axes, 'Bars displaced at readings 5, 10, 15 (fig. 12)', 'reading')
+    panels = (
+        (grid[0, 0], 'first_turn', ('paper', 'template'), 'One turn, and the printed one',
+         report['first_turn'], None),
+        (grid[0, 1], 'noise_of_the_paper', _PLOTTED,
+         f'All methods, noise {loud["noise_grey_levels"]:g} grey levels (fig. 11)',
+         loud['methods'], PRINTED_STD),
+        (grid[1, 0], 'damaged', _PLOTTED, 'Bars displaced at readings 5, 10, 15 (fig. 12)',
+         None, None))
+    for place, key, names, title, summaries, printed in panels:
+        axes = figure.add_subplot(place)
+        if key == 'first_turn':
+            axes.plot(reading, report['table_2']['errors_arcsec'], 'ko--', lw=0.8, ms=4,
+                      label=f'printed in table 2: {report["table_2"]["std_arcsec"]:.2f}"')
+        for name in names:
+            axes.plot(reading, _plottable(curves[key][name]), 'o-', c=_COLOURS[name], lw=1.2,
+                      ms=3, label=_label(name, summaries, printed) if summaries else name)
+        _finish(axes, title, 'reading')
 
     axes = figure.add_subplot(grid[1, 1])
-    for name in ('centroid', 'parabola', 'paper', 'template'):
+    for name in _PLOTTED:
         axes.plot(curves['one_bar_position'], _plottable(curves['one_bar'][name]), c=_COLOURS[name],
                   lw=0.5 if name == 'centroid' else 1.2, label=name)
     _finish(axes, 'Through one bar, without noise', 'place in the bar ["]')

@@ -127,15 +127,14 @@ def observe(folder, specs, plan, write, progress=None, domain_number=None, param
     try:
         for spec in specs:
             nodes.start(spec)
-        watcher = Watcher('night', lock.number, nodes.environment)
+        watcher = Watcher('night', lock.number, nodes.environment, nodes.check)
         _watch(watcher, nodes, plan, progress or (lambda *_: None))
-        if not watcher.spin_until(lambda: _complete(watcher, plan), 15.0, nodes.check):
+        if not watcher.spin_until(lambda: _complete(watcher, plan), 15.0):
             raise NightFailed('the plan is done, but its results were not published')
         with ThreadPoolExecutor(1) as pool:
             # files and picture are made while the last messages reach the log
             written = pool.submit(write, dict(watcher.latest))
-            missing = watcher.wait_for_log(
-                [spec.full_name for spec in specs], 15.0, each=nodes.check)
+            missing = watcher.wait_for_log([spec.full_name for spec in specs], 15.0)
             out = written.result()
         if missing:
             raise NightFailed('the logger could not keep up; it lacks messages of '

@@ -63,19 +63,19 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None):
             for spec in replay_graph(str(Path(log).resolve()), topic.name, seed, reference,
                                      _as_then(diagnosed), marks):
                 nodes.start(spec)
-            watcher = Watcher('replay', lock.number, nodes.environment)
+            watcher = Watcher('replay', lock.number, nodes.environment, nodes.check)
 
             def taken():
                 return observations_taken(watcher.latest.get(topics.CALIBRATION_STATUS.name))
 
-            if not watcher.spin_until(lambda: taken() >= topic.count, 60.0, nodes.check):
+            if not watcher.spin_until(lambda: taken() >= topic.count, 60.0):
                 raise RuntimeError(f'only {taken()} of {topic.count} observations arrived')
             if had_zero:
-                watcher.call('calibrate_zero', each=nodes.check)
-            watcher.call('fit', each=nodes.check)
+                watcher.call('calibrate_zero')
+            watcher.call('fit')
             there = [topics.MODEL.name, topics.CALIBRATION_REPORT.name]
             if diagnosed:
-                watcher.call('diagnose', timeout=120.0, each=nodes.check)
+                watcher.call('diagnose', timeout=120.0)
                 there.append(topics.DIAGNOSIS.name)
 
             def complete():
@@ -83,7 +83,7 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None):
                 return all(name in watcher.latest for name in there) and (
                     not diagnosed or 'verdict' in json.loads(
                         watcher.latest[topics.MODEL.name].data)['provenance'])
-            if not watcher.spin_until(complete, 15.0, nodes.check):
+            if not watcher.spin_until(complete, 15.0):
                 raise RuntimeError('the calibration fitted but published no model')
             model, *documents = (watcher.latest[name].data for name in there)
         finally:

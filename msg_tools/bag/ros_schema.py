@@ -81,16 +81,6 @@ def _read_share(type_name, suffix):
     return None
 
 
-def _message_text(type_name):
-    text = _read_share(type_name, '.msg')
-    if text is None:
-        package, name = split_type(type_name)
-        raise ValueError(
-            f'message type {type_name}: no share/{package}/msg/{name}.msg found; install or '
-            f'source the package {package}')
-    return text
-
-
 def _dependencies(text, package):
     found = set()
     for line in text.splitlines():
@@ -127,8 +117,13 @@ def message_definition(type_name):
     seen = set()
 
     def full(name):
-        text = _message_text(name)
-        for dependency in _dependencies(text, split_type(name)[0]):
+        package, short_name = split_type(name)
+        text = _read_share(name, '.msg')
+        if text is None:
+            raise ValueError(
+                f'message type {name}: no share/{package}/msg/{short_name}.msg found; install or '
+                f'source the package {package}')
+        for dependency in _dependencies(text, package):
             if dependency not in seen:
                 seen.add(dependency)
                 text += f'\n{_SEPARATOR}\nMSG: {dependency}\n{full(dependency)}'
