@@ -210,9 +210,8 @@ def _write(folder, about, latest):
     from pointing_model.run_messages import cloud_to_run
 
     diagnosis = json.loads(latest[topics.DIAGNOSIS.name].data)
-    checks = []
-    if topics.CHECKS.name in latest:
-        checks = json.loads(latest[topics.CHECKS.name].data)['checks']
+    checks = latest.get(topics.CHECKS.name)
+    checks = json.loads(checks.data)['checks'] if checks is not None else []
     report = {
         'format': FORMAT, 'version': VERSION, **about,
         'verdict': diagnosis['verdict'], 'effects': diagnosis['effects'],

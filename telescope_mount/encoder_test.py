@@ -8,6 +8,8 @@ The bench is simulated: `run` takes it through the one door to the simulator,
 `telescope_mount.simulator`. It calibrates nothing.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from calibration.tables import new_table
@@ -67,7 +69,7 @@ def run(seed=1, turns=20, pitch=48, progress=None):
     tell('one bar')
     quiet, noisy = bench.one_bar(noise=False), bench.one_bar()
     tell('the noise of the paper')
-    loud = IndexingTable(with_level(params, 'noise', PAPER_NOISE), seed)
+    loud = IndexingTable(replace(params, noise=PAPER_NOISE), seed)
     loud_errors = loud.turns(turns)
     tell('what the rivals need')
     # a reading that eq. 12 puts one bar off is counted elsewhere
@@ -103,12 +105,6 @@ def run(seed=1, turns=20, pitch=48, progress=None):
             'one_bar_position': (quiet[0] / ARCSEC).tolist(),
             'one_bar': _curves(quiet[1])},
     }
-
-
-def with_level(params, name, level):
-    """A copy of the encoder's parameters with one of them at `level`."""
-    from dataclasses import replace
-    return replace(params, **{name: level})
 
 
 def _curves(errors):
@@ -184,7 +180,7 @@ def _search(params, bench_of, turns):
     out = []
     for name, levels, unit, size in _DISTURBANCES:
         for level in (getattr(params, name), *levels):
-            bench = bench_of(with_level(params, name, level))
+            bench = bench_of(replace(params, **{name: level}))
             errors = bench.turns(turns)
             row = {'disturbance': name, 'level': level / size, 'unit': unit}
             for method, e in errors.items():

@@ -52,19 +52,14 @@ def run_node(request):
         os.environ.clear()
         os.environ.update(request['environment'])
         sys.argv = [request['module'], *request['arguments']]
-        code = _call_main(request['module'])
+        import_module(request['module']).main()
+        code = 0
+    except SystemExit as end:
+        code = end.code if isinstance(end.code, int) else int(end.code is not None)
     except Exception:
         import traceback
         traceback.print_exc()
     sys.exit(code)
-
-
-def _call_main(module):
-    try:
-        import_module(module).main()
-    except SystemExit as end:
-        return end.code if isinstance(end.code, int) else int(end.code is not None)
-    return 0
 
 
 def main():

@@ -185,11 +185,8 @@ class Processes:
         self.folder.mkdir(parents=True, exist_ok=True)
         self.params_file = params_file
         self.running = {}
-        self.environment = dict(os.environ)
-        self.environment.update(dds_environment(self.folder, domain),
-                                ROS_LOG_DIR=str(self.folder))
-        self.environment.update(
-            {key: value for key, value in ONE_THREAD.items() if key not in self.environment})
+        self.environment = (ONE_THREAD | os.environ | dds_environment(self.folder, domain)
+                            | {'ROS_LOG_DIR': str(self.folder)})
         # at once: it imports while the caller does
         self._nursery = Nursery(self.folder / 'nursery.log')
 
@@ -221,25 +218,23 @@ class Processes:
                 words = self.last_words(name).removeprefix('error: ')
                 raise RuntimeError(words or f'node {name} ended with code {code}')
 
-    def stop(self, names=None, patience=20.0):
-        """End nodes: Ctrl-C first, so that files are closed; the hard way for what stays.
+    def stop(self):
+        """End all nodes: Ctrl-C first, so that files are closed; the hard way for what stays.
 
         Returns
         -------
         dict of str to int
             Exit codes.
         """
-        names = list(self.running if names is None else names)
-        for sign, seconds in ((signal.SIGINT, patience), (signal.SIGTERM, 2.0),
-                              (signal.SIGKILL, 5.0)):
-            alive = [self.running[n] for n in names if self.running[n].poll() is None]
+        for sign, seconds in ((signal.SIGINT, 20.0), (signal.SIGTERM, 2.0), (signal.SIGKILL, 5.0)):
+            alive = [process for process in self.running.values() if process.poll() is None]
             for process in alive:
                 process.send_signal(sign)
             deadline = time.monotonic() + seconds
             for process in alive:
                 with contextlib.suppress(subprocess.TimeoutExpired):
                     process.wait(max(0.01, deadline - time.monotonic()))
-        codes = {name: self.running.pop(name).returncode for name in names}
-        if not self.running:
-            self._nursery.close()
+        codes = {name: process.returncode for name, process in self.running.items()}
+        self.running.clear()
+        self._nursery.close()
         return codes

@@ -47,8 +47,8 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None):
     topic = next((t for t in bag.topics if t.name.endswith('/observation')), None)
     if topic is None or topic.count == 0:
         raise ValueError(f'{log} has no observation in it; it is no log of a night')
-    had_zero = any(t.name.endswith('/zero') and t.count for t in bag.topics)
-    had_zero = had_zero and _saw_polaris(bag, topic.name)
+    had_zero = (any(t.name.endswith('/zero') and t.count for t in bag.topics)
+                and _saw_polaris(bag, topic.name))
     diagnosed = _diagnosis(bag)
     marks = [t.name for t in bag.topics if t.name.endswith('/incremental/homing') and t.count]
     lock = domain.claim(domain_number)

@@ -90,7 +90,7 @@ class _Check:
         self.unchecked = []
 
     def compare(self, kind, logged, computed, where):
-        """Compare texts, or numbers bit by bit; True if they are the same."""
+        """Compare texts, or numbers bit by bit."""
         self.checked[kind] += 1
         if isinstance(logged, str):
             same = logged == computed
@@ -100,7 +100,6 @@ class _Check:
                 logged, computed, equal_nan=True)
         if not same:
             self.differences.append(f'{kind} of {where}: {_difference(logged, computed)}')
-        return same
 
 
 def _difference(logged, computed):
@@ -171,7 +170,7 @@ def _read(log, prefix, check):
         else:
             rows.diagnosed += [(message.log_time, partial(homings_from_diagnostics, values))
                                for values in encoder_diagnostics(data)]
-    pairing.finish()
+    pairing.finish(rows.observations)
     return rows
 
 
@@ -184,7 +183,6 @@ class _Pairing:
         self.frames = {}
         self._waiting = deque()
         self.offsets = {}
-        self._rows = {}
 
     def reading(self, encoder, message):
         """Keep a reading; decoded only if an observation falls beside it."""
@@ -199,7 +197,6 @@ class _Pairing:
     def observation(self, stamp, run):
         """Compare as soon as there are readings on both sides."""
         self._waiting.append((stamp, run))
-        self._rows[stamp] = run
         self._go_on()
 
     def _go_on(self, end=False):
@@ -213,10 +210,10 @@ class _Pairing:
             self._waiting.popleft()
             self._compare(stamp, run)
 
-    def finish(self):
-        """Compare what still waits, and the offsets."""
+    def finish(self, observations):
+        """Compare what still waits, and the offsets of all `observations`."""
         self._go_on(end=True)
-        for stamp, run in self._rows.items():
+        for stamp, run in observations.items():
             if stamp in self.offsets:
                 x, y = run.offsets()
                 self._check.compare('offset', self.offsets[stamp], [x[0], y[0]], _at(stamp))

@@ -20,15 +20,8 @@ _MESSAGE = struct.Struct('<BQHIQQ').pack
 _OP_MESSAGE = int(Opcode.MESSAGE)
 
 
-def _compressor(name):
-    if name == 'zstd':
-        return zstandard.ZstdCompressor(level=1).compress
-    if name == 'lz4':
-        return lz4.frame.compress
-    return bytes
-
-
-COMPRESSIONS = ('zstd', 'lz4', 'none')
+COMPRESSORS = {'zstd': zstandard.ZstdCompressor(level=1).compress, 'lz4': lz4.frame.compress,
+               'none': bytes}
 
 
 def _bytes(record):
@@ -69,7 +62,7 @@ class McapFile:
     def __init__(self, path, library, *, chunk_size=2**20, compression='zstd'):
         self.path = path
         self._stream = open(path, 'xb', buffering=0)  # noqa: SIM115 (lives as long as the file)
-        self._compress = _compressor(compression)
+        self._compress = COMPRESSORS[compression]
         self._compression = '' if compression == 'none' else compression
         self._chunk_size = int(chunk_size)
         self.size = self.pending = 0

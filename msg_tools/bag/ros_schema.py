@@ -36,10 +36,7 @@ _POLICIES = {
     ),
 }
 _DURATIONS = ('deadline', 'lifespan', 'liveliness_lease_duration')
-_QOS_ORDER = (
-    'history', 'depth', 'reliability', 'durability', 'deadline', 'lifespan', 'liveliness',
-    'liveliness_lease_duration', 'avoid_ros_namespace_conventions',
-)
+#: in the order of metadata version 9
 _QOS_DEFAULT = {
     'history': 'keep_last', 'depth': 10, 'reliability': 'reliable', 'durability': 'volatile',
     'deadline': _INFINITE, 'lifespan': _INFINITE, 'liveliness': 'automatic',
@@ -174,13 +171,10 @@ def qos_dict(profile):
         An unknown policy.
     """
     out = {}
-    for key in _QOS_ORDER:
-        if isinstance(profile, dict):
-            value = profile.get(key)
-        else:
-            value = getattr(profile, key, None)
+    for key, default in _QOS_DEFAULT.items():
+        value = profile.get(key) if isinstance(profile, dict) else getattr(profile, key, None)
         if value is None:
-            value = _QOS_DEFAULT[key]
+            value = default
         if key in _POLICIES:
             names = _POLICIES[key]
             # enum members of rclpy are ints too: the name decides
@@ -199,7 +193,7 @@ def qos_dict(profile):
                 sec, nsec = divmod(int(getattr(value, 'nanoseconds', value)), 10**9)
                 out[key] = {'sec': sec, 'nsec': nsec}
         else:
-            out[key] = type(_QOS_DEFAULT[key])(value)
+            out[key] = type(default)(value)
     return out
 
 

@@ -58,7 +58,7 @@ class SqliteReader(Reader):
 
     def __init__(self, path):
         super().__init__(path)
-        self._definitions = {}
+        self._definitions, self._schemas = {}, {}
         self.files = self._find()
         self._rows = {}  # file -> {topic id: (name, type, format, qos text, hash)}
         counts, spans = Counter(), []
@@ -76,7 +76,12 @@ class SqliteReader(Reader):
                             spans += [first, last]
             except (sqlite3.Error, TypeError, OverflowError) as error:
                 raise ValueError(f'{file} is no bag of rosbag2 ({short(error)})') from None
-        self.topics = self._merge_topics(counts)
+        merged = {}
+        for rows in self._rows.values():
+            for name, type_name, _, qos_text, hash_ in rows.values():
+                merged.setdefault((name, type_name), Topic(
+                    name, type_name, counts[name, type_name], self._qos_of(name, qos_text), hash_))
+        self.topics = list(merged.values())
         self.start_time, self.end_time = min(spans, default=None), max(spans, default=None)
         self.complete = True
 
@@ -98,19 +103,19 @@ class SqliteReader(Reader):
                     self._definitions[str(name)] = str(text)
         return rows
 
-    def _merge_topics(self, counts):
-        merged = {}
-        for rows in self._rows.values():
-            for name, type_name, _, qos_text, hash_ in rows.values():
-                merged.setdefault((name, type_name), Topic(
-                    name, type_name, counts[name, type_name], self._qos_of(name, qos_text), hash_))
-        return list(merged.values())
-
     def _schema(self, type_name):
-        text = self._definitions.get(type_name)
-        if text is None:
-            text = message_definition(type_name)
-        return Schema(id=1, name=type_name, encoding='ros2msg', data=text.encode())
+        """The `mcap` Schema of a type; None where there is no definition of it, which is told."""
+        if type_name not in self._schemas:
+            self._schemas[type_name] = None
+            try:
+                text = self._definitions.get(type_name)
+                if text is None:
+                    text = message_definition(type_name)
+                self._schemas[type_name] = Schema(
+                    id=1, name=type_name, encoding='ros2msg', data=text.encode())
+            except ValueError as error:
+                self._problems.append(str(error))
+        return self._schemas[type_name]
 
     def messages(self, topics=None, start=None, end=None, decode=False):
         """Messages in the order of their time; see `BagReader.messages`.
@@ -121,21 +126,13 @@ class SqliteReader(Reader):
             else set(topics)
         low = 0 if start is None else start
         high = 2**63 - 1 if end is None else end
-        schemas = {}
         for when, _, _, row, data in heapq.merge(
                 *(self._rows_of(n, file, wanted, low, high) for n, file in enumerate(self.files)),
                 key=lambda row: row[:3]):
             name, type_name, encoding = row[:3]
             if decode:
-                if type_name not in schemas:
-                    try:
-                        schemas[type_name] = self._schema(type_name)
-                    except ValueError as error:
-                        schemas[type_name] = None
-                        self._problems.append(str(error))
-                if schemas[type_name] is None:
-                    continue
-                data = self._decoders.decode(name, schemas[type_name], encoding, data)
+                schema = self._schema(type_name)
+                data = schema and self._decoders.decode(name, schema, encoding, data)
                 if data is None:
                     continue
             yield BagMessage(name, type_name, data, when, when)

@@ -33,7 +33,6 @@ def add(commands):
     options.add(parser, 'latitude', help='of the site; a measured run whose file does not tell it '
                 'gets what follows the stars only with both')
     options.add(parser, 'longitude', 'azimuth-origin', 'domain')
-    parser.set_defaults(run=run)
 
 
 def run(args):

@@ -22,7 +22,6 @@ def add(commands):
     parser.add_argument('--satellite', type=options.whole(2, 200), default=20,
                         help='exposures of the satellite before and after (default: 20)')
     options.add(parser, 'domain')
-    parser.set_defaults(run=run)
 
 
 def run(args):

@@ -14,7 +14,6 @@ def add(commands):
     parser.add_argument('--quick', action='store_true',
                         help='tell what the index says, without reading the messages')
     parser.add_argument('--json', action='store_true', help='print it as JSON')
-    parser.set_defaults(run=run)
 
 
 def run(args):

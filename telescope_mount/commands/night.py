@@ -30,7 +30,6 @@ def add(commands):
                         help='simulated seconds a second; 0 (default): as fast as the graph '
                         'answers')
     options.add(parser, 'domain')
-    parser.set_defaults(run=run)
 
 
 def run(args):

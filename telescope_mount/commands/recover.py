@@ -12,7 +12,6 @@ def add(commands):
     parser.add_argument('log', type=Path, metavar='BAG')
     parser.add_argument('--out', type=Path, metavar='DIR',
                         help='folder of the new log (default: BAG_recovered)')
-    parser.set_defaults(run=run)
 
 
 def run(args):
