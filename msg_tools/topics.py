@@ -20,6 +20,7 @@ RELIABLE = make_qos(100)
 # An encoder at 1 kHz may run a few seconds ahead of a busy subscriber before a sample is lost.
 DEEP = make_qos(5000)
 LATCHED = make_qos(1, latched=True)
+HISTORY = make_qos(100, latched=True)
 SENSOR = make_qos(5, reliable=False)
 
 
@@ -57,8 +58,7 @@ CLOCK = Topic('/clock', 'rosgraph_msgs/msg/Clock', RELIABLE)
 COMMAND = Topic('command', 'trajectory_msgs/msg/JointTrajectory', RELIABLE)
 # only the simulated hardware may subscribe to these
 TRUTH_JOINTS = Topic('truth/joint_states', 'sensor_msgs/msg/JointState', DEEP)
-TRUTH_ZERO = Topic(
-    'truth/incremental_zero', 'sensor_msgs/msg/JointState', make_qos(100, latched=True))
+TRUTH_ZERO = Topic('truth/incremental_zero', 'sensor_msgs/msg/JointState', HISTORY)
 TRUTH_SCENARIO = Topic('truth/scenario', 'std_msgs/msg/String', LATCHED)
 INCREMENTAL = Topic('incremental/joint_states', 'sensor_msgs/msg/JointState', DEEP)
 HOMING = Topic('incremental/homing', 'sensor_msgs/msg/PointCloud2', LATCHED)
@@ -68,8 +68,7 @@ ABSOLUTE = Topic('absolute/joint_states', 'sensor_msgs/msg/JointState', DEEP)
 ABSOLUTE_SIGMA = Topic('absolute/sigma', 'sensor_msgs/msg/JointState', DEEP)
 ABSOLUTE_FRAME = Topic('absolute/frame', 'sensor_msgs/msg/Image', SENSOR)
 MISS_DISTANCE = Topic('camera/miss_distance', 'geometry_msgs/msg/Vector3Stamped', RELIABLE)
-AMBIENT = Topic(
-    'ambient/temperature', 'sensor_msgs/msg/Temperature', make_qos(100, latched=True))
+AMBIENT = Topic('ambient/temperature', 'sensor_msgs/msg/Temperature', HISTORY)
 OBSERVATION = Topic('observation', 'sensor_msgs/msg/PointCloud2', DEEP)
 OBSERVATIONS = Topic('observations', 'sensor_msgs/msg/PointCloud2', LATCHED)
 OFFSET = Topic('offset', 'geometry_msgs/msg/Vector3Stamped', RELIABLE)

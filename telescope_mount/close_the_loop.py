@@ -159,16 +159,13 @@ def close_all(out, *, seed=1, progress=None, **options):
         try:
             reports.append(close_the_loop(
                 folder / name, scenario=name, seed=seed,
-                progress=progress and partial(_named, progress, name), **options))
+                progress=progress and (lambda text, *done, name=name: progress(
+                    f'{name}: {text}', *done)), **options))
         except NightFailed as err:
             reports.append({'scenario': name, 'error': str(err)})
     report = {'format': FORMAT, 'version': VERSION, 'seed': seed, 'scenarios': reports}
     (folder / 'report.json').write_text(json.dumps(report, indent=1) + '\n')
     return report
-
-
-def _named(progress, name, text, done, total):
-    progress(f'{name}: {text}', done, total)
 
 
 def _of(total, progress, text, done, _):

@@ -30,8 +30,7 @@ class DomainLock:
 
 
 def _lock(number):
-    folder = Path(tempfile.gettempdir())
-    path = folder / f'telescope_mount_domain_{number}.lock'
+    path = Path(tempfile.gettempdir(), f'telescope_mount_domain_{number}.lock')
     try:
         handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
     except OSError:

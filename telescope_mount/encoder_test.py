@@ -24,8 +24,8 @@ from msg_tools.units import ARCSEC
 
 #: what the paper found for each method: standard deviation, arcsec
 PRINTED_STD = {'paper': 4.57, 'centroid': 26.77, 'parabola': 16.93}
-#: methods on the page; the others are variants of them
-MAIN = ('paper', 'centroid', 'parabola', 'template')
+#: methods on the page, in the order in which they cover each other; the others are variants
+MAIN = ('centroid', 'parabola', 'paper', 'template')
 #: of one bar in ten at readings 5, 10 and 15, in bar periods
 DAMAGE = 0.15
 #: pixel noise at which the page repeats the comparison, grey levels: see `needed`
@@ -302,8 +302,6 @@ def _cell(value, digits=2):
     return '-' if value is None else f'{value:.{digits}f}'
 
 
-#: in the order in which they cover each other
-_PLOTTED = ('centroid', 'parabola', 'paper', 'template')
 _COLOURS = {'paper': 'C0', 'centroid': 'C1', 'parabola': 'C2', 'template': 'C3'}
 
 
@@ -329,10 +327,10 @@ def plot(report, path):
     panels = (
         (grid[0, 0], 'first_turn', ('paper', 'template'), 'One turn, and the printed one',
          report['first_turn'], None),
-        (grid[0, 1], 'noise_of_the_paper', _PLOTTED,
+        (grid[0, 1], 'noise_of_the_paper', MAIN,
          f'All methods, noise {loud["noise_grey_levels"]:g} grey levels (fig. 11)',
          loud['methods'], PRINTED_STD),
-        (grid[1, 0], 'damaged', _PLOTTED, 'Bars displaced at readings 5, 10, 15 (fig. 12)',
+        (grid[1, 0], 'damaged', MAIN, 'Bars displaced at readings 5, 10, 15 (fig. 12)',
          None, None))
     for place, key, names, title, summaries, printed in panels:
         axes = figure.add_subplot(place)
@@ -345,7 +343,7 @@ def plot(report, path):
         _finish(axes, title, 'reading')
 
     axes = figure.add_subplot(grid[1, 1])
-    for name in _PLOTTED:
+    for name in MAIN:
         axes.plot(curves['one_bar_position'], _plottable(curves['one_bar'][name]), c=_COLOURS[name],
                   lw=0.5 if name == 'centroid' else 1.2, label=name)
     _finish(axes, 'Through one bar, without noise', 'place in the bar ["]')

@@ -50,6 +50,10 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None):
     had_zero = (any(t.name.endswith('/zero') and t.count for t in bag.topics)
                 and _saw_polaris(bag, topic.name))
     diagnosed = _diagnosis(bag)
+    as_then = {}  # parameters of the calibration with which it diagnosed
+    if diagnosed:
+        as_then = {'alpha': diagnosed.get('alpha', 0.01),
+                   'site': ', '.join(map(repr, diagnosed.get('site_deg') or ()))}
     marks = [t.name for t in bag.topics if t.name.endswith('/incremental/homing') and t.count]
     lock = domain.claim(domain_number)
     from msg_tools import topics
@@ -61,7 +65,7 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None):
         watcher = None
         try:
             for spec in replay_graph(str(Path(log).resolve()), topic.name, seed, reference,
-                                     _as_then(diagnosed), marks):
+                                     as_then, marks):
                 nodes.start(spec)
             watcher = Watcher('replay', lock.number, nodes.environment, nodes.check)
 
@@ -111,12 +115,3 @@ def _diagnosis(bag):
     name = next((t.name for t in bag.topics if t.name.endswith('/diagnosis') and t.count), None)
     documents = [] if name is None else [m.data.data for m in bag.messages([name], decode=True)]
     return json.loads(documents[-1]) if documents else None
-
-
-def _as_then(diagnosed):
-    """Parameters of the calibration with which it diagnosed."""
-    if not diagnosed:
-        return {}
-    site = diagnosed.get('site_deg')
-    return {'alpha': diagnosed.get('alpha', 0.01),
-            'site': '' if site is None else ', '.join(map(repr, site))}

@@ -296,8 +296,7 @@ def _calibrate(rows, session, parameters, check):
             continue
         models.setdefault(stamp, []).append((log_time, data.data))
     replay = _Replay(session, rows, parameters, check)
-    stamps = sorted({*rows.observations, *zeros, *models, *rows.tables})
-    for stamp in stamps:
+    for stamp in sorted({*rows.observations, *zeros, *models, *rows.tables}):
         if stamp in rows.observations:
             session.add(rows.observations[stamp], stamp)
         elif stamp in rows.tables:

@@ -60,7 +60,6 @@ class McapFile:
     """
 
     def __init__(self, path, library, *, chunk_size=2**20, compression='zstd'):
-        self.path = path
         self._stream = open(path, 'xb', buffering=0)  # noqa: SIM115 (lives as long as the file)
         self._compress = COMPRESSORS[compression]
         self._compression = '' if compression == 'none' else compression

@@ -3,9 +3,10 @@
 import os
 from pathlib import PurePath
 
+import yaml
+
 from .chunks import NEVER
-from .mcap_records import short
-from .ros_schema import dump_yaml, load_yaml
+from .ros_schema import Loader, dump_yaml
 
 METADATA_VERSION = 9
 METADATA_FILE = 'metadata.yaml'
@@ -105,13 +106,32 @@ def listed_files(folder):
     try:
         if path.stat().st_size > MAX_SIZE:
             return [], f'{METADATA_FILE} has more than {MAX_SIZE} bytes'
-        document = load_yaml(path.read_text(encoding='utf-8'))
-        paths = document['rosbag2_bagfile_information']['relative_file_paths']
+        paths = _paths(yaml.parse(path.read_text(encoding='utf-8'), Loader=Loader))
     except FileNotFoundError:
         return [], f'{METADATA_FILE} is missing'
-    except (ValueError, TypeError, KeyError) as error:
-        return [], f'{METADATA_FILE} is damaged ({short(error)})'
-    if not paths or not isinstance(paths, list):
+    except (yaml.YAMLError, ValueError) as error:
+        return [], f'{METADATA_FILE} is damaged ({" ".join(str(error).split())[:120]})'
+    if not paths:
         return [], f'{METADATA_FILE} lists no file'
     # before version 4 the paths had the folder in front
-    return [PurePath(str(path)).name for path in paths], ''
+    return [PurePath(path).name for path in paths], ''
+
+
+def _paths(events):
+    """The scalars of ``relative_file_paths``, from YAML events: foreign nesting cannot hurt."""
+    depth, found = 0, None
+    for event in events:
+        if isinstance(event, yaml.CollectionStartEvent):
+            depth += 1
+            if depth > 20:
+                raise ValueError('nested too deep')
+        elif isinstance(event, yaml.CollectionEndEvent):
+            depth -= 1
+            if found is not None:
+                return found
+        elif isinstance(event, yaml.ScalarEvent):
+            if found is not None and depth == 3:
+                found.append(event.value)
+            elif depth == 2 and event.value == 'relative_file_paths':
+                found = []
+    return found

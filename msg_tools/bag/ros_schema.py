@@ -210,28 +210,6 @@ def dump_yaml(document):
         document, Dumper=_PlainDumper, default_flow_style=False, sort_keys=False, width=10**6)
 
 
-def load_yaml(text):
-    """YAML of a foreign file; the loader of libyaml would crash on deep nesting.
-
-    Raises
-    ------
-    ValueError
-        Not YAML, nested too deep, or with merge keys.
-    """
-    try:
-        level = 0
-        for event in yaml.parse(text, Loader=Loader):
-            level += isinstance(event, yaml.CollectionStartEvent)
-            level -= isinstance(event, yaml.CollectionEndEvent)
-            if level > MAX_NESTING:
-                raise ValueError(f'YAML nested more than {MAX_NESTING} deep')
-            if isinstance(event, yaml.ScalarEvent) and event.value == '<<':
-                raise ValueError('YAML with a merge key')  # a few lines of them fill the memory
-        return yaml.load(text, Loader=Loader)
-    except Exception as error:  # foreign text fails in any way
-        raise ValueError(' '.join(str(error).split())[:120]) from None
-
-
 def load_qos(text):
     """List of `qos_dict` from the YAML text of a channel.
 
@@ -242,7 +220,18 @@ def load_qos(text):
     """
     if len(text) > MAX_QOS_TEXT:
         raise ValueError(f'QoS text of {len(text)} characters')
-    profiles = load_yaml(text) or []
+    try:
+        level = 0
+        for event in yaml.parse(text, Loader=Loader):
+            level += isinstance(event, yaml.CollectionStartEvent)
+            level -= isinstance(event, yaml.CollectionEndEvent)
+            if level > MAX_NESTING:  # the loader of libyaml would crash
+                raise ValueError(f'YAML nested more than {MAX_NESTING} deep')
+            if isinstance(event, yaml.ScalarEvent) and event.value == '<<':
+                raise ValueError('YAML with a merge key')  # a few lines of them fill the memory
+        profiles = yaml.load(text, Loader=Loader) or []
+    except Exception as error:  # foreign text fails in any way
+        raise ValueError(' '.join(str(error).split())[:120]) from None
     if not isinstance(profiles, list) or not all(isinstance(p, dict) for p in profiles):
         raise ValueError('QoS text is no list of profiles')
     try:
