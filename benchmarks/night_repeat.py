@@ -12,7 +12,7 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 from pointing_model.run_files import read_run
-from telescope_mount.night import NightOptions, run_night
+from telescope_mount.night import run_night
 
 
 def burn():
@@ -30,7 +30,7 @@ def main():
             for process in burners:
                 process.start()
             began = time.perf_counter()
-            run_night(NightOptions(out=Path(folder) / name, seed=7))
+            run_night(Path(folder) / name, seed=7)
             print(f'{name:6} {load} busy processes beside it: '
                   f'{time.perf_counter() - began:5.1f} s')
             for process in burners:

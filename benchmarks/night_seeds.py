@@ -16,14 +16,14 @@ from pathlib import Path
 
 import numpy as np
 
-from telescope_mount.night import NightOptions, run_night
+from telescope_mount.night import run_night
 
 
 def one_night(seed, stars):
     """Report of one night, and the seconds that it took."""
     with tempfile.TemporaryDirectory() as folder:
         began = time.perf_counter()
-        report = run_night(NightOptions(out=Path(folder) / 'night', seed=seed, stars=stars))
+        report = run_night(Path(folder) / 'night', seed=seed, stars=stars)
         return report, time.perf_counter() - began
 
 

@@ -36,6 +36,15 @@ def joint_state(ns, position, velocity=(np.nan, np.nan), effort=(np.nan, np.nan)
     return message
 
 
+def _places(names):
+    """Where azimuth and elevation stand among the names of joints."""
+    names = list(names)
+    try:
+        return [names.index(axis) for axis in AXES]
+    except ValueError:
+        raise ValueError(f'joint names {names}: need azimuth and elevation') from None
+
+
 def read_joints(message):
     """Both axes of a JointState, whatever their order.
 
@@ -51,13 +60,9 @@ def read_joints(message):
     ValueError
         An axis or its position is missing.
     """
-    names = list(message.name)
-    try:
-        order = [names.index(axis) for axis in AXES]
-    except ValueError:
-        raise ValueError(f'joint names {names}: need azimuth and elevation') from None
-    if len(message.position) != len(names):
-        raise ValueError(f'{len(message.position)} positions for {len(names)} joints')
+    order = _places(message.name)
+    if len(message.position) != len(message.name):
+        raise ValueError(f'{len(message.position)} positions for {len(message.name)} joints')
 
     def pick(values):
         return tuple(values[i] if i < len(values) else np.nan for i in order)
@@ -118,11 +123,8 @@ def read_trajectory(message):
     ValueError
         No point, an axis missing, lengths that differ, values not finite, times not increasing.
     """
-    names = list(message.joint_names)
-    try:
-        order = [names.index(axis) for axis in AXES]
-    except ValueError:
-        raise ValueError(f'joint names {names}: need azimuth and elevation') from None
+    names = message.joint_names
+    order = _places(names)
     if not message.points:
         raise ValueError('trajectory without points')
     for point in message.points:

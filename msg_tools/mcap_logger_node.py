@@ -8,17 +8,15 @@ from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy._rclpy_pybind11 import RCLError
-from rclpy.clock import Clock, ClockType
 from rclpy.qos_overriding_options import QoSOverridingOptions
-from std_srvs.srv import SetBool, Trigger
+from std_srvs.srv import SetBool
 
 from . import topics
 from .bag import BagWriter
-from .bag.gaps import SequenceGaps
 from .bag.provenance import ParameterCollector, as_text
 from .bag.recorder import Recorder
 from .bag.recording import Selection, adapt_qos, check_patterns, versions
-from .node import NO_SUBSCRIPTION_EVENTS, MountNode, Param, run_node
+from .node import NO_SUBSCRIPTION_EVENTS, Counter, MountNode, Param, run_node
 from .topics import Topic
 
 #: a frame is rendered only for those who ask
@@ -52,19 +50,6 @@ PARAMS = (
 )
 
 
-class _Received:
-    """Messages of a recorded topic, as the diagnostics show them."""
-
-    def __init__(self, latched):
-        self.count = 0
-        self.last = 0
-        self.sequence = SequenceGaps(latched)
-
-    @property
-    def gaps(self):
-        return self.sequence.gaps
-
-
 class McapLogger(MountNode):
     """Records raw bytes; a log that is cut short stays readable up to the last flush."""
 
@@ -87,9 +72,8 @@ class McapLogger(MountNode):
             self._take_parameters(self.get_fully_qualified_name(), {
                 name: as_text(self.value(name)) for name in self._params})
         self._make_services()
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(self.value('flush_period_s'), self._recorder.flush, clock=steady)
-        self.create_timer(DISCOVERY, self._discover, clock=steady)
+        self.every(self.value('flush_period_s'), self._recorder.flush)
+        self.every(DISCOVERY, self._discover)
 
     # --- what is recorded -------------------------------------------------------------------
 
@@ -120,22 +104,20 @@ class McapLogger(MountNode):
         topic = Topic(name, type_name, qos)
         message = topic.message
         again = counter is not None
-        counter = counter or _Received(latched)
+        counter = counter or Counter(latched)
         keep = name == self.resolve_topic_name(topics.MODEL.name)
-        clock, add, take_message = self.get_clock(), counter.sequence.add, self._recorder.take
+        clock, take_message = self.get_clock(), self._recorder.take
 
         def take(data, info):
-            number = info['publication_sequence_number']
-            counter.count += 1
-            counter.last = number
-            add(number)
+            counter.received(info)
             if clock.ros_time_is_active:
                 now = clock.now().nanoseconds
             else:
                 now = info['received_timestamp'] or time.time_ns()
             if keep:
                 self._model = data
-            take_message(name, data, now, info['source_timestamp'], number, latched)
+            take_message(name, data, now, info['source_timestamp'],
+                         info['publication_sequence_number'], latched)
 
         options = {} if again or name not in self._known else {
             'qos_overriding_options': QoSOverridingOptions.with_default_policies()}
@@ -241,18 +223,13 @@ class McapLogger(MountNode):
         recorder = self._recorder
         for call in (recorder.pause, recorder.resume, recorder.is_paused, recorder.split_bagfile,
                      recorder.snapshot):
-            self.create_service(Trigger, f'~/{call.__name__}', self._answer(call))
-        self.create_service(
-            SetBool, '~/set_paused',
-            lambda request, response: self._answer(
-                recorder.pause if request.data else recorder.resume)(request, response))
+            self.serve(f'~/{call.__name__}', call)
+        self.create_service(SetBool, '~/set_paused', self._on_set_paused)
 
-    @staticmethod
-    def _answer(call):
-        def serve(request, response):
-            response.success, response.message = call()
-            return response
-        return serve
+    def _on_set_paused(self, request, response):
+        response.success, response.message = (
+            self._recorder.pause() if request.data else self._recorder.resume())
+        return response
 
     # --- provenance -------------------------------------------------------------------------
 

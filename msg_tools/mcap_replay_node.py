@@ -5,18 +5,15 @@ import sys
 import time
 
 import rclpy
-from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
-from rosgraph_msgs.msg import Clock as ClockMessage
-from std_srvs.srv import Trigger
+from rosgraph_msgs.msg import Clock
 
 from . import topics
 from .bag.recording import check_patterns
 from .bag.sqlite import open_bag
 from .convert import to_stamp
 from .node import MountNode, Param, run_node
-from .topics import Topic
+from .topics import Topic, make_qos
 
 #: what a replay makes anew: the clock, and what the nodes under test compute from the rest
 NOT_BY_DEFAULT = (
@@ -86,10 +83,10 @@ class McapReplay(MountNode):
         remaps = dict(r.split(':=') for r in self.value('remaps') if r)
         self._replayed = {topic.name: self._publisher(topic, remaps.get(topic.name, topic.name))
                           for topic in chosen}
-        self._latched = [topic.name for topic in chosen if _is_latched(topic)]
+        self._latched = [topic.name for topic in chosen if topic.latched]
         # so many may be under way: a subscriber's queue is as deep as its publisher's here
         self._most = {topic.name: _depth(topic) // 2 for topic in chosen
-                      if not _is_latched(topic)}
+                      if not topic.latched}
         self._under_way = dict.fromkeys(self._most, 0)
         self._clock_pub = self.publisher(topics.CLOCK)
         self._clock_step = round(1e9 / self.value('clock_hz')) if self.value('clock_hz') else 0
@@ -99,8 +96,7 @@ class McapReplay(MountNode):
         self._state = 'waiting'
         self._go_to(self._begin)
         self._make_services()
-        self._timer = self.create_timer(
-            IDLE, self._wait, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._timer = self.every(IDLE, self._wait)
 
     # --- topics -----------------------------------------------------------------------------
 
@@ -128,16 +124,10 @@ class McapReplay(MountNode):
             return False
 
     def _publisher(self, recorded, name):
-        qos = recorded.qos[0] if recorded.qos else {}
-        profile = QoSProfile(
-            history=HistoryPolicy.KEEP_LAST,
-            depth=_depth(recorded) if _is_latched(recorded) else max(_depth(recorded), 2 * BATCH),
-            reliability=(ReliabilityPolicy.BEST_EFFORT
-                         if qos.get('reliability') == 'best_effort'
-                         else ReliabilityPolicy.RELIABLE),
-            durability=(DurabilityPolicy.TRANSIENT_LOCAL if _is_latched(recorded)
-                        else DurabilityPolicy.VOLATILE))
-        return self.publisher(Topic(name, recorded.type, profile))
+        depth = _depth(recorded)
+        return self.publisher(Topic(name, recorded.type, make_qos(
+            depth if recorded.latched else max(depth, 2 * BATCH), latched=recorded.latched,
+            reliable=not recorded.qos or recorded.qos[0]['reliability'] != 'best_effort')))
 
     def waiting_for(self):
         """Subscribers without whom the replay does not start."""
@@ -193,8 +183,7 @@ class McapReplay(MountNode):
         self.destroy_timer(self._timer)
         self._anchor(self._position)
         self._since = time.monotonic()
-        self._timer = self.create_timer(
-            0.001, self._play, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._timer = self.every(0.001, self._play)
 
     def _play(self):
         rate = self.value('rate')
@@ -211,8 +200,8 @@ class McapReplay(MountNode):
                 wall, ns = self._anchored
                 left = wall + (message.log_time - ns) * 1e-9 / rate - time.monotonic()
                 if left > NEAR:
-                    self._tick(self._now())
                     if self._clock_step:
+                        self._tick(self._now())
                         left = min(left, NEAR + self._clock_step * 1e-9 / rate)
                     self._sleep(left - NEAR)
                     return
@@ -242,7 +231,7 @@ class McapReplay(MountNode):
         return self._next
 
     def _publish(self, message):
-        self._tick(message.log_time, always=not self._clock_step)
+        self._tick(message.log_time)
         self._replayed[message.topic].publish(message.data)
         if message.topic in self._under_way:
             self._under_way[message.topic] += 1
@@ -250,16 +239,11 @@ class McapReplay(MountNode):
         self._sent += 1
         self._next = None
 
-    def _tick(self, ns, always=False):
+    def _tick(self, ns):
         """Publish /clock if it is time to."""
-        if always:
-            due = True
-        else:
-            due = self._clock_step and (
-                self._clock_told is None or ns - self._clock_told >= self._clock_step)
-        if due:
+        if self._clock_told is None or ns - self._clock_told >= self._clock_step:
             self._clock_told = ns
-            self._clock_pub.publish(ClockMessage(clock=to_stamp(ns)))
+            self._clock_pub.publish(Clock(clock=to_stamp(ns)))
 
     # --- back-pressure ----------------------------------------------------------------------
 
@@ -321,10 +305,7 @@ class McapReplay(MountNode):
                 ('play_next', lambda: self._play_some(1)),
                 ('burst', lambda: self._play_some(self.value('burst_count'))),
                 ('seek', self._seek), ('stop', self._on_stop)):
-            def serve(request, response, call=call):
-                response.success, response.message = call()
-                return response
-            self.create_service(Trigger, f'~/{name}', serve)
+            self.serve(f'~/{name}', call)
 
     def _set_paused(self, paused):
         if self._state == 'playing' and not paused and self._paused:
@@ -356,13 +337,8 @@ class McapReplay(MountNode):
                 ('paused', str(self._paused)), ('times from the start again', str(self._loops))]
 
 
-def _is_latched(topic):
-    return bool(topic.qos) and topic.qos[0].get('durability') == 'transient_local'
-
-
 def _depth(topic):
-    qos = topic.qos[0] if topic.qos else {}
-    return min(max(int(qos.get('depth', 10)), 1), 100_000)
+    return min(max(topic.qos[0]['depth'] if topic.qos else 10, 1), 100_000)
 
 
 def main(args=None):

@@ -15,9 +15,11 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos_overriding_options import QoSOverridingOptions
+from std_srvs.srv import Trigger
 
 from . import NAMESPACE
 from .executor import NodeExecutor
+from .gaps import SequenceGaps
 from .params import BadInput, Param
 from .readiness import LAST, PUBLISHED, PUBLISHES, SUBSCRIBES, GraphReports
 from .topics import CLOCK, DIAGNOSTICS
@@ -43,19 +45,20 @@ class Counter:
     def __init__(self, latched=False):
         self.count = 0
         self.last = 0
-        self.gaps = 0
-        self._latched = latched
+        self.sequence = SequenceGaps(latched)
+
+    @property
+    def gaps(self):
+        """Messages lost."""
+        return self.sequence.gaps
 
     def received(self, info):
-        """Count a message; a jump in the publisher's sequence number is a loss."""
+        """Count a message; a jump in a publisher's sequence number is a loss."""
         self.count += 1
         number = info.get('publication_sequence_number')
-        if number is None:
-            return
-        # rclpy does not tell publishers apart: a smaller number is one that started anew
-        if self.last and number > self.last + 1 and not self._latched:
-            self.gaps += number - self.last - 1
-        self.last = number
+        if number is not None:
+            self.last = number
+            self.sequence.add(number)
 
 
 class MountNode(Node):
@@ -111,9 +114,8 @@ class MountNode(Node):
         self._diagnostics = self.create_publisher(
             DIAGNOSTICS.message, DIAGNOSTICS.name, DIAGNOSTICS.qos,
             event_callbacks=NO_PUBLISHER_EVENTS)
-        # steady: diagnostics go on while simulated time stands still
-        self._diagnostic_timer = self.create_timer(
-            0.1, self._diagnose, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        # diagnostics go on while simulated time stands still
+        self.every(0.1, self._diagnose)
 
     # --- parameters -------------------------------------------------------------------------
 
@@ -211,8 +213,19 @@ class MountNode(Node):
             topic.message, topic.name, guarded, copy.copy(topic.qos),
             event_callbacks=NO_SUBSCRIPTION_EVENTS,
             qos_overriding_options=QoSOverridingOptions.with_default_policies())
-        self.keep_subscription(sub, counter)
+        self._subscriptions_of.setdefault(sub.topic_name, []).append((sub, counter))
         return sub
+
+    def every(self, seconds, call):
+        """A timer of wall time, that is steady, whatever the time of the graph is."""
+        return self.create_timer(seconds, call, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def serve(self, name, call):
+        """A Trigger service; `call()` returns whether it was done, and a sentence."""
+        def answer(_, response):
+            response.success, response.message = call()
+            return response
+        self.create_service(Trigger, name, answer)
 
     def graph_reports(self):
         """What the nodes of the graph report of themselves: a `GraphReports`, kept up to date."""
@@ -220,10 +233,6 @@ class MountNode(Node):
         self.create_subscription(DIAGNOSTICS.message, DIAGNOSTICS.name, reports.take,
                                  DIAGNOSTICS.qos, event_callbacks=NO_SUBSCRIPTION_EVENTS)
         return reports
-
-    def keep_subscription(self, sub, counter):
-        """Show a subscription made elsewhere in the diagnostics."""
-        self._subscriptions_of.setdefault(sub.topic_name, []).append((sub, counter))
 
     def reject(self, source, reason):
         """Count a message that could not be used, and say so in the log the first times."""

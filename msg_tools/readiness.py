@@ -56,14 +56,12 @@ def unmatched(nodes, reports):
     missing = [f'node {name}' for name in nodes if name not in reports]
     there = [name for name in nodes if name in reports]
     for name in there:
-        for topic, matched in reports[name][PUBLISHES].items():
-            expected = sum(topic in reports[other][SUBSCRIBES] for other in there)
-            if matched < expected:
-                missing.append(f'{name} to see {expected - matched} more subscribers of {topic}')
-        for topic, matched in reports[name][SUBSCRIBES].items():
-            expected = sum(topic in reports[other][PUBLISHES] for other in there)
-            if matched < expected:
-                missing.append(f'{name} to see {expected - matched} more publishers of {topic}')
+        for own, others, what in ((PUBLISHES, SUBSCRIBES, 'subscribers'),
+                                  (SUBSCRIBES, PUBLISHES, 'publishers')):
+            for topic, matched in reports[name][own].items():
+                expected = sum(topic in reports[other][others] for other in there)
+                if matched < expected:
+                    missing.append(f'{name} to see {expected - matched} more {what} of {topic}')
     return missing
 
 

@@ -6,7 +6,8 @@ from importlib import import_module
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 
-def _qos(depth, *, reliable=True, latched=False):
+def make_qos(depth, *, reliable=True, latched=False):
+    """Keep so many messages; reliable or best effort; the last ones for who comes late, or not."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
         depth=depth,
@@ -15,11 +16,12 @@ def _qos(depth, *, reliable=True, latched=False):
     )
 
 
-RELIABLE = _qos(100)
+RELIABLE = make_qos(100)
 # An encoder at 1 kHz may run a few seconds ahead of a busy subscriber before a sample is lost.
-DEEP = _qos(5000)
-LATCHED = _qos(1, latched=True)
-SENSOR = _qos(5, reliable=False)
+DEEP = make_qos(5000)
+LATCHED = make_qos(1, latched=True)
+HISTORY = make_qos(100, latched=True)
+SENSOR = make_qos(5, reliable=False)
 
 
 @dataclass(frozen=True)
@@ -56,7 +58,7 @@ CLOCK = Topic('/clock', 'rosgraph_msgs/msg/Clock', RELIABLE)
 COMMAND = Topic('command', 'trajectory_msgs/msg/JointTrajectory', RELIABLE)
 # only the simulated hardware may subscribe to these
 TRUTH_JOINTS = Topic('truth/joint_states', 'sensor_msgs/msg/JointState', DEEP)
-TRUTH_ZERO = Topic('truth/incremental_zero', 'sensor_msgs/msg/JointState', _qos(100, latched=True))
+TRUTH_ZERO = Topic('truth/incremental_zero', 'sensor_msgs/msg/JointState', HISTORY)
 TRUTH_SCENARIO = Topic('truth/scenario', 'std_msgs/msg/String', LATCHED)
 INCREMENTAL = Topic('incremental/joint_states', 'sensor_msgs/msg/JointState', DEEP)
 HOMING = Topic('incremental/homing', 'sensor_msgs/msg/PointCloud2', LATCHED)
@@ -66,7 +68,7 @@ ABSOLUTE = Topic('absolute/joint_states', 'sensor_msgs/msg/JointState', DEEP)
 ABSOLUTE_SIGMA = Topic('absolute/sigma', 'sensor_msgs/msg/JointState', DEEP)
 ABSOLUTE_FRAME = Topic('absolute/frame', 'sensor_msgs/msg/Image', SENSOR)
 MISS_DISTANCE = Topic('camera/miss_distance', 'geometry_msgs/msg/Vector3Stamped', RELIABLE)
-AMBIENT = Topic('ambient/temperature', 'sensor_msgs/msg/Temperature', _qos(100, latched=True))
+AMBIENT = Topic('ambient/temperature', 'sensor_msgs/msg/Temperature', HISTORY)
 OBSERVATION = Topic('observation', 'sensor_msgs/msg/PointCloud2', DEEP)
 OBSERVATIONS = Topic('observations', 'sensor_msgs/msg/PointCloud2', LATCHED)
 OFFSET = Topic('offset', 'geometry_msgs/msg/Vector3Stamped', RELIABLE)

@@ -23,8 +23,12 @@ def _parser():
                      description='Measure a telescope mount: observe, fit, check, log, replay.')
     commands = parser.add_subparsers(dest='command', required=True, metavar='COMMAND')
     for name in COMMANDS:
-        import_module(f'telescope_mount.commands.{name}').add(commands)
+        _module(name).add(commands)
     return parser
+
+
+def _module(name):
+    return import_module(f'telescope_mount.commands.{name}')
 
 
 def main(argv=None):
@@ -34,7 +38,7 @@ def main(argv=None):
     """
     args = _parser().parse_args(argv)
     try:
-        return args.run(args) or 0
+        return _module(args.command.replace('-', '_')).run(args) or 0
     except KeyboardInterrupt:
         print('ended by Ctrl-C; what was logged is closed and readable', file=sys.stderr)
         return 130

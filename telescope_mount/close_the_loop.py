@@ -1,9 +1,7 @@
 """The loop closed: a night, or a measured run, is fitted, diagnosed, amended and judged."""
 
 import json
-from dataclasses import dataclass, field, replace
 from functools import partial
-from pathlib import Path
 
 from pointing_model.observing.plan import parse_plan
 
@@ -16,25 +14,6 @@ VERSION = 1
 PREFIX = 'loop_'
 #: what the run player does, in the words of a plan
 _MEASURED_PLAN = 'fit, diagnose'
-
-
-@dataclass
-class LoopOptions:
-    """What a user chose; see ``telescope-mount close-the-loop --help``."""
-
-    out: Path
-    scenario: str = ''
-    file: Path | None = None
-    seed: int = 1
-    stars: int = 90
-    polaris: int = 16
-    check: int = 30
-    check_every: int = 4
-    alpha: float = 0.01
-    start_time: str = ''
-    azimuth_origin: str | None = None
-    sky: dict = field(default_factory=dict)
-    domain: int | None = None
 
 
 def loop_plan(stars, polaris, check):
@@ -96,13 +75,27 @@ def judgement(shows_as, effects):
     return ('in part' if any(there) else 'no'), false
 
 
-def close_the_loop(options, progress=None):
+def close_the_loop(out, *, scenario='', file=None, seed=1, stars=90, polaris=16, check=30,
+                   check_every=4, alpha=0.01, start_time='', azimuth_origin=None, sky=None,
+                   domain_number=None, progress=None):
     """Carry out one night with a scenario, or one measured run.
 
     Parameters
     ----------
-    options : LoopOptions
-        With `scenario`, or with `file` of a measured run.
+    out : Path
+        Folder for all that is written.
+    scenario : str
+        What is wrong with the simulated mount; or
+    file : Path, optional
+        a measured run, of which one row in `check_every` is kept out.
+    stars, polaris, check : int
+        As of `loop_plan`.
+    alpha : float
+        Chance that a clean night gets any effect.
+    azimuth_origin : str, optional
+        As of `runs.load_run`.
+    seed, start_time, sky, domain_number
+        As of `night.run_night`.
     progress : callable, optional
         Called with (text, done, total) as it goes on.
 
@@ -118,23 +111,38 @@ def close_the_loop(options, progress=None):
     NightFailed
         A node ended, or a step could not be carried out.
     """
-    if options.file is not None:
-        return _measured(options, progress)
-    plan = loop_plan(options.stars, options.polaris, options.check)
-    parse_plan(plan)
-    folder = prepare_folder(options.out)
-    specs = night_graph(
-        bag=str(folder / 'bag'), scenario=options.scenario, seed=options.seed,
-        start_time=options.start_time, plan=plan, sample_rate_hz=1.0, sky=options.sky,
-        calibration=_calibration(options, folder, _simulated_site(options.sky)))
-    report = observe(folder, specs, plan, partial(_write, folder, options, plan), progress,
-                     options.domain)
+    sky = sky or {}
+    if file is not None:
+        from .runs import load_run
+        # whatever cannot be read is said before a node starts
+        run = load_run(file, azimuth_origin=azimuth_origin)
+        progress = progress and partial(_of, len(run), progress)
+        plan = _MEASURED_PLAN
+    else:
+        run, plan = None, loop_plan(stars, polaris, check)
+        parse_plan(plan)
+    folder = prepare_folder(out)
+    calibration = {'alpha': alpha, 'site': _site_of(run, sky),
+                   'diagnosis_page': str((folder / 'diagnosis.html').resolve())}
+    if file is not None:
+        specs = measured_graph(
+            bag=str(folder / 'bag'), seed=seed, calibration=calibration,
+            player=_player(run, file, azimuth_origin, folder) | {'check_every': check_every})
+    else:
+        specs = night_graph(
+            bag=str(folder / 'bag'), scenario=scenario, seed=seed, start_time=start_time,
+            plan=plan, sample_rate_hz=1.0, sky=sky, calibration=calibration)
+    about = {'scenario': scenario or None, 'source': str(file) if file else None, 'seed': seed,
+             'plan': plan}
+    report = observe(folder, specs, plan, partial(_write, folder, about), progress, domain_number)
+    if file is not None:
+        return _judge(folder, report, None)
     # now that everything is decided
     from .simulator import undeclared
     return _judge(folder, report, undeclared(folder / 'bag_truth'))
 
 
-def close_all(options, progress=None):
+def close_all(out, *, seed=1, progress=None, **options):
     """`close_the_loop` with every scenario that is made for it, each in a folder of its own.
 
     Returns
@@ -142,93 +150,67 @@ def close_all(options, progress=None):
     dict
         ``scenarios``: the report of each; one that failed has an ``error``.
     """
-    folder = prepare_folder(options.out)
-    reports = []
     from .simulator import scenario_names
+    folder = prepare_folder(out)
+    reports = []
     for name in scenario_names():
         if not name.startswith(PREFIX):
             continue
         try:
             reports.append(close_the_loop(
-                replace(options, scenario=name, out=folder / name),
-                progress and partial(_named, progress, name)))
+                folder / name, scenario=name, seed=seed,
+                progress=progress and (lambda text, *done, name=name: progress(
+                    f'{name}: {text}', *done)), **options))
         except NightFailed as err:
             reports.append({'scenario': name, 'error': str(err)})
-    out = {'format': FORMAT, 'version': VERSION, 'seed': options.seed, 'scenarios': reports}
-    (folder / 'report.json').write_text(json.dumps(out, indent=1) + '\n')
-    return out
-
-
-def _named(progress, name, text, done, total):
-    progress(f'{name}: {text}', done, total)
+    report = {'format': FORMAT, 'version': VERSION, 'seed': seed, 'scenarios': reports}
+    (folder / 'report.json').write_text(json.dumps(report, indent=1) + '\n')
+    return report
 
 
 def _of(total, progress, text, done, _):
     progress(text, done, total)
 
 
-def _calibration(options, folder, site):
-    return {'alpha': options.alpha, 'site': site,
-            'diagnosis_page': str((folder / 'diagnosis.html').resolve())}
+def _site_of(run, sky):
+    """The calibration's parameter: what was given, else what the run's file says.
 
-
-def _simulated_site(sky):
-    """What the observer believes, as the calibration's parameter."""
+    Without a run, what the observer of a simulated one believes.
+    """
     from msg_tools.units import DEG
     from pointing_model.sky import DEFAULT_SITE
-    latitude = sky.get('latitude_deg', DEFAULT_SITE.latitude / DEG)
-    return f'{latitude!r}, {sky.get("longitude_deg", DEFAULT_SITE.longitude / DEG)!r}'
-
-
-def _site_of(run, sky):
-    """As `_simulated_site`, of a measured run: what was given, else what the file says."""
-    from msg_tools.units import DEG
-    told = run.meta.get('site') or {}
+    told = DEFAULT_SITE if run is None else run.meta.get('site') or {}
     if not isinstance(told, dict):
         told = {'latitude': told.latitude, 'longitude': told.longitude}
     told = {f'{name}_deg': value / DEG for name, value in told.items()
             if name in ('latitude', 'longitude') and value is not None} | sky
     # times from an arbitrary start say nothing of the stars' place
-    if len({'latitude_deg', 'longitude_deg'} & set(told)) < 2 \
-            or not run.meta.get('time_is_utc', True):
+    dated = run is None or run.meta.get('time_is_utc', True)
+    if not dated or not {'latitude_deg', 'longitude_deg'} <= set(told):
         return ''
     return f'{told["latitude_deg"]!r}, {told["longitude_deg"]!r}'
 
 
-def _measured(options, progress):
-    from .runs import load_run
-    # whatever cannot be read is said before a node starts
-    run = load_run(options.file, azimuth_origin=options.azimuth_origin)
-    progress = progress and partial(_of, len(run), progress)
-    folder = prepare_folder(options.out)
-    file, origin = Path(options.file), options.azimuth_origin or ''
+def _player(run, file, azimuth_origin, folder):
+    """Parameters of the run player: a file that it can read, written if need be."""
     if file.is_dir() or file.suffix == '.mcap':
         from pointing_model.run_files import write_csv
-        file, origin = folder / 'run.csv', ''
+        file, azimuth_origin = folder / 'run.csv', None
         write_csv(run, file)
-    specs = measured_graph(
-        bag=str(folder / 'bag'), seed=options.seed,
-        player={'file': str(file.resolve()), 'azimuth_origin': origin,
-                'check_every': options.check_every},
-        calibration=_calibration(options, folder, _site_of(run, options.sky)))
-    report = observe(folder, specs, _MEASURED_PLAN,
-                     partial(_write, folder, options, _MEASURED_PLAN), progress, options.domain)
-    return _judge(folder, report, None)
+    return {'file': str(file.resolve()), 'azimuth_origin': azimuth_origin or ''}
 
 
-def _write(folder, options, plan, latest):
+def _write(folder, about, latest):
     """diagnosis.json, model.json and observations.csv; the report so far."""
     from msg_tools import topics
     from pointing_model.run_files import write_csv
     from pointing_model.run_messages import cloud_to_run
 
     diagnosis = json.loads(latest[topics.DIAGNOSIS.name].data)
-    checks = []
-    if topics.CHECKS.name in latest:
-        checks = json.loads(latest[topics.CHECKS.name].data)['checks']
+    checks = latest.get(topics.CHECKS.name)
+    checks = json.loads(checks.data)['checks'] if checks is not None else []
     report = {
-        'format': FORMAT, 'version': VERSION, 'scenario': options.scenario or None,
-        'source': str(options.file) if options.file else None, 'seed': options.seed, 'plan': plan,
+        'format': FORMAT, 'version': VERSION, **about,
         'verdict': diagnosis['verdict'], 'effects': diagnosis['effects'],
         'applied': diagnosis['applied'], 'noise_floor_arcsec': diagnosis['noise_floor_arcsec'],
         'before': diagnosis['before'], 'after': diagnosis['after'],

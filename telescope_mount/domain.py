@@ -30,8 +30,7 @@ class DomainLock:
 
 
 def _lock(number):
-    folder = Path(tempfile.gettempdir())
-    path = folder / f'telescope_mount_domain_{number}.lock'
+    path = Path(tempfile.gettempdir(), f'telescope_mount_domain_{number}.lock')
     try:
         handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
     except OSError:
@@ -57,6 +56,17 @@ def _taken(number):
     return False
 
 
+def _claimed(number):
+    """The lock of a domain that nobody has, or None."""
+    file = _lock(number)
+    if file is None:
+        return None
+    if _taken(number):
+        file.close()
+        return None
+    return DomainLock(number, file)
+
+
 def claim(number=None):
     """Lock a domain.
 
@@ -77,22 +87,15 @@ def claim(number=None):
     if number is not None:
         if not 0 <= number <= LAST_DOMAIN:
             raise ValueError(f'domain {number}: must be 0 to {LAST_DOMAIN}')
-        file = _lock(number)
-        if file is None or _taken(number):
-            if file is not None:
-                file.close()
+        lock = _claimed(number)
+        if lock is None:
             raise ValueError(f'domain {number} is in use on this machine; choose another with '
                              '--domain, or leave it out to get a free one')
-        return DomainLock(number, file)
+        return lock
     # not the low ones, where people work by hand
     start = os.getpid() % 90
     for i in range(90):
-        candidate = 10 + (start + i) % 90
-        file = _lock(candidate)
-        if file is None:
-            continue
-        if _taken(candidate):
-            file.close()
-            continue
-        return DomainLock(candidate, file)
+        lock = _claimed(10 + (start + i) % 90)
+        if lock is not None:
+            return lock
     raise ValueError('no ROS domain from 10 to 99 is free on this machine; end another graph')

@@ -2,8 +2,7 @@
 
 import csv
 import json
-from dataclasses import dataclass
-from pathlib import Path
+from functools import partial
 
 from pointing_model.observing.plan import parse_plan
 
@@ -21,19 +20,6 @@ SATELLITE_NIGHT = 4
 START = '2013-09-20T13:00:00'
 #: a plan of that many nights would be an hour of commands at a real telescope
 _HOURS = 24
-
-
-@dataclass
-class ExperimentOptions:
-    """What a user chose; see ``telescope-mount experiment --help``."""
-
-    out: Path
-    seed: int = 1
-    drifts: str = 'paper'
-    stars: int = 30
-    polaris: int = 16
-    satellite: int = 20
-    domain: int | None = None
 
 
 def experiment_plan(stars, polaris, satellite, extra=False):
@@ -66,12 +52,18 @@ def experiment_plan(stars, polaris, satellite, extra=False):
     return ', '.join(nights)
 
 
-def run_experiment(options, progress=None):
+def run_experiment(out, *, seed=1, drifts='paper', stars=30, polaris=16, satellite=20,
+                   domain_number=None, progress=None):
     """Observe all nights in one graph of processes.
 
     Parameters
     ----------
-    options : ExperimentOptions
+    out : Path
+        Folder for all that is written.
+    drifts : str
+        One of `DRIFTS`.
+    seed, stars, polaris, satellite, domain_number
+        As of `night.run_night` and `experiment_plan`.
     progress : callable, optional
         Called with (text, done, total) as it goes on.
 
@@ -87,45 +79,39 @@ def run_experiment(options, progress=None):
     NightFailed
         A node ended, or the plan could not be carried out.
     """
-    plan = experiment_plan(options.stars, options.polaris, options.satellite,
-                           extra=options.drifts == 'paper')
+    plan = experiment_plan(stars, polaris, satellite, extra=drifts == 'paper')
     parse_plan(plan)
-    folder = prepare_folder(options.out)
+    folder = prepare_folder(out)
     specs = night_graph(
-        bag=str(folder / 'bag'), scenario=DRIFTS[options.drifts], seed=options.seed,
+        bag=str(folder / 'bag'), scenario=DRIFTS[drifts], seed=seed,
         start_time=START, plan=plan, first_run=1 - REFERENCE_AGE, reference_age=REFERENCE_AGE,
         satellite='gps-26690', sample_rate_hz=1.0)
-    return observe(folder, specs, plan, lambda latest: _write(folder, options, latest),
-                   progress, options.domain)
+    return observe(folder, specs, plan, partial(_write, folder, seed, drifts), progress,
+                   domain_number)
 
 
-def _write(folder, options, latest):
+def _write(folder, seed, drifts, latest):
     """table1.csv, gps.json, report.json, observations.csv and the pictures."""
-    from calibration.paper_table_1 import (
-        COLUMNS,
-        compare_with_paper,
-        plot_nights,
-        plot_satellite,
-    )
+    from calibration import paper_table_1 as paper
     from msg_tools import topics
     from pointing_model.run_files import write_csv
     from pointing_model.run_messages import cloud_to_run
 
     run = cloud_to_run(latest[topics.OBSERVATIONS.name])
     calibrated = json.loads(latest[topics.CALIBRATION_REPORT.name].data)
-    report = compare_with_paper(calibrated['nights'], NIGHTS)
-    report.update(seed=options.seed, drifts=options.drifts)
+    report = paper.compare_with_paper(calibrated['nights'], NIGHTS)
+    report.update(seed=seed, drifts=drifts)
     files = {name: folder / name for name in (
         'table1.csv', 'gps.json', 'report.json', 'observations.csv', 'nights.png', 'gps.png')}
     with open(files['table1.csv'], 'w', newline='', encoding='utf-8') as file:
         table = csv.writer(file)
-        table.writerow(COLUMNS)
-        table.writerows([row[name] for name in COLUMNS] for row in report['table1'])
+        table.writerow(paper.COLUMNS)
+        table.writerows([row[name] for name in paper.COLUMNS] for row in report['table1'])
     files['gps.json'].write_text(json.dumps(report['gps'], indent=1) + '\n')
     files['report.json'].write_text(json.dumps(report, indent=1) + '\n')
     write_csv(run, files['observations.csv'])
-    plot_nights(report, files['nights.png'])
-    plot_satellite(report, files['gps.png'])
+    paper.plot_nights(report, files['nights.png'])
+    paper.plot_satellite(report, files['gps.png'])
     report['files'] = {'log': str(folder / 'bag'),
                        **{name: str(path) for name, path in files.items()}}
     return report

@@ -7,6 +7,10 @@ def _arcsec(value):
     return '–' if value is None else f'{value:.2f}'
 
 
+def _rms(entry):
+    return [_arcsec(entry[f'rms_{part}arcsec']) for part in ('x_', 'y_', '')]
+
+
 def loop_tables(report):
     """Tables of one night or run.
 
@@ -39,23 +43,19 @@ def _effects(report):
 
 def _errors(report):
     table = new_table('RMS on the sky, arcsec', '', 'az', 'el', 'radial', 'rows')
-    rows = (('fresh stars, pointed blind, before', 'blind_before'),
-            ('fresh stars, pointed blind, after', 'blind_after'))
-    for text, key in rows:
-        check = report[key]
+    for when in ('before', 'after'):
+        check = report[f'blind_{when}']
         if check is not None:
             count = f'{check["stars"]}' + (f' + {check["lost"]} lost' if check['lost'] else '')
-            table.add_row(text, _arcsec(check['rms_x_arcsec']), _arcsec(check['rms_y_arcsec']),
-                          _arcsec(check['rms_arcsec']), count)
-    for text, key in (('rows fitted, before', 'before'), ('rows fitted, after', 'after')):
-        entry = report[key]
-        table.add_row(text, _arcsec(entry['rms_x_arcsec']), _arcsec(entry['rms_y_arcsec']),
-                      _arcsec(entry['rms_arcsec']), '')
-    for text, key in (('cross-validated, before', 'before'), ('cross-validated, after', 'after')):
-        table.add_row(text, '', '', _arcsec(report[key]['cv_rms_arcsec']), '')
-    for text, key in (('rows kept out, before', 'before'), ('rows kept out, after', 'after')):
-        table.add_row(text, '', '', _arcsec(report[key]['holdout_rms_arcsec']),
-                      str(report['kept_out']))
+            table.add_row(f'fresh stars, pointed blind, {when}', *_rms(check), count)
+    for when in ('before', 'after'):
+        table.add_row(f'rows fitted, {when}', *_rms(report[when]), '')
+    for when in ('before', 'after'):
+        table.add_row(f'cross-validated, {when}', '', '',
+                      _arcsec(report[when]['cv_rms_arcsec']), '')
+    for when in ('before', 'after'):
+        table.add_row(f'rows kept out, {when}', '', '',
+                      _arcsec(report[when]['holdout_rms_arcsec']), str(report['kept_out']))
     table.add_row('noise floor', '', '', _arcsec(report['noise_floor_arcsec']), '')
     return table
 

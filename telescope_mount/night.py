@@ -4,7 +4,6 @@ import json
 import shutil
 import time
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
@@ -16,25 +15,6 @@ from .graph import night_graph
 
 #: wall seconds without any progress after which a night is given up
 STALL = 60.0
-
-
-@dataclass
-class NightOptions:
-    """What a user chose for a night; see ``telescope-mount night --help``."""
-
-    out: Path
-    seed: int = 1
-    stars: int = 30
-    polaris: int = 16
-    scenario: str = 'default'
-    start_time: str = ''
-    reference: Path | None = None
-    domain: int | None = None
-    time_scale: float = 0.0
-    params_file: Path | None = None
-    first_run: int = 1
-    sky: dict = field(default_factory=dict)
-    absolute: str = 'angles'
 
 
 class NightFailed(RuntimeError):
@@ -60,12 +40,25 @@ def prepare_folder(folder):
     return folder
 
 
-def run_night(options, progress=None):
+def run_night(out, *, seed=1, stars=30, polaris=16, scenario='default', start_time='',
+              reference=None, domain_number=None, time_scale=0.0, params_file=None, sky=None,
+              absolute='angles', progress=None):
     """Observe a night in a graph of processes.
 
     Parameters
     ----------
-    options : NightOptions
+    out : Path
+        Folder for all that is written.
+    stars, polaris : int
+        As of `pointing_model.observing.plan.night_plan`.
+    reference : Path, optional
+        The model of an earlier night.
+    domain_number : int, optional
+        ROS domain; a free one by default.
+    params_file : Path, optional
+        A ROS parameter file, read by every node after the values of the graph.
+    seed, scenario, start_time, time_scale, sky, absolute
+        As of `graph.night_graph`.
     progress : callable, optional
         Called with (text, done, total) as the night goes on.
 
@@ -81,19 +74,18 @@ def run_night(options, progress=None):
     NightFailed
         A node ended, or the plan could not be carried out.
     """
-    plan = night_plan(options.stars, options.polaris, options.reference is not None)
+    plan = night_plan(stars, polaris, reference is not None)
     parse_plan(plan)
-    if options.reference is not None:
+    if reference is not None:
         from pointing_model.model import PointingModel
-        PointingModel.load(options.reference)
-    folder = prepare_folder(options.out)
+        PointingModel.load(reference)
+    folder = prepare_folder(out)
     specs = night_graph(
-        bag=str(folder / 'bag'), scenario=options.scenario, seed=options.seed,
-        start_time=options.start_time, plan=plan, time_scale=options.time_scale,
-        model_file=str(options.reference.resolve()) if options.reference else '',
-        first_run=options.first_run, sky=options.sky, absolute=options.absolute)
-    report = observe(folder, specs, plan, partial(_write, folder), progress,
-                     options.domain, options.params_file)
+        bag=str(folder / 'bag'), scenario=scenario, seed=seed, start_time=start_time, plan=plan,
+        time_scale=time_scale, model_file=str(reference.resolve()) if reference else '', sky=sky,
+        absolute=absolute)
+    report = observe(folder, specs, plan, partial(_write, folder), progress, domain_number,
+                     params_file)
     _add_truth(folder / 'bag_truth', report)
     return report
 
@@ -135,15 +127,14 @@ def observe(folder, specs, plan, write, progress=None, domain_number=None, param
     try:
         for spec in specs:
             nodes.start(spec)
-        watcher = Watcher('night', lock.number, nodes.environment)
+        watcher = Watcher('night', lock.number, nodes.environment, nodes.check)
         _watch(watcher, nodes, plan, progress or (lambda *_: None))
-        if not watcher.spin_until(lambda: _complete(watcher, plan), 15.0, nodes.check):
+        if not watcher.spin_until(lambda: _complete(watcher, plan), 15.0):
             raise NightFailed('the plan is done, but its results were not published')
         with ThreadPoolExecutor(1) as pool:
             # files and picture are made while the last messages reach the log
             written = pool.submit(write, dict(watcher.latest))
-            missing = watcher.wait_for_log(
-                [spec.full_name for spec in specs], 15.0, each=nodes.check)
+            missing = watcher.wait_for_log([spec.full_name for spec in specs], 15.0)
             out = written.result()
         if missing:
             raise NightFailed('the logger could not keep up; it lacks messages of '

@@ -1,19 +1,18 @@
 """A process that has imported everything, and forks one node after the other.
 
 Eight interpreters that each import numpy, rclpy and the messages take longer than a short night.
-Requests come on stdin, a JSON object a line: module, arguments, name, environment, file for the
-output. Answers go to stdout: ``{"started": pid}``, later ``{"ended": pid, "code": code}``.
+Requests come on the connection whose file descriptor is its argument, a dict each: module,
+arguments, name, environment, file for the output. It answers ``{'started': pid}``, later
+``{'ended': pid, 'code': code}``.
 """
 
 import ctypes
-import json
 import os
-import selectors
 import signal
-import socket
 import sys
 from contextlib import suppress
 from importlib import import_module
+from multiprocessing.connection import Connection, wait
 
 # Linux: prctl
 _SET_DEATH_SIGNAL, _SET_NAME = 1, 15
@@ -53,77 +52,44 @@ def run_node(request):
         os.environ.clear()
         os.environ.update(request['environment'])
         sys.argv = [request['module'], *request['arguments']]
-        code = _call_main(request['module'])
+        import_module(request['module']).main()
+        code = 0
+    except SystemExit as end:
+        code = end.code if isinstance(end.code, int) else int(end.code is not None)
     except Exception:
         import traceback
         traceback.print_exc()
     sys.exit(code)
 
 
-def _call_main(module):
-    try:
-        import_module(module).main()
-    except SystemExit as end:
-        return end.code if isinstance(end.code, int) else int(end.code is not None)
-    return 0
-
-
-def _reap(answer):
-    while True:
-        try:
-            pid, status = os.waitpid(-1, os.WNOHANG)
-        except ChildProcessError:
-            return
-        if pid == 0:
-            return
-        answer({'ended': pid, 'code': os.waitstatus_to_exitcode(status)})
-
-
 def main():
-    """Serve until stdin ends."""
+    """Serve until the other end of the connection is closed."""
     ctypes.CDLL(None).prctl(_SET_DEATH_SIGNAL, signal.SIGTERM)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     preload()
-    # signals wake the loop through a socket: no handler runs in the middle of a fork
-    ours, theirs = socket.socketpair()
-    ours.setblocking(False)
-    theirs.setblocking(False)
-    signal.set_wakeup_fd(theirs.fileno())
-    signal.signal(signal.SIGCHLD, lambda *_: None)
-    # nodes must not write among the answers
-    out = os.fdopen(os.dup(1), 'w', buffering=1)
-    os.dup2(2, 1)
-
-    def answer(document):
-        out.write(json.dumps(document) + '\n')
-
-    requests = os.fdopen(os.dup(0), 'rb', buffering=0)
-    loop = selectors.DefaultSelector()
-    loop.register(requests, selectors.EVENT_READ)
-    loop.register(ours, selectors.EVENT_READ)
+    connection = Connection(int(sys.argv[1]))
     nursery = os.getpid()
-    answer({'ready': nursery})
-    pending = b''
+    nodes = {}  # read end of a pipe whose other end closes with the node -> pid
     while True:
-        for key, _ in loop.select():
-            if key.fileobj is ours:
-                ours.recv(4096)
-                _reap(answer)
+        for source in wait([connection, *nodes]):
+            if source is not connection:
+                os.close(source)
+                pid, status = os.waitpid(nodes.pop(source), 0)
+                connection.send({'ended': pid, 'code': os.waitstatus_to_exitcode(status)})
                 continue
-            chunk = os.read(requests.fileno(), 1 << 16)
-            if not chunk:
+            try:
+                request = connection.recv()
+            except EOFError:
                 return
-            *lines, pending = (pending + chunk).split(b'\n')
-            for line in lines:
-                pid = os.fork()
-                if pid == 0:
-                    signal.set_wakeup_fd(-1)
-                    signal.signal(signal.SIGCHLD, signal.SIG_DFL)
-                    signal.signal(signal.SIGINT, signal.default_int_handler)
-                    for end in (loop, requests, out, ours, theirs):
-                        end.close()
-                    run_node({**json.loads(line), 'parent': nursery})
-                answer({'started': pid})
+            alive, end = os.pipe()
+            pid = os.fork()
+            if pid == 0:
+                signal.signal(signal.SIGINT, signal.default_int_handler)
+                connection.close()
+                run_node({**request, 'parent': nursery})
+            os.close(end)
+            nodes[alive] = pid
+            connection.send({'started': pid})
 
 
 if __name__ == '__main__':

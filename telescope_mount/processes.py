@@ -1,13 +1,12 @@
 """Node processes: start, watch, end."""
 
 import contextlib
-import json
 import os
-import select
 import signal
 import subprocess
 import sys
 import time
+from multiprocessing import Pipe
 from pathlib import Path
 
 import yaml
@@ -102,12 +101,13 @@ class Nursery:
 
     def __init__(self, log):
         self._log = log
-        with open(log, 'ab') as file:
+        self._connection, theirs = Pipe()
+        with theirs, open(log, 'ab') as file:
             self._process = subprocess.Popen(
-                [sys.executable, '-m', 'telescope_mount.nursery'], stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE, stderr=file, start_new_session=True,
+                [sys.executable, '-m', 'telescope_mount.nursery', str(theirs.fileno())],
+                stdin=subprocess.DEVNULL, stdout=file, stderr=file, start_new_session=True,
+                pass_fds=[theirs.fileno()],
                 env={**os.environ, **ONE_THREAD, 'PYTHONUNBUFFERED': '1'})
-        self._text = b''
         self._nodes = {}
         self._started = []
 
@@ -124,8 +124,7 @@ class Nursery:
             It could not be started.
         """
         with contextlib.suppress(BrokenPipeError):
-            self._process.stdin.write(json.dumps(request).encode() + b'\n')
-            self._process.stdin.flush()
+            self._connection.send(request)
         while not self._started:
             self.listen(1.0)
             if self._process.poll() is not None and not self._started:
@@ -135,16 +134,12 @@ class Nursery:
 
     def listen(self, timeout):
         """Take answers, waiting at most `timeout` seconds for the first."""
-        out = self._process.stdout
-        while select.select([out], [], [], timeout)[0]:
-            chunk = os.read(out.fileno(), 1 << 16)
-            *lines, self._text = (self._text + chunk).split(b'\n')
-            for line in lines:
-                self._take(json.loads(line))
-            timeout = 0.0
-            if not chunk:
-                self._lost()
-                return
+        try:
+            while self._connection.poll(timeout):
+                self._take(self._connection.recv())
+                timeout = 0.0
+        except (EOFError, ConnectionResetError):
+            self._lost()
 
     def _take(self, answer):
         if 'started' in answer:
@@ -164,16 +159,12 @@ class Nursery:
 
     def close(self):
         """End it; the nodes must have ended."""
-        if self._process.stdin.closed:
-            return
-        with contextlib.suppress(BrokenPipeError):  # of what a dead one did not read
-            self._process.stdin.close()
+        self._connection.close()
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(5.0)
         if self._process.poll() is None:
             self._process.kill()
             self._process.wait()
-        self._process.stdout.close()
 
 
 class Processes:
@@ -194,11 +185,8 @@ class Processes:
         self.folder.mkdir(parents=True, exist_ok=True)
         self.params_file = params_file
         self.running = {}
-        self.environment = dict(os.environ)
-        self.environment.update(dds_environment(self.folder, domain),
-                                ROS_LOG_DIR=str(self.folder))
-        self.environment.update(
-            {key: value for key, value in ONE_THREAD.items() if key not in self.environment})
+        self.environment = (ONE_THREAD | os.environ | dds_environment(self.folder, domain)
+                            | {'ROS_LOG_DIR': str(self.folder)})
         # at once: it imports while the caller does
         self._nursery = Nursery(self.folder / 'nursery.log')
 
@@ -230,25 +218,23 @@ class Processes:
                 words = self.last_words(name).removeprefix('error: ')
                 raise RuntimeError(words or f'node {name} ended with code {code}')
 
-    def stop(self, names=None, patience=20.0):
-        """End nodes: Ctrl-C first, so that files are closed; the hard way for what stays.
+    def stop(self):
+        """End all nodes: Ctrl-C first, so that files are closed; the hard way for what stays.
 
         Returns
         -------
         dict of str to int
             Exit codes.
         """
-        names = list(self.running if names is None else names)
-        for sign, seconds in ((signal.SIGINT, patience), (signal.SIGTERM, 2.0),
-                              (signal.SIGKILL, 5.0)):
-            alive = [self.running[n] for n in names if self.running[n].poll() is None]
+        for sign, seconds in ((signal.SIGINT, 20.0), (signal.SIGTERM, 2.0), (signal.SIGKILL, 5.0)):
+            alive = [process for process in self.running.values() if process.poll() is None]
             for process in alive:
                 process.send_signal(sign)
             deadline = time.monotonic() + seconds
             for process in alive:
                 with contextlib.suppress(subprocess.TimeoutExpired):
                     process.wait(max(0.01, deadline - time.monotonic()))
-        codes = {name: self.running.pop(name).returncode for name in names}
-        if not self.running:
-            self._nursery.close()
+        codes = {name: process.returncode for name, process in self.running.items()}
+        self.running.clear()
+        self._nursery.close()
         return codes

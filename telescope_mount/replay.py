@@ -47,9 +47,13 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None):
     topic = next((t for t in bag.topics if t.name.endswith('/observation')), None)
     if topic is None or topic.count == 0:
         raise ValueError(f'{log} has no observation in it; it is no log of a night')
-    had_zero = any(t.name.endswith('/zero') and t.count for t in bag.topics)
-    had_zero = had_zero and _saw_polaris(bag, topic.name)
+    had_zero = (any(t.name.endswith('/zero') and t.count for t in bag.topics)
+                and _saw_polaris(bag, topic.name))
     diagnosed = _diagnosis(bag)
+    as_then = {}  # parameters of the calibration with which it diagnosed
+    if diagnosed:
+        as_then = {'alpha': diagnosed.get('alpha', 0.01),
+                   'site': ', '.join(map(repr, diagnosed.get('site_deg') or ()))}
     marks = [t.name for t in bag.topics if t.name.endswith('/incremental/homing') and t.count]
     lock = domain.claim(domain_number)
     from msg_tools import topics
@@ -61,21 +65,21 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None):
         watcher = None
         try:
             for spec in replay_graph(str(Path(log).resolve()), topic.name, seed, reference,
-                                     _as_then(diagnosed), marks):
+                                     as_then, marks):
                 nodes.start(spec)
-            watcher = Watcher('replay', lock.number, nodes.environment)
+            watcher = Watcher('replay', lock.number, nodes.environment, nodes.check)
 
             def taken():
                 return observations_taken(watcher.latest.get(topics.CALIBRATION_STATUS.name))
 
-            if not watcher.spin_until(lambda: taken() >= topic.count, 60.0, nodes.check):
+            if not watcher.spin_until(lambda: taken() >= topic.count, 60.0):
                 raise RuntimeError(f'only {taken()} of {topic.count} observations arrived')
             if had_zero:
-                watcher.call('calibrate_zero', each=nodes.check)
-            watcher.call('fit', each=nodes.check)
+                watcher.call('calibrate_zero')
+            watcher.call('fit')
             there = [topics.MODEL.name, topics.CALIBRATION_REPORT.name]
             if diagnosed:
-                watcher.call('diagnose', timeout=120.0, each=nodes.check)
+                watcher.call('diagnose', timeout=120.0)
                 there.append(topics.DIAGNOSIS.name)
 
             def complete():
@@ -83,7 +87,7 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None):
                 return all(name in watcher.latest for name in there) and (
                     not diagnosed or 'verdict' in json.loads(
                         watcher.latest[topics.MODEL.name].data)['provenance'])
-            if not watcher.spin_until(complete, 15.0, nodes.check):
+            if not watcher.spin_until(complete, 15.0):
                 raise RuntimeError('the calibration fitted but published no model')
             model, *documents = (watcher.latest[name].data for name in there)
         finally:
@@ -111,12 +115,3 @@ def _diagnosis(bag):
     name = next((t.name for t in bag.topics if t.name.endswith('/diagnosis') and t.count), None)
     documents = [] if name is None else [m.data.data for m in bag.messages([name], decode=True)]
     return json.loads(documents[-1]) if documents else None
-
-
-def _as_then(diagnosed):
-    """Parameters of the calibration with which it diagnosed."""
-    if not diagnosed:
-        return {}
-    site = diagnosed.get('site_deg')
-    return {'alpha': diagnosed.get('alpha', 0.01),
-            'site': '' if site is None else ', '.join(map(repr, site))}

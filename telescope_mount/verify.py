@@ -28,7 +28,7 @@ PATIENCE = 60 * 10**9
 #: what the encoders said of their marks around a fit, so many are tried for its report
 _STATES = 3
 
-_RAW = {'enc': 'incremental/joint_states', 'abs': 'absolute/joint_states'}
+_RAW = {'incremental/joint_states': 'enc', 'absolute/joint_states': 'abs'}
 
 
 def verify_log(bag, *, reference=None, seed=None):
@@ -62,13 +62,12 @@ def verify_log(bag, *, reference=None, seed=None):
     log = BagReader(bag)
     if log.has_truth:
         raise ValueError(f'{bag} holds the truth of the simulator; verify the log beside it')
-    topics = {topic.name: topic for topic in log.topics}
-    name = next((n for n, t in topics.items() if n.endswith('/observation') and t.count), None)
+    name = next((t.name for t in log.topics if t.name.endswith('/observation') and t.count), None)
     if name is None:
         raise ValueError(f'{bag} has no observation in it; it is no log of a night')
     check = _Check()
     prefix = name[:-len('observation')]
-    rows = _read(log, prefix, topics, check)
+    rows = _read(log, prefix, check)
     parameters = parameters_of(log.metadata, f'{prefix}calibration') or {}
     if not parameters:
         check.unchecked.append('the log does not tell the parameters of the calibration: its '
@@ -91,7 +90,7 @@ class _Check:
         self.unchecked = []
 
     def compare(self, kind, logged, computed, where):
-        """Compare texts, or numbers bit by bit; True if they are the same."""
+        """Compare texts, or numbers bit by bit."""
         self.checked[kind] += 1
         if isinstance(logged, str):
             same = logged == computed
@@ -101,7 +100,6 @@ class _Check:
                 logged, computed, equal_nan=True)
         if not same:
             self.differences.append(f'{kind} of {where}: {_difference(logged, computed)}')
-        return same
 
 
 def _difference(logged, computed):
@@ -135,51 +133,44 @@ class _Rows:
 
     def __init__(self):
         self.observations = {}  # stamp -> PointingRun
-        self.tables = []  # (stamp, PointingRun)
-        self.said = {kind: [] for kind in ('zero', 'model', 'report', 'diagnosis')}
+        self.tables = {}  # stamp -> PointingRun
+        self.said = {name: [] for name in ('zero', 'model', 'calibration/report', 'diagnosis')}
         #: (log time, callable that gives the homings of a run); of old logs from diagnostics
         self.homings, self.diagnosed = [], []
 
 
-def _read(log, prefix, topics, check):
+def _read(log, prefix, check):
     """One pass; observations are compared with their readings on the way."""
     rows, pairing = _Rows(), _Pairing(log, check)
-    kinds = {f'{prefix}{name}': kind for name, kind in (
-        ('zero', 'zero'), ('model', 'model'), ('calibration/report', 'report'),
-        ('diagnosis', 'diagnosis'))}
-    raw = {f'{prefix}{name}': encoder for encoder, name in _RAW.items()}
-    take = {f'{prefix}observation': 1, f'{prefix}observations': 2, f'{prefix}offset': 3,
-            f'{prefix}camera/miss_distance': 4, f'{prefix}incremental/homing': 5,
-            '/diagnostics': 6}
-    for message in log.messages([*kinds, *raw, *take]):
-        encoder = raw.get(message.topic)
-        if encoder is not None:
-            pairing.reading(encoder, message)
+    names = (*rows.said, *_RAW, 'observation', 'observations', 'offset', 'camera/miss_distance',
+             'incremental/homing')
+    for message in log.messages([*(prefix + name for name in names), '/diagnostics']):
+        name = message.topic.removeprefix(prefix)
+        if name in _RAW:
+            pairing.reading(_RAW[name], message)
             continue
         data = log.decode(message)
         if data is None:
             continue
-        if message.topic in kinds:
-            rows.said[kinds[message.topic]].append((message.log_time, data))
-            continue
-        kind = take[message.topic]
-        if kind == 1:
+        if name in rows.said:
+            rows.said[name].append((message.log_time, data))
+        elif name == 'observation':
             stamp = from_stamp(data.header.stamp)
             rows.observations[stamp] = cloud_to_run(data)
             pairing.observation(stamp, rows.observations[stamp])
-        elif kind == 2:
+        elif name == 'observations':
             if data.width:
-                rows.tables.append((from_stamp(data.header.stamp), cloud_to_run(data)))
-        elif kind == 3:
+                rows.tables[from_stamp(data.header.stamp)] = cloud_to_run(data)
+        elif name == 'offset':
             pairing.offsets[from_stamp(data.header.stamp)] = data.vector.x, data.vector.y
-        elif kind == 4:
-            pairing.frame(data)
-        elif kind == 5:
+        elif name == 'camera/miss_distance':
+            pairing.frames[from_stamp(data.header.stamp)] = data.vector.x, data.vector.y
+        elif name == 'incremental/homing':
             rows.homings.append((message.log_time, partial(homings_of, cloud_to_homing(data))))
         else:
             rows.diagnosed += [(message.log_time, partial(homings_from_diagnostics, values))
                                for values in encoder_diagnostics(data)]
-    pairing.finish()
+    pairing.finish(rows.observations)
     return rows
 
 
@@ -188,11 +179,10 @@ class _Pairing:
 
     def __init__(self, log, check):
         self._log, self._check = log, check
-        self._readings = {encoder: deque(maxlen=READINGS) for encoder in _RAW}
-        self._frames = {}
+        self._readings = {encoder: deque(maxlen=READINGS) for encoder in _RAW.values()}
+        self.frames = {}
         self._waiting = deque()
         self.offsets = {}
-        self._rows = {}
 
     def reading(self, encoder, message):
         """Keep a reading; decoded only if an observation falls beside it."""
@@ -204,37 +194,32 @@ class _Pairing:
         if self._waiting:
             self._go_on()
 
-    def frame(self, data):
-        """Keep an exposure."""
-        self._frames[from_stamp(data.header.stamp)] = data.vector.x, data.vector.y
-
     def observation(self, stamp, run):
         """Compare as soon as there are readings on both sides."""
         self._waiting.append((stamp, run))
-        self._rows[stamp] = run
         self._go_on()
 
     def _go_on(self, end=False):
         while self._waiting:
             stamp, run = self._waiting[0]
             newest = [r[-1][0] for r in self._readings.values() if r]
-            ready = stamp in self._frames and len(newest) == len(_RAW) and min(newest) > stamp
+            ready = stamp in self.frames and len(newest) == len(_RAW) and min(newest) > stamp
             # nodes are not logged in the order in which they heard each other
             if not (ready or end or (newest and max(newest) >= stamp + PATIENCE)):
                 return
             self._waiting.popleft()
             self._compare(stamp, run)
 
-    def finish(self):
-        """Compare what still waits, and the offsets."""
+    def finish(self, observations):
+        """Compare what still waits, and the offsets of all `observations`."""
         self._go_on(end=True)
-        for stamp, run in self._rows.items():
+        for stamp, run in observations.items():
             if stamp in self.offsets:
                 x, y = run.offsets()
                 self._check.compare('offset', self.offsets[stamp], [x[0], y[0]], _at(stamp))
 
     def _compare(self, stamp, run):
-        miss = self._frames.get(stamp)
+        miss = self.frames.get(stamp)
         found = {}
         for encoder, readings in self._readings.items():
             angles = self._around(readings, stamp)
@@ -310,16 +295,12 @@ def _calibrate(rows, session, parameters, check):
             check.unchecked.append('a model that is no document of ours')
             continue
         models.setdefault(stamp, []).append((log_time, data.data))
-    reports = deque(data.data for _, data in rows.said['report'])
-    diagnoses = deque(data.data for _, data in rows.said['diagnosis'])
-    replay = _Replay(session, rows, parameters, check, reports, diagnoses)
-    stamps = sorted({*rows.observations, *zeros, *models, *(s for s, _ in rows.tables)})
-    tables = dict(rows.tables)
-    for stamp in stamps:
+    replay = _Replay(session, rows, parameters, check)
+    for stamp in sorted({*rows.observations, *zeros, *models, *rows.tables}):
         if stamp in rows.observations:
             session.add(rows.observations[stamp], stamp)
-        elif stamp in tables:
-            session.take_table(tables[stamp], stamp)
+        elif stamp in rows.tables:
+            session.take_table(rows.tables[stamp], stamp)
         if stamp in zeros or stamp in models:
             replay.at(stamp, zeros.get(stamp, []), models.get(stamp, []))
 
@@ -327,10 +308,12 @@ def _calibrate(rows, session, parameters, check):
 class _Replay:
     """What the calibration was asked for at one stamp, done again and compared."""
 
-    def __init__(self, session, rows, parameters, check, reports, diagnoses):
+    def __init__(self, session, rows, parameters, check):
         self._session, self._rows, self._check = session, rows, check
         self._parameters = parameters
-        self._reports, self._diagnoses = reports, diagnoses
+        self._reports, self._diagnoses = (
+            deque(data.data for _, data in rows.said[name])
+            for name in ('calibration/report', 'diagnosis'))
 
     def at(self, stamp, zeros, models):
         """Zeros by Polaris first, then fits, then diagnoses, each with its zero."""
@@ -338,9 +321,7 @@ class _Replay:
             self._check.unchecked.append(
                 f'what was derived at {_at(stamp)}: its observation is not in the log')
             return
-        references = len(models) - sum(
-            1 for _, text in models if not self._is_dated_reference(text, stamp))
-        made = models[references:]
+        made = models[sum(self._is_dated_reference(text) for _, text in models):]
         calibrated = max(0, len(zeros) - len(made))
         computed = []
         if calibrated:
@@ -361,7 +342,7 @@ class _Replay:
             if by_polaris:
                 self._check.compare('sigma of the zero', logged.sigma, zero.sigma, _at(stamp))
 
-    def _is_dated_reference(self, text, stamp):
+    def _is_dated_reference(self, text):
         """Whether a model is the reference, published with the zero that is relative to it."""
         if not self._parameters.get('reference_age') or self._session.reference is None:
             return False

@@ -24,6 +24,8 @@ class Watcher:
         ROS domain.
     environment : dict of str to str
         That of the graph, from which DDS takes its settings.
+    check : callable
+        Called while it waits; raises RuntimeError when the graph has failed.
 
     Attributes
     ----------
@@ -36,9 +38,10 @@ class Watcher:
     KEPT = (topics.OBSERVER_STATUS, topics.CALIBRATION_STATUS, topics.OBSERVATIONS, topics.MODEL,
             topics.CALIBRATION_REPORT, topics.ZERO, topics.DIAGNOSIS, topics.CHECKS)
 
-    def __init__(self, name, domain, environment):
+    def __init__(self, name, domain, environment, check):
         os.environ.update({key: value for key, value in environment.items()
                            if key.startswith(('ROS_', 'FASTDDS_', 'FASTRTPS_'))})
+        self._check = check
         self._context = Context()
         # Ctrl-C belongs to the command line, which ends the nodes in order
         rclpy.init(context=self._context, domain_id=domain,
@@ -61,21 +64,20 @@ class Watcher:
         """Take what comes for at most `seconds`; returns early after something came."""
         self._executor.spin_once(timeout_sec=seconds)
 
-    def spin_until(self, condition, timeout, each=None):
+    def spin_until(self, condition, timeout):
         """Spin until `condition()`; False when `timeout` seconds went by.
 
-        `each()` is called in between, and may raise.
+        The graph is checked in between.
         """
         deadline = time.monotonic() + timeout
         while not condition():
             if time.monotonic() > deadline:
                 return False
             self.spin(0.05)
-            if each is not None:
-                each()
+            self._check()
         return True
 
-    def call(self, service, timeout=30.0, each=None):
+    def call(self, service, timeout=30.0):
         """Call a Trigger service of the graph.
 
         Returns
@@ -90,17 +92,17 @@ class Watcher:
         """
         from std_srvs.srv import Trigger
         client = self.node.create_client(Trigger, service)
-        if not self.spin_until(client.service_is_ready, timeout, each):
+        if not self.spin_until(client.service_is_ready, timeout):
             raise RuntimeError(f'no node offers the service {client.srv_name}')
         future = client.call_async(Trigger.Request())
-        if not self.spin_until(future.done, timeout, each):
+        if not self.spin_until(future.done, timeout):
             raise RuntimeError(f'{client.srv_name} did not answer within {timeout:g} s')
         answer = future.result()
         if not answer.success:
             raise RuntimeError(f'{service}: {answer.message}')
         return answer.message
 
-    def wait_for_log(self, nodes, timeout, logger='mcap_logger', each=None):
+    def wait_for_log(self, nodes, timeout):
         """Wait until the logger has all that the nodes have published by now.
 
         A message that says "stop" would overtake data on other topics; sequence numbers do not.
@@ -117,17 +119,17 @@ class Watcher:
         dict of str to int
             Topics of which messages are missing after `timeout` seconds; empty is good.
         """
-        name = f'{NAMESPACE}/{logger}'
+        name = f'{NAMESPACE}/mcap_logger'
         # diagnostics that came since: each node reports at least once a second
         seen = dict(self.reports)
 
         def silent():
             return [n for n in nodes if self.reports.get(n) is seen.get(n)]
 
-        if not self.spin_until(lambda: not silent(), timeout, each):
+        if not self.spin_until(lambda: not silent(), timeout):
             raise RuntimeError(f'no diagnostics of {", ".join(silent())} for {timeout:g} s')
         then = dict(self.reports)
-        self.spin_until(lambda: not unreceived(name, self.reports, then), timeout, each)
+        self.spin_until(lambda: not unreceived(name, self.reports, then), timeout)
         return unreceived(name, self.reports, then)
 
     def close(self):

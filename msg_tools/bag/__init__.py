@@ -5,12 +5,7 @@ Reading needs no ROS and no index: what a crash left behind is read as far as it
 `BagReader.problems` says how far that was.
 """
 
-from .file import AttachmentInfo
-from .reader import BagMessage, BagReader, Topic
-from .ros_schema import message_definition, qos_dict, type_hash
-from .writer import OWN_RECORD, REPEATED_RECORD, BagWriter
+from .reader import BagReader
+from .writer import OWN_RECORD, BagWriter
 
-__all__ = [
-    'OWN_RECORD', 'REPEATED_RECORD', 'AttachmentInfo', 'BagMessage', 'BagReader', 'BagWriter',
-    'Topic', 'message_definition', 'qos_dict', 'type_hash',
-]
+__all__ = ['OWN_RECORD', 'BagReader', 'BagWriter']

@@ -9,6 +9,8 @@ from array import array
 
 import lz4.frame
 import zstandard
+from mcap import records
+from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 
 MAGIC = b'\x89MCAP0\r\n'
@@ -18,29 +20,14 @@ _MESSAGE = struct.Struct('<BQHIQQ').pack
 _OP_MESSAGE = int(Opcode.MESSAGE)
 
 
-def _compressor(name):
-    if name == 'zstd':
-        return zstandard.ZstdCompressor(level=1).compress
-    if name == 'lz4':
-        return lz4.frame.compress
-    return bytes
+COMPRESSORS = {'zstd': zstandard.ZstdCompressor(level=1).compress, 'lz4': lz4.frame.compress,
+               'none': bytes}
 
 
-COMPRESSIONS = ('zstd', 'lz4', 'none')
-
-
-def _text(text):
-    data = text.encode()
-    return struct.pack('<I', len(data)) + data
-
-
-def _map(pairs):
-    body = b''.join(_text(key) + _text(value) for key, value in pairs.items())
-    return struct.pack('<I', len(body)) + body
-
-
-def _record(opcode, body):
-    return struct.pack('<BQ', opcode, len(body)) + body
+def _bytes(record):
+    builder = RecordBuilder()
+    record.write(builder)
+    return builder.end()
 
 
 class McapFile:
@@ -73,9 +60,8 @@ class McapFile:
     """
 
     def __init__(self, path, library, *, chunk_size=2**20, compression='zstd'):
-        self.path = path
         self._stream = open(path, 'xb', buffering=0)  # noqa: SIM115 (lives as long as the file)
-        self._compress = _compressor(compression)
+        self._compress = COMPRESSORS[compression]
         self._compression = '' if compression == 'none' else compression
         self._chunk_size = int(chunk_size)
         self.size = self.pending = 0
@@ -85,7 +71,7 @@ class McapFile:
         self._chunks, self._attachments, self._metadata = [], [], []
         self._parts, self._index = [], {}
         self._chunk_first, self._chunk_last = NEVER, 0
-        self._write(MAGIC + _record(Opcode.HEADER, _text('ros2') + _text(library)))
+        self._write(MAGIC + _bytes(records.Header('ros2', library)))
 
     @property
     def closed(self):
@@ -106,8 +92,7 @@ class McapFile:
     def add_schema(self, name, data, encoding='ros2msg'):
         """Write a schema; its number."""
         number = len(self._schemas) + 1
-        record = _record(Opcode.SCHEMA, struct.pack('<H', number) + _text(name)
-                         + _text(encoding) + struct.pack('<I', len(data)) + data)
+        record = _bytes(records.Schema(id=number, name=name, encoding=encoding, data=data))
         self._write(record)
         self._schemas.append(record)
         return number
@@ -115,8 +100,8 @@ class McapFile:
     def add_channel(self, topic, schema, metadata):
         """Write a channel; its number."""
         number = len(self._channels) + 1
-        record = _record(Opcode.CHANNEL, struct.pack('<HH', number, schema) + _text(topic)
-                         + _text('cdr') + _map(metadata))
+        record = _bytes(records.Channel(
+            id=number, schema_id=schema, topic=topic, message_encoding='cdr', metadata=metadata))
         self._write(record)
         self._channels.append(record)
         self._index[number] = array('Q')
@@ -144,24 +129,24 @@ class McapFile:
             return
         raw = b''.join(self._parts)
         data = self._compress(raw)
-        times = struct.pack('<QQ', self._chunk_first, self._chunk_last)
-        chunk = _record(Opcode.CHUNK, b''.join((
-            times, struct.pack('<QI', len(raw), zlib.crc32(raw)), _text(self._compression),
-            struct.pack('<Q', len(data)), data)))
-        out, end, offsets = [chunk], self.size + len(chunk), b''
+        first, last = self._chunk_first, self._chunk_last
+        chunk = _bytes(records.Chunk(
+            message_start_time=first, message_end_time=last, uncompressed_size=len(raw),
+            uncompressed_crc=zlib.crc32(raw), compression=self._compression, data=data))
+        out, end, offsets = [chunk], self.size + len(chunk), {}
         for channel, rows in self._index.items():
             if rows:
                 if sys.byteorder == 'big':
                     rows.byteswap()
                 out.append(struct.pack('<BQHI', Opcode.MESSAGE_INDEX, 6 + 8 * len(rows), channel,
                                        8 * len(rows)) + rows.tobytes())
-                offsets += struct.pack('<HQ', channel, end)
+                offsets[channel] = end
                 end += len(out[-1])
-        index = _record(Opcode.CHUNK_INDEX, b''.join((
-            times, struct.pack('<QQI', self.size, len(chunk), len(offsets)), offsets,
-            struct.pack('<Q', end - self.size - len(chunk)), _text(self._compression),
-            struct.pack('<QQ', len(data), len(raw)))))
-        first, last = self._chunk_first, self._chunk_last
+        index = _bytes(records.ChunkIndex(
+            message_start_time=first, message_end_time=last, chunk_start_offset=self.size,
+            chunk_length=len(chunk), message_index_offsets=offsets,
+            message_index_length=end - self.size - len(chunk), compression=self._compression,
+            compressed_size=len(data), uncompressed_size=len(raw)))
         counts = {channel: len(rows) // 2 for channel, rows in self._index.items() if rows}
         # whatever the disk says now, this chunk is done with
         self._parts, self.pending = [], 0
@@ -176,22 +161,20 @@ class McapFile:
 
     def add_metadata(self, name, data):
         """Write an MCAP metadata record of str to str."""
-        record = _record(Opcode.METADATA, _text(name) + _map(data))
-        offset = self.size
+        record = _bytes(records.Metadata(name, data))
+        index = records.MetadataIndex(offset=self.size, length=len(record), name=name)
         self._write(record)
-        self._metadata.append(_record(
-            Opcode.METADATA_INDEX, struct.pack('<QQ', offset, len(record)) + _text(name)))
+        self._metadata.append(_bytes(index))
 
     def add_attachment(self, name, media_type, data):
         """Write an attachment, dated now."""
-        now = time.time_ns()
-        names = _text(name) + _text(media_type)
-        body = struct.pack('<QQ', now, now) + names + struct.pack('<Q', len(data)) + data
-        record = _record(Opcode.ATTACHMENT, body + struct.pack('<I', zlib.crc32(body)))
-        offset = self.size
+        about = dict.fromkeys(('log_time', 'create_time'), time.time_ns())
+        about |= {'name': name, 'media_type': media_type}
+        record = _bytes(records.Attachment(data=data, **about))
+        index = records.AttachmentIndex(
+            offset=self.size, length=len(record), data_size=len(data), **about)
         self._write(record)
-        self._attachments.append(_record(Opcode.ATTACHMENT_INDEX, struct.pack(
-            '<QQQQQ', offset, len(record), now, now, len(data)) + names))
+        self._attachments.append(_bytes(index))
 
     def sync(self):
         """Wait until all that was written is on the disk."""
@@ -204,13 +187,15 @@ class McapFile:
     def finish(self):
         """Write the last chunk, the summary and the footer, and close the file."""
         self.close_chunk()
-        end = _record(Opcode.DATA_END, struct.pack('<I', 0))
+        end = _bytes(records.DataEnd(0))
         start = self.size + len(end)
-        counts = b''.join(struct.pack('<HQ', *row) for row in self.counts.items() if row[1])
-        statistics = _record(Opcode.STATISTICS, struct.pack(
-            '<QHIIIIQQI', sum(self.counts.values()), len(self._schemas), len(self._channels),
-            len(self._attachments), len(self._metadata), len(self._chunks),
-            self.first if self.last or self._chunks else 0, self.last, len(counts)) + counts)
+        statistics = _bytes(records.Statistics(
+            message_count=sum(self.counts.values()), schema_count=len(self._schemas),
+            channel_count=len(self._channels), attachment_count=len(self._attachments),
+            metadata_count=len(self._metadata), chunk_count=len(self._chunks),
+            message_start_time=self.first if self.last or self._chunks else 0,
+            message_end_time=self.last,
+            channel_message_counts={id_: n for id_, n in self.counts.items() if n}))
         summary, offsets = b'', b''
         for opcode, group in (
                 (Opcode.SCHEMA, self._schemas), (Opcode.CHANNEL, self._channels),
@@ -219,10 +204,10 @@ class McapFile:
                 (Opcode.METADATA_INDEX, self._metadata)):
             if group:
                 joined = b''.join(group)
-                offsets += _record(Opcode.SUMMARY_OFFSET, struct.pack(
-                    '<BQQ', opcode, start + len(summary), len(joined)))
+                offsets += _bytes(records.SummaryOffset(
+                    opcode, start + len(summary), len(joined)))
                 summary += joined
-        footer = struct.pack('<BQQQ', Opcode.FOOTER, 20, start, start + len(summary))
+        footer = _bytes(records.Footer(start, start + len(summary), 0))[:-4]
         crc = zlib.crc32(footer, zlib.crc32(summary + offsets))
         self._write(b''.join((end, summary, offsets, footer, struct.pack('<I', crc), MAGIC)))
         self.sync()

@@ -40,19 +40,15 @@ class Decoders:
     def _make(self, topic, schema, encoding):
         from mcap_ros2.decoder import DecoderFactory
         try:
-            if schema is not None:
-                _check_size(schema.data.decode())
+            text = schema.data.decode() if schema is not None else ''
+            if len(text) > MAX_DEFINITION or max(map(len, text.splitlines()), default=0) > MAX_LINE:
+                raise ValueError(f'a definition of {len(text)} characters')
             # the parser prints what it does not like
             with redirect_stdout(StringIO()), redirect_stderr(StringIO()):
                 return DecoderFactory().decoder_for(encoding, schema)
         except Exception as error:  # the schema is foreign text
             self._skipped[f'{topic}: schema not understood ({short(error)})'] = 1
             return None
-
-
-def _check_size(text):
-    if len(text) > MAX_DEFINITION or max(map(len, text.splitlines()), default=0) > MAX_LINE:
-        raise ValueError(f'a definition of {len(text)} characters')
 
 
 class _Bounded(bytes):

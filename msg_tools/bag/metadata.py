@@ -110,8 +110,7 @@ def listed_files(folder):
     except FileNotFoundError:
         return [], f'{METADATA_FILE} is missing'
     except (yaml.YAMLError, ValueError) as error:
-        text = ' '.join(str(error).split())[:120]
-        return [], f'{METADATA_FILE} is damaged ({text})'
+        return [], f'{METADATA_FILE} is damaged ({" ".join(str(error).split())[:120]})'
     if not paths:
         return [], f'{METADATA_FILE} lists no file'
     # before version 4 the paths had the folder in front

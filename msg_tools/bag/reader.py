@@ -32,6 +32,11 @@ class Topic(NamedTuple):
     qos: list
     type_hash: str
 
+    @property
+    def latched(self):
+        """Whether a publisher offered its last messages to late subscribers."""
+        return any(profile['durability'] == 'transient_local' for profile in self.qos)
+
 
 class BagMessage(NamedTuple):
     """One message; times in ns since 1970; `data` is bytes, or the decoded object."""
@@ -50,7 +55,67 @@ def _natural(path):
             for t in re.split(r'(\d+)', path.name)]
 
 
-class BagReader:
+class Reader:
+    """What readers of all kinds of files have in common; each tells the SUFFIX of its files."""
+
+    def __init__(self, path):
+        self.path = Path(path)
+        self._problems = []
+        self._skipped = Counter()
+        self._decoders = Decoders(self._skipped)
+        self._qos = {'': []}  # by its text
+        if not self.path.exists():
+            raise ValueError(f'{self.path} does not exist')
+
+    @property
+    def message_count(self):
+        """Messages that the index, or reading through, found."""
+        return sum(topic.count for topic in self.topics)
+
+    @property
+    def has_truth(self):
+        """A topic of the simulator's truth is in it; calibration must refuse such a bag."""
+        return any(is_truth(topic.name) for topic in self.topics)
+
+    @property
+    def problems(self):
+        """What is wrong with the log, one str each; grows while messages are read."""
+        return self._problems + [
+            f'{what} ({count} times)' if count > 1 else what
+            for what, count in self._skipped.items()]
+
+    def _find(self):
+        """The files: as metadata.yaml lists them, then those that it does not know."""
+        if not self.path.is_dir():
+            return [self.path]
+        names, problem = listed_files(self.path)
+        if problem:
+            self._problems.append(problem)
+        files = []
+        for name in dict.fromkeys(names):
+            file = self.path / name
+            if file.suffix == self.SUFFIX and file.is_file():
+                files.append(file)
+            else:
+                self._problems.append(f'{name} is listed in metadata.yaml but missing')
+        found = sorted(self.path.glob(f'*{self.SUFFIX}'), key=_natural)
+        files += [file for file in found if file not in files and file.is_file()]
+        if not files:
+            raise ValueError(f'{self.path} holds no {self.SUFFIX} file')
+        return files
+
+    def _qos_of(self, topic, text):
+        if text not in self._qos:
+            try:
+                self._qos[text] = load_qos(text)
+            except ValueError as error:
+                self._qos[text] = []
+                if len(self._problems) < 200:
+                    self._problems.append(f'{topic}: QoS text not understood ({short(error)})')
+        return self._qos[text]
+
+
+class BagReader(Reader):
     """Read a bag: a folder or one ``.mcap`` file, finished or not.
 
     Parameters
@@ -69,8 +134,6 @@ class BagReader:
         First and last log time, ns since 1970; None without messages.
     complete : bool
         Every file was closed properly.
-    has_truth : bool
-        A topic of the simulator's truth is in it; calibration must refuse such a bag.
 
     Raises
     ------
@@ -84,18 +147,18 @@ class BagReader:
     Of a folder, latched messages that a file repeats from the one before are left out.
     """
 
+    SUFFIX = '.mcap'
+
     def __init__(self, path):
-        self.path = Path(path)
-        self._problems = []
-        self._skipped = Counter()
-        self._decoders = Decoders(self._skipped)
-        self._targets = {}
+        super().__init__(path)
+        self._schemas = {}
         self._files = []
-        for file in self._find():
+        found = self._find()
+        for file in found:
             try:
                 self._files.append(BagFile(file, len(self._files)))
             except ValueError as error:
-                if file == self.path or len(self._candidates) == 1:
+                if len(found) == 1:
                     raise
                 self._problems.append(str(error))
         if not self._files:
@@ -110,80 +173,34 @@ class BagReader:
             record.name: record.metadata for file in self._files for record in file.metadata}
         self.attachments = [a for file in self._files for a in file.attachments]
         self.topics = self._merge_topics()
-        self.has_truth = any(is_truth(topic.name) for topic in self.topics)
         segments = [s for file in self._files for s in file.segments]
         self.start_time = min((s.start for s in segments), default=None)
         self.end_time = max((s.end for s in segments), default=None)
-
-    @property
-    def message_count(self):
-        """Messages that the index, or reading through, found."""
-        return sum(topic.count for topic in self.topics)
-
-    @property
-    def problems(self):
-        """What is wrong with the log, one str each; grows while messages are read."""
-        return self._problems + [
-            f'{what} ({count} times)' if count > 1 else what
-            for what, count in self._skipped.items()]
 
     @property
     def lost(self):
         """(file, offset, length) of bytes that could not be read."""
         return [(file.path, *part) for file in self._files for part in file.lost]
 
-    def schema_of(self, topic):
-        """(encoding, data) of the schema of a `Topic`; ('', b'') where there is none."""
-        for file in self._files:
-            for channel in file.channels.values():
-                schema = file.schemas.get(channel.schema_id)
-                if channel.topic == topic.name and schema and schema.name == topic.type:
-                    return schema.encoding, schema.data
-        return '', b''
-
-    def encoding_of(self, topic):
-        """How the messages of a `Topic` are serialized, as ``cdr``."""
-        return next((c.message_encoding for f in self._files for c in f.channels.values()
-                     if c.topic == topic.name), '')
-
-    def _find(self):
-        if not self.path.exists():
-            raise ValueError(f'{self.path} does not exist')
-        if not self.path.is_dir():
-            self._candidates = [self.path]
-            return self._candidates
-        found = sorted(self.path.glob('*.mcap'), key=_natural)
-        names, problem = listed_files(self.path)
-        if problem:
-            self._problems.append(problem)
-        listed = []
-        for name in dict.fromkeys(names):
-            file = self.path / name
-            if file.suffix == '.mcap' and file.is_file():
-                listed.append(file)
-            else:
-                self._problems.append(f'{name} is listed in metadata.yaml but missing')
-        files = listed + [f for f in found if f not in listed and f.is_file()]
-        if not files:
-            raise ValueError(f'{self.path} holds no .mcap file')
-        self._candidates = files
-        return files
+    def schema_of(self, topic, type_name):
+        """(`mcap` Schema, encoding of the messages) of a topic's type; (None, '') without."""
+        key = topic, type_name
+        if key not in self._schemas:
+            self._schemas[key] = next(
+                ((file.schemas[channel.schema_id], channel.message_encoding)
+                 for file in self._files for channel in file.channels.values()
+                 if channel.topic == topic and channel.schema_id in file.schemas
+                 and file.schemas[channel.schema_id].name == type_name), (None, ''))
+        return self._schemas[key]
 
     def _merge_topics(self):
-        merged, known = {}, {'': []}  # known: QoS by its text
+        merged = {}
         for file in self._files:
             for id_, channel in file.channels.items():
                 schema = file.schemas.get(channel.schema_id)
                 type_name = schema.name if schema else ''
-                text = channel.metadata.get('offered_qos_profiles', '')
-                try:
-                    qos = known[text] if text in known else load_qos(text)
-                except ValueError as error:
-                    qos = []
-                    if len(self._problems) < 200:
-                        self._problems.append(
-                            f'{channel.topic}: QoS text not understood ({short(error)})')
-                known[text] = qos
+                qos = self._qos_of(
+                    channel.topic, channel.metadata.get('offered_qos_profiles', ''))
                 before = merged.get((channel.topic, type_name))
                 count = file.counts[id_] + (before.count if before else 0)
                 merged[channel.topic, type_name] = Topic(
@@ -224,9 +241,9 @@ class BagReader:
                 if wanted is None or channel.topic in wanted}
             for file in self._files}
         segments = sorted(
-            s for s in (s for file in self._files for s in file.segments)
+            s for file in self._files for s in file.segments
             if s.end >= low and s.start < high
-            and (not s.channels or not s.channels.isdisjoint(chosen[id(s.file)])))
+            and (not s.channels or not s.channels.isdisjoint(chosen[id(file)])))
         for target, row in self._ordered(segments, chosen, low, high):
             topic, schema, channel = target
             log_time, publish_time, data, sequence = row
@@ -244,14 +261,8 @@ class BagReader:
         -------
         object or None
         """
-        key = message.topic, message.type
-        if key not in self._targets:
-            self._targets[key] = next(
-                ((file.schemas.get(channel.schema_id), channel.message_encoding)
-                 for file in self._files for channel in file.channels.values()
-                 if channel.topic == message.topic and channel.schema_id in file.schemas
-                 and file.schemas[channel.schema_id].name == message.type), (None, ''))
-        return self._decoders.decode(message.topic, *self._targets[key], message.data)
+        schema, encoding = self.schema_of(message.topic, message.type)
+        return self._decoders.decode(message.topic, schema, encoding, message.data)
 
     def last_before(self, topics, end):
         """The newest message of each of `topics` with a log time before `end`, in order.
@@ -317,6 +328,7 @@ class BagReader:
                     heapq.heappop(heap)
 
     def _rows(self, segment, stream, chosen, low, high, held):
+        chunk = f'{segment.file.path.name}: the chunk at byte {segment.offset - 9} is'
         try:
             if held and held + segment.expanded > MAX_HELD:
                 raise ValueError(f'chunks of more than {MAX_HELD} bytes overlap in time')
@@ -324,14 +336,12 @@ class BagReader:
             if held and held + len(buffer) > MAX_HELD:
                 raise ValueError(f'chunks of more than {MAX_HELD} bytes overlap in time')
         except PARSE_ERRORS as error:
-            self._skipped[f'{segment.file.path.name}: the chunk at byte {segment.offset - 9} '
-                          f'is damaged ({short(error)}) and left out'] = 1
+            self._skipped[f'{chunk} damaged ({short(error)}) and left out'] = 1
             return None
         try:
             return _Rows(buffer, chosen, low, high, MIN_RECORDS + segment.length)
         except ValueError as error:
-            self._skipped[f'{segment.file.path.name}: the chunk at byte {segment.offset - 9} '
-                          f'is left out ({error})'] = 1
+            self._skipped[f'{chunk} left out ({error})'] = 1
             return None
 
     def read_attachment(self, name):

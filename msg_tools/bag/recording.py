@@ -3,7 +3,9 @@
 import re
 from importlib.metadata import PackageNotFoundError, version
 
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
+
+from ..topics import make_qos
 
 #: messages that wait at a subscription while the disk is slow
 DEPTH = 5000
@@ -82,9 +84,4 @@ def adapt_qos(offers):
     if any(latched) and not all(latched):
         warnings.append(f'{latched.count(False)} of {len(offers)} publishers are volatile: '
                         'messages that the others sent before are not recorded')
-    return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST, depth=DEPTH,
-        reliability=(ReliabilityPolicy.RELIABLE if all(reliable)
-                     else ReliabilityPolicy.BEST_EFFORT),
-        durability=(DurabilityPolicy.TRANSIENT_LOCAL if all(latched)
-                    else DurabilityPolicy.VOLATILE)), warnings
+    return make_qos(DEPTH, reliable=all(reliable), latched=all(latched)), warnings

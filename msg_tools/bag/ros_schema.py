@@ -18,7 +18,7 @@ except ImportError:  # PyYAML built without libyaml
     from yaml import SafeLoader as Loader
 
 #: limits of what a foreign channel may say
-MAX_QOS_TEXT, MAX_PROFILES = 65536, 100
+MAX_QOS_TEXT, MAX_PROFILES, MAX_NESTING = 65536, 100, 20
 _SEPARATOR = '=' * 80
 _PRIMITIVES = frozenset((
     'bool', 'byte', 'char', 'float32', 'float64', 'int8', 'uint8', 'int16', 'uint16', 'int32',
@@ -36,10 +36,7 @@ _POLICIES = {
     ),
 }
 _DURATIONS = ('deadline', 'lifespan', 'liveliness_lease_duration')
-_QOS_ORDER = (
-    'history', 'depth', 'reliability', 'durability', 'deadline', 'lifespan', 'liveliness',
-    'liveliness_lease_duration', 'avoid_ros_namespace_conventions',
-)
+#: in the order of metadata version 9
 _QOS_DEFAULT = {
     'history': 'keep_last', 'depth': 10, 'reliability': 'reliable', 'durability': 'volatile',
     'deadline': _INFINITE, 'lifespan': _INFINITE, 'liveliness': 'automatic',
@@ -81,16 +78,6 @@ def _read_share(type_name, suffix):
     return None
 
 
-def _message_text(type_name):
-    text = _read_share(type_name, '.msg')
-    if text is None:
-        package, name = split_type(type_name)
-        raise ValueError(
-            f'message type {type_name}: no share/{package}/msg/{name}.msg found; install or '
-            f'source the package {package}')
-    return text
-
-
 def _dependencies(text, package):
     found = set()
     for line in text.splitlines():
@@ -127,8 +114,13 @@ def message_definition(type_name):
     seen = set()
 
     def full(name):
-        text = _message_text(name)
-        for dependency in _dependencies(text, split_type(name)[0]):
+        package, short_name = split_type(name)
+        text = _read_share(name, '.msg')
+        if text is None:
+            raise ValueError(
+                f'message type {name}: no share/{package}/msg/{short_name}.msg found; install or '
+                f'source the package {package}')
+        for dependency in _dependencies(text, package):
             if dependency not in seen:
                 seen.add(dependency)
                 text += f'\n{_SEPARATOR}\nMSG: {dependency}\n{full(dependency)}'
@@ -179,13 +171,10 @@ def qos_dict(profile):
         An unknown policy.
     """
     out = {}
-    for key in _QOS_ORDER:
-        if isinstance(profile, dict):
-            value = profile.get(key)
-        else:
-            value = getattr(profile, key, None)
+    for key, default in _QOS_DEFAULT.items():
+        value = profile.get(key) if isinstance(profile, dict) else getattr(profile, key, None)
         if value is None:
-            value = _QOS_DEFAULT[key]
+            value = default
         if key in _POLICIES:
             names = _POLICIES[key]
             # enum members of rclpy are ints too: the name decides
@@ -204,7 +193,7 @@ def qos_dict(profile):
                 sec, nsec = divmod(int(getattr(value, 'nanoseconds', value)), 10**9)
                 out[key] = {'sec': sec, 'nsec': nsec}
         else:
-            out[key] = type(_QOS_DEFAULT[key])(value)
+            out[key] = type(default)(value)
     return out
 
 
@@ -221,26 +210,6 @@ def dump_yaml(document):
         document, Dumper=_PlainDumper, default_flow_style=False, sort_keys=False, width=10**6)
 
 
-def load_yaml(text, *, depth=20):
-    """YAML of a foreign file; the loader of libyaml would crash on deep nesting.
-
-    Raises
-    ------
-    ValueError
-        Not YAML, or nested more than `depth` deep.
-    """
-    try:
-        level = 0
-        for event in yaml.parse(text, Loader=Loader):
-            level += isinstance(event, yaml.CollectionStartEvent)
-            level -= isinstance(event, yaml.CollectionEndEvent)
-            if level > depth:
-                raise ValueError(f'YAML nested more than {depth} deep')
-        return yaml.load(text, Loader=Loader)
-    except yaml.YAMLError as error:
-        raise ValueError(' '.join(str(error).split())[:120]) from None
-
-
 def load_qos(text):
     """List of `qos_dict` from the YAML text of a channel.
 
@@ -251,7 +220,18 @@ def load_qos(text):
     """
     if len(text) > MAX_QOS_TEXT:
         raise ValueError(f'QoS text of {len(text)} characters')
-    profiles = load_yaml(text) or []
+    try:
+        level = 0
+        for event in yaml.parse(text, Loader=Loader):
+            level += isinstance(event, yaml.CollectionStartEvent)
+            level -= isinstance(event, yaml.CollectionEndEvent)
+            if level > MAX_NESTING:  # the loader of libyaml would crash
+                raise ValueError(f'YAML nested more than {MAX_NESTING} deep')
+            if isinstance(event, yaml.ScalarEvent) and event.value == '<<':
+                raise ValueError('YAML with a merge key')  # a few lines of them fill the memory
+        profiles = yaml.load(text, Loader=Loader) or []
+    except Exception as error:  # foreign text fails in any way
+        raise ValueError(' '.join(str(error).split())[:120]) from None
     if not isinstance(profiles, list) or not all(isinstance(p, dict) for p in profiles):
         raise ValueError('QoS text is no list of profiles')
     try:

@@ -8,11 +8,9 @@ from pathlib import Path
 
 from mcap.records import Schema
 
-from .decode import Decoders
 from .mcap_records import short
-from .metadata import is_truth, listed_files
-from .reader import BagMessage, BagReader, Topic
-from .ros_schema import load_qos, message_definition
+from .reader import BagMessage, BagReader, Reader, Topic
+from .ros_schema import message_definition
 
 
 def open_bag(path):
@@ -39,7 +37,7 @@ def open_bag(path):
     return BagReader(path)
 
 
-class SqliteReader:
+class SqliteReader(Reader):
     """Read a bag in SQLite; attributes and `messages` are those of `BagReader`.
 
     Parameters
@@ -55,14 +53,12 @@ class SqliteReader:
         It may not be read.
     """
 
+    SUFFIX = '.db3'
     metadata, attachments = {}, ()
 
     def __init__(self, path):
-        self.path = Path(path)
-        self._skipped = Counter()
-        self._decoders = Decoders(self._skipped)
-        self._problems = []
-        self._definitions = {}
+        super().__init__(path)
+        self._definitions, self._schemas = {}, {}
         self.files = self._find()
         self._rows = {}  # file -> {topic id: (name, type, format, qos text, hash)}
         counts, spans = Counter(), []
@@ -80,34 +76,14 @@ class SqliteReader:
                             spans += [first, last]
             except (sqlite3.Error, TypeError, OverflowError) as error:
                 raise ValueError(f'{file} is no bag of rosbag2 ({short(error)})') from None
-        self.topics = self._merge_topics(counts)
+        merged = {}
+        for rows in self._rows.values():
+            for name, type_name, _, qos_text, hash_ in rows.values():
+                merged.setdefault((name, type_name), Topic(
+                    name, type_name, counts[name, type_name], self._qos_of(name, qos_text), hash_))
+        self.topics = list(merged.values())
         self.start_time, self.end_time = min(spans, default=None), max(spans, default=None)
         self.complete = True
-        self.has_truth = any(is_truth(topic.name) for topic in self.topics)
-
-    @property
-    def message_count(self):
-        """Messages in all files."""
-        return sum(topic.count for topic in self.topics)
-
-    @property
-    def problems(self):
-        """What is wrong, one str each; grows while messages are read."""
-        return self._problems + [f'{what} ({count} times)' if count > 1 else what
-                                 for what, count in self._skipped.items()]
-
-    def _find(self):
-        if not self.path.is_dir():
-            if not self.path.exists():
-                raise ValueError(f'{self.path} does not exist')
-            return [self.path]
-        names, problem = listed_files(self.path)
-        if problem:
-            self._problems.append(problem)
-        found = sorted(self.path.glob('*.db3'))
-        listed = [self.path / name for name in dict.fromkeys(names)
-                  if (self.path / name) in found]
-        return listed + [file for file in found if file not in listed]
 
     def _read_topics(self, base):
         kinds = dict(base.execute('SELECT name, type FROM sqlite_master'))
@@ -127,24 +103,19 @@ class SqliteReader:
                     self._definitions[str(name)] = str(text)
         return rows
 
-    def _merge_topics(self, counts):
-        merged = {}
-        for rows in self._rows.values():
-            for name, type_name, _, qos_text, hash_ in rows.values():
-                try:
-                    qos = load_qos(qos_text)
-                except ValueError as error:
-                    qos = []
-                    self._problems.append(f'{name}: QoS text not understood ({short(error)})')
-                merged.setdefault((name, type_name), Topic(
-                    name, type_name, counts[name, type_name], qos, hash_))
-        return list(merged.values())
-
     def _schema(self, type_name):
-        text = self._definitions.get(type_name)
-        if text is None:
-            text = message_definition(type_name)
-        return Schema(id=1, name=type_name, encoding='ros2msg', data=text.encode())
+        """The `mcap` Schema of a type; None where there is no definition of it, which is told."""
+        if type_name not in self._schemas:
+            self._schemas[type_name] = None
+            try:
+                text = self._definitions.get(type_name)
+                if text is None:
+                    text = message_definition(type_name)
+                self._schemas[type_name] = Schema(
+                    id=1, name=type_name, encoding='ros2msg', data=text.encode())
+            except ValueError as error:
+                self._problems.append(str(error))
+        return self._schemas[type_name]
 
     def messages(self, topics=None, start=None, end=None, decode=False):
         """Messages in the order of their time; see `BagReader.messages`.
@@ -155,21 +126,13 @@ class SqliteReader:
             else set(topics)
         low = 0 if start is None else start
         high = 2**63 - 1 if end is None else end
-        schemas = {}
         for when, _, _, row, data in heapq.merge(
                 *(self._rows_of(n, file, wanted, low, high) for n, file in enumerate(self.files)),
                 key=lambda row: row[:3]):
             name, type_name, encoding = row[:3]
             if decode:
-                if type_name not in schemas:
-                    try:
-                        schemas[type_name] = self._schema(type_name)
-                    except ValueError as error:
-                        schemas[type_name] = None
-                        self._problems.append(str(error))
-                if schemas[type_name] is None:
-                    continue
-                data = self._decoders.decode(name, schemas[type_name], encoding, data)
+                schema = self._schema(type_name)
+                data = schema and self._decoders.decode(name, schema, encoding, data)
                 if data is None:
                     continue
             yield BagMessage(name, type_name, data, when, when)

@@ -6,9 +6,9 @@ import time
 from collections import deque
 from concurrent.futures import ThreadPoolExecutor
 from importlib.metadata import PackageNotFoundError, version
-from pathlib import Path, PurePath
+from pathlib import Path
 
-from .chunks import COMPRESSIONS, NEVER, McapFile
+from .chunks import COMPRESSORS, NEVER, McapFile
 from .metadata import information, sync_folder, write_metadata
 from .ros_schema import dump_yaml, message_definition, qos_dict, split_type, type_hash
 
@@ -53,8 +53,6 @@ class BagWriter:
     ----------
     folder : str or Path
         Made here; must not exist or be empty.
-    name : str, optional
-        Stem of the files ``<name>_<n>.mcap``; the folder's name by default.
     metadata : dict of str to str, optional
         Written as an MCAP metadata record `OWN_RECORD` at once, so that a crash keeps it, and
         as ``custom_data`` of the bag.
@@ -67,6 +65,11 @@ class BagWriter:
         A file that would grow beyond it (its index not counted) is followed by another; 0: never.
     max_seconds : float
         So is one that spans more log time; 0: never.
+
+    Attributes
+    ----------
+    message_count : int
+        Messages written so far; those repeated at the start of a file are counted once.
 
     Raises
     ------
@@ -85,19 +88,17 @@ class BagWriter:
     before.
     """
 
-    def __init__(self, folder, *, name=None, metadata=None, chunk_size=2**20, chunk_seconds=0.5,
+    def __init__(self, folder, *, metadata=None, chunk_size=2**20, chunk_seconds=0.5,
                  compression='zstd', max_bytes=0, max_seconds=0.0):
         self.folder = Path(folder)
-        if compression not in COMPRESSIONS:
+        if compression not in COMPRESSORS:
             raise ValueError(
-                f'compression {compression!r} is unknown; use one of {", ".join(COMPRESSIONS)}')
+                f'compression {compression!r} is unknown; use one of {", ".join(COMPRESSORS)}')
         if self.folder.exists() and not self.folder.is_dir():
             raise ValueError(f'{self.folder} is a file; give a folder for the log')
         if self.folder.is_dir() and any(self.folder.iterdir()):
             raise ValueError(f'{self.folder} is not empty; give another folder or remove it')
-        self._stem = name or self.folder.resolve().name
-        if self._stem != PurePath(self._stem).name:
-            raise ValueError(f'name {self._stem!r} of a log must be a plain file name')
+        self._stem = self.folder.resolve().name
         self.folder.mkdir(parents=True, exist_ok=True)
         self.custom_data = {str(k): str(v) for k, v in (metadata or {}).items()}
         self._records = {OWN_RECORD: self.custom_data} if self.custom_data else {}
@@ -107,7 +108,7 @@ class BagWriter:
         self._max_span = round(max_seconds * 1e9) or NEVER
         self._topics = {}
         self._done = []  # (name, first, last, count) of the files closed before
-        self._written = 0
+        self.message_count = 0
         self._error = None
         self._pool = self._syncing = None
         self._metadata_at = 0.0
@@ -193,23 +194,13 @@ class BagWriter:
 
     # --- content ----------------------------------------------------------------------------
 
-    @property
-    def message_count(self):
-        """Messages written so far; those repeated at the start of a file are counted once."""
-        return self._written
-
-    @property
-    def topics(self):
-        """Names of the topics added so far."""
-        return list(self._topics)
-
     def _check_open(self):
         if self._error:
             raise OSError(f'{self.file} failed before; nothing more can be written to it')
         if self._out.closed:
             raise ValueError(f'{self.file} is closed')
 
-    def add_topic(self, topic, type_name, qos_profile=(), hash_=None):
+    def add_topic(self, topic, type_name, offers=(), hash_=None):
         """Declare a topic; a second call with the same type changes nothing.
 
         Parameters
@@ -218,7 +209,7 @@ class BagWriter:
             Full name, as ``/mount/offset``.
         type_name : str
             ``package/msg/Type``.
-        qos_profile : list or one of dict or QoSProfile
+        offers : sequence of dict or QoSProfile
             What the publishers offer (`qos_dict`).
         hash_ : str, optional
             Type hash as an endpoint told it; by default that of the installed type.
@@ -229,10 +220,8 @@ class BagWriter:
             The type is not installed, or the topic is there with another type.
         """
         type_name = '{}/msg/{}'.format(*split_type(type_name))
-        if not isinstance(qos_profile, list | tuple):
-            qos_profile = [qos_profile]
         self.add_foreign_topic(
-            topic, type_name, [qos_dict(profile) for profile in qos_profile], hash_=hash_)
+            topic, type_name, [qos_dict(profile) for profile in offers], hash_=hash_)
 
     def add_foreign_topic(self, topic, type_name, qos, definition=None, hash_=None,
                           encoding='ros2msg'):
@@ -313,7 +302,7 @@ class BagWriter:
             self._error = error
             raise
         self._in_file += 1
-        self._written += 1
+        self.message_count += 1
         if entry.kept is not None:
             entry.kept.append((data, publish_time_ns, sequence))
 
@@ -349,10 +338,7 @@ class BagWriter:
             False: write now, but sync in a thread of its own, and metadata.yaml now and then.
         """
         self._check_open()
-        if wait:
-            self._guard(self._sync)
-        else:
-            self._guard(self._sync_soon)
+        self._guard(self._sync if wait else self._sync_soon)
 
     def _sync(self):
         self._wait_for_sync()

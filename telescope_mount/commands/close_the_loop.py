@@ -33,22 +33,26 @@ def add(commands):
     options.add(parser, 'latitude', help='of the site; a measured run whose file does not tell it '
                 'gets what follows the stars only with both')
     options.add(parser, 'longitude', 'azimuth-origin', 'domain')
-    parser.set_defaults(run=run)
 
 
 def run(args):
     """Observe or take, diagnose, observe again, print, write."""
-    from ..close_the_loop import LoopOptions, close_all, close_the_loop
+    from ..close_the_loop import close_all, close_the_loop
     from ..loop_tables import all_table, loop_sentences, loop_tables
     from .console import Progress, new_console, print_files, print_lines
-    chosen = LoopOptions(
-        out=args.out, scenario=args.scenario or '', file=args.file, seed=args.seed,
-        stars=args.stars, polaris=args.polaris, check=args.check, check_every=args.check_every,
-        alpha=args.alpha, start_time=args.date, azimuth_origin=args.azimuth_origin,
-        sky=options.sky_of(args), domain=args.domain)
+    chosen = {
+        'seed': args.seed, 'stars': args.stars, 'polaris': args.polaris, 'check': args.check,
+        'alpha': args.alpha, 'start_time': args.date, 'sky': options.sky_of(args),
+        'domain_number': args.domain}
     console = new_console()
     with Progress(console) as progress:
-        report = (close_all if args.scenario == 'all' else close_the_loop)(chosen, progress)
+        if args.scenario == 'all':
+            report = close_all(args.out, progress=progress, **chosen)
+        else:
+            report = close_the_loop(
+                args.out, scenario=args.scenario or '', file=args.file,
+                check_every=args.check_every, azimuth_origin=args.azimuth_origin,
+                progress=progress, **chosen)
     if 'scenarios' in report:
         console.print(all_table(report))
         print_files(console, {'report': args.out / 'report.json'})

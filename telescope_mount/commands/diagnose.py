@@ -39,7 +39,6 @@ def add(commands):
     parser.add_argument('--pressure', type=float, metavar='HPA',
                         help='for runs in right ascension; 0: no refraction')
     options.add(parser, 'seed', default=0, help='of the resampling (default: 0)')
-    parser.set_defaults(run=run)
 
 
 def run(args):

@@ -18,7 +18,6 @@ def add(commands):
                         help='of 23 angles each (default: 20)')
     parser.add_argument('--pitch', type=int, choices=(48, 60), default=48,
                         help='pixels a bar (default: 48)')
-    parser.set_defaults(run=run)
 
 
 def run(args):

@@ -22,21 +22,19 @@ def add(commands):
     parser.add_argument('--satellite', type=options.whole(2, 200), default=20,
                         help='exposures of the satellite before and after (default: 20)')
     options.add(parser, 'domain')
-    parser.set_defaults(run=run)
 
 
 def run(args):
     """Observe, print, write."""
     from calibration.paper_table_1 import experiment_tables
 
-    from ..experiment import ExperimentOptions, run_experiment
+    from ..experiment import run_experiment
     from .console import Progress, new_console, print_files, print_lines
     console = new_console()
-    chosen = ExperimentOptions(
-        out=args.out, seed=args.seed, drifts=args.drifts, stars=args.stars, polaris=args.polaris,
-        satellite=args.satellite, domain=args.domain)
     with Progress(console) as progress:
-        report = run_experiment(chosen, progress)
+        report = run_experiment(
+            args.out, seed=args.seed, drifts=args.drifts, stars=args.stars, polaris=args.polaris,
+            satellite=args.satellite, domain_number=args.domain, progress=progress)
     for table in experiment_tables(report):
         console.print(table)
     print_lines(console, 'alarm', report['alarms'])

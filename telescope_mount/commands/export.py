@@ -31,7 +31,6 @@ def add(commands):
                         help='seconds since the first row or message, or UTC in ISO 8601')
     parser.add_argument('--end', metavar='TIME', help='likewise; the end is left out')
     options.add(parser, 'azimuth-origin')
-    parser.set_defaults(run=run)
 
 
 def run(args):

@@ -19,7 +19,6 @@ def add(commands):
                         help='of several runs in the file (column run) the one of this number')
     parser.add_argument('--no-robust', action='store_true', help='plain least squares')
     parser.add_argument('--save', type=Path, metavar='FILE', help='write the model (.json, .yaml)')
-    parser.set_defaults(run=run)
 
 
 def run(args):

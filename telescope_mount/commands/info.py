@@ -14,7 +14,6 @@ def add(commands):
     parser.add_argument('--quick', action='store_true',
                         help='tell what the index says, without reading the messages')
     parser.add_argument('--json', action='store_true', help='print it as JSON')
-    parser.set_defaults(run=run)
 
 
 def run(args):
@@ -69,7 +68,7 @@ def log_info(path, *, quick=False):
             'rate_hz': (count - 1) / between if between > 0.0 else None,
             'lost': gaps.gaps if known else None,
             'publishers': gaps.publishers if known else None,
-            'latched': any(q['durability'] == 'transient_local' for q in topic.qos)})
+            'latched': topic.latched})
     return {
         'path': str(path), 'files': [file.name for file in bag.files],
         'size_bytes': sum(Path(file).stat().st_size for file in bag.files),
@@ -85,9 +84,8 @@ def log_info(path, *, quick=False):
 
 def _read_through(bag):
     """(first, last log time, count, SequenceGaps) by topic and type."""
-    from msg_tools.bag.gaps import SequenceGaps
-    latched = {(t.name, t.type): any(q['durability'] == 'transient_local' for q in t.qos)
-               for t in bag.topics}
+    from msg_tools.gaps import SequenceGaps
+    latched = {(t.name, t.type): t.latched for t in bag.topics}
     seen = {}
     for message in bag.messages():
         key = message.topic, message.type

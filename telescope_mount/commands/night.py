@@ -30,22 +30,20 @@ def add(commands):
                         help='simulated seconds a second; 0 (default): as fast as the graph '
                         'answers')
     options.add(parser, 'domain')
-    parser.set_defaults(run=run)
 
 
 def run(args):
     """Observe, print, write."""
-    from ..night import NightOptions, run_night
+    from ..night import run_night
     from .console import Progress, new_console, print_calibration, print_files
     if args.params is not None and not args.params.is_file():
         raise ValueError(f'{args.params} is no file; give a ROS parameter file with --params')
     console = new_console()
-    chosen = NightOptions(
-        out=args.out, seed=args.seed, stars=args.stars, polaris=args.polaris,
-        scenario=args.scenario, start_time=args.date, reference=args.reference,
-        domain=args.domain, time_scale=args.time_scale, params_file=args.params,
-        sky=options.sky_of(args), absolute=args.absolute)
     with Progress(console) as progress:
-        report = run_night(chosen, progress)
+        report = run_night(
+            args.out, seed=args.seed, stars=args.stars, polaris=args.polaris,
+            scenario=args.scenario, start_time=args.date, reference=args.reference,
+            domain_number=args.domain, time_scale=args.time_scale, params_file=args.params,
+            sky=options.sky_of(args), absolute=args.absolute, progress=progress)
     print_calibration(console, report)
     print_files(console, report['files'])

@@ -4,30 +4,26 @@ import argparse
 from pathlib import Path
 
 
-def whole(low, high):
-    """A type for ``add_argument``: a whole number from `low` to `high`."""
+def _within(kind, low, high, words):
     def parse(text):
         try:
-            value = int(text)
+            value = kind(text)
         except ValueError:
-            value = None
-        if value is None or not low <= value <= high:
-            raise argparse.ArgumentTypeError(f'{text!r}: must be a whole number, {low} to {high}')
+            value = float('nan')
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f'{text!r}: must be {words}')
         return value
     return parse
+
+
+def whole(low, high):
+    """A type for ``add_argument``: a whole number from `low` to `high`."""
+    return _within(int, low, high, f'a whole number, {low} to {high}')
 
 
 def real(low, high, unit=''):
     """A type for ``add_argument``: a number from `low` to `high`, in `unit`."""
-    def parse(text):
-        try:
-            value = float(text)
-        except ValueError:
-            value = float('nan')
-        if not low <= value <= high:
-            raise argparse.ArgumentTypeError(f'{text!r}: must be {low:g} to {high:g} {unit}')
-        return value
-    return parse
+    return _within(float, low, high, f'{low:g} to {high:g} {unit}')
 
 
 def names(text):

@@ -12,7 +12,6 @@ def add(commands):
     parser.add_argument('log', type=Path, metavar='BAG')
     parser.add_argument('--out', type=Path, metavar='DIR',
                         help='folder of the new log (default: BAG_recovered)')
-    parser.set_defaults(run=run)
 
 
 def run(args):
@@ -78,13 +77,13 @@ def recover_log(bag, out=None, compression='zstd'):
 
 
 def _add_topic(reader, new, topic, notes):
-    encoding, definition = reader.schema_of(topic)
-    if reader.encoding_of(topic) != 'cdr' or not topic.type:
+    schema, encoding = reader.schema_of(topic.name, topic.type)
+    if encoding != 'cdr':
         notes.append(f'{topic.name}: no messages of ROS 2, left out')
         return False
     try:
-        new.add_foreign_topic(
-            topic.name, topic.type, topic.qos, definition, topic.type_hash, encoding)
+        new.add_foreign_topic(topic.name, topic.type, topic.qos, schema.data, topic.type_hash,
+                              schema.encoding)
     except ValueError as error:
         notes.append(f'{error}: {topic.count} messages left out')
         return False

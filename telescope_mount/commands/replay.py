@@ -16,7 +16,6 @@ def add(commands):
                 help='of the choice of held-out stars; that of the night (default: 1)')
     parser.add_argument('--out', type=Path, metavar='FILE', help='write the model')
     options.add(parser, 'domain')
-    parser.set_defaults(run=run)
 
 
 def run(args):

@@ -17,7 +17,6 @@ def add(commands):
                 help='the reference model of the night (default: as the log says)')
     options.add(parser, 'seed', default=None,
                 help='of the choice of held-out stars (default: as the log says, or 1)')
-    parser.set_defaults(run=run)
 
 
 def run(args):

@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from msg_tools import bag
-from msg_tools.bag import BagReader, BagWriter
+from msg_tools.bag import BagReader, BagWriter, ros_schema
 
 
 def test_every_message_comes_back_in_log_time_order(demo, tmp_path):
@@ -141,7 +141,7 @@ def test_metadata_is_version_9(demo, tmp_path):
 
 
 def test_definition_holds_every_dependency_once(demo):
-    definition = bag.message_definition(demo.PAIR)
+    definition = ros_schema.message_definition(demo.PAIR)
     separator = '\n' + '=' * 80 + '\nMSG: demo_msgs/Inner\n'
     assert definition.count(separator) == 1
     assert definition.startswith('# Two of them') and 'other/Type\n' not in definition
@@ -161,16 +161,16 @@ def test_unknown_types(demo, tmp_path, name, words):
 
 def test_qos_of_rclpy_and_of_old_numbers(demo):
     numbers = {'history': 1, 'depth': 7, 'reliability': 2, 'durability': 1, 'liveliness': 1}
-    out = bag.qos_dict(numbers)
+    out = ros_schema.qos_dict(numbers)
     assert (out['reliability'], out['durability']) == ('best_effort', 'transient_local')
     with pytest.raises(ValueError, match='durability'):
-        bag.qos_dict({'durability': 'forever'})
+        ros_schema.qos_dict({'durability': 'forever'})
     qos = pytest.importorskip('rclpy.qos')
     from rclpy.duration import Duration
     profile = qos.QoSProfile(
         depth=4, durability=qos.DurabilityPolicy.TRANSIENT_LOCAL,
         reliability=qos.ReliabilityPolicy.BEST_EFFORT, deadline=Duration(nanoseconds=1500000000))
-    out = bag.qos_dict(profile)
+    out = ros_schema.qos_dict(profile)
     assert out['deadline'] == {'sec': 1, 'nsec': 500000000}
     assert (out['history'], out['depth']) == ('keep_last', 4)
     assert (out['reliability'], out['durability']) == ('best_effort', 'transient_local')

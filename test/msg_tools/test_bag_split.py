@@ -3,7 +3,8 @@
 import pytest
 import yaml
 
-from msg_tools.bag import REPEATED_RECORD, BagReader, BagWriter
+from msg_tools.bag import BagReader, BagWriter
+from msg_tools.bag.writer import REPEATED_RECORD
 
 START = 10**18
 

@@ -85,7 +85,8 @@ def test_topics_that_appear_later(graph, tmp_path):
 def test_the_type_hash_is_from_the_wire_or_else_from_the_files(graph, tmp_path, monkeypatch, told):
     from rclpy.type_hash import TypeHash
 
-    from msg_tools.bag import type_hash, writer
+    from msg_tools.bag import writer
+    from msg_tools.bag.ros_schema import type_hash
     wanted = type_hash('std_msgs/msg/Int32') if told else 'RIHS01_of_the_file'
     monkeypatch.setattr(writer, 'type_hash', lambda name: 'RIHS01_of_the_file')
     if not told:  # as of a middleware that does not carry it

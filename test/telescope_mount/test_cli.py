@@ -122,10 +122,10 @@ def test_files_that_are_not_there(refused, tmp_path):
 def test_what_the_user_chose_reaches_the_night(refused, monkeypatch, tmp_path):
     from telescope_mount import night
     (tmp_path / 'p.yaml').write_text('')
-    asked = []
+    asked, given = [], night.run_night
 
-    def refuse(options, progress):
-        asked.append(options)
+    def refuse(out, progress, **options):
+        asked.append({'out': out, **options})
         raise ValueError('enough')
     monkeypatch.setattr(night, 'run_night', refuse)
     assert 'enough' in refused(
@@ -134,12 +134,15 @@ def test_what_the_user_chose_reaches_the_night(refused, monkeypatch, tmp_path):
         '--longitude', 10, '--height', 2000, '--params', tmp_path / 'p.yaml', '--time-scale', 2,
         '--domain', 3)
     assert 'enough' in refused('night')
-    assert asked == [night.NightOptions(
-        out=tmp_path / 'n', seed=5, stars=6, polaris=7, scenario='ideal',
-        start_time='yesterday', reference=Path('m.json'), domain=3, time_scale=2.0,
-        params_file=tmp_path / 'p.yaml',
-        sky={'latitude_deg': -40.0, 'longitude_deg': 10.0, 'height_m': 2000.0}),
-        night.NightOptions(out=Path('night'))]
+    assert asked[0] == {
+        'out': tmp_path / 'n', 'seed': 5, 'stars': 6, 'polaris': 7, 'scenario': 'ideal',
+        'start_time': 'yesterday', 'reference': Path('m.json'), 'domain_number': 3,
+        'time_scale': 2.0, 'params_file': tmp_path / 'p.yaml', 'absolute': 'angles',
+        'sky': {'latitude_deg': -40.0, 'longitude_deg': 10.0, 'height_m': 2000.0}}
+    # what was not chosen is as of the function itself
+    defaults = {**given.__kwdefaults__, 'sky': {}}
+    del defaults['progress']
+    assert asked[1] == {'out': Path('night'), **defaults}
 
 
 @pytest.mark.parametrize('words, text', [

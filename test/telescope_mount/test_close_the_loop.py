@@ -13,12 +13,7 @@ from pointing_model.model import PointingModel
 from pointing_model.observing.plan import parse_plan
 from pointing_model.run_files import read_run
 from pointing_model.zero import Zeros
-from telescope_mount.close_the_loop import (
-    LoopOptions,
-    _site_of,
-    judgement,
-    loop_plan,
-)
+from telescope_mount.close_the_loop import _site_of, close_the_loop, judgement, loop_plan
 from telescope_mount.runs import load_run
 from telescope_mount.simulator import scenario_names, undeclared
 
@@ -234,7 +229,7 @@ def test_the_site_of_a_measured_run():
     assert _site_of(run, {'longitude_deg': -110.0}).endswith(', -110.0')
     run.meta['time_is_utc'] = False
     assert _site_of(run, {'latitude_deg': 31.0, 'longitude_deg': -110.0}) == ''
-    assert LoopOptions(out=None).alpha == 0.01
+    assert close_the_loop.__kwdefaults__['alpha'] == 0.01
 
 
 def test_bad_input_is_one_line(refused, tmp_path):
@@ -268,16 +263,17 @@ def test_all_scenarios_in_one_table_and_one_that_failed_does_not_end_it(
     from telescope_mount.night import NightFailed
     asked, told = [], []
 
-    def one(options, progress):
-        asked.append((options.scenario, options.out))
+    def one(out, scenario, seed, progress):
+        assert seed == 4
+        asked.append((scenario, out))
         progress('stars', 1, 2)
-        if options.scenario == 'loop_clean':
+        if scenario == 'loop_clean':
             raise NightFailed('the mount fell over')
-        return {**backlash.report, 'scenario': options.scenario, 'false': ['x']}
+        return {**backlash.report, 'scenario': scenario, 'false': ['x']}
 
     monkeypatch.setattr(module, 'close_the_loop', one)
-    report = module.close_all(LoopOptions(out=tmp_path / 'all', seed=4),
-                              lambda *args: told.append(args))
+    report = module.close_all(tmp_path / 'all', seed=4,
+                              progress=lambda *args: told.append(args))
     assert asked == [(name, tmp_path / 'all' / name) for name in LOOPS]
     assert told[0] == (f'{LOOPS[0]}: stars', 1, 2)
     assert json.loads((tmp_path / 'all' / 'report.json').read_text()) == report

@@ -31,7 +31,7 @@ def test_what_the_encoder_said_of_its_marks_is_judged_again(night, cli, tmp_path
     with BagWriter(tmp_path / 'bag') as new:
         for topic in log.topics:
             if topic.name in wanted:
-                _, definition = log.schema_of(topic)
+                definition = log.schema_of(topic.name, topic.type)[0].data
                 new.add_foreign_topic(
                     topic.name, topic.type, topic.qos, definition, topic.type_hash)
         for message in log.messages(wanted):

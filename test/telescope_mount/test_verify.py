@@ -27,7 +27,7 @@ def rewrite(source, out, change, leave_out=()):
     with BagWriter(out) as new:
         kept = [topic for topic in log.topics if topic.name not in leave_out]
         for topic in kept:
-            encoding, definition = log.schema_of(topic)
+            definition = log.schema_of(topic.name, topic.type)[0].data
             new.add_foreign_topic(topic.name, topic.type, topic.qos, definition, topic.type_hash)
         for name, data in log.metadata.items():
             if name not in ('rosbag2', *leave_out):

@@ -3,7 +3,7 @@ import random
 
 import pytest
 
-from msg_tools.bag.gaps import SequenceGaps
+from msg_tools.gaps import SequenceGaps
 
 
 def count(numbers, **options):

@@ -1,5 +1,7 @@
 """Messages that were lost on the way, by the publishers' sequence numbers."""
 
+from collections import Counter
+
 #: jumps that may yet turn out to be another publisher
 _JUMPS = 64
 
@@ -28,7 +30,7 @@ class SequenceGaps:
         self.gaps = 0
         self.publishers = 0
         self._latched = latched
-        self._next = {}  # number expected -> publishers that it is expected from
+        self._next = Counter()  # number expected -> publishers that it is expected from
         self._jumps = {}
 
     def add(self, number):
@@ -52,12 +54,10 @@ class SequenceGaps:
     def _begin(self, number):
         self.publishers += 1
         self.gaps -= self._jumps.pop(number, 0)
-        self._next[number + 1] = self._next.get(number + 1, 0) + 1
+        self._next[number + 1] += 1
 
     def _move(self, old, new):
-        following = self._next
-        if following[old] == 1:
-            del following[old]
-        else:
-            following[old] -= 1
-        following[new] = following.get(new, 0) + 1
+        self._next[old] -= 1
+        if not self._next[old]:
+            del self._next[old]
+        self._next[new] += 1
