@@ -8,17 +8,10 @@ from pointing_model.effects.drifts import places_of_steps
 
 from .base import Base, observations
 from .constants import FLIPS, FOLDS, STREAMED_FROM
-from .holdout import holdout_rms
+from .holdout import judge_on
 from .next_observations import propose
-from .resampling import cv_gains, radial_arcsec
-from .result import (
-    DiagnosedEffect,
-    Diagnosis,
-    cause_is_other,
-    lines_of,
-    rms_entry,
-    verdict_of,
-)
+from .resampling import cv_gains
+from .result import DiagnosedEffect, concluded, diagnosed, hidden, ranking_of
 from .scores import Bank
 from .search import Chance, search, standing
 from .streamed import diagnose_streamed
@@ -81,10 +74,7 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
         result = _in_memory(obs, base, alpha, rng, encoder, robust, flips, max_effects,
                             folds if cross_validation else 0)
     if holdout is not None:
-        judged = holdout_rms(holdout, result, own_terms or ('IA', 'IE'), encoder)
-        result.before['holdout_rms_arcsec'] = judged.before
-        result.after['holdout_rms_arcsec'] = judged.after
-        result.notes += judged.notes
+        judge_on(holdout, result, own_terms or ('IA', 'IE'), encoder)
     return result
 
 
@@ -165,18 +155,12 @@ def _assemble(work, found, stands, fitted, chance):
     problem, obs = work.problem, work.obs
     nothing = problem.state([])
     base_fit = work.fit([], problem.state([], final=True))
-    model, run_terms = work.model(fitted, found.chosen)
-    base_model, _ = work.model(base_fit, [])
-    effects = [_slip_effect(f, p, obs) for f, p in work.slips]
-    for c, s, f in zip(found.chosen, stands, model.effects):
-        effects.append(_diagnosed(problem, c, s, f, len(obs)))
-    weights = found.state.weights
-    keep = weights > 0.0
-    excluded = obs.excluded + [
-        obs.excluding(i, f'outlier: more than {BISQUARE:g} times the noise from the model, and no '
-                      'whole bar or line off') for i in np.flatnonzero(~keep)]
-    dof = 2 * np.count_nonzero(keep) - len(found.state.basis)
-    floor = radial_arcsec(fitted.residual, keep) * np.sqrt(2 * keep.sum() / max(dof, 1))
+    made = work.model(base_fit, []), work.model(fitted, found.chosen)
+    effects = [DiagnosedEffect(f, p, f.effect.columns(obs.context)) for f, p in work.slips]
+    for c, s, f in zip(found.chosen, stands, made[1][0].effects):
+        effects.append(diagnosed(
+            f, s.p, c.columns(problem).reshape(-1, 2, len(obs)), c.bank(problem).effects,
+            s.scores.delta_bic, c.group, s.alternatives, s.same))
     notes = list(obs.notes)
     for why, dropped in (('no gain on rows left out', found.dropped_by_cv),
                          ('the choice does not repeat without some of the runs, and predicts '
@@ -190,46 +174,12 @@ def _assemble(work, found, stands, fitted, chance):
     notes += [f'something unknown is left that follows the {e.fitted.effect.driver}: the model '
               f'has a curve for it ({e.fitted.effect.name})' for e in effects
               if e.fitted.effect.kind == 'smooth']
-    return Diagnosis(
-        verdict_of(effects), work.base, obs, model, base_model, effects,
-        rms_entry(base_fit.residual, keep), rms_entry(fitted.residual, keep),
-        base_fit.residual, fitted.residual, weights,
-        _ranking(problem, nothing, chance), found.first_p, work.untestable + _hidden(problem),
-        floor, excluded, [], notes, {}, run_terms)
-
-
-def _slip_effect(fitted, p, obs):
-    return DiagnosedEffect(fitted, p, None, None, [], [], [], [],
-                           fitted.effect.columns(obs.context))
-
-
-def _diagnosed(problem, choice, stand, fitted, n):
-    bank = choice.bank(problem)
-
-    def names(groups):
-        return list(dict.fromkeys(bank.effects[k].name for k in groups))
-    rivals = [k for k in stand.alternatives
-              if k not in stand.same or cause_is_other(bank.effects[k], fitted.effect)]
-    return DiagnosedEffect(
-        fitted, stand.p, stand.delta_bic, None, names(stand.alternatives), names(stand.same),
-        names(rivals), lines_of(bank.effects, stand.scores.delta_bic),
-        choice.columns(problem).reshape(-1, 2, n))
-
-
-def _ranking(problem, state, chance):
-    scores = problem.dictionary.score(state)
-    lines = lines_of(problem.dictionary.effects, scores.delta_bic)
-    p = chance.p_of_all(state, scores)
-    for line in lines:
-        line['p_family'] = float(p[line.pop('group')])
-    return lines
-
-
-def _hidden(problem):
-    """Effects that this run cannot tell from the base's terms."""
-    scores = problem.dictionary.score(problem.state([]))
-    out = {}
-    for e, dof in zip(problem.dictionary.effects, scores.dof):
-        if dof == 0:
-            out[e.name] = e.alias or 'it is the same as terms of the base on these directions'
-    return list(out.items())
+    candidates = problem.dictionary.effects
+    scores = problem.dictionary.score(nothing)
+    ranking = ranking_of(candidates, scores.delta_bic, chance.p_of_all(nothing, scores))
+    outlier = f'outlier: more than {BISQUARE:g} times the noise from the model, and no whole bar ' \
+              'or line off'
+    return concluded(
+        obs, work.base, (base_fit, fitted), made, effects, found.state.weights,
+        len(found.state.basis), outlier, ranking,
+        work.untestable + hidden(candidates, scores.dof), notes)

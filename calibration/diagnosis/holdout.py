@@ -1,6 +1,6 @@
 """Judging a model on runs that were left out: a new night of the same mount."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import PurePath
 
 import numpy as np
@@ -13,17 +13,8 @@ from .linear import Columns, fit_state
 from .resampling import radial_arcsec
 
 
-@dataclass
-class Holdout:
-    """Radial RMS without and with the effects, arcsec; `notes` say of which rows."""
-
-    before: float
-    after: float
-    notes: list
-
-
-def holdout_rms(runs, result, own_terms, encoder='enc'):
-    """Radial RMS on left-out runs, without and with the effects.
+def judge_on(runs, result, own_terms, encoder='enc'):
+    """Put the radial RMS on left-out runs, without and with the effects, into a result.
 
     The model stays as it is but for `own_terms`, which each run refits robustly on its own rows:
     so does an observer on a new night.
@@ -34,10 +25,6 @@ def holdout_rms(runs, result, own_terms, encoder='enc'):
     result : Diagnosis
     own_terms : sequence of str
     encoder : {'enc', 'abs'}
-
-    Returns
-    -------
-    Holdout
     """
     obs = observations(runs, encoder)
     left, kept = [], np.ones(len(obs), bool)
@@ -45,7 +32,8 @@ def holdout_rms(runs, result, own_terms, encoder='enc'):
         state = _refit(obs, model, own_terms)
         left.append(state.raw.reshape(2, -1))
         kept &= state.weights > 0.0
-    before, after = (radial_arcsec(r, kept) for r in left)
+    for entry, residual in zip((result.before, result.after), left):
+        entry['holdout_rms_arcsec'] = radial_arcsec(residual, kept)
     notes = [f'held out: {note}' for note in _left_out(obs)]
     for found in result.model.effects:
         lost = np.count_nonzero(found.unknown(obs.context))
@@ -55,7 +43,7 @@ def holdout_rms(runs, result, own_terms, encoder='enc'):
     note = (f'held out: {len(obs)} observations of {len(obs.runs)} runs, '
             f'{", ".join(own_terms)} refitted in each, nothing else; '
             f'{int(np.sum(~kept))} outliers set aside')
-    return Holdout(before, after, [note, *notes])
+    result.notes += [note, *notes]
 
 
 def _left_out(obs):

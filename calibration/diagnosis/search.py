@@ -100,8 +100,6 @@ class Found:
     chosen : list of Choice
     state : State
         Of the base and the choice.
-    first_p : float
-        Family-wise p of the first test: is there anything at all.
     dropped, dropped_by_cv, not_repeated : list of Choice
         Chosen once, and given up: it did not pay any more, or not on rows left out, or the search
         without some runs chose so differently that those were predicted worse.
@@ -109,7 +107,6 @@ class Found:
 
     chosen: list
     state: object
-    first_p: float
     dropped: list = field(default_factory=list)
     dropped_by_cv: list = field(default_factory=list)
     not_repeated: list = field(default_factory=list)
@@ -201,7 +198,7 @@ def search(problem, alpha, chance, *, max_effects=20, curves=True):
     -------
     Found
     """
-    found = Found([], problem.state([]), 1.0)
+    found = Found([], problem.state([]))
     _forward(problem, found, alpha * DICTIONARY_SHARE, chance, max_effects)
     if curves and len(problem.curves):
         for _ in range(max_effects - len(found.chosen)):
@@ -220,8 +217,6 @@ def _forward(problem, found, alpha, chance, max_effects):
         if gain <= 0.0:
             break
         p = chance.p(found.state, scores, g, alpha)
-        if not found.chosen:
-            found.first_p = min(found.first_p, p)
         if p > alpha or not _affordable(problem, found.state,
                                         len(problem.dictionary.of(g))):
             break
@@ -274,8 +269,6 @@ def _add_curve(problem, found, alpha, chance):
         g = int(np.argmax(np.where(scores.delta_bic > 0.0, z, -np.inf)))
         gain = float(scores.delta_bic[g])
     p = chance.p(found.state, scores, g, alpha) if gain > 0.0 else 1.0
-    if not found.chosen:
-        found.first_p = min(found.first_p, p)
     options = []
     if p <= alpha and gain > 0.0 and _affordable(problem, found.state,
                                                  len(problem.curves.of(g))):
@@ -347,7 +340,7 @@ class Standing:
     scores: object
 
 
-def standing(problem, found, i, chance, alias=ALIAS):
+def standing(problem, found, i, chance):
     """Test one choice with the others in the model, and find what could stand in its place.
 
     Parameters
@@ -357,8 +350,6 @@ def standing(problem, found, i, chance, alias=ALIAS):
     i : int
         Of `found.chosen`.
     chance : Chance
-    alias : float
-        Squared cosine from which two groups are the same curve.
 
     Returns
     -------
@@ -384,5 +375,5 @@ def standing(problem, found, i, chance, alias=ALIAS):
     same = []
     if near:
         own = scores.basis(g)
-        same = [k for k in near if overlap(own, scores.basis(k))[0] > alias]
+        same = [k for k in near if overlap(own, scores.basis(k))[0] > ALIAS]
     return Standing(p, float(scores.delta_bic[g]), near, same, scores)
