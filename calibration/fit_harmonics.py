@@ -19,8 +19,8 @@ from .rows import UNREACHABLE, usable
 RCOND_HARMONICS = 1e-4
 
 
-def fit_harmonics(run, interpretation='zenith', *, held=None, robust=True, encoder='enc',
-                  zero=NO_ZERO, rcond=RCOND_HARMONICS, provenance=None):
+def fit_harmonics(run, interpretation='zenith', *, held=None, zero=NO_ZERO,
+                  rcond=RCOND_HARMONICS):
     """Fit the 13 spherical harmonics an axis of paper 000 (eq. 6-8).
 
     Least squares of the error on the sky in both interpretations, so that their residuals
@@ -33,8 +33,8 @@ def fit_harmonics(run, interpretation='zenith', *, held=None, robust=True, encod
         What the paper's E means (see `pointing_model.harmonics`).
     held : PointingModel, optional
         Fit what this model leaves (physical terms first); the result has its terms and effects.
-    robust, encoder, zero, provenance
-        As in `fit_terms`.
+    zero : RunZero or Zeros
+        To subtract from the encoder's angles.
     rcond : float
         Relative singular value below which a direction is left out and reported: with few stars
         the series is ill-conditioned.
@@ -47,13 +47,13 @@ def fit_harmonics(run, interpretation='zenith', *, held=None, robust=True, encod
     Raises
     ------
     ValueError
-        Too few usable rows, unknown interpretation or encoder, or `held` has harmonics.
+        Too few usable rows, unknown interpretation, or `held` has harmonics.
     """
     if held is not None and held.harmonics is not None:
         raise ValueError('the model has harmonics already; fit them to its terms alone')
-    used = usable(run, encoder, zero)
+    used = usable(run, zero=zero)
     if held is not None:
-        context = Context.of_run(run, encoder) if held.effects else None
+        context = Context.of_run(run) if held.effects else None
         at = np.stack(held.sky_to_encoder(run['az'], run['el'], context))
         used = used.only(np.isfinite(at[:, used.rows]).all(axis=0), UNREACHABLE)
         at_az, at_el = at[:, used.rows]
@@ -69,10 +69,9 @@ def fit_harmonics(run, interpretation='zenith', *, held=None, robust=True, encod
     rows[COUNT:, n:] = functions
     names = [f'A{i}' for i in range(COUNT)] + [f'B{i}' for i in range(COUNT)]
     base = None if sigmas is None else 1.0 / np.square(sigmas)
-    robust = robust and 4 * n >= 3 * len(names)
     everywhere = np.ones(n, bool)
-    solved = gauss_newton(lambda p: (observed, rows, everywhere), rows, base, robust, rcond,
-                          linear=True)
+    solved = gauss_newton(lambda p: (observed, rows, everywhere), rows, base,
+                          4 * n >= 3 * len(names), rcond, linear=True)
 
     def make_model(p, covariance, facts):
         harmonics = Harmonics(interpretation, p[:COUNT], p[COUNT:], covariance)
@@ -81,5 +80,5 @@ def fit_harmonics(run, interpretation='zenith', *, held=None, robust=True, encod
         facts = {**facts, 'terms': held.provenance}
         return replace(held, harmonics=harmonics, provenance=facts)
 
-    return make_result(run, names, used, solved, make_model, provenance, {
-        'method': f'harmonics, {interpretation} reading', 'encoder': encoder, 'rcond': rcond})
+    return make_result(run, names, used, solved, make_model, None, {
+        'method': f'harmonics, {interpretation} reading', 'encoder': 'enc', 'rcond': rcond})

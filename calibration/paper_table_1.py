@@ -208,11 +208,9 @@ def plot_nights(report, path):
     path : str or Path
         PNG to write.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(11.0, 7.0), layout='constrained')
-    FigureCanvasAgg(figure)
     panels = figure.subplots(2, 2, sharex=True)
     number = np.array([row['night'] for row in report['table1']])
     for row, (part, title) in enumerate((('before', 'before the zero calibration'),

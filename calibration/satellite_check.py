@@ -102,11 +102,9 @@ def plot_gps(before, after, path):
     path : str or Path
         PNG to write.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(11.0, 6.5), layout='constrained')
-    FigureCanvasAgg(figure)
     panels = figure.subplots(2, 2, sharex='col', sharey='row')
     for column, (key, title, (time, *errors)) in enumerate((
             ('before', 'Before the zero calibration (paper: fig. 1)', before),

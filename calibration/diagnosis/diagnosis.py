@@ -69,17 +69,17 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
         base = Base.parse(base, own_terms)
     rng = np.random.default_rng(seed)
     if len(obs) > streamed_from:
-        result = diagnose_streamed(obs, base, alpha, rng, encoder, max_effects, streamed_from)
+        result = diagnose_streamed(obs, base, alpha, rng, max_effects, streamed_from)
     else:
-        result = _in_memory(obs, base, alpha, rng, encoder, robust, flips, max_effects,
+        result = _in_memory(obs, base, alpha, rng, robust, flips, max_effects,
                             folds if cross_validation else 0)
     if holdout is not None:
         judge_on(holdout, result, own_terms or ('IA', 'IE'), encoder)
     return result
 
 
-def _in_memory(obs, base, alpha, rng, encoder, robust, flips, max_effects, folds):
-    work = Work(obs, base, alpha, robust, encoder)
+def _in_memory(obs, base, alpha, rng, robust, flips, max_effects, folds):
+    work = Work(obs, base, alpha, robust)
     chance = Chance(work.problem.n, flips, rng)
     parts = folds_of(work, folds, rng) if folds else []
     found = search(work.problem, alpha, chance, max_effects=max_effects)

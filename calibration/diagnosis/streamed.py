@@ -29,7 +29,7 @@ _NOTE = ('{} rows are more than {}: the diagnosis went through them in chunks. S
          'outliers, and did not cross-validate; --holdout judges it')
 
 
-def diagnose_streamed(obs, base, alpha, rng, encoder, max_effects, limit):
+def diagnose_streamed(obs, base, alpha, rng, max_effects, limit):
     """Search for effects in more rows than the search in memory can take.
 
     Least squares with the noise of each axis from a sample; rows beyond 7 of its standard
@@ -42,7 +42,6 @@ def diagnose_streamed(obs, base, alpha, rng, encoder, max_effects, limit):
     alpha : float
         Family-wise error.
     rng : numpy.random.Generator
-    encoder : {'enc', 'abs'}
     max_effects : int
     limit : int
         Rows from which this way is taken, for the note.
@@ -72,8 +71,8 @@ def diagnose_streamed(obs, base, alpha, rng, encoder, max_effects, limit):
     chosen, first = _search(sums, alpha, rng, max_effects)
     stands = _settle(sums, chosen, alpha, rng)
     fits = data.exact_fit([]), data.exact_fit(chosen)
-    made = (made_model(obs, base, fits[0], [], encoder),
-            made_model(obs, base, fits[1], [effects[g] for g in chosen], encoder))
+    made = (made_model(obs, base, fits[0], []),
+            made_model(obs, base, fits[1], [effects[g] for g in chosen]))
     found = [_diagnosed(sums, g, s, fitted, obs)
              for g, s, fitted in zip(chosen, stands, made[1][0].effects)]
     ranking = ranking_of(effects, first.delta_bic, first.p_of(first.z, rng))
