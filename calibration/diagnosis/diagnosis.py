@@ -20,8 +20,8 @@ from .work import Work
 
 
 def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None, encoder='enc',
-             flips=FLIPS, folds=FOLDS, seed=0, robust=True, max_effects=20,
-             cross_validation=True, streamed_from=STREAMED_FROM):
+             flips=FLIPS, folds=FOLDS, seed=0, cross_validation=True,
+             streamed_from=STREAMED_FROM):
     """Find the effects that a model lacks, and prove the gain.
 
     Parameters
@@ -44,12 +44,10 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
         Of the cross-validation (random; as many contiguous ones; whole runs from 4 runs on; at
         most 5 from 1500 rows on).
     seed : int
-    robust : bool
-    max_effects : int
     cross_validation : bool
     streamed_from : int
-        More rows than this are gone through in chunks, see `streamed`: without `flips`, `folds`,
-        `robust` and the cross-validation. A note says so.
+        More rows than this are gone through in chunks, see `streamed`: without `flips`, `folds`
+        and the cross-validation. A note says so.
 
     Returns
     -------
@@ -69,20 +67,19 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
         base = Base.parse(base, own_terms)
     rng = np.random.default_rng(seed)
     if len(obs) > streamed_from:
-        result = diagnose_streamed(obs, base, alpha, rng, max_effects, streamed_from)
+        result = diagnose_streamed(obs, base, alpha, rng, streamed_from)
     else:
-        result = _in_memory(obs, base, alpha, rng, robust, flips, max_effects,
-                            folds if cross_validation else 0)
+        result = _in_memory(obs, base, alpha, rng, flips, folds if cross_validation else 0)
     if holdout is not None:
         judge_on(holdout, result, own_terms or ('IA', 'IE'), encoder)
     return result
 
 
-def _in_memory(obs, base, alpha, rng, robust, flips, max_effects, folds):
-    work = Work(obs, base, alpha, robust)
+def _in_memory(obs, base, alpha, rng, flips, folds):
+    work = Work(obs, base, alpha)
     chance = Chance(work.problem.n, flips, rng)
     parts = folds_of(work, folds, rng) if folds else []
-    found = search(work.problem, alpha, chance, max_effects=max_effects)
+    found = search(work.problem, alpha, chance)
     stands, gains = _settle(work.problem, found, alpha, chance, parts)
     errors = cross_validated(work, found, parts, alpha, rng) if parts else None
     if errors and errors.cut is not None:

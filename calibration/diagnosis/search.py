@@ -17,6 +17,7 @@ from .constants import (
     CURVE_SHARE,
     DICTIONARY_SHARE,
     FAR,
+    MOST_EFFECTS,
     ROWS_PER_COLUMN,
     SET_WIDTH,
 )
@@ -38,7 +39,6 @@ class Problem:
         Offsets (after the exact rotations of the base), radians.
     inverse_sigma : ndarray, shape (2n,), or None
     dictionary, curves : Bank
-    robust : bool
     """
 
     base: Columns
@@ -46,7 +46,6 @@ class Problem:
     inverse_sigma: np.ndarray | None
     dictionary: Bank
     curves: Bank
-    robust: bool = True
 
     @property
     def n(self):
@@ -58,12 +57,12 @@ class Problem:
         both = np.concatenate((rows, rows + self.n))
         return Problem(self.base.rows(both), self.b[both],
                        None if self.inverse_sigma is None else self.inverse_sigma[both],
-                       self.dictionary.rows(rows), self.curves.rows(rows), self.robust)
+                       self.dictionary.rows(rows), self.curves.rows(rows))
 
     def state(self, chosen, weights=None, without=None, final=False):
         """Fit of the base and the chosen groups."""
         return fit_state(self.design(chosen, without), self.b, self.inverse_sigma, weights,
-                         self.robust, final)
+                         final)
 
     def design(self, chosen, without=None):
         """Columns of the base and the chosen groups."""
@@ -181,7 +180,7 @@ def _best(scores, excluded=()):
     return (g, float(dbic[g])) if g >= 0 else (-1, -np.inf)
 
 
-def search(problem, alpha, chance, *, max_effects=20, curves=True):
+def search(problem, alpha, chance):
     """Choose the effects.
 
     Parameters
@@ -190,28 +189,25 @@ def search(problem, alpha, chance, *, max_effects=20, curves=True):
     alpha : float
         Family-wise error of the first choice of a clean run.
     chance : Chance
-    max_effects : int
-    curves : bool
-        Whether unknown curves may be chosen.
 
     Returns
     -------
     Found
     """
     found = Found([], problem.state([]))
-    _forward(problem, found, alpha * DICTIONARY_SHARE, chance, max_effects)
-    if curves and len(problem.curves):
-        for _ in range(max_effects - len(found.chosen)):
+    _forward(problem, found, alpha * DICTIONARY_SHARE, chance)
+    if len(problem.curves):
+        for _ in range(MOST_EFFECTS - len(found.chosen)):
             if not _add_curve(problem, found, alpha * CURVE_SHARE, chance):
                 break
-            _forward(problem, found, alpha * DICTIONARY_SHARE, chance, max_effects)
+            _forward(problem, found, alpha * DICTIONARY_SHARE, chance)
     return found
 
 
-def _forward(problem, found, alpha, chance, max_effects):
+def _forward(problem, found, alpha, chance):
     """Add groups of the dictionary while the best is beyond chance."""
     seen = {frozenset(found.chosen)}
-    while len(found.chosen) < max_effects:
+    while len(found.chosen) < MOST_EFFECTS:
         scores = problem.dictionary.score(found.state)
         g, gain = _best(scores)
         if gain <= 0.0:

@@ -15,7 +15,7 @@ from pointing_model.terms import PHYSICAL
 
 from .base import after_rotation, linearised
 from .chance import normal_score
-from .constants import ALIAS, DISTINCT, EIGEN, FLIPS
+from .constants import ALIAS, DISTINCT, EIGEN, FLIPS, MOST_EFFECTS
 from .linear import fit_state, solve
 from .result import concluded, diagnosed, hidden, lines_of, ranking_of
 from .work import Fitted, made_model
@@ -29,7 +29,7 @@ _NOTE = ('{} rows are more than {}: the diagnosis went through them in chunks. S
          'outliers, and did not cross-validate; --holdout judges it')
 
 
-def diagnose_streamed(obs, base, alpha, rng, max_effects, limit):
+def diagnose_streamed(obs, base, alpha, rng, limit):
     """Search for effects in more rows than the search in memory can take.
 
     Least squares with the noise of each axis from a sample; rows beyond 7 of its standard
@@ -42,7 +42,6 @@ def diagnose_streamed(obs, base, alpha, rng, max_effects, limit):
     alpha : float
         Family-wise error.
     rng : numpy.random.Generator
-    max_effects : int
     limit : int
         Rows from which this way is taken, for the note.
 
@@ -68,7 +67,7 @@ def diagnose_streamed(obs, base, alpha, rng, max_effects, limit):
     sums = data.sums()
     for columns, b in data.chunks():
         sums.add_variance(columns, b)
-    chosen, first = _search(sums, alpha, rng, max_effects)
+    chosen, first = _search(sums, alpha, rng)
     stands = _settle(sums, chosen, alpha, rng)
     fits = data.exact_fit([]), data.exact_fit(chosen)
     made = (made_model(obs, base, fits[0], []),
@@ -310,7 +309,7 @@ class _Scores:
         return len(ua) == len(ub) and bool(cosines[-1]**2 > ALIAS)
 
 
-def _search(sums, alpha, rng, max_effects):
+def _search(sums, alpha, rng):
     """Add groups while the best is beyond chance.
 
     Returns
@@ -321,7 +320,7 @@ def _search(sums, alpha, rng, max_effects):
     """
     chosen, first = [], sums.scores([])
     scores = first
-    while sums.effects and len(chosen) < max_effects:
+    while sums.effects and len(chosen) < MOST_EFFECTS:
         g = int(np.argmax(scores.delta_bic))
         if not scores.delta_bic[g] > 0.0 or scores.p_of(scores.z[g], rng) > alpha:
             break

@@ -22,7 +22,7 @@ from .search import Problem
 class Work:
     """Observations, base and candidates in the form of the search."""
 
-    def __init__(self, obs, base, alpha, robust, curves=True):
+    def __init__(self, obs, base, alpha, curves=True):
         columns = base.columns(obs.context, obs.label)
         if 2 * len(obs) < len(columns) + 4:
             raise ValueError(f'{len(obs)} usable observations do not determine {len(columns)} '
@@ -33,7 +33,7 @@ class Work:
             obs.context, [t for t in PHYSICAL if t not in base.terms], base.own)
         if base.own and {'IA', 'IE'} <= set(base.own):
             effects = [e for e in effects if e.form != 'run_zero']
-        self.problem = Problem(columns, left, obs.inverse_sigma, None, None, robust)
+        self.problem = Problem(columns, left, obs.inverse_sigma, None, None)
         self.slips = self._slips(alpha)
         self.problem.dictionary = Bank(effects + steps(obs.context), obs.context)
         self.problem.curves = Bank(smooths(obs.context) if curves else [], obs.context)
