@@ -16,8 +16,7 @@ from collections import Counter
 import numpy as np
 
 from calibration.fit import fit_terms
-from calibration.homings import Homing
-from calibration.witnesses import check_witnesses
+from calibration.witnesses import Homing, check_witnesses
 from calibration.zero import zero_from_polaris
 from encoder_sim import keyed_noise
 from encoder_sim.encoder_scale import ZeroDrift, disc_angle

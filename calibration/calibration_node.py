@@ -20,9 +20,9 @@ from pointing_model.model import PointingModel
 from pointing_model.run_messages import cloud_to_run
 from pointing_model.zero_message import zero_to_joints
 
-from .homings import UNJUDGED, homings_of
 from .nights import NightSeries
 from .session import CalibrationSession
+from .witnesses import UNJUDGED, homings_of
 
 
 def _site(text):

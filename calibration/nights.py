@@ -14,7 +14,7 @@ from pointing_model.rms import rms
 from pointing_model.terms import mean_columns
 from pointing_model.zero import NO_ZERO, Zeros, zero_in_force
 
-from .fit_harmonics import fit_harmonics
+from .fit import fit_harmonics
 from .rows import for_fitting, is_kept_out
 from .satellite_check import tracking_errors
 from .session import CalibrationSession

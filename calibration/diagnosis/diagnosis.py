@@ -8,14 +8,13 @@ from pointing_model.effects.drifts import places_of_steps
 
 from .base import Base, observations
 from .constants import FLIPS, FOLDS, STREAMED_FROM
-from .holdout import judge_on
 from .next_observations import propose
 from .resampling import cv_gains
 from .result import DiagnosedEffect, concluded, diagnosed, hidden, ranking_of
 from .scores import Bank
 from .search import Chance, search, standing
 from .streamed import diagnose_streamed
-from .validation import cross_validated, folds_of
+from .validation import cross_validated, folds_of, judge_on
 from .work import Work
 
 

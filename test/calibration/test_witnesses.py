@@ -1,9 +1,14 @@
 import numpy as np
 import pytest
 
-from calibration.homings import UNJUDGED, Homing, homings_from_diagnostics, homings_of
 from calibration.witness_night import Budget
-from calibration.witnesses import check_witnesses
+from calibration.witnesses import (
+    UNJUDGED,
+    Homing,
+    check_witnesses,
+    homings_from_diagnostics,
+    homings_of,
+)
 from msg_tools.homing import AxisHoming
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.catalogue import POLARIS_HIP
