@@ -138,16 +138,7 @@ def weighted_solve(rows, b, weights, rcond, normals=None):
     return Solution(p, inverse, normal, x_normal, residual, rank)
 
 
-def _scales(residual, root, n, dof_factor):
-    """Robust noise of each axis: the scaled median of the absolute residuals."""
-    standard = residual if root is None else residual * root
-    floor = TOLERANCE if root is None else 1e-9
-    return [max(float(sigma_of(standard[part], dof_factor)), floor)
-            for part in (slice(0, n), slice(n, None))]
-
-
-def _distance(residual, root, n, scales):
-    standard = residual if root is None else residual * root
+def _distance(standard, n, scales):
     return np.hypot(standard[:n] / scales[0], standard[n:] / scales[1])
 
 
@@ -174,29 +165,35 @@ def robust_solve(rows, b, base, rcond, scales=None, row_weights=None):
         0: rejected.
     """
     n = len(b) // 2
-    root = None if base is None else np.sqrt(base)
+    # to standard deviations, where the sigmas were given
+    root, floor = (1.0, TOLERANCE) if base is None else (np.sqrt(base), 1e-9)
 
     def solve(w):
         both = np.concatenate((w, w))
         return weighted_solve(rows, b, both if base is None else both * base, rcond)
 
+    def noise(solution):
+        standard = solution.residual * root
+        return [max(float(sigma_of(part, dof_factor)), floor)
+                for part in (standard[:n], standard[n:])]
+
     def weigh_at_its_noise(solution):
         nonlocal scales
-        scales = _scales(solution.residual, root, n, dof_factor)
-        return huber(_distance(solution.residual, root, n, scales))
+        scales = noise(solution)
+        return huber(_distance(solution.residual * root, n, scales))
 
     def weigh(solution):
-        return bisquare(_distance(solution.residual, root, n, scales))
+        return bisquare(_distance(solution.residual * root, n, scales))
 
     if scales is None:
         solution = weighted_solve(rows, b, base, rcond)
         dof_factor = np.sqrt(2 * n / max(2 * n - solution.rank, 1))
         solution, _ = reweighted(
             solve, weigh_at_its_noise, solution, 30, lambda new, old: _distance(
-                new.residual - old.residual, root, n, scales).max() < 0.01)
-        scales = _scales(solution.residual, root, n, dof_factor)
+                (new.residual - old.residual) * root, n, scales).max() < 0.01)
+        scales = noise(solution)
         # the median is wasteful: take the bisquare's own variance of what it keeps
-        standard = np.square(solution.residual if root is None else solution.residual * root)
+        standard = np.square(solution.residual * root)
         for _ in range(3):
             w = weigh(solution)
             total = max(float(w.sum()), 1e-9) * BISQUARE_VARIANCE

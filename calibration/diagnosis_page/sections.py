@@ -315,12 +315,13 @@ def correlation_table(names, matrix, limit=24):
     """Correlations as coloured cells; of many terms only the strong pairs."""
     if matrix is None or len(names) < 2:
         return ''
+    heading = '<h3>Correlations</h3>'
     if len(names) > limit:
         pairs = [(abs(matrix[i, j]), names[i], names[j], matrix[i, j])
                  for i in range(len(names)) for j in range(i) if abs(matrix[i, j]) > 0.7]
         rows = [[a, b, number(value, 3, True)] for _, a, b, value in sorted(pairs, reverse=True)]
-        return table(['term', 'term', 'correlation'], rows[:60], 'numbers') if rows else \
-            '<p class="note">No correlation above 0.7.</p>'
+        return heading + (table(['term', 'term', 'correlation'], rows[:60], 'numbers') if rows
+                          else '<p class="note">No correlation above 0.7.</p>')
     rows = []
     for i, name in enumerate(names):
         cells = [Markup(f'<b>{i + 1}</b>\u2002{clean(name)}')]
@@ -331,7 +332,7 @@ def correlation_table(names, matrix, limit=24):
             cells.append(Markup(f'<span class="corr" style="background:rgba({colour},'
                                 f'{0.75 * strength**1.5:.2f})">{number(value)}</span>'))
         rows.append(cells + [''] * (len(names) - 1 - i))
-    return table(['', *map(str, range(1, len(names) + 1))], rows, 'correlations')
+    return heading + table(['', *map(str, range(1, len(names) + 1))], rows, 'correlations')
 
 
 def exclusions(excluded, limit=12):
