@@ -147,12 +147,10 @@ def fit_terms(run, names=PHYSICAL, *, held=None, robust=True, geometry=None, enc
         if not linear:
             turned = {n: v for n, v in base.terms.items() if n in rotation.GEOMETRIC}
         used = _beyond(base, turned, used, run, encoder)
-    az, el, sigmas = used.az, used.el, used.sigmas
-    n = len(used.rows)
+    az, el, n = used.az, used.el, len(used.rows)
     runs = np.unique(run['run'][used.rows]) if run_zeros else ()
     terms, names = names, names + tuple(
         f'{axis}[{number:g}]' for number in runs[1:] for axis in ('IA', 'IE'))
-    need_rows(n, len(names), sigmas is not None)
     observed = np.empty(2 * n)
     observed[:n] = wrap(used.az_enc - az) * np.cos(el)
     observed[n:] = used.el_enc - el
@@ -163,10 +161,8 @@ def fit_terms(run, names=PHYSICAL, *, held=None, robust=True, geometry=None, enc
         zeros = np.stack((np.hstack((member * np.cos(el), nothing)), np.hstack((nothing, member))),
                          axis=1)
         first_order = np.vstack((first_order, zeros.reshape(-1, 2 * n)))
-    weights = None if sigmas is None else 1.0 / np.square(sigmas)
-    robust = robust and 4 * n >= 3 * len(names)
     solved = gauss_newton(_linearisation(names, terms, turned, used, observed, first_order),
-                          first_order, weights, robust, rcond, linear)
+                          first_order, used.sigmas, robust, rcond, linear)
 
     def make_model(p, covariance, facts):
         return _on_top(base, terms, p, covariance, facts)
@@ -292,19 +288,16 @@ def fit_harmonics(run, interpretation='zenith', *, held=None, zero=NO_ZERO,
         at_az, at_el = at[:, used.rows]
     else:
         at_az, at_el = used.az, used.el
-    az, el, sigmas = used.az, used.el, used.sigmas
-    n = len(used.rows)
-    need_rows(n, 2 * COUNT, sigmas is not None)
+    az, el, n = used.az, used.el, len(used.rows)
     observed = np.concatenate((wrap(used.az_enc - at_az) * np.cos(el), used.el_enc - at_el))
     functions = basis(az, el, interpretation).T
     rows = np.zeros((2 * COUNT, 2 * n))
     rows[:COUNT, :n] = functions * sky_factor(el, interpretation)
     rows[COUNT:, n:] = functions
     names = [f'A{i}' for i in range(COUNT)] + [f'B{i}' for i in range(COUNT)]
-    base = None if sigmas is None else 1.0 / np.square(sigmas)
     everywhere = np.ones(n, bool)
-    solved = gauss_newton(lambda p: (observed, rows, everywhere), rows, base,
-                          4 * n >= 3 * len(names), rcond, linear=True)
+    solved = gauss_newton(lambda p: (observed, rows, everywhere), rows, used.sigmas,
+                          True, rcond, linear=True)
 
     def make_model(p, covariance, facts):
         harmonics = Harmonics(interpretation, p[:COUNT], p[COUNT:], covariance)

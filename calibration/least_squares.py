@@ -270,16 +270,19 @@ class Solved(NamedTuple):
     iterations: int
 
 
-def gauss_newton(start, first_order, base, robust, rcond, linear):
+def gauss_newton(start, first_order, sigmas, robust, rcond, linear):
     """Iterate `start(p) -> (residual, rows, feasible)` to the (robust) least-squares solution.
 
     What the stars determine is decided once, by the first-order design: in the second order
     aliases differ a little, and the iteration would run away along them.
     """
+    k, n = len(first_order), first_order.shape[1] // 2
+    need_rows(n, k, sigmas is not None)
+    base = None if sigmas is None else 1.0 / np.square(sigmas)
+    robust = robust and 4 * n >= 3 * k
     normals = normal_matrices(first_order, first_order if base is None else first_order * base)
     spectrum = spectrum_of(first_order, base, normals[1])
     rank = spectrum.rank(rcond)
-    k = len(first_order)
     basis = None if rank == k else spectrum.vectors[:, -rank:] / spectrum.scale[:, None]
     p = np.zeros(k)
     scales = row_weights = None

@@ -101,12 +101,8 @@ def run_experiment(options, progress=None):
 
 def _write(folder, options, latest):
     """table1.csv, gps.json, report.json, observations.csv and the pictures."""
-    from calibration.paper_table_1 import (
-        COLUMNS,
-        compare_with_paper,
-        plot_nights,
-        plot_satellite,
-    )
+    from calibration.paper_table_1 import COLUMNS, compare_with_paper, plot_nights
+    from calibration.satellite_check import plot_gps
     from msg_tools import topics
     from pointing_model.run_files import write_csv
     from pointing_model.run_messages import cloud_to_run
@@ -125,7 +121,7 @@ def _write(folder, options, latest):
     files['report.json'].write_text(json.dumps(report, indent=1) + '\n')
     write_csv(run, files['observations.csv'])
     plot_nights(report, files['nights.png'])
-    plot_satellite(report, files['gps.png'])
+    plot_gps(report['satellite'], files['gps.png'])
     report['files'] = {'log': str(folder / 'bag'),
                        **{name: str(path) for name, path in files.items()}}
     return report
