@@ -188,15 +188,15 @@ class NightSeries:
                 if len(parts[part]):
                     out[kind][part] = _means(reference, parts[part], in_force)
             if kind == PHYSICAL_TERMS:
+                if 'after' in out[kind]:
+                    out[kind]['after'].update(
+                        _budget(reference, zero, rows.select(polaris), parts['after']))
                 track = rows['star'] < 0
                 out['satellite'] = None if not track.any() else {
                     'before': tracking_errors(
                         reference, rows.select(track & (rows['time'] < first)), then),
                     'after': tracking_errors(
                         reference, rows.select(track & (rows['time'] > last)), zero)}
-            if kind == PHYSICAL_TERMS and 'after' in out[kind]:
-                out[kind]['after'].update(
-                    _budget(reference, zero, rows.select(polaris), parts['after']))
         out['alarms'] = alarms
         return out
 

@@ -239,18 +239,15 @@ def _uncalibrated(out, night, witnesses, budget):
         rows = night.run == run
         if not before or any(w.run == run for w in known) or np.count_nonzero(rows) < 2:
             continue
+        since = _utc(night.rows['time'][rows][0])
         for axis in (0, 1):
             value, sigma = night.apart_at(axis, run, (before[-1].az, before[-1].el)[axis])
             moved = wrap(value - before[-1].apart[axis])
             sigma = np.sqrt(sigma**2 + before[-1].apart_sigma[axis] ** 2 + budget.absolute**2)
             out.alarms.append(
-                f'{AXES[axis]}: {INCREMENTAL} began power-on {run:.0f} at {_clock(night, run)} '
+                f'{AXES[axis]}: {INCREMENTAL} began power-on {run:.0f} at {since} '
                 f'and has no zero on Polaris since: moved by {moved / ARCSEC:+.2f} +- '
                 f'{sigma / ARCSEC:.2f} arcsec by the {ABSOLUTE} (confidence 1.00)')
-
-
-def _clock(night, run):
-    return _utc(night.rows['time'][night.run == run][0])
 
 
 def _utc(time):

@@ -191,7 +191,9 @@ def diagnosed(fitted, p, columns, effects, delta_bic, group, near, same):
     """
     def names(groups):
         return list(dict.fromkeys(effects[k].name for k in groups))
-    rivals = [k for k in near if k not in same or cause_is_other(effects[k], fitted.effect)]
+    own = fitted.effect.mechanism
+    # one curve may have two causes
+    rivals = [k for k in near if k not in same or own is None or effects[k].mechanism != own]
     return DiagnosedEffect(fitted, p, columns, float(delta_bic[group]), names(near), names(same),
                            names(rivals), lines_of(effects, delta_bic))
 
@@ -201,11 +203,6 @@ def rms_entry(residual, keep):
     x, y = (rms(r[keep]) / ARCSEC for r in residual)
     return {'rms_arcsec': float(np.hypot(x, y)), 'rms_x_arcsec': x, 'rms_y_arcsec': y,
             'cv_rms_arcsec': None, 'holdout_rms_arcsec': None}
-
-
-def cause_is_other(a, b):
-    """Whether two effects that are one curve have two causes."""
-    return b.mechanism is None or a.mechanism != b.mechanism
 
 
 def lines_of(effects, delta_bic):
