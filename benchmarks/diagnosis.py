@@ -388,7 +388,7 @@ def _radial(model, run):
 
 
 def _knew(train, test, name):
-    work = Work(observations(train), Base.parse('physical'), 0.01, True, 'enc')
+    work = Work(observations(train), Base.parse('physical'), 0.01)
     bank = work.problem.dictionary
     gain = bank.score(work.problem.state([])).delta_bic
     # of the times of a step the best
@@ -481,7 +481,7 @@ def speed(table, args, rng):
     for _ in range(5):
         start = time.process_time()
         obs = observations(run)
-        work = Work(obs, Base.parse('physical'), 0.01, True, 'enc', curves=False)
+        work = Work(obs, Base.parse('physical'), 0.01, curves=False)
         state = work.problem.state([])
         scores = work.problem.dictionary.score(state)
         passes.append(time.process_time() - start)

@@ -84,10 +84,10 @@ def _curves(satellite, result, path):
         errors += rng.normal(0.0, NOISE, errors.shape)
         if key == 'before':
             errors += [[arc['zero_az_arcsec']], [arc['zero_el_arcsec']]]
-        curves[key] = (moments, *errors)
+        curves[key] = {'time': moments, 'az_arcsec': errors[0], 'el_arcsec': errors[1]}
         print(key, datetime.fromtimestamp(arc['start'], timezone.utc).isoformat('T', 'seconds'),
               [f'{e.mean():.2f} ± {e.std(ddof=1):.2f}' for e in errors], PAPER[key])
-    plot_gps(curves['before'], curves['after'], path)
+    plot_gps(curves, path)
 
 
 def _shapes(satellite, path):

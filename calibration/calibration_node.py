@@ -3,6 +3,7 @@
 import json
 import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -19,9 +20,9 @@ from pointing_model.model import PointingModel
 from pointing_model.run_messages import cloud_to_run
 from pointing_model.zero_message import zero_to_joints
 
-from .homings import UNJUDGED, homings_of
 from .nights import NightSeries
 from .session import CalibrationSession
+from .witnesses import UNJUDGED, homings_of
 
 
 def _site(text):
@@ -77,9 +78,9 @@ class Calibration(MountNode):
         # latched: after a restart it brings back the night so far
         self.subscribe(topics.OBSERVATIONS, self._on_table)
         self.subscribe(topics.HOMING, self._on_homing)
-        self.create_service(Trigger, 'calibrate_zero', self._on_calibrate_zero)
-        self.create_service(Trigger, 'fit', self._on_fit)
-        self.create_service(Trigger, 'diagnose', self._on_diagnose)
+        for name, work in (('calibrate_zero', self._work_zero), ('fit', self._work_fit),
+                           ('diagnose', self._work_diagnosis)):
+            self.create_service(Trigger, name, partial(self._answer, work))
         self._say('collecting')
 
     def _on_observation(self, message):
@@ -113,33 +114,38 @@ class Calibration(MountNode):
             level, self.get_fully_qualified_name(), text,
             **{OBSERVATIONS: len(self._session), **values}))
 
-    def _on_calibrate_zero(self, request, response):
+    def _answer(self, work, request, response):
+        """What `work` has done, or why it could not."""
         try:
-            run, zero = self._session.calibrate_zero()
+            response.message = work()
+            response.success = True
         except (ValueError, np.linalg.LinAlgError) as err:
             response.message = str(err)
-            return response
+            self._say(response.message)
+        return response
+
+    def _work_zero(self):
+        run, zero = self._session.calibrate_zero()
         old = self._session.reference
         if self.value('reference_age') and old is not None:
             # the zero goes with the model that it is relative to
             self._model_pub.publish(String(data=self._dated(old).to_json()))
         self._publish_zero(zero)
-        response.success = True
-        response.message = (
+        done = (
             f'zero of power-on {run}: azimuth {zero.az / ARCSEC:+.2f} +- '
             f'{zero.sigma_az / ARCSEC:.2f} arcsec, elevation {zero.el / ARCSEC:+.2f} +- '
             f'{zero.sigma_el / ARCSEC:.2f} arcsec, relative to {zero.reference}')
         few = zero.n - zero.rejected < self.value('least_exposures')
         if few:
-            response.message += f'; {zero.n - zero.rejected} exposures only'
-        self._say(response.message, DiagnosticStatus.WARN if few else DiagnosticStatus.OK,
+            done += f'; {zero.n - zero.rejected} exposures only'
+        self._say(done, DiagnosticStatus.WARN if few else DiagnosticStatus.OK,
                   power_on=run, exposures=zero.n, rejected=zero.rejected,
                   azimuth_arcsec=f'{zero.az / ARCSEC:.3f}',
                   elevation_arcsec=f'{zero.el / ARCSEC:.3f}',
                   sigma_azimuth_arcsec=f'{zero.sigma_az / ARCSEC:.3f}',
                   sigma_elevation_arcsec=f'{zero.sigma_el / ARCSEC:.3f}',
                   contains=zero.statement())
-        return response
+        return done
 
     def _dated(self, model):
         return replace(model, provenance={
@@ -148,23 +154,17 @@ class Calibration(MountNode):
     def _publish_zero(self, zero):
         self._zero_pub.publish(zero_to_joints(zero, self._session.last_stamp))
 
-    def _on_fit(self, request, response):
+    def _work_fit(self):
         self._say('fitting')
-        try:
-            model, report = self._session.fit(self._homings())
-        except (ValueError, np.linalg.LinAlgError) as err:
-            response.message = str(err)
-            self._say(response.message)
-            return response
+        model, report = self._session.fit(self._homings())
         self._alarms = report['witnesses']['alarms']
         self._report_pub.publish(String(data=json.dumps(report)))
         self._publish_model(model)
         held_out = report['steps'][-1]['held_out']['radial']
-        response.success = True
-        response.message = (f'{report["stars"]} stars fitted; {report["steps"][-1]["step"]}: '
-                            f'{held_out:.2f} arcsec radial on stars held out')
-        self._say(response.message)
-        return response
+        done = (f'{report["stars"]} stars fitted; {report["steps"][-1]["step"]}: '
+                f'{held_out:.2f} arcsec radial on stars held out')
+        self._say(done)
+        return done
 
     def _publish_model(self, model):
         """The model, and the zero that belongs to it; Polaris alone gave it a little otherwise."""
@@ -174,39 +174,27 @@ class Calibration(MountNode):
             self._session.zeros_in_force.newest,
             covariance=by_polaris.newest.covariance if by_polaris else None))
 
-    def _on_diagnose(self, request, response):
+    def _work_diagnosis(self):
         # the node hears nothing until it is done: seconds
         self._say('diagnosing')
-        try:
-            found = self._session.diagnose(self.value('alpha'), _site(self.value('site')))
-        except (ValueError, np.linalg.LinAlgError) as err:
-            response.message = str(err)
-            self._say(response.message)
-            return response
+        found = self._session.diagnose(self.value('alpha'), _site(self.value('site')))
         document = found.document
         self._diagnosis_pub.publish(String(data=json.dumps(document)))
         self._publish_model(found.model)
         self._finding = document['verdict']
         if document['applied']:
             self._finding += ': ' + ', '.join(document['applied'])
-        response.success = True
-        response.message = (f'{self._finding}; {document["before"]["rms_arcsec"]:.2f} arcsec '
-                            f'radial before, {document["after"]["rms_arcsec"]:.2f} after')
-        self._write_page(found.diagnosis, response)
-        self._say(response.message, verdict=document['verdict'],
-                  effects=', '.join(document['applied']))
-        return response
-
-    def _write_page(self, diagnosis, response):
-        page = self.value('diagnosis_page')
-        if not page:
-            return
-        from .diagnosis_page.page import write_report
-        try:
-            write_report(diagnosis, Path(page))
-        except OSError as err:
-            response.message += f'; the page was not written: {err}'
-            self.get_logger().error(response.message)
+        done = (f'{self._finding}; {document["before"]["rms_arcsec"]:.2f} arcsec '
+                f'radial before, {document["after"]["rms_arcsec"]:.2f} after')
+        if self.value('diagnosis_page'):
+            from .diagnosis_page.page import write_report
+            try:
+                write_report(found.diagnosis, Path(self.value('diagnosis_page')))
+            except OSError as err:
+                done += f'; the page was not written: {err}'
+                self.get_logger().error(done)
+        self._say(done, verdict=document['verdict'], effects=', '.join(document['applied']))
+        return done
 
     def required(self):
         """It needs observations."""

@@ -1,31 +1,11 @@
 """External check: fit on half of the stars, judge on the others (paper 000)."""
 
-from typing import NamedTuple
-
 import numpy as np
 
-from pointing_model.rms import Rms, rms_arcsec
+from pointing_model.rms import rms_arcsec
+from pointing_model.zero import NO_ZERO
 
 from .fit import fit_terms
-
-
-class ExternalCheck(NamedTuple):
-    """Residuals of a fit on the stars that it used and on those that it did not.
-
-    Attributes
-    ----------
-    fitted, held_out : Rms
-        arcsec on the sky, all rows of the half, robustly rejected ones included.
-    used : ndarray of bool, shape (n,)
-        The rows of the (first) fit.
-    fits : tuple of FitResult
-        One, or two if it was done both ways.
-    """
-
-    fitted: Rms
-    held_out: Rms
-    used: np.ndarray
-    fits: tuple
 
 
 def split_half(run, seed=0):
@@ -76,55 +56,33 @@ def split_half(run, seed=0):
     return used
 
 
-def _judge(run, used, fit, options):
-    result = fit(run.select(used), **options)
-    keep = {name: options[name] for name in ('encoder', 'zero') if name in options}
-    x, y = result.model.residuals(run.select(~used), **keep)
-    return result, rms_arcsec(x, y)
-
-
-def _mean_square(parts):
-    """Rms of two folds together, weighted by their rows."""
-    n = sum(p.n for p in parts)
-
-    def mean(name):
-        return float(np.sqrt(sum(p.n * getattr(p, name) ** 2 for p in parts) / n))
-
-    return Rms(mean('x'), mean('y'), mean('radial'), n)
-
-
-def external_check(run, *, seed=0, used=None, both_ways=False, fit=fit_terms, **options):
-    """Fit on one half of a run and judge on the other.
+def external_check(run, *, seed=0, encoder='enc', zero=NO_ZERO, **options):
+    """Fit each half of a run and judge it on the other: every row is held out once.
 
     Parameters
     ----------
     run : PointingRun
     seed : int
-        Of `split_half`, unless `used` is given.
-    used : ndarray of bool, shape (n,), optional
-        The rows to fit.
-    both_ways : bool
-        Fit each half and judge on the other; every row is then held out once and the RMS are
-        over both.
-    fit : callable
-        ``fit(run, **options) -> FitResult``, for instance `fit_terms` or `fit_harmonics`.
+        Of `split_half`.
+    encoder : {'enc', 'abs'}
+    zero : RunZero or Zeros
+        Of the encoder; it must hold for any row.
     options
-        For `fit`. A ``zero`` must hold for any row (a pair of numbers, or a dict by run).
+        For `fit_terms`.
 
     Returns
     -------
-    ExternalCheck
+    Rms
+        arcsec on the sky, rows that were rejected in a fit included.
 
     Raises
     ------
     ValueError
-        A half has no row, or too few for the fit.
+        A half has too few rows for the fit.
     """
-    used = split_half(run, seed) if used is None else np.asarray(used, bool)
-    if used.shape != (len(run),) or used.all() or not used.any():
-        raise ValueError('external check needs rows to fit and rows to judge; change `used`')
-    folds = [_judge(run, rows, fit, options) for rows in ([used, ~used] if both_ways else [used])]
-    fitted = [result.rms_arcsec() for result, _ in folds]
-    held_out = [rms for _, rms in folds]
-    return ExternalCheck(
-        _mean_square(fitted), _mean_square(held_out), used, tuple(r for r, _ in folds))
+    used = split_half(run, seed)
+    left = np.empty((2, len(run)))
+    for half in (used, ~used):
+        model = fit_terms(run.select(half), encoder=encoder, zero=zero, **options).model
+        left[:, ~half] = model.residuals(run.select(~half), encoder=encoder, zero=zero)
+    return rms_arcsec(*left)

@@ -1,4 +1,4 @@
-"""Least-squares fit of the pointing terms, the geometric ones as exact rotations."""
+"""Least-squares fits: the pointing terms, the geometric ones as exact rotations; the harmonics."""
 
 import functools
 from dataclasses import replace
@@ -9,13 +9,13 @@ import numpy as np
 from msg_tools.units import wrap
 from pointing_model import geometry as rotation
 from pointing_model.context import Context
+from pointing_model.harmonics import COUNT, Harmonics, basis, sky_factor
 from pointing_model.model import PointingModel
 from pointing_model.terms import PHYSICAL, known_terms, stacked_design
 from pointing_model.zero import NO_ZERO, RunZero, Zeros
 
 from .fit_result import make_result
-from .gauss_newton import gauss_newton, need_rows
-from .least_squares import covariance_of, weighted_solve
+from .least_squares import covariance_of, gauss_newton, need_rows, weighted_solve
 from .rows import UNREACHABLE, usable
 
 #: Directions in the space of the (column-scaled) coefficients whose singular value is below this
@@ -23,6 +23,9 @@ from .rows import UNREACHABLE, usable
 #: 30 stars over the sky 1e-2 to 3e-2, a field of 5 degrees 1.2e-4, one of 1 degree 5e-6, the
 #: circle of Polaris 9e-6. So it parts a field, which determines something, from one direction.
 RCOND = 1e-5
+#: As `RCOND`, for the harmonics. The functions themselves have 1.8e-4 (200 stars above 20
+#: degrees), 30 stars 0.5e-4 to 1.7e-4: what is below is for want of stars, not of independence.
+RCOND_HARMONICS = 1e-4
 
 _TURNING = {'CA', 'NPAE', 'AN', 'AW'}
 
@@ -144,12 +147,10 @@ def fit_terms(run, names=PHYSICAL, *, held=None, robust=True, geometry=None, enc
         if not linear:
             turned = {n: v for n, v in base.terms.items() if n in rotation.GEOMETRIC}
         used = _beyond(base, turned, used, run, encoder)
-    az, el, sigmas = used.az, used.el, used.sigmas
-    n = len(used.rows)
+    az, el, n = used.az, used.el, len(used.rows)
     runs = np.unique(run['run'][used.rows]) if run_zeros else ()
     terms, names = names, names + tuple(
         f'{axis}[{number:g}]' for number in runs[1:] for axis in ('IA', 'IE'))
-    need_rows(n, len(names), sigmas is not None)
     observed = np.empty(2 * n)
     observed[:n] = wrap(used.az_enc - az) * np.cos(el)
     observed[n:] = used.el_enc - el
@@ -160,10 +161,8 @@ def fit_terms(run, names=PHYSICAL, *, held=None, robust=True, geometry=None, enc
         zeros = np.stack((np.hstack((member * np.cos(el), nothing)), np.hstack((nothing, member))),
                          axis=1)
         first_order = np.vstack((first_order, zeros.reshape(-1, 2 * n)))
-    weights = None if sigmas is None else 1.0 / np.square(sigmas)
-    robust = robust and 4 * n >= 3 * len(names)
     solved = gauss_newton(_linearisation(names, terms, turned, used, observed, first_order),
-                          first_order, weights, robust, rcond, linear)
+                          first_order, used.sigmas, robust, rcond, linear)
 
     def make_model(p, covariance, facts):
         return _on_top(base, terms, p, covariance, facts)
@@ -247,3 +246,65 @@ def _on_top(held, terms, p, covariance, facts):
     joint[places], joint[:, places] = 0.0, 0.0
     joint[np.ix_(places, places)] = covariance[:k, :k]
     return PointingModel(values, joint, held.harmonics, facts, held.geometry, held.effects)
+
+
+def fit_harmonics(run, interpretation='zenith', *, held=None, zero=NO_ZERO,
+                  rcond=RCOND_HARMONICS):
+    """Fit the 13 spherical harmonics an axis of paper 000 (eq. 6-8).
+
+    Least squares of the error on the sky in both interpretations, so that their residuals
+    compare; f_A = delta-A sin E of the printed one is weighted accordingly.
+
+    Parameters
+    ----------
+    run : PointingRun
+    interpretation : {'zenith', 'printed'}
+        What the paper's E means (see `pointing_model.harmonics`).
+    held : PointingModel, optional
+        Fit what this model leaves (physical terms first); the result has its terms and effects.
+    zero : RunZero or Zeros
+        To subtract from the encoder's angles.
+    rcond : float
+        Relative singular value below which a direction is left out and reported: with few stars
+        the series is ill-conditioned.
+
+    Returns
+    -------
+    FitResult
+        ``names`` are A0..A12, B0..B12; ``model`` has what `held` has, and the harmonics.
+
+    Raises
+    ------
+    ValueError
+        Too few usable rows, unknown interpretation, or `held` has harmonics.
+    """
+    if held is not None and held.harmonics is not None:
+        raise ValueError('the model has harmonics already; fit them to its terms alone')
+    used = usable(run, zero=zero)
+    if held is not None:
+        context = Context.of_run(run) if held.effects else None
+        at = np.stack(held.sky_to_encoder(run['az'], run['el'], context))
+        used = used.only(np.isfinite(at[:, used.rows]).all(axis=0), UNREACHABLE)
+        at_az, at_el = at[:, used.rows]
+    else:
+        at_az, at_el = used.az, used.el
+    az, el, n = used.az, used.el, len(used.rows)
+    observed = np.concatenate((wrap(used.az_enc - at_az) * np.cos(el), used.el_enc - at_el))
+    functions = basis(az, el, interpretation).T
+    rows = np.zeros((2 * COUNT, 2 * n))
+    rows[:COUNT, :n] = functions * sky_factor(el, interpretation)
+    rows[COUNT:, n:] = functions
+    names = [f'A{i}' for i in range(COUNT)] + [f'B{i}' for i in range(COUNT)]
+    everywhere = np.ones(n, bool)
+    solved = gauss_newton(lambda p: (observed, rows, everywhere), rows, used.sigmas,
+                          True, rcond, linear=True)
+
+    def make_model(p, covariance, facts):
+        harmonics = Harmonics(interpretation, p[:COUNT], p[COUNT:], covariance)
+        if held is None:
+            return PointingModel({}, None, harmonics, facts)
+        facts = {**facts, 'terms': held.provenance}
+        return replace(held, harmonics=harmonics, provenance=facts)
+
+    return make_result(run, names, used, solved, make_model, None, {
+        'method': f'harmonics, {interpretation} reading', 'encoder': 'enc', 'rcond': rcond})

@@ -140,7 +140,7 @@ def make_result(run, names, used, solved, make_model, provenance, notes):
     run : PointingRun
     names : sequence of str, length k
     used : rows.Usable
-    solved : gauss_newton.Solved
+    solved : least_squares.Solved
     make_model : callable
         ``make_model(p, covariance, facts) -> PointingModel``.
     provenance : dict or None

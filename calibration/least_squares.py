@@ -24,6 +24,9 @@ TOLERANCE = 1e-9 * ARCSEC  # of an iteration, on the sky
 _GRAM_LIMIT = 1e-10  # smallest ratio of eigenvalues that are accurate
 _SAFE_CONDITION = 1e8  # up to here it may be inverted
 _FINE_CONDITION = 1e5  # and up to here rounding stays below 1e-11 of the coefficients
+#: of rcond, within the directions kept: their design changes with the weights, and what was chosen
+#: once must not drop out for that
+_INNER = 0.01
 
 
 class Spectrum(NamedTuple):
@@ -135,16 +138,7 @@ def weighted_solve(rows, b, weights, rcond, normals=None):
     return Solution(p, inverse, normal, x_normal, residual, rank)
 
 
-def _scales(residual, root, n, dof_factor):
-    """Robust noise of each axis: the scaled median of the absolute residuals."""
-    standard = residual if root is None else residual * root
-    floor = TOLERANCE if root is None else 1e-9
-    return [max(float(sigma_of(standard[part], dof_factor)), floor)
-            for part in (slice(0, n), slice(n, None))]
-
-
-def _distance(residual, root, n, scales):
-    standard = residual if root is None else residual * root
+def _distance(standard, n, scales):
     return np.hypot(standard[:n] / scales[0], standard[n:] / scales[1])
 
 
@@ -171,29 +165,35 @@ def robust_solve(rows, b, base, rcond, scales=None, row_weights=None):
         0: rejected.
     """
     n = len(b) // 2
-    root = None if base is None else np.sqrt(base)
+    # to standard deviations, where the sigmas were given
+    root, floor = (1.0, TOLERANCE) if base is None else (np.sqrt(base), 1e-9)
 
     def solve(w):
         both = np.concatenate((w, w))
         return weighted_solve(rows, b, both if base is None else both * base, rcond)
 
+    def noise(solution):
+        standard = solution.residual * root
+        return [max(float(sigma_of(part, dof_factor)), floor)
+                for part in (standard[:n], standard[n:])]
+
     def weigh_at_its_noise(solution):
         nonlocal scales
-        scales = _scales(solution.residual, root, n, dof_factor)
-        return huber(_distance(solution.residual, root, n, scales))
+        scales = noise(solution)
+        return huber(_distance(solution.residual * root, n, scales))
 
     def weigh(solution):
-        return bisquare(_distance(solution.residual, root, n, scales))
+        return bisquare(_distance(solution.residual * root, n, scales))
 
     if scales is None:
         solution = weighted_solve(rows, b, base, rcond)
         dof_factor = np.sqrt(2 * n / max(2 * n - solution.rank, 1))
         solution, _ = reweighted(
             solve, weigh_at_its_noise, solution, 30, lambda new, old: _distance(
-                new.residual - old.residual, root, n, scales).max() < 0.01)
-        scales = _scales(solution.residual, root, n, dof_factor)
+                (new.residual - old.residual) * root, n, scales).max() < 0.01)
+        scales = noise(solution)
         # the median is wasteful: take the bisquare's own variance of what it keeps
-        standard = np.square(solution.residual if root is None else solution.residual * root)
+        standard = np.square(solution.residual * root)
         for _ in range(3):
             w = weigh(solution)
             total = max(float(w.sum()), 1e-9) * BISQUARE_VARIANCE
@@ -245,3 +245,75 @@ def covariance_of(solution, base, row_weights, given, lost=0):
     covariance *= inflation * (variances[0] - variances[1])
     covariance += (inflation * variances[1]) * inverse
     return covariance, scatter
+
+
+def need_rows(n, k, given):
+    """ValueError where `n` rows do not determine `k` coefficients; `given`: with sigmas."""
+    # with given sigmas the covariance needs no redundancy
+    if 2 * n < k or (2 * n == k and not given) or n == 0:
+        raise ValueError(
+            f'{n} usable observations do not determine {k} coefficients; observe at least '
+            f'{k // 2 + 1} stars or fit fewer terms')
+
+
+class Solved(NamedTuple):
+    """Result of `gauss_newton`."""
+
+    p: np.ndarray
+    solution: Solution  # in the coordinates of `basis`
+    rows: np.ndarray
+    basis: np.ndarray | None  # directions kept, (k, r); None if all are
+    spectrum: Spectrum  # of the first-order design
+    base: np.ndarray | None
+    row_weights: np.ndarray | None
+    feasible: np.ndarray
+    iterations: int
+
+
+def gauss_newton(start, first_order, sigmas, robust, rcond, linear):
+    """Iterate `start(p) -> (residual, rows, feasible)` to the (robust) least-squares solution.
+
+    What the stars determine is decided once, by the first-order design: in the second order
+    aliases differ a little, and the iteration would run away along them.
+    """
+    k, n = len(first_order), first_order.shape[1] // 2
+    need_rows(n, k, sigmas is not None)
+    base = None if sigmas is None else 1.0 / np.square(sigmas)
+    robust = robust and 4 * n >= 3 * k
+    normals = normal_matrices(first_order, first_order if base is None else first_order * base)
+    spectrum = spectrum_of(first_order, base, normals[1])
+    rank = spectrum.rank(rcond)
+    basis = None if rank == k else spectrum.vectors[:, -rank:] / spectrum.scale[:, None]
+    p = np.zeros(k)
+    scales = row_weights = None
+    for iteration in range(1, 31):
+        residual, rows, feasible = start(p)
+        if basis is not None:
+            rows = basis.T @ rows
+        weights = base
+        if not feasible.any():
+            raise ValueError(
+                'the fit runs to a mount that can point nowhere; look for rows with degrees of '
+                'error or fit fewer terms')
+        if not feasible.all():
+            both = np.concatenate((feasible, feasible)).astype(float)
+            weights = both if base is None else base * both
+        if robust:
+            if iteration <= 2:
+                scales = None  # the linearisation at zero can be seconds of arc off
+            solution, scales, row_weights = robust_solve(
+                rows, residual, weights, _INNER * rcond, scales, row_weights)
+        else:
+            known = rows is first_order and weights is base
+            solution = weighted_solve(
+                rows, residual, weights, _INNER * rcond, normals if known else None)
+        p = p + (solution.p if basis is None else basis @ solution.p)
+        if linear:
+            break
+        if np.abs(solution.residual - residual).max() < TOLERANCE and (
+                not robust or iteration > 2):
+            break
+    else:
+        raise ValueError(
+            'the fit does not converge; look for rows with degrees of error or fit fewer terms')
+    return Solved(p, solution, rows, basis, spectrum, weights, row_weights, feasible, iteration)

@@ -22,7 +22,6 @@ def plot_night(run, model, report, path):
     path : str or Path
         PNG to write.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     stars = run.select((run['star'] >= 0) & (run['star'] != POLARIS_HIP))
@@ -31,7 +30,6 @@ def plot_night(run, model, report, path):
     after = [v / ARCSEC for v in model.residuals(stars, zero=zeros)]
 
     figure = Figure(figsize=(11.0, 8.5), layout='constrained')
-    FigureCanvasAgg(figure)
     grid = figure.add_gridspec(2, 2, height_ratios=[1.35, 1.0])
     for column, (title, (x, y)) in enumerate((('Before: as the encoders read', before),
                                               ('After: zero and model', after))):

@@ -14,7 +14,7 @@ from pointing_model.rms import rms
 from pointing_model.terms import mean_columns
 from pointing_model.zero import NO_ZERO, Zeros, zero_in_force
 
-from .fit_harmonics import fit_harmonics
+from .fit import fit_harmonics
 from .rows import for_fitting, is_kept_out
 from .satellite_check import tracking_errors
 from .session import CalibrationSession
@@ -188,15 +188,15 @@ class NightSeries:
                 if len(parts[part]):
                     out[kind][part] = _means(reference, parts[part], in_force)
             if kind == PHYSICAL_TERMS:
+                if 'after' in out[kind]:
+                    out[kind]['after'].update(
+                        _budget(reference, zero, rows.select(polaris), parts['after']))
                 track = rows['star'] < 0
                 out['satellite'] = None if not track.any() else {
                     'before': tracking_errors(
                         reference, rows.select(track & (rows['time'] < first)), then),
                     'after': tracking_errors(
                         reference, rows.select(track & (rows['time'] > last)), zero)}
-            if kind == PHYSICAL_TERMS and 'after' in out[kind]:
-                out[kind]['after'].update(
-                    _budget(reference, zero, rows.select(polaris), parts['after']))
         out['alarms'] = alarms
         return out
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from pointing_model.rms import rms
 
-from .satellite_check import gps_statistics, plot_gps
+from .satellite_check import gps_statistics
 from .tables import new_table
 
 COLUMNS = ('night', 'before_az_arcsec', 'before_el_arcsec', 'after_az_arcsec', 'after_el_arcsec')
@@ -208,11 +208,9 @@ def plot_nights(report, path):
     path : str or Path
         PNG to write.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(11.0, 7.0), layout='constrained')
-    FigureCanvasAgg(figure)
     panels = figure.subplots(2, 2, sharex=True)
     number = np.array([row['night'] for row in report['table1']])
     for row, (part, title) in enumerate((('before', 'before the zero calibration'),
@@ -242,18 +240,3 @@ def plot_nights(report, path):
             axes.tick_params(labelleft=True)
     figure.suptitle('Stars of a night, corrected by the model of two nights before')
     figure.savefig(path, dpi=110)
-
-
-def plot_satellite(report, path):
-    """The paper's figures 1 and 2 with our track.
-
-    Parameters
-    ----------
-    report : dict
-        From `compare_with_paper`.
-    path : str or Path
-        PNG to write.
-    """
-    tracks = report['satellite']
-    plot_gps(*(tuple(np.array(tracks[part][name]) for name in ('time', 'az_arcsec', 'el_arcsec'))
-               for part in ('before', 'after')), path)

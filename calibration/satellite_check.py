@@ -92,28 +92,26 @@ def gps_statistics(tracks):
             'paper': PAPER}
 
 
-def plot_gps(before, after, path):
+def plot_gps(tracks, path):
     """The paper's figures 1 and 2: errors of the tracked satellite against time.
 
     Parameters
     ----------
-    before, after : tuple of (ndarray, ndarray, ndarray)
-        Time (s), azimuth and elevation error (arcsec, coordinate), each of shape (n,).
+    tracks : dict
+        ``before`` and ``after`` from `tracking_errors`.
     path : str or Path
         PNG to write.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(11.0, 6.5), layout='constrained')
-    FigureCanvasAgg(figure)
     panels = figure.subplots(2, 2, sharex='col', sharey='row')
-    for column, (key, title, (time, *errors)) in enumerate((
-            ('before', 'Before the zero calibration (paper: fig. 1)', before),
-            ('after', 'After it (paper: fig. 2)', after))):
-        minutes = (np.asarray(time) - np.min(time)) / 60.0
-        for axes, axis, name, error in zip(
-                panels[:, column], ('az', 'el'), ('azimuth', 'elevation'), errors):
+    for column, (key, title) in enumerate((
+            ('before', 'Before the zero calibration (paper: fig. 1)'),
+            ('after', 'After it (paper: fig. 2)'))):
+        minutes = (np.asarray(tracks[key]['time']) - np.min(tracks[key]['time'])) / 60.0
+        for axes, axis, name in zip(panels[:, column], ('az', 'el'), ('azimuth', 'elevation')):
+            error = tracks[key][f'{axis}_arcsec']
             mean, std = np.mean(error), np.std(error, ddof=1)
             axes.plot(minutes, error, '.', ms=3)
             axes.axhline(mean, color='tab:blue', lw=1.0, label=f'{mean:.2f} ± {std:.2f}″')

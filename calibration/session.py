@@ -11,8 +11,7 @@ from pointing_model.terms import PHYSICAL
 from pointing_model.zero import NO_ZERO, Zeros, zero_in_force
 
 from .check import split_half
-from .fit import fit_terms
-from .fit_harmonics import fit_harmonics
+from .fit import fit_harmonics, fit_terms
 from .rows import for_fitting, with_check
 from .witnesses import check_witnesses
 from .zero import zero_from_polaris

@@ -1,6 +1,6 @@
 """The rows of a night as the three witnesses see them: see `calibration.witnesses`."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -72,27 +72,13 @@ class Witness:
     apart_sigma: np.ndarray
     exposures: int
 
-    def to_dict(self):
-        """JSON-ready, to be the reference of a later night; rad."""
-        return {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in asdict(self).items()}
-
-    @classmethod
-    def from_dict(cls, values):
-        """From `to_dict`; ValueError where something is missing."""
-        try:
-            return cls(**{name: np.asarray(values[name]) if isinstance(values[name], list)
-                          else values[name] for name in cls.__dataclass_fields__})
-        except (KeyError, TypeError) as err:
-            raise ValueError(
-                f'reference of the witnesses: {err} is missing or of a wrong type') from None
-
 
 @dataclass(frozen=True)
 class Change:
     """What moved on an axis from one power-on (or night) to the next, rad.
 
     `incremental` and `absolute` are against the sky at Polaris, `apart` is incremental - absolute.
-    `pull` is the absolute encoder's change over its `expected` sigma, which holds the noise and
+    `pull` is the absolute encoder's change over its expected sigma, which holds the noise and
     what is usual for the encoder: how far the zeros by Polaris and by the absolute encoder
     disagree. `moved` are posterior probabilities, where something other than the incremental
     encoder moved.
@@ -107,7 +93,6 @@ class Change:
     absolute_sigma: float
     apart: float
     apart_sigma: float
-    expected: float
     pull: float
     probability: float
     alarm: bool
@@ -135,13 +120,19 @@ class Event:
 
 
 class Budget(NamedTuple):
-    """What is usual, 1 sigma in rad (see `check_witnesses`), and the chance of a false alarm."""
+    """What is usual, 1 sigma in rad, and the chance of a false alarm."""
 
-    absolute: float
-    power_on: float
-    term: float
-    anomaly: float
-    false_alarm: float  # by all tests of one kind together
+    #: change of the absolute encoder's zero
+    absolute: float = 0.5 * ARCSEC
+    #: change of the incremental encoder's zero at a power-on
+    power_on: float = 20.0 * ARCSEC
+    #: of the mount's terms, where no model is given
+    term: float = 60.0 * ARCSEC
+    #: size of what is not usual; only the posterior probabilities depend on it
+    anomaly: float = 20.0 * ARCSEC
+    #: nights with an alarm by chance, by all tests of one of three kinds together: inside a
+    #: power-on, against the sky, from power-on to power-on
+    false_alarm: float = 0.005 / 3
 
 
 class _Sky(NamedTuple):
@@ -157,18 +148,7 @@ class _Sky(NamedTuple):
 class Night:
     """Rows of the reference night (numbered below 0) and of tonight, in order of time."""
 
-    def __init__(self, rows):
-        self.rows = rows
-        self.run = rows['run'].astype(float)
-        self.runs = np.unique(self.run)
-        self.tonight = self.runs[self.runs >= 0.0]
-        self.polaris = rows['star'] == POLARIS_HIP
-        self.apart = np.stack([wrap(rows['az_enc'] - rows['az_abs']),
-                               wrap(rows['el_enc'] - rows['el_abs'])])
-        self.cos_el = np.cos(rows['el'])
-
-    @classmethod
-    def of(cls, rows, reference):
+    def __init__(self, rows, reference):
         parts = [rows]
         if isinstance(reference, PointingRun) and len(reference):
             number = reference['run'] - reference['run'].max() - 1.0
@@ -177,19 +157,20 @@ class Night:
         usable = np.isfinite([table[name] for name in (
             'az', 'el', 'az_enc', 'el_enc', 'az_abs', 'el_abs', 'time')]).all(axis=0)
         table = table.select(np.flatnonzero(usable))
-        return cls(table.select(np.lexsort((table['time'], table['run']))))
+        self.rows = rows = table.select(np.lexsort((table['time'], table['run'])))
+        self.run = rows['run'].astype(float)
+        self.runs = np.unique(self.run)
+        self.tonight = self.runs[self.runs >= 0.0]
+        self.polaris = rows['star'] == POLARIS_HIP
+        self.apart = np.stack([wrap(rows['az_enc'] - rows['az_abs']),
+                               wrap(rows['el_enc'] - rows['el_abs'])])
+        self.cos_el = np.cos(rows['el'])
 
     def member(self, run):
         """1 in the rows of `run`, shape (n,)."""
         return (self.run == run).astype(float)
 
     # --- inside a power-on ------------------------------------------------------------------------
-
-    def _apart_design(self, axis):
-        """Power-ons, and the eccentricity of both discs."""
-        angle = self.rows[SHORT[axis]]
-        return np.column_stack([*(self.member(run) for run in self.runs),
-                                np.cos(angle), np.sin(angle)])
 
     def _moves(self, shortest):
         """Candidates: (columns (n, m), list of (run, kind, time)), for the power-ons of tonight."""
@@ -212,20 +193,20 @@ class Night:
     def apart_events(self, axis, budget):
         """Steps and drifts of incremental - absolute, a list of `_Found`."""
         columns, about = self._moves(_SEGMENT)
-        base = self._apart_design(axis)
+        angle = self.rows[SHORT[axis]]
+        # power-ons, and the eccentricity of both discs
+        base = np.column_stack([*(self.member(run) for run in self.runs),
+                                np.cos(angle), np.sin(angle)])
         found = []
         if not about or len(self.run) <= base.shape[1] + _MOST_EVENTS + 1:
             return found
         while len(found) < _MOST_EVENTS:
             full = np.column_stack([base, *(event.column for event in found)])
-            result = scan(full, clipped(full, self.apart[axis]), columns, _LEAST)
-            p = result.probability * len(about)
-            best = int(np.argmin(p))
-            if p[best] >= budget.false_alarm / 2.0:  # two axes
+            best = _strongest(full, self.apart[axis], columns, budget.false_alarm / 2.0)  # two axes
+            if best is None:
                 return found
-            fit = robust_fit(np.column_stack([full, columns[:, best]]), self.apart[axis])
-            found.append(_Found(*about[best], columns[:, best], fit.value[-1],
-                                np.sqrt(fit.covariance[-1, -1]), float(p[best] * 2.0)))
+            place, amount, sigma, p = best
+            found.append(_Found(*about[place], columns[:, place], amount, sigma, p * 2.0))
         return found
 
     def sky(self, events, model, notes):
@@ -280,7 +261,7 @@ class Night:
         moved = INCREMENTAL if trust >= 0.5 else ABSOLUTE
         sign = 1.0 if moved == INCREMENTAL else -1.0
         return Event(AXES[axis], float(found.run), found.kind, float(found.time),
-                     float(sign * found.amount), float(found.sigma), moved,
+                     sign * found.amount, found.sigma, moved,
                      float(max(trust, 1.0 - trust)), found.probability)
 
     def mount_events(self, sky, events, budget):
@@ -290,18 +271,15 @@ class Night:
             return []
         full = np.column_stack(
             [sky.fixed, *(self._on(axis, event.column) for axis, event in events)])
-        y = clipped(full, sky.enc)
         out = []
         for axis in (0, 1):
             on_sky = np.column_stack([self._on(axis, column) for column in columns.T])
-            p = scan(full, y, on_sky, _LEAST).probability * len(about)
-            best = int(np.argmin(p))
-            if p[best] < budget.false_alarm / 2.0:
-                fit = robust_fit(np.column_stack([full, on_sky[:, best]]), sky.enc)
-                run, kind, time = about[best]
-                out.append(Event(AXES[axis], float(run), kind, float(time), float(fit.value[-1]),
-                                 float(np.sqrt(fit.covariance[-1, -1])), MOUNT,
-                                 float(1.0 - p[best]), float(2.0 * p[best])))
+            best = _strongest(full, sky.enc, on_sky, budget.false_alarm / 2.0)
+            if best is not None:
+                place, amount, sigma, p = best
+                run, kind, time = about[place]
+                out.append(Event(AXES[axis], float(run), kind, float(time), amount, sigma, MOUNT,
+                                 1.0 - p, 2.0 * p))
         return out
 
     # --- from power-on to power-on ----------------------------------------------------------------
@@ -370,7 +348,7 @@ class Night:
         return Change(
             AXES[axis], before.run, now.run, float(enc), float(np.sqrt(covariance[0, 0])),
             float(second), float(np.sqrt(noise)), float(apart), float(np.sqrt(apart_variance)),
-            float(expected), float(second / expected), min(p, 1.0), bool(alarm), moved)
+            float(second / expected), min(p, 1.0), bool(alarm), moved)
 
     def _suspects(self, axis, before, now, budget, sky, enc, second, apart, covariance,
                   apart_variance):
@@ -410,6 +388,19 @@ class _Found(NamedTuple):
     amount: float
     sigma: float
     probability: float
+
+
+def _strongest(design, y, candidates, limit):
+    """The candidate column that chance explains least: its place, amount, 1 sigma and chance.
+
+    None where the chance, of so many candidates, is not below `limit`.
+    """
+    p = scan(design, clipped(design, y), candidates, _LEAST).probability * candidates.shape[1]
+    best = int(np.argmin(p))
+    if p[best] >= limit:
+        return None
+    fit = robust_fit(np.column_stack([design, candidates[:, best]]), y)
+    return (best, float(fit.value[-1]), float(np.sqrt(fit.covariance[-1, -1])), float(p[best]))
 
 
 def _circle(before, now, model, term_sigma):

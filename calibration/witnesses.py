@@ -13,34 +13,105 @@ posterior probability, from what is usual for each (all suspects equally likely 
 how the stars of the whole sky moved.
 """
 
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from datetime import datetime, timezone
+from typing import NamedTuple
 
 import numpy as np
 
 from msg_tools.units import ARCSEC, wrap
 
-from .homings import UNJUDGED, Homing
 from .witness_night import (
     ABSOLUTE,
     AXES,
     INCREMENTAL,
     SHORT,
     Budget,
-    Change,
-    Event,
     Night,
     Witness,
 )
 
-__all__ = ['Change', 'Event', 'Homing', 'Witness', 'WitnessReport', 'check_witnesses']
-
+UNJUDGED = ('the reference marks of the incremental encoder could not be judged: it tells nothing '
+            'of them on incremental/homing')
 #: counts by which the mark may be off at a later passage
 MARK_TOLERANCE = 10
-#: kinds of tests that share the chance of a false alarm: inside a power-on, against the sky, from
-#: power-on to power-on
-_KINDS = 3
+#: from where the marks are to be met
+HOME_SIDE = 'below'
 _HOUR = 3600.0
+_USUAL = Budget()
+
+
+class Homing(NamedTuple):
+    """What the incremental encoder of an axis says of itself and its mark."""
+
+    run: int
+    axis: str
+    homed: bool
+    side: str = ''
+    missed_marks: int = 0
+    mark_error: float = np.nan  # counts
+    count: float = np.nan  # rad
+    pulse_width: float = np.nan  # of the data sheet, rad
+
+
+def homings_of(axes, run):
+    """`Homing` of each axis.
+
+    Parameters
+    ----------
+    axes : dict of str to msg_tools.homing.AxisHoming
+        By axis, from the last message.
+    run : int
+        Number of the power-on in the observations.
+
+    Returns
+    -------
+    list of Homing
+    """
+    return [Homing(run, axis, told.homed, told.side, told.missed_marks, told.mark_error,
+                   told.count, told.pulse_width) for axis, told in axes.items()]
+
+
+def encoder_diagnostics(message):
+    """Rows of the statuses in a DiagnosticArray that speak of marks, as a list of dict.
+
+    For `homings_from_diagnostics`.
+    """
+    told = [{row.key: row.value for row in status.values} for status in message.status]
+    return [values for values in told if f'{AXES[0]} homed' in values]
+
+
+def homings_from_diagnostics(values, run):
+    """`Homing` of both axes from the diagnostics of the encoder's node.
+
+    Logs before `incremental/homing` have nothing else. The rows are for people; nobody may read
+    them but for such logs.
+
+    Parameters
+    ----------
+    values : dict of str to str
+        Key and value of the status' rows.
+    run : int
+        Number of the power-on in the observations.
+
+    Returns
+    -------
+    list of Homing
+        Of the axes that the diagnostics speak of.
+    """
+    def number(key):
+        try:
+            return float(values.get(key, 'nan'))
+        except ValueError:
+            return np.nan
+    count = number('resolution [arcsec]') * ARCSEC
+    return [
+        Homing(run, axis, values[f'{axis} homed'] == 'True',
+               values.get(f'{axis} mark met from', ''),
+               int(np.nan_to_num(number(f'{axis} missed marks'))),
+               number(f'{axis} mark error [counts]'), count,
+               number(f'{axis} mark width [arcsec]') * ARCSEC)
+        for axis in AXES if f'{axis} homed' in values]
 
 
 @dataclass
@@ -65,31 +136,8 @@ class WitnessReport:
     notes: list = field(default_factory=list)
     latest: Witness | None = None
 
-    def to_dict(self):
-        """JSON-ready; angles in arcsec, rates in arcsec/h."""
-        def plain(item, names):
-            out = asdict(item)
-            for name in names:
-                out[f'{name}_arcsec'] = out.pop(name) / ARCSEC
-            return out
-        angles = ('incremental', 'incremental_sigma', 'absolute', 'absolute_sigma', 'apart',
-                  'apart_sigma', 'expected')
-        events = []
-        for event in self.events:
-            per_hour = _HOUR if event.kind == 'drift' else 1.0
-            row = asdict(event)
-            unit = 'arcsec_per_hour' if event.kind == 'drift' else 'arcsec'
-            row[f'amount_{unit}'] = row.pop('amount') * per_hour / ARCSEC
-            row[f'sigma_{unit}'] = row.pop('sigma') * per_hour / ARCSEC
-            events.append(row)
-        return {'alarms': self.alarms, 'notes': self.notes, 'events': events,
-                'changes': [plain(change, angles) for change in self.changes],
-                'latest': None if self.latest is None else self.latest.to_dict()}
 
-
-def check_witnesses(rows, reference=None, *, model=None, homings=(), absolute_sigma=0.5 * ARCSEC,
-                    power_on_sigma=20.0 * ARCSEC, term_sigma=60.0 * ARCSEC,
-                    anomaly_sigma=20.0 * ARCSEC, false_alarm=0.005, home_side='below'):
+def check_witnesses(rows, reference=None, *, model=None, homings=(), budget=_USUAL):
     """Compare the three witnesses of a night.
 
     Parameters
@@ -101,20 +149,11 @@ def check_witnesses(rows, reference=None, *, model=None, homings=(), absolute_si
         with exposures of Polaris is the reference of the others.
     model : PointingModel, optional
         Takes out how the offset differs between two places of Polaris on its circle. Without it
-        terms of 1 sigma `term_sigma` widen the errors.
+        the terms of `budget` widen the errors.
     homings : iterable of Homing, or None
         What the incremental encoders say of themselves, after they were to be homed; None where
         they say nothing although they should: the report has a note then.
-    absolute_sigma : float
-        Usual change of the absolute encoder's zero, 1 sigma, rad.
-    power_on_sigma : float
-        Usual change of the incremental encoder's zero at a power-on, 1 sigma, rad.
-    anomaly_sigma : float
-        Size of what is not usual, 1 sigma, rad; only the posterior probabilities depend on it.
-    false_alarm : float
-        Nights with an alarm by chance, at most.
-    home_side : {'below', 'above'}
-        From where the marks are to be met.
+    budget : Budget
 
     Returns
     -------
@@ -132,11 +171,9 @@ def check_witnesses(rows, reference=None, *, model=None, homings=(), absolute_si
     if homings is None:
         out.notes.append(UNJUDGED)
         homings = ()
-    _hear_encoders(out, homings, home_side)
+    _hear_encoders(out, homings)
     _hear_gaps(out, rows)
-    night = Night.of(rows, reference)
-    budget = Budget(absolute_sigma, power_on_sigma, term_sigma, anomaly_sigma,
-                     false_alarm / _KINDS)
+    night = Night(rows, reference)
     events = [(axis, event) for axis in (0, 1) for event in night.apart_events(axis, budget)]
     sky = night.sky(events, model, out.notes)
     out.events = [night.attributed(axis, event, sky) for axis, event in events]
@@ -162,18 +199,18 @@ def check_witnesses(rows, reference=None, *, model=None, homings=(), absolute_si
 # --- words ----------------------------------------------------------------------------------------
 
 
-def _hear_encoders(out, homings, home_side):
+def _hear_encoders(out, homings):
     for h in homings:
         where = f'{h.axis}: {INCREMENTAL}, power-on {h.run}'
         if not h.homed:
             missed = f', missed {h.missed_marks} times (pulse too short)' * bool(h.missed_marks)
             out.alarms.append(f'{where}: reference mark not met{missed}: it has no zero '
                               '(confidence 1.00, by its own report)')
-        elif h.side and h.side != home_side:
-            width = h.pulse_width / ARCSEC * (1.0 if h.side == 'below' else -1.0)
+        elif h.side and h.side != HOME_SIDE:
+            width = -h.pulse_width / ARCSEC
             amount = f' {width:+.2f} arcsec,' if np.isfinite(width) else ''
             out.alarms.append(
-                f'{where}: homed from {h.side}, not from {home_side}: its zero differs by{amount} '
+                f'{where}: homed from {h.side}, not from {HOME_SIDE}: its zero differs by{amount} '
                 'the width of the index pulse (confidence 1.00, by its own report)')
         if abs(h.mark_error) > MARK_TOLERANCE:
             amount = h.mark_error * h.count / ARCSEC
@@ -202,18 +239,15 @@ def _uncalibrated(out, night, witnesses, budget):
         rows = night.run == run
         if not before or any(w.run == run for w in known) or np.count_nonzero(rows) < 2:
             continue
+        since = _utc(night.rows['time'][rows][0])
         for axis in (0, 1):
             value, sigma = night.apart_at(axis, run, (before[-1].az, before[-1].el)[axis])
             moved = wrap(value - before[-1].apart[axis])
             sigma = np.sqrt(sigma**2 + before[-1].apart_sigma[axis] ** 2 + budget.absolute**2)
             out.alarms.append(
-                f'{AXES[axis]}: {INCREMENTAL} began power-on {run:.0f} at {_clock(night, run)} '
+                f'{AXES[axis]}: {INCREMENTAL} began power-on {run:.0f} at {since} '
                 f'and has no zero on Polaris since: moved by {moved / ARCSEC:+.2f} +- '
                 f'{sigma / ARCSEC:.2f} arcsec by the {ABSOLUTE} (confidence 1.00)')
-
-
-def _clock(night, run):
-    return _utc(night.rows['time'][night.run == run][0])
 
 
 def _utc(time):

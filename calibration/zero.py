@@ -35,8 +35,6 @@ class PolarisZero(RunZero):
         See `RunZero`; the covariance is of these exposures and of the reference.
     n : int
         Exposures used.
-    scatter_az, scatter_el : float
-        Measured scatter of one exposure, radians (coordinate angles); NaN for one exposure.
     reference : str
         What the change is relative to.
     sigma_from : {'given sigmas', 'measured scatter'}
@@ -46,18 +44,13 @@ class PolarisZero(RunZero):
         has changed by one since the reference; ``['el']`` likewise.
     rejected : int
         Exposures without weight in the robust mean.
-    excluded : list of dict
-        ``row`` and ``reason`` of the exposures that could not be used.
     """
 
     n: int
-    scatter_az: float
-    scatter_el: float
     reference: str
     sigma_from: str
     contamination: dict
     rejected: int
-    excluded: list
 
     def statement(self):
         """What the zero rests on, in words: terms that Polaris cannot tell from it."""
@@ -122,10 +115,7 @@ def _mean(exposures, encoder, model, name):
     if fit.covariance_from == 'measured scatter':
         covariance = covariance * student_factor(max(weight - 1.0, 1.0)) ** 2
     used = fit.weights > 0.0
-    az, el = exposures['az'][used], exposures['el'][used]
-    scatter = np.array(fit.scatter) if used.sum() > 1 else np.full(2, np.nan)
-    scatter[0] /= np.mean(np.cos(el))
-    return fit, covariance, scatter, az, el
+    return fit, covariance, exposures['az'][used], exposures['el'][used]
 
 
 def zero_from_polaris(exposures, reference, *, encoder='enc', model=None, run=None,
@@ -164,7 +154,7 @@ def zero_from_polaris(exposures, reference, *, encoder='enc', model=None, run=No
         if model is not None:
             raise ValueError('the reference is a model already; leave out the second one')
         model = reference
-    fit, covariance, scatter, now_az, now_el = _mean(exposures, encoder, model, 'tonight')
+    fit, covariance, now_az, now_el = _mean(exposures, encoder, model, 'tonight')
     value = fit.coefficients
     if isinstance(reference, PointingModel):
         columns = mean_columns(tuple(model.terms), now_az, now_el)
@@ -178,7 +168,7 @@ def zero_from_polaris(exposures, reference, *, encoder='enc', model=None, run=No
         if not model.terms and model.harmonics is None:
             description = NO_MODEL
     else:
-        then, then_covariance, _, then_az, then_el = _mean(
+        then, then_covariance, then_az, then_el = _mean(
             reference, encoder, model, reference_name)
         value = value - then.coefficients
         covariance = covariance + then_covariance
@@ -195,6 +185,5 @@ def zero_from_polaris(exposures, reference, *, encoder='enc', model=None, run=No
     }
     return PolarisZero(
         run=run, az=float(value[0]), el=float(value[1]), covariance=covariance, n=len(now_az),
-        scatter_az=float(scatter[0]), scatter_el=float(scatter[1]), reference=description,
-        sigma_from=fit.covariance_from, contamination=contamination,
-        rejected=len(fit.rejected), excluded=fit.excluded)
+        reference=description, sigma_from=fit.covariance_from, contamination=contamination,
+        rejected=len(fit.rejected))

@@ -92,26 +92,27 @@ def run_experiment(out, *, seed=1, drifts='paper', stars=30, polaris=16, satelli
 
 def _write(folder, seed, drifts, latest):
     """table1.csv, gps.json, report.json, observations.csv and the pictures."""
-    from calibration import paper_table_1 as paper
+    from calibration.paper_table_1 import COLUMNS, compare_with_paper, plot_nights
+    from calibration.satellite_check import plot_gps
     from msg_tools import topics
     from pointing_model.run_files import write_csv
     from pointing_model.run_messages import cloud_to_run
 
     run = cloud_to_run(latest[topics.OBSERVATIONS.name])
     calibrated = json.loads(latest[topics.CALIBRATION_REPORT.name].data)
-    report = paper.compare_with_paper(calibrated['nights'], NIGHTS)
+    report = compare_with_paper(calibrated['nights'], NIGHTS)
     report.update(seed=seed, drifts=drifts)
     files = {name: folder / name for name in (
         'table1.csv', 'gps.json', 'report.json', 'observations.csv', 'nights.png', 'gps.png')}
     with open(files['table1.csv'], 'w', newline='', encoding='utf-8') as file:
         table = csv.writer(file)
-        table.writerow(paper.COLUMNS)
-        table.writerows([row[name] for name in paper.COLUMNS] for row in report['table1'])
+        table.writerow(COLUMNS)
+        table.writerows([row[name] for name in COLUMNS] for row in report['table1'])
     files['gps.json'].write_text(json.dumps(report['gps'], indent=1) + '\n')
     files['report.json'].write_text(json.dumps(report, indent=1) + '\n')
     write_csv(run, files['observations.csv'])
-    paper.plot_nights(report, files['nights.png'])
-    paper.plot_satellite(report, files['gps.png'])
+    plot_nights(report, files['nights.png'])
+    plot_gps(report['satellite'], files['gps.png'])
     report['files'] = {'log': str(folder / 'bag'),
                        **{name: str(path) for name, path in files.items()}}
     return report

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.homings import encoder_diagnostics, homings_from_diagnostics, homings_of
 from calibration.nights import NightSeries
 from calibration.session import CalibrationSession
+from calibration.witnesses import encoder_diagnostics, homings_from_diagnostics, homings_of
 from msg_tools.bag import BagReader
 from msg_tools.bag.provenance import parameters_of
 from msg_tools.convert import from_stamp, read_joints

@@ -110,8 +110,6 @@ class Observations:
         All of them, in order.
     encoder : {'enc', 'abs'}
         Its columns that are diagnosed.
-    rows : ndarray of int
-        Their numbers in what was given.
     label : ndarray of int, shape (n,)
         Number of the run, 0, 1, ...
     runs : list
@@ -131,7 +129,6 @@ class Observations:
 
     run: PointingRun
     encoder: str
-    rows: np.ndarray
     label: np.ndarray
     runs: list
     context: Context
@@ -143,7 +140,7 @@ class Observations:
     sources: np.ndarray
 
     def __len__(self):
-        return len(self.rows)
+        return len(self.run)
 
     def select(self, rows):
         """Some of them (indices or a slice)."""
@@ -151,7 +148,7 @@ class Observations:
         where = np.arange(n)[rows]
         both = np.concatenate((where, where + n))
         return Observations(
-            self.run.select(rows), self.encoder, self.rows[rows], self.label[rows], self.runs,
+            self.run.select(rows), self.encoder, self.label[rows], self.runs,
             self.context.select(rows), self.observed[both],
             None if self.inverse_sigma is None else self.inverse_sigma[both], [], [],
             self.lines[rows], self.sources[rows])
@@ -207,7 +204,7 @@ def observations(runs, encoder='enc'):
     context = Context.of_run(run, encoder)
     if bad:
         context, run = context.select(rows), run.select(rows)
-    return Observations(run, encoder, rows, label[rows], names, context,
+    return Observations(run, encoder, label[rows], names, context,
                         np.concatenate(run.offsets(encoder)), inverse, excluded + bad, notes,
                         lines[rows], sources[rows])
 

@@ -24,6 +24,8 @@ CURVE_SHARE = 0.35
 PRIOR = 100.0
 #: an effect may be bought only with rows enough: half as many free values as it has coefficients
 ROWS_PER_COLUMN = 1.5
+#: effects that a search adds, at most
+MOST_EFFECTS = 20
 #: sign flips behind each p: of a p of 0.01, 1999 leave 0.002 of counting error
 FLIPS = 1999
 #: flips inside a fold, where a p is only compared with alpha

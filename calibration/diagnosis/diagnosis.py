@@ -8,27 +8,19 @@ from pointing_model.effects.drifts import places_of_steps
 
 from .base import Base, observations
 from .constants import FLIPS, FOLDS, STREAMED_FROM
-from .holdout import holdout_rms
 from .next_observations import propose
-from .resampling import cv_gains, radial_arcsec
-from .result import (
-    DiagnosedEffect,
-    Diagnosis,
-    cause_is_other,
-    lines_of,
-    rms_entry,
-    verdict_of,
-)
+from .resampling import cv_gains
+from .result import DiagnosedEffect, concluded, diagnosed, hidden, ranking_of
 from .scores import Bank
 from .search import Chance, search, standing
 from .streamed import diagnose_streamed
-from .validation import cross_validated, folds_of
+from .validation import cross_validated, folds_of, judge_on
 from .work import Work
 
 
 def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None, encoder='enc',
-             flips=FLIPS, folds=FOLDS, seed=0, robust=True, max_effects=20,
-             cross_validation=True, streamed_from=STREAMED_FROM):
+             flips=FLIPS, folds=FOLDS, seed=0, cross_validation=True,
+             streamed_from=STREAMED_FROM):
     """Find the effects that a model lacks, and prove the gain.
 
     Parameters
@@ -51,12 +43,10 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
         Of the cross-validation (random; as many contiguous ones; whole runs from 4 runs on; at
         most 5 from 1500 rows on).
     seed : int
-    robust : bool
-    max_effects : int
     cross_validation : bool
     streamed_from : int
-        More rows than this are gone through in chunks, see `streamed`: without `flips`, `folds`,
-        `robust` and the cross-validation. A note says so.
+        More rows than this are gone through in chunks, see `streamed`: without `flips`, `folds`
+        and the cross-validation. A note says so.
 
     Returns
     -------
@@ -76,23 +66,19 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
         base = Base.parse(base, own_terms)
     rng = np.random.default_rng(seed)
     if len(obs) > streamed_from:
-        result = diagnose_streamed(obs, base, alpha, rng, encoder, max_effects, streamed_from)
+        result = diagnose_streamed(obs, base, alpha, rng, streamed_from)
     else:
-        result = _in_memory(obs, base, alpha, rng, encoder, robust, flips, max_effects,
-                            folds if cross_validation else 0)
+        result = _in_memory(obs, base, alpha, rng, flips, folds if cross_validation else 0)
     if holdout is not None:
-        judged = holdout_rms(holdout, result, own_terms or ('IA', 'IE'), encoder)
-        result.before['holdout_rms_arcsec'] = judged.before
-        result.after['holdout_rms_arcsec'] = judged.after
-        result.notes += judged.notes
+        judge_on(holdout, result, own_terms or ('IA', 'IE'), encoder)
     return result
 
 
-def _in_memory(obs, base, alpha, rng, encoder, robust, flips, max_effects, folds):
-    work = Work(obs, base, alpha, robust, encoder)
+def _in_memory(obs, base, alpha, rng, flips, folds):
+    work = Work(obs, base, alpha)
     chance = Chance(work.problem.n, flips, rng)
     parts = folds_of(work, folds, rng) if folds else []
-    found = search(work.problem, alpha, chance, max_effects=max_effects)
+    found = search(work.problem, alpha, chance)
     stands, gains = _settle(work.problem, found, alpha, chance, parts)
     errors = cross_validated(work, found, parts, alpha, rng) if parts else None
     if errors and errors.cut is not None:
@@ -165,18 +151,12 @@ def _assemble(work, found, stands, fitted, chance):
     problem, obs = work.problem, work.obs
     nothing = problem.state([])
     base_fit = work.fit([], problem.state([], final=True))
-    model, run_terms = work.model(fitted, found.chosen)
-    base_model, _ = work.model(base_fit, [])
-    effects = [_slip_effect(f, p, obs) for f, p in work.slips]
-    for c, s, f in zip(found.chosen, stands, model.effects):
-        effects.append(_diagnosed(problem, c, s, f, len(obs)))
-    weights = found.state.weights
-    keep = weights > 0.0
-    excluded = obs.excluded + [
-        obs.excluding(i, f'outlier: more than {BISQUARE:g} times the noise from the model, and no '
-                      'whole bar or line off') for i in np.flatnonzero(~keep)]
-    dof = 2 * np.count_nonzero(keep) - len(found.state.basis)
-    floor = radial_arcsec(fitted.residual, keep) * np.sqrt(2 * keep.sum() / max(dof, 1))
+    made = work.model(base_fit, []), work.model(fitted, found.chosen)
+    effects = [DiagnosedEffect(f, p, f.effect.columns(obs.context)) for f, p in work.slips]
+    for c, s, f in zip(found.chosen, stands, made[1][0].effects):
+        effects.append(diagnosed(
+            f, s.p, c.columns(problem).reshape(-1, 2, len(obs)), c.bank(problem).effects,
+            s.scores.delta_bic, c.group, s.alternatives, s.same))
     notes = list(obs.notes)
     for why, dropped in (('no gain on rows left out', found.dropped_by_cv),
                          ('the choice does not repeat without some of the runs, and predicts '
@@ -190,46 +170,12 @@ def _assemble(work, found, stands, fitted, chance):
     notes += [f'something unknown is left that follows the {e.fitted.effect.driver}: the model '
               f'has a curve for it ({e.fitted.effect.name})' for e in effects
               if e.fitted.effect.kind == 'smooth']
-    return Diagnosis(
-        verdict_of(effects), work.base, obs, model, base_model, effects,
-        rms_entry(base_fit.residual, keep), rms_entry(fitted.residual, keep),
-        base_fit.residual, fitted.residual, weights,
-        _ranking(problem, nothing, chance), found.first_p, work.untestable + _hidden(problem),
-        floor, excluded, [], notes, {}, run_terms)
-
-
-def _slip_effect(fitted, p, obs):
-    return DiagnosedEffect(fitted, p, None, None, [], [], [], [],
-                           fitted.effect.columns(obs.context))
-
-
-def _diagnosed(problem, choice, stand, fitted, n):
-    bank = choice.bank(problem)
-
-    def names(groups):
-        return list(dict.fromkeys(bank.effects[k].name for k in groups))
-    rivals = [k for k in stand.alternatives
-              if k not in stand.same or cause_is_other(bank.effects[k], fitted.effect)]
-    return DiagnosedEffect(
-        fitted, stand.p, stand.delta_bic, None, names(stand.alternatives), names(stand.same),
-        names(rivals), lines_of(bank.effects, stand.scores.delta_bic),
-        choice.columns(problem).reshape(-1, 2, n))
-
-
-def _ranking(problem, state, chance):
-    scores = problem.dictionary.score(state)
-    lines = lines_of(problem.dictionary.effects, scores.delta_bic)
-    p = chance.p_of_all(state, scores)
-    for line in lines:
-        line['p_family'] = float(p[line.pop('group')])
-    return lines
-
-
-def _hidden(problem):
-    """Effects that this run cannot tell from the base's terms."""
-    scores = problem.dictionary.score(problem.state([]))
-    out = {}
-    for e, dof in zip(problem.dictionary.effects, scores.dof):
-        if dof == 0:
-            out[e.name] = e.alias or 'it is the same as terms of the base on these directions'
-    return list(out.items())
+    candidates = problem.dictionary.effects
+    scores = problem.dictionary.score(nothing)
+    ranking = ranking_of(candidates, scores.delta_bic, chance.p_of_all(nothing, scores))
+    outlier = f'outlier: more than {BISQUARE:g} times the noise from the model, and no whole bar ' \
+              'or line off'
+    return concluded(
+        obs, work.base, (base_fit, fitted), made, effects, found.state.weights,
+        len(found.state.basis), outlier, ranking,
+        work.untestable + hidden(candidates, scores.dof), notes)

@@ -133,7 +133,7 @@ class State:
         return len(self.weights)
 
 
-def fit_state(rows, b, inverse_sigma=None, weights=None, robust=True, final=False):
+def fit_state(rows, b, inverse_sigma=None, weights=None, final=False):
     """Robust least squares of `b` by `rows`.
 
     Huber, then Hampel's weights of the radial distance at the scale of the median absolute
@@ -148,7 +148,6 @@ def fit_state(rows, b, inverse_sigma=None, weights=None, robust=True, final=Fals
     inverse_sigma : ndarray, shape (2n,), optional
     weights : ndarray, shape (n,), optional
         Of a fit of nearly the same, to start from.
-    robust : bool
     final : bool
         Bisquare weights (zero from 7 standard deviations) in place of Hampel's, as
         `calibration.fit`: nothing more is looked for.
@@ -162,8 +161,6 @@ def fit_state(rows, b, inverse_sigma=None, weights=None, robust=True, final=Fals
     least = ARCSEC if inverse_sigma is None else 1.0  # the unit of the noise that is not zero
     last = bisquare if final else hampel
     steps = [None] + [huber] * 6 + [last] * 5 if weights is None else [last] * 4
-    if not robust:
-        steps, weights = [None, None], None
     scale, todo = np.ones(2), iter(steps)
 
     def solve(w):

@@ -14,7 +14,7 @@ from pointing_model.context import Context
 
 from .linear import solve
 
-_COUNT = 6
+_COUNT = 6  # for each ambiguous effect
 _RIVALS = 4
 _WORTH = 0.5  # delta BIC: exact aliases do not come apart anywhere
 _MIN_GAP = 3.0 * DEG
@@ -22,7 +22,7 @@ _LATER = (0.25, 2.0, 6.0)  # hours
 _SHORT = 2.0 * DEG  # a last move in which a hysteresis is not yet complete
 
 
-def propose(problem, obs, base, found, stands, count=_COUNT):
+def propose(problem, obs, base, found, stands):
     """Observations that separate the best effect from the strongest rival that they can separate.
 
     Parameters
@@ -32,8 +32,6 @@ def propose(problem, obs, base, found, stands, count=_COUNT):
     base : Base
     found : Found
     stands : list of Standing
-    count : int
-        Of observations for each ambiguous effect.
 
     Returns
     -------
@@ -48,7 +46,7 @@ def propose(problem, obs, base, found, stands, count=_COUNT):
         others = [c.effect(problem) for j, c in enumerate(found.chosen) if j != i]
         for rival in [] if choice.curve else stand.alternatives[:_RIVALS]:
             pair = choice.effect(problem), problem.dictionary.effects[rival]
-            proposals = _separate(problem, obs, base, found, pair, others, grid, count)
+            proposals = _separate(problem, obs, base, found, pair, others, grid)
             last = proposals[-1]
             if last['separation_after'] > last['separation_before'] + _WORTH:
                 out += proposals
@@ -105,7 +103,7 @@ def _forecast(time, temperature, then, n):
     return np.clip(guess, temperature[good].min() - 5.0, temperature[good].max() + 5.0)
 
 
-def _separate(problem, obs, base, found, pair, others, grid, count):
+def _separate(problem, obs, base, found, pair, others, grid):
     context, later, short = grid
     n, m = problem.n, len(context)
     state = found.state
@@ -122,7 +120,7 @@ def _separate(problem, obs, base, found, pair, others, grid, count):
                    noise) for k in (0, 1)]
     before = min(v.separation() for v in views)
     proposals, used = [], np.zeros(m, bool)
-    for _ in range(count):
+    for _ in range(_COUNT):
         gain = np.min([v.disagreement() for v in views], axis=0)
         j = int(np.argmax(np.where(used, -1.0, gain)))
         by_az, by_el, by_time, by_move = _matters(gain, j)

@@ -131,7 +131,7 @@ def cv_gains(problem, found, folds):
                                folds), keep) - whole for i in range(len(found.chosen))]
 
 
-def nested(problem, folds, alpha, rng, flips=NESTED_FLIPS, curves=True):
+def nested(problem, folds, alpha, rng, flips=NESTED_FLIPS):
     """As `cross_validate`, with the whole search repeated without each fold.
 
     Parameters
@@ -141,7 +141,6 @@ def nested(problem, folds, alpha, rng, flips=NESTED_FLIPS, curves=True):
     alpha : float
     rng : numpy.random.Generator
     flips : int
-    curves : bool
 
     Returns
     -------
@@ -156,7 +155,7 @@ def nested(problem, folds, alpha, rng, flips=NESTED_FLIPS, curves=True):
     for fold in folds:
         train = np.setdiff1d(everything, fold)
         part = problem.rows(train)
-        found = search(part, alpha, Chance(part.n, flips, rng), curves=curves)
+        found = search(part, alpha, Chance(part.n, flips, rng))
         choices.append(found.chosen)
         left = []
         for k in range(len(found.chosen) + 1):

@@ -12,6 +12,7 @@ from pointing_model.rms import rms
 
 from .base import Base, Observations
 from .constants import SET_WIDTH
+from .resampling import radial_arcsec
 
 
 @dataclass
@@ -35,13 +36,13 @@ class DiagnosedEffect:
 
     fitted: FittedEffect
     p_family: float
-    delta_bic: float | None
-    cv_gain_arcsec: float | None
-    alternatives: list
-    aliases: list
-    rivals: list
-    ranking: list
     columns: np.ndarray
+    delta_bic: float | None = None
+    alternatives: list = field(default_factory=list)
+    aliases: list = field(default_factory=list)
+    rivals: list = field(default_factory=list)
+    ranking: list = field(default_factory=list)
+    cv_gain_arcsec: float | None = None
 
     def to_dict(self):
         """Entry of the JSON result."""
@@ -78,8 +79,6 @@ class Diagnosis:
     ranking : list of dict
         Every candidate on what the base leaves, best first: ``name``, ``driver``, ``axes``,
         ``delta_bic``, ``p_family``, ``in_set``.
-    p_first : float
-        Family-wise p that the base leaves anything at all.
     untestable : list of (str, str)
         What could not be tested, and why.
     noise_floor_arcsec : float
@@ -104,14 +103,13 @@ class Diagnosis:
     residual_after: np.ndarray
     weights: np.ndarray
     ranking: list
-    p_first: float
     untestable: list
     noise_floor_arcsec: float
     excluded: list
-    next_observations: list
     notes: list
+    run_terms: dict
+    next_observations: list = field(default_factory=list)
     cv_contiguous: dict = field(default_factory=dict)
-    run_terms: dict = field(default_factory=dict)
     caution: str = ''
 
     def to_dict(self):
@@ -144,16 +142,67 @@ def verdict_of(effects):
     return 'ambiguous' if any(e.rivals for e in effects) else 'identified'
 
 
+def concluded(obs, base, fits, made, effects, weights, taken, outlier, ranking, untestable, notes):
+    """`Diagnosis` from what either way of searching has found.
+
+    Parameters
+    ----------
+    obs : Observations
+    base : Base
+    fits : tuple of Fitted
+        Without and with the effects.
+    made : tuple
+        Of each fit what `made_model` gives.
+    effects : list of DiagnosedEffect
+    weights : ndarray, shape (n,)
+    taken : int
+        Degrees of freedom that the fit took.
+    outlier : str
+        Why the rows without weight are left out.
+    ranking, untestable, notes : list
+    """
+    keep = weights > 0.0
+    before, after = (fit.residual for fit in fits)
+    (base_model, _), (model, run_terms) = made
+    excluded = [obs.excluding(i, outlier) for i in np.flatnonzero(~keep)]
+    free = max(2 * np.count_nonzero(keep) - taken, 1)
+    floor = radial_arcsec(after, keep) * np.sqrt(2 * keep.sum() / free)
+    return Diagnosis(
+        verdict_of(effects), base, obs, model, base_model, effects, rms_entry(before, keep),
+        rms_entry(after, keep), before, after, weights, ranking, untestable, floor,
+        obs.excluded + excluded, notes, run_terms)
+
+
+def diagnosed(fitted, p, columns, effects, delta_bic, group, near, same):
+    """`DiagnosedEffect` of a candidate, by the scores of all with it left out.
+
+    Parameters
+    ----------
+    fitted : FittedEffect
+    p : float
+    columns : ndarray, shape (k, 2, n)
+    effects : list of Effect
+        All candidates.
+    delta_bic : ndarray, shape (G,)
+    group : int
+        Which of them it is.
+    near, same : list of int
+        That explain the run as well, and that are the same curve.
+    """
+    def names(groups):
+        return list(dict.fromkeys(effects[k].name for k in groups))
+    own = fitted.effect.mechanism
+    # one curve may have two causes
+    rivals = [k for k in near if k not in same or own is None or effects[k].mechanism != own]
+    return DiagnosedEffect(fitted, p, columns, float(delta_bic[group]), names(near), names(same),
+                           names(rivals), lines_of(effects, delta_bic))
+
+
 def rms_entry(residual, keep):
     """Of the JSON result: RMS of the rows `keep` of residuals of shape (2, n), radians."""
     x, y = (rms(r[keep]) / ARCSEC for r in residual)
     return {'rms_arcsec': float(np.hypot(x, y)), 'rms_x_arcsec': x, 'rms_y_arcsec': y,
             'cv_rms_arcsec': None, 'holdout_rms_arcsec': None}
-
-
-def cause_is_other(a, b):
-    """Whether two effects that are one curve have two causes."""
-    return b.mechanism is None or a.mechanism != b.mechanism
 
 
 def lines_of(effects, delta_bic):
@@ -180,3 +229,17 @@ def lines_of(effects, delta_bic):
                         'delta_bic': float(delta_bic[g]), 'group': int(g),
                         'in_set': bool(delta_bic[g] >= max(best - SET_WIDTH, 0.0))})
     return out
+
+
+def ranking_of(effects, delta_bic, p):
+    """`lines_of` with the family-wise p of each, shape (G,), in place of its group."""
+    lines = lines_of(effects, delta_bic)
+    for line in lines:
+        line['p_family'] = float(p[line.pop('group')])
+    return lines
+
+
+def hidden(effects, dof):
+    """Name of the effects that a run cannot tell from the base's terms, and why."""
+    return list({e.name: e.alias or 'it is the same as terms of the base on these directions'
+                 for e, d in zip(effects, dof) if d == 0}.items())

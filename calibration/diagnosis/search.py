@@ -17,6 +17,7 @@ from .constants import (
     CURVE_SHARE,
     DICTIONARY_SHARE,
     FAR,
+    MOST_EFFECTS,
     ROWS_PER_COLUMN,
     SET_WIDTH,
 )
@@ -38,7 +39,6 @@ class Problem:
         Offsets (after the exact rotations of the base), radians.
     inverse_sigma : ndarray, shape (2n,), or None
     dictionary, curves : Bank
-    robust : bool
     """
 
     base: Columns
@@ -46,7 +46,6 @@ class Problem:
     inverse_sigma: np.ndarray | None
     dictionary: Bank
     curves: Bank
-    robust: bool = True
 
     @property
     def n(self):
@@ -58,12 +57,12 @@ class Problem:
         both = np.concatenate((rows, rows + self.n))
         return Problem(self.base.rows(both), self.b[both],
                        None if self.inverse_sigma is None else self.inverse_sigma[both],
-                       self.dictionary.rows(rows), self.curves.rows(rows), self.robust)
+                       self.dictionary.rows(rows), self.curves.rows(rows))
 
     def state(self, chosen, weights=None, without=None, final=False):
         """Fit of the base and the chosen groups."""
         return fit_state(self.design(chosen, without), self.b, self.inverse_sigma, weights,
-                         self.robust, final)
+                         final)
 
     def design(self, chosen, without=None):
         """Columns of the base and the chosen groups."""
@@ -100,8 +99,6 @@ class Found:
     chosen : list of Choice
     state : State
         Of the base and the choice.
-    first_p : float
-        Family-wise p of the first test: is there anything at all.
     dropped, dropped_by_cv, not_repeated : list of Choice
         Chosen once, and given up: it did not pay any more, or not on rows left out, or the search
         without some runs chose so differently that those were predicted worse.
@@ -109,7 +106,6 @@ class Found:
 
     chosen: list
     state: object
-    first_p: float
     dropped: list = field(default_factory=list)
     dropped_by_cv: list = field(default_factory=list)
     not_repeated: list = field(default_factory=list)
@@ -184,7 +180,7 @@ def _best(scores, excluded=()):
     return (g, float(dbic[g])) if g >= 0 else (-1, -np.inf)
 
 
-def search(problem, alpha, chance, *, max_effects=20, curves=True):
+def search(problem, alpha, chance):
     """Choose the effects.
 
     Parameters
@@ -193,35 +189,30 @@ def search(problem, alpha, chance, *, max_effects=20, curves=True):
     alpha : float
         Family-wise error of the first choice of a clean run.
     chance : Chance
-    max_effects : int
-    curves : bool
-        Whether unknown curves may be chosen.
 
     Returns
     -------
     Found
     """
-    found = Found([], problem.state([]), 1.0)
-    _forward(problem, found, alpha * DICTIONARY_SHARE, chance, max_effects)
-    if curves and len(problem.curves):
-        for _ in range(max_effects - len(found.chosen)):
+    found = Found([], problem.state([]))
+    _forward(problem, found, alpha * DICTIONARY_SHARE, chance)
+    if len(problem.curves):
+        for _ in range(MOST_EFFECTS - len(found.chosen)):
             if not _add_curve(problem, found, alpha * CURVE_SHARE, chance):
                 break
-            _forward(problem, found, alpha * DICTIONARY_SHARE, chance, max_effects)
+            _forward(problem, found, alpha * DICTIONARY_SHARE, chance)
     return found
 
 
-def _forward(problem, found, alpha, chance, max_effects):
+def _forward(problem, found, alpha, chance):
     """Add groups of the dictionary while the best is beyond chance."""
     seen = {frozenset(found.chosen)}
-    while len(found.chosen) < max_effects:
+    while len(found.chosen) < MOST_EFFECTS:
         scores = problem.dictionary.score(found.state)
         g, gain = _best(scores)
         if gain <= 0.0:
             break
         p = chance.p(found.state, scores, g, alpha)
-        if not found.chosen:
-            found.first_p = min(found.first_p, p)
         if p > alpha or not _affordable(problem, found.state,
                                         len(problem.dictionary.of(g))):
             break
@@ -274,8 +265,6 @@ def _add_curve(problem, found, alpha, chance):
         g = int(np.argmax(np.where(scores.delta_bic > 0.0, z, -np.inf)))
         gain = float(scores.delta_bic[g])
     p = chance.p(found.state, scores, g, alpha) if gain > 0.0 else 1.0
-    if not found.chosen:
-        found.first_p = min(found.first_p, p)
     options = []
     if p <= alpha and gain > 0.0 and _affordable(problem, found.state,
                                                  len(problem.curves.of(g))):
@@ -347,7 +336,7 @@ class Standing:
     scores: object
 
 
-def standing(problem, found, i, chance, alias=ALIAS):
+def standing(problem, found, i, chance):
     """Test one choice with the others in the model, and find what could stand in its place.
 
     Parameters
@@ -357,8 +346,6 @@ def standing(problem, found, i, chance, alias=ALIAS):
     i : int
         Of `found.chosen`.
     chance : Chance
-    alias : float
-        Squared cosine from which two groups are the same curve.
 
     Returns
     -------
@@ -384,5 +371,5 @@ def standing(problem, found, i, chance, alias=ALIAS):
     same = []
     if near:
         own = scores.basis(g)
-        same = [k for k in near if overlap(own, scores.basis(k))[0] > alias]
+        same = [k for k in near if overlap(own, scores.basis(k))[0] > ALIAS]
     return Standing(p, float(scores.delta_bic[g]), near, same, scores)

@@ -15,17 +15,9 @@ from pointing_model.terms import PHYSICAL
 
 from .base import after_rotation, linearised
 from .chance import normal_score
-from .constants import ALIAS, DISTINCT, EIGEN, FLIPS
+from .constants import ALIAS, DISTINCT, EIGEN, FLIPS, MOST_EFFECTS
 from .linear import fit_state, solve
-from .resampling import radial_arcsec
-from .result import (
-    DiagnosedEffect,
-    Diagnosis,
-    cause_is_other,
-    lines_of,
-    rms_entry,
-    verdict_of,
-)
+from .result import concluded, diagnosed, hidden, lines_of, ranking_of
 from .work import Fitted, made_model
 
 _CHUNK = 10000  # rows
@@ -37,7 +29,7 @@ _NOTE = ('{} rows are more than {}: the diagnosis went through them in chunks. S
          'outliers, and did not cross-validate; --holdout judges it')
 
 
-def diagnose_streamed(obs, base, alpha, rng, encoder, max_effects, limit):
+def diagnose_streamed(obs, base, alpha, rng, limit):
     """Search for effects in more rows than the search in memory can take.
 
     Least squares with the noise of each axis from a sample; rows beyond 7 of its standard
@@ -50,8 +42,6 @@ def diagnose_streamed(obs, base, alpha, rng, encoder, max_effects, limit):
     alpha : float
         Family-wise error.
     rng : numpy.random.Generator
-    encoder : {'enc', 'abs'}
-    max_effects : int
     limit : int
         Rows from which this way is taken, for the note.
 
@@ -77,29 +67,18 @@ def diagnose_streamed(obs, base, alpha, rng, encoder, max_effects, limit):
     sums = data.sums()
     for columns, b in data.chunks():
         sums.add_variance(columns, b)
-    chosen, first = _search(sums, alpha, rng, max_effects)
+    chosen, first = _search(sums, alpha, rng)
     stands = _settle(sums, chosen, alpha, rng)
-    before, after = (data.exact_fit(which) for which in ([], chosen))
-    base_model, _ = made_model(obs, base, before, [], encoder)
-    model, run_terms = made_model(obs, base, after, [effects[g] for g in chosen], encoder)
+    fits = data.exact_fit([]), data.exact_fit(chosen)
+    made = (made_model(obs, base, fits[0], []),
+            made_model(obs, base, fits[1], [effects[g] for g in chosen]))
     found = [_diagnosed(sums, g, s, fitted, obs)
-             for g, s, fitted in zip(chosen, stands, model.effects)]
-    keep = data.weights > 0.0
-    dof = 2 * np.count_nonzero(keep) - len(after.p)
-    floor = radial_arcsec(after.residual, keep) * np.sqrt(2 * keep.sum() / max(dof, 1))
-    excluded = obs.excluded + [
-        obs.excluding(i, f'outlier: more than {GROSS:g} times the noise from the base')
-        for i in np.flatnonzero(~keep)]
-    p_all = first.p_of(first.z, rng)
-    ranking = [{**line, 'p_family': float(p_all[line.pop('group')])}
-               for line in lines_of(effects, first.delta_bic)]
-    hidden = [(e.name, e.alias or 'it is the same as terms of the base on these directions')
-              for e, d in zip(effects, first.dof) if d == 0]
-    return Diagnosis(
-        verdict_of(found), base, obs, model, base_model, found,
-        rms_entry(before.residual, keep), rms_entry(after.residual, keep), before.residual,
-        after.residual, data.weights, ranking, float(p_all.min(initial=1.0)), untestable + hidden,
-        floor, excluded, [], [*obs.notes, _NOTE.format(len(obs), limit)], {}, run_terms)
+             for g, s, fitted in zip(chosen, stands, made[1][0].effects)]
+    ranking = ranking_of(effects, first.delta_bic, first.p_of(first.z, rng))
+    return concluded(
+        obs, base, fits, made, found, data.weights, len(fits[1].p),
+        f'outlier: more than {GROSS:g} times the noise from the base', ranking,
+        untestable + hidden(effects, first.dof), [*obs.notes, _NOTE.format(len(obs), limit)])
 
 
 class _Data:
@@ -330,7 +309,7 @@ class _Scores:
         return len(ua) == len(ub) and bool(cosines[-1]**2 > ALIAS)
 
 
-def _search(sums, alpha, rng, max_effects):
+def _search(sums, alpha, rng):
     """Add groups while the best is beyond chance.
 
     Returns
@@ -341,7 +320,7 @@ def _search(sums, alpha, rng, max_effects):
     """
     chosen, first = [], sums.scores([])
     scores = first
-    while sums.effects and len(chosen) < max_effects:
+    while sums.effects and len(chosen) < MOST_EFFECTS:
         g = int(np.argmax(scores.delta_bic))
         if not scores.delta_bic[g] > 0.0 or scores.p_of(scores.z[g], rng) > alpha:
             break
@@ -372,11 +351,9 @@ def _settle(sums, chosen, alpha, rng):
 
 def _diagnosed(sums, g, stand, fitted, obs):
     p, scores = stand
-    effect, lines = sums.effects[g], lines_of(sums.effects, scores.delta_bic)
-    near = [line['group'] for line in lines
-            if line['in_set'] and sums.effects[line['group']].line != effect.line]
+    effect, effects = sums.effects[g], sums.effects
+    near = [line['group'] for line in lines_of(effects, scores.delta_bic)
+            if line['in_set'] and effects[line['group']].line != effect.line]
     same = [k for k in near if scores.alias(g, k)]
-    rivals = [k for k in near if k not in same or cause_is_other(sums.effects[k], effect)]
-    names = [[sums.effects[k].name for k in groups] for groups in (near, same, rivals)]
-    return DiagnosedEffect(fitted, p, float(scores.delta_bic[g]), None, *names, lines,
-                           effect.columns(obs.context))
+    return diagnosed(fitted, p, effect.columns(obs.context), effects, scores.delta_bic, g, near,
+                     same)

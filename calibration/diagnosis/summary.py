@@ -4,6 +4,8 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 
+from .linear import inverse_normal, solve
+
 _ROWS = 20000  # that a design is made of, at most: more change no printed digit
 
 
@@ -42,10 +44,8 @@ def beyond_base(diagnosis, offsets):
     obs = diagnosis.observations
     rows, both = _rows(diagnosis)
     design = diagnosis.base.columns(obs.context, obs.label).rows(both).dense()
-    length = np.sqrt(np.einsum('ij,ij->i', design, design))
-    design = design / np.where(length > 0.0, length, 1.0)[:, None]
     values = offsets.reshape(-1)[both]
-    left = values - np.linalg.lstsq(design.T, values, rcond=1e-8)[0] @ design
+    left = values - solve(design, values, np.ones_like(values)) @ design
     return float(np.sqrt(np.square(left).sum() / max(len(rows), 1)))
 
 
@@ -83,10 +83,7 @@ def correlations(diagnosis):
         root = np.concatenate([weight / max(s, 1e-15) for s in scale])
     else:
         root = obs.inverse_sigma[both] * np.concatenate((weight, weight))
-    white = design * root
-    length = np.sqrt(np.einsum('ij,ij->i', white, white))
-    white /= np.where(length > 0.0, length, 1.0)[:, None]
-    inverse = np.linalg.pinv(white @ white.T, hermitian=True)[np.ix_(at, at)]
+    inverse = inverse_normal(design, root)[np.ix_(at, at)]
     size = np.sqrt(np.maximum(np.diag(inverse), 1e-300))
     return names, inverse / np.outer(size, size)
 

@@ -22,7 +22,7 @@ from .search import Problem
 class Work:
     """Observations, base and candidates in the form of the search."""
 
-    def __init__(self, obs, base, alpha, robust, encoder, curves=True):
+    def __init__(self, obs, base, alpha, curves=True):
         columns = base.columns(obs.context, obs.label)
         if 2 * len(obs) < len(columns) + 4:
             raise ValueError(f'{len(obs)} usable observations do not determine {len(columns)} '
@@ -33,12 +33,11 @@ class Work:
             obs.context, [t for t in PHYSICAL if t not in base.terms], base.own)
         if base.own and {'IA', 'IE'} <= set(base.own):
             effects = [e for e in effects if e.form != 'run_zero']
-        self.problem = Problem(columns, left, obs.inverse_sigma, None, None, robust)
+        self.problem = Problem(columns, left, obs.inverse_sigma, None, None)
         self.slips = self._slips(alpha)
         self.problem.dictionary = Bank(effects + steps(obs.context), obs.context)
         self.problem.curves = Bank(smooths(obs.context) if curves else [], obs.context)
         self.infeasible = ~feasible
-        self.encoder = encoder
 
     def _slips(self, alpha):
         """Correct whole bars and lines; they are known amounts."""
@@ -86,8 +85,7 @@ class Work:
 
     def model(self, fitted, chosen):
         """`PointingModel` with the effects, and the terms of each run."""
-        return made_model(self.obs, self.base, fitted, [c.effect(self.problem) for c in chosen],
-                          self.encoder)
+        return made_model(self.obs, self.base, fitted, [c.effect(self.problem) for c in chosen])
 
 
 @dataclass
@@ -99,7 +97,7 @@ class Fitted:
     common: list
 
 
-def made_model(obs, base, fitted, effects, encoder):
+def made_model(obs, base, fitted, effects):
     """What a fit says, as a model.
 
     Parameters
@@ -109,7 +107,6 @@ def made_model(obs, base, fitted, effects, encoder):
     fitted : Fitted
     effects : list of Effect
         In the order of their coefficients.
-    encoder : {'enc', 'abs'}
 
     Returns
     -------
@@ -142,7 +139,7 @@ def made_model(obs, base, fitted, effects, encoder):
     covariance = np.zeros((len(values), len(values)))
     covariance[:k, :k] = fitted.inverse[:k, :k]
     facts = {'method': 'diagnosis', 'source': obs.run.meta.get('source'),
-             'rows': len(obs), 'encoder': encoder}
+             'rows': len(obs), 'encoder': obs.encoder}
     if base.own:
         facts['own_terms'] = list(base.own)
         facts['own_terms_are'] = 'the median of the runs'

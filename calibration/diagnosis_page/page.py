@@ -55,14 +55,15 @@ def render(view):
                      note='Each alone, on what the declared model leaves.'),
         page.section('Distribution of the residuals', page.histograms(view)),
         page.section('Terms of the model', page.terms_table(view.terms),
-                     page.run_terms_table(view.run_terms), _correlations(view),
+                     page.run_terms_table(view.run_terms),
+                     page.correlation_table(view.correlated, view.correlations),
                      note='Encoder − catalogue, σ from the fit.'),
         page.section('What was left out, and why', page.exclusions(document.get('excluded'))),
         page.section('What to observe next', page.next_observations(
             document.get('next_observations') or []),
             note='Observations that would best tell the members of the set apart.'),
         page.section('What these observations cannot show', page.untestable(view.untestable)),
-        _notes(view),
+        page.section('Notes on the data', _list(view.notes)),
         '<footer>All offsets are encoder − catalogue, azimuth times cos elevation, in seconds of '
         'arc on the sky (arcsec, ″). RMS values are radial unless an axis is named.</footer>',
     ]
@@ -94,7 +95,6 @@ def _verdict(view):
     verdict = document['verdict']
     headline, sentences = verdict_sentences(document, [e.sentence for e in view.effects],
                                             caution=view.caution)
-    items = ''.join(f'<li>{clean(s)}</li>' for s in sentences)
     label, before, after = best_pair(document)
     cards = []
     for value, text in ((before, f'before, {label}'), (after, f'after, {label}'),
@@ -104,7 +104,7 @@ def _verdict(view):
     kind = verdict if verdict in _VERDICTS else ''
     return (f'<section class="verdict {kind}"><span class="badge">'
             f'{clean(_VERDICTS.get(verdict, verdict))}</span><h2>{clean(headline)}</h2>'
-            f'<ul>{items}</ul><div class="numbers-row">{"".join(cards)}</div></section>'
+            f'{_list(sentences)}<div class="numbers-row">{"".join(cards)}</div></section>'
             + page.section('Error before and after', page.gain_bars(document)))
 
 
@@ -121,13 +121,6 @@ def _effects(view):
     return page.section('What was added to the model', *parts)
 
 
-def _correlations(view):
-    cells = page.correlation_table(view.correlated, view.correlations)
-    return f'<h3>Correlations</h3>{cells}' if cells else ''
-
-
-def _notes(view):
-    if not view.notes:
-        return ''
-    items = ''.join(f'<li>{clean(note)}</li>' for note in view.notes)
-    return page.section('Notes on the data', f'<ul>{items}</ul>')
+def _list(texts):
+    items = ''.join(f'<li>{clean(text)}</li>' for text in texts)
+    return f'<ul>{items}</ul>' if items else ''

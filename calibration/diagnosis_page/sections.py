@@ -9,7 +9,7 @@ from pointing_model.effects.base import AXES as AXIS_WORDS
 from pointing_model.effects.base import SIDES, arcsec, readable
 from pointing_model.rms import rms
 
-from .svg_plot import MAX_ARROWS, MAX_NAMED, Panel, SkyMap, clean, limit_of, svg, thin, ticks
+from .svg_plot import MAX_ARROWS, MAX_NAMED, Panel, SkyMap, clean, limit_of, svg, text, thin, ticks
 
 AXES = (('azimuth × cos E', 0), ('elevation', 1))
 _MEASURES = (('holdout_rms_arcsec', 'held out'), ('cv_rms_arcsec', 'cross-validated'),
@@ -83,20 +83,18 @@ def gain_bars(document):
         x = left + width * floor / top
         radial = sum('rows fitted,' not in label for label, *_ in rows)
         parts.append(f'<path class="floor" d="M{x:.1f} {head - 4:g}V{head + step * radial - 8:.1f}"'
-                     f'/><text class="tick" text-anchor="middle" x="{x:.1f}" y="{head - 9:g}">'
-                     f'noise floor {arcsec(floor)}</text>')
+                     '/>' + text(x, head - 9, f'noise floor {arcsec(floor)}'))
     for i, (label, *pair) in enumerate(rows):
         y = head + step * i
-        parts.append(f'<text class="label" text-anchor="end" x="{left - 12:g}" y="{y + 21:g}">'
-                     f'{clean(label)}</text>')
+        parts.append(text(left - 12, y + 21, label, 'label', 'end'))
         for j, (value, style) in enumerate(zip(pair, ('before', 'after'))):
             if value is None or not np.isfinite(value):
                 continue
             length = max(width * value / top, 1.0)
             parts.append(f'<rect class="bar {style}" x="{left:g}" y="{y + 17 * j:g}" '
-                         f'width="{length:.1f}" height="14" rx="2"/><text class="tick strong" '
-                         f'x="{left + length + 6:.1f}" y="{y + 17 * j + 11.5:g}">{arcsec(value)} '
-                         f'{style}</text>')
+                         f'width="{length:.1f}" height="14" rx="2"/>'
+                         + text(left + length + 6, y + 17 * j + 11.5, f'{arcsec(value)} {style}',
+                                'tick strong', 'start'))
     return figure(svg(760, height, parts, 'Error before and after'),
                   'RMS on the sky in arcsec (″), radial unless an axis is named. A gain counts on '
                   'rows that neither the fit nor the choice has seen.')
@@ -124,15 +122,15 @@ def sky_maps(view):
         names = [f'{view.names[i]}: {number(a, 2, True)}″ azimuth × cos E, {number(b, 2, True)}″ '
                  'elevation' for i, a, b in zip(drawn, x, y)]
         sky.arrows(view.az[drawn], view.el[drawn], x, y, scale, title.lower(), names)
-        sky.parts.append(f'<path class="{title.lower()} key" d="M12 388h{unit * scale:.1f}"/><text '
-                         f'class="tick" x="12" y="382">{unit:g}″</text>')
+        sky.parts.append(f'<path class="{title.lower()} key" d="M12 388h{unit * scale:.1f}"/>'
+                         + text(12, 382, f'{unit:g}″', anchor='start'))
         out.append(figure(svg(400, 400, sky.parts, f'Sky map {title.lower()}'),
                           f'{title}: {arcsec(radial)} radial RMS. Zenith in the middle, rim at '
                           f'{lowest:g}° elevation.'))
-    text = f' {len(drawn)} of {int(used.sum())} stars are drawn.' if len(drawn) < used.sum() else ''
-    return '<div class="pair">' + ''.join(out) + '</div>' + (
+    some = f' {len(drawn)} of {int(used.sum())} stars are drawn.' if len(drawn) < used.sum() else ''
+    return _pair(out) + (
         f'<p class="note">Arrows show where the encoders read beyond the model, same scale on both '
-        f'maps.{text}</p>')
+        f'maps.{some}</p>')
 
 
 def histograms(view):
@@ -156,7 +154,7 @@ def histograms(view):
         out.append(figure(svg(420, 262, panel.parts, f'Histogram {title}'),
                           f'{title}: standard deviation {arcsec(wide)} before, '
                           f'{arcsec(sigma)} after; dotted: normal distribution of the latter.'))
-    return '<div class="pair">' + ''.join(out) + '</div>' + legend()
+    return _pair(out) + legend()
 
 
 def legend(fit=False):
@@ -169,17 +167,6 @@ def legend(fit=False):
 
 # ----------------------------------------------------------------------------- against a driver
 
-def _x_axis(driver):
-    """Range, ticks and their texts."""
-    values = driver.values[np.isfinite(driver.values)]
-    low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 1.0)
-    if driver.levels:
-        return (low - 0.5, high + 0.5), sorted(driver.levels), [
-            driver.levels[k] for k in sorted(driver.levels)]
-    pad = 0.03 * (high - low)
-    return (low - pad, high + pad), None, None
-
-
 def _spread(driver):
     """Values to draw: those of few levels side by side."""
     if not driver.levels:
@@ -187,19 +174,28 @@ def _spread(driver):
     return driver.values + 0.28 * (np.modf(np.arange(len(driver.values)) * 0.618)[0] - 0.5) * 2
 
 
+def _panel(driver, top, height, limit, x_label, y_label, title):
+    """Residuals up to a limit against a driver: a panel with its axes."""
+    values = driver.values[np.isfinite(driver.values)]
+    low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 1.0)
+    pad, places, texts = 0.03 * (high - low), None, None
+    if driver.levels:
+        pad, places = 0.5, sorted(driver.levels)
+        texts = [driver.levels[k] for k in places]
+    panel = Panel((58, top, 350, height), (low - pad, high + pad), (-limit, limit))
+    panel.axes(x_label, y_label, title, places, texts)
+    return panel
+
+
 def driver_figure(view, driver):
     """Both axes against one driver: before with the fit drawn in, after below."""
     out = []
-    limits, places, texts = _x_axis(driver)
-    x = _spread(driver)
-    used = view.used
+    x, used = _spread(driver), view.used
     for title, axis in AXES:
         before, after = view.before[axis], view.after[axis]
         limit = limit_of(before[used], after[used])
-        top = Panel((58, 24, 350, 120), limits, (-limit, limit))
-        low = Panel((58, 156, 350, 120), limits, (-limit, limit))
-        top.axes('', 'before [arcsec]', title, places, texts)
-        low.axes(driver.label, 'after [arcsec]', '', places, texts)
+        top = _panel(driver, 24, 120, limit, '', 'before [arcsec]', title)
+        low = _panel(driver, 156, 120, limit, driver.label, 'after [arcsec]', '')
         top.points(x[used], before[used], 'before')
         if view.changed:
             top.dashes(x[used], (before - after)[used], 'fit')
@@ -207,18 +203,24 @@ def driver_figure(view, driver):
         out.append(svg(420, 320, [*top.parts, *low.parts], f'Residual, {title}, {driver.label}'))
     missing = int((~np.isfinite(driver.values[used])).sum())
     caption = f'Unknown in {missing} rows.' if missing else ''
-    return f'<h3>{clean(driver.title)}</h3>' + figure(
-        '<div class="pair">' + ''.join(out) + '</div>', caption)
+    return f'<h3>{clean(driver.title)}</h3>' + figure(_pair(out), caption)
+
+
+def _pair(drawings):
+    """Beside each other where the page is wide enough."""
+    return f'<div class="pair">{"".join(drawings)}</div>'
+
+
+def folded(summary, body):
+    """What opens on a click."""
+    return f'<details><summary>{summary}</summary>{body}</details>'
 
 
 def driver_figures(view, limit=8):
     """All drivers; those after the first `limit` fold away."""
     drawn = [driver_figure(view, driver) for driver in view.drivers]
-    if len(drawn) <= limit:
-        return ''.join(drawn)
-    return ''.join(drawn[:limit]) + (
-        f'<details><summary>{len(drawn) - limit} more drivers</summary>'
-        f'{"".join(drawn[limit:])}</details>')
+    shown, more = ''.join(drawn[:limit]), ''.join(drawn[limit:])
+    return shown + folded(f'{len(drawn) - limit} more drivers', more) if more else shown
 
 
 def effect_figure(view, effect):
@@ -226,7 +228,6 @@ def effect_figure(view, effect):
     driver = effect.driver
     if driver is None or effect.fitted is None:
         return ''
-    limits, places, texts = _x_axis(driver)
     x, used = _spread(driver), view.used
     out = []
     for title, axis in AXES:
@@ -235,16 +236,14 @@ def effect_figure(view, effect):
             continue
         partial = view.after[axis] + fitted
         limit = limit_of(partial[used], fitted[used])
-        panel = Panel((58, 26, 350, 190), limits, (-limit, limit))
-        panel.axes(driver.label, 'residual [arcsec]', title, places, texts)
+        panel = _panel(driver, 26, 190, limit, driver.label, 'residual [arcsec]', title)
         names = [view.names[i] for i in np.flatnonzero(used)] if used.sum() <= MAX_NAMED else None
         panel.points(x[used], partial[used], 'before', names)
         panel.dashes(x[used], fitted[used], 'fit', 26.0 if driver.levels else 7.0)
         out.append(svg(420, 262, panel.parts, f'{effect.name}, {title}'))
     if not out:
         return ''
-    drawing = out[0] if len(out) == 1 else '<div class="pair">' + ''.join(out) + '</div>'
-    return figure(drawing,
+    return figure(out[0] if len(out) == 1 else _pair(out),
                   f'Everything else taken off: what is left (dots) and the fitted effect (strokes) '
                   f'against {driver.label}.')
 
@@ -265,13 +264,11 @@ def ranking(rows, width, limit=15):
     """
     if not rows:
         return ''
-    top = max((r['delta_bic'] for r in rows if np.isfinite(r['delta_bic'])), default=1.0)
-
-    cells = [_candidate(i, r, top) for i, r in enumerate(rows, 1)]
+    cells = _candidates(rows)
     out = table(_RANKING, cells[:limit], 'ranking')
     if len(cells) > limit:
-        out += (f'<details><summary>{len(cells) - limit} more candidates</summary>'
-                f'{table(_RANKING, cells[limit:], "ranking")}</details>')
+        out += folded(f'{len(cells) - limit} more candidates',
+                      table(_RANKING, cells[limit:], 'ranking'))
     return out + (f'<p class="note">Candidates within {width:g} of the best ΔBIC are one set: '
                   'these observations do not tell them apart. p: how often noise alone gives any '
                   'candidate such a gain.</p>')
@@ -280,26 +277,28 @@ def ranking(rows, width, limit=15):
 _RANKING = ('', 'candidate', 'driver', 'axis', 'gain ΔBIC', 'p (family-wise)', 'set')
 
 
-def _candidate(i, r, top):
-    gain = r['delta_bic']
-    part = np.clip(gain / top, 0.0, 1.0) if np.isfinite(gain) and top > 0 else 0.0
-    bar = Markup(f'<span class="gauge"><i class="{"inset" if r["in_set"] else ""}" '
-                 f'style="width:{100 * part:.0f}%"></i></span>{number(gain, 1)}')
-    return [str(i), readable(r['name']), readable(r.get('driver') or '–'),
-            AXIS_WORDS.get(r.get('axes'), r.get('axes')), bar, probability(r.get('p_family')),
-            '● in the set' if r['in_set'] else '']
+def _candidates(rows):
+    """Cells of the ranking's table."""
+    top = max((r['delta_bic'] for r in rows if np.isfinite(r['delta_bic'])), default=1.0)
+    out = []
+    for i, r in enumerate(rows, 1):
+        gain = r['delta_bic']
+        part = np.clip(gain / top, 0.0, 1.0) if np.isfinite(gain) and top > 0 else 0.0
+        bar = Markup(f'<span class="gauge"><i class="{"inset" if r["in_set"] else ""}" '
+                     f'style="width:{100 * part:.0f}%"></i></span>{number(gain, 1)}')
+        out.append([str(i), readable(r['name']), readable(r.get('driver') or '–'),
+                    AXIS_WORDS.get(r.get('axes'), r.get('axes')), bar,
+                    probability(r.get('p_family')), '● in the set' if r['in_set'] else ''])
+    return out
 
 
 def rivals(rows, limit=6):
     """The strongest candidates for the place of one effect, folded away."""
     if len(rows) < 2:
         return ''
-    top = max((r['delta_bic'] for r in rows if np.isfinite(r['delta_bic'])), default=1.0)
-    cells = [_candidate(i, r, top) for i, r in enumerate(rows[:limit], 1)]
-    cells = [c[:5] + c[6:] for c in cells]
-    header = [*_RANKING[:5], _RANKING[6]]
-    return ('<details><summary>What else was tried in its place, all other effects in the model'
-            f'</summary>{table(header, cells, "ranking")}</details>')
+    cells = [c[:5] + c[6:] for c in _candidates(rows)[:limit]]
+    return folded('What else was tried in its place, all other effects in the model',
+                  table([*_RANKING[:5], _RANKING[6]], cells, 'ranking'))
 
 
 # ------------------------------------------------------------------------------ terms, exclusions
@@ -316,12 +315,13 @@ def correlation_table(names, matrix, limit=24):
     """Correlations as coloured cells; of many terms only the strong pairs."""
     if matrix is None or len(names) < 2:
         return ''
+    heading = '<h3>Correlations</h3>'
     if len(names) > limit:
         pairs = [(abs(matrix[i, j]), names[i], names[j], matrix[i, j])
                  for i in range(len(names)) for j in range(i) if abs(matrix[i, j]) > 0.7]
         rows = [[a, b, number(value, 3, True)] for _, a, b, value in sorted(pairs, reverse=True)]
-        return table(['term', 'term', 'correlation'], rows[:60], 'numbers') if rows else \
-            '<p class="note">No correlation above 0.7.</p>'
+        return heading + (table(['term', 'term', 'correlation'], rows[:60], 'numbers') if rows
+                          else '<p class="note">No correlation above 0.7.</p>')
     rows = []
     for i, name in enumerate(names):
         cells = [Markup(f'<b>{i + 1}</b>\u2002{clean(name)}')]
@@ -332,7 +332,7 @@ def correlation_table(names, matrix, limit=24):
             cells.append(Markup(f'<span class="corr" style="background:rgba({colour},'
                                 f'{0.75 * strength**1.5:.2f})">{number(value)}</span>'))
         rows.append(cells + [''] * (len(names) - 1 - i))
-    return table(['', *map(str, range(1, len(names) + 1))], rows, 'correlations')
+    return heading + table(['', *map(str, range(1, len(names) + 1))], rows, 'correlations')
 
 
 def exclusions(excluded, limit=12):
@@ -349,8 +349,8 @@ def exclusions(excluded, limit=12):
                   if several and one.get('source') else str(one.get('row')) for one in ones]
         short = ', '.join(places[:limit])
         if len(places) > limit:
-            short = Markup(f'{clean(short)} <details><summary>and {len(places) - limit} more'
-                           f'</summary>{clean(", ".join(places[limit:]))}</details>')
+            more = folded(f'and {len(places) - limit} more', clean(', '.join(places[limit:])))
+            short = Markup(f'{clean(short)} {more}')
         rows.append([reason, str(len(ones)), short])
     return table(['reason', 'count', 'rows'], rows)
 
@@ -415,6 +415,5 @@ def run_terms_table(runs):
     names = list(dict.fromkeys(name for terms in runs.values() for name in terms))
     rows = [[PurePath(str(run)).name, *(number(terms.get(name), 2, True) for name in names)]
             for run, terms in runs.items()]
-    return ('<details><summary>Terms that each run fits for itself</summary>'
-            + table(['run', *(f'{name} [arcsec]' for name in names)], rows, 'numbers')
-            + '</details>')
+    return folded('Terms that each run fits for itself',
+                  table(['run', *(f'{name} [arcsec]' for name in names)], rows, 'numbers'))

@@ -33,13 +33,12 @@ section { background:var(--card); border:1px solid var(--line); border-radius:10
   align-items:start }
 .effect.one { display:grid; grid-template-columns:minmax(0,1fr) minmax(300px,440px); gap:20px }
 @media (max-width:760px) { .effect.one { grid-template-columns:1fr } }
-h3 .note { font-weight:400 }
 .side { display:grid; grid-template-columns:280px minmax(0,1fr); gap:20px; align-items:start }
 .side th { white-space:normal }
 @media (max-width:760px) { .side { grid-template-columns:1fr } }
 figure { margin:8px 0 14px; break-inside:avoid }
 svg { display:block; width:100%; height:auto; font-family:inherit }
-.frame,.rim { fill:none; stroke:#aab3bf } .rim { fill:none }
+.frame,.rim { fill:none; stroke:#aab3bf }
 .grid { fill:none; stroke:#e6eaef } .zero { stroke:#9aa4b1; fill:none }
 .tick { font-size:11px; fill:#5b6673 }
 .strong { fill:var(--ink); paint-order:stroke; stroke:#fff; stroke-width:3px }
@@ -85,8 +84,8 @@ td { border-bottom:1px solid #edf0f4; padding:4px 10px 4px 0; vertical-align:top
 .correlations td:first-child { padding-right:10px } .correlations th { border:0; padding:2px 4px }
 .corr { display:block; min-width:44px; padding:2px 4px; text-align:right; border-radius:3px }
 details { margin-top:4px } summary { cursor:pointer; color:var(--after) }
-dl { display:grid; grid-template-columns:auto 1fr; gap:2px 14px; font-size:.92rem; margin:6px 0 }
-dl { align-content:start }
+dl { display:grid; grid-template-columns:auto 1fr; gap:2px 14px; font-size:.92rem; margin:6px 0;
+  align-content:start }
 dt { color:var(--soft) } dd { margin:0; overflow-wrap:anywhere }
 footer { color:var(--soft); font-size:.82rem; margin-top:22px }
 @media print {

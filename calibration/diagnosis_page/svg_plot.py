@@ -42,6 +42,25 @@ def _n(value):
     return f'{value:.1f}'.rstrip('0').rstrip('.')
 
 
+def text(x, y, words, style='tick', anchor='middle', dy=''):
+    """A line of text in a drawing.
+
+    Parameters
+    ----------
+    x, y : float
+    words : str
+    style : str
+        Its class.
+    anchor : {'start', 'middle', 'end'}
+        What of it lies at x.
+    dy : str
+        How far below y.
+    """
+    anchor = '' if anchor == 'start' else f' text-anchor="{anchor}"'
+    dy = f' dy="{dy}"' if dy else ''
+    return f'<text class="{style}"{anchor} x="{_n(x)}" y="{_n(y)}"{dy}>{clean(words)}</text>'
+
+
 def thin(n, limit=MAX_POINTS):
     """Indices of at most `limit` of n rows, evenly."""
     return np.arange(n) if n <= limit else np.linspace(0, n - 1, limit).round().astype(int)
@@ -73,65 +92,63 @@ class Panel:
         low, high = self.y_range
         return self.top + self.height * (high - np.asarray(value, float)) / (high - low)
 
-    def axes(self, x_label='', y_label='', title='', x_ticks=None, x_texts=None, y_count=4):
+    def axes(self, x_label='', y_label='', title='', x_ticks=None, x_texts=None):
         """Frame, ticks, a line at zero and the labels."""
         left, right = self.left, self.left + self.width
         top, bottom = self.top, self.top + self.height
         out = self.parts
         out.append(f'<rect class="frame" x="{_n(left)}" y="{_n(top)}" width="{_n(self.width)}" '
                    f'height="{_n(self.height)}"/>')
-        for value in ticks(*self.y_range, y_count):
-            y = _n(self.y(value))
-            out.append(f'<path class="{"zero" if value == 0 else "grid"}" d="M{_n(left)} {y}H'
-                       f'{_n(right)}"/><text class="tick" text-anchor="end" x="{_n(left - 5)}" '
-                       f'y="{y}" dy=".32em">{_tick(value)}</text>')
+        for value in ticks(*self.y_range, 4):
+            y = self.y(value)
+            out.append(f'<path class="{"zero" if value == 0 else "grid"}" d="M{_n(left)} {_n(y)}H'
+                       f'{_n(right)}"/>' + text(left - 5, y, _tick(value), 'tick', 'end', '.32em'))
         values = ticks(*self.x_range, 6) if x_ticks is None else x_ticks
         for i, value in enumerate(values):
-            x, text = _n(self.x(value)), _tick(value) if x_texts is None else x_texts[i]
-            out.append(f'<path class="grid" d="M{x} {_n(bottom)}v4"/>')
+            x = self.x(value)
+            out.append(f'<path class="grid" d="M{_n(x)} {_n(bottom)}v4"/>')
             if x_label:
-                out.append(f'<text class="tick" text-anchor="middle" x="{x}" '
-                           f'y="{_n(bottom + 16)}">{clean(text)}</text>')
+                out.append(text(x, bottom + 16, _tick(value) if x_texts is None else x_texts[i]))
         if x_label:
-            out.append(f'<text class="label" text-anchor="middle" x="{_n((left + right) / 2)}" '
-                       f'y="{_n(bottom + 33)}">{clean(x_label)}</text>')
+            out.append(text((left + right) / 2, bottom + 33, x_label, 'label'))
         if y_label:
             x, y = _n(left - 38), _n((top + bottom) / 2)
             out.append(f'<text class="label" text-anchor="middle" transform="translate({x} {y}) '
                        f'rotate(-90)">{clean(y_label)}</text>')
         if title:
-            out.append(f'<text class="title" x="{_n(left)}" y="{_n(top - 7)}">{clean(title)}'
-                       '</text>')
+            out.append(text(left, top - 7, title, 'title', 'start'))
 
-    def points(self, x, y, style, names=None, radius=2.4):
-        """Dots; what lies beyond the frame is drawn at its edge as a triangle."""
+    def _places(self, x, y):
+        """Which values to draw, and where: what lies beyond the frame at its edge."""
         x, y = np.asarray(x, float), np.asarray(y, float)
         good = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
         good = good[thin(len(good))]
+        return good, self.x(x[good]), self.y(np.clip(y[good], *self.y_range))
+
+    def points(self, x, y, style, names=None):
+        """Dots; what lies beyond the frame is drawn at its edge as a triangle."""
+        good, px, py = self._places(x, y)
+        shown = np.asarray(y, float)[good]
         low, high = self.y_range
-        over = (y[good] < low) | (y[good] > high)
-        px, py = self.x(x[good]), self.y(np.clip(y[good], low, high))
+        over = (shown < low) | (shown > high)
         inside = ~over
         if names is not None and len(x) <= MAX_NAMED:
             self.parts.append(f'<g class="{style}">' + ''.join(
-                f'<circle cx="{_n(a)}" cy="{_n(b)}" r="{radius}"><title>{clean(names[i])}'
+                f'<circle cx="{_n(a)}" cy="{_n(b)}" r="2.4"><title>{clean(names[i])}'
                 f'</title></circle>'
                 for a, b, i in zip(px[inside], py[inside], good[inside])) + '</g>')
         else:
             d = ''.join(f'M{_n(a)} {_n(b)}h0' for a, b in zip(px[inside], py[inside]))
-            self.parts.append(f'<path class="{style} dots" stroke-width="{1.6 * radius:g}" '
+            self.parts.append(f'<path class="{style} dots" stroke-width="3.84" '
                               f'd="{d or "M0 0"}"/>')
-        for a, value in zip(px[over], y[good][over]):
+        for a, value in zip(px[over], shown[over]):
             b, s = (self.top + 1, 6) if value > high else (self.top + self.height - 1, -6)
             self.parts.append(f'<path class="{style} beyond" d="M{_n(a)} {_n(b)}l4 {s}h-8z">'
                               f'<title>{value:.1f} arcsec, beyond the frame</title></path>')
 
     def dashes(self, x, y, style, length=7.0):
         """A short level stroke at each value: a fit that is no curve of x alone."""
-        x, y = np.asarray(x, float), np.asarray(y, float)
-        good = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
-        good = good[thin(len(good))]
-        px, py = self.x(x[good]), self.y(np.clip(y[good], *self.y_range))
+        _, px, py = self._places(x, y)
         d = ''.join(f'M{_n(a - length / 2)} {_n(b)}h{length:g}' for a, b in zip(px, py))
         self.parts.append(f'<path class="{style}" d="{d or "M0 0"}"/>')
 
@@ -205,14 +222,12 @@ class SkyMap:
             rr = r * (90.0 - elevation) / (90.0 - lowest)
             self.parts.append(f'<circle class="grid" cx="{_n(c)}" cy="{_n(c)}" r="{_n(rr)}"/>')
             if elevation > lowest:
-                self.parts.append(f'<text class="tick" x="{_n(c + 3)}" y="{_n(c - rr + 11)}">'
-                                  f'{elevation:g}°</text>')
+                self.parts.append(text(c + 3, c - rr + 11, f'{elevation:g}°', anchor='start'))
         self.parts.append(f'<circle class="rim" cx="{_n(c)}" cy="{_n(c)}" r="{_n(r)}"/>'
                           f'<path class="grid" d="M{_n(c - r)} {_n(c)}h{_n(2 * r)}M{_n(c)} '
                           f'{_n(c - r)}v{_n(2 * r)}"/>')
-        for text, dx, dy in (('N', 0, -1), ('E', 1, 0), ('S', 0, 1), ('W', -1, 0)):
-            self.parts.append(f'<text class="label" text-anchor="middle" x="{_n(c + dx * (r + 12))}'
-                              f'" y="{_n(c + dy * (r + 12))}" dy=".35em">{text}</text>')
+        for side, dx, dy in (('N', 0, -1), ('E', 1, 0), ('S', 0, 1), ('W', -1, 0)):
+            self.parts.append(text(c + dx * (r + 12), c + dy * (r + 12), side, 'label', dy='.35em'))
 
     def place(self, az, el):
         """Drawing coordinates of directions, radians."""

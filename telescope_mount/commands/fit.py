@@ -37,8 +37,8 @@ def run(args):
     console = new_console()
     held_out = None
     if len(observed) >= 4 * len(args.terms):
-        held_out = external_check(observed, both_ways=True, names=args.terms,
-                                  encoder=args.encoder, robust=not args.no_robust).held_out
+        held_out = external_check(observed, names=args.terms, encoder=args.encoder,
+                                  robust=not args.no_robust)
     for table in fit_tables(observed, result, args.encoder, held_out):
         console.print(table)
     if args.save:

@@ -8,7 +8,7 @@ pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportErr
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from calibration.calibration_node import Calibration
-from calibration.homings import UNJUDGED
+from calibration.witnesses import UNJUDGED
 from msg_tools import convert, topics
 from msg_tools.homing import AxisHoming, homing_to_cloud
 from msg_tools.units import ARCSEC, DEG

@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from calibration.fit import fit_first_order, fit_terms
-from calibration.fit_harmonics import fit_harmonics
+from calibration.fit import fit_first_order, fit_harmonics, fit_terms
 from msg_tools.units import ARCSEC
 from pointing_model.effects import effect
 from pointing_model.fitted_effects import FittedEffect

@@ -10,9 +10,9 @@ from calibration.paper_table_1 import (
     compare_with_paper,
     experiment_tables,
     plot_nights,
-    plot_satellite,
     statistics,
 )
+from calibration.satellite_check import plot_gps
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.catalogue import POLARIS_HIP
 from pointing_model.model import PointingModel
@@ -236,8 +236,9 @@ def test_report_tables_and_pictures(nights, tmp_path):
     text = ' '.join(str(cell) for table in experiment_tables(report)
                     for column in table.columns for cell in column.cells)
     assert '+3.5' in text and '+13.99 ± 11.33' in text
-    for name, plot in (('nights.png', plot_nights), ('gps.png', plot_satellite)):
-        plot(report, tmp_path / name)
+    plot_nights(report, tmp_path / 'nights.png')
+    plot_gps(report['satellite'], tmp_path / 'gps.png')
+    for name in ('nights.png', 'gps.png'):
         assert (tmp_path / name).read_bytes().startswith(b'\x89PNG')
 
 

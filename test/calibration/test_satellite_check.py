@@ -71,6 +71,6 @@ def test_statistics_leave_out_what_was_not_seen(time):
 
 
 def test_figure_is_written(tmp_path, time):
-    curve = (time, np.sin(time / 1e3), np.cos(time / 1e3))
-    plot_gps(curve, curve, tmp_path / 'gps.png')
+    curve = {'time': time, 'az_arcsec': np.sin(time / 1e3), 'el_arcsec': np.cos(time / 1e3)}
+    plot_gps({'before': curve, 'after': curve}, tmp_path / 'gps.png')
     assert (tmp_path / 'gps.png').read_bytes()[:8] == b'\x89PNG\r\n\x1a\n'

@@ -10,7 +10,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import String
 
-from calibration.homings import UNJUDGED
+from calibration.witnesses import UNJUDGED
 from encoder_sim.scenario_file import scenario_files
 from msg_tools.bag import BagReader, BagWriter
 from msg_tools.convert import from_stamp

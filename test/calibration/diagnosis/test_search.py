@@ -217,7 +217,7 @@ def test_cross_validation_tells_gain_from_decoration():
     plain, better, more = (np.mean(cross_validate(problem, c, folds)**2)
                            for c in ([], [good], [good, idle]))
     assert better < 0.7 * plain and more > better
-    found = Found([good, idle], problem.state([good, idle]), 0.0)
+    found = Found([good, idle], problem.state([good, idle]))
     gain, loss = cv_gains(problem, found, folds)
     assert gain > 0.3 and loss < 0.0
 

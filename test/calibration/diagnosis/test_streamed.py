@@ -89,7 +89,7 @@ def test_it_is_a_diagnosis_like_any_other(both):
     assert np.allclose(result.model.residuals(result.observations.run), result.residual_after,
                        atol=1e-4 * ARCSEC)
     # every p is a share of 1999 draws
-    assert 0.0005 <= min(r['p_family'] for r in result.ranking) == result.p_first
+    assert min(r['p_family'] for r in result.ranking) >= 0.0005
 
 
 def test_nothing_is_found_in_noise_that_grows_toward_the_horizon():
