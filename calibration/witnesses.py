@@ -143,7 +143,8 @@ def check_witnesses(rows, reference=None, *, model=None, homings=(), budget=_USU
     Parameters
     ----------
     rows : PointingRun
-        Of the night, with ``run``, ``star``, ``time``, ``az_abs``, ``el_abs``.
+        Of the night, with ``run``, ``star``, ``time``, ``az_abs``, ``el_abs``. Without the last
+        two the encoders are only heard.
     reference : PointingRun or Witness, optional
         An earlier night, or what `WitnessReport.latest` said of it. Without it the first power-on
         with exposures of Polaris is the reference of the others.
@@ -164,14 +165,17 @@ def check_witnesses(rows, reference=None, *, model=None, homings=(), budget=_USU
     ValueError
         A column is missing.
     """
-    for name in ('run', 'star', 'time', 'az_abs', 'el_abs'):
-        if name not in rows:
-            raise ValueError(f'witnesses: observations without column {name}')
     out = WitnessReport()
     if homings is None:
         out.notes.append(UNJUDGED)
         homings = ()
     _hear_encoders(out, homings)
+    if 'az_abs' not in rows:
+        out.notes.append('no second encoder: nothing to compare with')
+        return out
+    for name in ('run', 'star', 'time', 'el_abs'):
+        if name not in rows:
+            raise ValueError(f'witnesses: observations without column {name}')
     _hear_gaps(out, rows)
     night = Night(rows, reference)
     events = [(axis, event) for axis in (0, 1) for event in night.apart_events(axis, budget)]

@@ -40,9 +40,8 @@ def prepare_folder(folder):
     return folder
 
 
-def run_night(out, *, seed=1, stars=30, polaris=16, scenario='default', start_time='',
-              reference=None, domain_number=None, time_scale=0.0, params_file=None, sky=None,
-              absolute='angles', progress=None):
+def run_night(out, *, stars=30, polaris=16, reference=None, domain_number=None, params_file=None,
+              progress=None, **graph):
     """Observe a night in a graph of processes.
 
     Parameters
@@ -57,10 +56,10 @@ def run_night(out, *, seed=1, stars=30, polaris=16, scenario='default', start_ti
         ROS domain; a free one by default.
     params_file : Path, optional
         A ROS parameter file, read by every node after the values of the graph.
-    seed, scenario, start_time, time_scale, sky, absolute
-        As of `graph.night_graph`.
     progress : callable, optional
         Called with (text, done, total) as the night goes on.
+    **graph
+        As of `graph.night_graph`: ``seed``, ``scenario``, ``time_scale``, ...
 
     Returns
     -------
@@ -81,9 +80,8 @@ def run_night(out, *, seed=1, stars=30, polaris=16, scenario='default', start_ti
         PointingModel.load(reference)
     folder = prepare_folder(out)
     specs = night_graph(
-        bag=str(folder / 'bag'), scenario=scenario, seed=seed, start_time=start_time, plan=plan,
-        time_scale=time_scale, model_file=str(reference.resolve()) if reference else '', sky=sky,
-        absolute=absolute)
+        bag=str(folder / 'bag'), plan=plan,
+        model_file=str(reference.resolve()) if reference else '', **graph)
     report = observe(folder, specs, plan, partial(_write, folder), progress, domain_number,
                      params_file)
     _add_truth(folder / 'bag_truth', report)

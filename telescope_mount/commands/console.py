@@ -58,5 +58,7 @@ def print_calibration(console, report):
     for table in night_tables(report):
         console.print(table)
     zeros = report['changes'] or report['zeros']
-    print_lines(console, 'note', [*(zero['statement'] for zero in zeros[-1:]), *report['notes']])
-    print_lines(console, 'alarm', report['witnesses']['alarms'])
+    witnesses = report['witnesses']
+    print_lines(console, 'note', [*(zero['statement'] for zero in zeros[-1:]), *report['notes'],
+                                  *witnesses['notes']])
+    print_lines(console, 'alarm', witnesses['alarms'])

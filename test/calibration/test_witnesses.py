@@ -266,6 +266,16 @@ def test_few_rows_are_no_error():
 
 
 def test_a_missing_column_is_named():
-    columns = {name: value for name, value in night(1).columns.items() if name != 'az_abs'}
-    with pytest.raises(ValueError, match='column az_abs'):
+    columns = {name: value for name, value in night(1).columns.items() if name != 'el_abs'}
+    with pytest.raises(ValueError, match='column el_abs'):
         check_witnesses(PointingRun(columns))
+
+
+def test_without_a_second_encoder_the_marks_are_judged_all_the_same():
+    columns = {name: value for name, value in night(1).columns.items() if name[3:] != 'abs'}
+    alone = PointingRun(columns)
+    lost = Homing(1, 'azimuth', True, 'below', 0, 900.0, 0.0686 * ARCSEC)
+    report = check_witnesses(alone, homings=[lost])
+    assert len(report.alarms) == 1 and '900 counts' in report.alarms[0]
+    assert report.notes == ['no second encoder: nothing to compare with']
+    assert UNJUDGED in check_witnesses(alone, homings=None).notes
