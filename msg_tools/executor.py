@@ -4,15 +4,15 @@ rclpy's own builds its wait set anew for every wake-up and wraps each callback i
 node that answers small messages that takes more time than the messages do. This one does both
 only where something changed or really has to wait.
 
-Why not one of rclpy's (7.1.6, the newest on PyPI): `benchmarks/executor.py` on 2 busy cores gave
+Why not one of rclpy's (7.1.6, the newest on PyPI): `benchmarks/executor.py` on 2 quiet cores gave
 
 | | ours | SingleThreadedExecutor | EventsExecutor |
 | --- | --- | --- | --- |
-| processor time a message at 1 kHz, three runs | 48, 83, 56 us | 120, 214, 127 us | 47, 48, 35 us |
-| from publishing to the callback, median | 0.12 ms | 0.17 ms | 0.12 ms |
-| a full queue emptied, messages a second | 138 000 to 183 000 | 12 000 | 132 000 to 152 000 |
-| a night, processor time | 9.8 s | 11.3 s | 9.0 s |
-| 200 nodes ended by SIGINT while busy | all with 0 | all with 0 | all with 0 |
+| processor time a message at 1 kHz | 58 us | 147 us | 40 us |
+| from publishing to the callback at 1 kHz, median | 0.12 ms | 0.18 ms | 0.11 ms |
+| a full queue emptied, messages a second | 189 000 | 17 000 | 149 000 |
+| a night, processor time | 7.8 s | 8.9 s | 7.1 s |
+| 200 nodes ended by SIGINT while busy, beside other work | all with 0 | all with 0 | all with 0 |
 
 The second is too slow for the log of 10 000 messages a second that is promised, and does not go on
 with a service that awaits (`home` of the mount) while that holds its callback group. The third is
