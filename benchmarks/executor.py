@@ -253,7 +253,7 @@ def starts(count):
 
 
 def _start_and_stop(name, count):
-    """Fork nodes from a process that has imported everything, as the nursery does."""
+    """Fork nodes from a process that has imported everything, as the fork server does."""
     from collections import Counter
 
     import msg_tools.node as module

@@ -17,8 +17,8 @@ from satellite_search import candidate_report, report_rows
 from calibration.satellite_check import PAPER, plot_gps
 from calibration.tables import new_table
 from msg_tools.units import DEG
-from pointing_model.elements import GPS_26690, parse_elements
 from pointing_model.satellite import satellite_place
+from pointing_model.satellite_elements import GPS_26690, parse_elements
 
 NOISE = 1.0  # arcsec on each axis, of the curves drawn
 

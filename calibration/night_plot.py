@@ -3,8 +3,8 @@
 import numpy as np
 
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.catalogue import POLARIS_HIP
 from pointing_model.rms import rms
+from pointing_model.star_catalogue import POLARIS_HIP
 from pointing_model.zero import Zeros
 
 

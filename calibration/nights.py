@@ -9,16 +9,16 @@ from contextlib import suppress
 import numpy as np
 
 from msg_tools.units import ARCSEC
-from pointing_model.catalogue import POLARIS_HIP
 from pointing_model.rms import rms
+from pointing_model.star_catalogue import POLARIS_HIP
 from pointing_model.terms import mean_columns
 from pointing_model.zero import NO_ZERO, Zeros, zero_in_force
 
 from .fit import fit_harmonics
+from .polaris_zero import zero_from_polaris
 from .rows import for_fitting, is_kept_out
 from .satellite_check import tracking_errors
 from .session import CalibrationSession
-from .zero import zero_from_polaris
 
 #: the two kinds of model, in the order of the report
 PHYSICAL_TERMS, HARMONICS_ONLY = 'physical', 'harmonics'

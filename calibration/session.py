@@ -3,18 +3,18 @@
 import numpy as np
 
 from msg_tools.units import ARCSEC
-from pointing_model.catalogue import POLARIS_HIP
 from pointing_model.model import PointingModel
 from pointing_model.rms import rms_arcsec
 from pointing_model.run import PointingRun
+from pointing_model.star_catalogue import POLARIS_HIP
 from pointing_model.terms import PHYSICAL
 from pointing_model.zero import NO_ZERO, Zeros, zero_in_force
 
 from .check import split_half
 from .fit import fit_harmonics, fit_terms
+from .polaris_zero import zero_from_polaris
 from .rows import for_fitting, with_check
 from .witnesses import check_witnesses
-from .zero import zero_from_polaris
 
 REPORT_FORMAT = 'telescope_mount/calibration_report'
 REPORT_VERSION = 1

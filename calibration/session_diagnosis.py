@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from msg_tools.units import ARCSEC
-from pointing_model.catalogue import POLARIS_HIP
 from pointing_model.context import Context
 from pointing_model.effects import effect
 from pointing_model.model import PointingModel
 from pointing_model.rms import rms_arcsec
 from pointing_model.run import PointingRun
+from pointing_model.star_catalogue import POLARIS_HIP
 from pointing_model.zero import NO_ZERO, Zeros
 
 from .diagnosis import Diagnosis, diagnose

@@ -6,12 +6,13 @@ from typing import NamedTuple
 import numpy as np
 
 from msg_tools.units import ARCSEC, wrap
-from pointing_model.catalogue import POLARIS_HIP
 from pointing_model.model import PointingModel
 from pointing_model.run import PointingRun
+from pointing_model.star_catalogue import POLARIS_HIP
 from pointing_model.terms import design, mean_columns
 
 from .fit import fit_terms
+from .polaris_zero import zero_from_polaris
 from .step_scan import (
     clipped,
     evidence,
@@ -21,7 +22,6 @@ from .step_scan import (
     scan,
     two_sided,
 )
-from .zero import zero_from_polaris
 
 AXES = ('azimuth', 'elevation')
 SHORT = ('az', 'el')

@@ -295,7 +295,7 @@ class Context:
         axes, star = self.equatorial(), self.columns.get('star')
         if axes is None or star is None or np.asarray(star).dtype.kind not in 'iu':
             return None
-        from .catalogue import load_catalogue
+        from .star_catalogue import load_catalogue
 
         star = np.broadcast_to(star, self.az.shape)
         try:

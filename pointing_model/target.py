@@ -79,7 +79,7 @@ def satellite_target(text):
     if not text:
         return None
     # sgp4 costs every start of a node; only who tracks a satellite needs it
-    from .elements import GPS_26690, load_elements, parse_elements
+    from .satellite_elements import GPS_26690, load_elements, parse_elements
     if text == 'gps-26690':
         return SatelliteTarget(parse_elements(GPS_26690))
     return SatelliteTarget(load_elements(text))

@@ -64,13 +64,13 @@ class Node:
         None while it runs.
     """
 
-    def __init__(self, nursery, pid):
-        self._nursery, self.pid, self.returncode = nursery, pid, None
+    def __init__(self, fork_server, pid):
+        self._fork_server, self.pid, self.returncode = fork_server, pid, None
 
     def poll(self):
         """The exit code, or None."""
         if self.returncode is None:
-            self._nursery.listen(0.0)
+            self._fork_server.listen(0.0)
         return self.returncode
 
     def wait(self, timeout):
@@ -80,7 +80,7 @@ class Node:
             left = deadline - time.monotonic()
             if left <= 0.0:
                 raise subprocess.TimeoutExpired(f'process {self.pid}', timeout)
-            self._nursery.listen(left)
+            self._fork_server.listen(left)
         return self.returncode
 
     def send_signal(self, number):
@@ -90,8 +90,8 @@ class Node:
                 os.kill(self.pid, number)
 
 
-class Nursery:
-    """The process `telescope_mount.nursery`, which forks the nodes.
+class ForkServer:
+    """The process `telescope_mount.fork_server`, which forks the nodes.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ class Nursery:
         self._connection, theirs = Pipe()
         with theirs, open(log, 'ab') as file:
             self._process = subprocess.Popen(
-                [sys.executable, '-m', 'telescope_mount.nursery', str(theirs.fileno())],
+                [sys.executable, '-m', 'telescope_mount.fork_server', str(theirs.fileno())],
                 stdin=subprocess.DEVNULL, stdout=file, stderr=file, start_new_session=True,
                 pass_fds=[theirs.fileno()],
                 env={**os.environ, **ONE_THREAD, 'PYTHONUNBUFFERED': '1'})
@@ -112,7 +112,7 @@ class Nursery:
         self._started = []
 
     def start(self, **request):
-        """Fork a node; see `telescope_mount.nursery`.
+        """Fork a node; see `telescope_mount.fork_server`.
 
         Returns
         -------
@@ -188,7 +188,7 @@ class Processes:
         self.environment = (ONE_THREAD | os.environ | dds_environment(self.folder, domain)
                             | {'ROS_LOG_DIR': str(self.folder)})
         # at once: it imports while the caller does
-        self._nursery = Nursery(self.folder / 'nursery.log')
+        self._fork_server = ForkServer(self.folder / 'fork_server.log')
 
     def start(self, spec):
         """Start a `graph.NodeSpec`."""
@@ -197,7 +197,7 @@ class Processes:
         arguments = ['--ros-args', '-r', f'__ns:={NAMESPACE}', '--params-file', str(params)]
         if self.params_file:
             arguments += ['--params-file', str(self.params_file)]
-        self.running[spec.name] = self._nursery.start(
+        self.running[spec.name] = self._fork_server.start(
             name=spec.name, module=spec.module, arguments=arguments,
             environment=self.environment, log=str(self.folder / f'{spec.name}.log'))
 
@@ -236,5 +236,5 @@ class Processes:
                     process.wait(max(0.01, deadline - time.monotonic()))
         codes = {name: process.returncode for name, process in self.running.items()}
         self.running.clear()
-        self._nursery.close()
+        self._fork_server.close()
         return codes

@@ -104,8 +104,8 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None):
 
 def _saw_polaris(bag, topic):
     """Whether a zero can be set: one may come with the model of a run without Polaris."""
-    from pointing_model.catalogue import POLARIS_HIP
     from pointing_model.run_messages import cloud_to_run
+    from pointing_model.star_catalogue import POLARIS_HIP
     return any((cloud_to_run(message.data).get('star') == POLARIS_HIP).any()
                for message in bag.messages([topic], decode=True))
 

@@ -97,9 +97,9 @@ def run_of_log(path):
         No observation in it, or it holds the simulator's truth.
     """
     from msg_tools.units import wrap
-    from pointing_model.catalogue import POLARIS_HIP
     from pointing_model.run import PointingRun
     from pointing_model.run_messages import cloud_to_run
+    from pointing_model.star_catalogue import POLARIS_HIP
     from pointing_model.zero import NO_ZERO, Zeros
     from pointing_model.zero_message import joints_to_zero
 

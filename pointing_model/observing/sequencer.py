@@ -13,8 +13,9 @@ from msg_tools.status import Progress
 from msg_tools.steps import Refused, Steps, call
 from msg_tools.units import ARCSEC, DEG
 
-from ..catalogue import POLARIS_HIP, load_catalogue
 from ..earth import earth_orientation
+from ..rms import rms
+from ..star_catalogue import POLARIS_HIP, load_catalogue
 from ..target import StarTarget, satellite_target
 from .exposing import Exposer
 from .instruments import MOUNT
@@ -327,8 +328,8 @@ def blind_summary(miss, lost=0, model=None):
              'max_arcsec')
     values = [None] * len(names)
     if len(miss):
-        x, y = np.sqrt(np.mean(miss**2, axis=0))
-        values = [np.hypot(x, y), x, y, *miss.mean(axis=0), np.hypot(*miss.T).max()]
+        x, y = miss.T
+        values = [rms(x, y), rms(x), rms(y), x.mean(), y.mean(), np.hypot(x, y).max()]
     return {'stars': len(miss), 'lost': int(lost),
             **{n: None if v is None else float(v) for n, v in zip(names, values)},
             'terms': list(model.terms) if model else [],

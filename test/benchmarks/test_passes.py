@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.elements import GPS_26690, parse_elements
 from pointing_model.satellite import in_sunlight, satellite_place, sun_elevation
+from pointing_model.satellite_elements import GPS_26690, parse_elements
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / 'benchmarks'))
 from passes import passes

@@ -10,9 +10,9 @@ import pytest
 
 from calibration.satellite_check import PAPER
 from msg_tools.units import ARCSEC, DEG, wrap
-from pointing_model.elements import GPS_26690, parse_elements
 from pointing_model.geometry import sky_to_encoder
 from pointing_model.satellite import satellite_place
+from pointing_model.satellite_elements import GPS_26690, parse_elements
 from pointing_model.sky import DEFAULT_SITE, DEFAULT_WEATHER, Site, icrs_to_observed
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / 'benchmarks'))

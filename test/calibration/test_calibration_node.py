@@ -12,10 +12,10 @@ from calibration.witnesses import UNJUDGED
 from msg_tools import convert, topics
 from msg_tools.homing import AxisHoming, homing_to_cloud
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.catalogue import POLARIS_HIP
 from pointing_model.model import PointingModel
 from pointing_model.run import PointingRun
 from pointing_model.run_messages import run_to_cloud
+from pointing_model.star_catalogue import POLARIS_HIP
 from pointing_model.terms import PHYSICAL
 from pointing_model.zero_message import joints_to_zero
 

@@ -14,9 +14,9 @@ from calibration.paper_table_1 import (
 )
 from calibration.satellite_check import plot_gps
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.catalogue import POLARIS_HIP
 from pointing_model.model import PointingModel
 from pointing_model.run import PointingRun
+from pointing_model.star_catalogue import POLARIS_HIP
 from pointing_model.terms import PHYSICAL
 
 MOUNT = PointingModel(dict(zip(PHYSICAL, np.array([310, -170, 46, -23, 37, -21, 15]) * ARCSEC)))

@@ -12,10 +12,10 @@ from calibration.satellite_check import (
     tracking_statistics,
 )
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.elements import GPS_26690, parse_elements
 from pointing_model.model import PointingModel
 from pointing_model.run import PointingRun
 from pointing_model.satellite import satellite_place
+from pointing_model.satellite_elements import GPS_26690, parse_elements
 from pointing_model.zero import RunZero
 
 GPS = parse_elements(GPS_26690)

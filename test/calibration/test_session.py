@@ -13,9 +13,9 @@ from calibration.session import (
     CalibrationSession,
 )
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.catalogue import POLARIS_HIP
 from pointing_model.model import PointingModel
 from pointing_model.run import PointingRun
+from pointing_model.star_catalogue import POLARIS_HIP
 from pointing_model.terms import PHYSICAL
 
 LATITUDE = 34.3 * DEG

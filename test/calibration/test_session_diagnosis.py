@@ -8,9 +8,9 @@ from calibration.rows import for_fitting, is_kept_out
 from calibration.session import CalibrationSession
 from calibration.session_diagnosis import FORMAT
 from msg_tools.units import ARCSEC, DEG, wrap
-from pointing_model.catalogue import POLARIS_HIP
 from pointing_model.model import PointingModel
 from pointing_model.run import PointingRun
+from pointing_model.star_catalogue import POLARIS_HIP
 from pointing_model.terms import PHYSICAL
 from pointing_model.zero import RunZero, Zeros
 

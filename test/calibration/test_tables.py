@@ -6,8 +6,8 @@ from calibration.night_plot import plot_night
 from calibration.session import CalibrationSession
 from calibration.tables import fit_tables, night_tables, terms_table
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.catalogue import POLARIS_HIP
 from pointing_model.run import PointingRun
+from pointing_model.star_catalogue import POLARIS_HIP
 
 
 def run(n=40, number=1, star=None, zero=0.0, seed=0):

@@ -11,9 +11,9 @@ from calibration.witnesses import (
 )
 from msg_tools.homing import AxisHoming
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.catalogue import POLARIS_HIP
 from pointing_model.model import PointingModel
 from pointing_model.run import PointingRun
+from pointing_model.star_catalogue import POLARIS_HIP
 
 TERMS = {'IA': 310.0, 'IE': -170.0, 'CA': 46.0, 'NPAE': -23.0, 'AN': 37.0, 'AW': -21.0, 'TF': 15.0}
 DAY = 86400.0

@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.catalogue import load_catalogue
 from pointing_model.earth import TURN_RATE, EarthOrientation, earth_orientation, split_utc
-from pointing_model.elements import GPS_26690, parse_elements
 from pointing_model.satellite import (
     Corrections,
     in_sunlight,
@@ -18,7 +16,9 @@ from pointing_model.satellite import (
     satellite_place,
     sun_elevation,
 )
+from pointing_model.satellite_elements import GPS_26690, parse_elements
 from pointing_model.sky import Site, Weather, icrs_to_observed, observed_place
+from pointing_model.star_catalogue import load_catalogue
 
 GPS = parse_elements(GPS_26690)
 SITE = Site()

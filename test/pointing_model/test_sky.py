@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from msg_tools.units import ARCSEC, DEG, wrap
-from pointing_model.catalogue import EPOCH_JD, POLARIS_HIP, load_catalogue
 from pointing_model.earth import earth_orientation, split_utc
 from pointing_model.sky import DEFAULT_SITE, Site, Weather, icrs_to_observed, observed_place
+from pointing_model.star_catalogue import EPOCH_JD, POLARIS_HIP, load_catalogue
 
 TIME = 1.7e9
 VACUUM = Weather(pressure_hpa=0.0)

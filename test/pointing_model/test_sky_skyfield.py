@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.catalogue import Stars, load_catalogue
 from pointing_model.earth import earth_orientation, split_utc
 from pointing_model.sky import Site, Weather, observed_place
+from pointing_model.star_catalogue import Stars, load_catalogue
 
 REASON = 'Skyfield and skyfield-data (extra "test") are the independent reference'
 skyfield_api = pytest.importorskip('skyfield.api', reason=REASON)

@@ -12,12 +12,12 @@ from std_msgs.msg import String
 
 from msg_tools import convert, topics
 from msg_tools.units import ARCSEC, DEG, wrap
-from pointing_model.catalogue import POLARIS_HIP, load_catalogue
 from pointing_model.effects import effect
 from pointing_model.fitted_effects import FittedEffect
 from pointing_model.model import PointingModel
 from pointing_model.run_messages import cloud_to_run
 from pointing_model.sky import DEFAULT_SITE, DEFAULT_WEATHER, Site, observed_place
+from pointing_model.star_catalogue import POLARIS_HIP, load_catalogue
 from pointing_model.star_observer_node import StarObserver
 from pointing_model.target import satellite_target
 

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from pointing_model.catalogue import POLARIS_HIP, load_catalogue
-from pointing_model.elements import GPS_26690
+from pointing_model.satellite_elements import GPS_26690
 from pointing_model.sky import DEFAULT_SITE, DEFAULT_WEATHER, observed_place
+from pointing_model.star_catalogue import POLARIS_HIP, load_catalogue
 from pointing_model.target import StarTarget, satellite_target
 
 NIGHT = 1_379_854_800.0  # 2013-09-22 13:00 UTC

@@ -32,7 +32,8 @@ BELOW = {
 PACKAGES = tuple(name for name in BELOW if name != 'launch')
 #: what the simulator may use of the pointing model: the sky is the same for both
 SKY = tuple(f'pointing_model.{name}' for name in (
-    'catalogue', 'earth', 'sky', 'sky_params', 'target', 'elements', 'satellite'))
+    'star_catalogue', 'earth', 'sky', 'sky_params', 'target', 'satellite_elements',
+    'satellite'))
 #: the one door from outside to the simulator; besides, `NODES` of graph.py names its nodes
 DOOR = ROOT / 'telescope_mount' / 'simulator.py'
 #: functions whose text argument is the name of a package, or a part of a path

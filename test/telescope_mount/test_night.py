@@ -10,9 +10,9 @@ import pytest
 
 from msg_tools.bag import BagReader
 from msg_tools.units import ARCSEC
-from pointing_model.catalogue import POLARIS_HIP
 from pointing_model.model import PointingModel
 from pointing_model.run_files import read_run
+from pointing_model.star_catalogue import POLARIS_HIP
 from telescope_mount.graph import NIGHT
 
 pytestmark = pytest.mark.usefixtures('ros_domain')
@@ -148,8 +148,8 @@ def children_of(pid):
 
 def nodes_of(pid):
     """Process id -> name (15 letters of it), of the nodes of a command line."""
-    nursery, = children_of(pid)
-    return children_of(nursery)
+    fork_server, = children_of(pid)
+    return children_of(fork_server)
 
 
 def wait_for_lines(child, text):

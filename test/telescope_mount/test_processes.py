@@ -89,20 +89,20 @@ def test_waiting_for_a_node_that_stays_ends_in_time(processes):
         processes.running['camera'].wait(0.05)
 
 
-def test_a_nursery_that_dies_takes_its_nodes_along(processes):
+def test_a_fork_server_that_dies_takes_its_nodes_along(processes):
     processes.start(spec('camera'))
     node = processes.running['camera']
     with open(f'/proc/{node.pid}/stat') as stat:
-        nursery = int(stat.read().rsplit(')', 1)[1].split()[1])
-    os.kill(nursery, signal.SIGKILL)
+        fork_server = int(stat.read().rsplit(')', 1)[1].split()[1])
+    os.kill(fork_server, signal.SIGKILL)
     assert node.wait(60.0) is not None
     assert not os.path.exists(f'/proc/{node.pid}')
 
 
 def test_nodes_that_cannot_be_started_are_told(processes, tmp_path):
-    nursery = processes._nursery
-    nursery._process.kill()
-    nursery._process.wait()
-    nursery._log.write_text('error: no rclpy here\n')
+    fork_server = processes._fork_server
+    fork_server._process.kill()
+    fork_server._process.wait()
+    fork_server._log.write_text('error: no rclpy here\n')
     with pytest.raises(RuntimeError, match='nodes cannot be started: no rclpy here'):
         processes.start(spec('camera'))

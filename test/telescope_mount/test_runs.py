@@ -6,10 +6,10 @@ import pytest
 from calibration.fit import fit_terms
 from msg_tools.bag import BagReader
 from msg_tools.units import ARCSEC, DEG, wrap
-from pointing_model.catalogue import POLARIS_HIP
 from pointing_model.observing.pairing import centred
 from pointing_model.run import PointingRun
 from pointing_model.run_files import read_run, write_csv
+from pointing_model.star_catalogue import POLARIS_HIP
 from telescope_mount.commands.export import export_run
 from telescope_mount.runs import _readings, load_run, load_runs
 

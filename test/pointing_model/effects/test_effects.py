@@ -9,7 +9,6 @@ import pytest
 
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model import geometry
-from pointing_model.catalogue import load_catalogue
 from pointing_model.context import Context
 from pointing_model.effects import (
     PERIODS,
@@ -24,6 +23,7 @@ from pointing_model.fitted_effects import FittedEffect
 from pointing_model.model import PointingModel
 from pointing_model.model_document import from_document
 from pointing_model.run import PointingRun
+from pointing_model.star_catalogue import load_catalogue
 from pointing_model.terms import PHYSICAL, TERMS, design, stacked_design
 
 LATITUDE, LONGITUDE = 34.3 * DEG, 109.0 * DEG

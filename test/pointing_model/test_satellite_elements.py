@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pointing_model.elements import GPS_26690, load_elements, parse_elements
+from pointing_model.satellite_elements import GPS_26690, load_elements, parse_elements
 
 GPS = parse_elements(GPS_26690)
 START = 1379721600.0  # 2013-09-21
