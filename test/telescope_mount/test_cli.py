@@ -139,10 +139,12 @@ def test_what_the_user_chose_reaches_the_night(refused, monkeypatch, tmp_path):
         'start_time': 'yesterday', 'reference': Path('m.json'), 'domain_number': 3,
         'time_scale': 2.0, 'params_file': tmp_path / 'p.yaml', 'absolute': 'angles',
         'sky': {'latitude_deg': -40.0, 'longitude_deg': 10.0, 'height_m': 2000.0}}
-    # what was not chosen is as of the function itself
-    defaults = {**given.__kwdefaults__, 'sky': {}}
-    del defaults['progress']
-    assert asked[1] == {'out': Path('night'), **defaults}
+    # what was not chosen is as of the functions themselves
+    own, of_graph = given.__kwdefaults__, night.night_graph.__kwdefaults__
+    assert set(own) - set(asked[1]) == {'progress'}
+    for name in set(asked[1]) - {'out', 'sky'}:
+        assert asked[1][name] == (own if name in own else of_graph)[name], name
+    assert asked[1]['out'] == Path('night') and asked[1]['sky'] == {}
 
 
 @pytest.mark.parametrize('words, text', [
