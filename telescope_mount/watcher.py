@@ -1,6 +1,7 @@
 """The command line's own node: watches the graph and keeps what it publishes last."""
 
 import os
+import signal
 import time
 
 import rclpy
@@ -42,6 +43,11 @@ class Watcher:
         os.environ.update({key: value for key, value in environment.items()
                            if key.startswith(('ROS_', 'FASTDDS_', 'FASTRTPS_'))})
         self._check = check
+        # raised in the middle of a message, rclpy makes another error of it
+        self._interrupted = False
+        self._on_ctrl_c = signal.getsignal(signal.SIGINT)
+        if self._on_ctrl_c is signal.default_int_handler:
+            signal.signal(signal.SIGINT, self._interrupt)
         self._context = Context()
         # Ctrl-C belongs to the command line, which ends the nodes in order
         rclpy.init(context=self._context, domain_id=domain,
@@ -60,9 +66,20 @@ class Watcher:
             topics.DIAGNOSTICS.message, topics.DIAGNOSTICS.name, self.reports.take,
             topics.DIAGNOSTICS.qos)
 
+    def _interrupt(self, *_):
+        self._interrupted = True
+
     def spin(self, seconds):
-        """Take what comes for at most `seconds`; returns early after something came."""
+        """Take what comes for at most `seconds`; returns early after something came.
+
+        Raises
+        ------
+        KeyboardInterrupt
+            Ctrl-C since the last time.
+        """
         self._executor.spin_once(timeout_sec=seconds)
+        if self._interrupted:
+            raise KeyboardInterrupt
 
     def spin_until(self, condition, timeout):
         """Spin until `condition()`; False when `timeout` seconds went by.
@@ -137,3 +154,4 @@ class Watcher:
         self._executor.shutdown()
         self.node.destroy_node()
         self._context.try_shutdown()
+        signal.signal(signal.SIGINT, self._on_ctrl_c)

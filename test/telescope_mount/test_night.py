@@ -185,7 +185,7 @@ def test_ctrl_c_ends_every_node_and_closes_the_log(cli, tmp_path):
         assert len(nodes) == len(NIGHT)
         child.send_signal(signal.SIGINT)
         _, err = child.communicate(timeout=120)
-    assert child.returncode == 130
+    assert child.returncode == 130, err
     assert len(err.splitlines()) == 1 and 'Traceback' not in err
     bag = BagReader(out / 'bag')
     assert bag.complete and bag.problems == []
