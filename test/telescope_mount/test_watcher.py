@@ -1,0 +1,48 @@
+import os
+import signal
+
+import pytest
+
+pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportError)
+
+from telescope_mount.watcher import Watcher
+
+
+@pytest.fixture
+def watcher(ros_domain):
+    watcher = Watcher('watcher', ros_domain, {}, lambda: None)
+    yield watcher
+    watcher.close()
+
+
+def test_ctrl_c_waits_for_the_end_of_a_message(watcher):
+    ended = []
+
+    def answer():
+        os.kill(os.getpid(), signal.SIGINT)
+        ended.append(True)
+    timer = watcher.node.create_timer(0.01, answer)
+    with pytest.raises(KeyboardInterrupt):
+        watcher.spin_until(lambda: False, 30.0)
+    assert ended == [True]
+    timer.cancel()
+
+
+def test_ctrl_c_is_as_before_when_it_has_left(ros_domain):
+    before = signal.getsignal(signal.SIGINT)
+    one = Watcher('watcher', ros_domain, {}, lambda: None)
+    assert signal.getsignal(signal.SIGINT) != before
+    one.close()
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_where_ctrl_c_is_ignored_it_stays_so(ros_domain):
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        one = Watcher('watcher', ros_domain, {}, lambda: None)
+        os.kill(os.getpid(), signal.SIGINT)
+        one.spin(0.01)
+        one.close()
+        assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGINT, before)
