@@ -21,8 +21,9 @@ from telescope_mount.verify import verify_log
 pytestmark = pytest.mark.usefixtures('ros_domain')
 
 
-def rewrite(source, out, change, leave_out=()):
-    """A copy of a log; ``change(topic, data)`` gives the bytes of each message."""
+def rewrite(source, out, change, leave_out=(), late=()):
+    """A copy of a log; ``change(topic, data)`` gives the bytes of each message, those on topics
+    `late` are logged after all others."""
     log = BagReader(source)
     with BagWriter(out) as new:
         kept = [topic for topic in log.topics if topic.name not in leave_out]
@@ -33,7 +34,8 @@ def rewrite(source, out, change, leave_out=()):
             if name not in ('rosbag2', *leave_out):
                 new.add_metadata(name, data)
         for message in log.messages([topic.name for topic in kept]):
-            new.write(message.topic, change(message.topic, message.data), message.log_time,
+            new.write(message.topic, change(message.topic, message.data),
+                      message.log_time + 10**12 * (message.topic in late),
                       message.publish_time, message.sequence)
     return out
 
@@ -61,6 +63,12 @@ def test_a_night_is_the_same_to_the_bit(night):
     assert {report['checked'][kind] for kind in rows} == {24}
     assert report['checked']['zero'] == 3 and report['checked']['sigma of the zero'] == 2
     assert report['checked']['model'] == report['checked']['report'] == 1
+
+
+def test_a_node_that_was_logged_late(night, tmp_path):
+    late = ('/mount/camera/miss_distance', '/mount/absolute/joint_states')
+    bag = rewrite(night / 'bag', tmp_path / 'bag', lambda topic, data: data, late=late)
+    assert verify_log(bag) == verify_log(night / 'bag')
 
 
 @pytest.mark.parametrize('topic, number, offset, kinds', [
