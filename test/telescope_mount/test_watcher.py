@@ -8,6 +8,14 @@ pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportErr
 from telescope_mount.watcher import Watcher
 
 
+@pytest.fixture(autouse=True)
+def listens():
+    """A suite in the background of a script ignores Ctrl-C."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 @pytest.fixture
 def watcher(ros_domain):
     watcher = Watcher('watcher', ros_domain, {}, lambda: None)
