@@ -15,7 +15,7 @@ from . import topics
 from .bag import BagWriter
 from .bag.provenance import ParameterCollector, as_text
 from .bag.recorder import Recorder
-from .bag.recording import Selection, adapt_qos, check_patterns, versions
+from .bag.recording import DEPTH, Selection, adapt_qos, check_patterns, versions
 from .node import NO_SUBSCRIPTION_EVENTS, Counter, MountNode, Param, run_node
 from .topics import Topic
 
@@ -104,7 +104,10 @@ class McapLogger(MountNode):
         topic = Topic(name, type_name, qos)
         message = topic.message
         again = counter is not None
-        counter = counter or Counter(latched)
+        counter = counter or Counter()
+        # a subscriber wants the last of a latched topic, a log every one
+        deep = copy.copy(qos)
+        deep.depth = max(qos.depth, DEPTH)
         keep = name == self.resolve_topic_name(topics.MODEL.name)
         clock, take_message = self.get_clock(), self._recorder.take
 
@@ -122,7 +125,7 @@ class McapLogger(MountNode):
         options = {} if again or name not in self._known else {
             'qos_overriding_options': QoSOverridingOptions.with_default_policies()}
         sub = self.create_subscription(
-            message, name, take, copy.copy(qos), raw=True,
+            message, name, take, deep, raw=True,
             event_callbacks=NO_SUBSCRIPTION_EVENTS, **options)
         try:
             self._recorder.add_topic(

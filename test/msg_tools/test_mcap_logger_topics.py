@@ -1,6 +1,7 @@
 """Any topic, whatever its quality of service and whenever it appears; the logger's services."""
 
 import json
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -99,6 +100,18 @@ def test_the_type_hash_is_from_the_wire_or_else_from_the_files(graph, tmp_path, 
     # nobody publishes it: the logger's own endpoint tells
     assert (hashes['/mount/model'] == 'RIHS01_of_the_file') == (not told)
     assert hashes['/mount/model'].startswith('RIHS01_')
+
+
+def test_every_message_of_a_latched_topic_is_logged_and_a_missing_one_told(graph, tmp_path):
+    logger = add(graph, tmp_path, topics=['model'])
+    topic = replace(topics.MODEL, name=logger.resolve_topic_name('model'))
+    send(graph, logger, topic, [text(f'{i}') for i in range(20)])  # before the logger looks
+    counter = logger._recorded[topic.name][1]
+    assert counter.gaps == 0
+    counter.sequence.add(23)
+    assert counter.gaps == 2
+    assert data_of(finish(graph, logger, tmp_path / 'log'), topic.name) == [
+        text(f'{i}') for i in range(20)]
 
 
 def test_names_and_patterns(graph, tmp_path):
