@@ -7,14 +7,15 @@ from pointing_model.effects import effect
 from pointing_model.effects.drifts import places_of_steps
 
 from .base import Base, observations
+from .choosing import choose, settled
 from .constants import FLIPS, FOLDS, STREAMED_FROM
 from .next_observations import propose
-from .resampling import cv_gains
 from .result import DiagnosedEffect, concluded, diagnosed, hidden, ranking_of
 from .scores import Bank
-from .search import Chance, search, standing
+from .search import Chance
 from .streamed import diagnose_streamed
-from .validation import cross_validated, folds_of, judge_on
+from .unexplained import unexplained, wander_entry
+from .validation import cross_validated, judge_on, partitions_of
 from .work import Work
 
 
@@ -76,53 +77,36 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
 
 def _in_memory(obs, base, alpha, rng, flips, folds):
     work = Work(obs, base, alpha)
-    chance = Chance(work.problem.n, flips, rng)
-    parts = folds_of(work, folds, rng) if folds else []
-    found = search(work.problem, alpha, chance)
-    stands, gains = _settle(work.problem, found, alpha, chance, parts)
-    errors = cross_validated(work, found, parts, alpha, rng) if parts else None
+    problem = work.problem
+    chance = Chance(problem.n, flips, rng)
+    partitions = partitions_of(problem, folds, rng) if folds else ()
+    chosen = choose(problem, alpha, chance, partitions)
+    found = chosen.found
+    errors = cross_validated(work, found.chosen, folds, alpha, rng) if folds else None
     if errors and errors.cut is not None:
         found.not_repeated = found.chosen[errors.cut:]
         del found.chosen[errors.cut:]
-        found.state = work.problem.state(found.chosen)
-        stands, gains = _settle(work.problem, found, alpha, chance, parts)
+        found.state = problem.state(found.chosen)
+        chosen = settled(problem, found, alpha, chance, partitions)
+    left = unexplained(problem, found, alpha)
     _refine_steps(work, found)
-    found.state = work.problem.state(found.chosen, final=True)
+    # what is not beyond chance is no reason for another fit
+    found.state = (problem if left else problem.plain).state(found.chosen, final=True)
     fitted = work.fit(found.chosen, found.state)
-    result = _assemble(work, found, stands, fitted, chance)
+    result = _assemble(work, found, chosen.stands, fitted, chance)
+    if left is not None:
+        result.told_of_wander(wander_entry(left, problem))
     if errors:
-        for entry, gain in zip(result.effects[len(work.slips):], gains):
-            entry.cv_gain_arcsec = gain
-        result.before['cv_rms_arcsec'], result.after['cv_rms_arcsec'] = errors.before, errors.after
+        for entry, gain in zip(result.effects[len(work.slips):], chosen.gains):
+            entry.cv_gain_arcsec = float(gain)
+        for entry, one in ((result.before, errors.before), (result.after, errors.after)):
+            entry.update(cv_rms_arcsec=one['radial'], cv_rms_x_arcsec=one['x'],
+                         cv_rms_y_arcsec=one['y'])
+        result.after['cv_spread'] = errors.spread
         result.cv_contiguous, result.caution = errors.stretches, errors.caution
     if result.verdict == 'ambiguous':
-        result.next_observations = propose(work.problem, obs, base, found, stands)
+        result.next_observations = propose(problem, obs, base, found, chosen.stands)
     return result
-
-
-def _settle(problem, found, alpha, chance, folds):
-    """Test each choice with all others in the model, and drop until all of them hold.
-
-    They must be beyond chance, and gain on rows left out (not on stretches of time left out: what
-    happened in one of them only is real, and cannot be foretold from the others).
-
-    Returns
-    -------
-    stands : list of Standing
-    gains : list of float
-        Of each choice in `folds`, arcsec; empty without folds.
-    """
-    while True:
-        stands = [standing(problem, found, i, chance) for i in range(len(found.chosen))]
-        weak = [(s.p, i) for i, s in enumerate(stands) if s.p > alpha or s.delta_bic <= 0.0]
-        if weak:
-            found.dropped.append(found.chosen.pop(max(weak)[1]))
-        else:
-            gains = cv_gains(problem, found, folds) if folds else []
-            if min(gains, default=1.0) > 0.0:
-                return stands, gains
-            found.dropped_by_cv.append(found.chosen.pop(int(np.argmin(gains))))
-        found.state = problem.state(found.chosen)
 
 
 def _refine_steps(work, found):

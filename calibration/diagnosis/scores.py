@@ -63,6 +63,11 @@ class Bank:
     def __len__(self):
         return len(self.effects)
 
+    @property
+    def starts(self):
+        """First column of each group, shape (G,)."""
+        return self._start[:-1]
+
     def of(self, g):
         """Columns of group `g`, shape (d, 2n)."""
         return self.columns[self._start[g]:self._start[g + 1]]
@@ -88,7 +93,7 @@ class Bank:
             A row is zero where the group has fewer directions of its own.
         dof : ndarray of int, shape (G_d,)
         """
-        white = self.columns * state.root
+        white = state.white(self.columns)
         length = np.sqrt(np.einsum('ij,ij->i', white, white))
         white /= np.where(length > 0.0, length, 1.0)[:, None]
         white -= (white @ state.basis.T) @ state.basis
