@@ -84,7 +84,7 @@ def settled(problem, found, alpha, chance, partitions):
             if min(gains, default=1.0) > 0.0:
                 return Chosen(found, stands, list(gains))
             found.dropped_by_cv.append(found.chosen.pop(int(np.argmin(gains))))
-        found.state = problem.state(found.chosen)
+        found.state = problem.plain.state(found.chosen)
 
 
 def _gains(problem, found, folds):

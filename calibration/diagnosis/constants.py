@@ -54,3 +54,8 @@ PARTITIONS, MOST_PARTITIONS, SPREAD = 3, 12, 0.01
 #: less than 1 + 2 UNLIKE (1 + r + r^2 ...) of rows that share r = 0.6, and of longer memories
 #: those that pass the test are tested again
 UNLIKE = 0.05
+#: nights simulated with a wander, of which 1 in 100 is as extreme as a p of 0.01
+NIGHTS = 199
+#: 2 ln of a likelihood ratio below which no effect is beyond a wander at a p of 0.01: of 30 to 200
+#: rows the largest of some 70 by chance is above 15 in 1 of 100
+RATIO_WORTH_IT = 12.0

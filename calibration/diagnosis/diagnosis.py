@@ -82,18 +82,22 @@ def _in_memory(obs, base, alpha, rng, flips, folds):
     partitions = partitions_of(problem, folds, rng) if folds else ()
     chosen = choose(problem, alpha, chance, partitions)
     found = chosen.found
-    errors = cross_validated(work, found.chosen, folds, alpha, rng) if folds else None
+    left = unexplained(problem, found, alpha)
+    errors = cross_validated(work, found.chosen, left is not None, folds, alpha, rng) \
+        if folds else None
     if errors and errors.cut is not None:
         found.not_repeated = found.chosen[errors.cut:]
         del found.chosen[errors.cut:]
-        found.state = problem.state(found.chosen)
+        found.state = problem.plain.state(found.chosen)
         chosen = settled(problem, found, alpha, chance, partitions)
-    left = unexplained(problem, found, alpha)
+        left = unexplained(problem, found, alpha)
     _refine_steps(work, found)
     # what is not beyond chance is no reason for another fit
-    found.state = (problem if left else problem.plain).state(found.chosen, final=True)
+    noise = problem if left else problem.plain
+    base_fit = work.fit([], noise.state([], final=True))
+    found.state = noise.state(found.chosen, final=True)
     fitted = work.fit(found.chosen, found.state)
-    result = _assemble(work, found, chosen.stands, fitted, chance)
+    result = _assemble(work, found, chosen.stands, (base_fit, fitted), chance)
     if left is not None:
         result.told_of_wander(wander_entry(left, problem))
     if errors:
@@ -126,15 +130,15 @@ def _refine_steps(work, found):
                           & (between <= tried[min(k + 1, len(tried) - 1)])]
         near = Bank([effect('step', **{**p, 'at': float(t)}) for t in between], context)
         # with weights of its own: rows between the old place and the new look like outliers
-        scores = near.score(problem.state(found.chosen, without=i))
+        scores = near.score(problem.plain.state(found.chosen, without=i))
         best = int(np.argmax(scores.delta_bic))
         bank.replace(choice.group, near.effects[best], near.of(best))
 
 
-def _assemble(work, found, stands, fitted, chance):
+def _assemble(work, found, stands, fits, chance):
     problem, obs = work.problem, work.obs
-    nothing = problem.state([])
-    base_fit = work.fit([], problem.state([], final=True))
+    base_fit, fitted = fits
+    nothing = problem.plain.state([])
     made = work.model(base_fit, []), work.model(fitted, found.chosen)
     effects = [DiagnosedEffect(f, p, f.effect.columns(obs.context)) for f, p in work.slips]
     for c, s, f in zip(found.chosen, stands, made[1][0].effects):

@@ -1,5 +1,7 @@
 """Predicting rows that a fit has not seen."""
 
+from types import SimpleNamespace
+
 import numpy as np
 
 from msg_tools.units import ARCSEC
@@ -44,9 +46,9 @@ def predict(problem, chosen, train, test):
     ndarray, shape (2, m)
         Radians.
     """
-    part = problem.rows(train)
-    state = part.state(chosen, final=True)
-    return predicted(problem, part, chosen, state, test)
+    whole = problem.only(chosen)
+    part = whole.rows(train)
+    return predicted(whole, part, [], part.state([], final=True), test)
 
 
 def predicted(problem, part, chosen, state, test):
@@ -129,12 +131,16 @@ def left_out(problem, chosen, state, folds):
     ndarray, shape (2, n)
         Radians.
     """
-    if problem.base.own is not None:
-        return cross_validate(problem, chosen, folds)
-    design = problem.design(chosen).common
+    whole = problem.only(chosen)
+    design, everything = whole.base, np.arange(problem.n)
     out = np.empty((2, problem.n))
     for fold in folds:
-        p = solve(design, problem.b, state.white.without(fold))
-        both = np.concatenate((fold, fold + problem.n))
-        out[:, fold] = (problem.b[both] - p @ design[:, both]).reshape(2, -1)
+        if design.own is None:
+            p = solve(design.common, problem.b, state.white.without(fold))
+            both = np.concatenate((fold, fold + problem.n))
+            out[:, fold] = (problem.b[both] - p @ design.common[:, both]).reshape(2, -1)
+        else:
+            train = np.setdiff1d(everything, fold)
+            out[:, fold] = predicted(whole, whole.rows(train), [],
+                                     SimpleNamespace(white=state.white.rows(train)), fold)
     return out

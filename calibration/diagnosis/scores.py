@@ -77,6 +77,11 @@ class Bank:
         self.effects = [*self.effects[:g], effect, *self.effects[g + 1:]]
         self.of(g)[:] = columns
 
+    def only(self, groups):
+        """The bank of some groups (indices), numbered anew."""
+        columns = [self.of(g) for g in groups]
+        return Bank([self.effects[g] for g in groups], None, np.vstack(columns))
+
     def rows(self, rows):
         """The bank of some rows (indices or a mask of n)."""
         n = self.columns.shape[1] // 2

@@ -8,9 +8,11 @@ then offered curves of each driver: their verdict is *unknown*.
 """
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
+from .against_wander import AgainstWander
 from .chance import ChanceTest
 from .constants import (
     ALIAS,
@@ -18,6 +20,7 @@ from .constants import (
     DICTIONARY_SHARE,
     FAR,
     MOST_EFFECTS,
+    NIGHTS,
     ROWS_PER_COLUMN,
     SET_WIDTH,
     SLOW,
@@ -73,6 +76,13 @@ class Problem:
                        self.dictionary.rows(rows), self.curves.rows(rows),
                        None if self.sequence is None else self.sequence.rows(rows),
                        self._wanders, True)
+
+    def only(self, chosen):
+        """The same with the columns of a choice in the base, and nothing to choose from."""
+        none = Bank([], None, np.empty((0, 2 * self.n)))
+        known = self._wanders.get(frozenset(chosen))
+        return Problem(self.design(chosen), self.b, self.inverse_sigma, none, none, self.sequence,
+                       {} if known is None else {frozenset(): known}, self._part)
 
     def state(self, chosen, weights=None, without=None, final=False, wander=None):
         """Fit of the base and the chosen groups.
@@ -141,7 +151,7 @@ class Found:
     ----------
     chosen : list of Choice
     state : State
-        Of the base and the choice.
+        Of the base and the choice, if rows have no memory.
     dropped, dropped_by_cv, not_repeated : list of Choice
         Chosen once, and given up: it did not pay any more, or not on rows left out, or the search
         without some runs chose so differently that those were predicted worse.
@@ -171,6 +181,21 @@ class Chance:
 
     def __init__(self, n, count, rng):
         self.signs = rng.integers(0, 2, (count, n)).astype(np.float32) * 2.0 - 1.0
+        self._rng, self._n = rng.spawn(1)[0], n
+        self._against = {}
+
+    @cached_property
+    def _normal(self):
+        return self._rng.standard_normal((NIGHTS, 2 * self._n))
+
+    def p_beyond_wander(self, problem, chosen, bank, groups, g):
+        """`AgainstWander.p` of a group, beside a choice of the same problem."""
+        if bank is problem.curves:  # a curve without a cause says no more than a wander
+            return 1.0
+        key = frozenset(chosen)
+        if key not in self._against:
+            self._against[key] = AgainstWander(problem, chosen, bank, groups, self._normal)
+        return self._against[key].p(g)
 
     def p(self, state, scores, group, alpha=None):
         """Family-wise p of a group: share of flips whose best score reaches its own.
@@ -250,7 +275,6 @@ def search(problem, alpha, chance, given_up=()):
             if not _add_curve(problem, plain, found, alpha * CURVE_SHARE, chance, given_up):
                 break
             _forward(problem, plain, found, alpha * DICTIONARY_SHARE, chance, given_up)
-    found.state = problem.state(found.chosen)
     return found
 
 
@@ -293,7 +317,8 @@ def _blocked(problem, found, bank, g, alpha, chance):
     scores = bank.score(state)
     if scores.dof[g] == 0:
         return (g,)
-    if chance.p(state, scores, g, alpha) <= alpha:
+    if chance.p(state, scores, g, alpha) <= alpha or chance.p_beyond_wander(
+            problem, found.chosen, bank, np.flatnonzero(slow), g) <= alpha:
         return ()
     z = ChanceTest(state, scores, g).all
     return np.flatnonzero(slow & (z <= z[g]))
@@ -493,10 +518,30 @@ def standing(problem, found, i, chance, enough=None):
     state = problem.plain.state(found.chosen, found.state.weights, without=i)
     if _follows(problem.sequence, bank, g, state):
         whole = problem.state(found.chosen, found.state.weights, without=i)
-        if whole.wander and swollen(bank, state, whole)[g] > SLOW:
-            state = whole
+        slow = swollen(bank, state, whole) > SLOW if whole.wander else np.zeros(len(bank), bool)
+        if slow[g]:
+            return _beside_wander(problem, found, i, chance, enough, whole, np.flatnonzero(slow))
+    scores = bank.score(state)
+    return _standing(problem, found, i, scores, chance.p(state, scores, g, enough))
+
+
+def _beside_wander(problem, found, i, chance, enough, state, slow):
+    choice = found.chosen[i]
+    bank, g = choice.bank(problem), choice.group
     scores = bank.score(state)
     p = chance.p(state, scores, g, enough)
+    if p > (enough or 0.01):
+        others = [c for j, c in enumerate(found.chosen) if j != i]
+        p = min(p, chance.p_beyond_wander(problem, others, bank, slow, g))
+        # what is left to wander is known with the effect in the model
+        scores = bank.score(problem.state(found.chosen, found.state.weights, without=i,
+                                          wander=problem.state(found.chosen).wander))
+    return _standing(problem, found, i, scores, p)
+
+
+def _standing(problem, found, i, scores, p):
+    choice = found.chosen[i]
+    bank, g = choice.bank(problem), choice.group
     others = {c.group for j, c in enumerate(found.chosen) if j != i and c.curve == choice.curve}
     limit = scores.delta_bic.max() - SET_WIDTH
     lines = {int(bank.line[g])}

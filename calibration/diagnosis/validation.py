@@ -98,7 +98,7 @@ class Errors:
     caution: str = ''
 
 
-def cross_validated(work, chosen, count, alpha, rng):
+def cross_validated(work, chosen, wanders, count, alpha, rng):
     """RMS of rows left out, without any effect and with the choice repeated in each fold.
 
     Parameters
@@ -106,6 +106,8 @@ def cross_validated(work, chosen, count, alpha, rng):
     work : Work
     chosen : list of Choice
         Of all rows.
+    wanders : bool
+        Whether rows that resemble their neighbours are taken as such in the fits.
     count : int
         Folds.
     alpha : float
@@ -116,15 +118,16 @@ def cross_validated(work, chosen, count, alpha, rng):
     Errors
     """
     problem = work.problem
-    keep = problem.state(chosen, final=True).weights > 0.0
+    plain = problem if wanders else problem.plain
+    keep = problem.plain.state(chosen, final=True).weights > 0.0
     if not chosen:  # the model stays as it was
-        before = _rms(cross_validate(problem, [], partitions_of(problem, count, rng)[0]), keep)
+        before = _rms(cross_validate(plain, [], partitions_of(problem, count, rng)[0]), keep)
         return Errors(before, before)
     left = []  # of each partition: with no choice, with the first 0, 1, ... of each fold
     while len(left) < PARTITIONS or (len(left) < MOST_PARTITIONS and _unsure(left)):
         folds = partitions_of(problem, count, rng)[0]
-        apart, _ = nested(problem, folds, alpha, rng)
-        left.append([_rms(cross_validate(problem, [], folds), keep),
+        apart, _ = nested(problem, folds, alpha, rng, wanders)
+        left.append([_rms(cross_validate(plain, [], folds), keep),
                      [_rms(r, keep) for r in apart]])
         if len(folds) == len(np.unique(problem.sequence.run)) > 1:
             break  # each run alone: there is but one such partition
@@ -140,8 +143,8 @@ def cross_validated(work, chosen, count, alpha, rng):
             out.caution = _NOT_REPEATED if out.cut < len(chosen) else ''
     else:
         folds = partitions_of(problem, count, rng)[1]
-        before = _rms(cross_validate(problem, [], folds), keep)
-        after = _rms(nested(problem, folds, alpha, rng)[0][-1], keep)
+        before = _rms(cross_validate(plain, [], folds), keep)
+        after = _rms(nested(problem, folds, alpha, rng, wanders)[0][-1], keep)
         out.stretches = {'before': before['radial'], 'after': after['radial'],
                          **{f'{when}_{axis}': one[axis] for axis in 'xy'
                             for when, one in (('before', before), ('after', after))}}
@@ -172,7 +175,7 @@ def _mean(entries):
     return {axis: float(np.mean([e[axis] for e in entries])) for axis in _IN}
 
 
-def nested(problem, folds, alpha, rng, flips=NESTED_FLIPS):
+def nested(problem, folds, alpha, rng, wanders=False, flips=NESTED_FLIPS):
     """As `cross_validate`, with the whole choice repeated without each fold.
 
     Parameters
@@ -181,6 +184,8 @@ def nested(problem, folds, alpha, rng, flips=NESTED_FLIPS):
     folds : list of ndarray of int
     alpha : float
     rng : numpy.random.Generator
+    wanders : bool
+        As of `cross_validated`.
     flips : int
 
     Returns
@@ -200,7 +205,8 @@ def nested(problem, folds, alpha, rng, flips=NESTED_FLIPS):
         choices.append(found.chosen)
         left = []
         for k in range(len(found.chosen) + 1):
-            state = part.state(found.chosen[:k], found.state.weights if k else None, final=True)
+            state = (part if wanders else part.plain).state(
+                found.chosen[:k], found.state.weights if k else None, final=True)
             left.append(predicted(problem, part, found.chosen[:k], state, fold))
         parts.append(left)
     out = np.empty((max(map(len, parts)), 2, problem.n))

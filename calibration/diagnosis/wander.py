@@ -158,6 +158,10 @@ class White:
         """The same with some rows (indices of n) set aside."""
         return White(_set_aside(self.root, rows))
 
+    def rows(self, rows):
+        """Of some rows (indices of n)."""
+        return White(self.root.reshape(2, -1)[:, rows].ravel())
+
 
 class Whitened:
     """Weights, and differences that take out what a row has from the rows before.
@@ -191,9 +195,30 @@ class Whitened:
             out[..., part] = axis.spread(values[..., part])
         return out
 
+    def coloured(self, values):
+        """The way back: white noise (..., 2n) as this noise; 0 in rows set aside."""
+        out = values / np.where(self.root > 0.0, self.root, np.inf)
+        for part, axis in self._axes:
+            out[..., part] = axis.coloured(values[..., part])
+        return out
+
+    @property
+    def log_det(self):
+        """Of the covariance of the rows with weight."""
+        plain = self.root.copy()
+        for part, _ in self._axes:
+            plain[part] = 0.0
+        return float(-2.0 * np.log(plain[plain > 0.0]).sum()
+                     + sum(axis.log_det for _, axis in self._axes))
+
     def without(self, rows):
         """The same with some rows (indices of n) set aside."""
         return Whitened(_set_aside(self.root, rows), self._sequence, self._wander)
+
+    def rows(self, rows):
+        """Of some rows (indices of n)."""
+        return Whitened(self.root.reshape(2, -1)[:, rows].ravel(), self._sequence.rows(rows),
+                        self._wander)
 
 
 def _set_aside(root, rows):
@@ -223,10 +248,27 @@ class _Axis:
         flat = values.reshape(-1, self._n)
         out = np.zeros_like(flat)
         band = np.vstack((np.ones(len(self._phi)), np.append(-self._phi[1:], 0.0)))
-        u, _ = dtbtrs(band, self._part.unscaled(flat).T, uplo='L', trans='T', diag='U')
+        u = _bidiagonal(band, self._part.unscaled(flat).T, 'T')
         u = np.append(u[:-1] + self._lower[:, None] * u[1:], u[-1:], axis=0)
         out[:, self._part.rows] = (u * np.sqrt(self._diagonal)[:, None]).T
         return out.reshape(values.shape)
+
+
+    def coloured(self, values):
+        """Inverse of the whitening."""
+        flat = values.reshape(-1, self._n)[:, self._part.rows].T * np.sqrt(
+            self._diagonal)[:, None]
+        flat = np.append(flat[:1], flat[1:] + self._lower[:, None] * flat[:-1], axis=0)
+        band = np.vstack((np.ones(len(self._phi)), np.append(-self._phi[1:], 0.0)))
+        noise = _bidiagonal(band, flat)
+        out = np.zeros((noise.shape[1], self._n))
+        out[:, self._part.rows] = self._part.unscaled_part(noise.T)
+        return out.reshape(values.shape)
+
+    @property
+    def log_det(self):
+        """Of the covariance of the rows with weight."""
+        return float(np.log(self._diagonal).sum()) - self._part.log_scale
 
 
 class _Part:
@@ -258,17 +300,30 @@ class _Part:
 
     def unscaled(self, values):
         """The way back, of these rows."""
-        return values[..., self.rows] / self._scale
+        return self.unscaled_part(values[..., self.rows])
+
+    def unscaled_part(self, values):
+        """The way back, of values of these rows only."""
+        return values / self._scale
 
 
 def _factored(phi, white, variance):
     """LDL^T of the covariance of the differences: D (n,) and the lower diagonal of L (n-1,)."""
     before = np.concatenate(([0.0], white[:-1]))
     diagonal = variance * (1.0 - phi * phi) + white + phi * phi * before
+    if len(diagonal) < 2:  # as of `_bidiagonal`
+        return diagonal, diagonal[:0]
     d, lower, info = dpttrf(diagonal, -phi[1:] * white[:-1])
     if info:
         raise np.linalg.LinAlgError('covariance of a wander is not positive definite')
     return d, lower
+
+
+def _bidiagonal(band, columns, trans='N'):
+    """Solution with a unit lower bidiagonal matrix; (n, k)."""
+    if not columns.size:  # LAPACK's routine writes beyond an empty array
+        return columns
+    return dtbtrs(band, columns, uplo='L', trans=trans, diag='U')[0]
 
 
 def _solved(phi, diagonal, lower, columns):
@@ -276,7 +331,7 @@ def _solved(phi, diagonal, lower, columns):
     columns = columns - np.concatenate((np.zeros_like(columns[:1]),
                                         phi[1:, None] * columns[:-1]))
     band = np.vstack((np.ones(len(phi)), np.append(lower, 0.0)))
-    out, _ = dtbtrs(band, columns, uplo='L', diag='U')
+    out = _bidiagonal(band, columns)
     return out / np.sqrt(diagonal)[:, None]
 
 
