@@ -238,8 +238,8 @@ def test_cross_validation_tells_gain_from_decoration():
 
 def wandering_noise(sequence, variance, memory, rng):
     gap = np.abs(sequence.position[:, None] - sequence.position)
-    root = np.linalg.cholesky(variance * np.exp(-gap / memory) + 1e-9 * np.eye(len(gap)))
-    return root @ rng.normal(size=len(gap))
+    root = np.linalg.cholesky(np.exp(-gap / memory) + 1e-9 * np.eye(len(gap)))
+    return np.sqrt(variance) * root @ rng.normal(size=len(gap))
 
 
 def test_rows_that_wander_are_whitened_exactly():
