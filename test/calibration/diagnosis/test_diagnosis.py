@@ -201,9 +201,9 @@ def test_aliases_of_terms_are_never_effects():
 
 def test_time_and_temperature_alike_are_ambiguous_and_it_says_what_to_observe():
     def drift(c):
-        c['temperature'] = 12.0 - 4.0 * np.linspace(0.0, 1.0, len(c['az']))**0.8
-        return 0.0, -6.0 * ARCSEC * c['temperature']
-    result = diagnose(night(8, effect=drift), **FAST)
+        c['temperature'] = 12.0 - 4.0 * np.linspace(0.0, 1.0, len(c['az']))**0.6
+        return 0.0, -3.0 * ARCSEC * c['temperature']
+    result = diagnose(night(11, effect=drift), **FAST)
     assert result.verdict == 'ambiguous'
     (one,) = result.effects
     shown = {one.fitted.effect.name, *one.alternatives}
