@@ -16,6 +16,7 @@ from .scores import Bank
 from .search import Chance, search, standing
 from .sessions import arrange, split
 from .streamed import diagnose_streamed
+from .undecided import judge_undecided
 from .validation import cross_validated, folds_of, judge_on
 from .work import Work
 
@@ -104,6 +105,9 @@ def _in_memory(obs, base, alpha, rng, flips, folds):
             entry.cv_gain_arcsec = gain
         result.before['cv_rms_arcsec'], result.after['cv_rms_arcsec'] = errors.before, errors.after
         result.cv_contiguous, result.caution = errors.stretches, errors.caution
+        judge_undecided(result, [c.effect(work.problem).name for c in
+                                 found.dropped_by_cv + found.not_repeated],
+                        result.ranking[0]['delta_bic'] if result.ranking else 0.0)
     if result.verdict == 'none':
         result.detectable = detectable(work.problem, chance, alpha)
     if result.verdict == 'ambiguous':

@@ -63,7 +63,7 @@ class Diagnosis:
 
     Attributes
     ----------
-    verdict : {'none', 'identified', 'ambiguous', 'unknown'}
+    verdict : {'none', 'undecided', 'identified', 'ambiguous', 'unknown'}
     base : Base
     observations : Observations
         The rows that were used.

@@ -17,6 +17,7 @@ from .linear import Columns, fit_state
 from .resampling import (
     contiguous_folds,
     cross_validate,
+    effective_runs,
     nested,
     radial_arcsec,
     random_folds,
@@ -31,10 +32,10 @@ _CAUTION = ('But where {} are left out, they are predicted worse than without an
 
 
 def folds_of(work, count, rng):
-    """Whole runs from 4 runs on, else rows at random; fewer folds where each takes long."""
+    """Whole runs where 4 and more count, else rows at random; fewer folds where each is long."""
     if work.problem.n > LONG:
         count = min(count, FEW_FOLDS)
-    if len(work.obs.runs) >= RUNS:
+    if effective_runs(work.obs.label) >= RUNS:
         return run_folds(work.obs.label, min(count, len(work.obs.runs)), rng)
     return random_folds(work.problem.n, count, rng)
 
@@ -70,12 +71,12 @@ def cross_validated(work, found, parts, alpha, rng):
         return Errors(before, before)
     before, counts = judged(parts)
     out = Errors(before, counts[-1])
-    if len(work.obs.runs) >= RUNS:
+    if effective_runs(work.obs.label) >= RUNS:
         if out.after > before:
             out.cut = min(int(np.argmin(counts)), len(found.chosen))
             out.after = counts[out.cut]
             out.caution = _NOT_REPEATED if out.cut < len(found.chosen) else ''
-    elif not work.base.own:
+    else:
         apart, counts = judged(_stretches(work, len(parts)))
         out.stretches = {'before': apart, 'after': counts[-1]}
         if counts[-1] > apart:

@@ -41,6 +41,9 @@ def verdict_sentences(document, effect_texts=(), limit=5, caution=''):
                        'the columns, their units and signs, and where azimuth 0 is.')
         return 'The model lacks nothing that these observations can show', [
             caution or text, 'The model stays as it was.', *_detectable(document)]
+    if verdict == 'undecided':
+        return ('Undecided: something is beyond chance, but these observations cannot test it',
+                [caution, 'The model stays as it was.'])
     sentences = []
     label, before, after = best_pair(document)
     if before is not None and after is not None:
