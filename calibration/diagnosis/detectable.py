@@ -72,7 +72,7 @@ def detectable(problem, chance, alpha):
         if g is None or scores.dof[g] < len(bank.of(g)):
             continue
         dof = int(scores.dof[g])
-        white = bank.of(g) * state.root
+        white = state.white(bank.of(g)) if hasattr(state, 'white') else bank.of(g) * state.root
         white = white - (white @ state.basis.T) @ state.basis
         # signal beyond the base in units of the noise, of each phase at unit amplitude
         phases = _PHASES if dof == 2 else np.ones((1, 1))

@@ -14,8 +14,8 @@ import numpy as np
 from pointing_model.run import PointingRun
 
 from .base import Base, linearised, observations
-from .constants import DISTINCT, LIVE
-from .linear import fit_state, orthonormal, solve
+from .constants import DISTINCT, EIGEN, LIVE
+from .linear import fit_state, orthonormal
 
 #: gaps that may end a session, h: a break, the day between two nights, a day without observing
 GAPS = (3.0, 6.0, 12.0)
@@ -185,7 +185,9 @@ class _Trial:
         self._left = linearised(obs, Base.parse(base))[1]
         columns = Base.parse(base, _ZEROS).columns(obs.context, obs.label)
         state = fit_state(columns, self._left, obs.inverse_sigma)
-        self._root, self._live = state.root, state.weights > LIVE
+        given = 1.0 if obs.inverse_sigma is None else obs.inverse_sigma
+        self._root = given * np.concatenate([np.sqrt(state.weights) / s for s in state.scale])
+        self._live = state.weights > LIVE
 
     def _observations(self, runs):
         obs = observations(runs, self._encoder)
@@ -260,7 +262,8 @@ class _Trial:
             left[both] -= (left[both] @ basis.T) @ basis
             white[:, both] -= (white[:, both] @ basis.T) @ basis
         white[np.sqrt(np.square(white).sum(axis=1)) < DISTINCT * length] = 0.0
-        p = solve(white, left, np.ones_like(left)) if len(white) else np.empty(0)
+        scale = np.where(white.any(axis=1), length, 1.0)[:, None]
+        p = np.linalg.lstsq((white / scale).T, left, rcond=EIGEN)[0] / scale[:, 0]
         count += np.count_nonzero(white.any(axis=1))
         out = b - p @ common
         for both in blocks:
