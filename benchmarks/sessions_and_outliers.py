@@ -56,7 +56,7 @@ def row(what, figure, limit='', good=None):
 
 def outliers(args, rng):
     """False effects and slips."""
-    count = 400 if args.full else 20
+    count = args.nights
     for label, graduation in (('none', None), ('grating=47200', {'grating': 47200}),
                               ('grating=47200, bars=1080', {'grating': 47200, 'bars': 1080})):
         false = slips = 0
@@ -76,7 +76,7 @@ def outliers(args, rng):
 
 def slips(args, rng):
     """What is left of the power."""
-    count = 200 if args.full else 20
+    count = args.nights // 2
     told = right = 0
     for _ in range(count):
         run = night(rng, 60)
@@ -96,7 +96,7 @@ def slips(args, rng):
 
 def sessions(args, rng):
     """Taken for what they are."""
-    count = 200 if args.full else 30
+    count = args.nights // 2
     kinds = {'one mount': {}, 'zeros jump by 5"': {'IA': 5.0, 'IE': 5.0},
              'zeros and tilt jump by 5"': {'IA': 5.0, 'IE': 5.0, 'AN': 5.0, 'AW': 5.0}}
     for kind, sizes in kinds.items():
@@ -155,10 +155,12 @@ PARTS = {'outliers': outliers, 'slips': slips, 'sessions': sessions, 'cost': cos
 def main():
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
-    parser.add_argument('--full', action='store_true', help='the sizes of the limits')
+    parser.add_argument('--full', action='store_true', help='the sizes of the limits: 400 nights')
+    parser.add_argument('--nights', type=int, default=40, help='of each kind; half as many of some')
     parser.add_argument('--only', nargs='+', choices=PARTS, default=list(PARTS))
     parser.add_argument('--seed', type=int, default=1)
     args = parser.parse_args()
+    args.nights = 400 if args.full else args.nights
     print(f'{"what":68s} {"figure":>26s}  {"limit":>10s}')
     for name in args.only:
         PARTS[name](args, np.random.default_rng(args.seed))
