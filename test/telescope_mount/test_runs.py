@@ -107,6 +107,7 @@ def test_an_exported_log_gives_the_same_fit(night, tmp_path):
 @pytest.mark.usefixtures('ros_domain')
 def test_a_log_keeps_what_the_encoders_read(night):
     run = load_run(night / 'bag')
+    assert run.meta['graduation'] == {'az': {'grating': 47200}, 'el': {'grating': 47200}}
     az, el = centred(run['az_raw'], run['el_raw'], run['miss_x'], run['miss_y'])
     # the zero of each power-on is all that is taken off
     for number in np.unique(run['run']):
