@@ -105,7 +105,7 @@ def arrange(runs, base='physical', own_terms=None, sessions=None, encoder='enc')
     ways = [(None, runs)] + [(gap, parts) for gap in gaps for parts in [_split(runs, gap)] if parts]
     # of two gaps that make the same sessions the shorter one is said
     ways = [way for i, way in enumerate(ways)
-            if not any(_alike(way[1], earlier) for _, earlier in ways[:i])]
+            if not any(_count(way[1]) == _count(earlier) for _, earlier in ways[:i])]
     if own_terms is not None and len(ways) == 1:
         return Arranged(runs, tuple(own_terms), sessions)
     if len(ways) == 1 and _count(runs) < 2:
@@ -155,11 +155,6 @@ def _split(runs, hours):
         time = np.asarray(run.get('time'), float)
         out.append(run.in_sessions(hours) if np.isfinite(time).all() else run)
     return out if _count(out) > _count(runs) else None
-
-
-def _alike(runs, others):
-    return all(np.array_equal(a.get('run'), b.get('run'), equal_nan=True)
-               for a, b in zip(runs, others))
 
 
 class _Trial:
