@@ -16,6 +16,7 @@ from msg_tools.homing import cloud_to_homing
 from msg_tools.node import MountNode, Param, run_node
 from msg_tools.status import OBSERVATIONS
 from msg_tools.units import ARCSEC, DEG
+from pointing_model.effects import declared_graduation
 from pointing_model.model import PointingModel
 from pointing_model.run_messages import cloud_to_run
 from pointing_model.zero_message import zero_to_joints
@@ -51,6 +52,8 @@ PARAMS = (
           0.5),
     Param('site', '', 'latitude and longitude of the mount [deg], such as "34.3, 109.0", for '
           'what follows the stars; empty: unknown', check=_site),
+    Param('graduation', '', 'lines in a turn of the encoder, such as grating=47200, for readings '
+          'that slipped by whole lines; empty: unknown', fixed=True, check=declared_graduation),
     Param('diagnosis_page', '', 'HTML file that the service diagnose writes; empty: none'),
 )
 
@@ -84,15 +87,21 @@ class Calibration(MountNode):
         self._say('collecting')
 
     def _on_observation(self, message):
-        self._session.add(cloud_to_run(message),
+        self._session.add(self._rows(message),
                           convert.from_stamp(message.header.stamp))
         self._say('collecting')
 
     def _on_table(self, message):
         if message.width:
-            self._session.take_table(cloud_to_run(message),
+            self._session.take_table(self._rows(message),
                                      convert.from_stamp(message.header.stamp))
             self._say('collecting')
+
+    def _rows(self, message):
+        rows = cloud_to_run(message)
+        if self.value('graduation'):
+            rows.meta['graduation'] = declared_graduation(self.value('graduation'))
+        return rows
 
     def _on_homing(self, message):
         self._marks = cloud_to_homing(message)

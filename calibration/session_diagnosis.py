@@ -38,7 +38,7 @@ class Amended:
         JSON-ready: the keys of `Diagnosis.to_dict`, and ``applied`` (names of the effects in
         `model`), ``aliases`` of each effect, ``kept_out`` (how many rows were there to judge by),
         ``ranking``, ``zeros_in_force``, ``notes``, and what it was made with: ``alpha``,
-        ``site_deg``.
+        ``site_deg``, ``graduation`` (of the encoder, as it was declared).
     diagnosis : Diagnosis
     """
 
@@ -86,7 +86,7 @@ def amend(rows, zeros, fitted=None, provenance=None, alpha=0.01, site=None):
     stars = _at_zero(seen.select(seen['star'] != POLARIS_HIP), zeros, site)
     if len(stars) == 0:
         raise ValueError('no star to diagnose has come yet; observe first')
-    result = diagnose(stars, alpha=alpha)
+    result = diagnose(stars, alpha=alpha, sessions=0.0)
     base, base_zeros = fitted, zeros
     if fitted is None:
         base, base_zeros = result.base_model, _shifted(zeros, result, result.base_model)
@@ -186,5 +186,6 @@ def _document(result, model, kept, in_force):
         'format': FORMAT, 'version': VERSION, **document,
         'applied': [e.effect.name for e in model.effects], 'kept_out': len(kept),
         'ranking': [{n: line[n] for n in names} for line in result.ranking[:_RANKED]],
-        'zeros_in_force': in_force, 'notes': list(dict.fromkeys(result.notes)),
+        'zeros_in_force': in_force, 'graduation': result.observations.context.graduation,
+        'notes': list(dict.fromkeys(result.notes)),
     }

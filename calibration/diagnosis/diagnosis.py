@@ -9,11 +9,14 @@ from pointing_model.effects.drifts import places_of_steps
 from .base import Base, observations
 from .choosing import choose, settled
 from .constants import FLIPS, FOLDS, STREAMED_FROM
+from .detectable import detectable
 from .next_observations import propose
 from .result import DiagnosedEffect, concluded, diagnosed, hidden, ranking_of
 from .scores import Bank
 from .search import Chance
+from .sessions import arrange, split
 from .streamed import diagnose_streamed
+from .undecided import judge_undecided
 from .unexplained import unexplained, wander_entry
 from .validation import cross_validated, judge_on, partitions_of
 from .work import Work
@@ -21,7 +24,7 @@ from .work import Work
 
 def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None, encoder='enc',
              flips=FLIPS, folds=FOLDS, seed=0, cross_validation=True,
-             streamed_from=STREAMED_FROM):
+             streamed_from=STREAMED_FROM, sessions=None):
     """Find the effects that a model lacks, and prove the gain.
 
     Parameters
@@ -35,8 +38,8 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
     holdout : PointingRun or sequence of PointingRun, optional
         Judge there too; only `own_terms` (by default the zeros IA and IE) are refitted.
     own_terms : sequence of str, optional
-        Terms that each run fits for itself; by default IA and IE if there are several runs.
-        ``()``: none.
+        Terms that each run (or session) fits for itself; by default chosen where there are
+        several, see `sessions.arrange`. ``()``: none.
     encoder : {'enc', 'abs'}
     flips : int
         Sign flips behind each p.
@@ -48,6 +51,9 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
     streamed_from : int
         More rows than this are gone through in chunks, see `streamed`: without `flips`, `folds`
         and the cross-validation. A note says so.
+    sessions : float, optional
+        A gap longer than so many hours begins a session with terms of its own; by default told
+        by the data, see `sessions.arrange`. 0: runs are taken as they are.
 
     Returns
     -------
@@ -60,17 +66,21 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
     """
     if not 0.0 < alpha < 1.0:
         raise ValueError(f'alpha {alpha} is no probability between 0 and 1')
-    obs = observations(runs, encoder)
-    if own_terms is None:
-        own_terms = ('IA', 'IE') if len(obs.runs) > 1 else ()
+    hours = None
     if not isinstance(base, Base):
+        runs, own_terms, hours = arrange(runs, base, own_terms, sessions, encoder)
         base = Base.parse(base, own_terms)
+    obs = observations(runs, encoder)
+    if obs.context.left_out():
+        obs.notes.append('no drivers, for they may be outcomes of a measurement and not causes: '
+                         f'{", ".join(obs.context.left_out())} (--driver NAME takes one)')
     rng = np.random.default_rng(seed)
     if len(obs) > streamed_from:
         result = diagnose_streamed(obs, base, alpha, rng, streamed_from)
     else:
         result = _in_memory(obs, base, alpha, rng, flips, folds if cross_validation else 0)
     if holdout is not None:
+        holdout = holdout if hours is None else split(holdout, hours)
         judge_on(holdout, result, own_terms or ('IA', 'IE'), encoder)
     return result
 
@@ -108,6 +118,11 @@ def _in_memory(obs, base, alpha, rng, flips, folds):
                          cv_rms_y_arcsec=one['y'])
         result.after['cv_spread'] = errors.spread
         result.cv_contiguous, result.caution = errors.stretches, errors.caution
+        judge_undecided(result, [c.effect(work.problem).name for c in
+                                 found.dropped_by_cv + found.not_repeated],
+                        result.ranking[0]['delta_bic'] if result.ranking else 0.0)
+    if result.verdict == 'none':
+        result.detectable = detectable(work.problem, chance, alpha)
     if result.verdict == 'ambiguous':
         result.next_observations = propose(problem, obs, base, found, chosen.stands)
     return result

@@ -29,6 +29,20 @@ def run_folds(label, count, rng):
     return [np.flatnonzero(np.isin(label, part)) for part in np.array_split(runs, count)]
 
 
+def effective_runs(label):
+    """How many equal runs these runs are worth: n^2 / sum of n_i^2.
+
+    Of seven rows and 49 the long run left out takes with it all that there is to fit.
+
+    Parameters
+    ----------
+    label : ndarray of int, shape (n,)
+        Run of each row.
+    """
+    counts = np.unique(label, return_counts=True)[1].astype(float)
+    return float(counts.sum()**2 / np.square(counts).sum())
+
+
 def predict(problem, chosen, train, test):
     """Residuals of `test` rows with everything fitted to `train` rows.
 

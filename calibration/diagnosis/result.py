@@ -63,7 +63,7 @@ class Diagnosis:
 
     Attributes
     ----------
-    verdict : {'none', 'wanders', 'identified', 'ambiguous', 'unknown'}
+    verdict : {'none', 'wanders', 'undecided', 'identified', 'ambiguous', 'unknown'}
     base : Base
     observations : Observations
         The rows that were used.
@@ -83,6 +83,8 @@ class Diagnosis:
         What could not be tested, and why.
     noise_floor_arcsec : float
     excluded, next_observations, notes : list
+    detectable : list of dict or None
+        With the verdict ``none``: what these observations would have shown, see `detectable`.
     cv_contiguous : dict
         ``before``, ``after``: RMS in arcsec with folds contiguous in time.
     run_terms : dict
@@ -112,6 +114,7 @@ class Diagnosis:
     notes: list
     run_terms: dict
     next_observations: list = field(default_factory=list)
+    detectable: list | None = None
     cv_contiguous: dict = field(default_factory=dict)
     caution: str = ''
     wander: dict | None = None
@@ -131,7 +134,8 @@ class Diagnosis:
             'after': self.after, 'noise_floor_arcsec': self.noise_floor_arcsec,
             'effects': [e.to_dict() for e in self.effects],
             'excluded': _excluded(self.excluded, self.observations),
-            'next_observations': self.next_observations, 'wander': self.wander,
+            'next_observations': self.next_observations, 'detectable': self.detectable,
+            'wander': self.wander,
         }
 
 

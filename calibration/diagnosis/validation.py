@@ -28,6 +28,7 @@ from .linear import Columns, fit_state
 from .resampling import (
     contiguous_folds,
     cross_validate,
+    effective_runs,
     predicted,
     radial_arcsec,
     random_folds,
@@ -62,9 +63,8 @@ def partitions_of(problem, count, rng):
     sequence = problem.sequence
     if problem.n > LONG:
         count = min(count, FEW_FOLDS)
-    runs = len(np.unique(sequence.run))
-    if runs >= RUNS:
-        return [run_folds(sequence.run, min(count, runs), rng)]
+    if effective_runs(sequence.run) >= RUNS:
+        return [run_folds(sequence.run, min(count, len(np.unique(sequence.run))), rng)]
     return [random_folds(sequence.group, count, rng), _stretches(problem, count)]
 
 
@@ -134,7 +134,7 @@ def cross_validated(work, chosen, wanders, count, alpha, rng):
     every = [steps[-1]['radial'] for _, steps in left]
     out = Errors(_mean([b for b, _ in left]), _mean([steps[-1] for _, steps in left]), {
         'partitions': len(left), 'min_arcsec': min(every), 'max_arcsec': max(every)})
-    if len(work.obs.runs) >= RUNS:
+    if effective_runs(problem.sequence.run) >= RUNS:
         if out.after['radial'] > out.before['radial']:
             counts = [_mean([steps[min(k, len(steps) - 1)] for _, steps in left])
                       for k in range(max(len(steps) for _, steps in left))]

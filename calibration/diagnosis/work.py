@@ -47,7 +47,8 @@ class Work:
         for axis, graduation, rows, multiples, p in decode_slips(
                 self.obs, self.problem.state([]), alpha):
             e = effect('decode_slip', axis=axis, rows=self.obs.run['row'][rows].tolist(),
-                       multiples=multiples.tolist(), graduation=graduation)
+                       multiples=multiples.tolist(), graduation=graduation,
+                       lines=self.obs.context.graduation[axis][graduation])
             fitted = FittedEffect(e, np.array([ARCSEC]), np.zeros(1))
             x, y = fitted.offsets(self.obs.context)
             self.obs.observed = self.obs.observed - np.concatenate((x, y))

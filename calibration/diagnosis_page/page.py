@@ -10,7 +10,7 @@ from .style import CSS
 from .svg_plot import clean
 from .view import view_of
 
-_VERDICTS = {'none': 'nothing missing', 'identified': 'cause identified',
+_VERDICTS = {'none': 'nothing missing', 'undecided': 'undecided', 'identified': 'cause identified',
              'ambiguous': 'cause ambiguous', 'unknown': 'cause unknown'}
 
 
@@ -99,7 +99,7 @@ def _verdict(view):
     cards = []
     for value, text in ((before, f'before, {label}'), (after, f'after, {label}'),
                         (document.get('noise_floor_arcsec'), 'noise floor')):
-        if value is not None and not (verdict == 'none' and text.startswith('after')):
+        if value is not None and not (verdict in ('none', 'undecided') and text[:5] == 'after'):
             cards.append(f'<div><b>{arcsec(value)}</b><span>{clean(text)}</span></div>')
     kind = verdict if verdict in _VERDICTS else ''
     return (f'<section class="verdict {kind}"><span class="badge">'

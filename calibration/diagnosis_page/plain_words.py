@@ -4,6 +4,8 @@ from pointing_model.effects.base import arcsec, readable
 
 #: arcsec; what is left beyond this is no noise of pointing
 _ABSURD = 1800.0
+#: of the effects that would have been found, so many are told
+_MOST_SAID = 8
 
 
 def verdict_sentences(document, effect_texts=(), limit=5, caution=''):
@@ -38,7 +40,10 @@ def verdict_sentences(document, effect_texts=(), limit=5, caution=''):
             caution = (f'What is left, {arcsec(left)}, is far more than a mount errs by: look at '
                        'the columns, their units and signs, and where azimuth 0 is.')
         return 'The model lacks nothing that these observations can show', [
-            caution or text, 'The model stays as it was.']
+            caution or text, 'The model stays as it was.', *_detectable(document)]
+    if verdict == 'undecided':
+        return ('Undecided: something is beyond chance, but these observations cannot test it',
+                [caution, 'The model stays as it was.'])
     sentences = []
     label, before, after = best_pair(document)
     if before is not None and after is not None:
@@ -62,6 +67,18 @@ def verdict_sentences(document, effect_texts=(), limit=5, caution=''):
     else:
         headline = f'{many} that the model lacked {"is" if count == 1 else "are"} found and added'
     return headline, sentences
+
+
+def _detectable(document):
+    """What would have been found, in one sentence, or none."""
+    said = []
+    for row in (document.get('detectable') or [])[:_MOST_SAID]:
+        unit = {'arcsec/h': ' an hour', 'arcsec/K': ' a degree',
+                'arcsec/run': ' over the run'}.get(row['unit'], '')
+        said.append(f'{row["what"]} by {arcsec(row["amplitude_arcsec"])}{unit}')
+    if not said:
+        return []
+    return ['Nine times in ten they would have shown ' + '; '.join(said) + '.']
 
 
 def best_pair(document):

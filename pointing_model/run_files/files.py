@@ -126,6 +126,11 @@ def swap_encoders(path, columns, meta):
         columns.pop(f'{axis}_raw', None)  # it belongs to the first
         if first is not None:
             columns[f'{axis}_abs'] = first
+    graduations = {name: meta.pop(name) for name in ('graduation', 'graduation_abs')
+                   if name in meta}
+    for name, other in (('graduation', 'graduation_abs'), ('graduation_abs', 'graduation')):
+        if name in graduations:
+            meta[other] = graduations[name]
     meta['notes'].append('the second (absolute) encoder was read in place of the first')
 
 

@@ -21,9 +21,15 @@ def add(commands):
     parser.add_argument('--base', default='physical', metavar='MODEL',
                         help=f'what the model has already: {BASES} (default: physical)')
     parser.add_argument('--own', type=options.names, metavar='TERMS', help='terms that each run '
-                        'fits for itself (default: IA,IE if there are several runs)')
-    parser.add_argument('--sessions', type=float, metavar='HOURS',
-                        help='a gap longer than this begins a new run, with terms of its own')
+                        'or session fits for itself (default: of several, IA,IE and what pays)')
+    parser.add_argument('--sessions', type=_hours, metavar='HOURS',
+                        help='a gap longer than this begins a session, with terms of its own; '
+                        'none: take runs as they are (default: gaps of hours, if the rows say so)')
+    parser.add_argument('--graduation', metavar='NAME=LINES', help='lines or bars in a turn of '
+                        'the encoders, such as grating=47200 or az.grating=47200,el.bars=1080: '
+                        'outliers by whole ones are slips (default: what a log of ours tells)')
+    parser.add_argument('--driver', action='append', default=[], metavar='COLUMN', help='a column '
+                        'of the file that may be a cause, though its name does not say so')
     parser.add_argument('--alpha', type=float, default=0.01,
                         help='chance that a run with nothing wrong gets any effect (default: 0.01)')
     parser.add_argument('--holdout', nargs='+', type=Path, default=[], metavar='RUN',
@@ -50,17 +56,13 @@ def run(args):
     for path, suffixes in ((args.json, ()), (args.report, ('.html', '.htm')),
                            (args.save, ('.json', '.yaml', '.yml'))):
         options.check_target(path, suffixes)
-    place = {'azimuth_origin': args.azimuth_origin, **_place(args)}
+    place = {'azimuth_origin': args.azimuth_origin, 'graduation': args.graduation,
+             'drivers': args.driver, **_place(args)}
     runs, empty = load_runs(args.runs, **place)
     held, empty_held = load_runs(args.holdout, **place) if args.holdout else (None, [])
     print_lines(console, 'note', [*empty, *empty_held])
-    if args.sessions is not None:
-        runs, held = (r and [_in_sessions(one, args.sessions) for one in r] for r in (runs, held))
-    else:
-        for one in runs:
-            _suggest_sessions(one, console)
     found = diagnose(runs, args.base, args.alpha, holdout=held, own_terms=args.own,
-                     encoder=args.encoder, seed=args.seed)
+                     encoder=args.encoder, seed=args.seed, sessions=args.sessions)
     show(found, console)
     if args.json:
         args.json.write_text(json.dumps(found.to_dict(), indent=1) + '\n', encoding='utf-8')
@@ -74,36 +76,9 @@ def run(args):
         print_files(console, {'model': args.save})
 
 
-#: hours between rows that are likely to be another night
-_GAP = 3.0
-
-
-def _in_sessions(run, hours):
-    if not hours > 0.0:
-        raise ValueError(f'--sessions {hours:g} is no number of hours above 0')
-    source = run.meta.get('source', 'run')
-    try:
-        out = run.in_sessions(hours)
-    except ValueError as err:
-        raise ValueError(f'{source}: {err}') from None
-    count = len(set(out['run'].tolist()))
-    out.meta = {**run.meta, 'notes': [*run.meta.get('notes', ()), f'{Path(source).name}: '
-                                      f'{count} sessions, at gaps of more than {hours:g} h']}
-    return out
-
-
-def _suggest_sessions(run, console):
-    """Days in one file, and nothing that tells them apart."""
-    if 'run' in run or 'time' not in run:
-        return
-    try:
-        count = run.in_sessions(_GAP)['run'].max()
-    except ValueError:
-        return
-    if count > 1:
-        console.print(f'note: {Path(run.meta.get("source", "the run")).name} has {count} sessions '
-                      f'(gaps of more than {_GAP:g} h): --sessions {_GAP:g} gives each its own '
-                      'zeros', markup=False)
+def _hours(text):
+    """Hours of a gap; none: 0."""
+    return 0.0 if text == 'none' else float(text)
 
 
 def _place(args):

@@ -13,7 +13,7 @@ from pointing_model.run_files import read_run, write_csv
 from telescope_mount.cli import main
 
 KEYS = {'observations', 'runs', 'base_terms', 'verdict', 'before', 'after', 'noise_floor_arcsec',
-        'effects', 'excluded', 'next_observations'}
+        'effects', 'excluded', 'next_observations', 'detectable', 'wander'}
 RMS = {'rms_arcsec', 'rms_x_arcsec', 'rms_y_arcsec', 'cv_rms_arcsec', 'holdout_rms_arcsec'}
 EFFECT = {'name', 'tpoint', 'driver', 'axes', 'coefficients_arcsec', 'sigma_arcsec', 'p_family',
           'delta_bic', 'alternatives', 'cv_gain_arcsec'}
@@ -86,24 +86,25 @@ def test_rows_left_out_and_every_judgement_are_printed(tmp_path, capsys):
     assert '…' not in out
 
 
-def test_days_in_one_file_are_told_apart_on_demand(tmp_path, capsys):
+def test_days_in_one_file_are_told_apart(tmp_path, capsys):
     path = night(tmp_path / 'days.csv', 4, n=80)
     run = read_run(path)
     run.columns['time'] = run['time'] + 86400.0 * (np.arange(80) // 20)
     run.columns['az_enc'] = run['az_enc'] + 30.0 * ARCSEC * np.array([0, 1, -2, 3])[
         np.arange(80) // 20]
     write_csv(run, path)
-    assert main(['diagnose', path]) == 0
-    assert 'days.csv has 4 sessions' in capsys.readouterr().out
-    assert main(['diagnose', path, '--sessions', '3', '--json', str(tmp_path / 'd.json')]) == 0
-    out = capsys.readouterr().out
-    assert 'lacks nothing' in out and '4 sessions, at gaps of more than 3 h' in out
-    result = json.loads((tmp_path / 'd.json').read_text())
-    assert result['runs'] == 4 and result['before']['rms_arcsec'] < 1.6
+    for option in ([], ['--sessions', '3']):
+        assert main(['diagnose', path, *option, '--json', str(tmp_path / 'd.json')]) == 0
+        out = capsys.readouterr().out
+        assert 'lacks nothing' in out and 'days.csv: 4 sessions, at gaps of more than 3 h' in out
+        result = json.loads((tmp_path / 'd.json').read_text())
+        assert result['runs'] == 4 and result['before']['rms_arcsec'] < 1.6
 
 
 @pytest.mark.parametrize('arguments, text', [
-    (['{run}', '--sessions', '0'], '--sessions 0'),
+    (['{run}', '--sessions', '-1'], 'gaps of -1 h'),
+    (['{run}', '--graduation', 'grating=27.5'], 'number of lines'),
+    (['{run}', '--driver', 'wind'], 'no column wind'),
     (['nowhere.csv'], 'No such file'),
     (['{run}', '--base', 'magic'], 'magic'),
     (['{run}', '--alpha', '2'], 'alpha'),

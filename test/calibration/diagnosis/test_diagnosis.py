@@ -7,6 +7,7 @@ import pytest
 
 from calibration.diagnosis import diagnose
 from calibration.diagnosis.base import Base, observations
+from calibration.diagnosis.work import Work
 from calibration.diagnosis_page.page import render
 from calibration.diagnosis_page.plain_words import verdict_sentences
 from calibration.diagnosis_page.view import view_of
@@ -57,7 +58,8 @@ def names(result):
 
 
 KEYS = {'observations', 'runs', 'base_terms', 'verdict', 'before', 'after', 'noise_floor_arcsec',
-        'effects', 'excluded', 'next_observations', 'wander'}
+        'effects', 'excluded', 'next_observations', 'wander',
+        'detectable'}
 RMS = {'rms_arcsec', 'rms_x_arcsec', 'rms_y_arcsec', 'cv_rms_arcsec', 'cv_rms_x_arcsec',
        'cv_rms_y_arcsec', 'cv_spread', 'holdout_rms_arcsec'}
 EFFECT = {'name', 'tpoint', 'driver', 'axes', 'coefficients_arcsec', 'sigma_arcsec', 'p_family',
@@ -268,6 +270,7 @@ def test_outliers_and_slips():
     run.columns['el_enc'][30] -= 1200.0 * ARCSEC
     run.columns['el_enc'][40] += 431.0 * ARCSEC
     run.columns['az_enc'][50] = np.nan
+    run.meta['graduation'] = {'bars': 1080}
     result = diagnose(run, **FAST)
     slips = {e.fitted.effect.name: e.fitted.effect.parameters for e in result.effects}
     assert slips['azimuth_decode_slip_bars']['rows'] == [7]
@@ -277,14 +280,50 @@ def test_outliers_and_slips():
     assert 'not finite' in result.excluded[0]['reason']
     assert any('azimuth encoder was read whole bars' in note and note.endswith('row 7 (+2)')
                for note in result.notes)
+    # without a declared graduation, or a reading, they are outliers as any other
+    for meta in ({'graduation': None}, {'raw_reading': False}):
+        plain = diagnose(PointingRun(run.columns, {**run.meta, **meta}), **FAST)
+        assert names(plain) == [] and {e['row'] for e in plain.excluded} == {7, 30, 40, 50}
     # in a file rows are its lines
     run.meta.update(source='night.csv', lines=2 * np.arange(60) + 5)
-    again = diagnose([run, night(16)], **FAST)
+    other = night(16)
+    other.meta['graduation'] = run.meta['graduation']
+    again = diagnose([run, other], **FAST)
     assert [(e['row'], e['source']) for e in again.excluded] == [
         (105, 'night.csv'), (85, 'night.csv')]
     assert again.to_dict()['excluded'][0] == {'row': 105, 'reason': 'night.csv: az_enc not finite'}
     assert any(note.endswith('row 19 (+2)') for note in again.notes)
     assert result.after['rms_arcsec'] < 1.7
+
+
+@pytest.mark.parametrize('graduation', [{'grating': 47200}, {'grating': 47200, 'bars': 1080}])
+def test_outliers_anywhere_are_no_slips(graduation):
+    rng = np.random.default_rng(7)
+    alarms = 0
+    for seed in range(60):
+        run = night(seed)
+        rows = rng.choice(60, 4, replace=False)
+        for axis, k in zip(rng.choice(['az_enc', 'el_enc'], 4), rows):
+            run.columns[axis][k] += rng.choice([-1, 1]) * rng.uniform(20.0, 800.0) * ARCSEC
+        run.meta['graduation'] = graduation
+        obs = observations(run)
+        alarms += bool(Work(obs, Base.parse('physical'), 0.01, curves=False).slips)
+    assert alarms <= 2  # of 60 at 1 %
+
+
+def test_an_outlier_that_misses_speaks_against_slips():
+    period = 2.0 * np.pi / 47200
+    found = {}
+    for misses in (0, 6):
+        run = night(21)
+        rows = np.arange(5, 5 + 4 + misses)
+        run.columns['el_enc'][rows[:4]] += period * np.array([1, -2, 3, 1])
+        run.columns['el_enc'][rows[4:]] += period * np.linspace(2.3, 7.7, misses)
+        run.meta['graduation'] = {'el': {'grating': 47200}}
+        slips = Work(observations(run), Base.parse('physical'), 0.01).slips
+        found[misses] = [p for _, p in slips]
+    assert found[0] and found[0][0] < 1e-3
+    assert not found[6]
 
 
 def test_held_out_rows_and_drivers_that_fail_are_said():
