@@ -168,12 +168,14 @@ class CalibrationSession:
         Raises
         ------
         ValueError
-            Too few stars.
+            Too few stars, or angles that are not what they are named.
         """
+        from .diagnosis import check_columns
         rows = self.observations()
         rows = for_fitting(rows)
         is_star = rows['star'] != POLARIS_HIP
         stars = rows.select(is_star)
+        check_columns(stars)
         notes = []
         result, self.zeros_in_force = self._fit_terms(rows)
         for dropped in result.dropped:

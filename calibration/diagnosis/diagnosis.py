@@ -8,9 +8,11 @@ from pointing_model.effects.drifts import places_of_steps
 
 from .base import Base, observations
 from .constants import FLIPS, FOLDS, STREAMED_FROM
+from .input_check import check_columns
 from .next_observations import propose
 from .resampling import cv_gains
 from .result import DiagnosedEffect, concluded, diagnosed, hidden, ranking_of
+from .rows_told import claimed
 from .scores import Bank
 from .search import Chance, search, standing
 from .streamed import diagnose_streamed
@@ -54,12 +56,17 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
 
     Raises
     ------
+    MistakenColumns
+        A ValueError: the columns of a run are not what they are named, see `input_check`.
     ValueError
         Too few usable rows for the base, unknown terms, or a bad option.
     """
     if not 0.0 < alpha < 1.0:
         raise ValueError(f'alpha {alpha} is no probability between 0 and 1')
     obs = observations(runs, encoder)
+    checked = check_columns(runs, encoder)
+    if holdout is not None:
+        check_columns(holdout, encoder)
     if own_terms is None:
         own_terms = ('IA', 'IE') if len(obs.runs) > 1 else ()
     if not isinstance(base, Base):
@@ -69,6 +76,9 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
         result = diagnose_streamed(obs, base, alpha, rng, streamed_from)
     else:
         result = _in_memory(obs, base, alpha, rng, flips, folds if cross_validation else 0)
+    result = claimed(result)
+    result.columns_alike = checked.alike
+    result.notes += checked.notes
     if holdout is not None:
         judge_on(holdout, result, own_terms or ('IA', 'IE'), encoder)
     return result

@@ -13,6 +13,7 @@ from pointing_model.rms import rms
 from .base import Base, Observations
 from .constants import SET_WIDTH
 from .resampling import radial_arcsec
+from .rows_told import rows_told
 
 
 @dataclass
@@ -63,7 +64,7 @@ class Diagnosis:
 
     Attributes
     ----------
-    verdict : {'none', 'identified', 'ambiguous', 'unknown'}
+    verdict : {'none', 'identified', 'ambiguous', 'unknown', 'refused'}
     base : Base
     observations : Observations
         The rows that were used.
@@ -89,6 +90,8 @@ class Diagnosis:
         Run -> terms that it fitted for itself, arcsec.
     caution : str
         A sentence where the gain does not hold on some kind of rows left out.
+    columns_alike : list of str
+        Readings of the columns that fit as well, see `input_check`.
     """
 
     verdict: str
@@ -111,6 +114,7 @@ class Diagnosis:
     next_observations: list = field(default_factory=list)
     cv_contiguous: dict = field(default_factory=dict)
     caution: str = ''
+    columns_alike: list = field(default_factory=list)
 
     def to_dict(self):
         """The JSON result; keys that do not apply are None."""
@@ -120,7 +124,8 @@ class Diagnosis:
             'after': self.after, 'noise_floor_arcsec': self.noise_floor_arcsec,
             'effects': [e.to_dict() for e in self.effects],
             'excluded': _excluded(self.excluded, self.observations),
-            'next_observations': self.next_observations,
+            'next_observations': self.next_observations, **rows_told(self).to_dict(),
+            'columns_alike': self.columns_alike, 'readings': [],
         }
 
 

@@ -1,5 +1,6 @@
 """What a diagnosis found, in sentences that need no formula."""
 
+from calibration.diagnosis.rows_told import outlier_sentence
 from pointing_model.effects.base import arcsec, readable
 
 #: arcsec; what is left beyond this is no noise of pointing
@@ -29,6 +30,9 @@ def verdict_sentences(document, effect_texts=(), limit=5, caution=''):
     count = len(effects)
     many = 'One effect' if count == 1 else f'{count} effects'
     verdict = document['verdict']
+    outliers = [text for text in (outlier_sentence(document),) if text]
+    if verdict == 'refused':
+        return 'Nothing is concluded from so few of the rows', [caution, *outliers]
     if verdict == 'none':
         floor = document.get('noise_floor_arcsec')
         left = document['before'].get('rms_arcsec')
@@ -38,7 +42,7 @@ def verdict_sentences(document, effect_texts=(), limit=5, caution=''):
             caution = (f'What is left, {arcsec(left)}, is far more than a mount errs by: look at '
                        'the columns, their units and signs, and where azimuth 0 is.')
         return 'The model lacks nothing that these observations can show', [
-            caution or text, 'The model stays as it was.']
+            caution or text, 'The model stays as it was.', *outliers]
     sentences = []
     label, before, after = best_pair(document)
     if before is not None and after is not None:
@@ -47,6 +51,7 @@ def verdict_sentences(document, effect_texts=(), limit=5, caution=''):
                          f'{arcsec(after)}{share}.')
     if caution:
         sentences.append(caution)
+    sentences += outliers
     for row, text in list(zip(effects, effect_texts))[:limit]:
         if row.get('alternatives'):
             text += (' With these observations it could as well be: '

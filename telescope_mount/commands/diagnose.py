@@ -43,6 +43,17 @@ def add(commands):
 
 def run(args):
     """Load, diagnose, print, write."""
+    from calibration.diagnosis import MistakenColumns
+    try:
+        return _run(args)
+    except MistakenColumns as error:
+        if args.json:
+            from calibration.diagnosis.rows_told import refused_document
+            _write_json(args.json, refused_document(error))
+        raise
+
+
+def _run(args):
     from calibration.diagnosis import diagnose
 
     from ..runs import load_runs
@@ -62,8 +73,17 @@ def run(args):
     found = diagnose(runs, args.base, args.alpha, holdout=held, own_terms=args.own,
                      encoder=args.encoder, seed=args.seed)
     show(found, console)
+    _write(args, found, console)
+    return 2 if found.verdict == 'refused' else 0
+
+
+def _write_json(path, document):
+    path.write_text(json.dumps(document, indent=1) + '\n', encoding='utf-8')
+
+
+def _write(args, found, console):
     if args.json:
-        args.json.write_text(json.dumps(found.to_dict(), indent=1) + '\n', encoding='utf-8')
+        _write_json(args.json, found.to_dict())
         print_files(console, {'result': args.json})
     if args.report:
         from calibration.diagnosis_page.page import write_report
@@ -125,12 +145,14 @@ def _place(args):
 
 def show(found, console):
     """The verdict in words, the error before and after, the effects, what was left out."""
+    from calibration.diagnosis.rows_told import used_sentence
     from calibration.diagnosis_page.plain_words import readable, verdict_sentences
     from calibration.diagnosis_page.view import effect_sentences
     from calibration.tables import new_table
     document = found.to_dict()
     headline, sentences = verdict_sentences(document, effect_sentences(found), limit=20,
                                             caution=found.caution)
+    console.print(used_sentence(document), markup=False)
     console.print(headline, style='bold', markup=False)
     for sentence in sentences:
         console.print(f'  {sentence}', markup=False)
@@ -165,6 +187,9 @@ def show(found, console):
         console.print(f'{where}row{"s" * (len(rows) > 1)} {_listed(rows)} left out: {reason}',
                       markup=False)
     print_lines(console, 'note', found.notes)
+    if found.columns_alike:
+        print_lines(console, 'note', ['read otherwise the columns fit as well, which no fit can '
+                                      'tell: ' + '; '.join(found.columns_alike)])
     for item in document['next_observations'][:6]:
         console.print(_proposal(item), markup=False)
 

@@ -57,7 +57,9 @@ def names(result):
 
 
 KEYS = {'observations', 'runs', 'base_terms', 'verdict', 'before', 'after', 'noise_floor_arcsec',
-        'effects', 'excluded', 'next_observations'}
+        'effects', 'excluded', 'next_observations',
+        'rows_read', 'rows_used', 'outliers', 'rms_with_outliers_arcsec', 'columns_alike',
+        'readings'}
 RMS = {'rms_arcsec', 'rms_x_arcsec', 'rms_y_arcsec', 'cv_rms_arcsec', 'holdout_rms_arcsec'}
 EFFECT = {'name', 'tpoint', 'driver', 'axes', 'coefficients_arcsec', 'sigma_arcsec', 'p_family',
           'delta_bic', 'alternatives', 'cv_gain_arcsec'}
