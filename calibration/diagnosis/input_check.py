@@ -38,6 +38,7 @@ _MOST_EFFECTS = 2
 #: times the best misfit, or log-likelihood, within which two readings cannot be told apart
 _ALIKE, _AS_LIKELY = 1.05, 3.0
 _TAU = 3.0  # standard deviations, from where a residual counts no more
+_TRIED = 16  # readings with two mistakes, of many that are alike at first sight
 _ROWS = 600  # that are tried, evenly: more tell nothing else
 _FEW = 6  # rows that fits of seven terms begin with
 _STEEPEST = 20.0 * DEG  # terms beyond, but for the zeros, belong to no mount
@@ -201,7 +202,9 @@ class _Columns:
                     seen.append((first[-1], len(seen), reading))
         seen.sort()
         near = [reading for misfit, _, reading in seen if misfit < seen[0][0] + np.log(10.0)]
-        fits = [fit for fit in map(self._fit, near) if fit is not None]
+        single = [reading for reading in near if reading.mistakes < 2]
+        double = [reading for reading in near if reading.mistakes == 2][:_TRIED]
+        fits = [fit for fit in map(self._fit, single + double) if fit is not None]
         return sorted(fits, key=lambda fit: fit.misfit)
 
     def _plausible(self, reading):
