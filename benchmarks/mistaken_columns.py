@@ -10,7 +10,8 @@ simulated mount with a zero anywhere and terms of a degree. Then right input: me
 
 `named`: the mistake is among the readings that are said to fit; `alike`: it fits as well as it is
 written, and the result says so; `noted`: it may be an effect as well, and a note says so. `effects`
-are those that the diagnosis claims where it goes on, and does not claim of the right columns.
+are those that the diagnosis claims where it goes on, and that are in no set of equals that it gives
+for the right columns.
 """
 
 import argparse
@@ -110,9 +111,14 @@ def outcome(columns, said, own, path):
     alike = said in checked.alike or mirrored and any(
         text.startswith(said) for text in checked.alike)
     result = diagnose(run, flips=499, cross_validation=False)
-    claimed = {e.fitted.effect.name for e in result.effects}
+    new = [e for e in result.effects if not sets_of([e]) & own]
     kind = 'alike' if alike else 'noted' if said in ' '.join(checked.notes) else 'NOT SEEN'
-    return kind, len(claimed - own)
+    return kind, len(new)
+
+
+def sets_of(effects):
+    """Names of effects and of what explains the run as well."""
+    return {name for e in effects for name in (e.fitted.effect.name, *e.alternatives)}
 
 
 def mistakes(data, path):
@@ -122,7 +128,7 @@ def mistakes(data, path):
     print('| --- ' * 5 + '|')
     for name, columns in telescopes(data).items():
         right = diagnose(through_a_file(columns, path), flips=499, cross_validation=False)
-        own = {e.fitted.effect.name for e in right.effects}
+        own = sets_of(right.effects)
         for kind, where, said, written in cases(columns):
             what, effects = outcome(written, said, own, path)
             found[what] += 1

@@ -168,14 +168,12 @@ class CalibrationSession:
         Raises
         ------
         ValueError
-            Too few stars, or angles that are not what they are named.
+            Too few stars.
         """
-        from .diagnosis import check_columns
         rows = self.observations()
         rows = for_fitting(rows)
         is_star = rows['star'] != POLARIS_HIP
         stars = rows.select(is_star)
-        check_columns(stars)
         notes = []
         result, self.zeros_in_force = self._fit_terms(rows)
         for dropped in result.dropped:
@@ -246,6 +244,8 @@ class CalibrationSession:
 
     def _fit_terms(self, rows):
         """Terms, and the zero of each power-on that belongs to them."""
+        from .diagnosis import check_columns
+        check_columns(rows.select(rows['star'] != POLARIS_HIP))
         first = self._polaris_zeros(rows)[rows['run'].min()]
         result = fit_terms(rows, zero=first, run_zeros=True)
         return result, Zeros(zero.plus(first.az, first.el) for zero in result.run_zeros.values())

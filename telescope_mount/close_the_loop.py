@@ -171,10 +171,11 @@ def close_all(out, *, seed=1, progress=None, **options):
 
 def _sound_run(file, azimuth_origin):
     """A measured run of which the columns and enough rows can be used."""
-    from calibration.diagnosis import check_columns
+    from calibration.diagnosis import check_columns, naming_columns
 
     from .runs import load_run
-    run = load_run(file, azimuth_origin=azimuth_origin)
+    with naming_columns():
+        run = load_run(file, azimuth_origin=azimuth_origin)
     check_columns(run)
     told = rows_of_reader(run)
     if told.too_few:

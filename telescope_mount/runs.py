@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from msg_tools.bag import BagReader
-from pointing_model.run_files import NoObservations, NoUsableRow, read_run, swap_encoders
+from pointing_model.run_files import NoObservations, read_run, swap_encoders
 
 
 def load_run(path, azimuth_origin=None, *, site=None, weather=None, encoder=None):
@@ -39,26 +39,14 @@ def load_run(path, azimuth_origin=None, *, site=None, weather=None, encoder=None
     """
     path = Path(path)
     if not path.is_dir() and path.suffix != '.mcap':
-        try:
-            return _without_judges(read_run(
-                path, azimuth_origin=azimuth_origin, site=site, weather=weather,
-                encoder=encoder))
-        except NoUsableRow as error:
-            _name_columns(error)
-            raise
+        return _without_judges(read_run(
+            path, azimuth_origin=azimuth_origin, site=site, weather=weather, encoder=encoder))
     run = run_of_log(path)
     if site is not None:
         run.meta['site'] = site
     if encoder == 'abs':
         swap_encoders(path, run.columns, run.meta)
     return run
-
-
-def _name_columns(error):
-    """Say what the columns are, where no row of a file can be used as they are named."""
-    from calibration.diagnosis.input_check import check_columns
-    if error.run is not None:
-        check_columns(error.run)
 
 
 def load_runs(paths, **options):

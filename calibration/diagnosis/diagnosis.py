@@ -61,12 +61,11 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
     ValueError
         Too few usable rows for the base, unknown terms, or a bad option.
     """
+    checked = check_columns(runs, encoder)
+    check_columns(holdout or (), encoder)
     if not 0.0 < alpha < 1.0:
         raise ValueError(f'alpha {alpha} is no probability between 0 and 1')
     obs = observations(runs, encoder)
-    checked = check_columns(runs, encoder)
-    if holdout is not None:
-        check_columns(holdout, encoder)
     if own_terms is None:
         own_terms = ('IA', 'IE') if len(obs.runs) > 1 else ()
     if not isinstance(base, Base):

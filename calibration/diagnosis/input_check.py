@@ -5,6 +5,7 @@ The seven physical terms are fitted robustly to the run as written and in other 
 each divided by what its offsets on the sky gain from a unit of the columns as written.
 """
 
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import PurePath
 
@@ -14,12 +15,13 @@ from calibration.fit import fit_terms
 from calibration.robust import sigma_of
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.run import PointingRun
+from pointing_model.run_files import NoUsableRow
 from pointing_model.terms import PHYSICAL
 
 from .readings import SOUTH, Reading, double_readings, single_readings
 
-#: arcsec, robust and radial. Beyond it no terms describe a run as written: of 76 measured runs the
-#: worst leaves 25, a loose mount of an amateur 90.
+#: arcsec, robust and radial. Beyond it no terms describe a run as written: of 73 measured runs one
+#: leaves 37, the next 13; a loose mount of an amateur 90.
 ABSURD = 1800.0
 #: arcsec; a reading that leaves less than a detector could see, or more than any mount, is no fit
 _FITS = (0.05, 600.0)
@@ -27,9 +29,11 @@ _FITS = (0.05, 600.0)
 #: diagnosis that claims an effect
 MOST_LEFT_OUT = 1.0 / 3.0
 #: how many times better, and by which log-likelihood, another reading must fit a run that would
-#: pass as written. Measured runs: at most 0.81 times; simulated ones with up to three effects of 1
-#: to 300 arcsec: at most 1.2 times where the effects below are fitted too (`_EFFECTS`).
+#: pass as written. Of 73 measured runs none is read otherwise beyond 0.8 times as well, but for a
+#: bad night (1.7 times; the effects below do so too). With zenith distances in both pairs 67 of 70
+#: runs of three telescopes are told; the other three have 2, 15 and 46 rows.
 _BETTER, _LIKELIER = 1.25, 15.0
+#: the same where common effects are fitted too (`_EFFECTS`)
 _BETTER_WITH_EFFECTS, _LIKELIER_WITH_EFFECTS = 1.15, 10.0
 #: common effects, of which the run as written may have any `_MOST_EFFECTS` in place of a mistake
 _EFFECTS = (('ECES',), ('TX',), ('HECE2', 'HESE2'), ('ACEC', 'ACES'), ('HACA2', 'HASA2'),
@@ -101,10 +105,27 @@ def check_columns(runs, encoder='enc'):
         The run as written does not fit, or another reading fits far better.
     """
     runs = [runs] if isinstance(runs, PointingRun) else list(runs)
-    each = [_Columns(run, encoder).judged() for run in runs]
+    each = [_Columns(run, encoder).judged() for run in runs if f'az_{encoder}' in run]
     alike = [text for text in dict.fromkeys(t for one in each for t in one.alike)
              if all(text in one.alike for one in each)]
     return Checked(alike, [note for one in each for note in one.notes])
+
+
+@contextmanager
+def naming_columns():
+    """What is read within: a file of which no row can be used is told by what its columns are.
+
+    Raises
+    ------
+    MistakenColumns
+        In place of `NoUsableRow`, if a reading fits.
+    """
+    try:
+        yield
+    except NoUsableRow as error:
+        if error.run is not None:
+            check_columns(error.run)
+        raise
 
 
 @dataclass
@@ -140,7 +161,9 @@ class _Columns:
         lost = run.meta.get('misplaced') or {}
         if any(name not in lost for name in names):
             lost = {name: np.zeros(0) for name in names}
-        self.source = PurePath(str(run.meta['source'])).name if run.meta.get('source') else 'run'
+        source = run.meta.get('source')
+        #: what a message begins with
+        self.where = f'{PurePath(str(source)).name}: ' if source else ''
         self.rows_used = len(run)
         self.misplaced = len(lost['az'])
         self.rows_read = len(run) + self.misplaced
@@ -180,7 +203,7 @@ class _Columns:
                     self._refuse(written, _alike(others))
                 if other.rms_arcsec < written.rms_arcsec / _BETTER:
                     out.notes.append(
-                        f'{self.source}: {other.text} would fit to {other.rms_arcsec:.1f} '
+                        f'{self.where}{other.text} would fit to {other.rms_arcsec:.1f} '
                         f'arcsec, where the seven terms leave {written.rms_arcsec:.1f}; an effect '
                         'that they lack may do so too: make sure of the columns')
             elif times > 1.0 / _ALIKE or likelier > -_AS_LIKELY:
@@ -318,8 +341,10 @@ class _Columns:
 
     def _refuse(self, written, fits):
         left = 'do not fit' if written is None else f'leave {_size(written.rms_arcsec)}'
-        text = (f'{self.source}: the columns are not what they are named: {self.rows_used} of '
-                f'{self.rows_read} rows can be used as written, and {left}')
+        what = ('the columns are not what they are named' if fits
+                else 'catalogue and encoders do not belong together')
+        text = (f'{self.where}{what}: {self.rows_used} of {self.rows_read} rows can be used as '
+                f'written, and {left}')
         said = '; '.join(f'{fit.text} ({_size(fit.rms_arcsec)})' for fit in fits)
         if len(fits) > 1:
             text += f'. These readings fit, and cannot be told apart: {said}'
@@ -328,7 +353,8 @@ class _Columns:
         else:
             text += '. No other reading that was tried fits'
         raise MistakenColumns(
-            text + '. Nothing was concluded; set the columns right',
+            text + '. Nothing was concluded; '
+            + ('set the columns right' if fits else 'look at the columns and at the rows'),
             [{'reading': fit.text, 'rms_arcsec': fit.rms_arcsec} for fit in fits],
             self.rows_read, self.rows_used)
 

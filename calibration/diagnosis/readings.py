@@ -137,7 +137,10 @@ class Reading:
             parts.append('mount and catalogue exchanged')
         if south and not reversed_here and not self.offsets:
             parts.append('azimuth of one of the two pairs counted from the south')
-        return ', and '.join(parts) or 'as written'
+        if not parts:
+            turn = np.degrees(np.remainder(zero + np.pi, 2.0 * np.pi) - np.pi)
+            return f'an azimuth zero of {turn:.1f} deg taken off'
+        return ', and '.join(parts)
 
 
 #: an azimuth zero this near to half a turn is one of the south, radians

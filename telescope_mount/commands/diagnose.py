@@ -43,9 +43,10 @@ def add(commands):
 
 def run(args):
     """Load, diagnose, print, write."""
-    from calibration.diagnosis import MistakenColumns
+    from calibration.diagnosis import MistakenColumns, naming_columns
     try:
-        return _run(args)
+        with naming_columns():
+            return _run(args)
     except MistakenColumns as error:
         if args.json:
             from calibration.diagnosis.rows_told import refused_document

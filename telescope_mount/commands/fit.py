@@ -24,13 +24,14 @@ def add(commands):
 def run(args):
     """Load, fit, print, write."""
     from calibration.check import external_check
-    from calibration.diagnosis.input_check import check_columns
+    from calibration.diagnosis import check_columns, naming_columns
     from calibration.fit import fit_terms
     from calibration.tables import fit_tables
 
     from ..runs import load_run
     from .console import new_console, print_files, print_lines
-    observed = _one_run(load_run(args.file, azimuth_origin=args.azimuth_origin), args)
+    with naming_columns():
+        observed = _one_run(load_run(args.file, azimuth_origin=args.azimuth_origin), args)
     if f'az_{args.encoder}' not in observed:
         raise ValueError(f'{args.file} has no second encoder; leave out --encoder {args.encoder}')
     checked = check_columns(observed, args.encoder)
