@@ -88,10 +88,10 @@ class Diagnosis:
         ``before``, ``after``: RMS in arcsec with folds contiguous in time.
     run_terms : dict
         Run -> terms that it fitted for itself, arcsec.
-    caution : str
-        A sentence where the gain does not hold on some kind of rows left out.
     columns_alike : list of str
         Readings of the columns that fit as well, see `input_check`.
+    caution : str
+        A sentence where the gain does not hold on some kind of rows left out.
     """
 
     verdict: str
@@ -113,8 +113,8 @@ class Diagnosis:
     run_terms: dict
     next_observations: list = field(default_factory=list)
     cv_contiguous: dict = field(default_factory=dict)
-    caution: str = ''
     columns_alike: list = field(default_factory=list)
+    caution: str = ''
 
     def to_dict(self):
         """The JSON result; keys that do not apply are None."""
@@ -122,10 +122,10 @@ class Diagnosis:
             'observations': len(self.observations), 'runs': len(self.observations.runs),
             'base_terms': self.base.names(), 'verdict': self.verdict, 'before': self.before,
             'after': self.after, 'noise_floor_arcsec': self.noise_floor_arcsec,
-            'effects': [e.to_dict() for e in self.effects],
-            'excluded': _excluded(self.excluded, self.observations),
-            'next_observations': self.next_observations, **rows_told(self).to_dict(),
+            'effects': [e.to_dict() for e in self.effects], **rows_told(self).to_dict(),
             'columns_alike': self.columns_alike, 'readings': [],
+            'excluded': _excluded(self.excluded, self.observations),
+            'next_observations': self.next_observations,
         }
 
 
