@@ -91,7 +91,8 @@ def _are_offsets(columns, pair, used):
 
     def scatter(v):
         return np.median(np.abs(v - np.median(v)))
-    return bool(scatter(reading / DEG - place) > 0.3 * scatter(place))
+    with np.errstate(over='ignore', invalid='ignore'):  # a spoiled file has any number
+        return bool(scatter(reading / DEG - place) > 0.3 * scatter(place))
 
 
 def _azimuth_in_radians(columns, pair, used):
