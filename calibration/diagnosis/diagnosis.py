@@ -10,6 +10,7 @@ from .base import Base, observations
 from .choosing import choose, settled
 from .constants import FLIPS, FOLDS, STREAMED_FROM
 from .detectable import detectable
+from .expected import expected_error
 from .input_check import check_columns
 from .next_observations import propose
 from .result import DiagnosedEffect, concluded, diagnosed, hidden, ranking_of
@@ -19,7 +20,7 @@ from .search import Chance
 from .sessions import arrange, split
 from .streamed import diagnose_streamed
 from .undecided import judge_undecided
-from .unexplained import unexplained, wander_entry
+from .unexplained import ahead, unexplained, wander_entry
 from .validation import cross_validated, judge_on, partitions_of
 from .work import Work
 
@@ -127,6 +128,9 @@ def _in_memory(obs, base, alpha, rng, flips, folds):
                          cv_rms_y_arcsec=one['y'])
         result.after['cv_spread'] = errors.spread
         result.cv_contiguous, result.caution = errors.stretches, errors.caution
+        result.expected = expected_error(
+            errors.left_out, found.state.weights > 0.0, problem.sequence.order, rng,
+            *ahead(left, problem, rng))
         judge_undecided(result, [c.effect(work.problem).name for c in
                                  found.dropped_by_cv + found.not_repeated],
                         result.ranking[0]['delta_bic'] if result.ranking else 0.0)
