@@ -11,7 +11,7 @@ from pathlib import PurePath
 
 import numpy as np
 
-from calibration.fit import fit_terms
+from calibration.fit import fit_first_order, fit_terms
 from calibration.robust import sigma_of
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.run import PointingRun
@@ -217,14 +217,14 @@ class _Columns:
 
     def _fits(self, readings):
         """Fits of the readings that come near the best at first sight, best first."""
-        seen = []
-        for reading in readings:
-            if self._plausible(reading):
-                first = self._first_sight(reading)
-                if first is not None:
-                    seen.append((first[-1], len(seen), reading))
-        seen.sort()
-        near = [reading for misfit, _, reading in seen if misfit < seen[0][0] + np.log(10.0)]
+        seen = [(reading, sight) for reading in readings if self._plausible(reading)
+                for sight in (self._places(reading, True),) if sight is not None]
+        for look in (self._zeros_taken_off, self._first_order):
+            misfits = [look(*sight) for _, sight in seen]
+            least = min(misfits, default=0.0) + np.log(10.0)
+            ranked = sorted(zip(misfits, range(len(seen))))
+            seen = [seen[i] for misfit, i in ranked if misfit <= least]
+        near = [reading for reading, _ in seen]
         single = [reading for reading in near if reading.mistakes < 2]
         double = [reading for reading in near if reading.mistakes == 2][:_TRIED]
         fits = [fit for fit in map(self._fit, single + double) if fit is not None]
@@ -271,14 +271,23 @@ class _Columns:
         return (az, el, az_enc, el_enc, self.label[good]), zero, float(
             np.mean(np.log(np.maximum(gain, 1e-9))))
 
-    def _first_sight(self, reading):
-        """`_places` and the misfit with nothing but the zeros fitted."""
-        found = self._places(reading, True)
-        if found is None:
-            return None
-        (az, el, az_enc, el_enc, _), _, gain = found
+    @staticmethod
+    def _zeros_taken_off(places, _, gain):
+        """Misfit with nothing but the zeros fitted."""
+        az, el, az_enc, el_enc, _ = places
         x, y = (az_enc - az) * np.cos(el), el_enc - el
-        return *found, _misfit([_scatter(v - np.median(v), 1.0) for v in (x, y)], gain)
+        return _misfit([_scatter(v - np.median(v), 1.0) for v in (x, y)], gain)
+
+    @staticmethod
+    def _first_order(places, _, gain):
+        """Misfit with the terms fitted in first order, not robustly."""
+        az, el, az_enc, el_enc, _ = places
+        x, y = (az_enc - az) * np.cos(el), el_enc - el
+        try:
+            fitted = fit_first_order(az, el, x, y)
+        except (ValueError, np.linalg.LinAlgError):
+            return -np.inf
+        return _misfit([_scatter(v, 1.0) for v in (fitted.residual_x, fitted.residual_y)], gain)
 
     def _fit(self, reading, centred=True, terms=PHYSICAL):
         found = self._places(reading, centred)
