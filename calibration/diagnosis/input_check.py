@@ -18,7 +18,7 @@ from pointing_model.run import PointingRun
 from pointing_model.run_files import NoUsableRow
 from pointing_model.terms import PHYSICAL
 
-from .readings import SOUTH, Reading, double_readings, single_readings
+from .readings import MIRRORED, SOUTH, Reading, double_readings, single_readings
 
 #: arcsec, robust and radial. Beyond it no terms describe a run as written: of 73 measured runs one
 #: leaves 37, the next 13; a loose mount of an amateur 90.
@@ -42,6 +42,7 @@ _MOST_EFFECTS = 2
 #: times the best misfit, or log-likelihood, within which two readings cannot be told apart
 _ALIKE, _AS_LIKELY = 1.05, 3.0
 _TAU = 3.0  # standard deviations, from where a residual counts no more
+_NEAR = 3.0  # times the best misfit in first order, of readings of a run that fits as written
 _TRIED = 16  # readings with two mistakes, of many that are alike at first sight
 _ROWS = 600  # that are tried, evenly: more tell nothing else
 _FEW = 6  # rows that fits of seven terms begin with
@@ -192,10 +193,11 @@ class _Columns:
             self._explain(written, far)
             return Checked()
         south = abs(np.remainder(written.zero, 2.0 * np.pi) - np.pi) < SOUTH
-        others = self._fits(single_readings(self.held))
+        others = self._fits([r for r in single_readings(self.held) if r != MIRRORED], _NEAR)
         if south:
             self._refuse(written, [self._fit(Reading())])
-        out, alike = Checked(), []
+        # the mirror image of a mount is one, to the last digit: no fit is needed
+        out, alike = Checked(), [] if self.held else [MIRRORED.text()]
         for other in others:
             times, likelier = other.better_than(written)
             if times > _BETTER and likelier > _LIKELIER and other.rms_arcsec < _FITS[1]:
@@ -215,13 +217,16 @@ class _Columns:
         """Whether the catalogue places are as good as one place, however they are read."""
         return all(np.ptp(c) < _FIELD for c in self.columns[:2])
 
-    def _fits(self, readings):
-        """Fits of the readings that come near the best at first sight, best first."""
+    def _fits(self, readings, near=10.0):
+        """Fits of the readings that come near the best at first sight, best first.
+
+        `near`: how many times the best misfit in first order.
+        """
         seen = [(reading, sight) for reading in readings if self._plausible(reading)
                 for sight in (self._places(reading, True),) if sight is not None]
-        for look in (self._zeros_taken_off, self._first_order):
+        for look, times in ((self._zeros_taken_off, 10.0), (self._first_order, near)):
             misfits = [look(*sight) for _, sight in seen]
-            least = min(misfits, default=0.0) + np.log(10.0)
+            least = min(misfits, default=0.0) + np.log(times)
             ranked = sorted(zip(misfits, range(len(seen))))
             seen = [seen[i] for misfit, i in ranked if misfit <= least]
         near = [reading for reading, _ in seen]
