@@ -17,6 +17,7 @@ from msg_tools.node import MountNode, Param, run_node
 from msg_tools.status import OBSERVATIONS
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
+from pointing_model.model_document import identity
 from pointing_model.run_messages import cloud_to_run
 from pointing_model.zero_message import zero_to_joints
 
@@ -68,6 +69,8 @@ class Calibration(MountNode):
                          else CalibrationSession(reference, seed))
         self._alarms = []
         self._finding = ''
+        self._name = identity(reference.to_json() if reference else '')
+        self._starts = {}  # number of a power-on -> when it began
         self._marks = None  # what the incremental encoder says of them
         self._zero_pub = self.publisher(topics.ZERO)
         self._model_pub = self.publisher(topics.MODEL)
@@ -84,15 +87,23 @@ class Calibration(MountNode):
         self._say('collecting')
 
     def _on_observation(self, message):
-        self._session.add(cloud_to_run(message),
-                          convert.from_stamp(message.header.stamp))
+        run = cloud_to_run(message)
+        self._session.add(run, convert.from_stamp(message.header.stamp))
+        self._note_starts(run)
         self._say('collecting')
 
     def _on_table(self, message):
         if message.width:
-            self._session.take_table(cloud_to_run(message),
-                                     convert.from_stamp(message.header.stamp))
+            run = cloud_to_run(message)
+            self._session.take_table(run, convert.from_stamp(message.header.stamp))
+            self._note_starts(run)
             self._say('collecting')
+
+    def _note_starts(self, run):
+        if 'encoder_start' in run and 'run' in run:
+            known = np.isfinite(run['encoder_start'])
+            self._starts.update(zip(run['run'][known].astype(int).tolist(),
+                                    run['encoder_start'][known].tolist()))
 
     def _on_homing(self, message):
         self._marks = cloud_to_homing(message)
@@ -129,7 +140,7 @@ class Calibration(MountNode):
         old = self._session.reference
         if self.value('reference_age') and old is not None:
             # the zero goes with the model that it is relative to
-            self._model_pub.publish(String(data=self._dated(old).to_json()))
+            self._send_model(self._dated(old))
         self._publish_zero(zero)
         done = (
             f'zero of power-on {run}: azimuth {zero.az / ARCSEC:+.2f} +- '
@@ -151,8 +162,15 @@ class Calibration(MountNode):
         return replace(model, provenance={
             **model.provenance, 'last_stamp_ns': self._session.last_stamp})
 
+    def _send_model(self, model):
+        text = model.to_json()
+        self._name = identity(text)
+        self._model_pub.publish(String(data=text))
+
     def _publish_zero(self, zero):
-        self._zero_pub.publish(zero_to_joints(zero, self._session.last_stamp))
+        """With what it holds for: its power-on and the model."""
+        bound = replace(zero, model=self._name, started=self._starts.get(zero.run))
+        self._zero_pub.publish(zero_to_joints(bound, self._session.last_stamp))
 
     def _work_fit(self):
         self._say('fitting')
@@ -168,7 +186,8 @@ class Calibration(MountNode):
 
     def _publish_model(self, model):
         """The model, and the zero that belongs to it; Polaris alone gave it a little otherwise."""
-        self._model_pub.publish(String(data=model.to_json()))
+        self._send_model(model)
+        self._session.in_force = model
         by_polaris = self._session.zeros
         self._publish_zero(replace(
             self._session.zeros_in_force.newest,

@@ -44,6 +44,8 @@ class NightSeries:
         self._zeros = Zeros()
         self._rows = {}
         self.last_stamp = 0
+        #: that was published last; a zero of tonight is relative to an earlier night's all the same
+        self.in_force = None
 
     def __len__(self):
         return sum(len(session) for session in self._sessions.values())

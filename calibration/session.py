@@ -57,6 +57,8 @@ class CalibrationSession:
         self.last_stamp = 0
         #: that `fit` made last, PointingModel
         self.model = None
+        #: that was published last, PointingModel: a zero by Polaris goes with it
+        self.in_force = None
         #: by Polaris alone, a PolarisZero of each power-on with exposures
         self.zeros = Zeros()
         #: that belong to the fitted model
@@ -127,7 +129,7 @@ class CalibrationSession:
         run : int
             The newest of them.
         zero : PolarisZero
-            Its zero.
+            Its zero, for pointing with the model in force, else relative to the reference.
 
         Raises
         ------
@@ -143,7 +145,10 @@ class CalibrationSession:
             self.zeros[int(number)] = zero_from_polaris(part, reference, run=int(number))
         if newest not in self.zeros:
             raise ValueError(f'Polaris was not observed since power-on {newest}; point at it first')
-        return newest, self.zeros[newest]
+        if self.in_force is None:
+            return newest, self.zeros[newest]
+        part = polaris.select(polaris['run'] == newest)
+        return newest, zero_from_polaris(part, self.in_force, run=newest)
 
     def fit(self, homings=()):
         """Fit all stars, and judge each kind of model on stars that it did not see.

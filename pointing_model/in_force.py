@@ -11,6 +11,7 @@ from msg_tools.units import ARCSEC, wrap
 
 from .context import Context
 from .model import PointingModel
+from .model_document import identity
 from .zero import NO_ZERO, zeros_in_force
 
 #: an effect that follows the time holds for so long after the last row it was fitted to, ns
@@ -150,7 +151,11 @@ def demand_angles(model, az, el, context, zero):
 
 
 class InForce:
-    """Model, zero and thermometer, as they came last.
+    """Model, zero and thermometer, as they came last and as they go together.
+
+    A zero that says which model it goes with is taken with that model alone: whichever of the two
+    comes first waits for the other, and the pair before stays in force. A zero of another power-on
+    than the encoder is in is refused.
 
     Parameters
     ----------
@@ -161,31 +166,89 @@ class InForce:
     ----------
     model : PointingModel or None
     models : int
-        How many came.
+        How many came into force.
     model_stamp : int
         Of the last observation that the model rests on, ns; 0 where it does not say.
+    model_name : str
+        `model_document.identity` of it.
     zero : RunZero
     zero_stamp : int
         Of the last observation that the zero rests on, ns.
+    refused_stamp : int
+        The same of the last zero that was refused.
+    power_on : PowerOn or None
+        That the encoder is in, where it tells.
     thermometer : Thermometer
     """
 
     def __init__(self, model=None):
-        self.model = model
+        self.model, self.model_name = model, identity(model.to_json() if model else '')
         self.models = self.model_stamp = 0
-        self.zero, self.zero_stamp = NO_ZERO, 0
+        self.zero, self.zero_stamp, self.refused_stamp = NO_ZERO, 0, 0
+        self.power_on = None
         self.thermometer = Thermometer()
+        self._next_model = self._next_zero = None  # each waits for the other
 
     def take_model(self, text):
         """Take a model as its JSON text; ValueError where it is none."""
-        self.model = PointingModel.from_json(text)
+        model, name = PointingModel.from_json(text), identity(text)
+        waiting = self._next_zero
+        if waiting is not None and waiting[1].model == name:
+            self._put_in_force(model, name)
+            self.zero_stamp, self.zero = waiting
+        elif self.zero.model in (None, name):
+            self._put_in_force(model, name)
+        else:
+            self._next_model = model, name
+
+    def _put_in_force(self, model, name):
+        self.model, self.model_name = model, name
         self.models += 1
-        stamp = self.model.provenance.get('last_stamp_ns')
+        stamp = model.provenance.get('last_stamp_ns')
         self.model_stamp = stamp if isinstance(stamp, int) else 0
+        self._next_model = self._next_zero = None
 
     def take_zero(self, stamp, zero):
-        """Take a RunZero."""
-        self.zero, self.zero_stamp = zero, stamp
+        """Take a RunZero; ValueError where it is of another power-on than the encoder is in."""
+        wrong = self._of_another_power_on(zero)
+        if wrong:
+            self.refused_stamp = max(self.refused_stamp, stamp)
+            raise ValueError(f'zero refused: it {wrong}')
+        if zero.model not in (None, self.model_name):
+            if self._next_model is None or self._next_model[1] != zero.model:
+                self._next_zero = stamp, zero
+                return
+            self._put_in_force(*self._next_model)
+        self.zero, self.zero_stamp, self._next_zero = zero, stamp, None
+
+    def take_power_on(self, power_on):
+        """Take what the encoder says of its power-on, a `PowerOn` or None."""
+        self.power_on = power_on
+
+    def _of_another_power_on(self, zero):
+        """How it is said that `zero` is not of the power-on that the encoder is in; '' if it is."""
+        now = self.power_on
+        if now is None or zero.started is None or zero.started == now.started:
+            return ''
+        return (f'is of the power-on that began at {zero.started:.3f}, and the encoder is in one '
+                f'that began at {now.started:.3f}')
+
+    def complaints(self):
+        """What of model and zero cannot be gone by, sentences for people."""
+        out = []
+        wrong = self._of_another_power_on(self.zero)
+        if wrong:
+            out.append(f'the zero in force {wrong}: set it anew (calibrate_zero)')
+        elif self.refused_stamp > self.zero_stamp:
+            out.append('the last zero was refused, it is of another power-on: set it anew '
+                       '(calibrate_zero)')
+        if self._next_zero is not None:
+            out.append(f'a zero was not taken: it goes with model {self._next_zero[1].model}, and '
+                       f'{self.model_name} is in force')
+        if self._next_model is not None:
+            out.append(f'model {self._next_model[1]} was not taken: its zero has not come, and '
+                       f'that in force goes with {self.zero.model}')
+        return out
 
     def zero_is_of_model(self):
         """Whether the zero is the one that the model tells of, if it tells.

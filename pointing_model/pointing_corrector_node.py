@@ -76,21 +76,27 @@ class PointingCorrector(MountNode):
         return np.hypot(out, np.where(np.isfinite(zero), zero, 0.0))
 
     def problems(self):
-        """Nothing to correct with yet."""
+        """Nothing to correct with yet, or what must not be corrected with."""
+        found = [(DiagnosticStatus.WARN, text) for text in self._in_force.complaints()]
         if self._in_force.model is None:
-            return [(DiagnosticStatus.WARN, 'no model yet: demands are the wanted directions'
-                     + (' plus the zero' if self._in_force.zero.angles.any() else ''))]
+            return [*found, (DiagnosticStatus.WARN, 'no model yet: demands are the wanted '
+                             'directions' + (' plus the zero' if self._in_force.zero.angles.any()
+                                             else ''))]
         if self._lacking:
-            return [(DiagnosticStatus.WARN, 'what drives these effects is not known here, they '
-                     f'count as zero: {", ".join(self._lacking)}')]
-        return []
+            found.append((DiagnosticStatus.WARN, 'what drives these effects is not known here, '
+                          f'they count as zero: {", ".join(self._lacking)}'))
+        return found
 
     def details(self):
         """What is in force."""
         terms, (model, zero) = 'none', (self._in_force.model, self._in_force.zero)
         if model is not None:
             terms = ' '.join([*model.terms, *(e.effect.name for e in model.effects)])
-        return [('model', terms),
+        told = self._in_force.power_on
+        return [('model', terms), ('model name', self._in_force.model_name),
+                ('zero of power-on', 'none' if zero.run is None else str(int(zero.run))),
+                ('zero goes with model', zero.model or 'not told'),
+                ('encoder', told.frame if told else 'does not tell its power-on'),
                 ('zero azimuth [arcsec]', f'{zero.az / ARCSEC:.3f}'),
                 ('zero elevation [arcsec]', f'{zero.el / ARCSEC:.3f}')]
 

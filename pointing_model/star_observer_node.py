@@ -73,7 +73,7 @@ class StarObserver(MountNode):
         self._table = Table()
         # before the camera: an exposure is always corrected with the same reading of the
         # thermometer
-        in_force = in_force_of(self, changed=lambda _: self._sequencer.pointing_changed())
+        in_force = self._in_force = in_force_of(self, changed=self._in_force_changed)
         self._sequencer = Sequencer(self, self._instruments, in_force, self._table)
         self.subscribe(topics.INCREMENTAL, self._on_incremental)
         self.subscribe(topics.ABSOLUTE, self._on_absolute)
@@ -103,10 +103,15 @@ class StarObserver(MountNode):
     # --- messages in --------------------------------------------------------------------------
 
     def _on_incremental(self, message):
-        self._note_clock(self._instruments.take_incremental(*convert.read_joints(message)[:3]))
+        self._note_clock(self._instruments.take_incremental(
+            *convert.read_joints(message)[:3], message.header.frame_id))
 
     def _on_absolute(self, message):
         self._note_clock(self._instruments.take_absolute(*convert.read_joints(message)[:2]))
+
+    def _in_force_changed(self, topic):
+        if topic is not topics.HOMING:
+            self._sequencer.pointing_changed()
 
     def _note_clock(self, went_back):
         if went_back:
@@ -197,9 +202,10 @@ class StarObserver(MountNode):
         state, text = self._sequencer.progress.state, self._sequencer.text
         if state == 'failed':
             return [(DiagnosticStatus.ERROR, text)]
+        found = [(DiagnosticStatus.WARN, text) for text in self._in_force.complaints()]
         if state == 'waiting' and self._sequencer.busy:
-            return [(DiagnosticStatus.WARN, f'waiting for {text}')]
-        return []
+            found.insert(0, (DiagnosticStatus.WARN, f'waiting for {text}'))
+        return found
 
     def details(self):
         """Progress of the plan."""

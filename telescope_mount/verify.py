@@ -337,6 +337,7 @@ class _Replay:
             diagnosed = 'verdict' in json.loads(text)['provenance']
             model = self._diagnose(stamp) if diagnosed else self._fit(stamp, log_time)
             self._check.compare('model', text, model.to_json(), _at(stamp))
+            self._session.in_force = model
             computed.append((self._session.zeros_in_force.newest, False))
         for data, (zero, by_polaris) in zip(zeros, computed):
             _, logged = joints_to_zero(data)

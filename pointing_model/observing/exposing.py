@@ -100,9 +100,11 @@ class Exposer:
         except ValueError:
             second = np.full(2, np.nan)
         target, (site, air, *_) = pointing.target, self._conditions()
+        power_on = self._instruments.power_on
         az, el = (float(v[0]) for v in target.place(np.array([stamp * 1e-9]), site, air))
         return {
-            'stamp': stamp, 'time': stamp * 1e-9, 'run': self._instruments.run, 'block': block,
+            'stamp': stamp, 'time': stamp * 1e-9, 'run': self._instruments.run,
+            'encoder_start': power_on.started if power_on else np.nan, 'block': block,
             'check': float(blind), 'star': target.number, 'az': az, 'el': el,
             'az_enc': enc[0], 'el_enc': enc[1], 'az_abs': second[0], 'el_abs': second[1],
             'miss_x': miss[0], 'miss_y': miss[1], 'az_rate': rate[0], 'el_rate': rate[1],

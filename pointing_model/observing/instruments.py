@@ -4,6 +4,7 @@ import time
 
 import numpy as np
 
+from msg_tools.power_on import read_frame
 from msg_tools.units import DEG
 
 from .pairing import Exposures
@@ -33,27 +34,67 @@ class Instruments:
         Its angles, rad, and rates, rad/s, shape (2,); None before the first.
     homed : bool
     run : int
-        Number of the power-on: each time that the encoder has been homed is one.
+        Number of the power-on: a new one with each that the encoder tells, or, where it tells
+        none, each time that it has been homed.
+    power_on : PowerOn or None
+        What the encoder tells of it.
     """
 
     def __init__(self, first_run=1, wall=time.monotonic):
         self.exposures = Exposures()
         self.stamp, self.here, self.rate = 0, None, None
         self.homed = False
-        self.run = first_run - 1
+        self.run = self._newest = first_run - 1
+        self.power_on, self._frame = None, ''
+        self._runs = {}  # when a power-on began -> its number
         self._wall = wall
         self._asked, self._heard = {}, {}
 
-    def take_incremental(self, stamp, angle, rate):
-        """Take a reading; True where the clock went back. ValueError for one out of order."""
+    def take_incremental(self, stamp, angle, rate, frame=''):
+        """Take a reading; True where the clock went back. ValueError for one out of order.
+
+        `frame` is the ``frame_id`` of its message, see `msg_tools.power_on`.
+        """
         back = self.exposures.add_reading('enc', stamp, angle)
         self.stamp, self.here, self.rate = stamp, np.array(angle), rate
         homed = bool(np.isfinite(angle).all())
-        if homed and not self.homed:
-            self.run += 1
+        if homed:
+            self._number_run(frame)
         self.homed = homed
         self.hear(MOUNT)
         return back
+
+    def _number_run(self, frame):
+        if self.homed and frame == self._frame:
+            return
+        told = read_frame(frame)
+        if told is None and (not self.homed or self.power_on is not None):
+            self.run = self._newest = self._newest + 1
+        elif told is not None and told != self.power_on:
+            self.run = self._runs.setdefault(told.started, self._newest + 1)
+            self._newest = max(self._newest, self.run)
+        self.power_on, self._frame = told, frame
+
+    def remember_runs(self, runs, starts):
+        """Number power-ons as the rows of the night so far do, and forget numbers of one's own.
+
+        Parameters
+        ----------
+        runs : array_like, shape (n,)
+            Column ``run``.
+        starts : array_like, shape (n,)
+            Column ``encoder_start``, UTC s; NaN where the encoder did not tell.
+        """
+        self._runs = {float(start): int(run) for run, start in zip(runs, starts)
+                      if np.isfinite(start)}
+        self._newest = int(max(runs))
+        if self.power_on is not None and self.power_on.started in self._runs:
+            self.run = self._runs[self.power_on.started]
+        elif self.homed:
+            # whether it is the power-on of the last rows nobody can tell: a zero of its own
+            self.run = self._newest = self._newest + 1
+            if self.power_on is not None:
+                self._runs[self.power_on.started] = self.run
 
     def take_absolute(self, stamp, angle):
         """As `take_incremental`, of the absolute encoder."""

@@ -211,7 +211,12 @@ class Sequencer:
         yield from self._calibration_has_all()
         yield from self._call('calibrate_zero')
         newest = self._table.newest
-        yield from self._until(lambda: self._in_force.zero_stamp >= newest, 'the new zero')
+        known = self._in_force
+        yield from self._until(
+            lambda: max(known.zero_stamp, known.refused_stamp) >= newest, 'the new zero')
+        if known.zero_stamp < newest:  # the fit makes a zero of each power-on
+            self._out.get_logger().warning(
+                'the new zero is of a power-on that is over: the one before stays in force')
 
     def _do_fit(self, count):
         yield from self._new_model('fit')

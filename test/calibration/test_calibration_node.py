@@ -13,6 +13,7 @@ from msg_tools import convert, topics
 from msg_tools.homing import AxisHoming, homing_to_cloud
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
+from pointing_model.model_document import identity
 from pointing_model.run import PointingRun
 from pointing_model.run_messages import run_to_cloud
 from pointing_model.star_catalogue import POLARIS_HIP
@@ -85,6 +86,37 @@ def test_an_encoder_that_reads_20_too_much_gives_a_zero_of_plus_20(graph, tmp_pa
     assert zero[1] / ARCSEC == pytest.approx(-8.0, abs=1.0)
     assert 0.01 < sigma[0] / ARCSEC < 1.0 and 0.01 < sigma[1] / ARCSEC < 1.0
     assert f'{zero[0] / ARCSEC:+.2f}' in answer.message
+
+
+def test_a_zero_says_its_power_on_and_its_model(graph):
+    desk = Desk(graph)
+    zeros, models = graph.listen(topics.ZERO), graph.listen(topics.MODEL)
+
+    def observe(run, start):
+        desk.observe(PointingRun({**run.columns, 'encoder_start': np.full(len(run), start)}))
+
+    observe(rows(20, seed=2), 1e9)
+    observe(rows(8, star=POLARIS_HIP, seed=3), 1e9)
+    assert graph.call('fit').success
+    observe(rows(8, run=2, star=POLARIS_HIP, seed=4), 2e9)
+    assert graph.call('calibrate_zero').success
+    graph.wait_for(lambda: len(zeros) == 2 and models)
+    name = identity(models[0].data)
+    told = [joints_to_zero(message)[1] for message in zeros]
+    assert [(zero.run, zero.started, zero.model) for zero in told] == [
+        (1, 1e9, name), (2, 2e9, name)]
+    # IA is in the model: by Polaris alone the second would be 300" off beside it
+    assert abs(told[1].az) < 3 * ARCSEC
+
+
+def test_a_zero_by_polaris_alone_goes_with_no_model(graph):
+    desk = Desk(graph)
+    desk.observe(rows(8, star=POLARIS_HIP))
+    assert graph.call('calibrate_zero').success
+    zeros = graph.listen(topics.ZERO)
+    graph.wait_for(lambda: zeros)
+    zero = joints_to_zero(zeros[0])[1]
+    assert (zero.started, zero.model) == (None, 'none')
 
 
 def test_model_and_report_are_there_for_those_who_come_late(graph):

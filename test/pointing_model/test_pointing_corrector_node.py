@@ -6,12 +6,16 @@ pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportErr
 from std_msgs.msg import String
 
 from msg_tools import convert, topics
+from msg_tools.homing import AxisHoming, homing_to_cloud
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.effects import effect
 from pointing_model.fitted_effects import FittedEffect
 from pointing_model.model import PointingModel
+from pointing_model.model_document import identity
 from pointing_model.pointing_corrector_node import PointingCorrector
 from pointing_model.terms import PHYSICAL
+from pointing_model.zero import RunZero
+from pointing_model.zero_message import zero_to_joints
 
 START = 1_768_482_000_000_000_000
 MODEL = PointingModel(
@@ -127,6 +131,38 @@ def test_bad_messages_are_refused_and_the_node_lives_on(graph):
     np.testing.assert_allclose(
         convert.read_trajectory(desk.demands[0])[2],
         np.column_stack(MODEL.sky_to_encoder(*SKY.T)), rtol=0, atol=1e-11)
+
+
+def test_a_zero_of_another_model_or_power_on_is_refused_and_the_pair_before_stays(graph):
+    name = identity(MODEL.to_json())
+    desk = Desk(graph, MODEL)
+    encoder = graph.publisher(topics.HOMING)
+    graph.connect()
+
+    def tell(started):
+        axis = AxisHoming(True, 'below', 0, 1, np.nan, 1e-7, np.nan, 1, started)
+        encoder.publish(homing_to_cloud([axis, axis], START))
+
+    def set_zero(angles, **told):
+        desk.zero_pub.publish(zero_to_joints(RunZero(*angles, run=1, **told), START))
+
+    tell(1e9)
+    graph.report('pointing_corrector', '', 'encoder', 'power_on_1@1000000000.000')
+    set_zero(ZERO, started=1e9, model=name)
+    graph.report('pointing_corrector', 'ok', 'zero goes with model', name)
+    wanted = desk(TIMES, SKY, RATES)[0]
+    set_zero(9 * ZERO, started=1e9, model='none')
+    graph.report('pointing_corrector', f'it goes with model none, and {name} is in force')
+    np.testing.assert_array_equal(desk(TIMES, SKY, RATES)[0], wanted)
+    set_zero(ZERO, started=1e9, model=name)
+    tell(2e9)
+    graph.report('pointing_corrector', 'the zero in force is of the power-on that began at '
+                 '1000000000.000')
+    set_zero(7 * ZERO, started=1e9, model=name)
+    graph.report('pointing_corrector', '1 messages refused')
+    np.testing.assert_array_equal(desk(TIMES, SKY, RATES)[0], wanted)
+    set_zero(2 * ZERO, started=2e9, model=name)
+    graph.report('pointing_corrector', '', 'zero azimuth [arcsec]', '66.000')
 
 
 def test_where_the_mount_cannot_point_it_gives_no_demand(graph):
