@@ -14,11 +14,12 @@ from std_srvs.srv import Trigger
 from msg_tools import convert, topics
 from msg_tools.homing import cloud_to_homing
 from msg_tools.node import MountNode, Param, run_node
-from msg_tools.status import OBSERVATIONS
+from msg_tools.status import OBSERVATIONS, Progress, handover_rows
 from msg_tools.units import ARCSEC, DEG
+from pointing_model.in_force_message import text_to_pair
 from pointing_model.model import PointingModel
 from pointing_model.model_document import identity
-from pointing_model.run_messages import cloud_to_run
+from pointing_model.run_messages import cloud_to_run, run_to_cloud
 from pointing_model.zero_message import zero_to_joints
 
 from .nights import NightSeries
@@ -69,7 +70,10 @@ class Calibration(MountNode):
                          else CalibrationSession(reference, seed))
         self._alarms = []
         self._finding = ''
-        self._name = identity(reference.to_json() if reference else '')
+        self._model_name = identity(reference.to_json() if reference else '')
+        self._spoke = False  # a zero or a model is published
+        self._observer = None  # how far its plan is
+        self._taken_up = []  # from others, after a start in the middle of a night
         self._starts = {}  # number of a power-on -> when it began
         self._marks = None  # what the incremental encoder says of them
         self._zero_pub = self.publisher(topics.ZERO)
@@ -77,14 +81,17 @@ class Calibration(MountNode):
         self._report_pub = self.publisher(topics.CALIBRATION_REPORT)
         self._diagnosis_pub = self.publisher(topics.DIAGNOSIS)
         self._status_pub = self.publisher(topics.CALIBRATION_STATUS)
+        self._table_pub = self.publisher(topics.CALIBRATION_TABLE)
         self.subscribe(topics.OBSERVATION, self._on_observation)
         # latched: after a restart it brings back the night so far
         self.subscribe(topics.OBSERVATIONS, self._on_table)
         self.subscribe(topics.HOMING, self._on_homing)
+        self.subscribe(topics.OBSERVER_STATUS, self._on_observer)
+        self.subscribe(topics.IN_FORCE, self._on_in_force)
         for name, work in (('calibrate_zero', self._work_zero), ('fit', self._work_fit),
                            ('diagnose', self._work_diagnosis)):
             self.create_service(Trigger, name, partial(self._answer, work))
-        self._say('collecting')
+        self._say('knows nothing of the night yet: no observation, no zero, no model')
 
     def _on_observation(self, message):
         run = cloud_to_run(message)
@@ -94,10 +101,49 @@ class Calibration(MountNode):
 
     def _on_table(self, message):
         if message.width:
-            run = cloud_to_run(message)
+            run, before = cloud_to_run(message), len(self._session)
             self._session.take_table(run, convert.from_stamp(message.header.stamp))
             self._note_starts(run)
-            self._say('collecting')
+            if len(self._session) > before + 1:  # it may overtake its last row
+                self._take_up_rows()
+            else:
+                self._say('collecting')
+
+    # --- started anew, this node or another -----------------------------------------------------
+
+    def _take_up_rows(self):
+        with_zero = self._session.zeros_again()
+        self._taken_up = [f'{len(self._session)} observations', 'zeros by Polaris of power-ons '
+                          + (', '.join(map(str, with_zero)) or 'none')]
+        self._say_taken_up()
+
+    def _say_taken_up(self):
+        model = ('the model in force' if self._session.in_force is not None else
+                 'no model is known until the next fit')
+        self._say(f'started in the middle of a night: took up {", ".join(self._taken_up)}; {model}')
+
+    def _on_in_force(self, message):
+        """Of a calibration before: what it has published died with it."""
+        if self._spoke or self.value('reference_age'):
+            return
+        text, stamp, zero = text_to_pair(message.data)
+        if text:
+            self._session.in_force = PointingModel.from_json(text)
+            self._model_pub.publish(String(data=text))
+        self._model_name, self._spoke = identity(text), True
+        self._zero_pub.publish(zero_to_joints(zero, stamp))
+        self._taken_up.append('the zero in force')
+        self._say_taken_up()
+
+    def _on_observer(self, message):
+        progress = Progress.read(message)
+        if progress.observations or not len(self._session):
+            self._observer = progress
+            return
+        run = self._session.observations()
+        self._table_pub.publish(run_to_cloud(run, self._session.last_stamp))
+        self._say('gave the rows of the night to an observer that has none',
+                  **handover_rows(len(run), self._observer))
 
     def _note_starts(self, run):
         if 'encoder_start' in run and 'run' in run:
@@ -164,12 +210,13 @@ class Calibration(MountNode):
 
     def _send_model(self, model):
         text = model.to_json()
-        self._name = identity(text)
+        self._model_name, self._spoke = identity(text), True
         self._model_pub.publish(String(data=text))
 
     def _publish_zero(self, zero):
         """With what it holds for: its power-on and the model."""
-        bound = replace(zero, model=self._name, started=self._starts.get(zero.run))
+        self._spoke = True
+        bound = replace(zero, model=self._model_name, started=self._starts.get(zero.run))
         self._zero_pub.publish(zero_to_joints(bound, self._session.last_stamp))
 
     def _work_fit(self):
@@ -228,6 +275,7 @@ class Calibration(MountNode):
         """What has come."""
         return [('observations', str(len(self._session))),
                 ('power-ons with a zero', str(len(self._session.zeros))),
+                ('taken up', '; '.join(self._taken_up) or 'nothing: there from the start'),
                 ('diagnosis', self._finding or 'none yet')]
 
 

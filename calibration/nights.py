@@ -10,6 +10,7 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 from pointing_model.rms import rms
+from pointing_model.run import PointingRun
 from pointing_model.star_catalogue import POLARIS_HIP
 from pointing_model.terms import mean_columns
 from pointing_model.zero import NO_ZERO, Zeros, zero_in_force
@@ -49,6 +50,17 @@ class NightSeries:
 
     def __len__(self):
         return sum(len(session) for session in self._sessions.values())
+
+    def observations(self):
+        """All rows so far, a PointingRun; ValueError before the first."""
+        if not self._sessions:
+            raise ValueError('no observation has come yet; observe first')
+        return PointingRun.concatenate(
+            [session.observations() for session in self._sessions.values()])
+
+    def zeros_again(self):
+        """`take_table` has calibrated the nights that are over; numbers of those with a zero."""
+        return sorted(map(int, self.zeros))
 
     @property
     def newest(self):

@@ -1,5 +1,7 @@
 """What the calibration knows of a night: its observations, the zeros, the models, the report."""
 
+from contextlib import suppress
+
 import numpy as np
 
 from msg_tools.units import ARCSEC
@@ -120,6 +122,25 @@ class CalibrationSession:
         if not self._parts:
             raise ValueError('no observation has come yet; observe first')
         return PointingRun.concatenate(self._parts)
+
+    def zeros_again(self):
+        """The zeros by Polaris of all power-ons, from the rows that are there.
+
+        Whoever has lost them must not take Polaris for not observed.
+
+        Returns
+        -------
+        list of int
+            Numbers of the power-ons that have one.
+        """
+        rows = self.observations()
+        polaris = rows.select(rows['star'] == POLARIS_HIP)
+        for number in np.unique(polaris['run']):
+            with suppress(ValueError):  # too few exposures of it
+                self.zeros[int(number)] = zero_from_polaris(
+                    polaris.select(polaris['run'] == number), self.reference or PointingModel({}),
+                    run=int(number))
+        return sorted(self.zeros)
 
     def calibrate_zero(self):
         """Zeros of all power-ons in which Polaris was observed.

@@ -29,7 +29,7 @@ class IncrementalEncoders(MountedDevice):
         self._pub = self.publisher(topics.INCREMENTAL)
         self._homing_pub = self.publisher(topics.HOMING)
         self._zero_pub = self.publisher(topics.TRUTH_ZERO)
-        self._told = None
+        self._homing_told = None
         self._power_on = self._counts = None  # from the first sample of a power-on on
         self._tell_homing()
         self.subscribe(topics.TRUTH_JOINTS, self._on_truth)
@@ -61,8 +61,8 @@ class IncrementalEncoders(MountedDevice):
         """Publish what is known of the marks, if a mark or the power changed it."""
         states = [encoder.status for encoder in self._encoders]
         now = [(s.homed, s.missed_marks, s.passages, s.power_on, self._power_on) for s in states]
-        if now != self._told:
-            self._told = now
+        if now != self._homing_told:
+            self._homing_told = now
             started = self._power_on.started if self._power_on else np.nan
             self._homing_pub.publish(homing_to_cloud([
                 AxisHoming(s.homed, s.side, s.missed_marks, s.passages, s.mark_error,

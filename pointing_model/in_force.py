@@ -169,8 +169,8 @@ class InForce:
         How many came into force.
     model_stamp : int
         Of the last observation that the model rests on, ns; 0 where it does not say.
-    model_name : str
-        `model_document.identity` of it.
+    model_name, model_text : str
+        `model_document.identity` of it, and its document; '' without one.
     zero : RunZero
     zero_stamp : int
         Of the last observation that the zero rests on, ns.
@@ -182,7 +182,8 @@ class InForce:
     """
 
     def __init__(self, model=None):
-        self.model, self.model_name = model, identity(model.to_json() if model else '')
+        self.model, self.model_text = model, model.to_json() if model else ''
+        self.model_name = identity(self.model_text)
         self.models = self.model_stamp = 0
         self.zero, self.zero_stamp, self.refused_stamp = NO_ZERO, 0, 0
         self.power_on = None
@@ -194,15 +195,15 @@ class InForce:
         model, name = PointingModel.from_json(text), identity(text)
         waiting = self._next_zero
         if waiting is not None and waiting[1].model == name:
-            self._put_in_force(model, name)
+            self._put_in_force(model, name, text)
             self.zero_stamp, self.zero = waiting
         elif self.zero.model in (None, name):
-            self._put_in_force(model, name)
+            self._put_in_force(model, name, text)
         else:
-            self._next_model = model, name
+            self._next_model = model, name, text
 
-    def _put_in_force(self, model, name):
-        self.model, self.model_name = model, name
+    def _put_in_force(self, model, name, text):
+        self.model, self.model_name, self.model_text = model, name, text
         self.models += 1
         stamp = model.provenance.get('last_stamp_ns')
         self.model_stamp = stamp if isinstance(stamp, int) else 0
@@ -232,6 +233,11 @@ class InForce:
             return ''
         return (f'is of the power-on that began at {zero.started:.3f}, and the encoder is in one '
                 f'that began at {now.started:.3f}')
+
+    @property
+    def bound(self):
+        """Whether the zero says that it goes with the model."""
+        return self.zero.model == self.model_name
 
     def complaints(self):
         """What of model and zero cannot be gone by, sentences for people."""

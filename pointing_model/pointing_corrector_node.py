@@ -4,6 +4,7 @@ import sys
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
+from std_msgs.msg import String
 
 from msg_tools import convert, topics
 from msg_tools.node import MountNode, run_node
@@ -11,6 +12,7 @@ from msg_tools.units import ARCSEC, wrap
 
 from .context import Context
 from .in_force import time_driver
+from .in_force_message import pair_to_text
 from .in_force_topics import MODEL_FILE, in_force_of
 
 PARAMS = (MODEL_FILE,)
@@ -26,12 +28,19 @@ class PointingCorrector(MountNode):
         self._lacking = ()
         self._demand_pub = self.publisher(topics.DEMAND)
         self._sigma_pub = self.publisher(topics.DEMAND_SIGMA)
+        self._in_force_pub, self._pair_told = self.publisher(topics.IN_FORCE), ''
         self._in_force = in_force_of(self, self._changed)
         self.subscribe(topics.TARGET, self._on_target)
 
     def _changed(self, topic):
         if topic is topics.MODEL:
             self._lacking = ()
+        if self._in_force.bound:
+            text = pair_to_text(self._in_force.model_text, self._in_force.zero_stamp,
+                                self._in_force.zero)
+            if text != self._pair_told:
+                self._pair_told = text
+                self._in_force_pub.publish(String(data=text))
 
     def _drivers(self, stamps, sky):
         """Time and temperature; how the axes will come, and the star, only the observer knows."""

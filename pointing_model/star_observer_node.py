@@ -12,15 +12,15 @@ from std_srvs.srv import Trigger
 
 from msg_tools import convert, topics
 from msg_tools.node import MountNode, Param, run_node
-from msg_tools.readiness import unmatched
-from msg_tools.status import observations_taken
+from msg_tools.readiness import PUBLISHES, unmatched
+from msg_tools.status import handover, observations_taken
 
 from .in_force_topics import MODEL_FILE, in_force_of
 from .observing.instruments import Instruments
 from .observing.plan import night_plan, parse_plan
 from .observing.sequencer import Sequencer
 from .observing.table import Table
-from .run_messages import run_to_cloud
+from .run_messages import cloud_to_run, run_to_cloud
 from .sky_params import SKY_PARAMS, sky_of
 from .target import satellite_target
 
@@ -78,7 +78,10 @@ class StarObserver(MountNode):
         self.subscribe(topics.INCREMENTAL, self._on_incremental)
         self.subscribe(topics.ABSOLUTE, self._on_absolute)
         self.subscribe(topics.MISS_DISTANCE, self._on_miss)
+        self._handover = self._given = None  # a night that an observer before has begun
+        self._calibration_spoke = self._has_rows = False
         self.subscribe(topics.CALIBRATION_STATUS, self._on_calibration)
+        self.subscribe(topics.CALIBRATION_TABLE, self._on_given_back)
         self._wanted_nodes = [name for name in self.value('wait_for_nodes') if name]
         self._reports = self.graph_reports() if self._wanted_nodes else {}
         self._asked = {verb: self.create_client(Trigger, verb) for verb in SERVICES}
@@ -124,7 +127,24 @@ class StarObserver(MountNode):
         self._sequencer.advance()
 
     def _on_calibration(self, message):
-        self._sequencer.calibration_has(observations_taken(message))
+        count = observations_taken(message)
+        self._calibration_spoke, self._has_rows = True, count > 0
+        self._handover = handover(message) or self._handover
+        self._take_up()
+        self._sequencer.calibration_has(count)
+
+    def _on_given_back(self, message):
+        self._given = message
+        self._take_up()
+
+    def _take_up(self):
+        """Go on with a night that was begun before this observer was started."""
+        if self._handover is None or self._given is None or len(self._table):
+            return
+        count, left = self._handover
+        if self._given.width == count and not self._sequencer.begun:
+            self._sequencer.take_up(cloud_to_run(self._given),
+                                    convert.from_stamp(self._given.header.stamp), left)
 
     def _on_observe(self, request, response):
         return self._begin(response, self.value('plan'), 'plan started: {}')
@@ -193,8 +213,16 @@ class StarObserver(MountNode):
     def waiting_for(self):
         """Instruments that are not there yet, and nodes that are not fully connected."""
         missing = super().waiting_for()
-        if self._wanted_nodes and not missing and not len(self._table):
+        if missing or self._sequencer.begun:
+            return missing
+        if self._wanted_nodes:
             missing = unmatched(self._wanted_nodes, self._reports)
+            status = self.resolve_topic_name(topics.CALIBRATION_STATUS.name)
+            if not (missing or self._calibration_spoke) and any(
+                    status in self._reports[name][PUBLISHES] for name in self._wanted_nodes):
+                missing = ['the calibration to say what it knows']
+        if not missing and self._has_rows and not len(self._table):
+            missing = ['the calibration to give back the rows of the night so far']
         return missing
 
     def problems(self):

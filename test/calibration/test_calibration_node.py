@@ -6,18 +6,22 @@ import pytest
 pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportError)
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from std_msgs.msg import String
 
 from calibration.calibration_node import Calibration
 from calibration.witnesses import UNJUDGED
 from msg_tools import convert, topics
 from msg_tools.homing import AxisHoming, homing_to_cloud
+from msg_tools.status import Progress, handover
 from msg_tools.units import ARCSEC, DEG
+from pointing_model.in_force_message import pair_to_text
 from pointing_model.model import PointingModel
 from pointing_model.model_document import identity
 from pointing_model.run import PointingRun
 from pointing_model.run_messages import run_to_cloud
 from pointing_model.star_catalogue import POLARIS_HIP
 from pointing_model.terms import PHYSICAL
+from pointing_model.zero import RunZero
 from pointing_model.zero_message import joints_to_zero
 
 START = 1_768_482_000_000_000_000
@@ -236,10 +240,59 @@ def test_the_table_brings_back_the_night_after_a_restart(graph):
     graph.report('calibration', '', 'observations', 12)
 
 
+def test_a_calibration_started_anew_says_what_it_took_up(graph):
+    status = graph.listen(topics.CALIBRATION_STATUS)
+    night = PointingRun.concatenate([rows(20, seed=2), rows(6, star=POLARIS_HIP, seed=3)])
+    table, pair = graph.publisher(topics.OBSERVATIONS), graph.publisher(topics.IN_FORCE)
+    name = identity(MOUNT.to_json())
+    zero = RunZero(3e-6, -4e-6, np.diag([1e-12, 4e-12]), 1, 1e9, name)
+    pair.publish(String(data=pair_to_text(MOUNT.to_json(), START, zero)))
+    graph.add(Calibration)
+    zeros, models = graph.listen(topics.ZERO), graph.listen(topics.MODEL)
+    # what its predecessor has published died with it, and is latched again
+    graph.wait_for(lambda: zeros and models)
+    stamp, told = joints_to_zero(zeros[0])
+    assert stamp == START and told == zero and (told.started, told.model) == (1e9, name)
+    assert identity(models[0].data) == name
+    table.publish(run_to_cloud(night, START))
+    graph.wait_for(lambda: 'took up 26 observations, zeros by Polaris of power-ons 1; the model '
+                   'in force' in status[-1].message, lambda: status[-1].message)
+    assert graph.call('calibrate_zero').success
+    graph.wait_for(lambda: len(zeros) == 2)
+    # beside the model that is in force
+    told = joints_to_zero(zeros[1])[1]
+    assert told.model == name and abs(told.az) < 3 * ARCSEC
+
+
+def test_a_pair_that_does_not_go_together_is_not_taken_up(graph):
+    pair = graph.publisher(topics.IN_FORCE)
+    graph.add(Calibration)
+    graph.connect()
+    pair.publish(String(data=pair_to_text(MOUNT.to_json(), START, RunZero(0, 0, model='none'))))
+    graph.report('calibration', '1 messages refused', 'taken up', 'nothing: there from the start')
+    pair.publish(String(data='{}'))
+    graph.report('calibration', '2 messages refused', 'taken up', 'nothing: there from the start')
+
+
+def test_an_observer_that_has_lost_the_night_gets_it_back(graph):
+    desk = Desk(graph)
+    status, given = graph.listen(topics.CALIBRATION_STATUS), graph.listen(topics.CALIBRATION_TABLE)
+    observer = graph.publisher(topics.OBSERVER_STATUS)
+    graph.connect()
+    at = Progress('observing', 'stars 30', 1, 4, 30, 4, 1, 0, 'home, stars 30')
+    desk.observe(rows(4))
+    for number, progress in enumerate((at, Progress(plan='home, stars 30'))):
+        observer.publish(convert.status(DiagnosticStatus.OK, 'observer', '', **progress.rows()))
+        graph.report('calibration', '', 'received /mount/observer/status', number + 1)
+    graph.wait_for(lambda: given and handover(status[-1]))
+    assert given[-1].width == 4 and handover(status[-1]) == (4, at)
+
+
 def test_the_status_counts_what_came(graph):
     status = graph.listen(topics.CALIBRATION_STATUS)
     desk = Desk(graph)
-    graph.report('calibration', '', 'observations', 0)
+    graph.wait_for(lambda: status)
+    assert status[0].message.startswith('knows nothing of the night yet')
     desk.observe(rows(3))
     graph.wait_for(lambda: status and status[-1].values[0].value == '3')
     assert status[-1].values[0].key == 'observations'

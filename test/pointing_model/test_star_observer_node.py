@@ -11,11 +11,14 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 
 from msg_tools import convert, topics
+from msg_tools.power_on import PowerOn
+from msg_tools.status import Progress, handover_rows
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.effects import effect
 from pointing_model.fitted_effects import FittedEffect
 from pointing_model.model import PointingModel
-from pointing_model.run_messages import cloud_to_run
+from pointing_model.run import PointingRun
+from pointing_model.run_messages import cloud_to_run, run_to_cloud
 from pointing_model.sky import DEFAULT_SITE, DEFAULT_WEATHER, Site, observed_place
 from pointing_model.star_catalogue import POLARIS_HIP, load_catalogue
 from pointing_model.star_observer_node import StarObserver
@@ -54,7 +57,7 @@ class Instruments:
         graph.listen(topics.COMMAND, call=self._on_command)
         self.ticks = graph.tester.create_timer(0.05, self._tick)
         self.homed = homed
-        self.awake = True
+        self.awake, self.frame = True, ''
 
     def _tick(self):
         self.pubs[topics.CLOCK.name].publish(Clock(clock=convert.to_stamp(self.now)))
@@ -64,7 +67,7 @@ class Instruments:
 
     def read(self, stamp, angles):
         self.pubs[topics.INCREMENTAL.name].publish(
-            convert.joint_state(stamp, angles + self.error, [0.0, 0.0]))
+            convert.joint_state(stamp, angles + self.error, [0.0, 0.0], frame=self.frame))
         if self.absolute:
             self.pubs[topics.ABSOLUTE.name].publish(convert.joint_state(stamp, angles, [0.0, 0.0]))
 
@@ -448,6 +451,31 @@ def test_a_calibration_that_was_started_anew_gets_all_rows_again(graph):
         graph.report('star_observer', '', 'received /mount/calibration/status', 2 - count)
     graph.wait_for(lambda: len(night.tables) > before)
     assert night.tables[-1].width == 2
+
+
+def test_an_observer_started_anew_takes_its_night_from_the_calibration(graph):
+    sky = Instruments(graph)
+    sky.frame = PowerOn(2, 2e9).frame
+    first = Night(graph, 'polaris 5')
+    graph.wait_for(lambda: len(first.rows) == 3)
+    rows = PointingRun.concatenate(map(cloud_to_run, first.rows[:3]))
+    graph.remove(first.node)
+    sky.commands.clear()  # the encoder goes on to be read
+    rows.columns['run'] = np.full(3, 7.0)  # as the night has numbered it
+    status, table = (graph.publisher(topic) for topic in (
+        topics.CALIBRATION_STATUS, topics.CALIBRATION_TABLE))
+    status.publish(convert.status(DiagnosticStatus.OK, 'calibration', '', observations=3))
+    night = Night(graph, 'polaris 5')
+    graph.report('star_observer', 'the calibration to give back the rows of the night so far')
+    table.publish(run_to_cloud(rows, convert.from_stamp(first.rows[2].header.stamp)))
+    left = Progress('observing', 'polaris 5', 0, 3, 5, 3, 7, 0, 'polaris 5')
+    status.publish(convert.status(DiagnosticStatus.OK, 'calibration', '', observations=3,
+                                  **handover_rows(3, left)))
+    night.until('done')
+    graph.wait_for(lambda: night.tables and night.tables[-1].width == 5)
+    got = cloud_to_run(night.tables[-1])
+    np.testing.assert_array_equal(got['run'], 7.0)
+    np.testing.assert_array_equal(got['encoder_start'], 2e9)
 
 
 def test_a_service_that_refuses_ends_the_plan_with_its_reason(graph):

@@ -542,6 +542,71 @@ def test_a_calibration_that_was_started_anew_gets_the_table_again():
     assert [len(table) for table in bench.tables] == [2, 2]
 
 
+# --- started anew in the middle of a night --------------------------------------------------------
+
+
+def after_a_crash(bench, plan=None):
+    """A bench whose sequencer knows what the calibration gives back of `bench`'s."""
+    again = Bench(homed=False)
+    again.stamp, again.position = bench.stamp, bench.position
+    again.services, again.calls = bench.services, bench.calls
+    rows, left = bench.table.all(again=True), bench.plan.progress
+    again.lacks = ['the rows']
+    again.plan.start(plan or left.plan)
+    again.tick()
+    again.plan.take_up(rows, bench.table.newest, left)
+    again.lacks = []
+    again.read(again.stamp + SECOND, again.position)
+    return again
+
+
+def test_a_plan_goes_on_where_it_stood():
+    plan = 'home, stars 4, polaris 3, fit'
+    bench = Bench(plan)
+    bench.homes()
+    bench.until(lambda: len(bench.rows) == 6)
+    again = after_a_crash(bench)
+    again.offers('fit')
+    again.waits('calibration to take the last observation')
+    assert [row['block'][0] for row in again.rows] == [2.0]  # one more of Polaris
+    assert again.table.newest > bench.table.newest
+    assert len(again.tables[-1]) == 7 and again.calls == ['home']
+    again.plan.calibration_has(7)
+    again.waits('the new model')
+    assert [row['star'] for row in again.table.rows[:6]] == [row['star'][0] for row in bench.rows]
+
+
+def test_stars_that_were_observed_before_are_not_observed_again():
+    bench = Bench('stars 8')
+    bench.until(lambda: len(bench.rows) == 5)
+    again = after_a_crash(bench)
+    assert again.run() == ('done', 'plan finished')
+    assert len(again.rows) == 3
+    assert len({row['star'] for row in again.table.rows}) == 8
+
+
+def test_another_plan_begins_at_its_start_and_keeps_the_rows():
+    bench = Bench('stars 3')
+    bench.until(lambda: len(bench.rows) == 2)
+    again = after_a_crash(bench, plan='polaris 2')
+    assert again.run() == ('done', 'plan finished')
+    assert [int(row['star']) == POLARIS_HIP for row in again.table.rows] == [
+        False, False, True, True]
+    assert again.plan.progress.observations == 4
+
+
+def test_blind_checks_go_on_and_are_summed_up_over_both_parts():
+    bench = Bench('check 2, check 3')
+    bench.miss = lambda number: np.array([3.0, 4.0]) * ARCSEC
+    bench.until(lambda: len(bench.rows) == 4)
+    again = after_a_crash(bench)
+    again.miss = bench.miss
+    assert again.run() == ('done', 'plan finished')
+    first, second = again.checks[-1]
+    assert (first['block'], first['stars'], second['block'], second['stars']) == (0, 2, 1, 3)
+    assert second['rms_arcsec'] == pytest.approx(5.0)
+
+
 # --- the begin ----------------------------------------------------------------------------------
 
 
