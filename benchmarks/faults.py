@@ -151,7 +151,7 @@ def _moved(az, el):
 FAULTS = {
     'second camera': lambda: Liar(topics.MISS_DISTANCE, _camera(
         lambda m: 2000.0 * ARCSEC, lambda m: -900.0 * ARCSEC), second=True),
-    'camera says (0, 0)': lambda: Liar(topics.MISS_DISTANCE, _camera(
+    'camera says zero': lambda: Liar(topics.MISS_DISTANCE, _camera(
         lambda m: 0.0, lambda m: 0.0)),
     'camera frozen': lambda: Liar(topics.MISS_DISTANCE, _same),
     'camera mirrored': lambda: Liar(topics.MISS_DISTANCE, _camera(

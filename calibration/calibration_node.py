@@ -22,6 +22,7 @@ from pointing_model.model_document import identity
 from pointing_model.run_messages import cloud_to_run, run_to_cloud
 from pointing_model.zero_message import zero_to_joints
 
+from .distrust import contradicted
 from .nights import NightSeries
 from .session import CalibrationSession
 from .witnesses import UNJUDGED, homings_of
@@ -72,6 +73,7 @@ class Calibration(MountNode):
         self._finding = ''
         self._model_name = identity(reference.to_json() if reference else '')
         self._spoke = False  # a zero or a model is published
+        self._contradiction = ''  # why the last model was not
         self._observer = None  # how far its plan is
         self._taken_up = []  # from others, after a start in the middle of a night
         self._starts = {}  # number of a power-on -> when it began
@@ -221,15 +223,24 @@ class Calibration(MountNode):
 
     def _work_fit(self):
         self._say('fitting')
+        self._refuse_contradicted()
         model, report = self._session.fit(self._homings())
         self._alarms = report['witnesses']['alarms']
         self._report_pub.publish(String(data=json.dumps(report)))
+        self._refuse_contradicted(report)
         self._publish_model(model)
         held_out = report['steps'][-1]['held_out']['radial']
         done = (f'{report["stars"]} stars fitted; {report["steps"][-1]["step"]}: '
                 f'{held_out:.2f} arcsec radial on stars held out')
         self._say(done)
         return done
+
+    def _refuse_contradicted(self, report=None):
+        """ValueError where what is known speaks against a model of these observations."""
+        why = contradicted(self._alarms, self._session.observations(), report)
+        self._contradiction = why
+        if why:
+            raise ValueError(why)
 
     def _publish_model(self, model):
         """The model, and the zero that belongs to it; Polaris alone gave it a little otherwise."""
@@ -243,6 +254,7 @@ class Calibration(MountNode):
     def _work_diagnosis(self):
         # the node hears nothing until it is done: seconds
         self._say('diagnosing')
+        self._refuse_contradicted()
         found = self._session.diagnose(self.value('alpha'), _site(self.value('site')))
         document = found.document
         self._diagnosis_pub.publish(String(data=json.dumps(document)))
@@ -268,7 +280,8 @@ class Calibration(MountNode):
 
     def problems(self):
         """What the three witnesses of the last night disagree on, or cannot say."""
-        found = [*self._alarms, *([UNJUDGED] if self._unjudged() else [])]
+        found = [*([self._contradiction] if self._contradiction else []), *self._alarms,
+                 *([UNJUDGED] if self._unjudged() else [])]
         return [(DiagnosticStatus.WARN, text) for text in found]
 
     def details(self):

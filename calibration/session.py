@@ -13,6 +13,7 @@ from pointing_model.terms import PHYSICAL
 from pointing_model.zero import NO_ZERO, Zeros, zero_in_force
 
 from .check import split_half
+from .distrust import distrusted, reasons
 from .fit import fit_harmonics, fit_terms
 from .polaris_zero import zero_from_polaris
 from .rows import for_fitting, with_check
@@ -134,7 +135,7 @@ class CalibrationSession:
             Numbers of the power-ons that have one.
         """
         rows = self.observations()
-        polaris = rows.select(rows['star'] == POLARIS_HIP)
+        polaris = rows.select((rows['star'] == POLARIS_HIP) & ~distrusted(rows))
         for number in np.unique(polaris['run']):
             with suppress(ValueError):  # too few exposures of it
                 self.zeros[int(number)] = zero_from_polaris(
@@ -159,13 +160,15 @@ class CalibrationSession:
         """
         rows = self.observations()
         newest = self.newest
-        polaris = rows.select(rows['star'] == POLARIS_HIP)
+        polaris = rows.select((rows['star'] == POLARIS_HIP) & ~distrusted(rows))
         reference = self.reference or PointingModel({})
         for number in np.unique(polaris['run']):
             part = polaris.select(polaris['run'] == number)
             self.zeros[int(number)] = zero_from_polaris(part, reference, run=int(number))
         if newest not in self.zeros:
-            raise ValueError(f'Polaris was not observed since power-on {newest}; point at it first')
+            raise ValueError('; '.join([
+                f'Polaris was not observed since power-on {newest}; point at it first',
+                *reasons(rows)]))
         if self.in_force is None:
             return newest, self.zeros[newest]
         part = polaris.select(polaris['run'] == newest)
@@ -200,7 +203,7 @@ class CalibrationSession:
         rows = for_fitting(rows)
         is_star = rows['star'] != POLARIS_HIP
         stars = rows.select(is_star)
-        notes = []
+        notes = reasons(self.observations())
         result, self.zeros_in_force = self._fit_terms(rows)
         for dropped in result.dropped:
             notes.append(f'the stars do not determine {dropped["text"]}')

@@ -16,7 +16,7 @@ from msg_tools.readiness import PUBLISHES, unmatched
 from msg_tools.status import handover, observations_taken
 
 from .in_force_topics import MODEL_FILE, in_force_of
-from .observing.instruments import Instruments
+from .observing.instruments import ABSOLUTE, CAMERA, MOUNT, Instruments
 from .observing.plan import night_plan, parse_plan
 from .observing.sequencer import Sequencer
 from .observing.table import Table
@@ -51,6 +51,9 @@ PARAMS = SKY_PARAMS + (
 )
 #: services that the steps of a plan call
 SERVICES = ('home', 'power_cycle', 'calibrate_zero', 'fit', 'diagnose')
+#: on which the instruments are heard
+INSTRUMENT_TOPICS = {MOUNT: topics.INCREMENTAL, ABSOLUTE: topics.ABSOLUTE,
+                     CAMERA: topics.MISS_DISTANCE}
 LEVELS = {'failed': DiagnosticStatus.ERROR, 'waiting': DiagnosticStatus.WARN}
 
 
@@ -69,7 +72,8 @@ class StarObserver(MountNode):
         self._offset_pub = self.publisher(topics.OFFSET)
         self._status_pub = self.publisher(topics.OBSERVER_STATUS)
         self._checks_pub = self.publisher(topics.CHECKS)
-        self._instruments = Instruments(self.value('first_run'))
+        self._instruments = Instruments(self.value('first_run'), now=self.now)
+        self._instruments.look = self._look_at_publishers
         self._table = Table()
         # before the camera: an exposure is always corrected with the same reading of the
         # thermometer
@@ -89,6 +93,7 @@ class StarObserver(MountNode):
         self.create_service(Trigger, 'zero_on_polaris', self._on_zero_on_polaris)
         if self.value('autostart'):
             self._sequencer.start(self.value('plan'))
+        self.every(0.5, self._look_at_publishers)
         # steady: the observer must see a time-out while simulated time stands still
         self.create_timer(0.05, self._sequencer.advance,
                           clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -125,6 +130,14 @@ class StarObserver(MountNode):
         self._instruments.take_frame(
             convert.from_stamp(message.header.stamp), message.vector.x, message.vector.y)
         self._sequencer.advance()
+
+    def _look_at_publishers(self):
+        for name, topic in INSTRUMENT_TOPICS.items():
+            full = self.resolve_topic_name(topic.name)
+            if self.count_publishers(full) > 1 or self._instruments.health.blocked:
+                self._instruments.health.publishers(name, [
+                    f'{info.node_namespace.rstrip("/")}/{info.node_name}'
+                    for info in self.get_publishers_info_by_topic(full)])
 
     def _on_calibration(self, message):
         count = observations_taken(message)
@@ -230,7 +243,8 @@ class StarObserver(MountNode):
         state, text = self._sequencer.progress.state, self._sequencer.text
         if state == 'failed':
             return [(DiagnosticStatus.ERROR, text)]
-        found = [(DiagnosticStatus.WARN, text) for text in self._in_force.complaints()]
+        found = [(DiagnosticStatus.WARN, text) for text in (
+            *self._instruments.health.alarms, *self._in_force.complaints())]
         if state == 'waiting' and self._sequencer.busy:
             found.insert(0, (DiagnosticStatus.WARN, f'waiting for {text}'))
         return found

@@ -7,6 +7,7 @@ import numpy as np
 
 from msg_tools.units import ARCSEC, wrap
 
+from .instruments import ABSOLUTE, CAMERA, MOUNT
 from .pairing import centred
 from .pointing import Conditions, Pointing, track_to
 
@@ -72,6 +73,7 @@ class Exposer:
         """
         pointing = Pointing(target, self._in_force, np.zeros(2) if blind else self._carried)
         seen = blank = 0
+        first = None
         while True:
             stamp, miss = yield from self.expose(pointing)
             if not np.isfinite(miss).all():
@@ -88,15 +90,24 @@ class Exposer:
             pointing.aim = self._carried = pointing.aim + np.array(
                 [wrap(enc[0] - demand[0]), enc[1] - demand[1]])
             seen += 1
-            near = np.hypot(*miss) <= self._out.value('recentre_arcsec') * ARCSEC
+            off = float(np.hypot(*miss))
+            first = off if first is None else first
+            near = off <= self._out.value('recentre_arcsec') * ARCSEC
             if near or seen == CENTRINGS:
                 break
+        if first is not None and not near and not self._instruments.health.centres(
+                CAMERA, first, off):
+            self.forget_aim()
+            self._out.refuse_frame('a star that was centred is as far off as before')
+            return None
         return self._row(pointing, block, blind, stamp, miss, enc, rate)
 
     def _row(self, pointing, block, blind, stamp, miss, enc, rate):
         try:
             reading, _ = self._instruments.exposures.at('abs', stamp)
             second = np.array(centred(*reading, *miss))
+            if not self._instruments.health.second(ABSOLUTE, reading, enc):
+                second = np.full(2, np.nan)
         except ValueError:
             second = np.full(2, np.nan)
         target, (site, air, *_) = pointing.target, self._conditions()
@@ -118,6 +129,10 @@ class Exposer:
         found = None
         while found is None:
             found = yield from self._try(pointing)
+            self._instruments.look()
+            if found is not None and self._instruments.health.suspect:
+                self._out.refuse_frame('an exposure that may be of another instrument')
+                found = None
         return found
 
     def _try(self, pointing):
@@ -129,6 +144,7 @@ class Exposer:
         instruments.exposures.begin(track.start, track.times, track.angles)
         self._out.send_command(track)
         instruments.ask()
+        before = instruments.here
         take = partial(instruments.exposures.take, value('on_target_arcsec') * ARCSEC,
                        self._out.refuse_frame)
         found = None
@@ -141,6 +157,7 @@ class Exposer:
                     or not instruments.homed or instruments.stamp > track.end)
 
         yield answered
+        self._note_motion(track, before)
         if found is not None:
             self._waiting('')
             self.exposed = found[0]
@@ -148,6 +165,18 @@ class Exposer:
             silent = ', '.join(instruments.unanswered(value('answer_timeout_s')))
             self._waiting(f'an answer of {silent}' if silent else 'the mount to come on target')
         return found
+
+    def _note_motion(self, track, before):
+        """Whether the encoder follows what was commanded, if it says something."""
+        instruments = self._instruments
+        if not instruments.homed or instruments.stamp <= track.start:
+            return
+        at = (instruments.stamp - track.start) * 1e-9
+        demand = [np.interp(at, track.times, axis) for axis in track.angles.T]
+        here = instruments.here
+        distance = np.hypot(wrap(here[0] - demand[0]) * np.cos(demand[1]), here[1] - demand[1])
+        instruments.health.follows(
+            MOUNT, float(distance), not np.array_equal(here, before))
 
     def _conditions(self):
         """Those of now; the thermometer's reading is that of before the last exposure."""

@@ -7,6 +7,7 @@ import numpy as np
 from msg_tools.power_on import read_frame
 from msg_tools.units import DEG
 
+from .instrument_health import InstrumentHealth
 from .pairing import Exposures
 
 MOUNT, ABSOLUTE, CAMERA = 'mount and incremental encoder', 'absolute encoder', 'camera'
@@ -23,6 +24,8 @@ class Instruments:
         Number of the first power-on.
     wall : callable
         Seconds of a clock that goes on while simulated time stands still.
+    now : callable
+        The graph's time, ns; 0 where it is not known.
 
     Attributes
     ----------
@@ -38,9 +41,14 @@ class Instruments:
         none, each time that it has been homed.
     power_on : PowerOn or None
         What the encoder tells of it.
+    health : InstrumentHealth
+        What the instruments say that cannot be.
+    look : callable
+        Called at each exposure, so that `health` knows who publishes.
     """
 
-    def __init__(self, first_run=1, wall=time.monotonic):
+    def __init__(self, first_run=1, wall=time.monotonic, now=lambda: 0):
+        self.health, self.look, self._now = InstrumentHealth(), lambda: None, now
         self.exposures = Exposures()
         self.stamp, self.here, self.rate = 0, None, None
         self.homed = False
@@ -55,9 +63,12 @@ class Instruments:
 
         `frame` is the ``frame_id`` of its message, see `msg_tools.power_on`.
         """
+        self._check_stamp(MOUNT, stamp)
         back = self.exposures.add_reading('enc', stamp, angle)
         self.stamp, self.here, self.rate = stamp, np.array(angle), rate
         homed = bool(np.isfinite(angle).all())
+        if homed or (self.power_on is not None and frame == self._frame and self.homed):
+            self.health.number(MOUNT, homed)
         if homed:
             self._number_run(frame)
         self.homed = homed
@@ -98,14 +109,26 @@ class Instruments:
 
     def take_absolute(self, stamp, angle):
         """As `take_incremental`, of the absolute encoder."""
+        self._check_stamp(ABSOLUTE, stamp)
         back = self.exposures.add_reading('abs', stamp, angle)
         self.hear(ABSOLUTE)
         return back
 
     def take_frame(self, stamp, x, y):
-        """Take a measured miss distance, rad."""
-        self.exposures.add_frame(stamp, x, y)
+        """Take a measured miss distance, rad; ValueError for one that cannot be."""
         self.hear(CAMERA)
+        self._check_stamp(CAMERA, stamp)
+        reason = self.health.frame(CAMERA, x, y)
+        if reason:
+            raise ValueError(reason)
+        self.exposures.add_frame(stamp, x, y)
+
+    def _check_stamp(self, name, stamp):
+        now = self._now()
+        # a mount that is commanded for tomorrow answers of tomorrow
+        reason = self.health.stamp(name, stamp, now and max(now, self.exposures.end))
+        if reason:
+            raise ValueError(reason)
 
     def homed_since(self, stamp):
         """Whether a reading after `stamp` says so, with the axes at rest.

@@ -339,6 +339,9 @@ class Sequencer:
                                'calibration to take the last observation')
 
     def _need_home(self):
+        health = self._instruments.health
+        if health.blocked:
+            yield from self._until(lambda: not health.blocked, f'an end: {health.blocked}')
         if not self._instruments.homed and self._homes:
             self._out.get_logger().warning('the encoder has no zero any more: homing again')
             yield from self._do_home()

@@ -264,6 +264,19 @@ def test_a_calibration_started_anew_says_what_it_took_up(graph):
     assert told.model == name and abs(told.az) < 3 * ARCSEC
 
 
+def test_a_model_of_a_camera_that_measures_nothing_is_not_published(graph):
+    desk = Desk(graph)
+    models = graph.listen(topics.MODEL)
+    lying = rows(30, seed=2)
+    desk.observe(PointingRun({**lying.columns, 'miss_x': np.zeros(30), 'miss_y': np.zeros(30)}))
+    for verb in ('fit', 'diagnose'):
+        answer = graph.call(verb)
+        assert not answer.success
+        assert answer.message.startswith('not published: 30 of 30 observations left out')
+    graph.report('calibration', 'the camera said the same miss distance')
+    assert not models
+
+
 def test_a_pair_that_does_not_go_together_is_not_taken_up(graph):
     pair = graph.publisher(topics.IN_FORCE)
     graph.add(Calibration)

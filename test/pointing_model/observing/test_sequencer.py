@@ -54,7 +54,7 @@ class Bench:
         self.stamp, self.wall = START, 1000.0
         self.position = np.array([3.0, 0.8])
         self.error = np.zeros(2)  # of the encoder
-        self.miss = lambda number: (0.0, 0.0)  # rad, None: no frame
+        self.miss = lambda number: (1e-6 * ARCSEC * number, 0.0)  # rad, None: no frame
         self.answers = {MOUNT, ABSOLUTE, CAMERA}
         self.site, self.lacks = DEFAULT_SITE, []
         self.services, self.calls = {}, []
@@ -209,7 +209,8 @@ def test_a_plan_is_done_and_its_rows_are_what_was_seen():
 
 def test_a_star_far_off_is_centred_at_most_three_times():
     bench = Bench('polaris 1')
-    bench.miss = lambda number: np.array([150.0, -60.0]) * ARCSEC
+    off = np.array([150.0, -60.0])
+    bench.miss = lambda number: off * (1.0 if number == 1 else 0.45) * ARCSEC
     bench.run()
     assert len(bench.commands) == 3 and len(bench.rows) == 1
     # each command goes on from where the star was found
@@ -219,7 +220,48 @@ def test_a_star_far_off_is_centred_at_most_three_times():
         beside = track.angles[0] - star
         np.testing.assert_allclose(
             [wrap(beside[0]) * np.cos(star[1]) / ARCSEC, beside[1] / ARCSEC],
-            number * np.array([150.0, -60.0]), rtol=0, atol=0.5)
+            off * (0.0, 1.0, 1.45)[number], rtol=0, atol=0.5)
+
+
+def test_a_camera_that_does_not_see_the_mount_move_gives_no_row():
+    bench = Bench('stars 1, polaris 1')
+    bench.miss = lambda number: np.array([150.0, -60.0]) * ARCSEC * (number < 4)
+    bench.run()
+    assert len(bench.commands) == 4 and len(bench.rows) == 1
+    assert bench.plan.progress.lost == 1
+    assert bench.refused == ['a star that was centred is as far off as before']
+    # what it seemed to teach is forgotten
+    star = bench.rows[0]
+    assert abs(wrap(bench.commands[3].angles[1, 0] - star['az'][0])) < 2 * DEG
+    assert bench.instruments.health.alarms == [
+        'instrument camera: contradicts the commanded motion: a star 162 arcsec off was centred, '
+        'and is 162 arcsec off']
+
+
+def test_nothing_is_observed_while_two_publish_one_instrument():
+    bench = Bench('stars 2')
+    health = bench.instruments.health
+    bench.until(lambda: len(bench.rows) == 1)
+    health.publishers(CAMERA, ['/mount/camera', '/mount/other'])
+    bench.waits('an end: camera: published by /mount/camera and /mount/other; end all but one')
+    assert len(bench.rows) == 1
+    health.publishers(CAMERA, ['/mount/camera'])
+    assert bench.run() == ('done', 'plan finished')
+    assert len(bench.rows) == 2 and health.alarms == []
+
+
+def test_an_encoder_that_stays_where_it_was_is_named():
+    bench = Bench('stars 1')
+    bench.until(lambda: bench.commands)
+    bench.pending = None
+    bench.stamp = bench.commands[0].end + 50 * SECOND
+    for _ in range(2):
+        bench.read(bench.stamp, np.array([3.0, 0.8]))
+        bench.stamp += SECOND
+    bench.until(lambda: len(bench.commands) > 1)
+    alarm, = bench.instruments.health.alarms
+    assert alarm.startswith('instrument mount and incremental encoder: contradicts the commanded '
+                            'motion: its reading has not changed since the command')
 
 
 @pytest.mark.parametrize('changed, wanted', [(False, 40.0), (True, 0.0)])
