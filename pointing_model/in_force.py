@@ -235,6 +235,11 @@ class InForce:
                 f'that began at {now.started:.3f}')
 
     @property
+    def zero_is_unknown(self):
+        """Whether the power-on that the encoder is in has a zero that is not the one in force."""
+        return bool(self._of_another_power_on(self.zero)) or self.refused_stamp > self.zero_stamp
+
+    @property
     def bound(self):
         """Whether the zero says that it goes with the model."""
         return self.zero.model == self.model_name

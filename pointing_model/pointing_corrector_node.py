@@ -75,7 +75,12 @@ class PointingCorrector(MountNode):
             stamp, *self._sigma(sky, context), convert.MOUNT_FRAME))
 
     def _sigma(self, sky, context):
-        """1-sigma of the demand on the sky at the first point, from model and zero, rad."""
+        """1-sigma of the demand on the sky at the first point, from model and zero, rad.
+
+        NaN where the zero is of another power-on: by how much it has moved nobody knows.
+        """
+        if self._in_force.zero_is_unknown:
+            return np.full(2, np.nan)
         out = np.zeros(2)
         model, zero = self._in_force.model, self._in_force.zero.sigma
         if model is not None:
