@@ -41,7 +41,8 @@ PARAMS = SKY_PARAMS + (
           '[deg/s]', 0.01, 90.0),
     Param('answer_timeout_s', 5.0, 'wall time after which a pointing without an answer is '
           'commanded again [s]', 0.5, 3600.0),
-    Param('first_run', 1, 'run number of the first power-on', -1000000, 1000000),
+    Param('first_run', 1, 'run number of the first power-on, where the calibration has no rows of '
+          'the night yet', -1000000, 1000000),
     Param('polaris_exposures', 16, 'exposures of Polaris that the service zero_on_polaris makes',
           1, 10000),
     Param('satellite', '', 'what the step satellite tracks: a file of two-line elements, or '
