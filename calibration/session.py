@@ -1,5 +1,7 @@
 """What the calibration knows of a night: its observations, the zeros, the models, the report."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from msg_tools.units import ARCSEC
@@ -12,7 +14,9 @@ from pointing_model.zero import NO_ZERO, Zeros, zero_in_force
 
 from .check import split_half
 from .fit import fit_harmonics, fit_terms
+from .judgement import judge
 from .polaris_zero import zero_from_polaris
+from .publication import Candidate, Published
 from .rows import for_fitting, with_check
 from .witnesses import check_witnesses
 
@@ -53,7 +57,7 @@ class CalibrationSession:
         self._yesterday = yesterday
         #: how Polaris and the encoders stand to each other tonight, from `fit` on
         self.witness = None
-        self._parts = []
+        self._parts = {}  # by the stamp of the newest row
         self.last_stamp = 0
         #: that `fit` made last, PointingModel
         self.model = None
@@ -61,9 +65,14 @@ class CalibrationSession:
         self.zeros = Zeros()
         #: that belong to the fitted model
         self.zeros_in_force = Zeros()
+        #: of the last fit, judged again with the model that came after it
+        self.report = None
+        self._published = Published()
+        self._homings = ()
+        self._diagnosis = None
 
     def __len__(self):
-        return sum(len(part) for part in self._parts)
+        return sum(map(len, self._parts.values()))
 
     @property
     def newest(self):
@@ -89,7 +98,7 @@ class CalibrationSession:
             if name not in run:
                 raise ValueError(f'observation without column {name}')
         if stamp > self.last_stamp:
-            self._parts.append(with_check(run))
+            self._parts[stamp] = with_check(run)
             self.last_stamp = stamp
 
     def take_table(self, run, stamp):
@@ -107,8 +116,8 @@ class CalibrationSession:
             self.last_stamp = 0
             self.add(run, stamp)
 
-    def observations(self):
-        """All rows so far, a PointingRun.
+    def observations(self, until=0):
+        """All rows so far (with `until`, those that had come by that stamp), a PointingRun.
 
         Raises
         ------
@@ -117,7 +126,8 @@ class CalibrationSession:
         """
         if not self._parts:
             raise ValueError('no observation has come yet; observe first')
-        return PointingRun.concatenate(self._parts)
+        parts = [part for stamp, part in self._parts.items() if not until or stamp <= until]
+        return PointingRun.concatenate(parts or self._parts.values())
 
     def calibrate_zero(self):
         """Zeros of all power-ons in which Polaris was observed.
@@ -170,8 +180,7 @@ class CalibrationSession:
         ValueError
             Too few stars.
         """
-        rows = self.observations()
-        rows = for_fitting(rows)
+        rows = for_fitting(self.observations())
         is_star = rows['star'] != POLARIS_HIP
         stars = rows.select(is_star)
         notes = []
@@ -204,10 +213,43 @@ class CalibrationSession:
         }
         model = PointingModel(result.model.terms, result.model.covariance, None, provenance,
                               result.model.geometry)
+        self._homings = homings
+        new = self._before_judges(rows, Candidate(model, self.zeros_in_force), report)
+        self.report = report
+        if new is None:
+            self.zeros_in_force = self._published.now.zeros
+            return self._again(self._published.now, refit='refused'), report
+        self._published.replace(new, len(self))
         self.model = model
         return model, report
 
-    def diagnose(self, alpha=0.01, site=None):
+    def _before_judges(self, rows, new, report):
+        """The new fit; None where it is worse than what is in force, before rows kept out."""
+        old = self._published.now
+        if old is None:
+            return new
+        from .session_diagnosis import Judges
+        judges = Judges(self.observations(), None)
+        try:
+            found = judge(judges.left(old), judges.left(new), axes=())
+        except ValueError:
+            return new
+        report['judgement'] = found.to_dict()
+        if found.holds:
+            return new
+        report['refused'] = f'this fit is not published: {found.sentence()}'
+        report['notes'].append(report['refused'])
+        report['zeros_in_force'] = old.in_force
+        return None
+
+    def _again(self, candidate, **about):
+        """The model of a Candidate, published once more."""
+        model = candidate.model
+        return replace(model, provenance={
+            **model.provenance, **about, 'last_stamp_ns': self.last_stamp,
+            'zeros_in_force': candidate.in_force})
+
+    def diagnose(self, alpha=0.01, site=None, until=0):
         """What the fitted model lacks, and the model with it; see `session_diagnosis`.
 
         Parameters
@@ -216,11 +258,14 @@ class CalibrationSession:
             Chance that a clean night gets any effect.
         site : dict, optional
             ``latitude``, ``longitude`` in rad.
+        until : int
+            Rows after this stamp (ns) were not known then; 0: all are. For replays.
 
         Returns
         -------
         session_diagnosis.Amended
-            Its zeros are `zeros_in_force` from now on.
+            Its zeros are `zeros_in_force` from now on. `report` is that of the fit, with the
+            witnesses judged again by the amended model.
 
         Raises
         ------
@@ -228,14 +273,59 @@ class CalibrationSession:
             Too few stars.
         """
         from .session_diagnosis import amend
-        rows = self.observations()
+        rows = self.observations(until)
         zeros = self.zeros_in_force
         if self.model is None:
             zeros = self._polaris_zeros(rows)
         provenance = {'last_stamp_ns': self.last_stamp, 'reference': self._source()}
         amended = amend(rows, zeros, self.model, provenance, alpha, site)
+        amended.document['last_stamp_ns'] = until or self.last_stamp
         self.zeros_in_force = amended.zeros
+        self._published.replace(Candidate(amended.model, amended.zeros), len(rows))
+        self._diagnosis = amended.document
+        self._judge_witnesses(rows, amended.model)
         return amended
+
+    def judge(self, site=None):
+        """What was published last, before blind stars that came after it; see `judge_again`.
+
+        Parameters
+        ----------
+        site : dict, optional
+            As of `diagnose`.
+
+        Returns
+        -------
+        session_diagnosis.Amended
+            What is in force from now on: the model before, where the amended one is worse.
+
+        Raises
+        ------
+        ValueError
+            Nothing was diagnosed.
+        """
+        from .session_diagnosis import Amended, judge_again
+        if self._diagnosis is None:
+            raise ValueError('nothing was diagnosed that could be judged; diagnose first')
+        rows = self.observations()
+        chosen, self._diagnosis = judge_again(
+            rows, self._published, self._diagnosis, self._published.since, site)
+        self._diagnosis['last_judged_ns'] = self.last_stamp
+        taken_back = self._diagnosis['judged']['taken_back']
+        if taken_back:
+            self._published.take_back()
+            self.zeros_in_force = chosen.zeros
+        self._judge_witnesses(rows, chosen.model)
+        model = self._again(chosen, verdict=self._diagnosis['verdict'],
+                            judged='taken back' if taken_back else 'holds')
+        return Amended(model, chosen.zeros, self._diagnosis, None)
+
+    def _judge_witnesses(self, rows, model):
+        """What the model explains is no alarm any more."""
+        if self.report is not None:
+            self.report = {
+                **self.report, 'verdict': self._diagnosis['verdict'],
+                'witnesses': self._witnesses(for_fitting(rows), model, self._homings)}
 
     def _witnesses(self, rows, model, homings):
         found = check_witnesses(rows, self._yesterday, model=model, homings=homings)

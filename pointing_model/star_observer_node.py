@@ -50,7 +50,7 @@ PARAMS = SKY_PARAMS + (
     MODEL_FILE,
 )
 #: services that the steps of a plan call
-SERVICES = ('home', 'power_cycle', 'calibrate_zero', 'fit', 'diagnose')
+SERVICES = ('home', 'power_cycle', 'calibrate_zero', 'fit', 'diagnose', 'judge')
 LEVELS = {'failed': DiagnosticStatus.ERROR, 'waiting': DiagnosticStatus.WARN}
 
 
