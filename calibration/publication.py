@@ -1,8 +1,10 @@
 """What of an amended model is published: what holds before rows that nothing has seen."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+from pointing_model.following import KEY as FOLLOWS
+from pointing_model.following import Following
 from pointing_model.model import PointingModel
 from pointing_model.zero import Zeros
 
@@ -14,10 +16,17 @@ UNJUDGED = (f'not judged before it was published: fewer than {FEWEST} rows to ju
 
 
 class Candidate(NamedTuple):
-    """A model and the zeros that go with it."""
+    """A model, the zeros that go with it, and which of these follow the absolute encoder."""
 
     model: PointingModel
     zeros: Zeros
+    follows: Following = Following()
+
+    def published(self, **provenance):
+        """The model with all that whoever points with it must know."""
+        follows = {FOLLOWS: self.follows.document()} if self.follows else {}
+        return replace(self.model, provenance={
+            **self.model.provenance, **provenance, 'zeros_in_force': self.in_force, **follows})
 
     @property
     def names(self):
@@ -38,6 +47,7 @@ class Candidate(NamedTuple):
     def says_as(self, other):
         """Whether both predict the same."""
         return (self.model.terms == other.model.terms and self.in_force == other.in_force
+                and self.follows.document() == other.follows.document()
                 and [e.document() for e in self.model.effects]
                 == [e.document() for e in other.model.effects])
 
@@ -82,7 +92,8 @@ def publishable(base, whole, strength, stars, zeros, court):
     strength : dict of str to float
         How well each effect of `whole` is founded.
     stars : PointingRun
-        To which parts of it are fitted again, `zeros` taken off.
+        To which parts of it are fitted again, `zeros` taken off, corrected for what the zeros
+        follow.
     zeros : Zeros
     court : callable
         ``court(candidate)`` gives a Judgement against `base`, or None.
@@ -129,7 +140,7 @@ def _part(whole, out, stars, zeros):
     own = zeros.carried(sorted({*zeros, *map(int, shifts), *map(int, stars['run'])}))
     for run, shift in shifts.items():
         own[run] = own[run].plus(*shift)
-    return Candidate(model, own)
+    return Candidate(model, own, whole.follows)
 
 
 def _refusal(names, judged):

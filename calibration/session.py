@@ -1,10 +1,10 @@
 """What the calibration knows of a night: its observations, the zeros, the models, the report."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from msg_tools.units import ARCSEC
+from pointing_model.following import KEY as FOLLOWS
+from pointing_model.following import Following
 from pointing_model.model import PointingModel
 from pointing_model.rms import rms_arcsec
 from pointing_model.run import PointingRun
@@ -18,6 +18,7 @@ from .judgement import judge
 from .polaris_zero import zero_from_polaris
 from .publication import Candidate, Published
 from .rows import for_fitting, with_check
+from .wandering import followed
 from .witnesses import check_witnesses
 
 REPORT_FORMAT = 'telescope_mount/calibration_report'
@@ -68,6 +69,7 @@ class CalibrationSession:
         #: of the last fit, judged again with the model that came after it
         self.report = None
         self._published = Published()
+        self._follows = Following()
         self._homings = ()
         self._diagnosis = None
 
@@ -180,7 +182,9 @@ class CalibrationSession:
         ValueError
             Too few stars.
         """
-        rows = for_fitting(self.observations())
+        observed = for_fitting(self.observations())
+        follows = followed(observed)
+        rows = follows.corrected(observed)
         is_star = rows['star'] != POLARIS_HIP
         stars = rows.select(is_star)
         notes = []
@@ -195,7 +199,7 @@ class CalibrationSession:
             'last_stamp_ns': self.last_stamp,
             'stars': len(stars), 'polaris': int(np.count_nonzero(~is_star)),
             'zeros': self.zeros.to_list(),
-            'changes': self._changes(rows, result.model),
+            'changes': self._changes(observed, result.model),
             'zeros_in_force': in_force,
             'terms': result.term_rows(),
             'correlations': result.correlations.tolist(),
@@ -204,50 +208,47 @@ class CalibrationSession:
             'steps': self._steps(rows, notes),
             'external_check': self._external(rows, notes),
             'noise_arcsec': [s / ARCSEC for s in result.scatter],
-            'witnesses': self._witnesses(rows, result.model, homings),
+            'witnesses': self._witnesses(observed, result.model, homings),
             'notes': notes,
         }
-        provenance = {
-            **result.model.provenance, 'last_stamp_ns': self.last_stamp,
-            'zeros_in_force': in_force, 'reference': self._source(),
-        }
-        model = PointingModel(result.model.terms, result.model.covariance, None, provenance,
-                              result.model.geometry)
-        self._homings = homings
-        new = self._before_judges(rows, Candidate(model, self.zeros_in_force), report)
-        self.report = report
-        if new is None:
-            self.zeros_in_force = self._published.now.zeros
-            return self._again(self._published.now, refit='refused'), report
+        if follows:
+            report[FOLLOWS] = follows.document()
+        new = Candidate(
+            PointingModel(result.model.terms, result.model.covariance, None,
+                          {**result.model.provenance, 'last_stamp_ns': self.last_stamp,
+                           'reference': self._source()}, result.model.geometry),
+            self.zeros_in_force, follows)
+        self._homings, self.report = homings, report
+        if not self._replaces(new, report):
+            old = self._published.now
+            self.zeros_in_force = old.zeros
+            return self._again(old, refit='refused'), report
         self._published.replace(new, len(self))
-        self.model = model
-        return model, report
+        self.model, self._follows = new.model, follows
+        return new.published(), report
 
-    def _before_judges(self, rows, new, report):
-        """The new fit; None where it is worse than what is in force, before rows kept out."""
+    def _replaces(self, new, report):
+        """Whether a new fit is not worse than what is in force, before rows kept out."""
         old = self._published.now
         if old is None:
-            return new
+            return True
         from .session_diagnosis import Judges
         judges = Judges(self.observations(), None)
         try:
             found = judge(judges.left(old), judges.left(new), axes=())
         except ValueError:
-            return new
+            return True
         report['judgement'] = found.to_dict()
         if found.holds:
-            return new
+            return True
         report['refused'] = f'this fit is not published: {found.sentence()}'
         report['notes'].append(report['refused'])
         report['zeros_in_force'] = old.in_force
-        return None
+        return False
 
     def _again(self, candidate, **about):
         """The model of a Candidate, published once more."""
-        model = candidate.model
-        return replace(model, provenance={
-            **model.provenance, **about, 'last_stamp_ns': self.last_stamp,
-            'zeros_in_force': candidate.in_force})
+        return candidate.published(**about, last_stamp_ns=self.last_stamp)
 
     def diagnose(self, alpha=0.01, site=None, until=0):
         """What the fitted model lacks, and the model with it; see `session_diagnosis`.
@@ -276,12 +277,13 @@ class CalibrationSession:
         rows = self.observations(until)
         zeros = self.zeros_in_force
         if self.model is None:
-            zeros = self._polaris_zeros(rows)
+            zeros, self._follows = self._polaris_zeros(rows), followed(for_fitting(rows))
         provenance = {'last_stamp_ns': self.last_stamp, 'reference': self._source()}
-        amended = amend(rows, zeros, self.model, provenance, alpha, site)
+        amended = amend(rows, zeros, self.model, provenance, alpha, site, self._follows)
         amended.document['last_stamp_ns'] = until or self.last_stamp
         self.zeros_in_force = amended.zeros
-        self._published.replace(Candidate(amended.model, amended.zeros), len(rows))
+        self._published.replace(Candidate(amended.model, amended.zeros, self._follows),
+                                len(rows))
         self._diagnosis = amended.document
         self._judge_witnesses(rows, amended.model)
         return amended

@@ -8,6 +8,8 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 from pointing_model.context import Context
+from pointing_model.following import KEY as FOLLOWS
+from pointing_model.following import Following
 from pointing_model.model import PointingModel
 from pointing_model.rms import rms_arcsec
 from pointing_model.run import PointingRun
@@ -28,6 +30,7 @@ REFUSED = 'refused'
 TAKEN_BACK = 'taken_back'
 _REFUSED_WORDS = 'Not published, since it does not hold on rows that it has not seen: {}.'
 _RANKED = 20
+NOTHING_FOLLOWS = Following()
 _RATE_NOISE = 2.0 * ARCSEC  # a second; stars go 15, satellites 30 and more
 
 
@@ -57,7 +60,8 @@ class Amended:
     diagnosis: Diagnosis
 
 
-def amend(rows, zeros, fitted=None, provenance=None, alpha=0.01, site=None):
+def amend(rows, zeros, fitted=None, provenance=None, alpha=0.01, site=None,
+          follows=NOTHING_FOLLOWS):
     """Diagnose a night, and add what is found.
 
     Stars alone are diagnosed, without the exposures of Polaris: many rows in one direction would
@@ -78,6 +82,8 @@ def amend(rows, zeros, fitted=None, provenance=None, alpha=0.01, site=None):
         Chance that a clean night gets any effect.
     site : dict, optional
         ``latitude``, ``longitude``, rad; without it what follows the stars cannot be told.
+    follows : Following
+        Zeros that follow the absolute encoder: `zeros` and `fitted` go with it.
 
     Returns
     -------
@@ -92,20 +98,20 @@ def amend(rows, zeros, fitted=None, provenance=None, alpha=0.01, site=None):
     ValueError
         Too few stars.
     """
-    seen = for_fitting(rows)
+    seen = for_fitting(follows.corrected(rows))
     stars = _at_zero(seen.select(seen['star'] != POLARIS_HIP), zeros, site)
     if len(stars) == 0:
         raise ValueError('no star to diagnose has come yet; observe first')
     result = diagnose(stars, alpha=alpha)
-    base = Candidate(fitted, zeros)
+    base = Candidate(fitted, zeros, follows)
     if fitted is None:
-        base = Candidate(result.base_model, _shifted(zeros, result, result.base_model))
+        base = Candidate(result.base_model, _shifted(zeros, result, result.base_model), follows)
     chosen, judged, refused = base, None, []
     court = Court(rows, stars, site, base, alpha)
     if result.model.effects:
         whole = carried_on(result.model, stars)
         chosen, judged, refused = publishable(
-            base, Candidate(whole, _shifted(zeros, result, whole)),
+            base, Candidate(whole, _shifted(zeros, result, whole), follows),
             {e.fitted.effect.name: e.delta_bic or 0.0 for e in result.effects}, stars, zeros,
             court)
         if judged is None:
@@ -120,14 +126,14 @@ def amend(rows, zeros, fitted=None, provenance=None, alpha=0.01, site=None):
     if refused:
         document['after'] = {**document['before'], 'holdout_rms_arcsec': None}
         if chosen is not base:
-            fitted_rows = rms_arcsec(*chosen.model.residuals(
-                _at_zero(seen.select(seen['star'] != POLARIS_HIP), chosen.zeros, site)))
+            fitted_rows = rms_arcsec(*chosen.model.residuals(_at_zero(
+                seen.select(seen['star'] != POLARIS_HIP), chosen.zeros, site)))
             document['after'].update(rms_arcsec=fitted_rows.radial, rms_x_arcsec=fitted_rows.x,
                                      rms_y_arcsec=fitted_rows.y, cv_rms_arcsec=None)
         document['after']['holdout_rms_arcsec'] = result.after['holdout_rms_arcsec']
-    model = replace(chosen.model, provenance={
-        **chosen.model.provenance, **(provenance or {}), 'verdict': document['verdict'],
-        'zeros_in_force': chosen.in_force})
+    if follows:
+        document[FOLLOWS] = follows.document()
+    model = chosen.published(**(provenance or {}), verdict=document['verdict'])
     document['alpha'] = alpha
     document['site_deg'] = None if site is None else [
         float(np.degrees(site[name])) for name in ('latitude', 'longitude')]
@@ -220,7 +226,8 @@ class Judges:
     def left(self, candidate):
         """What a Candidate leaves of them with nothing refitted, shape (2, n), rad."""
         # what a row inherits from the one before it needs all rows
-        rows = _at_zero(self._rows, candidate.zeros, self._site)
+        rows = candidate.follows.corrected(self._rows)
+        rows = _at_zero(rows, candidate.zeros, self._site)
         return np.array(candidate.model.residuals(rows))[:, self._mask]
 
 

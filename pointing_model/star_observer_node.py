@@ -73,8 +73,9 @@ class StarObserver(MountNode):
         self._table = Table()
         # before the camera: an exposure is always corrected with the same reading of the
         # thermometer
-        in_force = in_force_of(self, changed=lambda _: self._sequencer.pointing_changed())
-        self._sequencer = Sequencer(self, self._instruments, in_force, self._table)
+        self._in_force = in_force_of(
+            self, changed=lambda _: self._sequencer.pointing_changed())
+        self._sequencer = Sequencer(self, self._instruments, self._in_force, self._table)
         self.subscribe(topics.INCREMENTAL, self._on_incremental)
         self.subscribe(topics.ABSOLUTE, self._on_absolute)
         self.subscribe(topics.MISS_DISTANCE, self._on_miss)
@@ -207,6 +208,7 @@ class StarObserver(MountNode):
         return [('plan state', progress.state), ('step', progress.step),
                 ('observations', str(progress.observations)),
                 ('stars lost', str(progress.lost)),
+                ('zero follows', self._in_force.following() or 'nothing'),
                 ('earth orientation', self._sequencer.earth)]
 
 

@@ -81,6 +81,8 @@ class Exposer:
                 return None
             reading, rate = self._instruments.exposures.at('enc', stamp)
             enc = np.array(centred(*reading, *miss))
+            second = self._second(stamp, miss)
+            self._in_force.take_readings(self._instruments.run, enc, second)
             if blind:
                 break
             demand = pointing.demand(np.array([stamp]), self._conditions())[0]
@@ -91,14 +93,16 @@ class Exposer:
             near = np.hypot(*miss) <= self._out.value('recentre_arcsec') * ARCSEC
             if near or seen == CENTRINGS:
                 break
-        return self._row(pointing, block, blind, stamp, miss, enc, rate)
+        return self._row(pointing, block, blind, stamp, miss, enc, second, rate)
 
-    def _row(self, pointing, block, blind, stamp, miss, enc, rate):
+    def _second(self, stamp, miss):
         try:
             reading, _ = self._instruments.exposures.at('abs', stamp)
-            second = np.array(centred(*reading, *miss))
         except ValueError:
-            second = np.full(2, np.nan)
+            return np.full(2, np.nan)
+        return np.array(centred(*reading, *miss))
+
+    def _row(self, pointing, block, blind, stamp, miss, enc, second, rate):
         target, (site, air, *_) = pointing.target, self._conditions()
         az, el = (float(v[0]) for v in target.place(np.array([stamp * 1e-9]), site, air))
         return {
