@@ -21,6 +21,7 @@ from .judgement import FEWEST, judge
 from .publication import UNJUDGED, Candidate, publishable
 from .refit import going_on, held_within, is_drift, left_out, refitted
 from .rows import for_fitting, is_kept_out
+from .wandering import follow_line
 
 FORMAT = 'telescope_mount/diagnosis'
 VERSION = 1
@@ -133,6 +134,7 @@ def amend(rows, zeros, fitted=None, provenance=None, alpha=0.01, site=None,
         document['after']['holdout_rms_arcsec'] = result.after['holdout_rms_arcsec']
     if follows:
         document[FOLLOWS] = follows.document()
+        document['notes'] = [*map(follow_line, document[FOLLOWS]), *document['notes']]
     model = chosen.published(**(provenance or {}), verdict=document['verdict'])
     document['alpha'] = alpha
     document['site_deg'] = None if site is None else [

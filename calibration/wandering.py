@@ -28,6 +28,8 @@ _WILD = 6.0
 _BESIDE = 4
 #: of the stars' voice for the incremental encoder, from where its zero follows the other
 _TRUST = 0.9
+#: how far a disc may be off, 1 sigma of a harmonic, rad
+_DISC = 10.0 * ARCSEC
 _CHANCE = Budget().false_alarm / 2.0  # two axes
 
 
@@ -104,11 +106,14 @@ def find_walk(apart, angle, run, rivals=(), limit=_CHANCE, least=0.0):
                 and _restricted(y / scale, columns, walk, least / scale)[1] >= limit:
             return None
     covariance = np.eye(n) + ratio * walk
+    noise = _noise(y, fixed, covariance)
     inverse = np.linalg.inv(covariance)
-    beta = np.linalg.lstsq(fixed.T @ inverse @ fixed, fixed.T @ inverse @ y, rcond=1e-9)[0]
+    # discs of a part of the turn resemble each other: no more of them than a disc has
+    narrow = np.repeat([0.0, _DISC**-2], [members.shape[1], discs.shape[1]]) * noise**2
+    beta = np.linalg.lstsq(fixed.T @ inverse @ fixed + np.diag(narrow), fixed.T @ inverse @ y,
+                           rcond=1e-9)[0]
     left = y - fixed @ beta
     path = ratio * walk @ inverse @ left
-    noise = np.sqrt(left @ inverse @ left / max(n - fixed.shape[1], 1))
     return Walk(probability, float(np.sqrt(ratio) * noise), float(noise), beta[-discs.shape[1]:],
                 path - members @ (members.T @ path / members.sum(axis=0)))
 
@@ -174,6 +179,13 @@ def _bic(y, fixed, covariance, more, least):
     left = y - fixed @ np.linalg.lstsq(fixed, y, rcond=1e-9)[0]
     variance = max(left @ left / n, least**2)
     return n * np.log(variance) + left @ left / variance + size + more * np.log(n)
+
+
+def _noise(y, fixed, covariance):
+    half = np.linalg.cholesky(covariance)
+    y, fixed = np.linalg.solve(half, y), np.linalg.solve(half, fixed)
+    left = y - fixed @ np.linalg.lstsq(fixed, y, rcond=1e-9)[0]
+    return np.sqrt(left @ left / max(len(y) - fixed.shape[1], 1))
 
 
 # --- of a night -----------------------------------------------------------------------------------
@@ -258,6 +270,15 @@ def _references(night, axis, walk):
     return out
 
 
+CAUSE = 'electromagnetic interference, a loose connector or dirt on the grating'
+
+
+def follow_line(axis):
+    """Why a zero follows, for the notes of a diagnosis; `axis` in words."""
+    return (f'the counts of the {axis} encoder wander against the absolute encoder: {CAUSE}; the '
+            'zero of this axis follows the absolute encoder, and rows are taken so')
+
+
 def wander_line(event, rows):
     """What is said of a walk.
 
@@ -276,6 +297,6 @@ def wander_line(event, rows):
                 f'{event.confidence:.2f}, by chance {event.probability:.1g})')
     heals = ('its zero follows the absolute encoder' if event.confidence >= _TRUST else
              'the stars do not tell which of the two it is: nothing follows')
-    return (f'{where}: electromagnetic interference, a loose connector or dirt on the grating; '
-            f'{heals} (confidence {event.confidence:.2f}, by chance {event.probability:.1g})')
+    return (f'{where}: {CAUSE}; {heals} (confidence {event.confidence:.2f}, by chance '
+            f'{event.probability:.1g})')
 

@@ -139,6 +139,8 @@ def test_a_night_whose_counts_wander_points_as_a_quiet_one():
     assert list(follows.axes) == ['el'] and KEY in report
     found = told.diagnose()
     assert found.document['verdict'] == 'none' and found.document[KEY] == follows.document()
+    assert found.document['notes'][0].startswith(
+        'the counts of the elevation encoder wander against the absolute encoder: electromagnetic')
     assert Following.of(found.model).document() == follows.document()
     blind = follows.corrected(rows).select(np.arange(136, 226))
     left = np.hypot(*found.model.residuals(blind, zero=found.zeros.newest)) / ARCSEC
