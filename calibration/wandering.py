@@ -14,7 +14,7 @@ from msg_tools.units import ARCSEC
 from pointing_model.following import AxisFollowing, Following, harmonic_columns
 
 from .step_scan import robust_fit, two_sided
-from .witness_night import INCREMENTAL, SHORT, Budget, Found, Night
+from .witness_night import ABSOLUTE, INCREMENTAL, SHORT, Budget, Found, Night
 
 #: variance of a step of the walk over that of the noise, tried
 _RATIOS = np.geomspace(1e-4, 1e3, 57)
@@ -28,6 +28,9 @@ _WILD = 6.0
 _BESIDE = 4
 #: of the stars' voice for the incremental encoder, from where its zero follows the other
 _TRUST = 0.9
+#: odds that it is the incremental encoder, before the stars are asked: its errors add up, while an
+#: absolute encoder reads each angle anew
+_ODDS = 4.0
 #: how far a disc may be off, 1 sigma of a harmonic, rad
 _DISC = 10.0 * ARCSEC
 _CHANCE = Budget().false_alarm / 2.0  # two axes
@@ -209,9 +212,10 @@ def wander_events(night, axis, events, budget):
     walk : Walk or None
     """
     rows = np.flatnonzero(night.run >= 0.0)
+    rivals = events if len(events) == 1 else ()
     walk = find_walk(
         night.apart[axis][rows], night.rows[f'{SHORT[axis]}_enc'][rows], night.run[rows],
-        [(e.column[rows], 1 if e.kind == 'drift' else 2) for e in events[:1]],
+        [(e.column[rows], 1 if e.kind == 'drift' else 2) for e in rivals],
         budget.false_alarm / 2.0, 0.02 * ARCSEC)  # two axes
     if walk is None:
         return events, None
@@ -219,7 +223,7 @@ def wander_events(night, axis, events, budget):
     column[rows] = walk.path
     size = float(np.ptp(walk.path))
     found = Found(night.tonight[-1], 'wander', float(night.rows['time'][rows].mean()),
-                  column / size, size, 0.0, 2.0 * walk.probability)
+                  column / size, size, 0.0, 2.0 * walk.probability, _ODDS)
     return [found], walk
 
 
@@ -270,7 +274,8 @@ def _references(night, axis, walk):
     return out
 
 
-CAUSE = 'electromagnetic interference, a loose connector or dirt on the grating'
+CAUSE = ('electromagnetic interference, a loose connector, dirt on the grating, or a zero that '
+         'moves as it warms')
 
 
 def follow_line(axis):
@@ -289,14 +294,14 @@ def wander_line(event, rows):
     rows : int
         In which it walked.
     """
-    where = f'{event.axis}: the counts of the {event.axis} encoder wander against the absolute ' \
-            f'encoder, by {abs(event.amount) / ARCSEC:.2f} arcsec within {rows} rows'
     if event.moved != INCREMENTAL:
-        return (f'{event.axis}: the absolute encoder wanders against the incremental one, by '
+        return (f'{event.axis}: {ABSOLUTE} wanders against the incremental one, by '
                 f'{abs(event.amount) / ARCSEC:.2f} arcsec within {rows} rows (confidence '
                 f'{event.confidence:.2f}, by chance {event.probability:.1g})')
-    heals = ('its zero follows the absolute encoder' if event.confidence >= _TRUST else
+    heals = ('its zero follows the other' if event.confidence >= _TRUST else
              'the stars do not tell which of the two it is: nothing follows')
-    return (f'{where}: {CAUSE}; {heals} (confidence {event.confidence:.2f}, by chance '
+    return (f'{event.axis}: {INCREMENTAL}: the counts of the {event.axis} encoder wander against '
+            f'the absolute encoder, by {abs(event.amount) / ARCSEC:.2f} arcsec within {rows} rows: '
+            f'{CAUSE}; {heals} (confidence {event.confidence:.2f}, by chance '
             f'{event.probability:.1g})')
 

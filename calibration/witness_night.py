@@ -278,7 +278,7 @@ class Night:
             against, variance = fit.value[-1], fit.covariance[-1, -1]
             # the absolute encoder stood still, or it moved by as much the other way
             trust = probabilities({
-                INCREMENTAL: log_normal(against, variance),
+                INCREMENTAL: log_normal(against, variance) + np.log(found.odds),
                 ABSOLUTE: log_normal(against + found.amount, variance + found.sigma**2),
             })[INCREMENTAL]
         moved = INCREMENTAL if trust >= 0.5 else ABSOLUTE
@@ -414,6 +414,8 @@ class Found(NamedTuple):
     amount: float
     sigma: float
     probability: float
+    #: that the incremental encoder did it, before the stars are asked
+    odds: float = 1.0
 
 
 def _strongest(design, y, candidates, limit):

@@ -114,11 +114,11 @@ def test_the_stars_say_which_encoder_wanders():
 
 def test_the_reason_is_named():
     alarm, = check_witnesses(night(1, walk_of(1, 0.6))).alarms
-    assert alarm.startswith('elevation: the counts of the elevation encoder wander against the '
-                            'absolute encoder, by ')
-    assert 'electromagnetic interference' in alarm and 'follows the absolute encoder' in alarm
+    assert alarm.startswith('elevation: incremental encoder: the counts of the elevation encoder '
+                            'wander against the absolute encoder, by ')
+    assert 'electromagnetic interference' in alarm and 'its zero follows the other' in alarm
     other, = check_witnesses(night(1, walk_of(1, 0.6), who='abs')).alarms
-    assert other.startswith('elevation: the absolute encoder wanders against the incremental one')
+    assert other.startswith('elevation: absolute encoder wanders against the incremental one')
     assert check_witnesses(night(3)).alarms == []
 
 
