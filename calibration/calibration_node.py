@@ -54,6 +54,8 @@ PARAMS = (
           0.5),
     Param('site', '', 'latitude and longitude of the mount [deg], such as "34.3, 109.0", for '
           'what follows the stars; empty: unknown', check=_site),
+    Param('diagnosed_at', 0, 'stamp of the newest observation that the service diagnose takes '
+          '[ns]; 0: all. For replays, which have all of them at once', 0, 2**63 - 1, fixed=True),
     Param('diagnosis_page', '', 'HTML file that the service diagnose writes; empty: none'),
 )
 
@@ -70,7 +72,7 @@ class Calibration(MountNode):
         self._session = (NightSeries(age, reference, seed) if age
                          else CalibrationSession(reference, seed))
         self._alarms = []
-        self._finding = ''
+        self._finding = self._refused = ''
         self._model_name = identity(reference.to_json() if reference else '')
         self._spoke = False  # a zero or a model is published
         self._contradiction = ''  # why the last model was not
@@ -91,7 +93,7 @@ class Calibration(MountNode):
         self.subscribe(topics.OBSERVER_STATUS, self._on_observer)
         self.subscribe(topics.IN_FORCE, self._on_in_force)
         for name, work in (('calibrate_zero', self._work_zero), ('fit', self._work_fit),
-                           ('diagnose', self._work_diagnosis)):
+                           ('diagnose', self._work_diagnosis), ('judge', self._work_judge)):
             self.create_service(Trigger, name, partial(self._answer, work))
         self._say('knows nothing of the night yet: no observation, no zero, no model')
 
@@ -225,14 +227,15 @@ class Calibration(MountNode):
         self._say('fitting')
         self._refuse_contradicted()
         model, report = self._session.fit(self._homings())
-        self._alarms = report['witnesses']['alarms']
-        self._report_pub.publish(String(data=json.dumps(report)))
+        self._publish_report()
         self._refuse_contradicted(report)
         self._publish_model(model)
         held_out = report['steps'][-1]['held_out']['radial']
         done = (f'{report["stars"]} stars fitted; {report["steps"][-1]["step"]}: '
                 f'{held_out:.2f} arcsec radial on stars held out')
-        self._say(done)
+        if 'refused' in report:
+            done = self._refused = report['refused']
+        self._say(done, DiagnosticStatus.WARN if 'refused' in report else DiagnosticStatus.OK)
         return done
 
     def _refuse_contradicted(self, report=None):
@@ -241,6 +244,13 @@ class Calibration(MountNode):
         self._contradiction = why
         if why:
             raise ValueError(why)
+
+    def _publish_report(self):
+        """That of the last fit: its alarms are judged again whenever the model changes."""
+        report = self._session.report
+        if report is not None:
+            self._alarms = report['witnesses']['alarms']
+            self._report_pub.publish(String(data=json.dumps(report)))
 
     def _publish_model(self, model):
         """The model, and the zero that belongs to it; Polaris alone gave it a little otherwise."""
@@ -255,14 +265,10 @@ class Calibration(MountNode):
         # the node hears nothing until it is done: seconds
         self._say('diagnosing')
         self._refuse_contradicted()
-        found = self._session.diagnose(self.value('alpha'), _site(self.value('site')))
+        found = self._session.diagnose(self.value('alpha'), _site(self.value('site')),
+                                       self.value('diagnosed_at'))
         document = found.document
-        self._diagnosis_pub.publish(String(data=json.dumps(document)))
-        self._publish_model(found.model)
-        self._finding = document['verdict']
-        if document['applied']:
-            self._finding += ': ' + ', '.join(document['applied'])
-        done = (f'{self._finding}; {document["before"]["rms_arcsec"]:.2f} arcsec '
+        done = (f'{self._publish_finding(found)}; {document["before"]["rms_arcsec"]:.2f} arcsec '
                 f'radial before, {document["after"]["rms_arcsec"]:.2f} after')
         if self.value('diagnosis_page'):
             from .diagnosis_page.page import write_report
@@ -271,8 +277,35 @@ class Calibration(MountNode):
             except OSError as err:
                 done += f'; the page was not written: {err}'
                 self.get_logger().error(done)
-        self._say(done, verdict=document['verdict'], effects=', '.join(document['applied']))
+        if self._refused:
+            done += f'; {self._refused}'
+        self._say_finding(done, document)
         return done
+
+    def _work_judge(self):
+        found = self._session.judge(_site(self.value('site')))
+        self._publish_finding(found)
+        done = found.document['judged']['why']
+        self._say_finding(done, found.document)
+        return done
+
+    def _publish_finding(self, found):
+        """Diagnosis, report, model and zero of an `Amended`; what was found, in words."""
+        document = found.document
+        self._diagnosis_pub.publish(String(data=json.dumps(document)))
+        self._publish_report()
+        self._publish_model(found.model)
+        self._finding = document['verdict']
+        if document['applied']:
+            self._finding += ': ' + ', '.join(document['applied'])
+        self._refused = '; '.join(f'not published: {entry["why"]}'
+                                  for entry in document['refused'])
+        return self._finding
+
+    def _say_finding(self, done, document):
+        self._say(done, DiagnosticStatus.WARN if self._refused else DiagnosticStatus.OK,
+                  verdict=document['verdict'], effects=', '.join(document['applied']),
+                  published=document['published'])
 
     def required(self):
         """It needs observations."""
@@ -281,7 +314,8 @@ class Calibration(MountNode):
     def problems(self):
         """What the three witnesses of the last night disagree on, or cannot say."""
         found = [*([self._contradiction] if self._contradiction else []), *self._alarms,
-                 *([UNJUDGED] if self._unjudged() else [])]
+                 *([UNJUDGED] if self._unjudged() else []),
+                 *([self._refused] if self._refused else [])]
         return [(DiagnosticStatus.WARN, text) for text in found]
 
     def details(self):

@@ -174,13 +174,22 @@ class NightSeries:
         report['nights'] = [self._rows[n] for n in sorted(self._rows)]
         return model, report
 
-    def diagnose(self, alpha=0.01, site=None):
+    def diagnose(self, alpha=0.01, site=None, until=0):
         """What tonight's model lacks; see `CalibrationSession.diagnose`.
 
         Later nights keep the model without the effects as their reference: what follows the time
         of one night says nothing about another.
         """
-        return self._sessions[self.newest].diagnose(alpha, site)
+        return self._sessions[self.newest].diagnose(alpha, site, until)
+
+    def judge(self, site=None):
+        """What was published tonight, before blind stars; see `CalibrationSession.judge`."""
+        return self._sessions[self.newest].judge(site)
+
+    @property
+    def report(self):
+        """Of tonight's last fit; see `CalibrationSession.report`."""
+        return self._sessions[self.newest].report
 
     def _night(self, number, rows, alarms):
         polaris = rows['star'] == POLARIS_HIP

@@ -5,6 +5,8 @@ from contextlib import suppress
 import numpy as np
 
 from msg_tools.units import ARCSEC
+from pointing_model.following import KEY as FOLLOWS
+from pointing_model.following import Following
 from pointing_model.model import PointingModel
 from pointing_model.rms import rms_arcsec
 from pointing_model.run import PointingRun
@@ -15,8 +17,11 @@ from pointing_model.zero import NO_ZERO, Zeros, zero_in_force
 from .check import split_half
 from .distrust import distrusted, reasons
 from .fit import fit_harmonics, fit_terms
+from .judgement import judge
 from .polaris_zero import zero_from_polaris
+from .publication import Candidate, Published
 from .rows import for_fitting, with_check
+from .wandering import followed
 from .witnesses import check_witnesses
 
 REPORT_FORMAT = 'telescope_mount/calibration_report'
@@ -56,7 +61,7 @@ class CalibrationSession:
         self._yesterday = yesterday
         #: how Polaris and the encoders stand to each other tonight, from `fit` on
         self.witness = None
-        self._parts = []
+        self._parts = {}  # by the stamp of the newest row
         self.last_stamp = 0
         #: that `fit` made last, PointingModel
         self.model = None
@@ -66,9 +71,15 @@ class CalibrationSession:
         self.zeros = Zeros()
         #: that belong to the fitted model
         self.zeros_in_force = Zeros()
+        #: of the last fit, judged again with the model that came after it
+        self.report = None
+        self._published = Published()
+        self._follows = Following()
+        self._homings = ()
+        self._diagnosis = None
 
     def __len__(self):
-        return sum(len(part) for part in self._parts)
+        return sum(map(len, self._parts.values()))
 
     @property
     def newest(self):
@@ -94,7 +105,7 @@ class CalibrationSession:
             if name not in run:
                 raise ValueError(f'observation without column {name}')
         if stamp > self.last_stamp:
-            self._parts.append(with_check(run))
+            self._parts[stamp] = with_check(run)
             self.last_stamp = stamp
 
     def take_table(self, run, stamp):
@@ -112,8 +123,8 @@ class CalibrationSession:
             self.last_stamp = 0
             self.add(run, stamp)
 
-    def observations(self):
-        """All rows so far, a PointingRun.
+    def observations(self, until=0):
+        """All rows so far (with `until`, those that had come by that stamp), a PointingRun.
 
         Raises
         ------
@@ -122,7 +133,8 @@ class CalibrationSession:
         """
         if not self._parts:
             raise ValueError('no observation has come yet; observe first')
-        return PointingRun.concatenate(self._parts)
+        parts = [part for stamp, part in self._parts.items() if not until or stamp <= until]
+        return PointingRun.concatenate(parts or self._parts.values())
 
     def zeros_again(self):
         """The zeros by Polaris of all power-ons, from the rows that are there.
@@ -171,7 +183,7 @@ class CalibrationSession:
                 *reasons(rows)]))
         if self.in_force is None:
             return newest, self.zeros[newest]
-        part = polaris.select(polaris['run'] == newest)
+        part = self._follows.corrected(polaris.select(polaris['run'] == newest))
         return newest, zero_from_polaris(part, self.in_force, run=newest)
 
     def fit(self, homings=()):
@@ -199,8 +211,9 @@ class CalibrationSession:
         ValueError
             Too few stars.
         """
-        rows = self.observations()
-        rows = for_fitting(rows)
+        observed = for_fitting(self.observations())
+        follows = followed(observed)
+        rows = follows.corrected(observed)
         is_star = rows['star'] != POLARIS_HIP
         stars = rows.select(is_star)
         notes = reasons(self.observations())
@@ -215,7 +228,7 @@ class CalibrationSession:
             'last_stamp_ns': self.last_stamp,
             'stars': len(stars), 'polaris': int(np.count_nonzero(~is_star)),
             'zeros': self.zeros.to_list(),
-            'changes': self._changes(rows, result.model),
+            'changes': self._changes(observed, result.model),
             'zeros_in_force': in_force,
             'terms': result.term_rows(),
             'correlations': result.correlations.tolist(),
@@ -224,19 +237,49 @@ class CalibrationSession:
             'steps': self._steps(rows, notes),
             'external_check': self._external(rows, notes),
             'noise_arcsec': [s / ARCSEC for s in result.scatter],
-            'witnesses': self._witnesses(rows, result.model, homings),
+            'witnesses': self._witnesses(observed, result.model, homings),
             'notes': notes,
         }
-        provenance = {
-            **result.model.provenance, 'last_stamp_ns': self.last_stamp,
-            'zeros_in_force': in_force, 'reference': self._source(),
-        }
-        model = PointingModel(result.model.terms, result.model.covariance, None, provenance,
-                              result.model.geometry)
-        self.model = model
-        return model, report
+        if follows:
+            report[FOLLOWS] = follows.document()
+        new = Candidate(
+            PointingModel(result.model.terms, result.model.covariance, None,
+                          {**result.model.provenance, 'last_stamp_ns': self.last_stamp,
+                           'reference': self._source()}, result.model.geometry),
+            self.zeros_in_force, follows)
+        self._homings, self.report = homings, report
+        if not self._replaces(new, report):
+            old = self._published.now
+            self.zeros_in_force = old.zeros
+            return self._again(old, refit='refused'), report
+        self._published.replace(new, len(self))
+        self.model, self._follows = new.model, follows
+        return new.published(), report
 
-    def diagnose(self, alpha=0.01, site=None):
+    def _replaces(self, new, report):
+        """Whether a new fit is not worse than what is in force, before rows kept out."""
+        old = self._published.now
+        if old is None:
+            return True
+        from .session_diagnosis import Judges
+        judges = Judges(self.observations(), None)
+        try:
+            found = judge(judges.left(old), judges.left(new), axes=())
+        except ValueError:
+            return True
+        report['judgement'] = found.to_dict()
+        if found.holds:
+            return True
+        report['refused'] = f'this fit is not published: {found.sentence()}'
+        report['notes'].append(report['refused'])
+        report['zeros_in_force'] = old.in_force
+        return False
+
+    def _again(self, candidate, **about):
+        """The model of a Candidate, published once more."""
+        return candidate.published(**about, last_stamp_ns=self.last_stamp)
+
+    def diagnose(self, alpha=0.01, site=None, until=0):
         """What the fitted model lacks, and the model with it; see `session_diagnosis`.
 
         Parameters
@@ -245,11 +288,14 @@ class CalibrationSession:
             Chance that a clean night gets any effect.
         site : dict, optional
             ``latitude``, ``longitude`` in rad.
+        until : int
+            Rows after this stamp (ns) were not known then; 0: all are. For replays.
 
         Returns
         -------
         session_diagnosis.Amended
-            Its zeros are `zeros_in_force` from now on.
+            Its zeros are `zeros_in_force` from now on. `report` is that of the fit, with the
+            witnesses judged again by the amended model.
 
         Raises
         ------
@@ -257,14 +303,60 @@ class CalibrationSession:
             Too few stars.
         """
         from .session_diagnosis import amend
-        rows = self.observations()
+        rows = self.observations(until)
         zeros = self.zeros_in_force
         if self.model is None:
-            zeros = self._polaris_zeros(rows)
+            zeros, self._follows = self._polaris_zeros(rows), followed(for_fitting(rows))
         provenance = {'last_stamp_ns': self.last_stamp, 'reference': self._source()}
-        amended = amend(rows, zeros, self.model, provenance, alpha, site)
+        amended = amend(rows, zeros, self.model, provenance, alpha, site, self._follows)
+        amended.document['last_stamp_ns'] = until or self.last_stamp
         self.zeros_in_force = amended.zeros
+        self._published.replace(Candidate(amended.model, amended.zeros, self._follows),
+                                len(rows))
+        self._diagnosis = amended.document
+        self._judge_witnesses(rows, amended.model)
         return amended
+
+    def judge(self, site=None):
+        """What was published last, before blind stars that came after it; see `judge_again`.
+
+        Parameters
+        ----------
+        site : dict, optional
+            As of `diagnose`.
+
+        Returns
+        -------
+        session_diagnosis.Amended
+            What is in force from now on: the model before, where the amended one is worse.
+
+        Raises
+        ------
+        ValueError
+            Nothing was diagnosed.
+        """
+        from .session_diagnosis import Amended, judge_again
+        if self._diagnosis is None:
+            raise ValueError('nothing was diagnosed that could be judged; diagnose first')
+        rows = self.observations()
+        chosen, self._diagnosis = judge_again(
+            rows, self._published, self._diagnosis, self._published.since, site)
+        self._diagnosis['last_judged_ns'] = self.last_stamp
+        taken_back = self._diagnosis['judged']['taken_back']
+        if taken_back:
+            self._published.take_back()
+            self.zeros_in_force = chosen.zeros
+        self._judge_witnesses(rows, chosen.model)
+        model = self._again(chosen, verdict=self._diagnosis['verdict'],
+                            judged='taken back' if taken_back else 'holds')
+        return Amended(model, chosen.zeros, self._diagnosis, None)
+
+    def _judge_witnesses(self, rows, model):
+        """What the model explains is no alarm any more."""
+        if self.report is not None:
+            self.report = {
+                **self.report, 'verdict': self._diagnosis['verdict'],
+                'witnesses': self._witnesses(for_fitting(rows), model, self._homings)}
 
     def _witnesses(self, rows, model, homings):
         found = check_witnesses(rows, self._yesterday, model=model, homings=homings)

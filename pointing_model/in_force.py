@@ -10,6 +10,7 @@ import numpy as np
 from msg_tools.units import ARCSEC, wrap
 
 from .context import Context
+from .following import AXES, WORDS, Following
 from .model import PointingModel
 from .model_document import identity
 from .zero import NO_ZERO, zeros_in_force
@@ -187,6 +188,7 @@ class InForce:
         self.models = self.model_stamp = 0
         self.zero, self.zero_stamp, self.refused_stamp = NO_ZERO, 0, 0
         self.power_on = None
+        self._follows, self._apart = Following.of(model), None
         self.thermometer = Thermometer()
         self._next_model = self._next_zero = None  # each waits for the other
 
@@ -204,6 +206,7 @@ class InForce:
 
     def _put_in_force(self, model, name, text):
         self.model, self.model_name, self.model_text = model, name, text
+        self._follows = Following.of(model)
         self.models += 1
         stamp = model.provenance.get('last_stamp_ns')
         self.model_stamp = stamp if isinstance(stamp, int) else 0
@@ -270,6 +273,41 @@ class InForce:
         return not told or bool(np.all(
             np.abs(self.zero.angles - told.newest.angles) < 1e-6 * ARCSEC))
 
+    # --- a zero that follows the absolute encoder -------------------------------------------------
+
+    @property
+    def follows(self):
+        """Whether the zero follows the absolute encoder: the model says so, and it is its zero."""
+        return bool(self._follows) and self.zero_is_of_model()
+
+    def take_readings(self, run, incremental, absolute):
+        """Take what both encoders read at one moment, shape (2,) each, rad."""
+        if np.isfinite([incremental, absolute]).all():
+            self._apart = run, incremental, absolute
+
+    @property
+    def zero_now(self):
+        """Azimuth and elevation, shape (2,), rad: the zero with what the counts have wandered."""
+        if not self.follows or self._apart is None:
+            return self.zero.angles
+        return self.zero.angles + self._follows.moved(*self._apart)
+
+    @property
+    def zero_sigma(self):
+        """1 sigma of `zero_now`, shape (2,), rad; 0 where it is not known."""
+        sigma = np.nan_to_num(self.zero.sigma)
+        return np.hypot(sigma, self._follows.sigma()) if self.follows else sigma
+
+    def following(self):
+        """What follows, for people; '' where nothing does."""
+        if not self.follows:
+            return ''
+        if self._apart is None:
+            return 'no reading of both encoders yet: the zero stands still'
+        moved = dict(zip(AXES, self.zero_now - self.zero.angles))
+        return 'absolute encoder: ' + ', '.join(
+            f'{WORDS[name]} by {moved[name] / ARCSEC:+.2f} arcsec' for name in self._follows.axes)
+
     def encoder(self, az, el, context=None):
         """Encoder angles that point at a place: model and zero, each once.
 
@@ -286,5 +324,5 @@ class InForce:
             rad.
         """
         if self.model is not None:
-            az, el = demand_angles(self.model, az, el, context, self.zero.angles)
-        return np.column_stack([az, el]) + self.zero.angles
+            az, el = demand_angles(self.model, az, el, context, self.zero_now)
+        return np.column_stack([az, el]) + self.zero_now

@@ -9,6 +9,7 @@ import numpy as np
 from msg_tools.units import ARCSEC
 
 from .fitted_effects import FittedEffect
+from .following import KEY as FOLLOWS
 from .harmonics import Harmonics
 from .model import PointingModel
 
@@ -97,10 +98,14 @@ def identity(text):
     -------
     str
         Twelve hexadecimal digits, the same for two documents that differ in their provenance
-        alone; ``none`` where there is no term, harmonic or effect.
+        alone, but for how the zero follows the absolute encoder; ``none`` where there is no term,
+        harmonic or effect.
     """
     document = json.loads(text) if text else {}
     acting = {key: document.get(key) for key in ('geometry', 'terms', 'harmonics', 'effects')}
+    follows = (document.get('provenance') or {}).get(FOLLOWS)
+    if follows:
+        acting[FOLLOWS] = follows
     if not any(acting[key] for key in ('terms', 'harmonics', 'effects')):
         return NO_MODEL
     return hashlib.sha256(json.dumps(acting, sort_keys=True).encode()).hexdigest()[:12]

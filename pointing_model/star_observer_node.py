@@ -51,7 +51,7 @@ PARAMS = SKY_PARAMS + (
     MODEL_FILE,
 )
 #: services that the steps of a plan call
-SERVICES = ('home', 'power_cycle', 'calibrate_zero', 'fit', 'diagnose')
+SERVICES = ('home', 'power_cycle', 'calibrate_zero', 'fit', 'diagnose', 'judge')
 #: on which the instruments are heard
 INSTRUMENT_TOPICS = {MOUNT: topics.INCREMENTAL, ABSOLUTE: topics.ABSOLUTE,
                      CAMERA: topics.MISS_DISTANCE}
@@ -78,8 +78,8 @@ class StarObserver(MountNode):
         self._table = Table()
         # before the camera: an exposure is always corrected with the same reading of the
         # thermometer
-        in_force = self._in_force = in_force_of(self, changed=self._in_force_changed)
-        self._sequencer = Sequencer(self, self._instruments, in_force, self._table)
+        self._in_force = in_force_of(self, changed=self._in_force_changed)
+        self._sequencer = Sequencer(self, self._instruments, self._in_force, self._table)
         self.subscribe(topics.INCREMENTAL, self._on_incremental)
         self.subscribe(topics.ABSOLUTE, self._on_absolute)
         self.subscribe(topics.MISS_DISTANCE, self._on_miss)
@@ -256,6 +256,7 @@ class StarObserver(MountNode):
         return [('plan state', progress.state), ('step', progress.step),
                 ('observations', str(progress.observations)),
                 ('stars lost', str(progress.lost)),
+                ('zero follows', self._in_force.following() or 'nothing'),
                 ('earth orientation', self._sequencer.earth)]
 
 

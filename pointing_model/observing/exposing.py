@@ -83,6 +83,8 @@ class Exposer:
                 return None
             reading, rate = self._instruments.exposures.at('enc', stamp)
             enc = np.array(centred(*reading, *miss))
+            second = self._second(stamp, miss, reading)
+            self._in_force.take_readings(self._instruments.run, enc, second)
             if blind:
                 break
             demand = pointing.demand(np.array([stamp]), self._conditions())[0]
@@ -100,16 +102,19 @@ class Exposer:
             self.forget_aim()
             self._out.refuse_frame('a star that was centred is as far off as before')
             return None
-        return self._row(pointing, block, blind, stamp, miss, enc, rate)
+        return self._row(pointing, block, blind, stamp, miss, enc, second, rate)
 
-    def _row(self, pointing, block, blind, stamp, miss, enc, rate):
+    def _second(self, stamp, miss, first):
+        """Of the absolute encoder; NaN where it is not known or cannot be."""
         try:
             reading, _ = self._instruments.exposures.at('abs', stamp)
-            second = np.array(centred(*reading, *miss))
-            if not self._instruments.health.second(ABSOLUTE, reading, enc):
-                second = np.full(2, np.nan)
         except ValueError:
-            second = np.full(2, np.nan)
+            return np.full(2, np.nan)
+        if not self._instruments.health.second(ABSOLUTE, reading, first):
+            return np.full(2, np.nan)
+        return np.array(centred(*reading, *miss))
+
+    def _row(self, pointing, block, blind, stamp, miss, enc, second, rate):
         target, (site, air, *_) = pointing.target, self._conditions()
         power_on = self._instruments.power_on
         az, el = (float(v[0]) for v in target.place(np.array([stamp * 1e-9]), site, air))

@@ -286,6 +286,10 @@ class Sequencer:
     def _do_diagnose(self, count):
         yield from self._new_model('diagnose')
 
+    def _do_judge(self, count):
+        # it is the amended model, or the one before: published once more either way
+        yield from self._new_model('judge')
+
     # --- parts of steps -----------------------------------------------------------------------
 
     def _observe(self, target, blind=False):

@@ -209,3 +209,33 @@ def test_effects_act_where_their_driver_is_known_and_are_named_where_not(graph):
     graph.report('pointing_corrector', '', 'received /mount/ambient/temperature', 1)
     angles, _, _ = desk(TIMES, SKY, RATES)
     np.testing.assert_allclose((angles[:, 1] - SKY[:, 1]) / ARCSEC, 6.0 + 0.1 * TIMES, atol=1e-3)
+
+
+def test_the_zero_follows_the_absolute_encoder_between_stars(graph):
+    from pointing_model.following import KEY, AxisFollowing, Following
+    from pointing_model.zero import RunZero
+    from pointing_model.zero_message import zero_to_joints
+    follows = Following({'el': AxisFollowing(
+        np.zeros(4), {1: 8.0 * ARCSEC}, 0.3 * ARCSEC, 0.4 * ARCSEC)})
+    zero = RunZero(*ZERO, np.diag(ZERO_SIGMA**2), 1)
+    model = PointingModel(MODEL.terms, MODEL.covariance, provenance={
+        KEY: follows.document(), 'zeros_in_force': [zero.to_dict()]})
+    desk = Desk(graph, model)
+    desk.zero_pub.publish(zero_to_joints(zero, START))
+    graph.report('pointing_corrector', '', 'zero follows',
+                 'no reading of both encoders yet: the zero stands still')
+    still, _, sigma = desk(TIMES, SKY, RATES)
+    np.testing.assert_allclose(sigma[1], np.hypot(
+        MODEL.sigma(*SKY[:1].T)[1][0], np.hypot(3.0, 0.5) * ARCSEC), rtol=1e-6)
+    # it hears both encoders from that model on
+    pubs = [graph.publisher(topic) for topic in (topics.INCREMENTAL, topics.ABSOLUTE)]
+    graph.connect()
+    for moved in (0.0, 5.0):
+        for k in range(3):
+            stamp = START + 10**8 * (k + 10 * int(moved))
+            for pub, reading in zip(pubs, ([1.0, 0.8 + (8.0 + moved) * ARCSEC], [0.9, 0.8])):
+                pub.publish(convert.joint_state(stamp, reading))
+        graph.report('pointing_corrector', '', 'zero follows',
+                     f'absolute encoder: elevation by {moved:+.2f} arcsec')
+    angles, _, _ = desk(TIMES, SKY, RATES)
+    np.testing.assert_allclose((angles - still) / ARCSEC, [[0.0, 5.0]] * 3, atol=1e-4)

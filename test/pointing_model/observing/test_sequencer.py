@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from msg_tools.units import ARCSEC, DEG, wrap
+from pointing_model.following import KEY, AxisFollowing, Following
 from pointing_model.in_force import InForce
 from pointing_model.model import PointingModel
 from pointing_model.observing.instruments import ABSOLUTE, CAMERA, MOUNT, Instruments
@@ -328,6 +329,28 @@ def test_a_check_does_not_profit_from_the_stars_before():
     assert (track.angles[1, 1] - row['el'][0]) / ARCSEC == pytest.approx(0.0, abs=0.1)
 
 
+def test_a_blind_star_gets_what_the_counts_had_wandered_at_the_one_before():
+    follows = Following({'el': AxisFollowing(np.zeros(4), {1: 2.0 * ARCSEC})})
+    bench = Bench('check 3')
+    bench.in_force.take_model(PointingModel({'IA': 0.0}, provenance={
+        KEY: follows.document(),
+        'zeros_in_force': [{'run': 1, 'az_arcsec': 0.0, 'el_arcsec': 0.0}]}).to_json())
+    bench.in_force.take_zero(START, RunZero(0.0, 0.0, run=1))
+
+    def wanders(number):
+        bench.error = np.array([0.0, 5.0 * number + 2.0]) * ARCSEC
+        return 0.0, 0.0
+
+    bench.miss = wanders
+    # the counts have changed between the reading before and after the first exposure
+    bench.error = np.array([0.0, 2.0]) * ARCSEC
+    bench.run()
+    sent = [(track.angles[1, 1] - row['el'][0]) / ARCSEC
+            for track, row in zip(bench.commands, bench.rows)]
+    seen = [(row['el_enc'][0] - row['el_abs'][0]) / ARCSEC - 2.0 for row in bench.rows]
+    assert sent == pytest.approx([0.0, *seen[:2]], abs=0.1) and seen[1] > 5.0
+
+
 # --- instruments that are silent or slow ---------------------------------------------------------
 
 
@@ -543,7 +566,7 @@ def test_the_zero_is_asked_for_when_every_row_was_taken_and_awaited():
     assert bench.plan.text == 'plan finished'
 
 
-@pytest.mark.parametrize('verb', ['fit', 'diagnose'])
+@pytest.mark.parametrize('verb', ['fit', 'diagnose', 'judge'])
 def test_a_new_model_is_awaited_with_its_own_zero(verb):
     bench = Bench(f'polaris 1, {verb}')
     bench.offers(verb)
