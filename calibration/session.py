@@ -137,23 +137,24 @@ class CalibrationSession:
         return PointingRun.concatenate(parts or self._parts.values())
 
     def zeros_again(self):
-        """The zeros by Polaris of all power-ons, from the rows that are there.
+        """The zeros by Polaris, from the rows that are there; numbers of their power-ons.
 
-        Whoever has lost them must not take Polaris for not observed.
-
-        Returns
-        -------
-        list of int
-            Numbers of the power-ons that have one.
+        Who has lost them must not take Polaris for not observed.
         """
-        rows = self.observations()
-        polaris = rows.select((rows['star'] == POLARIS_HIP) & ~distrusted(rows))
-        for number in np.unique(polaris['run']):
+        for number, part in self._polaris():
             with suppress(ValueError):  # too few exposures of it
-                self.zeros[int(number)] = zero_from_polaris(
-                    polaris.select(polaris['run'] == number), self.reference or PointingModel({}),
-                    run=int(number))
+                self.zeros[number] = self._zero(part, number)
         return sorted(self.zeros)
+
+    def _polaris(self):
+        """Number and exposures of Polaris of each power-on."""
+        rows = self.observations()
+        rows = rows.select((rows['star'] == POLARIS_HIP) & ~distrusted(rows))
+        for number in np.unique(rows['run']):
+            yield int(number), rows.select(rows['run'] == number)
+
+    def _zero(self, polaris, number):
+        return zero_from_polaris(polaris, self.reference or PointingModel({}), run=number)
 
     def calibrate_zero(self):
         """Zeros of all power-ons in which Polaris was observed.
@@ -170,20 +171,18 @@ class CalibrationSession:
         ValueError
             No usable exposure of Polaris in the newest power-on.
         """
-        rows = self.observations()
         newest = self.newest
-        polaris = rows.select((rows['star'] == POLARIS_HIP) & ~distrusted(rows))
-        reference = self.reference or PointingModel({})
-        for number in np.unique(polaris['run']):
-            part = polaris.select(polaris['run'] == number)
-            self.zeros[int(number)] = zero_from_polaris(part, reference, run=int(number))
-        if newest not in self.zeros:
+        polaris = dict(self._polaris())
+        for number, part in polaris.items():
+            self.zeros[number] = self._zero(part, number)
+        if newest not in polaris:
+            self.zeros.pop(newest, None)  # of exposures that are not trusted any more
             raise ValueError('; '.join([
                 f'Polaris was not observed since power-on {newest}; point at it first',
-                *reasons(rows)]))
+                *reasons(self.observations())]))
         if self.in_force is None:
             return newest, self.zeros[newest]
-        part = self._follows.corrected(polaris.select(polaris['run'] == newest))
+        part = self._follows.corrected(polaris[newest])
         return newest, zero_from_polaris(part, self.in_force, run=newest)
 
     def fit(self, homings=()):
