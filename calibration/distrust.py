@@ -19,13 +19,14 @@ def distrusted(rows):
     Parameters
     ----------
     rows : PointingRun
-        In the order in which they were taken.
+        In the order in which they were taken. Only those of an observer are judged, which have
+        the column ``encoder_start``: in a file zeros may stand for what was not measured.
 
     Returns
     -------
     ndarray of bool, shape (n,)
     """
-    if 'miss_x' not in rows or 'miss_y' not in rows:
+    if not all(name in rows for name in ('encoder_start', 'miss_x', 'miss_y')):
         return np.zeros(len(rows), bool)
     return frozen_rows(rows['miss_x'], rows['miss_y'])
 

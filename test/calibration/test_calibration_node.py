@@ -268,7 +268,8 @@ def test_a_model_of_a_camera_that_measures_nothing_is_not_published(graph):
     desk = Desk(graph)
     models = graph.listen(topics.MODEL)
     lying = rows(30, seed=2)
-    desk.observe(PointingRun({**lying.columns, 'miss_x': np.zeros(30), 'miss_y': np.zeros(30)}))
+    desk.observe(PointingRun({**lying.columns, 'encoder_start': np.full(30, 1e9),
+                              'miss_x': np.zeros(30), 'miss_y': np.zeros(30)}))
     for verb in ('fit', 'diagnose'):
         answer = graph.call(verb)
         assert not answer.success
