@@ -295,7 +295,7 @@ class Heard:
     def __init__(self, watcher):
         self._watcher = watcher
         self._zero = None
-        self._words = {}
+        self._words, self._last = {}, {}  # ever said, said last
         self._refusals = []
         create = watcher.node.create_subscription
         create(topics.TRUTH_ZERO.message, topics.TRUTH_ZERO.name, self._on_truth,
@@ -311,9 +311,9 @@ class Heard:
     def _on_diagnostics(self, message):
         for status in message.status:
             name = status.name.rsplit('/', 1)[-1]
-            # of each what it has ever said, but for what every start says
+            self._last[name] = status.message.split('; ')
             for part in status.message.split('; '):
-                if ALARM in part or 'refused' in part or 'not published' in part:
+                if any(words in part for words in SAID):
                     self._words[name, part] = None
 
     def judge(self, out, scenario, seed):
@@ -321,6 +321,8 @@ class Heard:
         latest = self._watcher.latest
         report = latest.get(topics.CALIBRATION_REPORT.name)
         out.words = [f'{name}: {part}' for name, part in self._words]
+        out.words += [f'{name}: {part}' for name, parts in self._last.items() for part in parts
+                      if any(words in part for words in SAID_AT_END)]
         if report is not None:
             out.words += json.loads(report.data)['witnesses']['alarms']
         if topics.MODEL.name not in latest or self._zero is None:
@@ -345,8 +347,10 @@ class Heard:
         out.off_sigma = float(np.median(np.abs(off) / sigma, axis=0).max())
 
 
-#: with which sentences about instruments begin in the diagnostics
-ALARM = 'instrument '
+#: what a sentence of the diagnostics has in it that refuses or warns: of an instrument, a message,
+#: a model; and at the end of the night, of a zero of another power-on or of another model
+SAID = ('instrument ', 'refused', 'not published')
+SAID_AT_END = ('the zero in force is of', 'was not taken')
 
 
 # --- the tables -----------------------------------------------------------------------------------

@@ -175,8 +175,8 @@ class InForce:
     zero : RunZero
     zero_stamp : int
         Of the last observation that the zero rests on, ns.
-    refused_stamp : int
-        The same of the last zero that was refused.
+    refused, refused_stamp : int
+        How many zeros were refused; the same of the last of them.
     power_on : PowerOn or None
         That the encoder is in, where it tells.
     thermometer : Thermometer
@@ -186,7 +186,8 @@ class InForce:
         self.model, self.model_text = model, model.to_json() if model else ''
         self.model_name = identity(self.model_text)
         self.models = self.model_stamp = 0
-        self.zero, self.zero_stamp, self.refused_stamp = NO_ZERO, 0, 0
+        self.zero, self.zero_stamp = NO_ZERO, 0
+        self.refused = self.refused_stamp = 0
         self.power_on = None
         self._follows, self._apart = Following.of(model), None
         self.thermometer = Thermometer()
@@ -213,11 +214,12 @@ class InForce:
         self._next_model = self._next_zero = None
 
     def take_zero(self, stamp, zero):
-        """Take a RunZero; ValueError where it is of another power-on than the encoder is in."""
-        wrong = self._of_another_power_on(zero)
-        if wrong:
+        """Take a RunZero, unless it is of another power-on than the encoder is in."""
+        if self._of_another_power_on(zero):
+            # no error: right after a power cycle the last zero of before may still be on its way
+            self.refused += 1
             self.refused_stamp = max(self.refused_stamp, stamp)
-            raise ValueError(f'zero refused: it {wrong}')
+            return
         if zero.model not in (None, self.model_name):
             if self._next_model is None or self._next_model[1] != zero.model:
                 self._next_zero = stamp, zero
@@ -254,7 +256,7 @@ class InForce:
         if wrong:
             out.append(f'the zero in force {wrong}: set it anew (calibrate_zero)')
         elif self.refused_stamp > self.zero_stamp:
-            out.append('the last zero was refused, it is of another power-on: set it anew '
+            out.append('the last zero was not taken, it is of another power-on: set it anew '
                        '(calibrate_zero)')
         if self._next_zero is not None:
             out.append(f'a zero was not taken: it goes with model {self._next_zero[1].model}, and '

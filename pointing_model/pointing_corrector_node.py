@@ -127,6 +127,7 @@ class PointingCorrector(MountNode):
         return [('model', terms), ('model name', self._in_force.model_name),
                 ('zero of power-on', 'none' if zero.run is None else str(int(zero.run))),
                 ('zero goes with model', zero.model or 'not told'),
+                ('zeros of another power-on refused', str(self._in_force.refused)),
                 ('encoder', told.frame if told else 'does not tell its power-on'),
                 ('zero azimuth [arcsec]', f'{zero.az / ARCSEC:.3f}'),
                 ('zero elevation [arcsec]', f'{zero.el / ARCSEC:.3f}'),

@@ -4,6 +4,7 @@ Here are parameters, topics and time; what is done stands in `observing`, which 
 """
 
 import sys
+import time
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.clock import Clock, ClockType
@@ -55,6 +56,8 @@ SERVICES = ('home', 'power_cycle', 'calibrate_zero', 'fit', 'diagnose', 'judge')
 #: on which the instruments are heard
 INSTRUMENT_TOPICS = {MOUNT: topics.INCREMENTAL, ABSOLUTE: topics.ABSOLUTE,
                      CAMERA: topics.MISS_DISTANCE}
+#: wall seconds after which a publisher is one, whether its node has a name or not
+NAMED_AFTER = 30.0
 LEVELS = {'failed': DiagnosticStatus.ERROR, 'waiting': DiagnosticStatus.WARN}
 
 
@@ -83,6 +86,7 @@ class StarObserver(MountNode):
         self.subscribe(topics.INCREMENTAL, self._on_incremental)
         self.subscribe(topics.ABSOLUTE, self._on_absolute)
         self.subscribe(topics.MISS_DISTANCE, self._on_miss)
+        self._crowded = {}  # instrument with several publishers -> since when, wall s
         self._handover = self._given = None  # a night that an observer before has begun
         self._calibration_spoke = self._has_rows = False
         self.subscribe(topics.CALIBRATION_STATUS, self._on_calibration)
@@ -135,10 +139,20 @@ class StarObserver(MountNode):
     def _look_at_publishers(self):
         for name, topic in INSTRUMENT_TOPICS.items():
             full = self.resolve_topic_name(topic.name)
-            if self.count_publishers(full) > 1 or self._instruments.health.blocked:
-                self._instruments.health.publishers(name, [
-                    f'{info.node_namespace.rstrip("/")}/{info.node_name}'
-                    for info in self.get_publishers_info_by_topic(full)])
+            if self.count_publishers(full) < 2 and name not in self._crowded:
+                continue
+            infos = self.get_publishers_info_by_topic(full)
+            # right after its discovery the name of a node is not known
+            named = [f'{info.node_namespace.rstrip("/")}/{info.node_name}' for info in infos
+                     if 'UNKNOWN' not in info.node_name]
+            since = self._crowded.setdefault(name, time.monotonic())
+            late = time.monotonic() - since > NAMED_AFTER
+            unnamed = len(named) < len(infos)
+            if unnamed and late:
+                named.append('a node without a name')
+            self._instruments.health.publishers(name, named, unnamed)
+            if len(infos) < 2:
+                del self._crowded[name]
 
     def _on_calibration(self, message):
         count = observations_taken(message)

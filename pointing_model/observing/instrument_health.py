@@ -62,6 +62,7 @@ class InstrumentHealth:
         self._stamps = {}  # instrument -> (stamp, time of the graph) of its last good message
         self._frame, self._same = None, 0
         self._pair = None
+        self._unnamed = set()  # instruments with a publisher that is not known yet
         self._others = {}  # instrument -> nodes that publish, where there are several
 
     @property
@@ -78,7 +79,8 @@ class InstrumentHealth:
     @property
     def suspect(self):
         """Whether an exposure that was made now may be another instrument's."""
-        return bool(self._others) or any(kind == 'stamps' for _, kind in self._faults)
+        return bool(self._others or self._unnamed) or any(
+            kind == 'stamps' for _, kind in self._faults)
 
     def _published_by(self, name):
         return f'published by {" and ".join(self._others[name])}; end all but one'
@@ -94,11 +96,18 @@ class InstrumentHealth:
             if fault[1] >= RECOVERED:
                 del self._faults[name, kind]
 
-    def publishers(self, name, nodes):
-        """Take the names of the nodes that publish an instrument's messages.
+    def publishers(self, name, nodes, unnamed=False):
+        """Take who publishes an instrument's messages.
 
-        A node that was killed and started again may be listed twice for a while.
+        Parameters
+        ----------
+        name : str
+        nodes : iterable of str
+            Names of nodes; one that was killed and started again may be there twice for a while.
+        unnamed : bool
+            Whether there is one more of which nobody knows yet who it is.
         """
+        (self._unnamed.add if unnamed else self._unnamed.discard)(name)
         nodes = sorted(set(nodes))
         if len(nodes) > 1:
             self._others[name] = nodes

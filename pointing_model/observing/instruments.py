@@ -67,7 +67,8 @@ class Instruments:
         back = self.exposures.add_reading('enc', stamp, angle)
         self.stamp, self.here, self.rate = stamp, np.array(angle), rate
         homed = bool(np.isfinite(angle).all())
-        if homed or (self.power_on is not None and frame == self._frame and self.homed):
+        told = self.power_on is not None and self.homed
+        if homed or (told and read_frame(frame) in (None, self.power_on)):
             self.health.number(MOUNT, homed)
         if homed:
             self._number_run(frame)

@@ -100,13 +100,16 @@ def test_a_zero_of_another_power_on_is_refused():
     assert not now.complaints()
     now.take_power_on(PowerOn(1, 2e9))  # a driver started anew counts from 1 again
     assert 'another' not in now.complaints()[0] and 'set it anew' in now.complaints()[0]
-    with pytest.raises(ValueError, match='zero refused: it is of the power-on'):
-        now.take_zero(2, OLD_ZERO)
-    assert now.refused_stamp == 2 and now.zero_stamp == 1
+    now.take_zero(2, OLD_ZERO)
+    assert (now.refused, now.refused_stamp, now.zero_stamp) == (1, 2, 1) and now.zero_is_unknown
     # where the encoder does not tell, nothing can be refused
     now.take_power_on(None)
     now.take_zero(3, OLD_ZERO)
     assert now.zero_stamp == 3 and not now.complaints()
+    fresh = InForce(OLD)
+    fresh.take_power_on(PowerOn(1, 2e9))
+    fresh.take_zero(1, OLD_ZERO)
+    assert fresh.zero is NO_ZERO and 'the last zero was not taken' in fresh.complaints()[0]
 
 
 def test_messages_of_older_logs_are_taken_as_ever():

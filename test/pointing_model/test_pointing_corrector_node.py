@@ -159,7 +159,7 @@ def test_a_zero_of_another_model_or_power_on_is_refused_and_the_pair_before_stay
     graph.report('pointing_corrector', 'the zero in force is of the power-on that began at '
                  '1000000000.000')
     set_zero(7 * ZERO, started=1e9, model=name)
-    graph.report('pointing_corrector', '1 messages refused')
+    graph.report('pointing_corrector', '', 'zeros of another power-on refused', 1)
     angles, _, sigma = desk(TIMES, SKY, RATES)
     np.testing.assert_array_equal(angles, wanted)
     assert np.isnan(sigma).all()  # nobody knows by how much the zero has moved

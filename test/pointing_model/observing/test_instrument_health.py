@@ -76,7 +76,9 @@ def test_no_number_from_a_homed_encoder_is_told():
 def test_a_node_that_is_listed_twice_after_a_restart_is_one():
     health = InstrumentHealth()
     health.publishers('camera', ['/mount/camera', '/mount/camera'])
-    assert not health.blocked
+    assert not health.blocked and not health.suspect
+    health.publishers('camera', ['/mount/camera'], unnamed=True)
+    assert not health.blocked and not health.alarms and health.suspect
     health.publishers('camera', ['/mount/camera', '/mount/other'])
     assert 'end all but one' in health.blocked and health.suspect
 

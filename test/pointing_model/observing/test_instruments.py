@@ -23,8 +23,10 @@ class Encoder:
 def test_each_power_on_that_the_encoder_tells_is_a_run():
     read = Encoder(first_run=7)
     assert [read(LOST, 1, 10.0), read(HERE, 1, 10.0), read(HERE, 1, 10.0)] == [6, 7, 7]
-    # a reading that is no number is no power-on
+    # a reading that is no number is no power-on, but a fault
+    assert not read.instruments.health.alarms
     assert [read(LOST, 1, 10.0), read(HERE, 1, 10.0)] == [7, 7]
+    assert 'no number, although it was homed' in read.instruments.health.alarms[0]
     assert [read(LOST, 2, 60.0), read(HERE, 2, 60.0)] == [7, 8]
     # its driver was started anew, and counts from 1 again
     assert read(HERE, 1, 90.0) == 9
