@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pointing_model.run import PointingRun
+from pointing_model.star_catalogue import POLARIS_HIP
 from pointing_model.zero import NO_ZERO
 
 from .distrust import distrusted
@@ -39,6 +40,13 @@ def for_fitting(rows):
         they were taken: what an instrument falsified is left out, see `distrust`.
     """
     return rows.select((rows['star'] >= 0) & ~is_kept_out(rows) & ~distrusted(rows))
+
+
+def polaris_by_run(rows):
+    """Number and exposures of Polaris, a PointingRun, of each power-on that has some; no lies."""
+    rows = rows.select((rows['star'] == POLARIS_HIP) & ~distrusted(rows))
+    for number in np.unique(rows['run']):
+        yield int(number), rows.select(rows['run'] == number)
 
 
 def with_check(rows):

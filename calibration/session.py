@@ -1,7 +1,5 @@
 """What the calibration knows of a night: its observations, the zeros, the models, the report."""
 
-from contextlib import suppress
-
 import numpy as np
 
 from msg_tools.units import ARCSEC
@@ -15,12 +13,12 @@ from pointing_model.terms import PHYSICAL
 from pointing_model.zero import NO_ZERO, Zeros, zero_in_force
 
 from .check import split_half
-from .distrust import distrusted, reasons
+from .distrust import reasons
 from .fit import fit_harmonics, fit_terms
 from .judgement import judge
 from .polaris_zero import zero_from_polaris
 from .publication import Candidate, Published
-from .rows import for_fitting, with_check
+from .rows import for_fitting, polaris_by_run, with_check
 from .wandering import followed
 from .witnesses import check_witnesses
 
@@ -141,17 +139,12 @@ class CalibrationSession:
 
         Who has lost them must not take Polaris for not observed.
         """
-        for number, part in self._polaris():
-            with suppress(ValueError):  # too few exposures of it
+        for number, part in polaris_by_run(self.observations()):
+            try:
                 self.zeros[number] = self._zero(part, number)
+            except ValueError:
+                continue  # too few exposures of it
         return sorted(self.zeros)
-
-    def _polaris(self):
-        """Number and exposures of Polaris of each power-on."""
-        rows = self.observations()
-        rows = rows.select((rows['star'] == POLARIS_HIP) & ~distrusted(rows))
-        for number in np.unique(rows['run']):
-            yield int(number), rows.select(rows['run'] == number)
 
     def _zero(self, polaris, number):
         return zero_from_polaris(polaris, self.reference or PointingModel({}), run=number)
@@ -172,7 +165,7 @@ class CalibrationSession:
             No usable exposure of Polaris in the newest power-on.
         """
         newest = self.newest
-        polaris = dict(self._polaris())
+        polaris = dict(polaris_by_run(self.observations()))
         for number, part in polaris.items():
             self.zeros[number] = self._zero(part, number)
         if newest not in polaris:
