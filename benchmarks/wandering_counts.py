@@ -3,6 +3,7 @@
     python benchmarks/wandering_counts.py                # a few seeds
     python benchmarks/wandering_counts.py --full         # 20 seeds of each kind, 120 nights
     python benchmarks/wandering_counts.py --clean 300    # false alarms of the witnesses as well
+    python benchmarks/wandering_counts.py --alone        # no absolute encoder: the judges alone
 
 Scenario `default`, with `miscounts` (wrong counts in a million passed) of 10, 30 and 100 on either
 axis, and none. A night is that of `close-the-loop`: 90 stars, 16 exposures of Polaris, a fit, 30
@@ -153,6 +154,7 @@ def main():
     parser.add_argument('--first', type=int, default=1)
     parser.add_argument('--full', action='store_true', help='20 seeds of each kind')
     parser.add_argument('--clean', type=int, default=4, help='nights without wandering counts')
+    parser.add_argument('--alone', action='store_true', help='without the absolute encoder')
     parser.add_argument('--verbose', action='store_true', help='a line for each night')
     args = parser.parse_args()
     seeds = range(args.first, args.first + (20 if args.full else args.seeds))
@@ -162,6 +164,8 @@ def main():
         clean = not kind[0]
         for seed in (range(args.first, args.first + args.clean) if clean else seeds):
             rows = WanderingNight(seed, *kind).rows(catalogue)
+            if args.alone:
+                rows = PointingRun({k: v for k, v in rows.columns.items() if k[2:] != '_abs'})
             if clean and seed >= args.first + len(seeds):
                 # the witnesses alone: false alarms want many nights
                 fit = rows.select(rows['check'] == 0.0)

@@ -1,5 +1,7 @@
 """What the calibration knows of a night: its observations, the zeros, the models, the report."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from msg_tools.units import ARCSEC
@@ -15,7 +17,7 @@ from pointing_model.zero import NO_ZERO, Zeros, zero_in_force
 from .check import split_half
 from .distrust import reasons
 from .fit import fit_harmonics, fit_terms
-from .judgement import judge
+from .judgement import FEWEST, judge
 from .polaris_zero import zero_from_polaris
 from .publication import Candidate, Published
 from .rows import for_fitting, polaris_by_run, with_check
@@ -243,7 +245,7 @@ class CalibrationSession:
         if not self._replaces(new, report):
             old = self._published.now
             self.zeros_in_force = old.zeros
-            return self._again(old, refit='refused'), report
+            return old.published(refit='refused', last_stamp_ns=self.last_stamp), report
         self._published.replace(new, len(self))
         self.model, self._follows = new.model, follows
         return new.published(), report
@@ -266,10 +268,6 @@ class CalibrationSession:
         report['notes'].append(report['refused'])
         report['zeros_in_force'] = old.in_force
         return False
-
-    def _again(self, candidate, **about):
-        """The model of a Candidate, published once more."""
-        return candidate.published(**about, last_stamp_ns=self.last_stamp)
 
     def diagnose(self, alpha=0.01, site=None, until=0):
         """What the fitted model lacks, and the model with it; see `session_diagnosis`.
@@ -296,18 +294,38 @@ class CalibrationSession:
         """
         from .session_diagnosis import amend
         rows = self.observations(until)
-        zeros = self.zeros_in_force
-        if self.model is None:
-            zeros, self._follows = self._polaris_zeros(rows), followed(for_fitting(rows))
+        changed = self._follow(rows)
+        zeros = self._polaris_zeros(rows) if self.model is None else self.zeros_in_force
         provenance = {'last_stamp_ns': self.last_stamp, 'reference': self._source()}
         amended = amend(rows, zeros, self.model, provenance, alpha, site, self._follows)
         amended.document['last_stamp_ns'] = until or self.last_stamp
+        amended.document['published'] |= changed
         self.zeros_in_force = amended.zeros
         self._published.replace(Candidate(amended.model, amended.zeros, self._follows),
                                 len(rows))
         self._diagnosis = amended.document
         self._judge_witnesses(rows, amended.model)
         return amended
+
+    def _follow(self, rows):
+        """Follow what wanders by now: blind stars have seen more of it than those of the fit.
+
+        Whether that changes the model in force: only where they do not find it worse.
+        """
+        from .session_diagnosis import Judges
+        follows = followed(rows.select(rows['star'] >= 0))
+        if self.model is None:
+            self._follows = follows
+        if not set(follows.axes) > set(self._follows.axes):
+            return False
+        result, zeros = self._fit_terms(for_fitting(follows.corrected(rows)))
+        model = replace(self.model, terms=result.model.terms, covariance=result.model.covariance)
+        judges, new = Judges(rows, None), Candidate(model, zeros, follows)
+        old = Candidate(self.model, self.zeros_in_force, self._follows)
+        if len(judges) >= FEWEST and not judge(judges.left(old), judges.left(new), ()).holds:
+            return False
+        self.model, self.zeros_in_force, self._follows = new
+        return True
 
     def judge(self, site=None):
         """What was published last, before blind stars that came after it; see `judge_again`.
@@ -339,8 +357,9 @@ class CalibrationSession:
             self._published.take_back()
             self.zeros_in_force = chosen.zeros
         self._judge_witnesses(rows, chosen.model)
-        model = self._again(chosen, verdict=self._diagnosis['verdict'],
-                            judged='taken back' if taken_back else 'holds')
+        model = chosen.published(verdict=self._diagnosis['verdict'],
+                                 judged='taken back' if taken_back else 'holds',
+                                 last_stamp_ns=self.last_stamp)
         return Amended(model, chosen.zeros, self._diagnosis, None)
 
     def _judge_witnesses(self, rows, model):

@@ -182,9 +182,9 @@ def judge_again(rows, published, document, since, site=None):
         verdict=TAKEN_BACK, effects=[], published=False, applied=before.names,
         after={**document['before']}, zeros_in_force=before.in_force,
         refused=[*document['refused'], {
-            'effects': now.names, 'why': why, 'judgement': found.to_dict(),
+            'effects': now.names or [FOLLOWS], 'why': why, 'judgement': found.to_dict(),
             'found': document['effects']}],
-        notes=[*document['notes'], f'{", ".join(now.names)} {why}'])
+        notes=[*document['notes'], f'{", ".join(now.names or [FOLLOWS])} {why}'])
     return before, document
 
 

@@ -399,3 +399,35 @@ def test_a_diagnosis_that_cannot_be_is_refused_with_a_reason(graph, tmp_path):
 def test_a_site_that_is_none_is_refused(graph, site):
     with pytest.raises(ValueError, match='calibration: site = '):
         graph.add(Calibration, site=site)
+
+
+def test_a_change_that_does_not_hold_is_refused_with_a_warning(graph):
+    # the elevation zero climbs while the night's stars are observed, and is back when they are done
+    stars, kept = rows(70, seed=5), rows(20, seed=6)
+    stars.columns['el_enc'] = stars['el_enc'] + np.linspace(0.0, 8.0, 70) * ARCSEC
+    night = PointingRun({
+        **{name: np.concatenate([stars[name], kept[name]]) for name in stars.columns},
+        'star': np.arange(90) + 1.0, 'check': np.repeat([0.0, 1.0], [70, 20]),
+        'time': START * 1e-9 + 15.0 * np.arange(90)})
+    desk = Desk(graph)
+    models, found = graph.listen(topics.MODEL), graph.listen(topics.DIAGNOSIS)
+    reports, said = graph.listen(topics.CALIBRATION_REPORT), graph.listen(topics.CALIBRATION_STATUS)
+    answer = graph.call('judge')
+    assert not answer.success and 'diagnose first' in answer.message
+    desk.observe(night)
+    assert graph.call('fit').success
+    answer = graph.call('diagnose')
+    assert answer.success and answer.message.startswith('refused; ')
+    assert 'not published: elevation_zero' in answer.message
+    graph.wait_for(lambda: len(models) == len(reports) == 2 and found)
+    before, after = (PointingModel.from_json(message.data) for message in models)
+    assert after.terms == before.terms and after.effects == ()
+    document = json.loads(found[0].data)
+    assert document['verdict'] == 'refused' and document['refused'][0]['why'] in answer.message
+    graph.wait_for(lambda: said and said[-1].message == answer.message)
+    assert said[-1].level == DiagnosticStatus.WARN
+    graph.report('calibration', 'not published: elevation_zero')
+    assert graph.call('judge').message.startswith('the model is the one of before')
+    graph.wait_for(lambda: len(models) == 3 and len(found) == 2)
+    assert json.loads(models[-1].data)['provenance']['judged'] == 'holds'
+    assert json.loads(found[-1].data)['judged']['taken_back'] is False

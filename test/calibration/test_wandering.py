@@ -163,3 +163,18 @@ def test_an_alarm_that_the_amended_model_explains_is_taken_back():
     found = told.diagnose()
     assert found.document['applied'] == ['azimuth_encoder_1']
     assert told.report['witnesses']['alarms'] == [] and told.report['verdict'] == 'identified'
+
+
+def test_what_the_blind_stars_have_seen_decides_too():
+    # it begins to walk when the night's stars are done
+    path = np.concatenate([np.zeros(106), walk_of(4, 1.0, 120)])
+    rows = night(5, path, kept=120)
+    told = session(rows, blind=60)
+    model, _ = told.fit()
+    assert not Following.of(model)
+    found = told.diagnose()
+    assert list(Following.of(found.model).axes) == ['el'] and found.document['published']
+    told.add(rows.select(np.arange(166, 226)), 1000)
+    judged = told.judge().document['judged']
+    assert judged['rows'] == 60 and not judged['taken_back']
+    assert judged['radial']['after_arcsec'] < 0.8 * judged['radial']['before_arcsec']

@@ -166,6 +166,27 @@ def test_a_clean_night_is_left_as_it_was(clean):
     assert 'the model stays as it was' in clean.text
 
 
+# --- counts that wander ---------------------------------------------------------------------------
+
+
+def test_a_night_whose_counts_wander_points_by_the_absolute_encoder(cli, tmp_path):
+    loop = Loop(cli, tmp_path / 'out', '--scenario', 'wandering_counts', *SMALL)
+    report, follows = loop.report, loop.model.provenance['zero_follows']
+    assert report['verdict'] == 'none' and report['found'] == 'yes' and report['effects'] == []
+    assert list(follows) == ['elevation'] and loop.diagnosis['zero_follows'] == follows
+    # the stars' noise of 1.4, what 45 stars leave and the way to the star, in 12 stars
+    assert report['blind_after']['rms_arcsec'] < 2.6
+    assert any('counts of the elevation encoder wander' in note for note in report['notes'])
+    assert 'electromagnetic interference' in ' '.join(loop.text.split())
+    # without following it is the walk itself that the blind stars are missed by
+    rows = read_run(loop.folder / 'observations.csv')
+    apart = (rows['el_enc'] - rows['el_abs'])[rows['check'] == 1.0] / ARCSEC
+    reference = follows['elevation']['reference'][0]['difference_arcsec']
+    assert np.sqrt(np.mean((apart - reference) ** 2)) > 1.5
+    done = cli('verify', loop.folder / 'bag')
+    assert done.returncode == 0, (done.stdout, done.stderr)
+
+
 # --- a measured night ---------------------------------------------------------------------------
 
 
