@@ -8,13 +8,12 @@ from msg_tools.units import ARCSEC
 from pointing_model.following import KEY as FOLLOWS
 from pointing_model.following import Following
 from pointing_model.model import PointingModel
-from pointing_model.rms import rms_arcsec
 from pointing_model.run import PointingRun
 from pointing_model.star_catalogue import POLARIS_HIP
 from pointing_model.terms import PHYSICAL
 from pointing_model.zero import NO_ZERO, Zeros, zero_in_force
 
-from .check import split_half
+from .check import power_on_check, rms_of, split_half
 from .distrust import reasons
 from .fit import fit_harmonics, fit_terms
 from .judgement import FEWEST, judge
@@ -229,7 +228,9 @@ class CalibrationSession:
             'condition': result.condition,
             'rejected': len(result.rejected),
             'steps': self._steps(rows, notes),
-            'external_check': self._external(rows, notes),
+            'external_check': power_on_check(
+                rows, self.reference, self._polaris_zeros(rows) if self.zeros else {},
+                self.zeros, self._change, notes),
             'noise_arcsec': [s / ARCSEC for s in result.scatter],
             'witnesses': self._witnesses(observed, result.model, homings),
             'notes': notes,
@@ -417,7 +418,7 @@ class CalibrationSession:
 
         def judge(label, model, zero):
             steps.append({'step': label, **{
-                name: _rms(model, half, zero) for name, half in halves.items()}})
+                name: rms_of(model, half, zero) for name, half in halves.items()}})
 
         judge(RAW if self.reference is None else 'model of the earlier night', base,
               zero_in_force(self.reference))
@@ -436,34 +437,3 @@ class CalibrationSession:
         except ValueError as err:
             notes.append(f'held-out check: {err}')
         return steps
-
-    def _external(self, rows, notes):
-        """The paper's check: coefficients of one power-on on the stars of the next."""
-        stars = rows.select(rows['star'] != POLARIS_HIP)
-        if not self.zeros:
-            return []
-        polaris = self._polaris_zeros(rows)
-        if self.reference is not None:
-            label = 'model of the earlier night on all stars of tonight'
-            return [{'check': f'{label}, before Polaris',
-                     **_rms(self.reference, stars, zero_in_force(self.reference))},
-                    {'check': f'{label}, after Polaris', **_rms(self.reference, stars, polaris)}]
-        out = []
-        numbers = [n for n in np.unique(stars['run']) if int(n) in self.zeros]
-        for before, after in zip(numbers, numbers[1:]):
-            old = polaris[before]
-            try:
-                model = fit_terms(rows.select(rows['run'] == before), zero=old).model
-            except ValueError as err:
-                notes.append(f'external check: {err}')
-                continue
-            later = stars.select(stars['run'] == after)
-            new = old.plus(*self._change(rows, before, after, model).angles)
-            label = f'model of power-on {before:.0f} on the stars of power-on {after:.0f}'
-            out.append({'check': f'{label}, with the old zero', **_rms(model, later, old)})
-            out.append({'check': f'{label}, zero by Polaris', **_rms(model, later, new)})
-        return out
-
-
-def _rms(model, run, zero):
-    return rms_arcsec(*model.residuals(run, zero=zero))._asdict()
