@@ -16,6 +16,8 @@ from .pointing import Conditions, Pointing, track_to
 BLANKS = 3
 #: exposures of a star that is centred again and again
 CENTRINGS = 3
+#: after so long a commanded axis moves, s
+BEGUN = 10.0
 
 
 class Exposer:
@@ -162,7 +164,7 @@ class Exposer:
                     or not instruments.homed or instruments.stamp > track.end)
 
         yield answered
-        self._note_motion(track, before)
+        self._note_motion(track, before, found is not None)
         if found is not None:
             self._waiting('')
             self.exposed = found[0]
@@ -171,17 +173,19 @@ class Exposer:
             self._waiting(f'an answer of {silent}' if silent else 'the mount to come on target')
         return found
 
-    def _note_motion(self, track, before):
-        """Whether the encoder follows what was commanded, if it says something."""
+    def _note_motion(self, track, before, exposed):
+        """Whether the encoder follows what was commanded, as far as that can be told by now."""
         instruments = self._instruments
-        if not instruments.homed or instruments.stamp <= track.start:
-            return
         at = (instruments.stamp - track.start) * 1e-9
+        stands = np.array_equal(instruments.here, before)
+        # an axis that still slews is where it should be; one that has not begun is not
+        told = exposed or instruments.stamp > track.end or (stands and at > BEGUN)
+        if not instruments.homed or not told:
+            return
         demand = [np.interp(at, track.times, axis) for axis in track.angles.T]
         here = instruments.here
         distance = np.hypot(wrap(here[0] - demand[0]) * np.cos(demand[1]), here[1] - demand[1])
-        instruments.health.follows(
-            MOUNT, float(distance), not np.array_equal(here, before))
+        instruments.health.follows(MOUNT, float(distance), not stands)
 
     def _conditions(self):
         """Those of now; the thermometer's reading is that of before the last exposure."""

@@ -78,6 +78,7 @@ class Sequencer:
         self._homes = False  # the plan homes the mount itself
         self.begun = False
         self._plan, self._left = '', None
+        self._earlier = 0  # rows of this step that an observer before has taken
         self._evening = 0
         self._checks = []
         self._catalogue = self._polaris = None
@@ -178,12 +179,12 @@ class Sequencer:
             self._set_state('observing', str(step))
             if not (done and done >= step.count):
                 yield from getattr(self, f'_do_{step.verb}')(step.count - done)
-            done = 0
+            done = self._earlier = 0
             self._send_table()
 
     def _where_it_stood(self, plan, steps):
         """Number of the step to go on with, and its exposures that are done."""
-        left, self._left = self._left, None
+        left, self._left, self._earlier = self._left, None, 0
         if left is None or not len(self._table):
             return 0, 0
         if left.plan != plan or left.state not in ('observing', 'waiting'):
@@ -191,6 +192,7 @@ class Sequencer:
                                         'this one begins at its start')
             return 0, 0
         first, done = left.block, left.done
+        self._earlier = self._table.trailing(first)
         self._homes = any(step.verb == 'home' for step in steps[:first])
         rows = self._table.rows
         waited = max((n for n, step in enumerate(steps[:first]) if step.verb == 'wait'),
@@ -219,7 +221,7 @@ class Sequencer:
     def _do_check(self, count):
         """Point at fresh stars blind: the miss distance is the pointing error."""
         yield from self._need_home()
-        first = len(self._table) - self._table.trailing(self._progress.block)
+        first = len(self._table) - self._earlier
         lost = self._progress.lost
         for target in self._fresh_stars(count):
             yield from self._observe(target, blind=True)

@@ -650,6 +650,17 @@ def test_stars_that_were_observed_before_are_not_observed_again():
     assert len({row['star'] for row in again.table.rows}) == 8
 
 
+def test_blind_checks_of_the_same_plan_once_more_are_checks_of_their_own():
+    bench = Bench('check 2')
+    bench.run()
+    bench.miss = lambda number: np.array([3.0, 4.0]) * ARCSEC
+    bench.plan.start('check 2')
+    bench.run()
+    first, second = bench.checks[-1]
+    assert (first['stars'], second['stars']) == (2, 2)
+    assert second['rms_arcsec'] == pytest.approx(5.0)
+
+
 def test_another_plan_begins_at_its_start_and_keeps_the_rows():
     bench = Bench('stars 3')
     bench.until(lambda: len(bench.rows) == 2)
