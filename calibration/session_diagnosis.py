@@ -142,6 +142,35 @@ def amend(rows, zeros, fitted=None, provenance=None, alpha=0.01, site=None,
     return Amended(model, chosen.zeros, document, result)
 
 
+def replaces(old, new, rows, report):
+    """Whether a fit is not worse than what is in force, before the rows kept out.
+
+    Parameters
+    ----------
+    old, new : publication.Candidate
+    rows : PointingRun
+        All of the night.
+    report : dict
+        Of the fit; gets ``judgement``, and where it is worse ``refused``, a note, and the zeros
+        that stay.
+
+    Returns
+    -------
+    bool
+        True too where there are too few such rows.
+    """
+    judges = Judges(rows, None)
+    if len(judges) < FEWEST:
+        return True
+    found = judge(judges.left(old), judges.left(new), axes=())
+    report['judgement'] = found.to_dict()
+    if not found.holds:
+        report['refused'] = f'this fit is not published: {found.sentence()}'
+        report['notes'].append(report['refused'])
+        report['zeros_in_force'] = old.in_force
+    return found.holds
+
+
 def judge_again(rows, published, document, since, site=None):
     """Old and new model before blind stars that came after the new one was published.
 
@@ -328,7 +357,7 @@ def _document(result, published, kept, judged, refused):
         e for e in document['effects'] if e['name'] in entry['effects']]} for entry in refused]
     document['effects'] = [e for e in document['effects'] if e['name'] not in away]
     if away and not document['effects']:
-        document['verdict'] = REFUSED
+        document['verdict'] = result.verdict = REFUSED
     names = ('name', 'driver', 'axes', 'delta_bic', 'p_family', 'in_set')
     return {
         'format': FORMAT, 'version': VERSION, **document, 'kept_out': kept,
