@@ -12,7 +12,7 @@ from .view import view_of
 
 _VERDICTS = {'none': 'nothing missing', 'identified': 'cause identified',
              'ambiguous': 'cause ambiguous', 'unknown': 'cause unknown',
-             'refused': 'not published', 'taken_back': 'taken back'}
+             'withheld': 'not published', 'taken_back': 'taken back'}
 
 
 def write_report(diagnosis, path):

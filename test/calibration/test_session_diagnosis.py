@@ -213,7 +213,7 @@ def test_what_does_not_hold_on_rows_kept_out_is_not_published():
     fitted, zeros = night.model, dict(night.zeros_in_force)
     found = night.diagnose(site=SITE)
     document = found.document
-    assert document['verdict'] == 'refused' and not document['published']
+    assert document['verdict'] == 'withheld' and not document['published']
     assert document['effects'] == document['applied'] == []
     entry, = document['refused']
     assert 'elevation_zero_with_time' in entry['effects']
@@ -224,7 +224,7 @@ def test_what_does_not_hold_on_rows_kept_out_is_not_published():
     assert found.model.terms == fitted.terms and found.zeros == zeros
     assert found.model.effects == ()
     assert document['after'] == document['before']
-    assert 'Not published' in found.diagnosis.caution and found.diagnosis.verdict == 'refused'
+    assert 'Not published' in found.diagnosis.caution and found.diagnosis.verdict == 'withheld'
     headline, sentences = verdict_sentences(found.diagnosis.to_dict(),
                                             caution=found.diagnosis.caution)
     assert 'stays in force' in headline and any('Not published' in text for text in sentences)
@@ -232,7 +232,7 @@ def test_what_does_not_hold_on_rows_kept_out_is_not_published():
     # and there is nothing to take back
     told = night.judge()
     assert told.document['judged']['taken_back'] is False
-    assert told.model.terms == fitted.terms and told.document['verdict'] == 'refused'
+    assert told.model.terms == fitted.terms and told.document['verdict'] == 'withheld'
 
 
 def test_an_axis_that_is_made_worse_does_not_cost_the_other_its_gain():
