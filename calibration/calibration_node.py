@@ -270,13 +270,7 @@ class Calibration(MountNode):
         document = found.document
         done = (f'{self._publish_finding(found)}; {document["before"]["rms_arcsec"]:.2f} arcsec '
                 f'radial before, {document["after"]["rms_arcsec"]:.2f} after')
-        if self.value('diagnosis_page'):
-            from .diagnosis_page.page import write_report
-            try:
-                write_report(found.diagnosis, Path(self.value('diagnosis_page')))
-            except OSError as err:
-                done += f'; the page was not written: {err}'
-                self.get_logger().error(done)
+        done += self._write_page(found)
         if self._refused:
             done += f'; {self._refused}'
         self._say_finding(done, document)
@@ -286,8 +280,22 @@ class Calibration(MountNode):
         found = self._session.judge(_site(self.value('site')))
         self._publish_finding(found)
         done = found.document['judged']['why']
+        if found.document['judged']['taken_back']:
+            done += self._write_page(found)
         self._say_finding(done, found.document)
         return done
+
+    def _write_page(self, found):
+        """Why the page was not written, if it was to be."""
+        if not self.value('diagnosis_page'):
+            return ''
+        from .diagnosis_page.page import write_report
+        try:
+            write_report(found.diagnosis, Path(self.value('diagnosis_page')))
+        except OSError as err:
+            self.get_logger().error(f'the page was not written: {err}')
+            return f'; the page was not written: {err}'
+        return ''
 
     def _publish_finding(self, found):
         """Diagnosis, report, model and zero of an `Amended`; what was found, in words."""

@@ -75,7 +75,7 @@ class CalibrationSession:
         self._published = Published()
         self._follows = Following()
         self._homings = ()
-        self._diagnosis = None
+        self._diagnosis = self._result = None
 
     def __len__(self):
         return sum(map(len, self._parts.values()))
@@ -243,32 +243,14 @@ class CalibrationSession:
                            'reference': self._source()}, result.model.geometry),
             self.zeros_in_force, follows)
         self._homings, self.report = homings, report
-        if not self._replaces(new, report):
-            old = self._published.now
+        from .session_diagnosis import replaces
+        old = self._published.now
+        if old is not None and not replaces(old, new, self.observations(), report):
             self.zeros_in_force = old.zeros
             return old.published(refit='refused', last_stamp_ns=self.last_stamp), report
         self._published.replace(new, len(self))
         self.model, self._follows = new.model, follows
         return new.published(), report
-
-    def _replaces(self, new, report):
-        """Whether a new fit is not worse than what is in force, before rows kept out."""
-        old = self._published.now
-        if old is None:
-            return True
-        from .session_diagnosis import Judges
-        judges = Judges(self.observations(), None)
-        try:
-            found = judge(judges.left(old), judges.left(new), axes=())
-        except ValueError:
-            return True
-        report['judgement'] = found.to_dict()
-        if found.holds:
-            return True
-        report['refused'] = f'this fit is not published: {found.sentence()}'
-        report['notes'].append(report['refused'])
-        report['zeros_in_force'] = old.in_force
-        return False
 
     def diagnose(self, alpha=0.01, site=None, until=0):
         """What the fitted model lacks, and the model with it; see `session_diagnosis`.
@@ -304,7 +286,7 @@ class CalibrationSession:
         self.zeros_in_force = amended.zeros
         self._published.replace(Candidate(amended.model, amended.zeros, self._follows),
                                 len(rows))
-        self._diagnosis = amended.document
+        self._diagnosis, self._result = amended.document, amended.diagnosis
         self._judge_witnesses(rows, amended.model)
         return amended
 
@@ -356,12 +338,14 @@ class CalibrationSession:
         taken_back = self._diagnosis['judged']['taken_back']
         if taken_back:
             self._published.take_back()
+            self._result.verdict = self._diagnosis['verdict']
+            self._result.caution = self._diagnosis['judged']['why']
             self.zeros_in_force = chosen.zeros
         self._judge_witnesses(rows, chosen.model)
         model = chosen.published(verdict=self._diagnosis['verdict'],
                                  judged='taken back' if taken_back else 'holds',
                                  last_stamp_ns=self.last_stamp)
-        return Amended(model, chosen.zeros, self._diagnosis, None)
+        return Amended(model, chosen.zeros, self._diagnosis, self._result)
 
     def _judge_witnesses(self, rows, model):
         """What the model explains is no alarm any more."""

@@ -26,10 +26,10 @@ from .wandering import follow_line
 FORMAT = 'telescope_mount/diagnosis'
 VERSION = 1
 #: verdict where effects were found, and none of them holds before rows that nothing has seen
-REFUSED = 'refused'
+WITHHELD = 'withheld'
 #: verdict where blind stars found the amended model worse than the one before
 TAKEN_BACK = 'taken_back'
-_REFUSED_WORDS = 'Not published, since it does not hold on rows that it has not seen: {}.'
+_WITHHELD_WORDS = 'Not published, since it does not hold on rows that it has not seen: {}.'
 _RANKED = 20
 NOTHING_FOLLOWS = Following()
 _RATE_NOISE = 2.0 * ARCSEC  # a second; stars go 15, satellites 30 and more
@@ -92,7 +92,7 @@ def amend(rows, zeros, fitted=None, provenance=None, alpha=0.01, site=None,
         An ambiguous verdict is applied with the best member of each set: all members predict
         nearly the same where the night has observed, and the others are in ``alternatives``. A
         linear drift in time goes on as far as `carried_on` allows, then holds. With the verdict
-        ``refused`` the model in force stays.
+        ``withheld`` the model in force stays.
 
     Raises
     ------
@@ -140,6 +140,35 @@ def amend(rows, zeros, fitted=None, provenance=None, alpha=0.01, site=None,
     document['site_deg'] = None if site is None else [
         float(np.degrees(site[name])) for name in ('latitude', 'longitude')]
     return Amended(model, chosen.zeros, document, result)
+
+
+def replaces(old, new, rows, report):
+    """Whether a fit is not worse than what is in force, before the rows kept out.
+
+    Parameters
+    ----------
+    old, new : publication.Candidate
+    rows : PointingRun
+        All of the night.
+    report : dict
+        Of the fit; gets ``judgement``, and where it is worse ``refused``, a note, and the zeros
+        that stay.
+
+    Returns
+    -------
+    bool
+        True too where there are too few such rows.
+    """
+    judges = Judges(rows, None)
+    if len(judges) < FEWEST:
+        return True
+    found = judge(judges.left(old), judges.left(new), axes=())
+    report['judgement'] = found.to_dict()
+    if not found.holds:
+        report['refused'] = f'this fit is not published: {found.sentence()}'
+        report['notes'].append(report['refused'])
+        report['zeros_in_force'] = old.in_force
+    return found.holds
 
 
 def judge_again(rows, published, document, since, site=None):
@@ -318,7 +347,7 @@ def _document(result, published, kept, judged, refused):
     for entry in refused:
         result.notes.append('not published: ' + entry['why'])
     if refused:
-        result.caution = ' '.join(filter(None, [result.caution, _REFUSED_WORDS.format(
+        result.caution = ' '.join(filter(None, [result.caution, _WITHHELD_WORDS.format(
             ', '.join(name for entry in refused for name in entry['effects']))]))
     document = result.to_dict()
     for entry, found in zip(document['effects'], result.effects):
@@ -328,7 +357,7 @@ def _document(result, published, kept, judged, refused):
         e for e in document['effects'] if e['name'] in entry['effects']]} for entry in refused]
     document['effects'] = [e for e in document['effects'] if e['name'] not in away]
     if away and not document['effects']:
-        document['verdict'] = REFUSED
+        document['verdict'] = result.verdict = WITHHELD
     names = ('name', 'driver', 'axes', 'delta_bic', 'p_family', 'in_set')
     return {
         'format': FORMAT, 'version': VERSION, **document, 'kept_out': kept,

@@ -20,6 +20,8 @@ from .witness_night import ABSOLUTE, INCREMENTAL, SHORT, Budget, Found, Night
 _RATIOS = np.geomspace(1e-4, 1e3, 57)
 #: rows from which a walk is told from noise
 _FEWEST = 20
+#: rows that are tried; of more every second, third, ...: the effort grows with the cube
+_MOST = 400
 #: finer curves of the angle that a night in order of azimuth could take for a walk
 _FINER = (3, 4, 5, 6)
 #: robust sigmas from its neighbours from where a reading is wild
@@ -212,15 +214,18 @@ def wander_events(night, axis, events, budget):
     walk : Walk or None
     """
     rows = np.flatnonzero(night.run >= 0.0)
+    every = -(-len(rows) // _MOST) or 1
+    some = rows[::every]
     rivals = events if len(events) == 1 else ()
     walk = find_walk(
-        night.apart[axis][rows], night.rows[f'{SHORT[axis]}_enc'][rows], night.run[rows],
-        [(e.column[rows], 1 if e.kind == 'drift' else 2) for e in rivals],
+        night.apart[axis][some], night.rows[f'{SHORT[axis]}_enc'][some], night.run[some],
+        [(e.column[some], 1 if e.kind == 'drift' else 2) for e in rivals],
         budget.false_alarm / 2.0, 0.02 * ARCSEC)  # two axes
     if walk is None:
         return events, None
+    walk = walk._replace(step=walk.step / np.sqrt(every))
     column = np.zeros(len(night.run))
-    column[rows] = walk.path
+    column[rows] = np.interp(rows, some, walk.path)
     size = float(np.ptp(walk.path))
     found = Found(night.tonight[-1], 'wander', float(night.rows['time'][rows].mean()),
                   column / size, size, 0.0, 2.0 * walk.probability, _ODDS)

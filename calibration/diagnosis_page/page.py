@@ -11,7 +11,8 @@ from .svg_plot import clean
 from .view import view_of
 
 _VERDICTS = {'none': 'nothing missing', 'identified': 'cause identified',
-             'ambiguous': 'cause ambiguous', 'unknown': 'cause unknown'}
+             'ambiguous': 'cause ambiguous', 'unknown': 'cause unknown',
+             'withheld': 'not published', 'taken_back': 'taken back'}
 
 
 def write_report(diagnosis, path):

@@ -417,13 +417,13 @@ def test_a_change_that_does_not_hold_is_refused_with_a_warning(graph):
     desk.observe(night)
     assert graph.call('fit').success
     answer = graph.call('diagnose')
-    assert answer.success and answer.message.startswith('refused; ')
+    assert answer.success and answer.message.startswith('withheld; ')
     assert 'not published: elevation_zero' in answer.message
     graph.wait_for(lambda: len(models) == len(reports) == 2 and found)
     before, after = (PointingModel.from_json(message.data) for message in models)
     assert after.terms == before.terms and after.effects == ()
     document = json.loads(found[0].data)
-    assert document['verdict'] == 'refused' and document['refused'][0]['why'] in answer.message
+    assert document['verdict'] == 'withheld' and document['refused'][0]['why'] in answer.message
     graph.wait_for(lambda: said and said[-1].message == answer.message)
     assert said[-1].level == DiagnosticStatus.WARN
     graph.report('calibration', 'not published: elevation_zero')

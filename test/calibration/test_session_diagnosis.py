@@ -3,6 +3,7 @@ import json
 import numpy as np
 import pytest
 
+from calibration.diagnosis_page.plain_words import verdict_sentences
 from calibration.nights import NightSeries
 from calibration.rows import for_fitting, is_kept_out
 from calibration.session import CalibrationSession
@@ -212,7 +213,7 @@ def test_what_does_not_hold_on_rows_kept_out_is_not_published():
     fitted, zeros = night.model, dict(night.zeros_in_force)
     found = night.diagnose(site=SITE)
     document = found.document
-    assert document['verdict'] == 'refused' and not document['published']
+    assert document['verdict'] == 'withheld' and not document['published']
     assert document['effects'] == document['applied'] == []
     entry, = document['refused']
     assert 'elevation_zero_with_time' in entry['effects']
@@ -223,12 +224,15 @@ def test_what_does_not_hold_on_rows_kept_out_is_not_published():
     assert found.model.terms == fitted.terms and found.zeros == zeros
     assert found.model.effects == ()
     assert document['after'] == document['before']
-    assert 'Not published' in found.diagnosis.caution
+    assert 'Not published' in found.diagnosis.caution and found.diagnosis.verdict == 'withheld'
+    headline, sentences = verdict_sentences(found.diagnosis.to_dict(),
+                                            caution=found.diagnosis.caution)
+    assert 'stays in force' in headline and any('Not published' in text for text in sentences)
     json.dumps(document, allow_nan=False)
     # and there is nothing to take back
     told = night.judge()
     assert told.document['judged']['taken_back'] is False
-    assert told.model.terms == fitted.terms and told.document['verdict'] == 'refused'
+    assert told.model.terms == fitted.terms and told.document['verdict'] == 'withheld'
 
 
 def test_an_axis_that_is_made_worse_does_not_cost_the_other_its_gain():
@@ -279,6 +283,7 @@ def test_blind_stars_take_back_a_model_that_is_worse():
     assert judged['why'].startswith('taken back: 25 rows')
     assert judged['radial']['after_arcsec'] > 1.5 * judged['radial']['before_arcsec']
     assert taken.document['verdict'] == 'taken_back' and taken.document['applied'] == []
+    assert taken.diagnosis.verdict == 'taken_back' and judged['why'] == taken.diagnosis.caution
     assert taken.model.terms == fitted.terms and taken.model.effects == ()
     assert dict(night.zeros_in_force) == zeros and night.report['verdict'] == 'taken_back'
     assert taken.model.provenance['last_stamp_ns'] == 9 * 10**9

@@ -178,3 +178,13 @@ def test_what_the_blind_stars_have_seen_decides_too():
     judged = told.judge().document['judged']
     assert judged['rows'] == 60 and not judged['taken_back']
     assert judged['radial']['after_arcsec'] < 0.8 * judged['radial']['before_arcsec']
+
+
+def test_of_many_rows_some_are_enough():
+    path = walk_of(7, 0.4, 1016)
+    rows = night(8, path, stars=1000)
+    follows = followed(rows)
+    assert list(follows.axes) == ['el']
+    assert follows.axes['el'].step / ARCSEC == pytest.approx(0.4, rel=0.5)
+    left = (rows['el_enc'] - follows.corrected(rows)['el_enc']) / ARCSEC - path
+    assert np.std(left) < 0.5
