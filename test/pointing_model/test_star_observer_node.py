@@ -7,6 +7,7 @@ import pytest
 pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportError)
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 
@@ -341,6 +342,22 @@ def test_an_exposure_off_the_target_does_not_count(graph):
     assert not night.rows
     sky.error = np.zeros(2)
     assert len(night.run()) == 1
+
+
+def test_two_cameras_stop_the_night_until_one_is_gone(graph):
+    Instruments(graph)
+    other = Node('other_camera', context=graph.context, namespace='/mount',
+                 start_parameter_services=False, enable_rosout=False)
+    topic = topics.MISS_DISTANCE
+    second = other.create_publisher(topic.message, topic.name, topic.qos)
+    night = Night(graph, 'stars 2')
+    status = graph.report('star_observer', 'instrument camera: published by /mount/other_camera '
+                          'and /mount/tester; end all but one')
+    assert status.level == DiagnosticStatus.WARN and not night.rows
+    other.destroy_publisher(second)
+    assert len(night.run()) == 2
+    graph.wait_for(lambda: 'instrument' not in graph.reports['star_observer'].message)
+    other.destroy_node()
 
 
 def test_bad_messages_are_counted_and_the_night_goes_on(graph):
