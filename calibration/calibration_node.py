@@ -16,6 +16,7 @@ from msg_tools.homing import cloud_to_homing
 from msg_tools.node import MountNode, Param, run_node
 from msg_tools.status import OBSERVATIONS
 from msg_tools.units import ARCSEC, DEG
+from pointing_model.effects import declared_graduation
 from pointing_model.model import PointingModel
 from pointing_model.run_messages import cloud_to_run
 from pointing_model.zero_message import zero_to_joints
@@ -53,6 +54,8 @@ PARAMS = (
           'what follows the stars; empty: unknown', check=_site),
     Param('diagnosed_at', 0, 'stamp of the newest observation that the service diagnose takes '
           '[ns]; 0: all. For replays, which have all of them at once', 0, 2**63 - 1, fixed=True),
+    Param('graduation', '', 'lines in a turn of the encoder, such as grating=47200, for readings '
+          'that slipped by whole lines; empty: unknown', fixed=True, check=declared_graduation),
     Param('diagnosis_page', '', 'HTML file that the service diagnose writes; empty: none'),
 )
 
@@ -86,15 +89,21 @@ class Calibration(MountNode):
         self._say('collecting')
 
     def _on_observation(self, message):
-        self._session.add(cloud_to_run(message),
+        self._session.add(self._rows(message),
                           convert.from_stamp(message.header.stamp))
         self._say('collecting')
 
     def _on_table(self, message):
         if message.width:
-            self._session.take_table(cloud_to_run(message),
+            self._session.take_table(self._rows(message),
                                      convert.from_stamp(message.header.stamp))
             self._say('collecting')
+
+    def _rows(self, message):
+        rows = cloud_to_run(message)
+        if self.value('graduation'):
+            rows.meta['graduation'] = declared_graduation(self.value('graduation'))
+        return rows
 
     def _on_homing(self, message):
         self._marks = cloud_to_homing(message)
@@ -192,9 +201,11 @@ class Calibration(MountNode):
         document = found.document
         done = (f'{self._publish_finding(found)}; {document["before"]["rms_arcsec"]:.2f} arcsec '
                 f'radial before, {document["after"]["rms_arcsec"]:.2f} after')
-        done += self._write_page(found)
-        if self._refused:
+        if document['verdict'] == 'refused':  # the columns are mistaken: nothing is concluded
+            done = self._refused = found.diagnosis.caution
+        elif self._refused:
             done += f'; {self._refused}'
+        done += self._write_page(found)
         self._say_finding(done, document)
         return done
 
