@@ -3,8 +3,8 @@
     python benchmarks/measured_data.py --data ../shared/data
 
 `--data` is a folder with the runs of an 8 m telescope (spk8m), the ARC 3.5 m (arc35m) and the
-IRAM 30 m (iram30m); where it is absent only the data of this project are taken: the MMT night, and
-the tables of papers 000 and 001.
+IRAM 30 m (iram30m: all logs that are there); where it is absent only the data of this project are
+taken: the MMT night, and the tables of papers 000 and 001. Sessions are as the data have them.
 """
 
 import argparse
@@ -48,13 +48,21 @@ def arc35m(data):
             '6.47" with six terms; 5.55" with one effect, 4.96" with 18 terms')
 
 
-def iram(name, hours=None):
-    """Days of the 30 m, as one run or with zeros of each session; seven terms, not their eight."""
+def iram(name):
+    """Days of the 30 m; seven terms, not their eight."""
     def work(data):
-        run = load_run(next((data / 'iram30m').glob(f'*{name}*.log')))
-        return (diagnose(run if hours is None else run.in_sessions(hours)),
-                {'2012': 'el 3.04" with one effect', '2014': 'az 2.30", el 2.51"'}[name[:4]])
+        return diagnose(load_run(data / 'iram30m' / f'pointing-{name}.log')), _IRAM[name]
     return work
+
+
+#: what the observers' models say of themselves, arcsec
+_IRAM = {
+    '2011-04': '2.5 az, 2.5 el', '2012-04A': '< 3 az, < 3 el, with sin 2A -30.9',
+    '2012-04B': '< 3 az, < 3 el; el 3.04 with one effect', '2012-11': '< 4 az, < 4 el',
+    '2013-04': '< 3 az, < 3 el', '2013-10': '< 3 az, < 3 el',
+    '2014-04': '< 2 az, 4.7 el; 2.30, 2.51 with the added effects', '2014-10': '2.6 az, 2.9 el',
+    '2015-03': '2.25 az, 2.21 el',
+}
 
 
 def table_2(_):
@@ -83,10 +91,7 @@ RUNS = {
     'MMT 6.5 m, 2021-08-21': (mmt, ''),
     '8 m (SPK)': (spk8m, 'spk8m'),
     'ARC 3.5 m, 2014-2019': (arc35m, 'arc35m'),
-    'IRAM 30 m, 2012-04B': (iram('2012'), 'iram30m'),
-    'IRAM 30 m, 2012-04B, in sessions': (iram('2012', 3.0), 'iram30m'),
-    'IRAM 30 m, 2014-04': (iram('2014'), 'iram30m'),
-    'IRAM 30 m, 2014-04, in sessions': (iram('2014', 3.0), 'iram30m'),
+    **{f'IRAM 30 m, {name}': (iram(name), f'iram30m/pointing-{name}.log') for name in _IRAM},
     'paper 001, table 2': (table_2, ''),
     'paper 000, table 1 after': (table_1, ''),
 }
@@ -119,16 +124,19 @@ def main():
     for name, (work, folder) in RUNS.items():
         if args.only.lower() not in name.lower():
             continue
-        if folder and not (args.data / folder).is_dir():
+        if folder and not (args.data / folder).exists():
             print(f'| {name} | no data in {args.data / folder} |')
             continue
         begin = time.process_time()
         found, published = work(args.data)
         document = found.to_dict()
-        results[name] = {**document, 'cpu_seconds': time.process_time() - begin}
+        results[name] = {**document, 'own_terms': list(found.base.own), 'caution': found.caution,
+                         'cpu_seconds': time.process_time() - begin}
         effects = '; '.join(effect['name'] + (f' ({len(effect["alternatives"])} others)'
                                               if effect['alternatives'] else '')
                             for effect in document['effects']) or '-'
+        if found.base.own:
+            name += f", {document['runs']} sessions of their own {', '.join(found.base.own)}"
         cells = [name, str(document['observations']), ' '.join(document['base_terms']),
                  *row_of(document, found.cv_contiguous), published, effects]
         print('| ' + ' | '.join(cells) + ' |', flush=True)

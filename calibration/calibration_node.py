@@ -16,6 +16,7 @@ from msg_tools.homing import cloud_to_homing
 from msg_tools.node import MountNode, Param, run_node
 from msg_tools.status import OBSERVATIONS, Progress, handover_rows
 from msg_tools.units import ARCSEC, DEG
+from pointing_model.effects import declared_graduation
 from pointing_model.in_force_message import text_to_pair
 from pointing_model.model import PointingModel
 from pointing_model.model_document import identity
@@ -56,6 +57,8 @@ PARAMS = (
           'what follows the stars; empty: unknown', check=_site),
     Param('diagnosed_at', 0, 'stamp of the newest observation that the service diagnose takes '
           '[ns]; 0: all. For replays, which have all of them at once', 0, 2**63 - 1, fixed=True),
+    Param('graduation', '', 'lines in a turn of the encoder, such as grating=47200, for readings '
+          'that slipped by whole lines; empty: unknown', fixed=True, check=declared_graduation),
     Param('diagnosis_page', '', 'HTML file that the service diagnose writes; empty: none'),
 )
 
@@ -98,14 +101,14 @@ class Calibration(MountNode):
         self._say('knows nothing of the night yet: no observation, no zero, no model')
 
     def _on_observation(self, message):
-        run = cloud_to_run(message)
+        run = self._rows(message)
         self._session.add(run, convert.from_stamp(message.header.stamp))
         self._note_starts(run)
         self._say('collecting')
 
     def _on_table(self, message):
         if message.width:
-            run, before = cloud_to_run(message), len(self._session)
+            run, before = self._rows(message), len(self._session)
             self._session.take_table(run, convert.from_stamp(message.header.stamp))
             self._note_starts(run)
             if len(self._session) > before + 1:  # it may overtake its last row
@@ -154,6 +157,12 @@ class Calibration(MountNode):
             known = np.isfinite(run['encoder_start'])
             self._starts.update(zip(run['run'][known].astype(int).tolist(),
                                     run['encoder_start'][known].tolist()))
+
+    def _rows(self, message):
+        rows = cloud_to_run(message)
+        if self.value('graduation'):
+            rows.meta['graduation'] = declared_graduation(self.value('graduation'))
+        return rows
 
     def _on_homing(self, message):
         self._marks = cloud_to_homing(message)
@@ -270,9 +279,11 @@ class Calibration(MountNode):
         document = found.document
         done = (f'{self._publish_finding(found)}; {document["before"]["rms_arcsec"]:.2f} arcsec '
                 f'radial before, {document["after"]["rms_arcsec"]:.2f} after')
-        done += self._write_page(found)
-        if self._refused:
+        if document['verdict'] == 'refused':  # the columns are mistaken: nothing is concluded
+            done = self._refused = found.diagnosis.caution
+        elif self._refused:
             done += f'; {self._refused}'
+        done += self._write_page(found)
         self._say_finding(done, document)
         return done
 

@@ -51,7 +51,7 @@ class Amended:
         ``published`` (whether the model was changed), ``judgement`` (of the change, by rows that
         nothing has seen), ``refused`` (``effects``, ``why``, ``judgement``, and ``found``: their
         entries), ``ranking``, ``zeros_in_force``, ``notes``, and what it was made with:
-        ``alpha``, ``site_deg``.
+        ``alpha``, ``site_deg``, ``graduation`` (of the encoder, as it was declared).
     diagnosis : Diagnosis
     """
 
@@ -103,7 +103,7 @@ def amend(rows, zeros, fitted=None, provenance=None, alpha=0.01, site=None,
     stars = _at_zero(seen.select(seen['star'] != POLARIS_HIP), zeros, site)
     if len(stars) == 0:
         raise ValueError('no star to diagnose has come yet; observe first')
-    result = diagnose(stars, alpha=alpha)
+    result = diagnose(stars, alpha=alpha, sessions=0.0)
     base = Candidate(fitted, zeros, follows)
     if fitted is None:
         base = Candidate(result.base_model, _shifted(zeros, result, result.base_model), follows)
@@ -294,7 +294,7 @@ class Court:
             return None
         seen = self._stars.select(~hidden)
         if self._trial is None:
-            self._trial = diagnose(seen, alpha=self._alpha)
+            self._trial = diagnose(seen, alpha=self._alpha, sessions=0.0)
         # what is not found without these rows is at least fitted without them
         effects = [e for e in self._trial.model.effects if e.effect.name in candidate.names] \
             or candidate.model.effects
@@ -363,5 +363,6 @@ def _document(result, published, kept, judged, refused):
         'format': FORMAT, 'version': VERSION, **document, 'kept_out': kept,
         'published': published, 'judgement': judged and judged.to_dict(),
         'ranking': [{n: line[n] for n in names} for line in result.ranking[:_RANKED]],
+        'graduation': result.observations.context.graduation,
         'notes': list(dict.fromkeys(result.notes)),
     }

@@ -1,5 +1,6 @@
 """What an effect may depend on besides the direction: time, temperature, approach, reading, ..."""
 
+import re
 from functools import cached_property
 
 import numpy as np
@@ -19,6 +20,31 @@ _INHERITED = ('order', 'travel_az', 'travel_el', 'before_az', 'before_el')
 _TURN = 2.0 * np.pi
 _SIDEREAL = _TURN / 86164.0905  # rad/s
 _J2000 = 946728000.0  # UTC seconds of 2000-01-01T12:00
+
+
+#: words in names of columns that are causes: what acts on a mount and no fit or image makes
+_CAUSES = set(re.split(r'\s+', """ambient amb air dome truss tube mirror pier side humidity hum rh
+    dew wind gust hpa mbar baro filter colour color magnitude mag exposure load balance cable sun
+    moon heater fan voltage supply"""))
+_CAUSE_BEGINS = ('temp', 'tamb', 'tair', 'ttube', 'tmirror', 'ttruss', 'tdome', 'press', 'humid',
+                 'wind', 'foc', 'rot', 'derot')
+#: words in names of columns that are outcomes of a fit or of an image, whatever else is in them
+_OUTCOMES = set(re.split(r'\s+', """rms error errors err chi chi2 sigma sig std stdev rmse fwhm
+    fitted model offset offsets delta asym asymmetry weight quality score correction corr peak
+    flux snr dx dy daz del"""))
+_OUTCOME_BEGINS = ('resid', 'asym')
+
+
+def is_cause(name):
+    """Whether the name of a column says that it is a cause and not an outcome of a measurement.
+
+    ``Tamb``, ``wind_speed`` and ``foc.dZ`` are; ``src.dFWHM``, ``temp_residual`` and ``column7``
+    are not.
+    """
+    words = [w.lower() for w in re.findall(r'[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+', name)]
+    if any(w in _OUTCOMES or w.startswith(_OUTCOME_BEGINS) for w in words):
+        return False
+    return any(w in _CAUSES or w.startswith(_CAUSE_BEGINS) for w in words)
 
 
 def _labels(run):
@@ -63,6 +89,9 @@ class Context:
         self.latitude, self.longitude = latitude, longitude
         #: False where time counts from an arbitrary start, or the angles are no raw readings
         self.time_is_utc, self.raw_reading = True, True
+        #: lines in a turn by axis and kind, where they are declared, and own columns that are
+        #: named as drivers
+        self.graduation, self.drivers = {}, ()
         self._derived = {'azimuth': self.az, 'elevation': self.el}
 
     @classmethod
@@ -86,6 +115,11 @@ class Context:
         context = cls(az, el, columns, **place)
         context.time_is_utc = run.meta.get('time_is_utc', True)
         context.raw_reading = run.meta.get('raw_reading', True)
+        given = run.meta.get('graduation' if encoder == 'enc' else f'graduation_{encoder}')
+        if given:
+            from .effects import declared_graduation
+            context.graduation = declared_graduation(given)
+        context.drivers = tuple(run.meta.get('drivers') or ())
         hours = context._hours_of_run()
         if hours is not None:
             context.columns.setdefault('run_hours', hours)
@@ -99,9 +133,7 @@ class Context:
         kept = dict(self.columns)
         if 'time' in columns or 'run' in columns:
             kept.pop('run_hours', None)
-        out = Context(az, el, {**kept, **columns}, self.latitude, self.longitude)
-        out.time_is_utc, out.raw_reading = self.time_is_utc, self.raw_reading
-        return out
+        return self._like(Context(az, el, {**kept, **columns}, self.latitude, self.longitude))
 
     def select(self, rows):
         """Some rows (a mask, indices or a slice), with what they inherit from the one before.
@@ -113,12 +145,27 @@ class Context:
         for name in _INHERITED:
             self.get(name)
         columns = {n: v[rows] if np.ndim(v) else v for n, v in self.columns.items()}
-        out = Context(self.az[rows], self.el[rows], columns, self.latitude, self.longitude)
-        out.time_is_utc, out.raw_reading = self.time_is_utc, self.raw_reading
+        out = self._like(Context(self.az[rows], self.el[rows], columns, self.latitude,
+                                 self.longitude))
         out._derived = {n: None if v is None else v[rows] for n, v in self._derived.items()}
         return out
 
+    def _like(self, other):
+        """`other` with what is known of the whole run."""
+        for name in ('time_is_utc', 'raw_reading', 'graduation', 'drivers'):
+            setattr(other, name, getattr(self, name))
+        return other
+
     def extra(self):
+        """Names of the numeric columns of the user's own that are causes, or named as drivers."""
+        return [name for name in self.own_columns() if name in self.drivers or is_cause(name)]
+
+    def left_out(self):
+        """Names of the numeric columns of the user's own that are no drivers unless named."""
+        taken = self.extra()
+        return [name for name in self.own_columns() if name not in taken]
+
+    def own_columns(self):
         """Names of the numeric columns that are the user's own."""
         return [name for name, v in self.columns.items()
                 if name not in _KNOWN and np.asarray(v).dtype.kind in 'fiub']

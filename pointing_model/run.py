@@ -52,7 +52,9 @@ class PointingRun:
         Where the run came from (``source``), its ``site``, what was left out (``excluded``, a
         list of ``{'row', 'reason'}``) and remarks for the reader (``notes``, a list of str).
         ``time_is_utc`` False: time counts from an arbitrary start. ``raw_reading`` False: the
-        encoder angles are not what the encoders read.
+        encoder angles are not what the encoders read. ``graduation`` (``graduation_abs``): lines
+        in a turn of the encoders, see `effects.declared_graduation`. ``drivers``: names of own
+        columns that are causes though their names do not say so.
 
     Raises
     ------
@@ -87,6 +89,12 @@ class PointingRun:
         if name in self.columns:
             return self.columns[name]
         return np.full(len(self), default)
+
+    @property
+    def lines(self):
+        """Line in the file of each row, shape (n,); without a file its place in the run."""
+        lines = np.asarray(self.meta.get('lines', ()))
+        return lines if len(lines) == len(self) else np.arange(len(self))
 
     def select(self, rows):
         """The run with only `rows` (a mask or indices); `meta` is shared."""
@@ -140,7 +148,12 @@ class PointingRun:
 
     @classmethod
     def concatenate(cls, runs):
-        """One run from several: the columns that all of them have, in the order given."""
+        """One run from several: the columns that all of them have, in the order given.
+
+        ``meta`` is that of the first, without graduations that are not those of all.
+        """
         runs = list(runs)
         names = [n for n in runs[0].columns if all(n in r.columns for r in runs)]
-        return cls({n: np.concatenate([r[n] for r in runs]) for n in names}, dict(runs[0].meta))
+        meta = {n: v for n, v in runs[0].meta.items() if not n.startswith('graduation')
+                or all(r.meta.get(n) == v for r in runs)}
+        return cls({n: np.concatenate([r[n] for r in runs]) for n in names}, meta)

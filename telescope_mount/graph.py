@@ -22,6 +22,8 @@ NODES = {
     'run_player': 'pointing_model.run_player_node',
 }
 
+#: of the simulated incremental encoder (paper 000): lines in a turn
+GRATING = 'grating=47200'
 SIMULATED = ('mount_simulator', 'incremental_encoder', 'absolute_encoder', 'camera')
 NIGHT = (*SIMULATED, 'star_observer', 'pointing_corrector', 'calibration', 'mcap_logger')
 
@@ -104,7 +106,8 @@ def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time
         } | ({'plan': plan} if plan else {}) | sky,
         'pointing_corrector': {'use_sim_time': True, 'model_file': model_file},
         'calibration': {'use_sim_time': True, 'model_file': model_file, 'split_seed': seed,
-                        'reference_age': reference_age} | (calibration or {}),
+                        'reference_age': reference_age,
+                        'graduation': GRATING} | (calibration or {}),
         'mcap_logger': {'use_sim_time': True, 'folder': bag},
     }
     return [NodeSpec(name, NODES[name], parameters[name]) for name in names]

@@ -54,7 +54,11 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None):
     if diagnosed:
         as_then = {'alpha': diagnosed.get('alpha', 0.01),
                    'site': ', '.join(map(repr, diagnosed.get('site_deg') or ())),
-                   'diagnosed_at': diagnosed.get('last_stamp_ns', 0)}
+                   'diagnosed_at': diagnosed.get('last_stamp_ns', 0),
+                   'graduation': ', '.join(
+                       f'{axis}.{kind}={lines}'
+                       for axis, kinds in (diagnosed.get('graduation') or {}).items()
+                       for kind, lines in kinds.items())}
     marks = [t.name for t in bag.topics if t.name.endswith('/incremental/homing') and t.count]
     lock = domain.claim(domain_number)
     from msg_tools import topics

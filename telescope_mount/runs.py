@@ -5,10 +5,14 @@ from pathlib import Path
 import numpy as np
 
 from msg_tools.bag import BagReader
+from msg_tools.bag.provenance import parameters_of
+from pointing_model.context import Context
+from pointing_model.effects import declared_graduation
 from pointing_model.run_files import NoObservations, read_run, swap_encoders
 
 
-def load_run(path, azimuth_origin=None, *, site=None, weather=None, encoder=None):
+def load_run(path, azimuth_origin=None, *, site=None, weather=None, encoder=None,
+             graduation=None, drivers=()):
     """Read a pointing run from a file of any kind that `read_run` takes, or from a log.
 
     Rows that are there to judge by (``check`` not 0) are left out, and a note says so.
@@ -25,6 +29,11 @@ def load_run(path, azimuth_origin=None, *, site=None, weather=None, encoder=None
         For the refraction of such a CSV.
     encoder : {'enc', 'abs'}, optional
         'abs' takes the second encoder for the first.
+    graduation : str or dict, optional
+        Lines in a turn of the first encoder, ``grating=47200``, in place of what a log tells: see
+        `pointing_model.effects.declared_graduation`.
+    drivers : sequence of str, optional
+        Columns of the file that may be a cause, though their names do not say so.
 
     Returns
     -------
@@ -33,20 +42,36 @@ def load_run(path, azimuth_origin=None, *, site=None, weather=None, encoder=None
     Raises
     ------
     ValueError
-        Not a run, or a log of the simulator's truth.
+        Not a run, a log of the simulator's truth, or no such driver.
     OSError
         It cannot be read.
     """
     path = Path(path)
     if not path.is_dir() and path.suffix != '.mcap':
-        return _without_judges(read_run(
+        run = _without_judges(read_run(
             path, azimuth_origin=azimuth_origin, site=site, weather=weather, encoder=encoder))
-    run = run_of_log(path)
-    if site is not None:
-        run.meta['site'] = site
-    if encoder == 'abs':
-        swap_encoders(path, run.columns, run.meta)
+    else:
+        run = run_of_log(path)
+        if site is not None:
+            run.meta['site'] = site
+        if encoder == 'abs':
+            swap_encoders(path, run.columns, run.meta)
+    if graduation:
+        run.meta['graduation'] = declared_graduation(graduation)
+    if drivers:
+        run.meta['drivers'] = _drivers(path, run, drivers)
     return run
+
+
+def _drivers(path, run, names):
+    """Names of columns of the user's own, as they are kept."""
+    own = Context.of_run(run).own_columns()
+    kept = [f'column_{name}' if f'column_{name}' in own else name for name in names]
+    missing = [name for name, there in zip(names, kept) if there not in own]
+    if missing:
+        raise ValueError(f'{path}: no column {", ".join(missing)} to take as a driver; of its own '
+                         f'the file has {", ".join(own) or "none"}')
+    return tuple(kept)
 
 
 def load_runs(paths, **options):
@@ -62,25 +87,37 @@ def load_runs(paths, **options):
     -------
     runs : list of PointingRun
         One a file, in the order given.
-    empty : list of str
-        A line for each file that holds a header and no observation.
+    skipped : list of str
+        A line for each file that is no run or holds no observation.
 
     Raises
     ------
     ValueError
-        A file is no run, or no file holds an observation.
+        None of the files is a run with observations; what is said of the first.
     OSError
-        A file cannot be read.
+        The only file cannot be opened.
     """
-    runs, empty = [], []
+    runs, wrong = [], []
     for path in paths:
         try:
             runs.append(load_run(path, **options))
-        except NoObservations as error:
-            empty.append(str(error))
+        except (OSError, ValueError) as error:
+            wrong.append((path, error))
     if not runs:
-        raise ValueError(empty[0] if empty else 'no file with a pointing run is given')
-    return runs, empty
+        if not wrong:
+            raise ValueError('no file with a pointing run is given')
+        if len(wrong) == 1:
+            raise wrong[0][1]
+        raise ValueError(f'none of {len(wrong)} files could be read: {_said(*wrong[0])}')
+    return runs, [error_line if isinstance(error, NoObservations) else f'{error_line} (file left '
+                  'out)' for path, error in wrong for error_line in [_said(path, error)]]
+
+
+def _said(path, error):
+    """One line about a file."""
+    if isinstance(error, OSError):
+        return f'{path}: {error.strerror or error}'
+    return str(error)
 
 
 def run_of_log(path):
@@ -133,9 +170,11 @@ def run_of_log(path):
     notes.append(f'{int((~stars).sum())} exposures of Polaris left out')
     notes += reasons(run)
     stars &= ~distrusted(run)
-    return _without_judges(PointingRun(
-        {n: v[stars] for n, v in columns.items()},
-        {'source': str(path), 'notes': notes + bag.problems, 'excluded': []}))
+    meta = {'source': str(path), 'notes': notes + bag.problems, 'excluded': []}
+    told = (parameters_of(bag.metadata, '/calibration') or {}).get('graduation')
+    if told:
+        meta['graduation'] = declared_graduation(told)
+    return _without_judges(PointingRun({n: v[stars] for n, v in columns.items()}, meta))
 
 
 def _without_judges(run):

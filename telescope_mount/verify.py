@@ -16,6 +16,7 @@ from msg_tools.bag.provenance import parameters_of
 from msg_tools.convert import from_stamp, read_joints
 from msg_tools.homing import cloud_to_homing
 from msg_tools.units import DEG
+from pointing_model.effects import declared_graduation
 from pointing_model.model import PointingModel
 from pointing_model.observing.pairing import centred, interpolate
 from pointing_model.run_messages import cloud_to_run
@@ -72,6 +73,9 @@ def verify_log(bag, *, reference=None, seed=None):
     if not parameters:
         check.unchecked.append('the log does not tell the parameters of the calibration: its '
                                'defaults are taken (see --seed, --reference)')
+    if parameters.get('graduation'):
+        for part in (*rows.observations.values(), *rows.tables.values()):
+            part.meta['graduation'] = declared_graduation(parameters['graduation'])
     session = _session(log, parameters, reference, seed)
     _calibrate(rows, session, parameters, check)
     if not check.checked:

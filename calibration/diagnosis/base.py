@@ -11,13 +11,16 @@ from calibration.rows import usable
 from msg_tools.units import ARCSEC
 from pointing_model import geometry as rotation
 from pointing_model.context import Context
-from pointing_model.effects import PERIODS
+from pointing_model.effects import period_of
+from pointing_model.effects.base import AXES
 from pointing_model.harmonics import basis, sky_factor
 from pointing_model.run import PointingRun
 from pointing_model.terms import PHYSICAL, STANDARD6, known_terms, stacked_design
 
 from .linear import Columns
 
+_FARTHEST = 30  # bars or lines that a slip goes, at most
+_DRAWS = 19999  # outliers anywhere, behind the chance of slips
 _SETS = {'physical': PHYSICAL, 'standard6': STANDARD6, 'index': ('IA', 'IE')}
 
 
@@ -220,10 +223,8 @@ def _one_clock(runs, notes):
 
 def _places(runs):
     """Line and file of each row of the joined runs."""
-    lines = [np.asarray(r.meta.get('lines', ())) for r in runs]
-    lines = [k if len(k) == len(r) else np.arange(len(r)) for k, r in zip(lines, runs)]
     sources = np.array([r.meta.get('source') for r in runs], object)
-    return np.concatenate(lines), np.repeat(sources, [len(r) for r in runs])
+    return np.concatenate([r.lines for r in runs]), np.repeat(sources, [len(r) for r in runs])
 
 
 def _labels(runs):
@@ -285,8 +286,10 @@ def after_rotation(obs, start):
 def decode_slips(obs, state, alpha):
     """Gross outliers that are whole bars of the disc or lines of the grating off.
 
-    A single row can be near a multiple of the 27.5" of a line by chance: rows are named together
-    where that chance is below `alpha`.
+    Looked for where the graduation is declared and the encoder's own reading is known. A gross
+    outlier can be near a multiple of a line by chance, and the finer the lines the sooner: the
+    likelihood ratio of "each other outlier of this axis is a slip" to "they lie anywhere between
+    two lines" is compared with what outliers anywhere give. Those that miss count against it.
 
     Parameters
     ----------
@@ -294,33 +297,58 @@ def decode_slips(obs, state, alpha):
     state : State
         Of the base.
     alpha : float
+        Chance of any slip among outliers that are none, over all graduations and axes.
 
     Returns
     -------
     list of (str, str, ndarray of int, ndarray of int, float)
         Axis, graduation, rows (places in `obs`), multiples, chance.
     """
+    graduation = obs.context.graduation
+    tests = [(kind, axis, i) for kind in ('bars', 'grating') for i, axis in enumerate(AXES)
+             if kind in graduation.get(axis, ()) and obs.context.get(f'reading_{axis}') is not None]
     n = len(obs)
     raw = state.raw.reshape(2, n).copy()
     given = np.ones((2, n)) if obs.inverse_sigma is None else obs.inverse_sigma.reshape(2, n)
     noise = state.scale[:, None] / given
-    gross = np.hypot(*(raw / noise)) > GROSS
+    gross = np.abs(raw / noise) > GROSS
     raw[0] /= obs.context.trig.cos_el
     noise[0] /= obs.context.trig.cos_el
-    out = []
-    taken = np.zeros((2, n), bool)
-    for graduation in ('bars', 'grating'):
-        period = PERIODS[graduation]
-        for i, axis in enumerate(('az', 'el')):
-            multiple = np.rint(raw[i] / period)
-            # 4 sigma, and no more than a chance of 1 in 6 to be near a multiple
-            width = np.minimum(4.0 * noise[i] + 0.2 * ARCSEC, period / 12.0)
-            hit = gross & ~taken[i] & (multiple != 0) & (np.abs(multiple) <= 30) \
-                & (np.abs(raw[i] - multiple * period) < width)
-            off = np.maximum(np.abs(raw[i] - multiple * period), noise[i])[hit]
-            chance = float(np.prod(np.minimum(2.0 * off / period, 1.0)))
-            if hit.any() and chance <= alpha:
-                taken[i] |= hit
-                rows = np.flatnonzero(hit)
-                out.append((axis, graduation, rows, multiple[rows].astype(int), chance))
+    noise = np.hypot(noise, 0.2 * ARCSEC)
+    out, taken = [], np.zeros((2, n), bool)
+    for kind, axis, i in tests:
+        period = period_of(kind, graduation[axis][kind])
+        multiple = np.rint(raw[i] / period)
+        tried = gross[i] & ~taken[i] & (multiple != 0) & (np.abs(multiple) <= _FARTHEST)
+        if not tried.any():
+            continue
+        off = np.abs(raw[i] - multiple * period)
+        # a slip of this axis leaves the other one where it was, unless that has slipped too
+        clean = ~gross[1 - i] | taken[1 - i]
+        chance = min(len(tests) * _chance_of_slips(
+            np.where(clean, off, 0.5 * period)[tried], noise[i][tried], period), 1.0)
+        hit = tried & clean & (off < np.minimum(4.0 * noise[i], period / 12.0))
+        if hit.any() and chance <= alpha:
+            taken[i] |= hit
+            rows = np.flatnonzero(hit)
+            out.append((axis, kind, rows, multiple[rows].astype(int), chance))
     return out
+
+
+def _chance_of_slips(off, noise, period):
+    """How often outliers anywhere between two lines are so near to lines.
+
+    Parameters
+    ----------
+    off, noise : ndarray, shape (k,)
+        Distance from the nearest line, and its standard deviation, radians.
+    period : float
+    """
+    def ratio(distance):
+        # of densities, half of the outliers being slips; noise beyond a line tells nothing
+        slip = period / (np.sqrt(2.0 * np.pi) * noise) * np.exp(-0.5 * (distance / noise)**2)
+        return np.log(0.5 + 0.5 * slip).sum(axis=-1)
+
+    rng = np.random.default_rng(0)  # the same rows give the same chance
+    anywhere = rng.uniform(0.0, 0.5 * period, (_DRAWS, len(off)))
+    return (int(np.count_nonzero(ratio(anywhere) >= ratio(off))) + 1) / (_DRAWS + 1)

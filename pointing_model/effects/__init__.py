@@ -15,20 +15,20 @@ from pkgutil import iter_modules
 from .base import Amount, Effect, effect, of_document, to_document
 from .curves import smooths
 from .drifts import steps
-from .graduation import PERIODS
+from .graduation import PERIODS, declared_graduation, period_of
 
-__all__ = ['PERIODS', 'Amount', 'Effect', 'dictionary', 'effect', 'of_document', 'smooths', 'steps',
-           'to_document']
+__all__ = ['PERIODS', 'Amount', 'Effect', 'declared_graduation', 'dictionary', 'effect',
+           'of_document', 'period_of', 'smooths', 'steps', 'to_document']
 
 _MODULES = [import_module(f'.{name}', __name__)
             for name in sorted(module.name for module in iter_modules(__path__))]
 
 #: The dictionary's order, by form (and axis, where it is offered axis by axis); what is not here
 #: follows. Of equal scores the first wins, so another order is another result.
-ORDER = ('term', 'terms', 'encoder', 'bearing_wobble', 'nod', 'elevation_axis_wobble',
-         'fork_cross_term', 'diurnal_aberration', 'latitude', 'clock', 'annual_aberration',
-         'epoch_error', 'drift', 'hysteresis az', 'subdivision az', 'hysteresis el',
-         'subdivision el', 'proper_motion', 'latency', 'camera', 'proportional',
+ORDER = ('term', 'terms', 'encoder', 'bearing_wobble', 'nod', 'line_of_sight',
+         'elevation_axis_wobble', 'fork_cross_term', 'diurnal_aberration', 'latitude', 'clock',
+         'annual_aberration', 'epoch_error', 'drift', 'hysteresis az', 'subdivision az',
+         'hysteresis el', 'subdivision el', 'proper_motion', 'latency', 'camera', 'proportional',
          'run_zero')
 
 

@@ -70,6 +70,20 @@ def _nod(order):
 
 
 @form
+def _line_of_sight(order):
+    """Collimation that goes round with the azimuth: TPOINT's harmonics of the left-right error."""
+    k = int(order)
+    return Effect(f'line_of_sight_{k}', f'the line of sight swings left and right {k} a turn of '
+                  'azimuth', f'(cos {k}A, 0), (sin {k}A, 0)', 'azimuth', 'az', ('cos', 'sin'),
+                  lambda c: [(np.cos(k * c.az), 0.0), (np.sin(k * c.az), 0.0)],
+                  lambda amount: f'The line of sight swings {arcsec(amount.size)} left and right, '
+                  f'{times(order)} of the azimuth axis, at any elevation',
+                  'what turns with the azimuth and holds the beam: a Nasmyth mirror or the cabin, '
+                  'the fork that twists on an uneven track, cables',
+                  tpoint=f'HSCA{k} HSSA{k}')
+
+
+@form
 def _elevation_axis_wobble(order):
     k = int(order)
     return Effect(f'elevation_axis_wobble_{k}', f'elevation axis wobbles {k} a turn',
@@ -89,7 +103,9 @@ def propose(context, lacking, own):
     alike = [name for name in ('CA', 'NPAE') if name in lacking]
     against = {'elevation_axis_wobble': 'it looks like terms that the model lacks: '
                + ', '.join(alike)} if alike else {}
-    for name, highest in (('bearing_wobble', 3), ('nod', 6), ('elevation_axis_wobble', 2)):
+    # once a turn (cos A, 0) is nearly a disc off its centre with a wobble of the azimuth axis
+    for name, lowest, highest in (('bearing_wobble', 1, 3), ('nod', 1, 6),
+                                  ('line_of_sight', 2, 4), ('elevation_axis_wobble', 1, 2)):
         yield Offer(name, [] if name in against else [
-            effect(name, order=order) for order in range(1, highest + 1)],
+            effect(name, order=order) for order in range(lowest, highest + 1)],
             name.replace('_', ' '), against.get(name))

@@ -313,5 +313,5 @@ def driver_word(name):
 
 def readable(name):
     """Name of an effect for people: ``azimuth_encoder_2`` is "azimuth encoder, 2 per turn"."""
-    name = re.sub(r'(encoder|wobble|nod)_(\d+)$', r'\1, \2 per turn', str(name))
+    name = re.sub(r'(encoder|wobble|nod|sight)_(\d+)$', r'\1, \2 per turn', str(name))
     return re.sub(r'_memory_([\d.]+)deg', r', memory \1°', name).replace('_', ' ')

@@ -7,17 +7,70 @@ from msg_tools.units import ARCSEC
 from .base import AXES, Effect, Offer, arcsec, effect, form, on_axis
 
 _TURN = 2.0 * np.pi
-#: periods of the encoders' graduation, radians (paper 000: lines; paper 001: bars)
-PERIODS = {'grating': _TURN / 47200, 'bars': _TURN / 1080}
+#: lines or bars in a turn of the encoders of both papers (000: lines; 001: bars)
+_LINES = {'grating': 47200, 'bars': 1080}
+#: their periods, radians
+PERIODS = {name: _TURN / lines for name, lines in _LINES.items()}
+_FEWEST, _MOST = 16, 10**7  # lines in a turn that a graduation may have
 _ONE = {'grating': 'a line of the grating', 'bars': 'a bar of the disc'}
 _EACH = {'grating': 'each line of its grating', 'bars': 'each bar of its disc'}
 _ALL = {'grating': 'lines of the grating', 'bars': 'bars of the disc'}
 
 
+def declared_graduation(given):
+    """What the axes' encoders are graduated with, as the one who gives the run declares it.
+
+    Parameters
+    ----------
+    given : str or dict
+        ``grating=47200``: lines in a turn, on both axes; ``az.grating=47200, el.bars=1080``: axis
+        by axis. Or a dict of the same names, or what this function returned.
+
+    Returns
+    -------
+    dict of str to dict
+        Axis -> name of the graduation -> lines in a turn.
+
+    Raises
+    ------
+    ValueError
+        Another graduation, another axis, or no number of lines.
+    """
+    if isinstance(given, str):
+        parts = [part.partition('=') for part in given.split(',') if part.strip()]
+        given = {name.strip(): value.strip() for name, _, value in parts}
+    out = {axis: {} for axis in AXES}
+    for name, value in given.items():
+        if name in AXES and isinstance(value, dict):
+            value = [(name, kind, lines) for kind, lines in value.items()]
+        else:
+            axis, _, kind = name.rpartition('.')
+            value = [(one, kind, value) for one in ([axis] if axis else AXES)]
+        for axis, kind, lines in value:
+            if axis not in AXES or kind not in _LINES:
+                raise ValueError(f'graduation {name!r} is none of {", ".join(_LINES)} (or '
+                                 f'az.{kind}, el.{kind} for one axis), such as grating=47200')
+            try:
+                number = float(lines)
+            except (TypeError, ValueError):
+                number = np.nan
+            if not (number == np.floor(number) and _FEWEST <= number <= _MOST):
+                raise ValueError(f'graduation {name}={lines}: give the whole number of lines or '
+                                 f'bars in a turn, {_FEWEST} to {_MOST}, such as grating=47200 '
+                                 '(27.4576" each)')
+            out[axis][kind] = int(number)
+    return out
+
+
+def period_of(graduation, lines=None):
+    """Period of a graduation, radians."""
+    return PERIODS[graduation] if lines is None else _TURN / int(lines)
+
+
 @form
-def _subdivision(axis, graduation, order):
+def _subdivision(axis, graduation, order, lines=None):
     """Interpolation error within a line of the grating or a bar of the disc."""
-    k, period = int(order), PERIODS[graduation]
+    k, period = int(order), period_of(graduation, lines)
     reading = f'reading_{axis}'
 
     def of(c):
@@ -30,7 +83,7 @@ def _subdivision(axis, graduation, order):
         return (f'place within {_ONE[graduation]} [0 to 1]',
                 None if angle is None else np.mod(angle, period) / period)
 
-    size = {'grating': f'({period / ARCSEC:.4f}")', 'bars': '(1200")'}[graduation]
+    size = f'({period / ARCSEC:.6g}")'
     # source: paper 000, 400-fold interpolation; paper 001, eq. 12
     return Effect(f'{AXES[axis]}_subdivision_{graduation}_{k}',
                   f'{AXES[axis]} encoder divides {_ONE[graduation]} {size} unevenly, {k} in each',
@@ -43,9 +96,9 @@ def _subdivision(axis, graduation, order):
 
 
 @form
-def _decode_slip(axis, rows, multiples, graduation):
+def _decode_slip(axis, rows, multiples, graduation, lines=None):
     """Whole bars or lines too many in single rows: known amounts, nothing to predict."""
-    step = PERIODS[graduation]
+    step = period_of(graduation, lines)
 
     def of(c):
         row = c.get('row')
@@ -58,14 +111,17 @@ def _decode_slip(axis, rows, multiples, graduation):
                   f'{AXES[axis]} encoder decoded whole {graduation} beside the true place in '
                   f'{len(rows)} rows', f'multiples of {step / ARCSEC:.4f}"', 'row', axis,
                   ('part',), of,
-                  lambda _: f'The {AXES[axis]} encoder was read whole {graduation} beside the true '
-                  f'place in {len(rows)} rows',
+                  lambda _: f'The {AXES[axis]} encoder was read whole {_ALL[graduation]} beside '
+                  f'the true place in {len(rows)} rows',
                   'the images of these rows: dirt on the disc, exposure, blur',
                   kind='known')
 
 
 def propose(context, lacking, own):
-    """Subdivision where the raw readings are known and spread over the period."""
+    """Subdivision where the raw readings are known and spread over the period.
+
+    Of an encoder whose graduation is declared, that; of another, those of both papers.
+    """
     for axis in AXES:
         what = f'{AXES[axis]} encoder subdivision'
         values, reason = context.span(f'reading_{axis}')
@@ -73,17 +129,17 @@ def propose(context, lacking, own):
             yield Offer('subdivision', [], what, reason, axis)
             continue
         place = context.az if axis == 'az' else context.el
-        for graduation in PERIODS:
-            against = _not_spread(axis, graduation, place, values)
+        for graduation, lines in (context.graduation.get(axis) or dict.fromkeys(PERIODS)).items():
+            against = _not_spread(axis, graduation, place, values, period_of(graduation, lines))
             yield Offer('subdivision', [] if against else [
-                effect('subdivision', axis=axis, graduation=graduation, order=order)
+                effect('subdivision', axis=axis, graduation=graduation, order=order, lines=lines)
                 for order in (1, 2)], f'{what} ({graduation})', against, axis)
 
 
-def _not_spread(axis, graduation, place, reading):
+def _not_spread(axis, graduation, place, reading, period):
     """Why a subdivision cannot be seen: where the reading moves through the period by its own
     error alone, that would be taken for its cause."""
-    period, words = PERIODS[graduation], _ALL[graduation]
+    words = _ALL[graduation]
     if abs(np.mean(np.exp(2j * np.pi / period * np.mod(place, period)))) >= 0.8:
         return f'the stars stand at nearly the same place between two {words}'
     # of places spread evenly, half are then within 3 periods; some fixed places are told too

@@ -70,7 +70,9 @@ def read_run(path, *, azimuth_origin=None, site=None, weather=None, encoder=None
     except ValueError as error:
         # names and cells of a foreign file may hold anything
         text = ''.join(c if c.isprintable() else '?' for c in str(error))
-        raise type(error)(text) from None
+        said = type(error)(text)
+        said.__dict__.update(error.__dict__)
+        raise said from None
 
 
 def _read_run(path, azimuth_origin, site, weather, encoder):
@@ -126,6 +128,11 @@ def swap_encoders(path, columns, meta):
         columns.pop(f'{axis}_raw', None)  # it belongs to the first
         if first is not None:
             columns[f'{axis}_abs'] = first
+    graduations = {name: meta.pop(name) for name in ('graduation', 'graduation_abs')
+                   if name in meta}
+    for name, other in (('graduation', 'graduation_abs'), ('graduation_abs', 'graduation')):
+        if name in graduations:
+            meta[other] = graduations[name]
     meta['notes'].append('the second (absolute) encoder was read in place of the first')
 
 

@@ -23,6 +23,9 @@ def looks_like_tpoint(lines):
 def read_tpoint(path, lines):
     """Caption, options, run parameters, rows of observed and mount azimuth and elevation.
 
+    Of lines that begin with ``#`` those with numbers are observations that the observers have
+    rejected, the others comments.
+
     Parameters
     ----------
     path : Path
@@ -48,6 +51,7 @@ def read_tpoint(path, lines):
     if not body:
         raise ValueError(f'{path} holds only comments')
     meta['caption'] = body.pop(0)[1]
+    body = [(number, line) for number, line in body if not line.startswith('#') or _rejected(line)]
     date = re.search(r'\b(\d{4}-\d\d-\d\d)', meta['caption'], re.ASCII)
     if date:
         meta['date'] = date.group(1)
@@ -59,18 +63,34 @@ def read_tpoint(path, lines):
         raise ValueError(f'{path}: no option ": ALTAZ"; runs of equatorial mounts are not read')
     if not body:
         raise ValueError(f'{path} ends before the line with the latitude')
-    begin, parameters = body.pop(0)
+    i = next((i for i, (_, line) in enumerate(body) if not line.startswith('#')), 0)
+    begin, parameters = body[i]
+    body = body[i + 1:]
     _run_parameters(path, begin, parameters, meta)
     if not body:
         raise NoObservations(f'{path} has a header but no observations')
     rotator = any(option.startswith('ROT') for option in options)
-    numbers, cells = _rows(path, body)
+    width = len(next((line for _, line in body if not line.startswith('#')), body[0][1]).split())
+    body = [(number, line) for number, line in body
+            if not line.startswith('#') or len(line.lstrip('# ').split()) == width]
+    if not body:
+        raise NoObservations(f'{path} has a header but no observations')
+    rejected = np.array([line.startswith('#') for _, line in body])
+    numbers, cells = _rows(path, [(number, line.lstrip('# ')) for number, line in body])
     names = [*_ANGLES, *('rotator_deg' if rotator and i == 0 else f'auxiliary_{i + 1}'
                          for i in range(len(cells[0]) - 4))]
     columns = {key: floats(path, numbers, name, column)
                for key, name, column in zip([*REQUIRED, *names[4:]], names, zip(*cells))}
     commented = [n for n, words in commented if len(words) == len(cells[0]) and n > begin]
-    return Table(columns, numbers, [' '.join(row) for row in cells], meta, commented=commented)
+    table = Table(columns, numbers, [' '.join(row) for row in cells], meta, commented=commented)
+    table.exclude(rejected, 'rejected by the observers (#)')
+    return table
+
+
+def _rejected(line):
+    """Whether a line with a # holds an observation: numbers, as many as format 4 has."""
+    words = line.lstrip('# ').split()
+    return len(words) >= len(_ANGLES) and all(map(is_number, words))
 
 
 def _body(lines, meta):

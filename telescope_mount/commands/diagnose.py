@@ -21,9 +21,15 @@ def add(commands):
     parser.add_argument('--base', default='physical', metavar='MODEL',
                         help=f'what the model has already: {BASES} (default: physical)')
     parser.add_argument('--own', type=options.names, metavar='TERMS', help='terms that each run '
-                        'fits for itself (default: IA,IE if there are several runs)')
-    parser.add_argument('--sessions', type=float, metavar='HOURS',
-                        help='a gap longer than this begins a new run, with terms of its own')
+                        'or session fits for itself (default: of several, IA,IE and what pays)')
+    parser.add_argument('--sessions', type=_hours, metavar='HOURS',
+                        help='a gap longer than this begins a session, with terms of its own; '
+                        'none: take runs as they are (default: gaps of hours, if the rows say so)')
+    parser.add_argument('--graduation', metavar='NAME=LINES', help='lines or bars in a turn of '
+                        'the encoders, such as grating=47200 or az.grating=47200,el.bars=1080: '
+                        'outliers by whole ones are slips (default: what a log of ours tells)')
+    parser.add_argument('--driver', action='append', default=[], metavar='COLUMN', help='a column '
+                        'of the file that may be a cause, though its name does not say so')
     parser.add_argument('--alpha', type=float, default=0.01,
                         help='chance that a run with nothing wrong gets any effect (default: 0.01)')
     parser.add_argument('--holdout', nargs='+', type=Path, default=[], metavar='RUN',
@@ -43,6 +49,18 @@ def add(commands):
 
 def run(args):
     """Load, diagnose, print, write."""
+    from calibration.diagnosis import MistakenColumns, naming_columns
+    try:
+        with naming_columns():
+            return _run(args)
+    except MistakenColumns as error:
+        if args.json:
+            from calibration.diagnosis.rows_told import refused_document
+            _write_json(args.json, refused_document(error))
+        raise
+
+
+def _run(args):
     from calibration.diagnosis import diagnose
 
     from ..runs import load_runs
@@ -50,20 +68,25 @@ def run(args):
     for path, suffixes in ((args.json, ()), (args.report, ('.html', '.htm')),
                            (args.save, ('.json', '.yaml', '.yml'))):
         options.check_target(path, suffixes)
-    place = {'azimuth_origin': args.azimuth_origin, **_place(args)}
+    place = {'azimuth_origin': args.azimuth_origin, 'graduation': args.graduation,
+             'drivers': args.driver, **_place(args)}
     runs, empty = load_runs(args.runs, **place)
     held, empty_held = load_runs(args.holdout, **place) if args.holdout else (None, [])
     print_lines(console, 'note', [*empty, *empty_held])
-    if args.sessions is not None:
-        runs, held = (r and [_in_sessions(one, args.sessions) for one in r] for r in (runs, held))
-    else:
-        for one in runs:
-            _suggest_sessions(one, console)
     found = diagnose(runs, args.base, args.alpha, holdout=held, own_terms=args.own,
-                     encoder=args.encoder, seed=args.seed)
+                     encoder=args.encoder, seed=args.seed, sessions=args.sessions)
     show(found, console)
+    _write(args, found, console)
+    return 2 if found.verdict == 'refused' else 0
+
+
+def _write_json(path, document):
+    path.write_text(json.dumps(document, indent=1) + '\n', encoding='utf-8')
+
+
+def _write(args, found, console):
     if args.json:
-        args.json.write_text(json.dumps(found.to_dict(), indent=1) + '\n', encoding='utf-8')
+        _write_json(args.json, found.to_dict())
         print_files(console, {'result': args.json})
     if args.report:
         from calibration.diagnosis_page.page import write_report
@@ -74,36 +97,9 @@ def run(args):
         print_files(console, {'model': args.save})
 
 
-#: hours between rows that are likely to be another night
-_GAP = 3.0
-
-
-def _in_sessions(run, hours):
-    if not hours > 0.0:
-        raise ValueError(f'--sessions {hours:g} is no number of hours above 0')
-    source = run.meta.get('source', 'run')
-    try:
-        out = run.in_sessions(hours)
-    except ValueError as err:
-        raise ValueError(f'{source}: {err}') from None
-    count = len(set(out['run'].tolist()))
-    out.meta = {**run.meta, 'notes': [*run.meta.get('notes', ()), f'{Path(source).name}: '
-                                      f'{count} sessions, at gaps of more than {hours:g} h']}
-    return out
-
-
-def _suggest_sessions(run, console):
-    """Days in one file, and nothing that tells them apart."""
-    if 'run' in run or 'time' not in run:
-        return
-    try:
-        count = run.in_sessions(_GAP)['run'].max()
-    except ValueError:
-        return
-    if count > 1:
-        console.print(f'note: {Path(run.meta.get("source", "the run")).name} has {count} sessions '
-                      f'(gaps of more than {_GAP:g} h): --sessions {_GAP:g} gives each its own '
-                      'zeros', markup=False)
+def _hours(text):
+    """Hours of a gap; none: 0."""
+    return 0.0 if text == 'none' else float(text)
 
 
 def _place(args):
@@ -125,12 +121,14 @@ def _place(args):
 
 def show(found, console):
     """The verdict in words, the error before and after, the effects, what was left out."""
+    from calibration.diagnosis.rows_told import used_sentence
     from calibration.diagnosis_page.plain_words import readable, verdict_sentences
     from calibration.diagnosis_page.view import effect_sentences
     from calibration.tables import new_table
     document = found.to_dict()
     headline, sentences = verdict_sentences(document, effect_sentences(found), limit=20,
                                             caution=found.caution)
+    console.print(used_sentence(document), markup=False)
     console.print(headline, style='bold', markup=False)
     for sentence in sentences:
         console.print(f'  {sentence}', markup=False)
@@ -141,14 +139,22 @@ def show(found, console):
     errors.add_row('the rows fitted', *(_number(part[key]) for part in (before, after)
                                         for key in ('rms_x_arcsec', 'rms_y_arcsec', 'rms_arcsec')))
     stretches = found.cv_contiguous
-    for label, one, other in (
-            ('rows left out (the choice repeated)', before['cv_rms_arcsec'],
-             after['cv_rms_arcsec']),
-            ('stretches of time left out', stretches.get('before'), stretches.get('after')),
-            ('runs held out', before['holdout_rms_arcsec'], after['holdout_rms_arcsec'])):
-        if one is not None:
-            errors.add_row(label, '', '', _number(one), '', '', _number(other))
+    for label, *values in (
+            ('rows left out (the choice repeated)', *(
+                part[f'cv_rms_{axis}arcsec'] for part in (before, after)
+                for axis in ('x_', 'y_', ''))),
+            ('stretches of time left out', *(
+                stretches.get(f'{when}{axis}') for when in ('before', 'after')
+                for axis in ('_x', '_y', ''))),
+            ('runs held out', None, None, before['holdout_rms_arcsec'], None, None,
+             after['holdout_rms_arcsec'])):
+        if values[2] is not None:
+            errors.add_row(label, *('' if v is None else _number(v) for v in values))
     console.print(errors)
+    spread = after['cv_spread']
+    if spread and spread['partitions'] > 1:
+        console.print(f'mean of {spread["partitions"]} ways to leave rows out; after, they go from '
+                      f'{_number(spread["min_arcsec"])} to {_number(spread["max_arcsec"])} arcsec')
     console.print(f'noise floor {_number(document["noise_floor_arcsec"])} arcsec radial\n')
     if found.effects:
         effects = new_table('Effects', 'effect', 'on', 'driver', 'p', 'ΔBIC', 'gain, arcsec')
@@ -165,6 +171,9 @@ def show(found, console):
         console.print(f'{where}row{"s" * (len(rows) > 1)} {_listed(rows)} left out: {reason}',
                       markup=False)
     print_lines(console, 'note', found.notes)
+    if found.columns_alike:
+        print_lines(console, 'note', ['read otherwise the columns fit as well, which no fit can '
+                                      'tell: ' + '; '.join(found.columns_alike)])
     for item in document['next_observations'][:6]:
         console.print(_proposal(item), markup=False)
 

@@ -48,6 +48,17 @@ def test_tpoint(read):
     assert any('file does not say' in note for note in meta['notes'])
 
 
+def test_rejected_observations_of_a_tpoint_file_are_no_error(read):
+    text = TPOINT.replace('END', '# 20.0 30.0 20.1 30.2 -5.0 ! cloud\n# wind from here on\n# 1 2\n'
+                          ' 30.0 40.0 30.1 40.1 0.0\nEND')
+    run = read(text)
+    assert run['az'] / DEG == pytest.approx([10, 350, 30])
+    assert run.meta['excluded'][-1] == {'row': 9, 'reason': 'rejected by the observers (#)'}
+    # the mount was there all the same
+    assert run['approach_az'].tolist() == [0, -1, 1]
+    assert run.meta['lines'].tolist() == [7, 8, 12]
+
+
 def test_tpoint_short_form(read, refuse):
     run = read('8m altazimuth\nA\n-30.25\n264.5 28.1 264.4 28.2\n259.6 29.8 259.6 29.9\n')
     assert run.meta['site']['latitude'] == pytest.approx(-30.25 * DEG)

@@ -35,9 +35,28 @@ def test_several_runs(tmp_path):
     assert len(empty) == 1 and 'empty.csv' in empty[0] and 'no observations' in empty[0]
     with pytest.raises(ValueError, match='no observations'):
         load_runs([tmp_path / 'empty.csv'])
+    # one that is no run does not end all
     (tmp_path / 'b.csv').write_text('nonsense')
-    with pytest.raises(ValueError, match=r'b\.csv is not a pointing run'):
-        load_runs([tmp_path / name for name in names])
+    paths = [tmp_path / name for name in (*names, 'gone.csv')]
+    runs, left_out = load_runs(paths)
+    assert len(runs) == 1 and len(left_out) == 3
+    assert 'b.csv is not a pointing run' in left_out[1] and 'gone.csv' in left_out[2]
+    assert all(line.endswith('(file left out)') for line in left_out[1:])
+    with pytest.raises(ValueError, match=r'none of 2 files .*b\.csv is not a pointing run'):
+        load_runs([tmp_path / 'b.csv', tmp_path / 'empty.csv'])
+
+
+def test_what_is_declared_goes_with_the_run(tmp_path):
+    path = tmp_path / 'run.csv'
+    path.write_text('az_deg,el_deg,az_enc_deg,el_enc_deg,row,flag\n10,20,10.1,20.1,3,4\n')
+    run = load_run(path, graduation='grating=47200,el.bars=1080', drivers=['row'])
+    assert run.meta['graduation'] == {'az': {'grating': 47200},
+                                      'el': {'grating': 47200, 'bars': 1080}}
+    assert run.meta['drivers'] == ('column_row',)
+    with pytest.raises(ValueError, match='no column wind to take as a driver.*flag'):
+        load_run(path, drivers=['wind'])
+    with pytest.raises(ValueError, match='number of lines'):
+        load_run(path, graduation='grating=27.5')
 
 
 def test_raw_readings_are_those_that_the_miss_distance_moves():
@@ -88,6 +107,7 @@ def test_an_exported_log_gives_the_same_fit(night, tmp_path):
 @pytest.mark.usefixtures('ros_domain')
 def test_a_log_keeps_what_the_encoders_read(night):
     run = load_run(night / 'bag')
+    assert run.meta['graduation'] == {'az': {'grating': 47200}, 'el': {'grating': 47200}}
     az, el = centred(run['az_raw'], run['el_raw'], run['miss_x'], run['miss_y'])
     # the zero of each power-on is all that is taken off
     for number in np.unique(run['run']):

@@ -7,6 +7,7 @@ import pytest
 
 from calibration.diagnosis import diagnose
 from calibration.diagnosis.base import Base, observations
+from calibration.diagnosis.work import Work
 from calibration.diagnosis_page.page import render
 from calibration.diagnosis_page.plain_words import verdict_sentences
 from calibration.diagnosis_page.view import view_of
@@ -57,8 +58,11 @@ def names(result):
 
 
 KEYS = {'observations', 'runs', 'base_terms', 'verdict', 'before', 'after', 'noise_floor_arcsec',
-        'effects', 'excluded', 'next_observations'}
-RMS = {'rms_arcsec', 'rms_x_arcsec', 'rms_y_arcsec', 'cv_rms_arcsec', 'holdout_rms_arcsec'}
+        'effects', 'excluded', 'next_observations', 'wander', 'detectable',
+        'rows_read', 'rows_used', 'outliers', 'rms_with_outliers_arcsec', 'columns_alike',
+        'readings'}
+RMS = {'rms_arcsec', 'rms_x_arcsec', 'rms_y_arcsec', 'cv_rms_arcsec', 'cv_rms_x_arcsec',
+       'cv_rms_y_arcsec', 'cv_spread', 'holdout_rms_arcsec'}
 EFFECT = {'name', 'tpoint', 'driver', 'axes', 'coefficients_arcsec', 'sigma_arcsec', 'p_family',
           'delta_bic', 'alternatives', 'cv_gain_arcsec'}
 
@@ -117,7 +121,7 @@ def test_noise_that_grows_toward_the_horizon_is_no_effect():
 
 
 CASES = {
-    'drift': (lambda c: (0.0, 4.0 * ARCSEC * (c['time'] - 1.7e9) / 3600.0),
+    'drift': (lambda c: (0.0, 12.0 * ARCSEC * (c['time'] - 1.7e9) / 3600.0),
               {'elevation_zero_with_time', 'elevation_zero_with_temperature',
                'flexure_with_time', 'elevation_zero_step'}),
     'step': (lambda c: (7.0 * ARCSEC * (np.arange(len(c['az'])) >= 23), 0.0),
@@ -171,7 +175,7 @@ def test_own_terms_of_a_run_come_from_its_other_rows():
 def test_two_effects_at_once():
     def both(c):
         return (off_centre(6.0)(c)[0] + backlash(8.0)(c)[0],
-                3.0 * ARCSEC * (c['time'] - 1.7e9) / 3600.0)
+                12.0 * ARCSEC * (c['time'] - 1.7e9) / 3600.0)
     result = diagnose(night(5, n=80, effect=both), **FAST)
     shown = [{e.fitted.effect.name, *e.alternatives, *e.aliases} for e in result.effects]
     for wanted in ('azimuth_encoder_1', 'azimuth_hysteresis_cosE', 'elevation_zero_with_time'):
@@ -200,9 +204,9 @@ def test_aliases_of_terms_are_never_effects():
 
 def test_time_and_temperature_alike_are_ambiguous_and_it_says_what_to_observe():
     def drift(c):
-        c['temperature'] = 12.0 - 4.0 * np.linspace(0.0, 1.0, len(c['az']))**0.8
-        return 0.0, -1.2 * ARCSEC * c['temperature']
-    result = diagnose(night(8, effect=drift), **FAST)
+        c['temperature'] = 12.0 - 4.0 * np.linspace(0.0, 1.0, len(c['az']))**0.6
+        return 0.0, -3.0 * ARCSEC * c['temperature']
+    result = diagnose(night(11, effect=drift), **FAST)
     assert result.verdict == 'ambiguous'
     (one,) = result.effects
     shown = {one.fitted.effect.name, *one.alternatives}
@@ -233,7 +237,7 @@ def test_what_to_observe_says_the_approach_and_the_time_where_they_matter():
 
 
 def test_exact_aliases_in_a_run_are_one_class():
-    run = night(9, effect=lambda c: (0.0, 3.0 * ARCSEC * (c['time'] - 1.7e9) / 3600.0))
+    run = night(9, effect=lambda c: (0.0, 12.0 * ARCSEC * (c['time'] - 1.7e9) / 3600.0))
     run.columns['temperature'] = 20.0 - (run['time'] - 1.7e9) / 1800.0
     result = diagnose(run, **FAST)
     (one,) = result.effects
@@ -267,6 +271,7 @@ def test_outliers_and_slips():
     run.columns['el_enc'][30] -= 1200.0 * ARCSEC
     run.columns['el_enc'][40] += 431.0 * ARCSEC
     run.columns['az_enc'][50] = np.nan
+    run.meta['graduation'] = {'bars': 1080}
     result = diagnose(run, **FAST)
     slips = {e.fitted.effect.name: e.fitted.effect.parameters for e in result.effects}
     assert slips['azimuth_decode_slip_bars']['rows'] == [7]
@@ -276,14 +281,50 @@ def test_outliers_and_slips():
     assert 'not finite' in result.excluded[0]['reason']
     assert any('azimuth encoder was read whole bars' in note and note.endswith('row 7 (+2)')
                for note in result.notes)
+    # without a declared graduation, or a reading, they are outliers as any other
+    for meta in ({'graduation': None}, {'raw_reading': False}):
+        plain = diagnose(PointingRun(run.columns, {**run.meta, **meta}), **FAST)
+        assert names(plain) == [] and {e['row'] for e in plain.excluded} == {7, 30, 40, 50}
     # in a file rows are its lines
     run.meta.update(source='night.csv', lines=2 * np.arange(60) + 5)
-    again = diagnose([run, night(16)], **FAST)
+    other = night(16)
+    other.meta['graduation'] = run.meta['graduation']
+    again = diagnose([run, other], **FAST)
     assert [(e['row'], e['source']) for e in again.excluded] == [
         (105, 'night.csv'), (85, 'night.csv')]
     assert again.to_dict()['excluded'][0] == {'row': 105, 'reason': 'night.csv: az_enc not finite'}
     assert any(note.endswith('row 19 (+2)') for note in again.notes)
     assert result.after['rms_arcsec'] < 1.7
+
+
+@pytest.mark.parametrize('graduation', [{'grating': 47200}, {'grating': 47200, 'bars': 1080}])
+def test_outliers_anywhere_are_no_slips(graduation):
+    rng = np.random.default_rng(7)
+    alarms = 0
+    for seed in range(60):
+        run = night(seed)
+        rows = rng.choice(60, 4, replace=False)
+        for axis, k in zip(rng.choice(['az_enc', 'el_enc'], 4), rows):
+            run.columns[axis][k] += rng.choice([-1, 1]) * rng.uniform(20.0, 800.0) * ARCSEC
+        run.meta['graduation'] = graduation
+        obs = observations(run)
+        alarms += bool(Work(obs, Base.parse('physical'), 0.01, curves=False).slips)
+    assert alarms <= 2  # of 60 at 1 %
+
+
+def test_an_outlier_that_misses_speaks_against_slips():
+    period = 2.0 * np.pi / 47200
+    found = {}
+    for misses in (0, 6):
+        run = night(21)
+        rows = np.arange(5, 5 + 4 + misses)
+        run.columns['el_enc'][rows[:4]] += period * np.array([1, -2, 3, 1])
+        run.columns['el_enc'][rows[4:]] += period * np.linspace(2.3, 7.7, misses)
+        run.meta['graduation'] = {'el': {'grating': 47200}}
+        slips = Work(observations(run), Base.parse('physical'), 0.01).slips
+        found[misses] = [p for _, p in slips]
+    assert found[0] and found[0][0] < 1e-3
+    assert not found[6]
 
 
 def test_held_out_rows_and_drivers_that_fail_are_said():
@@ -341,16 +382,73 @@ def nights_that_wander(seed, n=30, size=0.0):
 
 def test_what_the_rows_of_a_night_share_is_no_effect_of_the_mount():
     result = diagnose(nights_that_wander(3), flips=299)
-    assert result.verdict == 'none' and result.before == result.after
-    (note,) = (n for n in result.notes if 'does not repeat without some of the runs' in n)
-    assert 'elevation_zero_step' in note
+    assert result.verdict == 'wanders' and not result.effects
+    assert result.wander['slow'] and set(result.wander['axes']) >= {'el'}
     _, sentences = verdict_sentences(result.to_dict(), caution=result.caution)
-    assert 'does not hold from run to run' in sentences[0]
     assert not any('looks like noise' in s for s in sentences)
     # what the mount has on all nights stays
     result = diagnose(nights_that_wander(3, size=8.0), flips=299)
     assert any('azimuth_hysteresis' in name for name in names(result))
     assert result.after['cv_rms_arcsec'] < 0.8 * result.before['cv_rms_arcsec']
+
+
+def correlated(rho):
+    """Noise whose rows share `rho` with the row before."""
+    def noise(rng, el):
+        e = rng.normal(size=(2, len(el)))
+        for i in range(1, len(el)):
+            e[:, i] = rho * e[:, i - 1] + np.sqrt(1.0 - rho**2) * e[:, i]
+        return e
+    return noise
+
+
+def test_a_zero_that_wanders_is_no_effect_and_is_told():
+    found = [diagnose(night(300 + i, noise=correlated(0.9)), **FAST) for i in range(12)]
+    # if rows are taken to have no memory, 10 of these have effects
+    assert sum(bool(r.effects) for r in found) <= 1
+    assert sum(r.verdict == 'wanders' for r in found) >= 11
+    told = next(r for r in found if r.wander and set(r.wander['axes']) == {'az', 'el'})
+    for axis in told.wander['axes'].values():
+        assert axis['sigma_arcsec'] > 0.3 and 0.0 < axis['moves_arcsec'] < 5.0
+        assert axis['unit'] == 'hours' and 0.05 < axis['memory'] < 10.0
+    assert 'the zero wanders' in told.wander['text']
+    headline, sentences = verdict_sentences(told.to_dict())
+    assert 'wanders' in headline and 'its cause is not told' in sentences[0]
+    document = json.loads(json.dumps(told.to_dict()))
+    assert document['wander']['p'] <= 0.01
+
+
+def test_an_effect_not_of_time_is_found_beside_a_wander():
+    for seed in range(6):
+        result = diagnose(night(310 + seed, effect=CASES['oval disc'][0], noise=correlated(0.6)),
+                          **FAST)
+        assert 'azimuth_encoder_2' in names(result)
+
+
+def test_what_repeats_each_other_counts_as_fewer():
+    false, told = 0, 0
+    for seed in range(12):
+        once = night(330 + seed, n=30)
+        two = np.repeat(np.arange(30), 2)
+        run = PointingRun({k: v[two].copy() for k, v in once.columns.items()}, once.meta)
+        run.columns['time'] += np.tile([0.0, 8.0], 30)
+        e = 0.3 * ARCSEC * np.random.default_rng(seed).normal(size=(2, 60))
+        run.columns['az_enc'] += e[0] / np.cos(run['el'])
+        run.columns['el_enc'] += e[1]
+        result = diagnose(run, **FAST)
+        false += bool(result.effects)
+        told += bool(result.wander) and 'share their error' in result.wander['text']
+    assert false <= 1 and told >= 5
+
+
+def test_a_small_drift_is_not_told_from_a_wander():
+    verdicts = [diagnose(night(350 + i, effect=lambda c: (
+        0.0, 3.0 * ARCSEC * (c['time'] - 1.7e9) / 3600.0)), **FAST) for i in range(5)]
+    assert all(r.verdict != 'none' for r in verdicts)
+    wandering = [r for r in verdicts if r.verdict == 'wanders']
+    assert wandering and all(
+        any('with_time' in n or 'step' in n or 'temperature' in n for n in r.wander['like'])
+        for r in wandering)
 
 
 def test_base_is_read_and_refused():

@@ -63,8 +63,8 @@ def sky(n, seed, size=4.0):
         'star': np.array([f'{EVIL} {i}' for i in range(n)]),
         'az_enc': az + 30 * ARCSEC + (x + size * side * ARCSEC) / np.cos(el), 'el_enc': el + y,
         'approach_az': side, 'approach_el': rng.choice([-1.0, 1.0], n), EVIL: rng.normal(size=n),
-    }, {'source': f'/some/where/{EVIL}.csv', 'notes': [EVIL], 'lines': np.arange(n) + 2,
-        'excluded': [{'row': 7, 'reason': EVIL}] * 2})
+    }, {'drivers': (EVIL,), 'source': f'/some/where/{EVIL}.csv', 'notes': [EVIL],
+        'lines': np.arange(n) + 2, 'excluded': [{'row': 7, 'reason': EVIL}] * 2})
 
 
 @pytest.fixture(scope='module')

@@ -12,6 +12,7 @@ from pointing_model import geometry
 from pointing_model.context import Context
 from pointing_model.effects import (
     PERIODS,
+    declared_graduation,
     dictionary,
     effect,
     of_document,
@@ -88,6 +89,7 @@ def test_the_dictionary_holds_what_is_asked_for():
     wanted |= {f'elevation_encoder_{k}' for k in (1, 2, 3)}
     wanted |= {f'azimuth_encoder_{k}' for k in range(1, 7)}
     wanted |= {f'azimuth_bearing_wobble_{k}' for k in (1, 2, 3)}
+    wanted |= {f'line_of_sight_{k}' for k in (2, 3, 4)}
     wanted |= {f'{t}_with_{d}' for d in ('time', 'temperature') for t in (
         'azimuth_zero', 'elevation_zero', 'tilt', 'flexure', 'collimation')}
     wanted |= {'azimuth_zero_with_time_squared', 'elevation_zero_with_time_squared'}
@@ -275,6 +277,33 @@ def test_hysteresis_and_its_memory():
     assert faded[2] == pytest.approx(-1.0 + 2.0 * np.exp(-2.0))
     cosine = effect('hysteresis', axis='az', shape='cosE').columns(context)[0, 0]
     assert np.allclose(cosine, plain * np.cos(0.7))
+
+
+def test_the_line_of_sight_turns_with_the_mirror_that_bends_it():
+    # a beam that leaves the azimuth axis' plane by an angle that goes twice round a turn
+    rng = np.random.default_rng(8)
+    az, el = rng.uniform(0.0, 2.0 * np.pi, 40), rng.uniform(0.3, 1.3, 40)
+    left = 20.0 * ARCSEC * np.sin(2.0 * az)
+    beside = np.arctan2(np.tan(left), np.cos(el))  # of an exact collimation
+    columns = effect('line_of_sight', order=2).columns(Context(az, el))
+    assert not columns[:, 1].any()
+    assert np.abs(20.0 * columns[1, 0] - beside * np.cos(el) / ARCSEC).max() < 1e-3
+    assert effect('line_of_sight', order=2).tpoint == 'HSCA2 HSSA2'
+
+
+def test_a_declared_graduation_is_the_one_that_is_divided():
+    context = make_context()
+    context.graduation = declared_graduation('az.grating=36000')
+    names = {e.name: e for e in dictionary(context)[0] if e.form == 'subdivision'}
+    assert {n for n in names if n.startswith('azimuth')} == {
+        'azimuth_subdivision_grating_1', 'azimuth_subdivision_grating_2'}
+    assert names['azimuth_subdivision_grating_1'].parameters['lines'] == 36000
+    assert '36"' in names['azimuth_subdivision_grating_1'].cause
+    for wrong in ('grating=27.5', 'bars', 'tape=1000', 'ra.bars=1080', 'grating=3', 'bars=x'):
+        with pytest.raises(ValueError, match='graduation'):
+            declared_graduation(wrong)
+    assert declared_graduation({'bars': 1080}) == declared_graduation(
+        declared_graduation('bars = 1080')) == {'az': {'bars': 1080}, 'el': {'bars': 1080}}
 
 
 def test_subdivision_follows_the_raw_reading():

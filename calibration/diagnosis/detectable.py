@@ -1,0 +1,116 @@
+"""How large an effect would have been, for these observations to show it.
+
+"Nothing found" is worth what could have been found. The directions, the times and the noise of a
+run say it beforehand: an effect of amplitude a has lambda = a |(1 - P) s| / sigma, its unit signal
+s beyond what the model fits, in units of the noise; it is found where the noncentral F of its
+score passes what chance gives to the best of all candidates.
+"""
+
+import numpy as np
+
+from msg_tools.units import ARCSEC
+
+from .chance import ChanceTest, normal_score
+from .constants import DICTIONARY_SHARE, LIVE
+
+#: how often an effect of the size that is told would have been found
+POWER = 0.9
+#: effects that are told: name, in words, factor on the coefficient's length, unit
+_TOLD = (
+    ('azimuth_encoder_1', 'an azimuth encoder wrong once per turn', 1.0, 'arcsec'),
+    ('line_of_sight_2', 'a line of sight that swings twice per turn', 1.0, 'arcsec'),
+    ('elevation_nod_2', 'a nod twice per turn', 1.0, 'arcsec'),
+    ('refraction', 'a refraction constant wrong', 1.0, 'arcsec'),
+    *((f'{axis}_zero_with_{driver}', f'an {axis} zero that drifts', 1.0, f'arcsec{unit}')
+      for driver, unit in (('time', '/h'), ('run_hours', '/h'), ('order', '/run'))
+      for axis in ('azimuth', 'elevation')),
+    # the coefficient is half the difference of both sides
+    ('azimuth_hysteresis_cosE', 'a backlash of the azimuth axis', 2.0, 'arcsec'),
+    ('elevation_hysteresis', 'a backlash of the elevation axis', 2.0, 'arcsec'),
+    ('azimuth_encoder_2', 'an azimuth encoder wrong twice per turn', 1.0, 'arcsec'),
+    ('elevation_encoder_2', 'an elevation encoder wrong twice per turn', 1.0, 'arcsec'),
+    *((f'{axis}_zero_with_temperature', f'an {axis} zero that follows the temperature', 1.0,
+       'arcsec/K') for axis in ('azimuth', 'elevation')),
+)
+#: phases of two columns that belong together, shape (k, 2)
+_PHASES = np.array([[np.cos(a), np.sin(a)] for a in (np.arange(48) + 0.5) * np.pi / 48])
+_SURE = 1e4  # lambda^2 of what no run overlooks
+
+
+def detectable(problem, chance, alpha):
+    """Amplitudes that a run would have shown in 9 of 10 cases, whatever their phase or sign.
+
+    Parameters
+    ----------
+    problem : Problem
+        Nothing is chosen: the base alone is fitted.
+    chance : Chance
+    alpha : float
+        Family-wise error of the search.
+
+    Returns
+    -------
+    list of dict
+        ``name``, ``what``, ``amplitude_arcsec``, ``unit`` (of the amplitude: a drift's is an
+        hour's) and ``rms_arcsec`` of that effect on the rows, on the sky. Effects that the base
+        or another driver of the run hides are not in it.
+    """
+    state = problem.plain.state([])
+    bank = problem.dictionary
+    scores = bank.score(state)
+    if not np.isfinite(scores.delta_bic).any():
+        return []
+    best = int(np.argmax(scores.delta_bic))
+    flipped = ChanceTest(state, scores, best).flipped_max(chance.signs)
+    limit = float(np.quantile(flipped, 1.0 - alpha * DICTIONARY_SHARE))
+    live = max(np.count_nonzero(state.weights > LIVE), 2)
+    free = max(live - len(state.basis) / 2, 4)  # each axis has noise of its own
+    names = {e.name: g for g, e in reversed(list(enumerate(bank.effects)))}
+    out = []
+    for name, what, factor, unit in _TOLD:
+        g = names.get(name)
+        if g is None or scores.dof[g] < len(bank.of(g)):
+            continue
+        dof = int(scores.dof[g])
+        white = state.white(bank.of(g))
+        white = white - (white @ state.basis.T) @ state.basis
+        # signal beyond the base in units of the noise, of each phase at unit amplitude
+        phases = _PHASES if dof == 2 else np.ones((1, 1))
+        unit_lambda = np.sqrt(np.square(phases @ white).sum(axis=1))
+        size = _amplitude(unit_lambda, dof, free, _gain(dof, free, limit, dof * np.log(live)))
+        rms = np.sqrt(np.square(phases @ bank.of(g)).sum() / len(phases) / problem.n)
+        out.append({'name': name, 'what': what, 'amplitude_arcsec': factor * size / ARCSEC,
+                    'unit': unit, 'rms_arcsec': float(size * rms / ARCSEC)})
+    return out
+
+
+def _gain(dof, free, limit, cost):
+    """Gain, in chi^2, beyond chance and beyond what BIC asks for.
+
+    Parameters
+    ----------
+    dof : int
+        Columns of the effect.
+    free : int
+        Degrees of freedom that the noise is known by.
+    limit : float
+        Normal score that chance gives to the best of all candidates.
+    cost : float
+    """
+    return max(_bisect(lambda v: normal_score(v, dof, free) < limit, 0.1, 1e5), cost)
+
+
+def _amplitude(unit_lambda, dof, free, gain):
+    """Amplitude that is found in `POWER` of all cases, any phase being as likely."""
+    from scipy.special import ncfdtr
+    return _bisect(lambda a: np.mean(1.0 - ncfdtr(
+        dof, free, np.minimum(np.square(a * unit_lambda), _SURE), gain / dof)) < POWER,
+        0.0, 1e4 / np.sqrt(np.square(unit_lambda).mean()))
+
+
+def _bisect(below, low, high):
+    """Where `below` turns from true to false."""
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if below(middle) else (low, middle)
+    return float(high)
