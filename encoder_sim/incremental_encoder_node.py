@@ -68,6 +68,8 @@ class IncrementalEncoders(MountedDevice):
                 AxisHoming(s.homed, s.side, s.missed_marks, s.passages, s.mark_error,
                            encoder.count_angle, encoder.params.pulse_width, s.power_on, started)
                 for s, encoder in zip(states, self._encoders)], self._stamp))
+            if self._power_on is not None:
+                self.announce()  # a log without that topic has the diagnostics alone
 
     def _on_power_cycle(self, request, response):
         for encoder in self._encoders:
