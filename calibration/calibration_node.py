@@ -14,13 +14,16 @@ from std_srvs.srv import Trigger
 from msg_tools import convert, topics
 from msg_tools.homing import cloud_to_homing
 from msg_tools.node import MountNode, Param, run_node
-from msg_tools.status import OBSERVATIONS
+from msg_tools.status import OBSERVATIONS, Progress, handover_rows
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.effects import declared_graduation
+from pointing_model.in_force_message import text_to_pair
 from pointing_model.model import PointingModel
-from pointing_model.run_messages import cloud_to_run
+from pointing_model.model_document import identity
+from pointing_model.run_messages import cloud_to_run, run_to_cloud
 from pointing_model.zero_message import zero_to_joints
 
+from .distrust import contradicted
 from .nights import NightSeries
 from .session import CalibrationSession
 from .witnesses import UNJUDGED, homings_of
@@ -52,6 +55,8 @@ PARAMS = (
           0.5),
     Param('site', '', 'latitude and longitude of the mount [deg], such as "34.3, 109.0", for '
           'what follows the stars; empty: unknown', check=_site),
+    Param('diagnosed_at', 0, 'stamp of the newest observation that the service diagnose takes '
+          '[ns]; 0: all. For replays, which have all of them at once', 0, 2**63 - 1, fixed=True),
     Param('graduation', '', 'lines in a turn of the encoder, such as grating=47200, for readings '
           'that slipped by whole lines; empty: unknown', fixed=True, check=declared_graduation),
     Param('diagnosis_page', '', 'HTML file that the service diagnose writes; empty: none'),
@@ -70,32 +75,88 @@ class Calibration(MountNode):
         self._session = (NightSeries(age, reference, seed) if age
                          else CalibrationSession(reference, seed))
         self._alarms = []
-        self._finding = ''
+        self._finding = self._refused = ''
+        self._model_name = identity(reference.to_json() if reference else '')
+        self._spoke = False  # a zero or a model is published
+        self._contradiction = ''  # why the last model was not
+        self._observer = None  # how far its plan is
+        self._taken_up = []  # from others, after a start in the middle of a night
+        self._starts = {}  # number of a power-on -> when it began
         self._marks = None  # what the incremental encoder says of them
         self._zero_pub = self.publisher(topics.ZERO)
         self._model_pub = self.publisher(topics.MODEL)
         self._report_pub = self.publisher(topics.CALIBRATION_REPORT)
         self._diagnosis_pub = self.publisher(topics.DIAGNOSIS)
         self._status_pub = self.publisher(topics.CALIBRATION_STATUS)
+        self._table_pub = self.publisher(topics.CALIBRATION_TABLE)
         self.subscribe(topics.OBSERVATION, self._on_observation)
         # latched: after a restart it brings back the night so far
         self.subscribe(topics.OBSERVATIONS, self._on_table)
         self.subscribe(topics.HOMING, self._on_homing)
+        self.subscribe(topics.OBSERVER_STATUS, self._on_observer)
+        self.subscribe(topics.IN_FORCE, self._on_in_force)
         for name, work in (('calibrate_zero', self._work_zero), ('fit', self._work_fit),
-                           ('diagnose', self._work_diagnosis)):
+                           ('diagnose', self._work_diagnosis), ('judge', self._work_judge)):
             self.create_service(Trigger, name, partial(self._answer, work))
-        self._say('collecting')
+        self._say('knows nothing of the night yet: no observation, no zero, no model')
 
     def _on_observation(self, message):
-        self._session.add(self._rows(message),
-                          convert.from_stamp(message.header.stamp))
+        run = self._rows(message)
+        self._session.add(run, convert.from_stamp(message.header.stamp))
+        self._note_starts(run)
         self._say('collecting')
 
     def _on_table(self, message):
         if message.width:
-            self._session.take_table(self._rows(message),
-                                     convert.from_stamp(message.header.stamp))
-            self._say('collecting')
+            run, before = self._rows(message), len(self._session)
+            self._session.take_table(run, convert.from_stamp(message.header.stamp))
+            self._note_starts(run)
+            if len(self._session) > before + 1:  # it may overtake its last row
+                self._take_up_rows()
+            else:
+                self._say('collecting')
+
+    # --- started anew, this node or another -----------------------------------------------------
+
+    def _take_up_rows(self):
+        with_zero = self._session.zeros_again()
+        self._taken_up = [f'{len(self._session)} observations', 'zeros by Polaris of power-ons '
+                          + (', '.join(map(str, with_zero)) or 'none')]
+        self._say_taken_up()
+
+    def _say_taken_up(self):
+        model = ('the model in force' if self._session.in_force is not None else
+                 'no model is known until the next fit')
+        self._say(f'started in the middle of a night: took up {", ".join(self._taken_up)}; {model}')
+
+    def _on_in_force(self, message):
+        """Of a calibration before: what it has published died with it."""
+        if self._spoke or self.value('reference_age'):
+            return
+        text, stamp, zero = text_to_pair(message.data)
+        if text:
+            self._session.in_force = PointingModel.from_json(text)
+            self._model_pub.publish(String(data=text))
+        self._model_name, self._spoke = identity(text), True
+        self._zero_pub.publish(zero_to_joints(zero, stamp))
+        self._taken_up.append('the zero in force')
+        self._say_taken_up()
+
+    def _on_observer(self, message):
+        progress = Progress.read(message)
+        if progress.observations or not len(self._session):
+            self._observer = progress
+            return
+        run = self._session.observations()
+        self._table_pub.publish(run_to_cloud(run, self._session.last_stamp))
+        self._say('gave the rows of the night to an observer that has none',
+                  **handover_rows(len(run), self._observer))
+
+    def _note_starts(self, run):
+        if 'encoder_start' in run and 'run' in run:
+            known = np.isfinite(run['encoder_start'])
+            self._starts.update(zip(run['run'][known].astype(int).tolist(),
+                                    run['encoder_start'][known].tolist()))
 
     def _rows(self, message):
         rows = cloud_to_run(message)
@@ -138,7 +199,7 @@ class Calibration(MountNode):
         old = self._session.reference
         if self.value('reference_age') and old is not None:
             # the zero goes with the model that it is relative to
-            self._model_pub.publish(String(data=self._dated(old).to_json()))
+            self._send_model(self._dated(old))
         self._publish_zero(zero)
         done = (
             f'zero of power-on {run}: azimuth {zero.az / ARCSEC:+.2f} +- '
@@ -160,24 +221,50 @@ class Calibration(MountNode):
         return replace(model, provenance={
             **model.provenance, 'last_stamp_ns': self._session.last_stamp})
 
+    def _send_model(self, model):
+        text = model.to_json()
+        self._model_name, self._spoke = identity(text), True
+        self._model_pub.publish(String(data=text))
+
     def _publish_zero(self, zero):
-        self._zero_pub.publish(zero_to_joints(zero, self._session.last_stamp))
+        """With what it holds for: its power-on and the model."""
+        self._spoke = True
+        bound = replace(zero, model=self._model_name, started=self._starts.get(zero.run))
+        self._zero_pub.publish(zero_to_joints(bound, self._session.last_stamp))
 
     def _work_fit(self):
         self._say('fitting')
+        self._refuse_contradicted()
         model, report = self._session.fit(self._homings())
-        self._alarms = report['witnesses']['alarms']
-        self._report_pub.publish(String(data=json.dumps(report)))
+        self._publish_report()
+        self._refuse_contradicted(report)
         self._publish_model(model)
         held_out = report['steps'][-1]['held_out']['radial']
         done = (f'{report["stars"]} stars fitted; {report["steps"][-1]["step"]}: '
                 f'{held_out:.2f} arcsec radial on stars held out')
-        self._say(done)
+        if 'refused' in report:
+            done = self._refused = report['refused']
+        self._say(done, DiagnosticStatus.WARN if 'refused' in report else DiagnosticStatus.OK)
         return done
+
+    def _refuse_contradicted(self, report=None):
+        """ValueError where what is known speaks against a model of these observations."""
+        why = contradicted(self._alarms, self._session.observations(), report)
+        self._contradiction = why
+        if why:
+            raise ValueError(why)
+
+    def _publish_report(self):
+        """That of the last fit: its alarms are judged again whenever the model changes."""
+        report = self._session.report
+        if report is not None:
+            self._alarms = report['witnesses']['alarms']
+            self._report_pub.publish(String(data=json.dumps(report)))
 
     def _publish_model(self, model):
         """The model, and the zero that belongs to it; Polaris alone gave it a little otherwise."""
-        self._model_pub.publish(String(data=model.to_json()))
+        self._send_model(model)
+        self._session.in_force = model
         by_polaris = self._session.zeros
         self._publish_zero(replace(
             self._session.zeros_in_force.newest,
@@ -186,28 +273,58 @@ class Calibration(MountNode):
     def _work_diagnosis(self):
         # the node hears nothing until it is done: seconds
         self._say('diagnosing')
-        found = self._session.diagnose(self.value('alpha'), _site(self.value('site')))
+        self._refuse_contradicted()
+        found = self._session.diagnose(self.value('alpha'), _site(self.value('site')),
+                                       self.value('diagnosed_at'))
+        document = found.document
+        done = (f'{self._publish_finding(found)}; {document["before"]["rms_arcsec"]:.2f} arcsec '
+                f'radial before, {document["after"]["rms_arcsec"]:.2f} after')
+        if document['verdict'] == 'refused':  # the columns are mistaken: nothing is concluded
+            done = self._refused = found.diagnosis.caution
+        elif self._refused:
+            done += f'; {self._refused}'
+        done += self._write_page(found)
+        self._say_finding(done, document)
+        return done
+
+    def _work_judge(self):
+        found = self._session.judge(_site(self.value('site')))
+        self._publish_finding(found)
+        done = found.document['judged']['why']
+        if found.document['judged']['taken_back']:
+            done += self._write_page(found)
+        self._say_finding(done, found.document)
+        return done
+
+    def _write_page(self, found):
+        """Why the page was not written, if it was to be."""
+        if not self.value('diagnosis_page'):
+            return ''
+        from .diagnosis_page.page import write_report
+        try:
+            write_report(found.diagnosis, Path(self.value('diagnosis_page')))
+        except OSError as err:
+            self.get_logger().error(f'the page was not written: {err}')
+            return f'; the page was not written: {err}'
+        return ''
+
+    def _publish_finding(self, found):
+        """Diagnosis, report, model and zero of an `Amended`; what was found, in words."""
         document = found.document
         self._diagnosis_pub.publish(String(data=json.dumps(document)))
+        self._publish_report()
         self._publish_model(found.model)
         self._finding = document['verdict']
         if document['applied']:
             self._finding += ': ' + ', '.join(document['applied'])
-        done = (f'{self._finding}; {document["before"]["rms_arcsec"]:.2f} arcsec '
-                f'radial before, {document["after"]["rms_arcsec"]:.2f} after')
-        refused = document['verdict'] == 'refused'
-        if refused:
-            done = found.diagnosis.caution
-        if self.value('diagnosis_page'):
-            from .diagnosis_page.page import write_report
-            try:
-                write_report(found.diagnosis, Path(self.value('diagnosis_page')))
-            except OSError as err:
-                done += f'; the page was not written: {err}'
-                self.get_logger().error(done)
-        self._say(done, DiagnosticStatus.WARN if refused else DiagnosticStatus.OK,
-                  verdict=document['verdict'], effects=', '.join(document['applied']))
-        return done
+        self._refused = '; '.join(f'not published: {entry["why"]}'
+                                  for entry in document['refused'])
+        return self._finding
+
+    def _say_finding(self, done, document):
+        self._say(done, DiagnosticStatus.WARN if self._refused else DiagnosticStatus.OK,
+                  verdict=document['verdict'], effects=', '.join(document['applied']),
+                  published=document['published'])
 
     def required(self):
         """It needs observations."""
@@ -215,13 +332,16 @@ class Calibration(MountNode):
 
     def problems(self):
         """What the three witnesses of the last night disagree on, or cannot say."""
-        found = [*self._alarms, *([UNJUDGED] if self._unjudged() else [])]
+        found = [*([self._contradiction] if self._contradiction else []), *self._alarms,
+                 *([UNJUDGED] if self._unjudged() else []),
+                 *([self._refused] if self._refused else [])]
         return [(DiagnosticStatus.WARN, text) for text in found]
 
     def details(self):
         """What has come."""
         return [('observations', str(len(self._session))),
                 ('power-ons with a zero', str(len(self._session.zeros))),
+                ('taken up', '; '.join(self._taken_up) or 'nothing: there from the start'),
                 ('diagnosis', self._finding or 'none yet')]
 
 

@@ -3,7 +3,8 @@
 import numpy as np
 
 from pointing_model.rms import rms_arcsec
-from pointing_model.zero import NO_ZERO
+from pointing_model.star_catalogue import POLARIS_HIP
+from pointing_model.zero import NO_ZERO, zero_in_force
 
 from .fit import fit_terms
 
@@ -86,3 +87,55 @@ def external_check(run, *, seed=0, encoder='enc', zero=NO_ZERO, **options):
         model = fit_terms(run.select(half), encoder=encoder, zero=zero, **options).model
         left[:, ~half] = model.residuals(run.select(~half), encoder=encoder, zero=zero)
     return rms_arcsec(*left)
+
+
+def rms_of(model, run, zero):
+    """RMS of a model's residuals on a run, dict: ``x``, ``y``, ``radial``, arcsec."""
+    return rms_arcsec(*model.residuals(run, zero=zero))._asdict()
+
+
+def power_on_check(rows, reference, polaris, measured, change, notes):
+    """The paper's check: coefficients of one power-on on the stars of the next.
+
+    Parameters
+    ----------
+    rows : PointingRun
+    reference : PointingModel or None
+        Of an earlier night: it is judged on all stars then, before and after Polaris.
+    polaris : Zeros
+        By Polaris alone, one of each power-on; empty without any.
+    measured : Zeros
+        Those of power-ons in which Polaris was observed.
+    change : callable
+        ``change(rows, before, after, model)`` gives the change of the zero, a PolarisZero.
+    notes : list of str
+        Gets a line where a power-on has too few stars.
+
+    Returns
+    -------
+    list of dict
+        ``check``, a sentence, and the RMS as `rms_of` gives it.
+    """
+    stars = rows.select(rows['star'] != POLARIS_HIP)
+    if not polaris:
+        return []
+    if reference is not None:
+        label = 'model of the earlier night on all stars of tonight'
+        return [{'check': f'{label}, before Polaris',
+                 **rms_of(reference, stars, zero_in_force(reference))},
+                {'check': f'{label}, after Polaris', **rms_of(reference, stars, polaris)}]
+    out = []
+    numbers = [n for n in np.unique(stars['run']) if int(n) in measured]
+    for before, after in zip(numbers, numbers[1:]):
+        old = polaris[before]
+        try:
+            model = fit_terms(rows.select(rows['run'] == before), zero=old).model
+        except ValueError as err:
+            notes.append(f'external check: {err}')
+            continue
+        later = stars.select(stars['run'] == after)
+        new = old.plus(*change(rows, before, after, model).angles)
+        label = f'model of power-on {before:.0f} on the stars of power-on {after:.0f}'
+        out.append({'check': f'{label}, with the old zero', **rms_of(model, later, old)})
+        out.append({'check': f'{label}, zero by Polaris', **rms_of(model, later, new)})
+    return out

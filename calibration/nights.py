@@ -10,6 +10,7 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 from pointing_model.rms import rms
+from pointing_model.run import PointingRun
 from pointing_model.star_catalogue import POLARIS_HIP
 from pointing_model.terms import mean_columns
 from pointing_model.zero import NO_ZERO, Zeros, zero_in_force
@@ -44,9 +45,22 @@ class NightSeries:
         self._zeros = Zeros()
         self._rows = {}
         self.last_stamp = 0
+        #: that was published last; a zero of tonight is relative to an earlier night's all the same
+        self.in_force = None
 
     def __len__(self):
         return sum(len(session) for session in self._sessions.values())
+
+    def observations(self):
+        """All rows so far, a PointingRun; ValueError before the first."""
+        if not self._sessions:
+            raise ValueError('no observation has come yet; observe first')
+        return PointingRun.concatenate(
+            [session.observations() for session in self._sessions.values()])
+
+    def zeros_again(self):
+        """`take_table` has calibrated the nights that are over; numbers of those with a zero."""
+        return sorted(map(int, self.zeros))
 
     @property
     def newest(self):
@@ -160,13 +174,22 @@ class NightSeries:
         report['nights'] = [self._rows[n] for n in sorted(self._rows)]
         return model, report
 
-    def diagnose(self, alpha=0.01, site=None):
+    def diagnose(self, alpha=0.01, site=None, until=0):
         """What tonight's model lacks; see `CalibrationSession.diagnose`.
 
         Later nights keep the model without the effects as their reference: what follows the time
         of one night says nothing about another.
         """
-        return self._sessions[self.newest].diagnose(alpha, site)
+        return self._sessions[self.newest].diagnose(alpha, site, until)
+
+    def judge(self, site=None):
+        """What was published tonight, before blind stars; see `CalibrationSession.judge`."""
+        return self._sessions[self.newest].judge(site)
+
+    @property
+    def report(self):
+        """Of tonight's last fit; see `CalibrationSession.report`."""
+        return self._sessions[self.newest].report
 
     def _night(self, number, rows, alarms):
         polaris = rows['star'] == POLARIS_HIP

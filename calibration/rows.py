@@ -5,7 +5,10 @@ from typing import NamedTuple
 import numpy as np
 
 from pointing_model.run import PointingRun
+from pointing_model.star_catalogue import POLARIS_HIP
 from pointing_model.zero import NO_ZERO
+
+from .distrust import distrusted
 
 #: why a row is left out that no encoder angles belong to
 UNREACHABLE = 'the model cannot point there'
@@ -28,14 +31,22 @@ def is_kept_out(rows):
 
 
 def for_fitting(rows):
-    """The rows that fits and choices may see: no satellites, and nothing that is kept out.
+    """The rows that fits and choices may see: no satellites, nothing kept out, no lies.
 
     Parameters
     ----------
     rows : PointingRun
-        With column `star`; negative: a satellite, which is for checks only.
+        With column `star`; negative: a satellite, which is for checks only. In the order in which
+        they were taken: what an instrument falsified is left out, see `distrust`.
     """
-    return rows.select((rows['star'] >= 0) & ~is_kept_out(rows))
+    return rows.select((rows['star'] >= 0) & ~is_kept_out(rows) & ~distrusted(rows))
+
+
+def polaris_by_run(rows):
+    """Number and exposures of Polaris, a PointingRun, of each power-on that has some; no lies."""
+    rows = rows.select((rows['star'] == POLARIS_HIP) & ~distrusted(rows))
+    for number in np.unique(rows['run']):
+        yield int(number), rows.select(rows['run'] == number)
 
 
 def with_check(rows):

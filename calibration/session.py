@@ -1,19 +1,26 @@
 """What the calibration knows of a night: its observations, the zeros, the models, the report."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from msg_tools.units import ARCSEC
+from pointing_model.following import KEY as FOLLOWS
+from pointing_model.following import Following
 from pointing_model.model import PointingModel
-from pointing_model.rms import rms_arcsec
 from pointing_model.run import PointingRun
 from pointing_model.star_catalogue import POLARIS_HIP
 from pointing_model.terms import PHYSICAL
 from pointing_model.zero import NO_ZERO, Zeros, zero_in_force
 
-from .check import split_half
+from .check import power_on_check, rms_of, split_half
+from .distrust import reasons
 from .fit import fit_harmonics, fit_terms
+from .judgement import FEWEST, judge
 from .polaris_zero import zero_from_polaris
-from .rows import for_fitting, with_check
+from .publication import Candidate, Published
+from .rows import for_fitting, polaris_by_run, with_check
+from .wandering import followed
 from .witnesses import check_witnesses
 
 REPORT_FORMAT = 'telescope_mount/calibration_report'
@@ -53,17 +60,25 @@ class CalibrationSession:
         self._yesterday = yesterday
         #: how Polaris and the encoders stand to each other tonight, from `fit` on
         self.witness = None
-        self._parts = []
+        self._parts = {}  # by the stamp of the newest row
         self.last_stamp = 0
         #: that `fit` made last, PointingModel
         self.model = None
+        #: that was published last, PointingModel: a zero by Polaris goes with it
+        self.in_force = None
         #: by Polaris alone, a PolarisZero of each power-on with exposures
         self.zeros = Zeros()
         #: that belong to the fitted model
         self.zeros_in_force = Zeros()
+        #: of the last fit, judged again with the model that came after it
+        self.report = None
+        self._published = Published()
+        self._follows = Following()
+        self._homings = ()
+        self._diagnosis = self._result = None
 
     def __len__(self):
-        return sum(len(part) for part in self._parts)
+        return sum(map(len, self._parts.values()))
 
     @property
     def newest(self):
@@ -89,7 +104,7 @@ class CalibrationSession:
             if name not in run:
                 raise ValueError(f'observation without column {name}')
         if stamp > self.last_stamp:
-            self._parts.append(with_check(run))
+            self._parts[stamp] = with_check(run)
             self.last_stamp = stamp
 
     def take_table(self, run, stamp):
@@ -107,8 +122,8 @@ class CalibrationSession:
             self.last_stamp = 0
             self.add(run, stamp)
 
-    def observations(self):
-        """All rows so far, a PointingRun.
+    def observations(self, until=0):
+        """All rows so far (with `until`, those that had come by that stamp), a PointingRun.
 
         Raises
         ------
@@ -117,7 +132,23 @@ class CalibrationSession:
         """
         if not self._parts:
             raise ValueError('no observation has come yet; observe first')
-        return PointingRun.concatenate(self._parts)
+        parts = [part for stamp, part in self._parts.items() if not until or stamp <= until]
+        return PointingRun.concatenate(parts or self._parts.values())
+
+    def zeros_again(self):
+        """The zeros by Polaris, from the rows that are there; numbers of their power-ons.
+
+        Who has lost them must not take Polaris for not observed.
+        """
+        for number, part in polaris_by_run(self.observations()):
+            try:
+                self.zeros[number] = self._zero(part, number)
+            except ValueError:
+                continue  # too few exposures of it
+        return sorted(self.zeros)
+
+    def _zero(self, polaris, number):
+        return zero_from_polaris(polaris, self.reference or PointingModel({}), run=number)
 
     def calibrate_zero(self):
         """Zeros of all power-ons in which Polaris was observed.
@@ -127,23 +158,26 @@ class CalibrationSession:
         run : int
             The newest of them.
         zero : PolarisZero
-            Its zero.
+            Its zero, for pointing with the model in force, else relative to the reference.
 
         Raises
         ------
         ValueError
             No usable exposure of Polaris in the newest power-on.
         """
-        rows = self.observations()
         newest = self.newest
-        polaris = rows.select(rows['star'] == POLARIS_HIP)
-        reference = self.reference or PointingModel({})
-        for number in np.unique(polaris['run']):
-            part = polaris.select(polaris['run'] == number)
-            self.zeros[int(number)] = zero_from_polaris(part, reference, run=int(number))
-        if newest not in self.zeros:
-            raise ValueError(f'Polaris was not observed since power-on {newest}; point at it first')
-        return newest, self.zeros[newest]
+        polaris = dict(polaris_by_run(self.observations()))
+        for number, part in polaris.items():
+            self.zeros[number] = self._zero(part, number)
+        if newest not in polaris:
+            self.zeros.pop(newest, None)  # of exposures that are not trusted any more
+            raise ValueError('; '.join([
+                f'Polaris was not observed since power-on {newest}; point at it first',
+                *reasons(self.observations())]))
+        if self.in_force is None:
+            return newest, self.zeros[newest]
+        part = self._follows.corrected(polaris[newest])
+        return newest, zero_from_polaris(part, self.in_force, run=newest)
 
     def fit(self, homings=()):
         """Fit all stars, and judge each kind of model on stars that it did not see.
@@ -170,11 +204,12 @@ class CalibrationSession:
         ValueError
             Too few stars.
         """
-        rows = self.observations()
-        rows = for_fitting(rows)
+        observed = for_fitting(self.observations())
+        follows = followed(observed)
+        rows = follows.corrected(observed)
         is_star = rows['star'] != POLARIS_HIP
         stars = rows.select(is_star)
-        notes = []
+        notes = reasons(self.observations())
         result, self.zeros_in_force = self._fit_terms(rows)
         for dropped in result.dropped:
             notes.append(f'the stars do not determine {dropped["text"]}')
@@ -186,28 +221,38 @@ class CalibrationSession:
             'last_stamp_ns': self.last_stamp,
             'stars': len(stars), 'polaris': int(np.count_nonzero(~is_star)),
             'zeros': self.zeros.to_list(),
-            'changes': self._changes(rows, result.model),
+            'changes': self._changes(observed, result.model),
             'zeros_in_force': in_force,
             'terms': result.term_rows(),
             'correlations': result.correlations.tolist(),
             'condition': result.condition,
             'rejected': len(result.rejected),
             'steps': self._steps(rows, notes),
-            'external_check': self._external(rows, notes),
+            'external_check': power_on_check(
+                rows, self.reference, self._polaris_zeros(rows) if self.zeros else {},
+                self.zeros, self._change, notes),
             'noise_arcsec': [s / ARCSEC for s in result.scatter],
-            'witnesses': self._witnesses(rows, result.model, homings),
+            'witnesses': self._witnesses(observed, result.model, homings),
             'notes': notes,
         }
-        provenance = {
-            **result.model.provenance, 'last_stamp_ns': self.last_stamp,
-            'zeros_in_force': in_force, 'reference': self._source(),
-        }
-        model = PointingModel(result.model.terms, result.model.covariance, None, provenance,
-                              result.model.geometry)
-        self.model = model
-        return model, report
+        if follows:
+            report[FOLLOWS] = follows.document()
+        new = Candidate(
+            PointingModel(result.model.terms, result.model.covariance, None,
+                          {**result.model.provenance, 'last_stamp_ns': self.last_stamp,
+                           'reference': self._source()}, result.model.geometry),
+            self.zeros_in_force, follows)
+        self._homings, self.report = homings, report
+        from .session_diagnosis import replaces
+        old = self._published.now
+        if old is not None and not replaces(old, new, self.observations(), report):
+            self.zeros_in_force = old.zeros
+            return old.published(refit='refused', last_stamp_ns=self.last_stamp), report
+        self._published.replace(new, len(self))
+        self.model, self._follows = new.model, follows
+        return new.published(), report
 
-    def diagnose(self, alpha=0.01, site=None):
+    def diagnose(self, alpha=0.01, site=None, until=0):
         """What the fitted model lacks, and the model with it; see `session_diagnosis`.
 
         Parameters
@@ -216,11 +261,14 @@ class CalibrationSession:
             Chance that a clean night gets any effect.
         site : dict, optional
             ``latitude``, ``longitude`` in rad.
+        until : int
+            Rows after this stamp (ns) were not known then; 0: all are. For replays.
 
         Returns
         -------
         session_diagnosis.Amended
-            Its zeros are `zeros_in_force` from now on.
+            Its zeros are `zeros_in_force` from now on. `report` is that of the fit, with the
+            witnesses judged again by the amended model.
 
         Raises
         ------
@@ -228,14 +276,83 @@ class CalibrationSession:
             Too few stars.
         """
         from .session_diagnosis import amend
-        rows = self.observations()
-        zeros = self.zeros_in_force
-        if self.model is None:
-            zeros = self._polaris_zeros(rows)
+        rows = self.observations(until)
+        changed = self._follow(rows)
+        zeros = self._polaris_zeros(rows) if self.model is None else self.zeros_in_force
         provenance = {'last_stamp_ns': self.last_stamp, 'reference': self._source()}
-        amended = amend(rows, zeros, self.model, provenance, alpha, site)
+        amended = amend(rows, zeros, self.model, provenance, alpha, site, self._follows)
+        amended.document['last_stamp_ns'] = until or self.last_stamp
+        amended.document['published'] |= changed
         self.zeros_in_force = amended.zeros
+        self._published.replace(Candidate(amended.model, amended.zeros, self._follows),
+                                len(rows))
+        self._diagnosis, self._result = amended.document, amended.diagnosis
+        self._judge_witnesses(rows, amended.model)
         return amended
+
+    def _follow(self, rows):
+        """Follow what wanders by now: blind stars have seen more of it than those of the fit.
+
+        Whether that changes the model in force: only where they do not find it worse.
+        """
+        from .session_diagnosis import Judges
+        follows = followed(rows.select(rows['star'] >= 0))
+        if self.model is None:
+            self._follows = follows
+        if not set(follows.axes) > set(self._follows.axes):
+            return False
+        result, zeros = self._fit_terms(for_fitting(follows.corrected(rows)))
+        model = replace(self.model, terms=result.model.terms, covariance=result.model.covariance)
+        judges, new = Judges(rows, None), Candidate(model, zeros, follows)
+        old = Candidate(self.model, self.zeros_in_force, self._follows)
+        if len(judges) >= FEWEST and not judge(judges.left(old), judges.left(new), ()).holds:
+            return False
+        self.model, self.zeros_in_force, self._follows = new
+        return True
+
+    def judge(self, site=None):
+        """What was published last, before blind stars that came after it; see `judge_again`.
+
+        Parameters
+        ----------
+        site : dict, optional
+            As of `diagnose`.
+
+        Returns
+        -------
+        session_diagnosis.Amended
+            What is in force from now on: the model before, where the amended one is worse.
+
+        Raises
+        ------
+        ValueError
+            Nothing was diagnosed.
+        """
+        from .session_diagnosis import Amended, judge_again
+        if self._diagnosis is None:
+            raise ValueError('nothing was diagnosed that could be judged; diagnose first')
+        rows = self.observations()
+        chosen, self._diagnosis = judge_again(
+            rows, self._published, self._diagnosis, self._published.since, site)
+        self._diagnosis['last_judged_ns'] = self.last_stamp
+        taken_back = self._diagnosis['judged']['taken_back']
+        if taken_back:
+            self._published.take_back()
+            self._result.verdict = self._diagnosis['verdict']
+            self._result.caution = self._diagnosis['judged']['why']
+            self.zeros_in_force = chosen.zeros
+        self._judge_witnesses(rows, chosen.model)
+        model = chosen.published(verdict=self._diagnosis['verdict'],
+                                 judged='taken back' if taken_back else 'holds',
+                                 last_stamp_ns=self.last_stamp)
+        return Amended(model, chosen.zeros, self._diagnosis, self._result)
+
+    def _judge_witnesses(self, rows, model):
+        """What the model explains is no alarm any more."""
+        if self.report is not None:
+            self.report = {
+                **self.report, 'verdict': self._diagnosis['verdict'],
+                'witnesses': self._witnesses(for_fitting(rows), model, self._homings)}
 
     def _witnesses(self, rows, model, homings):
         found = check_witnesses(rows, self._yesterday, model=model, homings=homings)
@@ -287,7 +404,7 @@ class CalibrationSession:
 
         def judge(label, model, zero):
             steps.append({'step': label, **{
-                name: _rms(model, half, zero) for name, half in halves.items()}})
+                name: rms_of(model, half, zero) for name, half in halves.items()}})
 
         judge(RAW if self.reference is None else 'model of the earlier night', base,
               zero_in_force(self.reference))
@@ -306,34 +423,3 @@ class CalibrationSession:
         except ValueError as err:
             notes.append(f'held-out check: {err}')
         return steps
-
-    def _external(self, rows, notes):
-        """The paper's check: coefficients of one power-on on the stars of the next."""
-        stars = rows.select(rows['star'] != POLARIS_HIP)
-        if not self.zeros:
-            return []
-        polaris = self._polaris_zeros(rows)
-        if self.reference is not None:
-            label = 'model of the earlier night on all stars of tonight'
-            return [{'check': f'{label}, before Polaris',
-                     **_rms(self.reference, stars, zero_in_force(self.reference))},
-                    {'check': f'{label}, after Polaris', **_rms(self.reference, stars, polaris)}]
-        out = []
-        numbers = [n for n in np.unique(stars['run']) if int(n) in self.zeros]
-        for before, after in zip(numbers, numbers[1:]):
-            old = polaris[before]
-            try:
-                model = fit_terms(rows.select(rows['run'] == before), zero=old).model
-            except ValueError as err:
-                notes.append(f'external check: {err}')
-                continue
-            later = stars.select(stars['run'] == after)
-            new = old.plus(*self._change(rows, before, after, model).angles)
-            label = f'model of power-on {before:.0f} on the stars of power-on {after:.0f}'
-            out.append({'check': f'{label}, with the old zero', **_rms(model, later, old)})
-            out.append({'check': f'{label}, zero by Polaris', **_rms(model, later, new)})
-        return out
-
-
-def _rms(model, run, zero):
-    return rms_arcsec(*model.residuals(run, zero=zero))._asdict()

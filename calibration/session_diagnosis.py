@@ -8,7 +8,8 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 from pointing_model.context import Context
-from pointing_model.effects import effect
+from pointing_model.following import KEY as FOLLOWS
+from pointing_model.following import Following
 from pointing_model.model import PointingModel
 from pointing_model.rms import rms_arcsec
 from pointing_model.run import PointingRun
@@ -16,11 +17,21 @@ from pointing_model.star_catalogue import POLARIS_HIP
 from pointing_model.zero import NO_ZERO, Zeros
 
 from .diagnosis import Diagnosis, diagnose
+from .judgement import FEWEST, judge
+from .publication import UNJUDGED, Candidate, publishable
+from .refit import going_on, held_within, is_drift, left_out, refitted
 from .rows import for_fitting, is_kept_out
+from .wandering import follow_line
 
 FORMAT = 'telescope_mount/diagnosis'
 VERSION = 1
+#: verdict where effects were found, and none of them holds before rows that nothing has seen
+WITHHELD = 'withheld'
+#: verdict where blind stars found the amended model worse than the one before
+TAKEN_BACK = 'taken_back'
+_WITHHELD_WORDS = 'Not published, since it does not hold on rows that it has not seen: {}.'
 _RANKED = 20
+NOTHING_FOLLOWS = Following()
 _RATE_NOISE = 2.0 * ARCSEC  # a second; stars go 15, satellites 30 and more
 
 
@@ -37,8 +48,10 @@ class Amended:
     document : dict
         JSON-ready: the keys of `Diagnosis.to_dict`, and ``applied`` (names of the effects in
         `model`), ``aliases`` of each effect, ``kept_out`` (how many rows were there to judge by),
-        ``ranking``, ``zeros_in_force``, ``notes``, and what it was made with: ``alpha``,
-        ``site_deg``, ``graduation`` (of the encoder, as it was declared).
+        ``published`` (whether the model was changed), ``judgement`` (of the change, by rows that
+        nothing has seen), ``refused`` (``effects``, ``why``, ``judgement``, and ``found``: their
+        entries), ``ranking``, ``zeros_in_force``, ``notes``, and what it was made with:
+        ``alpha``, ``site_deg``, ``graduation`` (of the encoder, as it was declared).
     diagnosis : Diagnosis
     """
 
@@ -48,12 +61,13 @@ class Amended:
     diagnosis: Diagnosis
 
 
-def amend(rows, zeros, fitted=None, provenance=None, alpha=0.01, site=None):
+def amend(rows, zeros, fitted=None, provenance=None, alpha=0.01, site=None,
+          follows=NOTHING_FOLLOWS):
     """Diagnose a night, and add what is found.
 
     Stars alone are diagnosed, without the exposures of Polaris: many rows in one direction would
-    make one small misfit there look like an effect. Rows kept out (`rows`) are used for
-    nothing but ``holdout_rms_arcsec``, with nothing refitted.
+    make one small misfit there look like an effect. Rows kept out (`rows`) judge, with nothing
+    refitted: what does not hold before them is not published.
 
     Parameters
     ----------
@@ -69,64 +83,226 @@ def amend(rows, zeros, fitted=None, provenance=None, alpha=0.01, site=None):
         Chance that a clean night gets any effect.
     site : dict, optional
         ``latitude``, ``longitude``, rad; without it what follows the stars cannot be told.
+    follows : Following
+        Zeros that follow the absolute encoder: `zeros` and `fitted` go with it.
 
     Returns
     -------
     Amended
         An ambiguous verdict is applied with the best member of each set: all members predict
         nearly the same where the night has observed, and the others are in ``alternatives``. A
-        linear drift in time goes on for as long again as the night has lasted, then holds.
+        linear drift in time goes on as far as `carried_on` allows, then holds. With the verdict
+        ``withheld`` the model in force stays.
 
     Raises
     ------
     ValueError
         Too few stars.
     """
-    seen = for_fitting(rows)
+    seen = for_fitting(follows.corrected(rows))
     stars = _at_zero(seen.select(seen['star'] != POLARIS_HIP), zeros, site)
     if len(stars) == 0:
         raise ValueError('no star to diagnose has come yet; observe first')
     result = diagnose(stars, alpha=alpha, sessions=0.0)
-    base, base_zeros = fitted, zeros
+    base = Candidate(fitted, zeros, follows)
     if fitted is None:
-        base, base_zeros = result.base_model, _shifted(zeros, result, result.base_model)
-    model, new_zeros = base, base_zeros
-    if result.effects:
-        model = _going_on(result.model, stars)
-        new_zeros = _shifted(zeros, result, model)
-    in_force = Zeros(new_zeros[number] for number in sorted(new_zeros)).to_list()
-    model = replace(model, provenance={
-        **model.provenance, **(provenance or {}), 'verdict': result.verdict,
-        'zeros_in_force': in_force})
-    kept = rows.select(is_kept_out(rows) & (rows['star'] >= 0))
-    _judge(result, kept, (base, base_zeros), (model, new_zeros))
-    document = _document(result, model, kept, in_force)
+        base = Candidate(result.base_model, _shifted(zeros, result, result.base_model), follows)
+    chosen, judged, refused = base, None, []
+    court = Court(rows, stars, site, base, alpha)
+    if result.model.effects:
+        whole = carried_on(result.model, stars)
+        chosen, judged, refused = publishable(
+            base, Candidate(whole, _shifted(zeros, result, whole), follows),
+            {e.fitted.effect.name: e.delta_bic or 0.0 for e in result.effects}, stars, zeros,
+            court)
+        if judged is None:
+            result.notes.append(UNJUDGED)
+    if court.kept:
+        for entry, candidate in ((result.before, base), (result.after, chosen)):
+            entry['holdout_rms_arcsec'] = rms_arcsec(*court.left(candidate)).radial
+        result.notes.append(f'held out: {court.kept} rows of the same night that no fit and no '
+                            'choice has seen, nothing refitted')
+    document = _document(result, chosen is not base, court.kept, judged, refused)
+    document['applied'], document['zeros_in_force'] = chosen.names, chosen.in_force
+    if refused:
+        document['after'] = {**document['before'], 'holdout_rms_arcsec': None}
+        if chosen is not base:
+            fitted_rows = rms_arcsec(*chosen.model.residuals(_at_zero(
+                seen.select(seen['star'] != POLARIS_HIP), chosen.zeros, site)))
+            document['after'].update(rms_arcsec=fitted_rows.radial, rms_x_arcsec=fitted_rows.x,
+                                     rms_y_arcsec=fitted_rows.y, cv_rms_arcsec=None)
+        document['after']['holdout_rms_arcsec'] = result.after['holdout_rms_arcsec']
+    if follows:
+        document[FOLLOWS] = follows.document()
+        document['notes'] = [*map(follow_line, document[FOLLOWS]), *document['notes']]
+    model = chosen.published(**(provenance or {}), verdict=document['verdict'])
     document['alpha'] = alpha
     document['site_deg'] = None if site is None else [
         float(np.degrees(site[name])) for name in ('latitude', 'longitude')]
-    return Amended(model, new_zeros, document, result)
+    return Amended(model, chosen.zeros, document, result)
 
 
-def _going_on(model, stars):
-    """The model with its linear drifts in time going on for as long again as was observed.
+def replaces(old, new, rows, report):
+    """Whether a fit is not worse than what is in force, before the rows kept out.
+
+    Parameters
+    ----------
+    old, new : publication.Candidate
+    rows : PointingRun
+        All of the night.
+    report : dict
+        Of the fit; gets ``judgement``, and where it is worse ``refused``, a note, and the zeros
+        that stay.
+
+    Returns
+    -------
+    bool
+        True too where there are too few such rows.
+    """
+    judges = Judges(rows, None)
+    if len(judges) < FEWEST:
+        return True
+    found = judge(judges.left(old), judges.left(new), axes=())
+    report['judgement'] = found.to_dict()
+    if not found.holds:
+        report['refused'] = f'this fit is not published: {found.sentence()}'
+        report['notes'].append(report['refused'])
+        report['zeros_in_force'] = old.in_force
+    return found.holds
+
+
+def judge_again(rows, published, document, since, site=None):
+    """Old and new model before blind stars that came after the new one was published.
+
+    Parameters
+    ----------
+    rows : PointingRun
+        All of the night.
+    published : publication.Published
+    document : dict
+        Of the diagnosis, see `Amended`.
+    since : int
+        Rows before this one were known when the model was made.
+    site : dict, optional
+
+    Returns
+    -------
+    chosen : publication.Candidate
+        What is in force from now on: where the new one is worse, the old one.
+    document : dict
+        With ``judged``: ``rows``, ``radial``, ``az``, ``el`` and ``worse`` of the judgement,
+        ``taken_back`` and ``why``. What is taken back is among ``refused``, and the verdict
+        says so.
+    """
+    now, before = published.now, published.before
+    judges = Judges(rows, site, since)
+    if before is None or len(judges) < FEWEST:
+        why = ('the model is the one of before: nothing to take back' if before is None else
+               f'not judged: {len(judges)} blind stars since the diagnosis; at least {FEWEST} do')
+        return now, {**document, 'judged': {'rows': len(judges), 'taken_back': False, 'why': why}}
+    # by axis the change was judged before it was published; here it stands or falls
+    found = judge(judges.left(before), judges.left(now), axes=())
+    why = ('taken back: ' if not found.holds else 'holds: ') + found.sentence()
+    document = {**document, 'judged': {**found.to_dict(), 'taken_back': not found.holds,
+                                       'why': why}}
+    if found.holds:
+        return now, document
+    document.update(
+        verdict=TAKEN_BACK, effects=[], published=False, applied=before.names,
+        after={**document['before']}, zeros_in_force=before.in_force,
+        refused=[*document['refused'], {
+            'effects': now.names or [FOLLOWS], 'why': why, 'judgement': found.to_dict(),
+            'found': document['effects']}],
+        notes=[*document['notes'], f'{", ".join(now.names or [FOLLOWS])} {why}'])
+    return before, document
+
+
+def carried_on(model, stars):
+    """The model with its drifts in time going on as far as the night has shown.
 
     `diagnose` holds a driver at its value soon after the last row. The stars of tonight come
-    after it, though, and a drift of which the rate is known to 1 in 20 is better followed than
-    stopped; one with the square of time would run away, and is held from the last row on.
+    after it: a linear drift goes on for as long as stretches left out at the end were predicted
+    better with it, and is held from the last row on where they were not. One with the square of
+    time would run away, and is always held.
     """
-    if 'time' not in stars:
+    if 'time' not in stars or not any(map(is_drift, model.effects)):
         return model
     first, last = np.nanmin(stars['time']), np.nanmax(stars['time'])
-    within = {1: [float(2.0 * first - last), float(2.0 * last - first)],
-              2: [float(first), float(last)]}
-    effects = []
-    for fitted in model.effects:
-        e = fitted.effect
-        if e.form == 'drift' and e.driver == 'time' and e.parameters.get('within'):
-            fitted = replace(fitted, effect=effect(
-                e.form, **{**e.parameters, 'within': within[e.parameters['power']]}))
-        effects.append(fitted)
-    return replace(model, effects=effects)
+    on = [share * (last - first) for share in going_on(model, stars)]
+    return replace(model, effects=[
+        held_within(e, first - more, last + more) if is_drift(e) else e
+        for e, more in zip(model.effects, on)])
+
+
+class Judges:
+    """The rows that were kept out, in order of time.
+
+    Parameters
+    ----------
+    rows : PointingRun
+        All of the night.
+    site : dict or None
+    since : int
+        Rows before this one are no judges.
+    """
+
+    def __init__(self, rows, site, since=0):
+        mask = is_kept_out(rows) & (rows['star'] >= 0) & (np.arange(len(rows)) >= since)
+        order = np.argsort(rows['time'], kind='stable') if 'time' in rows else slice(None)
+        self._rows, self._mask, self._site = rows.select(order), mask[order], site
+
+    def __len__(self):
+        return int(np.count_nonzero(self._mask))
+
+    def left(self, candidate):
+        """What a Candidate leaves of them with nothing refitted, shape (2, n), rad."""
+        # what a row inherits from the one before it needs all rows
+        rows = candidate.follows.corrected(self._rows)
+        rows = _at_zero(rows, candidate.zeros, self._site)
+        return np.array(candidate.model.residuals(rows))[:, self._mask]
+
+
+class Court:
+    """Judges models on rows that neither fit nor choice has seen, with nothing refitted.
+
+    The rows that were kept out, where there are enough of them. Otherwise some of the rows of
+    the night are left out, and fit and search are repeated without them.
+    """
+
+    def __init__(self, rows, stars, site, base, alpha):
+        self._judges = Judges(rows, site)
+        self._stars, self._base, self._alpha = stars, base, alpha
+        self.kept = len(self._judges)
+        self._trial = None
+
+    def left(self, candidate):
+        """What a model leaves of the rows kept out, shape (2, n), rad."""
+        return self._judges.left(candidate)
+
+    def __call__(self, candidate):
+        """Judgement of a candidate against the base; None where nothing is there to judge by."""
+        try:
+            if self.kept >= FEWEST:
+                return judge(self.left(self._base), self.left(candidate), candidate.axes)
+            return self._without(candidate)
+        except ValueError:  # too few rows, of those kept or those to be left out
+            return None
+
+    def _without(self, candidate):
+        hidden = left_out(self._stars)
+        if not hidden.any():
+            return None
+        seen = self._stars.select(~hidden)
+        if self._trial is None:
+            self._trial = diagnose(seen, alpha=self._alpha, sessions=0.0)
+        # what is not found without these rows is at least fitted without them
+        effects = [e for e in self._trial.model.effects if e.effect.name in candidate.names] \
+            or candidate.model.effects
+        models = [refitted(self._trial.base_model, self._stars, own, ~hidden)[0]
+                  for own in ((), effects)]
+        models[1] = carried_on(models[1], seen)
+        return judge(*(np.array(m.residuals(self._stars))[:, hidden] for m in models),
+                     candidate.axes)
 
 
 def _at_zero(rows, zeros, site):
@@ -166,26 +342,27 @@ def _shifted(zeros, result, model):
     return out
 
 
-def _judge(result, kept, before, after):
-    """RMS on the rows that nothing has seen, with the model before and after."""
-    if len(kept) == 0:
-        return
-    for entry, (model, zeros) in ((result.before, before), (result.after, after)):
-        x, y = model.residuals(kept, zero=zeros.carried(np.unique(kept['run'])))
-        entry['holdout_rms_arcsec'] = rms_arcsec(x, y).radial
-    result.notes.append(f'held out: {len(kept)} rows of the same night that no fit and no choice '
-                        'has seen, nothing refitted')
-
-
-def _document(result, model, kept, in_force):
+def _document(result, published, kept, judged, refused):
+    """See `Amended`; what was refused is no effect of it, and the verdict says so."""
+    for entry in refused:
+        result.notes.append('not published: ' + entry['why'])
+    if refused:
+        result.caution = ' '.join(filter(None, [result.caution, _WITHHELD_WORDS.format(
+            ', '.join(name for entry in refused for name in entry['effects']))]))
     document = result.to_dict()
     for entry, found in zip(document['effects'], result.effects):
         entry['aliases'] = list(found.aliases)
+    away = {name for entry in refused for name in entry['effects']}
+    document['refused'] = [{**entry, 'found': [
+        e for e in document['effects'] if e['name'] in entry['effects']]} for entry in refused]
+    document['effects'] = [e for e in document['effects'] if e['name'] not in away]
+    if away and not document['effects']:
+        document['verdict'] = result.verdict = WITHHELD
     names = ('name', 'driver', 'axes', 'delta_bic', 'p_family', 'in_set')
     return {
-        'format': FORMAT, 'version': VERSION, **document,
-        'applied': [e.effect.name for e in model.effects], 'kept_out': len(kept),
+        'format': FORMAT, 'version': VERSION, **document, 'kept_out': kept,
+        'published': published, 'judgement': judged and judged.to_dict(),
         'ranking': [{n: line[n] for n in names} for line in result.ranking[:_RANKED]],
-        'zeros_in_force': in_force, 'graduation': result.observations.context.graduation,
+        'graduation': result.observations.context.graduation,
         'notes': list(dict.fromkeys(result.notes)),
     }

@@ -1,11 +1,12 @@
 """The rows of a night as the three witnesses see them: see `calibration.witnesses`."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from msg_tools.units import ARCSEC, wrap
+from pointing_model.context import Context
 from pointing_model.model import PointingModel
 from pointing_model.run import PointingRun
 from pointing_model.star_catalogue import POLARIS_HIP
@@ -103,7 +104,8 @@ class Change:
 class Event:
     """Something that moved inside a power-on.
 
-    `kind` is ``step`` (amount in rad, at `time`) or ``drift`` (amount in rad/s). The amount is
+    `kind` is ``step`` (amount in rad, at `time`), ``drift`` (amount in rad/s) or ``wander`` (a
+    random walk, amount in rad from its lowest to its highest). The amount is
     what the witness `moved` names read too much, with that `confidence` (posterior).
     `probability` is the chance of such a step anywhere in the night without one.
     """
@@ -191,7 +193,7 @@ class Night:
         return (np.column_stack(columns) if columns else np.empty((len(self.run), 0))), about
 
     def apart_events(self, axis, budget):
-        """Steps and drifts of incremental - absolute, a list of `_Found`."""
+        """Steps and drifts of incremental - absolute, a list of `Found`."""
         columns, about = self._moves(_SEGMENT)
         angle = self.rows[SHORT[axis]]
         # power-ons, and the eccentricity of both discs
@@ -206,7 +208,7 @@ class Night:
             if best is None:
                 return found
             place, amount, sigma, p = best
-            found.append(_Found(*about[place], columns[:, place], amount, sigma, p * 2.0))
+            found.append(Found(*about[place], columns[:, place], amount, sigma, p * 2.0))
         return found
 
     def sky(self, events, model, notes):
@@ -224,12 +226,33 @@ class Night:
                 notes.append(f'sky not fitted: {err}')
                 return None
         enc = np.concatenate(model.residuals(self.rows))
-        second = np.concatenate(model.residuals(self.rows, encoder='abs'))
+        second = np.concatenate(
+            replace(model, effects=self._shared_effects(model)).residuals(
+                self.rows, encoder='abs'))
         terms = np.concatenate(design(_OTHER_TERMS, self.rows['az'], self.rows['el']))
         fixed = np.column_stack([self._of_nights(terms), self._zeros()])
         moved = [self._on(axis, event.column) for axis, event in events]
         noise = robust_fit(np.column_stack([fixed, *moved]), enc).noise
         return _Sky(enc, second, terms, fixed, noise)
+
+    def _shared_effects(self, model):
+        """Those of a model that the absolute encoder shows too.
+
+        An effect of the incremental encoder alone stands in the difference of the two, to the
+        same amount.
+        """
+        shared = []
+        for fitted in model.effects:
+            axis = {'az': 0, 'el': 1}.get(fitted.effect.axes)
+            if axis is not None:
+                column = fitted.offsets(Context.of_run(self.rows))[axis]
+                column = column / (self.cos_el if axis == 0 else 1.0)
+                base = np.column_stack([self.member(run) for run in self.runs])
+                fit = robust_fit(np.column_stack([base, column]), self.apart[axis])
+                if fit.value[-1] > 0.5:
+                    continue
+            shared.append(fitted)
+        return shared
 
     def _of_nights(self, terms):
         """Terms of tonight and of the reference night: the mount may have changed between them."""
@@ -255,7 +278,7 @@ class Night:
             against, variance = fit.value[-1], fit.covariance[-1, -1]
             # the absolute encoder stood still, or it moved by as much the other way
             trust = probabilities({
-                INCREMENTAL: log_normal(against, variance),
+                INCREMENTAL: log_normal(against, variance) + np.log(found.odds),
                 ABSOLUTE: log_normal(against + found.amount, variance + found.sigma**2),
             })[INCREMENTAL]
         moved = INCREMENTAL if trust >= 0.5 else ABSOLUTE
@@ -380,7 +403,10 @@ class Night:
         return {ABSOLUTE: out[ABSOLUTE], MOUNT: out[MOUNT] + out['tilt']}
 
 
-class _Found(NamedTuple):
+class Found(NamedTuple):
+    """A step, drift or walk of incremental - absolute, its column shape (n,), before it is judged.
+    """
+
     run: float
     kind: str
     time: float
@@ -388,6 +414,8 @@ class _Found(NamedTuple):
     amount: float
     sigma: float
     probability: float
+    #: that the incremental encoder did it, before the stars are asked
+    odds: float = 1.0
 
 
 def _strongest(design, y, candidates, limit):

@@ -21,6 +21,7 @@ import numpy as np
 
 from msg_tools.units import ARCSEC, wrap
 
+from .wandering import wander_events, wander_line
 from .witness_night import (
     ABSOLUTE,
     AXES,
@@ -178,12 +179,14 @@ def check_witnesses(rows, reference=None, *, model=None, homings=(), budget=_USU
             raise ValueError(f'witnesses: observations without column {name}')
     _hear_gaps(out, rows)
     night = Night(rows, reference)
-    events = [(axis, event) for axis in (0, 1) for event in night.apart_events(axis, budget)]
+    events = [(axis, event) for axis in (0, 1) for event in wander_events(
+        night, axis, night.apart_events(axis, budget), budget)[0]]
     sky = night.sky(events, model, out.notes)
     out.events = [night.attributed(axis, event, sky) for axis, event in events]
     if sky is not None:
         out.events += night.mount_events(sky, events, budget)
-    out.alarms += [_event_line(event) for event in out.events]
+    out.alarms += [wander_line(event, int(np.count_nonzero(night.run >= 0.0)))
+                   if event.kind == 'wander' else _event_line(event) for event in out.events]
 
     witnesses = night.witnesses()
     if isinstance(reference, Witness):

@@ -9,6 +9,7 @@ from std_srvs.srv import Trigger
 from msg_tools import convert, topics
 from msg_tools.homing import AxisHoming, homing_to_cloud
 from msg_tools.node import run_node
+from msg_tools.power_on import PowerOn, since
 from msg_tools.units import ARCSEC
 
 from .device_params import DEVICE_PARAMS, MAX_RATE, Decimator, MountedDevice
@@ -28,7 +29,8 @@ class IncrementalEncoders(MountedDevice):
         self._pub = self.publisher(topics.INCREMENTAL)
         self._homing_pub = self.publisher(topics.HOMING)
         self._zero_pub = self.publisher(topics.TRUTH_ZERO)
-        self._told = None
+        self._homing_told = None
+        self._power_on = self._counts = None  # from the first sample of a power-on on
         self._tell_homing()
         self.subscribe(topics.TRUTH_JOINTS, self._on_truth)
         self.create_service(Trigger, 'power_cycle', self._on_power_cycle)
@@ -39,6 +41,7 @@ class IncrementalEncoders(MountedDevice):
         # every sample is counted, whether it is published or not
         reading = [float(encoder.feed(stamp, angle, rate, self.warmth(stamp))[0])
                    for encoder, angle, rate in zip(self._encoders, angles, rates)]
+        self._note_power_on(stamp)
         homed = bool(np.isfinite(reading).all())
         if homed and not self._homed:
             self._zero_pub.publish(convert.joint_state(
@@ -46,23 +49,32 @@ class IncrementalEncoders(MountedDevice):
         self._homed = homed
         self._tell_homing()
         if self._decimator.passes(stamp, self.value('max_rate_hz')):
-            self._pub.publish(convert.joint_state(stamp, reading, rates))
+            self._pub.publish(convert.joint_state(
+                stamp, reading, rates, frame=self._power_on.frame))
+
+    def _note_power_on(self, stamp):
+        counts = [encoder.power_on for encoder in self._encoders]
+        if counts != self._counts:
+            self._counts, self._power_on = counts, PowerOn(max(counts), since(stamp))
 
     def _tell_homing(self):
         """Publish what is known of the marks, if a mark or the power changed it."""
         states = [encoder.status for encoder in self._encoders]
-        now = [(s.homed, s.missed_marks, s.passages, s.power_on) for s in states]
-        if now != self._told:
-            self._told = now
+        now = [(s.homed, s.missed_marks, s.passages, s.power_on, self._power_on) for s in states]
+        if now != self._homing_told:
+            self._homing_told = now
+            started = self._power_on.started if self._power_on else np.nan
             self._homing_pub.publish(homing_to_cloud([
                 AxisHoming(s.homed, s.side, s.missed_marks, s.passages, s.mark_error,
-                           encoder.count_angle, encoder.params.pulse_width, s.power_on)
+                           encoder.count_angle, encoder.params.pulse_width, s.power_on, started)
                 for s, encoder in zip(states, self._encoders)], self._stamp))
+            if self._power_on is not None:
+                self.announce()  # a log without that topic has the diagnostics alone
 
     def _on_power_cycle(self, request, response):
         for encoder in self._encoders:
             encoder.power_cycle()
-        self._homed = False
+        self._homed, self._power_on = False, None
         self._tell_homing()
         response.success = True
         response.message = f'power-on {self._encoders[0].power_on}; home before measuring'

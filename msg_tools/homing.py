@@ -9,9 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from .convert import AXES
+from .power_on import PowerOn
 from .tables import cloud_to_table, table_to_cloud
 
 _SIDES = {'': 0.0, 'below': 1.0, 'above': -1.0}
+_LATER = ('started',)  # fields that older messages do not have
 
 
 class AxisHoming(NamedTuple):
@@ -34,6 +36,8 @@ class AxisHoming(NamedTuple):
         Of the index pulse, by the data sheet, rad; NaN where it is not known.
     power_on : int
         Number of the power-on, as the encoder counts them.
+    started : float
+        When this power-on began, UTC s; NaN where it is not known (older logs do not tell).
     """
 
     homed: bool
@@ -44,6 +48,12 @@ class AxisHoming(NamedTuple):
     count: float
     pulse_width: float
     power_on: int
+    started: float = float('nan')
+
+    @property
+    def identity(self):
+        """The `PowerOn`, or None where it is not known when it began."""
+        return PowerOn(self.power_on, self.started) if np.isfinite(self.started) else None
 
 
 def homing_to_cloud(axes, ns):
@@ -75,7 +85,9 @@ def cloud_to_homing(message):
     ValueError
         A field is missing, or a number is none or out of its range.
     """
-    table = cloud_to_table(message, ('axis', *AxisHoming._fields), 'homing')
+    needed = [name for name in AxisHoming._fields if name not in _LATER]
+    table = cloud_to_table(message, ('axis', *needed), 'homing')
+    table |= {name: np.full(len(table['axis']), np.nan) for name in _LATER if name not in table}
     whole = ('axis', 'homed', 'side', 'missed_marks', 'passages', 'power_on')
     sides = {number: side for side, number in _SIDES.items()}
     out = {}

@@ -15,6 +15,7 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.time_source import TimeSource
 from std_srvs.srv import Trigger
 
 from . import NAMESPACE
@@ -215,6 +216,18 @@ class MountNode(Node):
             qos_overriding_options=QoSOverridingOptions.with_default_policies())
         self._subscriptions_of.setdefault(sub.topic_name, []).append((sub, counter))
         return sub
+
+    def create_subscription(self, msg_type, topic, callback, *args, **kwargs):
+        """As rclpy's; but a `/clock` below zero, which ended the node, is refused."""
+        if isinstance(getattr(callback, '__self__', None), TimeSource):
+            take = callback
+
+            def callback(message):
+                if message.clock.sec < 0:
+                    self.reject(CLOCK.name, f'a clock below zero: {message.clock.sec} s')
+                else:
+                    take(message)
+        return super().create_subscription(msg_type, topic, callback, *args, **kwargs)
 
     def every(self, seconds, call):
         """A timer of wall time, that is steady, whatever the time of the graph is."""

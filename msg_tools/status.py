@@ -4,10 +4,14 @@ Whatever else stands in a DiagnosticStatus is for people and may be worded anew 
 rows about endpoints, which `/diagnostics` carries, are those of `readiness`.
 """
 
+import json
 from dataclasses import asdict, dataclass, fields
 
 #: row of `calibration/status`: observations taken so far
 OBSERVATIONS = 'observations'
+#: rows of `calibration/status` after an observer came that knows nothing of the night: observations
+#: on `calibration/table`, and where its plan stood
+GIVEN_BACK, PLAN_LEFT = 'given_back', 'plan_left'
 
 
 @dataclass
@@ -28,6 +32,8 @@ class Progress:
         Rows published, stars not found, of the whole plan.
     run : int
         Number of the power-on.
+    plan : str
+        All steps, separated by commas; '' in older logs.
     """
 
     state: str = 'waiting'
@@ -38,6 +44,7 @@ class Progress:
     observations: int = 0
     run: int = 0
     lost: int = 0
+    plan: str = ''
 
     def rows(self):
         """Key and value of each row, dict."""
@@ -54,7 +61,7 @@ class Progress:
         """
         if message is None:
             return cls()
-        rows = {row.key: row.value for row in message.values}
+        rows = {'plan': '', **{row.key: row.value for row in message.values}}
         return cls(**{field.name: field.type(_row(rows, field.name)) for field in fields(cls)})
 
 
@@ -69,6 +76,46 @@ def observations_taken(message):
     if message is None:
         return 0
     return int(_row({row.key: row.value for row in message.values}, OBSERVATIONS))
+
+
+def handover_rows(count, progress):
+    """Rows with which the calibration gives a night back to an observer that has lost it.
+
+    Parameters
+    ----------
+    count : int
+        Observations in the table that goes with them.
+    progress : Progress or None
+        The last that was heard of the plan.
+
+    Returns
+    -------
+    dict of str to str
+    """
+    return {GIVEN_BACK: str(count), PLAN_LEFT: json.dumps(progress and progress.rows())}
+
+
+def handover(message):
+    """The way back from `handover_rows`.
+
+    Returns
+    -------
+    (int, Progress or None) or None
+        None where the status gives nothing back.
+
+    Raises
+    ------
+    ValueError
+        The rows are damaged.
+    """
+    rows = {row.key: row.value for row in message.values}
+    if GIVEN_BACK not in rows:
+        return None
+    try:
+        left = json.loads(_row(rows, PLAN_LEFT))
+        return int(rows[GIVEN_BACK]), None if left is None else Progress(**left)
+    except TypeError:
+        raise ValueError(f'status with a {PLAN_LEFT} that is none') from None
 
 
 def _row(rows, key):

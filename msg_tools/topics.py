@@ -80,9 +80,13 @@ DIAGNOSIS = Topic('diagnosis', 'std_msgs/msg/String', LATCHED)
 CALIBRATION_REPORT = Topic('calibration/report', 'std_msgs/msg/String', LATCHED)
 CALIBRATION_STATUS = Topic(
     'calibration/status', 'diagnostic_msgs/msg/DiagnosticStatus', LATCHED)
+# the rows of the night, for an observer that was started anew and has none
+CALIBRATION_TABLE = Topic('calibration/table', 'sensor_msgs/msg/PointCloud2', LATCHED)
 TARGET = Topic('target', 'trajectory_msgs/msg/JointTrajectory', RELIABLE)
 DEMAND = Topic('demand', 'trajectory_msgs/msg/JointTrajectory', RELIABLE)
 DEMAND_SIGMA = Topic('demand_sigma', 'geometry_msgs/msg/Vector3Stamped', RELIABLE)
+# model and zero as one: JSON, see pointing_model/in_force_message.py
+IN_FORCE = Topic('in_force', 'std_msgs/msg/String', LATCHED)
 DIAGNOSTICS = Topic('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', RELIABLE)
 
 ALL = tuple(value for value in list(globals().values()) if isinstance(value, Topic))

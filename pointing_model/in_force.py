@@ -10,7 +10,9 @@ import numpy as np
 from msg_tools.units import ARCSEC, wrap
 
 from .context import Context
+from .following import AXES, WORDS, Following
 from .model import PointingModel
+from .model_document import identity
 from .zero import NO_ZERO, zeros_in_force
 
 #: an effect that follows the time holds for so long after the last row it was fitted to, ns
@@ -150,7 +152,11 @@ def demand_angles(model, az, el, context, zero):
 
 
 class InForce:
-    """Model, zero and thermometer, as they came last.
+    """Model, zero and thermometer, as they came last and as they go together.
+
+    A zero that says which model it goes with is taken with that model alone: whichever of the two
+    comes first waits for the other, and the pair before stays in force. A zero of another power-on
+    than the encoder is in is refused.
 
     Parameters
     ----------
@@ -161,31 +167,104 @@ class InForce:
     ----------
     model : PointingModel or None
     models : int
-        How many came.
+        How many came into force.
     model_stamp : int
         Of the last observation that the model rests on, ns; 0 where it does not say.
+    model_name, model_text : str
+        `model_document.identity` of it, and its document; '' without one.
     zero : RunZero
     zero_stamp : int
         Of the last observation that the zero rests on, ns.
+    refused, refused_stamp : int
+        How many zeros were refused; the same of the last of them.
+    power_on : PowerOn or None
+        That the encoder is in, where it tells.
     thermometer : Thermometer
     """
 
     def __init__(self, model=None):
-        self.model = model
+        self.model, self.model_text = model, model.to_json() if model else ''
+        self.model_name = identity(self.model_text)
         self.models = self.model_stamp = 0
         self.zero, self.zero_stamp = NO_ZERO, 0
+        self.refused = self.refused_stamp = 0
+        self.power_on = None
+        self._follows, self._apart = Following.of(model), None
         self.thermometer = Thermometer()
+        self._next_model = self._next_zero = None  # each waits for the other
 
     def take_model(self, text):
         """Take a model as its JSON text; ValueError where it is none."""
-        self.model = PointingModel.from_json(text)
+        model, name = PointingModel.from_json(text), identity(text)
+        waiting = self._next_zero
+        if waiting is not None and waiting[1].model == name:
+            self._put_in_force(model, name, text)
+            self.zero_stamp, self.zero = waiting
+        elif self.zero.model in (None, name):
+            self._put_in_force(model, name, text)
+        else:
+            self._next_model = model, name, text
+
+    def _put_in_force(self, model, name, text):
+        self.model, self.model_name, self.model_text = model, name, text
+        self._follows = Following.of(model)
         self.models += 1
-        stamp = self.model.provenance.get('last_stamp_ns')
+        stamp = model.provenance.get('last_stamp_ns')
         self.model_stamp = stamp if isinstance(stamp, int) else 0
+        self._next_model = self._next_zero = None
 
     def take_zero(self, stamp, zero):
-        """Take a RunZero."""
-        self.zero, self.zero_stamp = zero, stamp
+        """Take a RunZero, unless it is of another power-on than the encoder is in."""
+        if self._of_another_power_on(zero):
+            # no error: right after a power cycle the last zero of before may still be on its way
+            self.refused += 1
+            self.refused_stamp = max(self.refused_stamp, stamp)
+            return
+        if zero.model not in (None, self.model_name):
+            if self._next_model is None or self._next_model[1] != zero.model:
+                self._next_zero = stamp, zero
+                return
+            self._put_in_force(*self._next_model)
+        self.zero, self.zero_stamp, self._next_zero = zero, stamp, None
+
+    def take_power_on(self, power_on):
+        """Take what the encoder says of its power-on, a `PowerOn` or None."""
+        self.power_on = power_on
+
+    def _of_another_power_on(self, zero):
+        """How it is said that `zero` is not of the power-on that the encoder is in; '' if it is."""
+        now = self.power_on
+        if now is None or zero.started is None or zero.started == now.started:
+            return ''
+        return (f'is of the power-on that began at {zero.started:.3f}, and the encoder is in one '
+                f'that began at {now.started:.3f}')
+
+    @property
+    def zero_is_unknown(self):
+        """Whether the power-on that the encoder is in has a zero that is not the one in force."""
+        return bool(self._of_another_power_on(self.zero)) or self.refused_stamp > self.zero_stamp
+
+    @property
+    def bound(self):
+        """Whether the zero says that it goes with the model."""
+        return self.zero.model == self.model_name
+
+    def complaints(self):
+        """What of model and zero cannot be gone by, sentences for people."""
+        out = []
+        wrong = self._of_another_power_on(self.zero)
+        if wrong:
+            out.append(f'the zero in force {wrong}: set it anew (calibrate_zero)')
+        elif self.refused_stamp > self.zero_stamp:
+            out.append('the last zero was not taken, it is of another power-on: set it anew '
+                       '(calibrate_zero)')
+        if self._next_zero is not None:
+            out.append(f'a zero was not taken: it goes with model {self._next_zero[1].model}, and '
+                       f'{self.model_name} is in force')
+        if self._next_model is not None:
+            out.append(f'model {self._next_model[1]} was not taken: its zero has not come, and '
+                       f'that in force goes with {self.zero.model}')
+        return out
 
     def zero_is_of_model(self):
         """Whether the zero is the one that the model tells of, if it tells.
@@ -195,6 +274,41 @@ class InForce:
         told = zeros_in_force(self.model)
         return not told or bool(np.all(
             np.abs(self.zero.angles - told.newest.angles) < 1e-6 * ARCSEC))
+
+    # --- a zero that follows the absolute encoder -------------------------------------------------
+
+    @property
+    def follows(self):
+        """Whether the zero follows the absolute encoder: the model says so, and it is its zero."""
+        return bool(self._follows) and self.zero_is_of_model()
+
+    def take_readings(self, run, incremental, absolute):
+        """Take what both encoders read at one moment, shape (2,) each, rad."""
+        if np.isfinite([incremental, absolute]).all():
+            self._apart = run, incremental, absolute
+
+    @property
+    def zero_now(self):
+        """Azimuth and elevation, shape (2,), rad: the zero with what the counts have wandered."""
+        if not self.follows or self._apart is None:
+            return self.zero.angles
+        return self.zero.angles + self._follows.moved(*self._apart)
+
+    @property
+    def zero_sigma(self):
+        """1 sigma of `zero_now`, shape (2,), rad; 0 where it is not known."""
+        sigma = np.nan_to_num(self.zero.sigma)
+        return np.hypot(sigma, self._follows.sigma()) if self.follows else sigma
+
+    def following(self):
+        """What follows, for people; '' where nothing does."""
+        if not self.follows:
+            return ''
+        if self._apart is None:
+            return 'no reading of both encoders yet: the zero stands still'
+        moved = dict(zip(AXES, self.zero_now - self.zero.angles))
+        return 'absolute encoder: ' + ', '.join(
+            f'{WORDS[name]} by {moved[name] / ARCSEC:+.2f} arcsec' for name in self._follows.axes)
 
     def encoder(self, az, el, context=None):
         """Encoder angles that point at a place: model and zero, each once.
@@ -212,5 +326,5 @@ class InForce:
             rad.
         """
         if self.model is not None:
-            az, el = demand_angles(self.model, az, el, context, self.zero.angles)
-        return np.column_stack([az, el]) + self.zero.angles
+            az, el = demand_angles(self.model, az, el, context, self.zero_now)
+        return np.column_stack([az, el]) + self.zero_now

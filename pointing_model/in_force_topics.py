@@ -1,6 +1,7 @@
 """The topics and the parameter from which a node knows what is in force."""
 
 from msg_tools import convert, topics
+from msg_tools.homing import cloud_to_homing
 from msg_tools.node import Param
 
 from .in_force import InForce
@@ -19,7 +20,7 @@ def in_force_of(node, changed=lambda topic: None):
     node : MountNode
         With the parameter `MODEL_FILE`.
     changed : callable
-        Called with ``topics.MODEL`` or ``topics.ZERO`` after each model and zero.
+        Called with ``topics.MODEL``, ``topics.ZERO`` or ``topics.HOMING`` after each of them.
 
     Returns
     -------
@@ -35,12 +36,17 @@ def in_force_of(node, changed=lambda topic: None):
         now.take_model(message.data)
         changed(topics.MODEL)
 
+    def on_homing(message):
+        azimuth = cloud_to_homing(message).get('azimuth')
+        now.take_power_on(azimuth and azimuth.identity)
+        changed(topics.HOMING)
+
     def on_zero(message):
         now.take_zero(*joints_to_zero(message))
         changed(topics.ZERO)
 
     # of what waits to be taken, the thermometer comes first, and the model before its zero
-    for topic, callback in ((topics.AMBIENT, on_temperature), (topics.MODEL, on_model),
-                            (topics.ZERO, on_zero)):
+    for topic, callback in ((topics.AMBIENT, on_temperature), (topics.HOMING, on_homing),
+                            (topics.MODEL, on_model), (topics.ZERO, on_zero)):
         node.subscribe(topic, callback)
     return now

@@ -1,5 +1,6 @@
 """The file of a pointing model: a versioned JSON (or YAML) document, and back to the last bit."""
 
+import hashlib
 import json
 from pathlib import Path
 
@@ -8,12 +9,15 @@ import numpy as np
 from msg_tools.units import ARCSEC
 
 from .fitted_effects import FittedEffect
+from .following import KEY as FOLLOWS
 from .harmonics import Harmonics
 from .model import PointingModel
 
 FORMAT = 'telescope_mount/pointing_model'
 VERSION = 2
 _PLAIN_VERSION = 1  # without effects: as ever, so that older programs read it
+#: `identity` where nothing is corrected
+NO_MODEL = 'none'
 _INTERPRETATION = 'reading'  # the key that `Harmonics.interpretation` has had in files ever since
 
 _CONVENTION = (
@@ -80,6 +84,31 @@ def from_json(text):
     except ValueError as error:
         raise ValueError(f'pointing model is not JSON: {error}') from None
     return from_document(document)
+
+
+def identity(text):
+    """A short name of a model, by which a zero says what it goes with.
+
+    Parameters
+    ----------
+    text : str
+        Of `to_json`; '' for no model.
+
+    Returns
+    -------
+    str
+        Twelve hexadecimal digits, the same for two documents that differ in their provenance
+        alone, but for how the zero follows the absolute encoder; ``none`` where there is no term,
+        harmonic or effect.
+    """
+    document = json.loads(text) if text else {}
+    acting = {key: document.get(key) for key in ('geometry', 'terms', 'harmonics', 'effects')}
+    follows = (document.get('provenance') or {}).get(FOLLOWS)
+    if follows:
+        acting[FOLLOWS] = follows
+    if not any(acting[key] for key in ('terms', 'harmonics', 'effects')):
+        return NO_MODEL
+    return hashlib.sha256(json.dumps(acting, sort_keys=True).encode()).hexdigest()[:12]
 
 
 def from_document(document):

@@ -4,13 +4,16 @@ import sys
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
+from std_msgs.msg import String
 
 from msg_tools import convert, topics
 from msg_tools.node import MountNode, run_node
 from msg_tools.units import ARCSEC, wrap
 
 from .context import Context
+from .following import Difference, Following
 from .in_force import time_driver
+from .in_force_message import pair_to_text
 from .in_force_topics import MODEL_FILE, in_force_of
 
 PARAMS = (MODEL_FILE,)
@@ -23,15 +26,39 @@ class PointingCorrector(MountNode):
 
     def __init__(self, **kwargs):
         super().__init__('pointing_corrector', PARAMS, hardware_id='pointing model', **kwargs)
-        self._lacking = ()
+        self._lacking, self._apart = (), None
         self._demand_pub = self.publisher(topics.DEMAND)
         self._sigma_pub = self.publisher(topics.DEMAND_SIGMA)
+        self._in_force_pub, self._pair_told = self.publisher(topics.IN_FORCE), ''
         self._in_force = in_force_of(self, self._changed)
         self.subscribe(topics.TARGET, self._on_target)
 
     def _changed(self, topic):
         if topic is topics.MODEL:
             self._lacking = ()
+            self._follow()
+        if self._in_force.bound:
+            text = pair_to_text(self._in_force.model_text, self._in_force.zero_stamp,
+                                self._in_force.zero)
+            if text != self._pair_told:
+                self._pair_told = text
+                self._in_force_pub.publish(String(data=text))
+
+    def _follow(self):
+        """Hear both encoders from the first model on whose zero follows one of them."""
+        if not Following.of(self._in_force.model) or self._apart is not None:
+            return
+        self._apart = Difference()
+        self.subscribe(topics.INCREMENTAL, lambda message: self._on_reading(
+            self._apart.take_incremental, message))
+        self.subscribe(topics.ABSOLUTE, lambda message: self._on_reading(
+            self._apart.take_absolute, message))
+
+    def _on_reading(self, take, message):
+        take(*convert.read_joints(message)[:2])
+        if self._apart.incremental is not None:
+            self._in_force.take_readings(
+                self._in_force.zero.run, self._apart.incremental, self._apart.absolute)
 
     def _drivers(self, stamps, sky):
         """Time and temperature; how the axes will come, and the star, only the observer knows."""
@@ -66,33 +93,45 @@ class PointingCorrector(MountNode):
             stamp, *self._sigma(sky, context), convert.MOUNT_FRAME))
 
     def _sigma(self, sky, context):
-        """1-sigma of the demand on the sky at the first point, from model and zero, rad."""
+        """1-sigma of the demand on the sky at the first point, from model and zero, rad.
+
+        NaN where the zero is of another power-on: by how much it has moved nobody knows.
+        """
+        if self._in_force.zero_is_unknown:
+            return np.full(2, np.nan)
         out = np.zeros(2)
-        model, zero = self._in_force.model, self._in_force.zero.sigma
+        model = self._in_force.model
         if model is not None:
             out = np.array([float(np.ravel(s)[0])
                             for s in model.sigma(sky[:, 0], sky[:, 1], context)])
-        zero = zero * [float(np.cos(sky[0, 1])), 1.0]
-        return np.hypot(out, np.where(np.isfinite(zero), zero, 0.0))
+        return np.hypot(out, self._in_force.zero_sigma * [float(np.cos(sky[0, 1])), 1.0])
 
     def problems(self):
-        """Nothing to correct with yet."""
+        """Nothing to correct with yet, or what must not be corrected with."""
+        found = [(DiagnosticStatus.WARN, text) for text in self._in_force.complaints()]
         if self._in_force.model is None:
-            return [(DiagnosticStatus.WARN, 'no model yet: demands are the wanted directions'
-                     + (' plus the zero' if self._in_force.zero.angles.any() else ''))]
+            return [*found, (DiagnosticStatus.WARN, 'no model yet: demands are the wanted '
+                             'directions' + (' plus the zero' if self._in_force.zero.angles.any()
+                                             else ''))]
         if self._lacking:
-            return [(DiagnosticStatus.WARN, 'what drives these effects is not known here, they '
-                     f'count as zero: {", ".join(self._lacking)}')]
-        return []
+            found.append((DiagnosticStatus.WARN, 'what drives these effects is not known here, '
+                          f'they count as zero: {", ".join(self._lacking)}'))
+        return found
 
     def details(self):
         """What is in force."""
         terms, (model, zero) = 'none', (self._in_force.model, self._in_force.zero)
         if model is not None:
             terms = ' '.join([*model.terms, *(e.effect.name for e in model.effects)])
-        return [('model', terms),
+        told = self._in_force.power_on
+        return [('model', terms), ('model name', self._in_force.model_name),
+                ('zero of power-on', 'none' if zero.run is None else str(int(zero.run))),
+                ('zero goes with model', zero.model or 'not told'),
+                ('zeros of another power-on refused', str(self._in_force.refused)),
+                ('encoder', told.frame if told else 'does not tell its power-on'),
                 ('zero azimuth [arcsec]', f'{zero.az / ARCSEC:.3f}'),
-                ('zero elevation [arcsec]', f'{zero.el / ARCSEC:.3f}')]
+                ('zero elevation [arcsec]', f'{zero.el / ARCSEC:.3f}'),
+                ('zero follows', self._in_force.following() or 'nothing')]
 
 
 def main(args=None):

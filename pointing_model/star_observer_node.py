@@ -4,6 +4,7 @@ Here are parameters, topics and time; what is done stands in `observing`, which 
 """
 
 import sys
+import time
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.clock import Clock, ClockType
@@ -12,15 +13,15 @@ from std_srvs.srv import Trigger
 
 from msg_tools import convert, topics
 from msg_tools.node import MountNode, Param, run_node
-from msg_tools.readiness import unmatched
-from msg_tools.status import observations_taken
+from msg_tools.readiness import PUBLISHES, unmatched
+from msg_tools.status import handover, observations_taken
 
 from .in_force_topics import MODEL_FILE, in_force_of
-from .observing.instruments import Instruments
+from .observing.instruments import ABSOLUTE, CAMERA, MOUNT, Instruments
 from .observing.plan import night_plan, parse_plan
 from .observing.sequencer import Sequencer
 from .observing.table import Table
-from .run_messages import run_to_cloud
+from .run_messages import cloud_to_run, run_to_cloud
 from .sky_params import SKY_PARAMS, sky_of
 from .target import satellite_target
 
@@ -41,7 +42,8 @@ PARAMS = SKY_PARAMS + (
           '[deg/s]', 0.01, 90.0),
     Param('answer_timeout_s', 5.0, 'wall time after which a pointing without an answer is '
           'commanded again [s]', 0.5, 3600.0),
-    Param('first_run', 1, 'run number of the first power-on', -1000000, 1000000),
+    Param('first_run', 1, 'run number of the first power-on, where the calibration has no rows of '
+          'the night yet', -1000000, 1000000),
     Param('polaris_exposures', 16, 'exposures of Polaris that the service zero_on_polaris makes',
           1, 10000),
     Param('satellite', '', 'what the step satellite tracks: a file of two-line elements, or '
@@ -50,7 +52,12 @@ PARAMS = SKY_PARAMS + (
     MODEL_FILE,
 )
 #: services that the steps of a plan call
-SERVICES = ('home', 'power_cycle', 'calibrate_zero', 'fit', 'diagnose')
+SERVICES = ('home', 'power_cycle', 'calibrate_zero', 'fit', 'diagnose', 'judge')
+#: on which the instruments are heard
+INSTRUMENT_TOPICS = {MOUNT: topics.INCREMENTAL, ABSOLUTE: topics.ABSOLUTE,
+                     CAMERA: topics.MISS_DISTANCE}
+#: wall seconds after which a publisher is one, whether its node has a name or not
+NAMED_AFTER = 30.0
 LEVELS = {'failed': DiagnosticStatus.ERROR, 'waiting': DiagnosticStatus.WARN}
 
 
@@ -69,16 +76,21 @@ class StarObserver(MountNode):
         self._offset_pub = self.publisher(topics.OFFSET)
         self._status_pub = self.publisher(topics.OBSERVER_STATUS)
         self._checks_pub = self.publisher(topics.CHECKS)
-        self._instruments = Instruments(self.value('first_run'))
+        self._instruments = Instruments(self.value('first_run'), now=self.now)
+        self._instruments.look = self._look_at_publishers
         self._table = Table()
         # before the camera: an exposure is always corrected with the same reading of the
         # thermometer
-        in_force = in_force_of(self, changed=lambda _: self._sequencer.pointing_changed())
-        self._sequencer = Sequencer(self, self._instruments, in_force, self._table)
+        self._in_force = in_force_of(self, changed=self._in_force_changed)
+        self._sequencer = Sequencer(self, self._instruments, self._in_force, self._table)
         self.subscribe(topics.INCREMENTAL, self._on_incremental)
         self.subscribe(topics.ABSOLUTE, self._on_absolute)
         self.subscribe(topics.MISS_DISTANCE, self._on_miss)
+        self._crowded = {}  # instrument with several publishers -> since when, wall s
+        self._handover = self._given = None  # a night that an observer before has begun
+        self._calibration_spoke = self._has_rows = False
         self.subscribe(topics.CALIBRATION_STATUS, self._on_calibration)
+        self.subscribe(topics.CALIBRATION_TABLE, self._on_given_back)
         self._wanted_nodes = [name for name in self.value('wait_for_nodes') if name]
         self._reports = self.graph_reports() if self._wanted_nodes else {}
         self._asked = {verb: self.create_client(Trigger, verb) for verb in SERVICES}
@@ -86,6 +98,7 @@ class StarObserver(MountNode):
         self.create_service(Trigger, 'zero_on_polaris', self._on_zero_on_polaris)
         if self.value('autostart'):
             self._sequencer.start(self.value('plan'))
+        self.every(0.5, self._look_at_publishers)
         # steady: the observer must see a time-out while simulated time stands still
         self.create_timer(0.05, self._sequencer.advance,
                           clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -103,10 +116,15 @@ class StarObserver(MountNode):
     # --- messages in --------------------------------------------------------------------------
 
     def _on_incremental(self, message):
-        self._note_clock(self._instruments.take_incremental(*convert.read_joints(message)[:3]))
+        self._note_clock(self._instruments.take_incremental(
+            *convert.read_joints(message)[:3], message.header.frame_id))
 
     def _on_absolute(self, message):
         self._note_clock(self._instruments.take_absolute(*convert.read_joints(message)[:2]))
+
+    def _in_force_changed(self, topic):
+        if topic is not topics.HOMING:
+            self._sequencer.pointing_changed()
 
     def _note_clock(self, went_back):
         if went_back:
@@ -118,8 +136,43 @@ class StarObserver(MountNode):
             convert.from_stamp(message.header.stamp), message.vector.x, message.vector.y)
         self._sequencer.advance()
 
+    def _look_at_publishers(self):
+        for name, topic in INSTRUMENT_TOPICS.items():
+            full = self.resolve_topic_name(topic.name)
+            if self.count_publishers(full) < 2 and name not in self._crowded:
+                continue
+            infos = self.get_publishers_info_by_topic(full)
+            # right after its discovery the name of a node is not known
+            named = [f'{info.node_namespace.rstrip("/")}/{info.node_name}' for info in infos
+                     if 'UNKNOWN' not in info.node_name]
+            since = self._crowded.setdefault(name, time.monotonic())
+            late = time.monotonic() - since > NAMED_AFTER
+            unnamed = len(named) < len(infos)
+            if unnamed and late:
+                named.append('a node without a name')
+            self._instruments.health.publishers(name, named, unnamed)
+            if len(infos) < 2:
+                del self._crowded[name]
+
     def _on_calibration(self, message):
-        self._sequencer.calibration_has(observations_taken(message))
+        count = observations_taken(message)
+        self._calibration_spoke, self._has_rows = True, count > 0
+        self._handover = handover(message) or self._handover
+        self._take_up()
+        self._sequencer.calibration_has(count)
+
+    def _on_given_back(self, message):
+        self._given = message
+        self._take_up()
+
+    def _take_up(self):
+        """Go on with a night that was begun before this observer was started."""
+        if self._handover is None or self._given is None or len(self._table):
+            return
+        count, left = self._handover
+        if self._given.width == count and not self._sequencer.begun:
+            self._sequencer.take_up(cloud_to_run(self._given),
+                                    convert.from_stamp(self._given.header.stamp), left)
 
     def _on_observe(self, request, response):
         return self._begin(response, self.value('plan'), 'plan started: {}')
@@ -188,8 +241,16 @@ class StarObserver(MountNode):
     def waiting_for(self):
         """Instruments that are not there yet, and nodes that are not fully connected."""
         missing = super().waiting_for()
-        if self._wanted_nodes and not missing and not len(self._table):
+        if missing or self._sequencer.begun:
+            return missing
+        if self._wanted_nodes:
             missing = unmatched(self._wanted_nodes, self._reports)
+            status = self.resolve_topic_name(topics.CALIBRATION_STATUS.name)
+            if not (missing or self._calibration_spoke) and any(
+                    status in self._reports[name][PUBLISHES] for name in self._wanted_nodes):
+                missing = ['the calibration to say what it knows']
+        if not missing and self._has_rows and not len(self._table):
+            missing = ['the calibration to give back the rows of the night so far']
         return missing
 
     def problems(self):
@@ -197,9 +258,11 @@ class StarObserver(MountNode):
         state, text = self._sequencer.progress.state, self._sequencer.text
         if state == 'failed':
             return [(DiagnosticStatus.ERROR, text)]
+        found = [(DiagnosticStatus.WARN, text) for text in (
+            *self._instruments.health.alarms, *self._in_force.complaints())]
         if state == 'waiting' and self._sequencer.busy:
-            return [(DiagnosticStatus.WARN, f'waiting for {text}')]
-        return []
+            found.insert(0, (DiagnosticStatus.WARN, f'waiting for {text}'))
+        return found
 
     def details(self):
         """Progress of the plan."""
@@ -207,6 +270,7 @@ class StarObserver(MountNode):
         return [('plan state', progress.state), ('step', progress.step),
                 ('observations', str(progress.observations)),
                 ('stars lost', str(progress.lost)),
+                ('zero follows', self._in_force.following() or 'nothing'),
                 ('earth orientation', self._sequencer.earth)]
 
 

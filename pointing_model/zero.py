@@ -22,12 +22,20 @@ class RunZero:
         Of (az, el), radians^2.
     run : int or float, optional
         Number of the run, as in the column ``run``.
+    started : float, optional
+        When the encoder's power-on began, UTC s, as in the column ``encoder_start``: the zero
+        holds for no other.
+    model : str, optional
+        `model_document.identity` of the model that it goes with: with another it points
+        elsewhere.
     """
 
     az: float
     el: float
     covariance: np.ndarray | None = field(default=None, compare=False)
     run: float | None = None
+    started: float | None = field(default=None, compare=False)
+    model: str | None = field(default=None, compare=False)
 
     @property
     def angles(self):

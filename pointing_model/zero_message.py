@@ -1,4 +1,10 @@
-"""The message of a zero: a JointState on the topic ``zero``, and back."""
+"""The message of a zero: a JointState on the topic ``zero``, and back.
+
+Its ``frame_id`` says what the zero is worth anything with: ``power_on_2``, the number of the run;
+``@1768482000.500``, when that power-on of the encoder began; ``/3f2a90c1d5e7``, the model.
+"""
+
+import re
 
 import numpy as np
 
@@ -7,10 +13,11 @@ from msg_tools.convert import joint_state, read_joints
 from .zero import RunZero
 
 _PREFIX = 'power_on_'
+_FRAME = re.compile(_PREFIX + r'(?P<run>-?\d+)(?:@(?P<started>\d+(?:\.\d+)?))?(?:/(?P<model>\w+))?')
 
 
 def zero_to_joints(zero, ns):
-    """A JointState: ``position`` the zero, ``effort`` its sigma (rad), ``frame_id`` its run.
+    """A JointState: ``position`` the zero, ``effort`` its sigma (rad), ``frame_id`` its identity.
 
     Parameters
     ----------
@@ -18,7 +25,11 @@ def zero_to_joints(zero, ns):
     ns : int
         Stamp of the newest observation that it rests on.
     """
-    frame = '' if zero.run is None else f'{_PREFIX}{int(zero.run)}'
+    frame = ''
+    if zero.run is not None:
+        frame = f'{_PREFIX}{int(zero.run)}'
+        frame += '' if zero.started is None else f'@{zero.started:.3f}'
+        frame += '' if zero.model is None else f'/{zero.model}'
     return joint_state(ns, zero.angles, effort=zero.sigma, frame=frame)
 
 
@@ -37,7 +48,8 @@ def joints_to_zero(message, run=None):
     ns : int
         Stamp.
     zero : RunZero
-        Without a covariance where the message gives no sigma.
+        Without a covariance where the message gives no sigma; without ``started`` and ``model``
+        where it does not tell them.
 
     Raises
     ------
@@ -47,11 +59,13 @@ def joints_to_zero(message, run=None):
     ns, angles, _, sigma = read_joints(message)
     if not np.isfinite(angles).all():
         raise ValueError('zero is not a number')
-    known = np.isfinite(sigma).all()
+    covariance = np.diag(np.square(sigma)) if np.isfinite(sigma).all() else None
     frame = message.header.frame_id
-    if frame.startswith(_PREFIX):
-        try:
-            run = int(frame[len(_PREFIX):])
-        except ValueError:
-            raise ValueError(f'zero of {frame!r}: no number of a power-on') from None
-    return ns, RunZero(*angles, np.diag(np.square(sigma)) if known else None, run)
+    if not frame.startswith(_PREFIX):
+        return ns, RunZero(*angles, covariance, run)
+    told = _FRAME.fullmatch(frame)
+    if told is None:
+        raise ValueError(f'zero of {frame!r}: no number of a power-on')
+    started = told['started']
+    return ns, RunZero(*angles, covariance, int(told['run']),
+                       None if started is None else float(started), told['model'])

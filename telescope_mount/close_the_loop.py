@@ -18,7 +18,7 @@ _MEASURED_PLAN = 'fit, diagnose'
 
 
 def loop_plan(stars, polaris, check):
-    """The plan of a night: measure, fit, judge blind, diagnose, judge blind.
+    """The plan of a night: measure, fit, point blind, diagnose, point blind, judge by that.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ def loop_plan(stars, polaris, check):
     str
     """
     return (f'home, stars {stars}, polaris {polaris}, calibrate_zero, fit, check {check}, '
-            f'diagnose, check {check}')
+            f'diagnose, check {check}, judge')
 
 
 def judgement(shows_as, effects):
@@ -227,7 +227,9 @@ def _write(folder, about, latest):
     report = {
         'format': FORMAT, 'version': VERSION, **about,
         'verdict': diagnosis['verdict'], 'effects': diagnosis['effects'],
-        'applied': diagnosis['applied'], 'noise_floor_arcsec': diagnosis['noise_floor_arcsec'],
+        'applied': diagnosis['applied'], 'published': diagnosis['published'],
+        'refused': diagnosis['refused'], 'judgement': diagnosis['judgement'],
+        'judged': diagnosis.get('judged'), 'noise_floor_arcsec': diagnosis['noise_floor_arcsec'],
         'before': diagnosis['before'], 'after': diagnosis['after'],
         'kept_out': diagnosis['kept_out'],
         **{key: diagnosis[key] for key in ('rows_read', 'rows_used', 'outliers',

@@ -36,7 +36,9 @@ def _effects(report):
         for i, (name, value) in enumerate(effect['coefficients_arcsec'].items()):
             table.add_row(effect['name'] if i == 0 else '', name, f'{value:+.2f}',
                           f'{sigma[name]:.2f}', *((p, gain) if i == 0 else ('', '')))
-    if not report['effects']:
+    for entry in report['refused']:
+        table.add_row(', '.join(entry['effects']), 'not published', '', '', '', '')
+    if not report['effects'] and not report['refused']:
         table.add_row('nothing significant; the model stays as it was', '', '', '', '', '')
     return table
 
@@ -71,6 +73,8 @@ def loop_sentences(report):
         if effect['aliases']:
             out.append(f'{effect["name"]} is the same curve in this night as '
                        + ', '.join(effect['aliases']))
+    if report['judged'] is not None:
+        out.append('fresh stars: ' + report['judged']['why'])
     told = report.get('undeclared')
     if told:
         out.append(f'the scenario: {told["what"]}')

@@ -194,8 +194,19 @@ def _complete(watcher, plan):
     checked = 0 if checks is None else len(json.loads(checks.data)['checks'])
     return (table is not None and table.width == rows and topics.MODEL.name in latest
             and topics.CALIBRATION_REPORT.name in latest and checked >= verbs.count('check')
-            and ('diagnose' not in verbs or topics.DIAGNOSIS.name in latest)
+            and ('diagnose' not in verbs or _diagnosed(latest, 'judge' in verbs))
             and _up_to_date(latest, verbs))
+
+
+def _diagnosed(latest, judged):
+    """Whether the diagnosis is here, and the report that came with it."""
+    from msg_tools import topics
+    if topics.DIAGNOSIS.name not in latest:
+        return False
+    diagnosis, report = (json.loads(latest[name].data) for name in (
+        topics.DIAGNOSIS.name, topics.CALIBRATION_REPORT.name))
+    return (report.get('verdict') == diagnosis['verdict']
+            and (not judged or 'judged' in diagnosis))
 
 
 def _up_to_date(latest, verbs):
@@ -206,8 +217,9 @@ def _up_to_date(latest, verbs):
     report = json.loads(latest[topics.CALIBRATION_REPORT.name].data)
     model = json.loads(latest[topics.MODEL.name].data)
     steps = range(len(verbs))
+    rests_on = model['provenance'].get('last_stamp_ns', 0)
     for stamp, made_by in ((report['last_stamp_ns'], ('fit',)),
-                           (model['provenance'].get('last_stamp_ns', 0), ('fit', 'diagnose'))):
+                           (rests_on, ('fit', 'diagnose', 'judge'))):
         last = max((i for i in steps if verbs[i] in made_by), default=0)
         rows = run['time'][run['block'] < last]
         if len(rows) and stamp * 1e-9 < rows.max() - 1e-3:

@@ -54,6 +54,7 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None):
     if diagnosed:
         as_then = {'alpha': diagnosed.get('alpha', 0.01),
                    'site': ', '.join(map(repr, diagnosed.get('site_deg') or ())),
+                   'diagnosed_at': diagnosed.get('last_stamp_ns', 0),
                    'graduation': ', '.join(
                        f'{axis}.{kind}={lines}'
                        for axis, kinds in (diagnosed.get('graduation') or {}).items()
@@ -85,12 +86,17 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None):
             if diagnosed:
                 watcher.call('diagnose', timeout=120.0)
                 there.append(topics.DIAGNOSIS.name)
+            judged = bool(diagnosed) and 'judged' in diagnosed
+            if judged:
+                watcher.call('judge')
 
             def complete():
                 # the model of the fit may still be the last one that came
-                return all(name in watcher.latest for name in there) and (
-                    not diagnosed or 'verdict' in json.loads(
-                        watcher.latest[topics.MODEL.name].data)['provenance'])
+                if not all(name in watcher.latest for name in there):
+                    return False
+                told, *rest = (json.loads(watcher.latest[name].data) for name in there)
+                return (not diagnosed or 'verdict' in told['provenance']) and (
+                    not judged or 'judged' in told['provenance'] and 'judged' in rest[-1])
             if not watcher.spin_until(complete, 15.0):
                 raise RuntimeError('the calibration fitted but published no model')
             model, *documents = (watcher.latest[name].data for name in there)

@@ -133,6 +133,7 @@ def run_of_log(path):
     ValueError
         No observation in it, or it holds the simulator's truth.
     """
+    from calibration.distrust import distrusted, reasons
     from msg_tools.units import wrap
     from pointing_model.run import PointingRun
     from pointing_model.run_messages import cloud_to_run
@@ -167,6 +168,8 @@ def run_of_log(path):
     columns['az_enc'] = run['az'] + wrap(columns['az_enc'] - run['az'])
     stars = columns['star'] != POLARIS_HIP
     notes.append(f'{int((~stars).sum())} exposures of Polaris left out')
+    notes += reasons(run)
+    stars &= ~distrusted(run)
     meta = {'source': str(path), 'notes': notes + bag.problems, 'excluded': []}
     told = (parameters_of(bag.metadata, '/calibration') or {}).get('graduation')
     if told:

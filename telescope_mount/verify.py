@@ -338,9 +338,17 @@ class _Replay:
                 return
             computed += [(zero, True)] * calibrated
         for log_time, text in made:
-            diagnosed = 'verdict' in json.loads(text)['provenance']
-            model = self._diagnose(stamp) if diagnosed else self._fit(stamp, log_time)
+            told = json.loads(text)['provenance']
+            if 'refit' in told:
+                model = self._fit(stamp, log_time)
+            elif 'judged' in told:
+                model = self._diagnose(stamp, again=True)
+            elif 'verdict' in told:
+                model = self._diagnose(stamp)
+            else:
+                model = self._fit(stamp, log_time)
             self._check.compare('model', text, model.to_json(), _at(stamp))
+            self._session.in_force = model
             computed.append((self._session.zeros_in_force.newest, False))
         for data, (zero, by_polaris) in zip(zeros, computed):
             _, logged = joints_to_zero(data)
@@ -387,7 +395,8 @@ class _Replay:
             yield []
         yield None
 
-    def _diagnose(self, stamp):
+    def _diagnose(self, stamp, again=False):
+        """The model of a diagnosis, or (`again`) of the judgement by blind stars after it."""
         logged = self._diagnoses.popleft() if self._diagnoses else '{}'
         document = json.loads(logged)
         text = self._parameters.get('site', '')
@@ -395,7 +404,12 @@ class _Replay:
                    else document.get('site_deg'))
         site = None if not degrees else {
             'latitude': degrees[0] * DEG, 'longitude': degrees[1] * DEG}
-        found = self._session.diagnose(document.get('alpha', 0.01), site)
+        found = (self._session.judge(site) if again
+                 else self._session.diagnose(document.get('alpha', 0.01), site))
         if document:
             self._check.compare('diagnosis', logged, json.dumps(found.document), _at(stamp))
+        # the report of the fit comes with it, its witnesses judged by the new model
+        if 'published' in document and self._session.report is not None and self._reports:
+            self._check.compare('report', self._reports.popleft(),
+                                json.dumps(self._session.report), _at(stamp))
         return found.model

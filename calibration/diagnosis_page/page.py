@@ -13,9 +13,10 @@ from .view import view_of
 
 _VERDICTS = {'none': 'nothing missing', 'wanders': 'the zero wanders', 'undecided': 'undecided',
              'identified': 'cause identified', 'ambiguous': 'cause ambiguous',
-             'unknown': 'cause unknown', 'refused': 'nothing concluded'}
+             'unknown': 'cause unknown', 'refused': 'nothing concluded',
+             'withheld': 'not published', 'taken_back': 'taken back'}
 #: of these the model stays as it was
-_STAYS = ('none', 'wanders', 'undecided', 'refused')
+_STAYS = ('none', 'wanders', 'undecided', 'refused', 'withheld', 'taken_back')
 
 
 def write_report(diagnosis, path):

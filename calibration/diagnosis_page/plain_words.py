@@ -73,6 +73,10 @@ def verdict_sentences(document, effect_texts=(), limit=5, caution=''):
     elif verdict == 'ambiguous':
         headline = f'{many} found, and more than one cause would explain ' \
                    f'{"it" if count == 1 else "them"}'
+    elif verdict in ('withheld', 'taken_back'):
+        with_it = 'it' if count == 1 else 'them'
+        headline = f'{many} seemed to be there, but the model with {with_it} points worse: the ' \
+                   'model before stays in force'
     else:
         headline = f'{many} that the model lacked {"is" if count == 1 else "are"} found and added'
     return headline, sentences

@@ -7,6 +7,7 @@ import numpy as np
 
 from msg_tools.units import ARCSEC, wrap
 
+from .instruments import ABSOLUTE, CAMERA, MOUNT
 from .pairing import centred
 from .pointing import Conditions, Pointing, track_to
 
@@ -15,6 +16,8 @@ from .pointing import Conditions, Pointing, track_to
 BLANKS = 3
 #: exposures of a star that is centred again and again
 CENTRINGS = 3
+#: after so long a commanded axis moves, s
+BEGUN = 10.0
 
 
 class Exposer:
@@ -72,6 +75,7 @@ class Exposer:
         """
         pointing = Pointing(target, self._in_force, np.zeros(2) if blind else self._carried)
         seen = blank = 0
+        first = None
         while True:
             stamp, miss = yield from self.expose(pointing)
             if not np.isfinite(miss).all():
@@ -81,6 +85,8 @@ class Exposer:
                 return None
             reading, rate = self._instruments.exposures.at('enc', stamp)
             enc = np.array(centred(*reading, *miss))
+            second = self._second(stamp, miss, reading)
+            self._in_force.take_readings(self._instruments.run, enc, second)
             if blind:
                 break
             demand = pointing.demand(np.array([stamp]), self._conditions())[0]
@@ -88,21 +94,35 @@ class Exposer:
             pointing.aim = self._carried = pointing.aim + np.array(
                 [wrap(enc[0] - demand[0]), enc[1] - demand[1]])
             seen += 1
-            near = np.hypot(*miss) <= self._out.value('recentre_arcsec') * ARCSEC
+            off = float(np.hypot(*miss))
+            first = off if first is None else first
+            near = off <= self._out.value('recentre_arcsec') * ARCSEC
             if near or seen == CENTRINGS:
                 break
-        return self._row(pointing, block, blind, stamp, miss, enc, rate)
+        if first is not None and not near and not self._instruments.health.centres(
+                CAMERA, first, off):
+            self.forget_aim()
+            self._out.refuse_frame('a star that was centred is as far off as before')
+            return None
+        return self._row(pointing, block, blind, stamp, miss, enc, second, rate)
 
-    def _row(self, pointing, block, blind, stamp, miss, enc, rate):
+    def _second(self, stamp, miss, first):
+        """Of the absolute encoder; NaN where it is not known or cannot be."""
         try:
             reading, _ = self._instruments.exposures.at('abs', stamp)
-            second = np.array(centred(*reading, *miss))
         except ValueError:
-            second = np.full(2, np.nan)
+            return np.full(2, np.nan)
+        if not self._instruments.health.second(ABSOLUTE, reading, first):
+            return np.full(2, np.nan)
+        return np.array(centred(*reading, *miss))
+
+    def _row(self, pointing, block, blind, stamp, miss, enc, second, rate):
         target, (site, air, *_) = pointing.target, self._conditions()
+        power_on = self._instruments.power_on
         az, el = (float(v[0]) for v in target.place(np.array([stamp * 1e-9]), site, air))
         return {
-            'stamp': stamp, 'time': stamp * 1e-9, 'run': self._instruments.run, 'block': block,
+            'stamp': stamp, 'time': stamp * 1e-9, 'run': self._instruments.run,
+            'encoder_start': power_on.started if power_on else np.nan, 'block': block,
             'check': float(blind), 'star': target.number, 'az': az, 'el': el,
             'az_enc': enc[0], 'el_enc': enc[1], 'az_abs': second[0], 'el_abs': second[1],
             'miss_x': miss[0], 'miss_y': miss[1], 'az_rate': rate[0], 'el_rate': rate[1],
@@ -116,6 +136,10 @@ class Exposer:
         found = None
         while found is None:
             found = yield from self._try(pointing)
+            self._instruments.look()
+            if found is not None and self._instruments.health.suspect:
+                self._out.refuse_frame('an exposure that may be of another instrument')
+                found = None
         return found
 
     def _try(self, pointing):
@@ -127,6 +151,7 @@ class Exposer:
         instruments.exposures.begin(track.start, track.times, track.angles)
         self._out.send_command(track)
         instruments.ask()
+        before = instruments.here
         take = partial(instruments.exposures.take, value('on_target_arcsec') * ARCSEC,
                        self._out.refuse_frame)
         found = None
@@ -139,6 +164,7 @@ class Exposer:
                     or not instruments.homed or instruments.stamp > track.end)
 
         yield answered
+        self._note_motion(track, before, found is not None)
         if found is not None:
             self._waiting('')
             self.exposed = found[0]
@@ -146,6 +172,20 @@ class Exposer:
             silent = ', '.join(instruments.unanswered(value('answer_timeout_s')))
             self._waiting(f'an answer of {silent}' if silent else 'the mount to come on target')
         return found
+
+    def _note_motion(self, track, before, exposed):
+        """Whether the encoder follows what was commanded, as far as that can be told by now."""
+        instruments = self._instruments
+        at = (instruments.stamp - track.start) * 1e-9
+        stands = np.array_equal(instruments.here, before)
+        # an axis that still slews is where it should be; one that has not begun is not
+        told = exposed or instruments.stamp > track.end or (stands and at > BEGUN)
+        if not instruments.homed or not told:
+            return
+        demand = [np.interp(at, track.times, axis) for axis in track.angles.T]
+        here = instruments.here
+        distance = np.hypot(wrap(here[0] - demand[0]) * np.cos(demand[1]), here[1] - demand[1])
+        instruments.health.follows(MOUNT, float(distance), not stands)
 
     def _conditions(self):
         """Those of now; the thermometer's reading is that of before the last exposure."""

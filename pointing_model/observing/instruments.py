@@ -4,8 +4,10 @@ import time
 
 import numpy as np
 
+from msg_tools.power_on import read_frame
 from msg_tools.units import DEG
 
+from .instrument_health import InstrumentHealth
 from .pairing import Exposures
 
 MOUNT, ABSOLUTE, CAMERA = 'mount and incremental encoder', 'absolute encoder', 'camera'
@@ -22,6 +24,8 @@ class Instruments:
         Number of the first power-on.
     wall : callable
         Seconds of a clock that goes on while simulated time stands still.
+    now : callable
+        The graph's time, ns; 0 where it is not known.
 
     Attributes
     ----------
@@ -33,38 +37,99 @@ class Instruments:
         Its angles, rad, and rates, rad/s, shape (2,); None before the first.
     homed : bool
     run : int
-        Number of the power-on: each time that the encoder has been homed is one.
+        Number of the power-on: a new one with each that the encoder tells, or, where it tells
+        none, each time that it has been homed.
+    power_on : PowerOn or None
+        What the encoder tells of it.
+    health : InstrumentHealth
+        What the instruments say that cannot be.
+    look : callable
+        Called at each exposure, so that `health` knows who publishes.
     """
 
-    def __init__(self, first_run=1, wall=time.monotonic):
+    def __init__(self, first_run=1, wall=time.monotonic, now=lambda: 0):
+        self.health, self.look, self._now = InstrumentHealth(), lambda: None, now
         self.exposures = Exposures()
         self.stamp, self.here, self.rate = 0, None, None
         self.homed = False
-        self.run = first_run - 1
+        self.run = self._newest = first_run - 1
+        self.power_on, self._frame = None, ''
+        self._runs = {}  # when a power-on began -> its number
         self._wall = wall
         self._asked, self._heard = {}, {}
 
-    def take_incremental(self, stamp, angle, rate):
-        """Take a reading; True where the clock went back. ValueError for one out of order."""
+    def take_incremental(self, stamp, angle, rate, frame=''):
+        """Take a reading; True where the clock went back. ValueError for one out of order.
+
+        `frame` is the ``frame_id`` of its message, see `msg_tools.power_on`.
+        """
+        self._check_stamp(MOUNT, stamp)
         back = self.exposures.add_reading('enc', stamp, angle)
         self.stamp, self.here, self.rate = stamp, np.array(angle), rate
         homed = bool(np.isfinite(angle).all())
-        if homed and not self.homed:
-            self.run += 1
+        told = self.power_on is not None and self.homed
+        if homed or (told and read_frame(frame) in (None, self.power_on)):
+            self.health.number(MOUNT, homed)
+        if homed:
+            self._number_run(frame)
         self.homed = homed
         self.hear(MOUNT)
         return back
 
+    def _number_run(self, frame):
+        if self.homed and frame == self._frame:
+            return
+        told = read_frame(frame)
+        if told is None and (not self.homed or self.power_on is not None):
+            self.run = self._newest = self._newest + 1
+        elif told is not None and told != self.power_on:
+            self.run = self._runs.setdefault(told.started, self._newest + 1)
+            self._newest = max(self._newest, self.run)
+        self.power_on, self._frame = told, frame
+
+    def remember_runs(self, runs, starts):
+        """Number power-ons as the rows of the night so far do, and forget numbers of one's own.
+
+        Parameters
+        ----------
+        runs : array_like, shape (n,)
+            Column ``run``.
+        starts : array_like, shape (n,)
+            Column ``encoder_start``, UTC s; NaN where the encoder did not tell.
+        """
+        self._runs = {float(start): int(run) for run, start in zip(runs, starts)
+                      if np.isfinite(start)}
+        self._newest = int(max(runs))
+        if self.power_on is not None and self.power_on.started in self._runs:
+            self.run = self._runs[self.power_on.started]
+        elif self.homed:
+            # whether it is the power-on of the last rows nobody can tell: a zero of its own
+            self.run = self._newest = self._newest + 1
+            if self.power_on is not None:
+                self._runs[self.power_on.started] = self.run
+
     def take_absolute(self, stamp, angle):
         """As `take_incremental`, of the absolute encoder."""
+        self._check_stamp(ABSOLUTE, stamp)
         back = self.exposures.add_reading('abs', stamp, angle)
         self.hear(ABSOLUTE)
         return back
 
     def take_frame(self, stamp, x, y):
-        """Take a measured miss distance, rad."""
-        self.exposures.add_frame(stamp, x, y)
+        """Take a measured miss distance, rad; ValueError for one that cannot be."""
         self.hear(CAMERA)
+        self._check_stamp(CAMERA, stamp)
+        reason = self.health.frame(CAMERA, x, y)
+        if reason:
+            raise ValueError(reason)
+        self.exposures.add_frame(stamp, x, y)
+
+    def _check_stamp(self, name, stamp):
+        now = self._now()
+        # a mount that is commanded for tomorrow answers of tomorrow
+        reason = self.health.stamp(name, stamp, now and max(now, self.exposures.end))
+        if reason:
+            raise ValueError(reason)
 
     def homed_since(self, stamp):
         """Whether a reading after `stamp` says so, with the axes at rest.

@@ -81,6 +81,11 @@ class Exposures:
         self._frames = deque(maxlen=1000)
         self._track = None
 
+    @property
+    def end(self):
+        """Of the commanded track, ns; 0 without one."""
+        return 0 if self._track is None else self._track[0] + round(self._track[1][-1] * 1e9)
+
     def begin(self, start, times, track):
         """Forget what was before: a track is commanded.
 

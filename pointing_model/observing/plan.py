@@ -14,6 +14,7 @@ VERBS = {
     'calibrate_zero': '',
     'fit': '',
     'diagnose': '',
+    'judge': '',
 }
 
 

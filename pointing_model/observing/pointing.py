@@ -71,7 +71,7 @@ class Pointing:
                  'pressure': conditions.air.pressure_hpa, 'magnitude': self.target.magnitude,
                  'star': np.array(self.target.number), 'run': conditions.run}
         return pointing_context(
-            model, stamps, az, el, known, zero=self._in_force.zero.angles,
+            model, stamps, az, el, known, zero=self._in_force.zero_now,
             here=conditions.here, approach=self.approach, row=conditions.row,
             site=conditions.site)
 

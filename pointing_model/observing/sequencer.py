@@ -60,6 +60,8 @@ class Sequencer:
         What it does or waits for.
     earth : str
         What is known of the Earth's orientation.
+    begun : bool
+        Whether a plan has ever got beyond waiting for the graph.
     """
 
     def __init__(self, outbox, instruments, in_force, table):
@@ -74,6 +76,9 @@ class Sequencer:
         self._told = None
         self._calibrated = 0
         self._homes = False  # the plan homes the mount itself
+        self.begun = False
+        self._plan, self._left = '', None
+        self._earlier = 0  # rows of this step that an observer before has taken
         self._evening = 0
         self._checks = []
         self._catalogue = self._polaris = None
@@ -88,10 +93,12 @@ class Sequencer:
     @property
     def progress(self):
         """How far it is, `Progress`."""
-        return replace(self._progress, observations=len(self._table), run=self._instruments.run)
+        return replace(self._progress, observations=len(self._table), run=self._instruments.run,
+                       plan=self._plan)
 
     def start(self, plan):
         """Take up a plan; it begins with the next `advance`."""
+        self._plan = plan
         self._steps.start(self._follow(plan))
 
     def advance(self):
@@ -117,6 +124,25 @@ class Sequencer:
         self._calibrated = count
         self.advance()
 
+    def take_up(self, run, stamp, left):
+        """Take the rows of the night so far, and where its plan stood, before a plan begins.
+
+        Parameters
+        ----------
+        run : PointingRun
+        stamp : int
+            Of the last row, ns.
+        left : Progress or None
+            The last that was heard of the plan.
+        """
+        self._table.restore(run, stamp)
+        self._instruments.remember_runs(run['run'], run.get('encoder_start'))
+        self._left = left
+        self._out.get_logger().info(
+            f'took up {len(run)} observations of the night so far; they are of power-ons '
+            + ', '.join(f'{number:.0f}' for number in np.unique(run['run'])))
+        self.advance()
+
     # --- the plan -----------------------------------------------------------------------------
 
     def _ended(self, error):
@@ -137,18 +163,55 @@ class Sequencer:
         orientation = earth_orientation(self._evening * 1e-9)
         self.earth = orientation.statement()
         self._out.get_logger().info(self.earth)
-        self._exposer.exposed = self._evening + 1
+        self._exposer.exposed = self._table.newest or self._evening + 1
+        self.begun = True
         steps = parse_plan(plan)
         if any(step.verb == 'satellite' for step in steps) and not self._out.value('satellite'):
             raise Refused('the plan has a step satellite: set the parameter satellite')
         if any(step.verb == 'polaris' for step in steps):
             self._check_polaris()  # now, not after a block of stars
+        first, done = self._where_it_stood(plan, steps)
         for number, step in enumerate(steps):
+            if number < first:
+                continue
             self._progress = Progress(step=str(step), block=number, total=step.exposures,
-                                      lost=self._progress.lost)
+                                      lost=self._progress.lost, done=done)
             self._set_state('observing', str(step))
-            yield from getattr(self, f'_do_{step.verb}')(step.count)
+            if not (done and done >= step.count):
+                yield from getattr(self, f'_do_{step.verb}')(step.count - done)
+            done = self._earlier = 0
             self._send_table()
+
+    def _where_it_stood(self, plan, steps):
+        """Number of the step to go on with, and its exposures that are done."""
+        left, self._left, self._earlier = self._left, None, 0
+        if left is None or not len(self._table):
+            return 0, 0
+        if left.plan != plan or left.state not in ('observing', 'waiting'):
+            self._out.get_logger().info('the plan of these observations is another or is over: '
+                                        'this one begins at its start')
+            return 0, 0
+        first, done = left.block, left.done
+        self._earlier = self._table.trailing(first)
+        self._homes = any(step.verb == 'home' for step in steps[:first])
+        rows = self._table.rows
+        waited = max((n for n, step in enumerate(steps[:first]) if step.verb == 'wait'),
+                     default=-1)
+        # when the night began nobody tells: about when its first star was observed
+        self._evening = next((row['stamp'] for row in rows if row['block'] > waited),
+                             rows[-1]['stamp'])
+        self._progress = replace(self._progress, lost=left.lost)
+        for number in {int(row['block']) for row in rows if row['check'] and row['block'] < first}:
+            self._checks.append({'block': number, **blind_summary(
+                [[row['miss_x'], row['miss_y']] for row in rows if row['block'] == number])})
+        told = self._instruments.power_on
+        if steps[first].verb == 'power_cycle' and told is not None and all(
+                row.get('encoder_start') != told.started for row in rows):
+            first += 1  # the power has been off since the last row
+        self._out.get_logger().info(
+            f'the plan goes on at step {first + 1} of {len(steps)}, {steps[first]}'
+            + (f', of which {done} are done' if done else ''))
+        return first, done
 
     def _do_stars(self, count):
         yield from self._need_home()  # the choice begins at where the mount stands
@@ -158,7 +221,8 @@ class Sequencer:
     def _do_check(self, count):
         """Point at fresh stars blind: the miss distance is the pointing error."""
         yield from self._need_home()
-        first, lost = len(self._table), self._progress.lost
+        first = len(self._table) - self._earlier
+        lost = self._progress.lost
         for target in self._fresh_stars(count):
             yield from self._observe(target, blind=True)
         self._checks.append({'block': self._progress.block, **blind_summary(
@@ -211,13 +275,22 @@ class Sequencer:
         yield from self._calibration_has_all()
         yield from self._call('calibrate_zero')
         newest = self._table.newest
-        yield from self._until(lambda: self._in_force.zero_stamp >= newest, 'the new zero')
+        known = self._in_force
+        yield from self._until(
+            lambda: max(known.zero_stamp, known.refused_stamp) >= newest, 'the new zero')
+        if known.zero_stamp < newest:  # the fit makes a zero of each power-on
+            self._out.get_logger().warning(
+                'the new zero is of a power-on that is over: the one before stays in force')
 
     def _do_fit(self, count):
         yield from self._new_model('fit')
 
     def _do_diagnose(self, count):
         yield from self._new_model('diagnose')
+
+    def _do_judge(self, count):
+        # it is the amended model, or the one before: published once more either way
+        yield from self._new_model('judge')
 
     # --- parts of steps -----------------------------------------------------------------------
 
@@ -272,6 +345,9 @@ class Sequencer:
                                'calibration to take the last observation')
 
     def _need_home(self):
+        health = self._instruments.health
+        if health.blocked:
+            yield from self._until(lambda: not health.blocked, f'an end: {health.blocked}')
         if not self._instruments.homed and self._homes:
             self._out.get_logger().warning('the encoder has no zero any more: homing again')
             yield from self._do_home()

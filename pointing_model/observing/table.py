@@ -15,6 +15,28 @@ class Table:
     def __len__(self):
         return len(self.rows)
 
+    def restore(self, run, stamp):
+        """Take the rows of the night so far, of another table.
+
+        Parameters
+        ----------
+        run : PointingRun
+            With the column ``time``.
+        stamp : int
+            Of the last row, ns: as seconds it is not known to the last one.
+        """
+        stamps = [round(time * 1e9) for time in run['time'].tolist()]
+        stamps[-1] = stamp
+        self.rows = [{'stamp': at, **{name: float(values[i]) for name, values in
+                                      run.columns.items()}} for i, at in enumerate(stamps)]
+
+    def trailing(self, block):
+        """How many of the last rows are of step `block` of the plan."""
+        count = 0
+        while count < len(self.rows) and self.rows[-1 - count]['block'] == block:
+            count += 1
+        return count
+
     def add(self, row):
         """Keep a row; as a run of its own, PointingRun."""
         self.rows.append(row)
@@ -43,4 +65,5 @@ class Table:
 
 def _run(rows):
     names = [name for name in rows[0] if name != 'stamp']
-    return PointingRun({name: np.array([row[name] for row in rows], float) for name in names})
+    return PointingRun({name: np.array([row.get(name, np.nan) for row in rows], float)
+                        for name in names})

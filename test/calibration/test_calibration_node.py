@@ -6,17 +6,22 @@ import pytest
 pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportError)
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from std_msgs.msg import String
 
 from calibration.calibration_node import Calibration
 from calibration.witnesses import UNJUDGED
 from msg_tools import convert, topics
 from msg_tools.homing import AxisHoming, homing_to_cloud
+from msg_tools.status import Progress, handover
 from msg_tools.units import ARCSEC, DEG
+from pointing_model.in_force_message import pair_to_text
 from pointing_model.model import PointingModel
+from pointing_model.model_document import identity
 from pointing_model.run import PointingRun
 from pointing_model.run_messages import run_to_cloud
 from pointing_model.star_catalogue import POLARIS_HIP
 from pointing_model.terms import PHYSICAL
+from pointing_model.zero import RunZero
 from pointing_model.zero_message import joints_to_zero
 
 START = 1_768_482_000_000_000_000
@@ -85,6 +90,37 @@ def test_an_encoder_that_reads_20_too_much_gives_a_zero_of_plus_20(graph, tmp_pa
     assert zero[1] / ARCSEC == pytest.approx(-8.0, abs=1.0)
     assert 0.01 < sigma[0] / ARCSEC < 1.0 and 0.01 < sigma[1] / ARCSEC < 1.0
     assert f'{zero[0] / ARCSEC:+.2f}' in answer.message
+
+
+def test_a_zero_says_its_power_on_and_its_model(graph):
+    desk = Desk(graph)
+    zeros, models = graph.listen(topics.ZERO), graph.listen(topics.MODEL)
+
+    def observe(run, start):
+        desk.observe(PointingRun({**run.columns, 'encoder_start': np.full(len(run), start)}))
+
+    observe(rows(20, seed=2), 1e9)
+    observe(rows(8, star=POLARIS_HIP, seed=3), 1e9)
+    assert graph.call('fit').success
+    observe(rows(8, run=2, star=POLARIS_HIP, seed=4), 2e9)
+    assert graph.call('calibrate_zero').success
+    graph.wait_for(lambda: len(zeros) == 2 and models)
+    name = identity(models[0].data)
+    told = [joints_to_zero(message)[1] for message in zeros]
+    assert [(zero.run, zero.started, zero.model) for zero in told] == [
+        (1, 1e9, name), (2, 2e9, name)]
+    # IA is in the model: by Polaris alone the second would be 300" off beside it
+    assert abs(told[1].az) < 3 * ARCSEC
+
+
+def test_a_zero_by_polaris_alone_goes_with_no_model(graph):
+    desk = Desk(graph)
+    desk.observe(rows(8, star=POLARIS_HIP))
+    assert graph.call('calibrate_zero').success
+    zeros = graph.listen(topics.ZERO)
+    graph.wait_for(lambda: zeros)
+    zero = joints_to_zero(zeros[0])[1]
+    assert (zero.started, zero.model) == (None, 'none')
 
 
 def test_model_and_report_are_there_for_those_who_come_late(graph):
@@ -204,10 +240,73 @@ def test_the_table_brings_back_the_night_after_a_restart(graph):
     graph.report('calibration', '', 'observations', 12)
 
 
+def test_a_calibration_started_anew_says_what_it_took_up(graph):
+    status = graph.listen(topics.CALIBRATION_STATUS)
+    night = PointingRun.concatenate([rows(20, seed=2), rows(6, star=POLARIS_HIP, seed=3)])
+    table, pair = graph.publisher(topics.OBSERVATIONS), graph.publisher(topics.IN_FORCE)
+    name = identity(MOUNT.to_json())
+    zero = RunZero(3e-6, -4e-6, np.diag([1e-12, 4e-12]), 1, 1e9, name)
+    pair.publish(String(data=pair_to_text(MOUNT.to_json(), START, zero)))
+    graph.add(Calibration)
+    zeros, models = graph.listen(topics.ZERO), graph.listen(topics.MODEL)
+    # what its predecessor has published died with it, and is latched again
+    graph.wait_for(lambda: zeros and models)
+    stamp, told = joints_to_zero(zeros[0])
+    assert stamp == START and told == zero and (told.started, told.model) == (1e9, name)
+    assert identity(models[0].data) == name
+    table.publish(run_to_cloud(night, START))
+    graph.wait_for(lambda: 'took up 26 observations, zeros by Polaris of power-ons 1; the model '
+                   'in force' in status[-1].message, lambda: status[-1].message)
+    assert graph.call('calibrate_zero').success
+    graph.wait_for(lambda: len(zeros) == 2)
+    # beside the model that is in force
+    told = joints_to_zero(zeros[1])[1]
+    assert told.model == name and abs(told.az) < 3 * ARCSEC
+
+
+def test_a_model_of_a_camera_that_measures_nothing_is_not_published(graph):
+    desk = Desk(graph)
+    models = graph.listen(topics.MODEL)
+    lying = rows(30, seed=2)
+    desk.observe(PointingRun({**lying.columns, 'encoder_start': np.full(30, 1e9),
+                              'miss_x': np.zeros(30), 'miss_y': np.zeros(30)}))
+    for verb in ('fit', 'diagnose'):
+        answer = graph.call(verb)
+        assert not answer.success
+        assert answer.message.startswith('not published: 30 of 30 observations left out')
+    graph.report('calibration', 'the camera said the same miss distance')
+    assert not models
+
+
+def test_a_pair_that_does_not_go_together_is_not_taken_up(graph):
+    pair = graph.publisher(topics.IN_FORCE)
+    graph.add(Calibration)
+    graph.connect()
+    pair.publish(String(data=pair_to_text(MOUNT.to_json(), START, RunZero(0, 0, model='none'))))
+    graph.report('calibration', '1 messages refused', 'taken up', 'nothing: there from the start')
+    pair.publish(String(data='{}'))
+    graph.report('calibration', '2 messages refused', 'taken up', 'nothing: there from the start')
+
+
+def test_an_observer_that_has_lost_the_night_gets_it_back(graph):
+    desk = Desk(graph)
+    status, given = graph.listen(topics.CALIBRATION_STATUS), graph.listen(topics.CALIBRATION_TABLE)
+    observer = graph.publisher(topics.OBSERVER_STATUS)
+    graph.connect()
+    at = Progress('observing', 'stars 30', 1, 4, 30, 4, 1, 0, 'home, stars 30')
+    desk.observe(rows(4))
+    for number, progress in enumerate((at, Progress(plan='home, stars 30'))):
+        observer.publish(convert.status(DiagnosticStatus.OK, 'observer', '', **progress.rows()))
+        graph.report('calibration', '', 'received /mount/observer/status', number + 1)
+    graph.wait_for(lambda: given and handover(status[-1]))
+    assert given[-1].width == 4 and handover(status[-1]) == (4, at)
+
+
 def test_the_status_counts_what_came(graph):
     status = graph.listen(topics.CALIBRATION_STATUS)
     desk = Desk(graph)
-    graph.report('calibration', '', 'observations', 0)
+    graph.wait_for(lambda: status)
+    assert status[0].message.startswith('knows nothing of the night yet')
     desk.observe(rows(3))
     graph.wait_for(lambda: status and status[-1].values[0].value == '3')
     assert status[-1].values[0].key == 'observations'
@@ -327,3 +426,35 @@ def test_a_diagnosis_of_too_few_of_the_rows_claims_nothing(graph):
 def test_a_site_that_is_none_is_refused(graph, site):
     with pytest.raises(ValueError, match='calibration: site = '):
         graph.add(Calibration, site=site)
+
+
+def test_a_change_that_does_not_hold_is_refused_with_a_warning(graph):
+    # the elevation zero climbs while the night's stars are observed, and is back when they are done
+    stars, kept = rows(70, seed=5), rows(20, seed=6)
+    stars.columns['el_enc'] = stars['el_enc'] + np.linspace(0.0, 8.0, 70) * ARCSEC
+    night = PointingRun({
+        **{name: np.concatenate([stars[name], kept[name]]) for name in stars.columns},
+        'star': np.arange(90) + 1.0, 'check': np.repeat([0.0, 1.0], [70, 20]),
+        'time': START * 1e-9 + 15.0 * np.arange(90)})
+    desk = Desk(graph)
+    models, found = graph.listen(topics.MODEL), graph.listen(topics.DIAGNOSIS)
+    reports, said = graph.listen(topics.CALIBRATION_REPORT), graph.listen(topics.CALIBRATION_STATUS)
+    answer = graph.call('judge')
+    assert not answer.success and 'diagnose first' in answer.message
+    desk.observe(night)
+    assert graph.call('fit').success
+    answer = graph.call('diagnose')
+    assert answer.success and answer.message.startswith('withheld; ')
+    assert 'not published: elevation_zero' in answer.message
+    graph.wait_for(lambda: len(models) == len(reports) == 2 and found)
+    before, after = (PointingModel.from_json(message.data) for message in models)
+    assert after.terms == before.terms and after.effects == ()
+    document = json.loads(found[0].data)
+    assert document['verdict'] == 'withheld' and document['refused'][0]['why'] in answer.message
+    graph.wait_for(lambda: said and said[-1].message == answer.message)
+    assert said[-1].level == DiagnosticStatus.WARN
+    graph.report('calibration', 'not published: elevation_zero')
+    assert graph.call('judge').message.startswith('the model is the one of before')
+    graph.wait_for(lambda: len(models) == 3 and len(found) == 2)
+    assert json.loads(models[-1].data)['provenance']['judged'] == 'holds'
+    assert json.loads(found[-1].data)['judged']['taken_back'] is False

@@ -239,3 +239,19 @@ def test_a_table_brings_back_the_night_after_a_restart():
     collected.add(blocks[3], 4 * 10**9)
     collected.take_table(blocks[0], 10**9)
     assert len(collected) == len(whole)
+
+
+def test_a_zero_after_the_fit_goes_with_the_model_in_force():
+    rng = np.random.default_rng(6)
+    collected = session(night(second=False), zeros=False)
+    model, _ = collected.fit()
+    collected.in_force = model  # with all of IA in it
+    collected.add(rows(*polaris(8), 2, [POLARIS_HIP] * 8, rng, DRIFT), 9 * 10**9)
+    number, zero = collected.calibrate_zero()
+    assert number == 2
+    az, el = np.array([2.0]), np.array([0.9])
+    wanted = np.ravel(MOUNT.sky_to_encoder(az, el)) + DRIFT
+    got = np.ravel(model.sky_to_encoder(az, el)) + zero.angles
+    assert np.abs(got - wanted).max() < 3 * ARCSEC
+    # by Polaris alone, as fits begin with it, it holds the whole offset there
+    assert abs(collected.zeros[2].az - zero.az) > 250 * ARCSEC

@@ -3,6 +3,7 @@ import json
 import numpy as np
 import pytest
 
+from calibration.diagnosis_page.plain_words import verdict_sentences
 from calibration.nights import NightSeries
 from calibration.rows import for_fitting, is_kept_out
 from calibration.session import CalibrationSession
@@ -76,6 +77,7 @@ def test_rows_kept_out_change_nothing_but_the_judgement():
     for text in texts:
         for key in ('before', 'after'):
             text[key].pop('holdout_rms_arcsec')
+        assert text.pop('judgement')['rows'] == 25
     assert texts[0] == texts[1]
     assert b.document['after']['holdout_rms_arcsec'] > 50.0
     # and a zero does not see them either
@@ -186,6 +188,156 @@ def test_the_square_of_time_is_held_from_the_last_row_on():
         dx, dy = total(squared, as_context(later, later['az'], later['el']))
         x.append(dx), y.append(dy)
     np.testing.assert_array_equal(y[0], y[1])
+
+
+def climbing(rows, start, arcsec, length):
+    """The elevation zero climbs by so much in `length` seconds from `start` on, then rests."""
+    u = np.clip((rows['time'] - start) / length, 0.0, 1.0)
+    return PointingRun({**rows.columns, 'el_enc': rows['el_enc'] + arcsec * u * ARCSEC})
+
+
+def after(rows, *blocks):
+    """The blocks, each a minute after the one before it."""
+    out = [rows]
+    for part in blocks:
+        begin = out[-1]['time'][-1] + 60.0
+        out.append(PointingRun({**part.columns, 'time': begin + 15.0 * np.arange(len(part))}))
+    return out
+
+
+def test_what_does_not_hold_on_rows_kept_out_is_not_published():
+    # it climbs, and when the night's stars are done it is back where it began
+    stars, kept = after(block(80, 1), block(25, 3, check=1.0))
+    start, length = stars['time'][0], np.ptp(stars['time'])
+    night = session(block(8, 2, polaris=True), climbing(stars, start, 8.0, length), kept)
+    fitted, zeros = night.model, dict(night.zeros_in_force)
+    found = night.diagnose(site=SITE)
+    document = found.document
+    assert document['verdict'] == 'withheld' and not document['published']
+    assert document['effects'] == document['applied'] == []
+    entry, = document['refused']
+    assert 'elevation_zero_with_time' in entry['effects']
+    assert entry['found'][0]['name'] == 'elevation_zero_with_time'
+    assert 'in elevation' in entry['why'] and '25 rows' in entry['why']
+    assert entry['judgement']['radial']['chance'] < 0.05
+    assert any(note.startswith('not published: elev') for note in document['notes'])
+    assert found.model.terms == fitted.terms and found.zeros == zeros
+    assert found.model.effects == ()
+    assert document['after'] == document['before']
+    assert 'Not published' in found.diagnosis.caution and found.diagnosis.verdict == 'withheld'
+    headline, sentences = verdict_sentences(found.diagnosis.to_dict(),
+                                            caution=found.diagnosis.caution)
+    assert 'stays in force' in headline and any('Not published' in text for text in sentences)
+    json.dumps(document, allow_nan=False)
+    # and there is nothing to take back
+    told = night.judge()
+    assert told.document['judged']['taken_back'] is False
+    assert told.model.terms == fitted.terms and told.document['verdict'] == 'withheld'
+
+
+def test_an_axis_that_is_made_worse_does_not_cost_the_other_its_gain():
+    stars, kept = after(block(90, 1, eccentric=8.0), block(30, 3, eccentric=8.0, check=1.0))
+    start, length = stars['time'][0], np.ptp(stars['time'])
+    night = session(block(8, 2, polaris=True, eccentric=8.0),
+                    climbing(stars, start, 8.0, length), kept)
+    found = night.diagnose(site=SITE)
+    assert found.document['published'] and found.document['verdict'] == 'identified'
+    assert found.document['applied'] == ['azimuth_encoder_1']
+    assert [e['name'] for e in found.document['effects']] == ['azimuth_encoder_1']
+    assert found.document['refused'][0]['effects'] == ['elevation_zero_with_time']
+    before, now = (found.document[k]['holdout_rms_arcsec'] for k in ('before', 'after'))
+    assert now < 0.85 * before  # what is left is the zero that climbed
+    cos, sin = (found.model.effects[0].coefficients / ARCSEC)
+    assert (cos, sin) == pytest.approx((8 * np.cos(0.8), 8 * np.sin(0.8)), abs=1.0)
+
+
+def test_without_rows_kept_out_fit_and_search_are_repeated_without_some():
+    stars, = after(block(90, 1, eccentric=8.0))
+    found = session(block(8, 2, polaris=True, eccentric=8.0), stars).diagnose(site=SITE)
+    assert found.document['applied'] == ['azimuth_encoder_1'] and found.document['published']
+    assert found.document['judgement']['rows'] == 22
+    assert found.document['judgement']['radial']['chance'] > 0.9
+    # of few rows none can be spared, and it is said
+    few = session(block(24, 1, eccentric=12.0), fit=False).diagnose(site=SITE)
+    if few.document['applied']:
+        assert any('not judged before it was published' in n for n in few.document['notes'])
+
+
+def test_blind_stars_take_back_a_model_that_is_worse():
+    stars, first, later = after(block(80, 1), block(15, 3, check=1.0), block(25, 4, check=1.0))
+    start, length = stars['time'][0], np.ptp(stars['time'])
+    # it goes on climbing while the first judges look, and is back when the next do
+    held = climbing(first, start, 9.0, length)
+    night = session(block(8, 2, polaris=True), climbing(stars, start, 9.0, length), held)
+    fitted, zeros = night.model, dict(night.zeros_in_force)
+    published = night.diagnose(site=SITE)
+    assert published.document['published']
+    assert 'elevation_zero_with_time' in published.document['applied']
+    few = night.judge(site=SITE)
+    assert few.document['judged']['why'].startswith('not judged: 0 blind stars')
+    assert few.model.effects == published.model.effects
+    night.add(later, 9 * 10**9)
+    taken = night.judge(site=SITE)
+    judged = taken.document['judged']
+    assert judged['taken_back'] and judged['rows'] == 25
+    assert judged['why'].startswith('taken back: 25 rows')
+    assert judged['radial']['after_arcsec'] > 1.5 * judged['radial']['before_arcsec']
+    assert taken.document['verdict'] == 'taken_back' and taken.document['applied'] == []
+    assert taken.diagnosis.verdict == 'taken_back' and judged['why'] == taken.diagnosis.caution
+    assert taken.model.terms == fitted.terms and taken.model.effects == ()
+    assert dict(night.zeros_in_force) == zeros and night.report['verdict'] == 'taken_back'
+    assert taken.model.provenance['last_stamp_ns'] == 9 * 10**9
+    assert taken.model.provenance['judged'] == 'taken back'
+    # once more: the one before is in force
+    assert night.judge(site=SITE).document['judged']['taken_back'] is False
+
+
+def test_blind_stars_leave_a_good_model_in_force():
+    stars, first, later = after(block(70, 1, eccentric=8.0), block(15, 3, eccentric=8.0, check=1.),
+                                block(20, 4, eccentric=8.0, check=1.0))
+    night = session(stars, block(8, 2, eccentric=8.0, polaris=True), first)
+    amended = night.diagnose(site=SITE)
+    night.add(later, 9 * 10**9)
+    held = night.judge(site=SITE)
+    assert held.document['judged']['why'].startswith('holds: 20 rows')
+    assert held.model.effects == amended.model.effects
+    assert held.model.terms == amended.model.terms
+    assert held.document['verdict'] == 'identified'
+    with pytest.raises(ValueError, match='diagnose first'):
+        session(stars, fit=False).judge()
+
+
+def test_a_diagnosis_as_of_then_knows_no_later_rows():
+    stars, first, later = after(block(70, 1, eccentric=8.0), block(15, 3, eccentric=8.0, check=1.),
+                                block(20, 4, eccentric=8.0, check=1.0))
+    rows = stars, block(8, 2, eccentric=8.0, polaris=True), first
+    then = session(*rows).diagnose(site=SITE)
+    night = session(*rows, later)
+    again = night.diagnose(site=SITE, until=3 * 10**9)
+    assert then.document == again.document
+    assert then.model.terms == again.model.terms
+    assert night.judge(site=SITE).document['judged']['rows'] == 20
+
+
+def test_a_fit_that_is_worse_does_not_replace_the_model_in_force():
+    stars, kept, more, last = after(block(60, 1), block(20, 3, check=1.0), block(30, 4),
+                                    block(20, 5, check=1.0))
+    night = session(block(8, 2, polaris=True), stars, kept)
+    good, zeros = night.model, dict(night.zeros_in_force)
+    # somebody bumps the encoder while 30 more are observed, and it comes back
+    bumped = PointingRun({**more.columns, 'el_enc': more['el_enc'] + 9.0 * ARCSEC})
+    night.add(bumped, 8 * 10**9)
+    night.add(last, 9 * 10**9)
+    model, report = night.fit()
+    assert model.terms == good.terms and dict(night.zeros_in_force) == zeros
+    assert model.provenance['last_stamp_ns'] == 9 * 10**9
+    assert report['refused'].startswith('this fit is not published: 40 rows')
+    assert report['refused'] in report['notes']
+    # with good rows it does
+    night = session(block(8, 2, polaris=True), stars, kept)
+    night.add(more, 8 * 10**9)
+    model, report = night.fit()
+    assert 'refused' not in report and model.terms != good.terms
 
 
 def test_the_noise_of_measured_rates_is_no_latency():

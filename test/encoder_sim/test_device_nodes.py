@@ -8,6 +8,7 @@ from encoder_sim.device_params import Decimator, parse_utc
 from encoder_sim.incremental_encoder_node import IncrementalEncoders
 from msg_tools import convert, topics
 from msg_tools.homing import cloud_to_homing
+from msg_tools.power_on import read_frame
 from msg_tools.units import ARCSEC, DEG
 
 START = 1_768_482_000_000_000_000
@@ -66,7 +67,10 @@ def test_unknown_until_homed_and_again_after_power_off(graph, drifting):
 
     answer = graph.call('power_cycle')
     assert answer.success and 'power-on 2' in answer.message
+    frame = axes.got[-1].header.frame_id
     assert np.isnan(axes([place])).all()
+    assert frame == f'power_on_1@{START // 10**9 + 1}.000'
+    assert axes.got[-1].header.frame_id == f'power_on_2@{axes.stamp // 10**9}.000'
     graph.report('incremental_encoder', 'call home', 'power-on', 2)
     assert np.isfinite(axes(HOMING)[-1]).all()
 
@@ -185,10 +189,15 @@ def test_the_power_fails_as_the_scenario_says(graph, tmp_path):
     path.write_text('based_on: ideal\nincremental:\n  azimuth: {power_cycles_s: [5.5]}\n'
                     '  elevation: {power_cycles_s: [5.5]}\n')
     graph.add(IncrementalEncoders, scenario=str(path))
+    marks = graph.listen(topics.HOMING)
     axes = Axes(graph, topics.INCREMENTAL)
     assert np.isfinite(axes(HOMING)[-1]).all()
     reading = axes(np.repeat(MARKS[None] + 1 * DEG, 4, axis=0))
     assert np.isfinite(reading[0]).all() and np.isnan(reading[1:]).all()
+    told = [read_frame(message.header.frame_id) for message in axes.got[-4:]]
+    assert [power_on.number for power_on in told] == [1, 2, 2, 2]
+    assert [power_on.started - START * 1e-9 for power_on in told] == [1.0, 6.0, 6.0, 6.0]
+    graph.wait_for(lambda: marks and cloud_to_homing(marks[-1])['azimuth'].identity == told[1])
     graph.report('incremental_encoder', 'no zero since power-on: call home', 'power-on', 2)
     assert np.isfinite(axes(HOMING)[-1]).all()
 

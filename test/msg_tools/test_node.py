@@ -5,8 +5,10 @@ import pytest
 
 pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportError)
 
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock
 
 from msg_tools import convert, topics
 from msg_tools.node import BadInput, Counter, MountNode, Param
@@ -295,6 +297,16 @@ def test_bad_input_of_a_process_is_one_line_and_code_2(ros_domain, tmp_path, arg
     # before a line of ours rcl may have logged one of its own
     assert [line for line in lines if '[rcl]' not in line] == lines[-1:], done.stderr
     assert lines[-1].startswith('error: ') and text in lines[-1]
+
+
+def test_a_clock_below_zero_is_refused_and_the_node_lives_on(graph):
+    clock = graph.publisher(topics.CLOCK)
+    node = graph.add(Sample, use_sim_time=True)
+    graph.connect()
+    clock.publish(Clock(clock=Time(sec=-1, nanosec=0)))
+    graph.report('sample', '1 messages refused')
+    clock.publish(Clock(clock=Time(sec=5, nanosec=7)))
+    graph.wait_for(lambda: node.get_clock().now().nanoseconds == 5_000_000_007)
 
 
 @pytest.mark.parametrize('name', ['SIGINT', 'SIGTERM'])

@@ -1,9 +1,11 @@
 import numpy as np
 import pytest
 
+from msg_tools.power_on import PowerOn
 from msg_tools.units import ARCSEC
 from pointing_model.in_force import InForce
 from pointing_model.model import PointingModel
+from pointing_model.model_document import identity
 from pointing_model.zero import NO_ZERO, RunZero
 
 AZ, EL = np.array([0.5, 3.0]), np.array([0.6, 1.1])
@@ -51,3 +53,76 @@ def test_a_model_and_the_zero_that_it_tells_of():
     assert not told([first, newest | {'el_arcsec': -9.001}])
     with pytest.raises(ValueError, match='not a zero'):
         told([{'run': 2}])
+
+
+# --- what goes together ---------------------------------------------------------------------------
+
+OLD, NEW = (PointingModel({'IA': ia * ARCSEC}) for ia in (-24.0, 320.0))
+OLD_ZERO, NEW_ZERO = (RunZero(az * ARCSEC, 0.0, run=run, started=run * 1e9, model=identity(
+    model.to_json())) for az, run, model in ((356.0, 1, OLD), (10.5, 2, NEW)))
+
+
+def demand(now):
+    """Azimuth error that is pointed for, arcsec."""
+    return round(float((now.encoder(AZ, EL) - np.column_stack([AZ, EL]))[0, 0]) / ARCSEC, 3)
+
+
+@pytest.mark.parametrize('zero_first', [True, False])
+def test_a_zero_and_its_model_come_into_force_together(zero_first):
+    now = InForce(OLD)
+    now.take_zero(1, OLD_ZERO)
+    assert demand(now) == 332.0 and not now.complaints()
+    steps = [lambda: now.take_model(NEW.to_json()), lambda: now.take_zero(2, NEW_ZERO)]
+    steps = steps[::-1] if zero_first else steps
+    steps[0]()
+    assert demand(now) == 332.0 and now.zero_stamp == 1  # never half of the new pair
+    assert len(now.complaints()) == 1 and 'was not taken' in now.complaints()[0]
+    steps[1]()
+    assert demand(now) == 330.5 and now.zero_stamp == 2 and now.models == 1
+    assert not now.complaints()
+
+
+def test_a_zero_of_another_model_waits_for_it_and_harms_nothing():
+    now = InForce(OLD)
+    now.take_zero(1, NEW_ZERO)
+    assert demand(now) == -24.0 and now.zero_stamp == 0
+    now.take_zero(2, OLD_ZERO)
+    assert demand(now) == 332.0
+    # of no model: a zero by Polaris alone holds the whole of IA
+    now.take_zero(3, RunZero(1.0, 0.0, run=1, model='none'))
+    assert demand(now) == 332.0
+
+
+def test_a_zero_of_another_power_on_is_refused():
+    now = InForce(OLD)
+    now.take_power_on(PowerOn(1, 1e9))
+    now.take_zero(1, OLD_ZERO)
+    assert not now.complaints()
+    now.take_power_on(PowerOn(1, 2e9))  # a driver started anew counts from 1 again
+    assert 'another' not in now.complaints()[0] and 'set it anew' in now.complaints()[0]
+    now.take_zero(2, OLD_ZERO)
+    assert (now.refused, now.refused_stamp, now.zero_stamp) == (1, 2, 1) and now.zero_is_unknown
+    # where the encoder does not tell, nothing can be refused
+    now.take_power_on(None)
+    now.take_zero(3, OLD_ZERO)
+    assert now.zero_stamp == 3 and not now.complaints()
+    fresh = InForce(OLD)
+    fresh.take_power_on(PowerOn(1, 2e9))
+    fresh.take_zero(1, OLD_ZERO)
+    assert fresh.zero is NO_ZERO and 'the last zero was not taken' in fresh.complaints()[0]
+
+
+def test_messages_of_older_logs_are_taken_as_ever():
+    now = InForce(OLD)
+    now.take_zero(1, RunZero(5.0 * ARCSEC, 0.0))
+    now.take_model(NEW.to_json())
+    assert demand(now) == 325.0 and not now.complaints()
+
+
+def test_the_name_of_a_model_is_that_of_what_it_does():
+    text = NEW.to_json()
+    assert identity(text) == identity(PointingModel.from_json(text).to_json())
+    assert identity(text) == identity(
+        PointingModel(NEW.terms, provenance={'source': 'elsewhere'}).to_json())
+    assert identity(text) != identity(OLD.to_json())
+    assert identity('') == identity(PointingModel({}).to_json()) == 'none'

@@ -6,12 +6,16 @@ pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportErr
 from std_msgs.msg import String
 
 from msg_tools import convert, topics
+from msg_tools.homing import AxisHoming, homing_to_cloud
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.effects import effect
 from pointing_model.fitted_effects import FittedEffect
 from pointing_model.model import PointingModel
+from pointing_model.model_document import identity
 from pointing_model.pointing_corrector_node import PointingCorrector
 from pointing_model.terms import PHYSICAL
+from pointing_model.zero import RunZero
+from pointing_model.zero_message import zero_to_joints
 
 START = 1_768_482_000_000_000_000
 MODEL = PointingModel(
@@ -129,6 +133,41 @@ def test_bad_messages_are_refused_and_the_node_lives_on(graph):
         np.column_stack(MODEL.sky_to_encoder(*SKY.T)), rtol=0, atol=1e-11)
 
 
+def test_a_zero_of_another_model_or_power_on_is_refused_and_the_pair_before_stays(graph):
+    name = identity(MODEL.to_json())
+    desk = Desk(graph, MODEL)
+    encoder = graph.publisher(topics.HOMING)
+    graph.connect()
+
+    def tell(started):
+        axis = AxisHoming(True, 'below', 0, 1, np.nan, 1e-7, np.nan, 1, started)
+        encoder.publish(homing_to_cloud([axis, axis], START))
+
+    def set_zero(angles, **told):
+        desk.zero_pub.publish(zero_to_joints(RunZero(*angles, run=1, **told), START))
+
+    tell(1e9)
+    graph.report('pointing_corrector', '', 'encoder', 'power_on_1@1000000000.000')
+    set_zero(ZERO, started=1e9, model=name)
+    graph.report('pointing_corrector', 'ok', 'zero goes with model', name)
+    wanted = desk(TIMES, SKY, RATES)[0]
+    set_zero(9 * ZERO, started=1e9, model='none')
+    graph.report('pointing_corrector', f'it goes with model none, and {name} is in force')
+    np.testing.assert_array_equal(desk(TIMES, SKY, RATES)[0], wanted)
+    set_zero(ZERO, started=1e9, model=name)
+    tell(2e9)
+    graph.report('pointing_corrector', 'the zero in force is of the power-on that began at '
+                 '1000000000.000')
+    set_zero(7 * ZERO, started=1e9, model=name)
+    graph.report('pointing_corrector', '', 'zeros of another power-on refused', 1)
+    angles, _, sigma = desk(TIMES, SKY, RATES)
+    np.testing.assert_array_equal(angles, wanted)
+    assert np.isnan(sigma).all()  # nobody knows by how much the zero has moved
+    set_zero(2 * ZERO, started=2e9, model=name)
+    graph.report('pointing_corrector', '', 'zero azimuth [arcsec]', '66.000')
+    assert np.isfinite(desk(TIMES, SKY, RATES)[2]).all()
+
+
 def test_where_the_mount_cannot_point_it_gives_no_demand(graph):
     desk = Desk(graph, PointingModel({'CA': 600 * ARCSEC}))
     desk.target_pub.publish(convert.trajectory(START, [0.0], [[1.0, 89.99 * DEG]], [[0.0, 0.0]]))
@@ -170,3 +209,33 @@ def test_effects_act_where_their_driver_is_known_and_are_named_where_not(graph):
     graph.report('pointing_corrector', '', 'received /mount/ambient/temperature', 1)
     angles, _, _ = desk(TIMES, SKY, RATES)
     np.testing.assert_allclose((angles[:, 1] - SKY[:, 1]) / ARCSEC, 6.0 + 0.1 * TIMES, atol=1e-3)
+
+
+def test_the_zero_follows_the_absolute_encoder_between_stars(graph):
+    from pointing_model.following import KEY, AxisFollowing, Following
+    from pointing_model.zero import RunZero
+    from pointing_model.zero_message import zero_to_joints
+    follows = Following({'el': AxisFollowing(
+        np.zeros(4), {1: 8.0 * ARCSEC}, 0.3 * ARCSEC, 0.4 * ARCSEC)})
+    zero = RunZero(*ZERO, np.diag(ZERO_SIGMA**2), 1)
+    model = PointingModel(MODEL.terms, MODEL.covariance, provenance={
+        KEY: follows.document(), 'zeros_in_force': [zero.to_dict()]})
+    desk = Desk(graph, model)
+    desk.zero_pub.publish(zero_to_joints(zero, START))
+    graph.report('pointing_corrector', '', 'zero follows',
+                 'no reading of both encoders yet: the zero stands still')
+    still, _, sigma = desk(TIMES, SKY, RATES)
+    np.testing.assert_allclose(sigma[1], np.hypot(
+        MODEL.sigma(*SKY[:1].T)[1][0], np.hypot(3.0, 0.5) * ARCSEC), rtol=1e-6)
+    # it hears both encoders from that model on
+    pubs = [graph.publisher(topic) for topic in (topics.INCREMENTAL, topics.ABSOLUTE)]
+    graph.connect()
+    for moved in (0.0, 5.0):
+        for k in range(3):
+            stamp = START + 10**8 * (k + 10 * int(moved))
+            for pub, reading in zip(pubs, ([1.0, 0.8 + (8.0 + moved) * ARCSEC], [0.9, 0.8])):
+                pub.publish(convert.joint_state(stamp, reading))
+        graph.report('pointing_corrector', '', 'zero follows',
+                     f'absolute encoder: elevation by {moved:+.2f} arcsec')
+    angles, _, _ = desk(TIMES, SKY, RATES)
+    np.testing.assert_allclose((angles - still) / ARCSEC, [[0.0, 5.0]] * 3, atol=1e-4)

@@ -7,15 +7,19 @@ import pytest
 pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportError)
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 
 from msg_tools import convert, topics
+from msg_tools.power_on import PowerOn
+from msg_tools.status import Progress, handover_rows
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.effects import effect
 from pointing_model.fitted_effects import FittedEffect
 from pointing_model.model import PointingModel
-from pointing_model.run_messages import cloud_to_run
+from pointing_model.run import PointingRun
+from pointing_model.run_messages import cloud_to_run, run_to_cloud
 from pointing_model.sky import DEFAULT_SITE, DEFAULT_WEATHER, Site, observed_place
 from pointing_model.star_catalogue import POLARIS_HIP, load_catalogue
 from pointing_model.star_observer_node import StarObserver
@@ -41,8 +45,8 @@ class Instruments:
         ``miss(number, stamp, reading)`` in rad, or None: the camera says nothing.
     """
 
-    def __init__(self, graph, miss=lambda *_: (0.0, 0.0), homed=True, absolute=True,
-                 error=(0.0, 0.0)):
+    def __init__(self, graph, miss=lambda number, *_: (1e-6 * ARCSEC * number, 0.0), homed=True,
+                 absolute=True, error=(0.0, 0.0)):
         self.graph, self.miss, self.absolute = graph, miss, absolute
         self.error = np.array(error)
         self.now = START
@@ -54,7 +58,7 @@ class Instruments:
         graph.listen(topics.COMMAND, call=self._on_command)
         self.ticks = graph.tester.create_timer(0.05, self._tick)
         self.homed = homed
-        self.awake = True
+        self.awake, self.frame = True, ''
 
     def _tick(self):
         self.pubs[topics.CLOCK.name].publish(Clock(clock=convert.to_stamp(self.now)))
@@ -64,7 +68,7 @@ class Instruments:
 
     def read(self, stamp, angles):
         self.pubs[topics.INCREMENTAL.name].publish(
-            convert.joint_state(stamp, angles + self.error, [0.0, 0.0]))
+            convert.joint_state(stamp, angles + self.error, [0.0, 0.0], frame=self.frame))
         if self.absolute:
             self.pubs[topics.ABSOLUTE.name].publish(convert.joint_state(stamp, angles, [0.0, 0.0]))
 
@@ -340,6 +344,22 @@ def test_an_exposure_off_the_target_does_not_count(graph):
     assert len(night.run()) == 1
 
 
+def test_two_cameras_stop_the_night_until_one_is_gone(graph):
+    Instruments(graph)
+    other = Node('other_camera', context=graph.context, namespace='/mount',
+                 start_parameter_services=False, enable_rosout=False)
+    topic = topics.MISS_DISTANCE
+    second = other.create_publisher(topic.message, topic.name, topic.qos)
+    night = Night(graph, 'stars 2')
+    status = graph.report('star_observer', 'instrument camera: published by /mount/other_camera '
+                          'and /mount/tester; end all but one')
+    assert status.level == DiagnosticStatus.WARN and not night.rows
+    other.destroy_publisher(second)
+    assert len(night.run()) == 2
+    graph.wait_for(lambda: 'instrument' not in graph.reports['star_observer'].message)
+    other.destroy_node()
+
+
 def test_bad_messages_are_counted_and_the_night_goes_on(graph):
     sky = Instruments(graph)
     night = Night(graph, 'stars 2', autostart=False)
@@ -448,6 +468,31 @@ def test_a_calibration_that_was_started_anew_gets_all_rows_again(graph):
         graph.report('star_observer', '', 'received /mount/calibration/status', 2 - count)
     graph.wait_for(lambda: len(night.tables) > before)
     assert night.tables[-1].width == 2
+
+
+def test_an_observer_started_anew_takes_its_night_from_the_calibration(graph):
+    sky = Instruments(graph)
+    sky.frame = PowerOn(2, 2e9).frame
+    first = Night(graph, 'polaris 5')
+    graph.wait_for(lambda: len(first.rows) == 3)
+    rows = PointingRun.concatenate(map(cloud_to_run, first.rows[:3]))
+    graph.remove(first.node)
+    sky.commands.clear()  # the encoder goes on to be read
+    rows.columns['run'] = np.full(3, 7.0)  # as the night has numbered it
+    status, table = (graph.publisher(topic) for topic in (
+        topics.CALIBRATION_STATUS, topics.CALIBRATION_TABLE))
+    status.publish(convert.status(DiagnosticStatus.OK, 'calibration', '', observations=3))
+    night = Night(graph, 'polaris 5')
+    graph.report('star_observer', 'the calibration to give back the rows of the night so far')
+    table.publish(run_to_cloud(rows, convert.from_stamp(first.rows[2].header.stamp)))
+    left = Progress('observing', 'polaris 5', 0, 3, 5, 3, 7, 0, 'polaris 5')
+    status.publish(convert.status(DiagnosticStatus.OK, 'calibration', '', observations=3,
+                                  **handover_rows(3, left)))
+    night.until('done')
+    graph.wait_for(lambda: night.tables and night.tables[-1].width == 5)
+    got = cloud_to_run(night.tables[-1])
+    np.testing.assert_array_equal(got['run'], 7.0)
+    np.testing.assert_array_equal(got['encoder_start'], 2e9)
 
 
 def test_a_service_that_refuses_ends_the_plan_with_its_reason(graph):
@@ -589,7 +634,8 @@ def test_a_check_points_blind_at_fresh_stars_and_says_how_far_off_they_were(grap
     off = np.array([150.0, -60.0]) * ARCSEC  # far beyond recentre_arcsec
 
     def miss(number, stamp, reading):
-        return off
+        # centred, a star is nearer, but not near enough
+        return off * (1.0 if number in (1, 4, 7, 8, 9, 10) else 0.45)
     sky = Instruments(graph, miss=miss)
     checks = graph.listen(topics.CHECKS)
     night = Night(graph, 'stars 2, check 3, stars 1')

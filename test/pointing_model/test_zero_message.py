@@ -20,6 +20,16 @@ def test_there_and_back_to_the_bit():
         np.testing.assert_array_equal(back.sigma, zero.sigma)
 
 
+def test_a_zero_says_what_it_goes_with():
+    zero = RunZero(0.1, 0.2, run=2, started=1_768_482_000.5, model='3f2a90c1d5e7')
+    message = zero_to_joints(zero, 5)
+    assert message.header.frame_id == 'power_on_2@1768482000.500/3f2a90c1d5e7'
+    _, back = joints_to_zero(message)
+    assert (back.run, back.started, back.model) == (2, zero.started, zero.model)
+    half = joints_to_zero(zero_to_joints(RunZero(0.1, 0.2, run=2, model='none'), 5))[1]
+    assert half.started is None and half.model == 'none'
+
+
 def test_an_older_message_is_of_the_run_that_was_on():
     message = joint_state(7, (0.1, 0.2))
     _, zero = joints_to_zero(message, run=4.0)
@@ -31,7 +41,8 @@ def test_an_older_message_is_of_the_run_that_was_on():
 
 @pytest.mark.parametrize('message, words', [
     (joint_state(1, (np.nan, 0.0)), 'not a number'),
-    (joint_state(1, (0.0, 0.0), frame='power_on_x'), 'power_on_x')])
+    (joint_state(1, (0.0, 0.0), frame='power_on_x'), 'power_on_x'),
+    (joint_state(1, (0.0, 0.0), frame='power_on_2@'), 'power_on_2@')])
 def test_what_is_no_zero(message, words):
     with pytest.raises(ValueError, match=words):
         joints_to_zero(message)

@@ -107,9 +107,9 @@ def test_a_log_read_as_a_run_leaves_the_judges_out(backlash):
 
 def test_the_diagnosis_is_logged_and_nobody_was_told(backlash):
     names = [message.topic for message in BagReader(backlash.folder / 'bag').messages()]
-    assert names.count('/mount/diagnosis') == 1
+    assert names.count('/mount/diagnosis') == 2  # and what fresh stars say of it
     assert names.count('/mount/observer/checks') == 2
-    assert names.count('/mount/model') == 2
+    assert names.count('/mount/model') == names.count('/mount/calibration/report') == 3
     secret = backlash.report['undeclared']['what']
     assert undeclared(backlash.folder / 'bag_truth')['what'] == secret
     assert secret == said_by('loop_azimuth_backlash')['what']
@@ -130,6 +130,17 @@ def test_a_replay_finds_the_same(backlash, cli, tmp_path):
     assert again.terms == backlash.model.terms
     np.testing.assert_array_equal(
         again.effects[0].coefficients, backlash.model.effects[0].coefficients)
+
+
+def test_the_change_is_judged_before_and_after_it_is_published(backlash, cli):
+    report = backlash.report
+    assert report['published'] and report['refused'] == []
+    assert report['judgement']['rows'] == 12 and report['judgement']['worse'] == []
+    assert report['judged']['rows'] == 12 and not report['judged']['taken_back']
+    assert report['judged']['why'] in ' '.join(backlash.text.split())
+    assert backlash.model.provenance['judged'] == 'holds'
+    done = cli('verify', backlash.folder / 'bag')
+    assert done.returncode == 0, (done.stdout, done.stderr)
 
 
 def test_what_is_printed_and_written(backlash):
@@ -153,6 +164,27 @@ def test_a_clean_night_is_left_as_it_was(clean):
     assert report['effects'] == [] and clean.model.effects == ()
     assert report['blind_after']['rms_arcsec'] < 2.4
     assert 'the model stays as it was' in clean.text
+
+
+# --- counts that wander ---------------------------------------------------------------------------
+
+
+def test_a_night_whose_counts_wander_points_by_the_absolute_encoder(cli, tmp_path):
+    loop = Loop(cli, tmp_path / 'out', '--scenario', 'wandering_counts', *SMALL)
+    report, follows = loop.report, loop.model.provenance['zero_follows']
+    assert report['verdict'] == 'none' and report['found'] == 'yes' and report['effects'] == []
+    assert list(follows) == ['elevation'] and loop.diagnosis['zero_follows'] == follows
+    # the stars' noise of 1.4, what 45 stars leave and the way to the star, in 12 stars
+    assert report['blind_after']['rms_arcsec'] < 2.6
+    assert any('counts of the elevation encoder wander' in note for note in report['notes'])
+    assert 'electromagnetic interference' in ' '.join(loop.text.split())
+    # without following it is the walk itself that the blind stars are missed by
+    rows = read_run(loop.folder / 'observations.csv')
+    apart = (rows['el_enc'] - rows['el_abs'])[rows['check'] == 1.0] / ARCSEC
+    reference = follows['elevation']['reference'][0]['difference_arcsec']
+    assert np.sqrt(np.mean((apart - reference) ** 2)) > 1.5
+    done = cli('verify', loop.folder / 'bag')
+    assert done.returncode == 0, (done.stdout, done.stderr)
 
 
 # --- a measured night ---------------------------------------------------------------------------
@@ -188,7 +220,8 @@ def test_a_measured_night_is_logged_and_replays(mmt, cli):
 def test_plan():
     steps = parse_plan(loop_plan(90, 16, 30))
     assert [step.verb for step in steps] == [
-        'home', 'stars', 'polaris', 'calibrate_zero', 'fit', 'check', 'diagnose', 'check']
+        'home', 'stars', 'polaris', 'calibrate_zero', 'fit', 'check', 'diagnose', 'check',
+        'judge']
     assert sum(step.exposures for step in steps) == 90 + 16 + 60
 
 

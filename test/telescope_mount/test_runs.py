@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from calibration.fit import fit_terms
-from msg_tools.bag import BagReader
+from msg_tools.bag import BagReader, BagWriter
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.observing.pairing import centred
 from pointing_model.run import PointingRun
@@ -135,3 +135,25 @@ def test_the_newest_zero_of_each_power_on_is_taken_off(night):
 def test_the_truth_is_refused(night):
     with pytest.raises(ValueError, match='truth of the simulator'):
         load_run(night / 'bag_truth')
+
+
+def test_what_a_lying_camera_found_is_left_out_of_a_log(tmp_path):
+    serialization = pytest.importorskip('rclpy.serialization', exc_type=ImportError)
+    from msg_tools.topics import OBSERVATION
+    from pointing_model.run_messages import run_to_cloud
+    rng = np.random.default_rng(7)
+    miss = rng.normal(size=(2, 20)) * ARCSEC
+    miss[:, 12:] = 0.0
+    with BagWriter(tmp_path / 'log') as writer:
+        writer.add_topic('/mount/observation', OBSERVATION.type, [{'depth': 100}])
+        for i in range(20):
+            run = PointingRun({name: np.array([value]) for name, value in {
+                'az': 0.3 * i, 'el': 0.8, 'az_enc': 0.3 * i, 'el_enc': 0.8, 'run': 1.0,
+                'star': 100.0 + i, 'time': 1e9 + i, 'encoder_start': 1e9, 'miss_x': miss[0, i],
+                'miss_y': miss[1, i]}.items()})
+            writer.write('/mount/observation', serialization.serialize_message(
+                run_to_cloud(run, 10**18 + i)), 10**18 + i, 10**18 + i, i + 1)
+    run = load_run(tmp_path / 'log')
+    assert len(run) == 12
+    assert any(note.startswith('8 of 20 observations left out, rows 12 to 19')
+               for note in run.meta['notes'])

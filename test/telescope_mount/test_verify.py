@@ -1,6 +1,7 @@
 import json
 import struct
 
+import numpy as np
 import pytest
 
 pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportError)
@@ -207,3 +208,61 @@ def test_command(night, tmp_path, capsys):
         assert main(['verify', str(path)]) == 2
         error = capsys.readouterr().err
         assert words in error and error.count('\n') == 1
+
+
+def test_what_was_taken_back_is_taken_back_again():
+    from types import SimpleNamespace
+
+    from calibration.session import CalibrationSession
+    from msg_tools.units import ARCSEC
+    from pointing_model.model import PointingModel
+    from pointing_model.run import PointingRun
+    from pointing_model.terms import PHYSICAL
+    from pointing_model.zero_message import zero_to_joints
+    from telescope_mount.verify import _calibrate, _Check, _Rows
+    mount = PointingModel(dict(zip(PHYSICAL, np.array([310, -170, 46, -23, 37, -21, 15]) * ARCSEC)))
+    rng = np.random.default_rng(1)
+    n, seconds = 120, 15.0 * np.arange(120)
+    az, el = rng.uniform(0, 2 * np.pi, n), np.arcsin(rng.uniform(0.35, 0.99, n))
+    enc = np.array(mount.sky_to_encoder(az, el)) + 0.5 * rng.normal(size=(2, n)) * ARCSEC
+    # the zero climbs until the first judges have looked, and is back when the next do
+    enc[1] += 9.0 * np.minimum(seconds / seconds[79], 1.0) * (np.arange(n) < 95) * ARCSEC
+    run = PointingRun({
+        'time': 1.7e9 + seconds, 'az': az, 'el': el, 'az_enc': enc[0], 'el_enc': enc[1],
+        'run': np.ones(n), 'star': 1.0 + np.arange(n), 'check': 1.0 * (np.arange(n) >= 80)})
+    session, rows = CalibrationSession(), _Rows()
+
+    def take(upto):
+        for k in range(len(session), upto):
+            rows.observations[k + 1] = run.select([k])
+            session.add(rows.observations[k + 1], k + 1)
+
+    def said(model, document=None):
+        rows.said['model'].append((0, SimpleNamespace(data=model.to_json())))
+        rows.said['zero'].append((0, zero_to_joints(
+            session.zeros_in_force.newest, session.last_stamp)))
+        rows.said['calibration/report'].append(
+            (0, SimpleNamespace(data=json.dumps(session.report))))
+        if document is not None:
+            rows.said['diagnosis'].append((0, SimpleNamespace(data=json.dumps(document))))
+
+    take(80)
+    said(session.fit()[0])
+    take(95)
+    found = session.diagnose()
+    said(found.model, found.document)
+    take(120)
+    found = session.judge()
+    said(found.model, found.document)
+    assert found.document['judged']['taken_back']
+    check = _Check()
+    _calibrate(rows, CalibrationSession(), {}, check)
+    assert check.differences == [] and check.unchecked == []
+    assert check.checked == {'model': 3, 'report': 3, 'diagnosis': 2, 'zero': 3}
+    # and a calibration that kept the worse model is found out
+    wrong = json.loads(rows.said['model'][-1][1].data)
+    wrong['terms'] = json.loads(rows.said['model'][1][1].data)['terms']
+    rows.said['model'][-1] = (0, SimpleNamespace(data=json.dumps(wrong)))
+    check = _Check()
+    _calibrate(rows, CalibrationSession(), {}, check)
+    assert [line.split(' of ')[0] for line in check.differences] == ['model']

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from msg_tools.units import ARCSEC, DEG, wrap
+from pointing_model.following import KEY, AxisFollowing, Following
 from pointing_model.in_force import InForce
 from pointing_model.model import PointingModel
 from pointing_model.observing.instruments import ABSOLUTE, CAMERA, MOUNT, Instruments
@@ -54,7 +55,7 @@ class Bench:
         self.stamp, self.wall = START, 1000.0
         self.position = np.array([3.0, 0.8])
         self.error = np.zeros(2)  # of the encoder
-        self.miss = lambda number: (0.0, 0.0)  # rad, None: no frame
+        self.miss = lambda number: (1e-6 * ARCSEC * number, 0.0)  # rad, None: no frame
         self.answers = {MOUNT, ABSOLUTE, CAMERA}
         self.site, self.lacks = DEFAULT_SITE, []
         self.services, self.calls = {}, []
@@ -209,7 +210,8 @@ def test_a_plan_is_done_and_its_rows_are_what_was_seen():
 
 def test_a_star_far_off_is_centred_at_most_three_times():
     bench = Bench('polaris 1')
-    bench.miss = lambda number: np.array([150.0, -60.0]) * ARCSEC
+    off = np.array([150.0, -60.0])
+    bench.miss = lambda number: off * (1.0 if number == 1 else 0.45) * ARCSEC
     bench.run()
     assert len(bench.commands) == 3 and len(bench.rows) == 1
     # each command goes on from where the star was found
@@ -219,7 +221,48 @@ def test_a_star_far_off_is_centred_at_most_three_times():
         beside = track.angles[0] - star
         np.testing.assert_allclose(
             [wrap(beside[0]) * np.cos(star[1]) / ARCSEC, beside[1] / ARCSEC],
-            number * np.array([150.0, -60.0]), rtol=0, atol=0.5)
+            off * (0.0, 1.0, 1.45)[number], rtol=0, atol=0.5)
+
+
+def test_a_camera_that_does_not_see_the_mount_move_gives_no_row():
+    bench = Bench('stars 1, polaris 1')
+    bench.miss = lambda number: np.array([150.0, -60.0]) * ARCSEC * (number < 4)
+    bench.run()
+    assert len(bench.commands) == 4 and len(bench.rows) == 1
+    assert bench.plan.progress.lost == 1
+    assert bench.refused == ['a star that was centred is as far off as before']
+    # what it seemed to teach is forgotten
+    star = bench.rows[0]
+    assert abs(wrap(bench.commands[3].angles[1, 0] - star['az'][0])) < 2 * DEG
+    assert bench.instruments.health.alarms == [
+        'instrument camera: contradicts the commanded motion: a star 162 arcsec off was centred, '
+        'and is 162 arcsec off']
+
+
+def test_nothing_is_observed_while_two_publish_one_instrument():
+    bench = Bench('stars 2')
+    health = bench.instruments.health
+    bench.until(lambda: len(bench.rows) == 1)
+    health.publishers(CAMERA, ['/mount/camera', '/mount/other'])
+    bench.waits('an end: camera: published by /mount/camera and /mount/other; end all but one')
+    assert len(bench.rows) == 1
+    health.publishers(CAMERA, ['/mount/camera'])
+    assert bench.run() == ('done', 'plan finished')
+    assert len(bench.rows) == 2 and health.alarms == []
+
+
+def test_an_encoder_that_stays_where_it_was_is_named():
+    bench = Bench('stars 1')
+    bench.until(lambda: bench.commands)
+    bench.pending = None
+    bench.stamp = bench.commands[0].end + 50 * SECOND
+    for _ in range(2):
+        bench.read(bench.stamp, np.array([3.0, 0.8]))
+        bench.stamp += SECOND
+    bench.until(lambda: len(bench.commands) > 1)
+    alarm, = bench.instruments.health.alarms
+    assert alarm.startswith('instrument mount and incremental encoder: contradicts the commanded '
+                            'motion: its reading has not changed since the command')
 
 
 @pytest.mark.parametrize('changed, wanted', [(False, 40.0), (True, 0.0)])
@@ -284,6 +327,28 @@ def test_a_check_does_not_profit_from_the_stars_before():
     bench.run()
     row, track = bench.rows[1], bench.commands[1]
     assert (track.angles[1, 1] - row['el'][0]) / ARCSEC == pytest.approx(0.0, abs=0.1)
+
+
+def test_a_blind_star_gets_what_the_counts_had_wandered_at_the_one_before():
+    follows = Following({'el': AxisFollowing(np.zeros(4), {1: 2.0 * ARCSEC})})
+    bench = Bench('check 3')
+    bench.in_force.take_model(PointingModel({'IA': 0.0}, provenance={
+        KEY: follows.document(),
+        'zeros_in_force': [{'run': 1, 'az_arcsec': 0.0, 'el_arcsec': 0.0}]}).to_json())
+    bench.in_force.take_zero(START, RunZero(0.0, 0.0, run=1))
+
+    def wanders(number):
+        bench.error = np.array([0.0, 5.0 * number + 2.0]) * ARCSEC
+        return 0.0, 0.0
+
+    bench.miss = wanders
+    # the counts have changed between the reading before and after the first exposure
+    bench.error = np.array([0.0, 2.0]) * ARCSEC
+    bench.run()
+    sent = [(track.angles[1, 1] - row['el'][0]) / ARCSEC
+            for track, row in zip(bench.commands, bench.rows)]
+    seen = [(row['el_enc'][0] - row['el_abs'][0]) / ARCSEC - 2.0 for row in bench.rows]
+    assert sent == pytest.approx([0.0, *seen[:2]], abs=0.1) and seen[1] > 5.0
 
 
 # --- instruments that are silent or slow ---------------------------------------------------------
@@ -501,7 +566,7 @@ def test_the_zero_is_asked_for_when_every_row_was_taken_and_awaited():
     assert bench.plan.text == 'plan finished'
 
 
-@pytest.mark.parametrize('verb', ['fit', 'diagnose'])
+@pytest.mark.parametrize('verb', ['fit', 'diagnose', 'judge'])
 def test_a_new_model_is_awaited_with_its_own_zero(verb):
     bench = Bench(f'polaris 1, {verb}')
     bench.offers(verb)
@@ -540,6 +605,82 @@ def test_a_calibration_that_was_started_anew_gets_the_table_again():
     assert len(bench.tables) == 1
     bench.plan.calibration_has(0)
     assert [len(table) for table in bench.tables] == [2, 2]
+
+
+# --- started anew in the middle of a night --------------------------------------------------------
+
+
+def after_a_crash(bench, plan=None):
+    """A bench whose sequencer knows what the calibration gives back of `bench`'s."""
+    again = Bench(homed=False)
+    again.stamp, again.position = bench.stamp, bench.position
+    again.services, again.calls = bench.services, bench.calls
+    rows, left = bench.table.all(again=True), bench.plan.progress
+    again.lacks = ['the rows']
+    again.plan.start(plan or left.plan)
+    again.tick()
+    again.plan.take_up(rows, bench.table.newest, left)
+    again.lacks = []
+    again.read(again.stamp + SECOND, again.position)
+    return again
+
+
+def test_a_plan_goes_on_where_it_stood():
+    plan = 'home, stars 4, polaris 3, fit'
+    bench = Bench(plan)
+    bench.homes()
+    bench.until(lambda: len(bench.rows) == 6)
+    again = after_a_crash(bench)
+    again.offers('fit')
+    again.waits('calibration to take the last observation')
+    assert [row['block'][0] for row in again.rows] == [2.0]  # one more of Polaris
+    assert again.table.newest > bench.table.newest
+    assert len(again.tables[-1]) == 7 and again.calls == ['home']
+    again.plan.calibration_has(7)
+    again.waits('the new model')
+    assert [row['star'] for row in again.table.rows[:6]] == [row['star'][0] for row in bench.rows]
+
+
+def test_stars_that_were_observed_before_are_not_observed_again():
+    bench = Bench('stars 8')
+    bench.until(lambda: len(bench.rows) == 5)
+    again = after_a_crash(bench)
+    assert again.run() == ('done', 'plan finished')
+    assert len(again.rows) == 3
+    assert len({row['star'] for row in again.table.rows}) == 8
+
+
+def test_blind_checks_of_the_same_plan_once_more_are_checks_of_their_own():
+    bench = Bench('check 2')
+    bench.run()
+    bench.miss = lambda number: np.array([3.0, 4.0]) * ARCSEC
+    bench.plan.start('check 2')
+    bench.run()
+    first, second = bench.checks[-1]
+    assert (first['stars'], second['stars']) == (2, 2)
+    assert second['rms_arcsec'] == pytest.approx(5.0)
+
+
+def test_another_plan_begins_at_its_start_and_keeps_the_rows():
+    bench = Bench('stars 3')
+    bench.until(lambda: len(bench.rows) == 2)
+    again = after_a_crash(bench, plan='polaris 2')
+    assert again.run() == ('done', 'plan finished')
+    assert [int(row['star']) == POLARIS_HIP for row in again.table.rows] == [
+        False, False, True, True]
+    assert again.plan.progress.observations == 4
+
+
+def test_blind_checks_go_on_and_are_summed_up_over_both_parts():
+    bench = Bench('check 2, check 3')
+    bench.miss = lambda number: np.array([3.0, 4.0]) * ARCSEC
+    bench.until(lambda: len(bench.rows) == 4)
+    again = after_a_crash(bench)
+    again.miss = bench.miss
+    assert again.run() == ('done', 'plan finished')
+    first, second = again.checks[-1]
+    assert (first['block'], first['stars'], second['block'], second['stars']) == (0, 2, 1, 3)
+    assert second['rms_arcsec'] == pytest.approx(5.0)
 
 
 # --- the begin ----------------------------------------------------------------------------------

@@ -1,0 +1,312 @@
+"""Counts that wander: does incremental - absolute walk at random, and which encoder does it?
+
+Noise of the reading leaves every difference for itself; wrong counts stay, and the next ones are
+added. Both are fitted at once (a random walk and white noise, by maximum likelihood), beside what
+the discs do once and twice a turn, and the walk must explain more than chance, more than one step
+or one drift does, and more than finer harmonics of the angle. Who steps twice wanders.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from msg_tools.units import ARCSEC
+from pointing_model.following import AxisFollowing, Following, harmonic_columns
+
+from .step_scan import robust_fit, two_sided
+from .witness_night import ABSOLUTE, INCREMENTAL, SHORT, Budget, Found, Night
+
+#: variance of a step of the walk over that of the noise, tried
+_RATIOS = np.geomspace(1e-4, 1e3, 57)
+#: rows from which a walk is told from noise
+_FEWEST = 20
+#: rows that are tried; of more every second, third, ...: the effort grows with the cube
+_MOST = 400
+#: finer curves of the angle that a night in order of azimuth could take for a walk
+_FINER = (3, 4, 5, 6)
+#: robust sigmas from its neighbours from where a reading is wild
+_WILD = 6.0
+#: neighbours on a side that a reading is compared with
+_BESIDE = 4
+#: of the stars' voice for the incremental encoder, from where its zero follows the other
+_TRUST = 0.9
+#: odds that it is the incremental encoder, before the stars are asked: its errors add up, while an
+#: absolute encoder reads each angle anew
+_ODDS = 4.0
+#: how far a disc may be off, 1 sigma of a harmonic, rad
+_DISC = 10.0 * ARCSEC
+_CHANCE = Budget().false_alarm / 2.0  # two axes
+
+
+class Walk(NamedTuple):
+    """A random walk found in incremental - absolute of one axis.
+
+    Attributes
+    ----------
+    probability : float
+        Of so much by chance.
+    step, noise : float
+        1 sigma of what is added from row to row, and of a difference, rad.
+    discs : ndarray, shape (4,)
+        What the discs do, rad.
+    path : ndarray, shape (n,)
+        The walk at each row, its mean taken off, rad.
+    """
+
+    probability: float
+    step: float
+    noise: float
+    discs: np.ndarray
+    path: np.ndarray
+
+
+def find_walk(apart, angle, run, rivals=(), limit=_CHANCE, least=0.0):
+    """Whether differences walk at random.
+
+    Parameters
+    ----------
+    apart : ndarray, shape (n,)
+        Incremental - absolute in order of time, rad.
+    angle : ndarray, shape (n,)
+        Of the axis, rad.
+    run : ndarray, shape (n,)
+        Power-on; each has a zero of its own.
+    rivals : sequence of (ndarray, int)
+        What explains it otherwise, together: columns, and how many numbers each costs.
+    limit : float
+        Chance from which on it is no walk.
+    least : float
+        Noise of a difference at least, rad.
+
+    Returns
+    -------
+    Walk or None
+        None where chance, the rivals or finer harmonics of the angle explain as much, and leave
+        nothing that walks.
+    """
+    n = len(apart)
+    if n < _FEWEST:
+        return None
+    members = np.stack([run == r for r in np.unique(run)], axis=1).astype(float)
+    discs = harmonic_columns(angle)
+    fixed = np.column_stack([members, discs])
+    if n < fixed.shape[1] + 8:
+        return None
+    y = _tame(apart, fixed, run)
+    scale = max(np.std(y), least)
+    walk = np.minimum(*np.meshgrid(np.arange(n), np.arange(n))) + 1.0
+    walk *= run[:, None] == run[None, :]
+    ratio, probability = _restricted(y / scale, fixed, walk, least / scale)
+    if probability >= limit:
+        return None
+    curves = np.column_stack([fixed, *(column for column, _ in rivals)])
+    others = [(curves, sum(cost for _, cost in rivals)),
+              (np.column_stack([curves, harmonic_columns(angle, _FINER)]), 2 * len(_FINER))]
+    best = _bic(y / scale, fixed, np.eye(n) + ratio * walk, 1, least / scale)
+    for columns, cost in others:
+        if n < columns.shape[1] + 8:
+            continue
+        # the better explanation, or not enough of one: what it leaves still walks
+        if best >= _bic(y / scale, columns, None, cost, least / scale) \
+                and _restricted(y / scale, columns, walk, least / scale)[1] >= limit:
+            return None
+    covariance = np.eye(n) + ratio * walk
+    noise = _noise(y, fixed, covariance)
+    inverse = np.linalg.inv(covariance)
+    # discs of a part of the turn resemble each other: no more of them than a disc has
+    narrow = np.repeat([0.0, _DISC**-2], [members.shape[1], discs.shape[1]]) * noise**2
+    beta = np.linalg.lstsq(fixed.T @ inverse @ fixed + np.diag(narrow), fixed.T @ inverse @ y,
+                           rcond=1e-9)[0]
+    left = y - fixed @ beta
+    path = ratio * walk @ inverse @ left
+    return Walk(probability, float(np.sqrt(ratio) * noise), float(noise), beta[-discs.shape[1]:],
+                path - members @ (members.T @ path / members.sum(axis=0)))
+
+
+def _tame(y, fixed, run):
+    """Readings far from those before and those after them are brought to these.
+
+    One wild reading is no walk; where it stays, it is one.
+    """
+    smooth = fixed @ robust_fit(fixed, y).value
+    out = y - smooth
+    for r in np.unique(run):
+        at = np.flatnonzero(run == r)
+        if len(at) < 4 * _BESIDE:
+            continue
+        own = out[at]
+        # of the next four, for each but the last four; and the same backwards
+        after = np.median(np.lib.stride_tricks.sliding_window_view(own[1:], _BESIDE), axis=1)
+        before = np.median(np.lib.stride_tricks.sliding_window_view(own[:-1], _BESIDE), axis=1)
+        beside = np.full((2, len(own)), np.nan)
+        beside[0, :-_BESIDE], beside[1, _BESIDE:] = after, before
+        off = np.abs(own - beside)
+        limit = _WILD * np.maximum(1.4826 * np.nanmedian(off, axis=1), 0.02 * ARCSEC)
+        wild = ((off > limit[:, None]) | np.isnan(off)).all(axis=0)
+        out[at] = np.where(wild, np.nanmean(beside, axis=0), own)
+    return smooth + out
+
+
+def _restricted(y, fixed, walk, least):
+    """Ratio of the variances by restricted likelihood, and the chance of so much without a walk.
+
+    By its likelihood ratio, half of which are zero without a walk (Self and Liang 1987; for a
+    random walk they are more, so this is on the safe side).
+    """
+    q, _ = np.linalg.qr(fixed, mode='complete')
+    free = q[:, np.linalg.matrix_rank(fixed):]
+    values, vectors = np.linalg.eigh(free.T @ walk @ free)
+    squares = np.square(vectors.T @ (free.T @ y))
+    m = len(values)
+
+    def likelihood(ratio):
+        spread = 1.0 + ratio * np.maximum(values, 0.0)
+        variance = max(np.sum(squares / spread) / m, least**2)
+        return -m * np.log(variance) - np.sum(np.log(spread)) \
+            - np.sum(squares / spread) / variance
+
+    all_ = [likelihood(ratio) for ratio in _RATIOS]
+    best = int(np.argmax(all_))
+    gain = all_[best] - likelihood(0.0)
+    if gain <= 0.0:
+        return 0.0, 1.0
+    return float(_RATIOS[best]), 0.5 * float(two_sided(np.sqrt(gain), 1e9))
+
+
+def _bic(y, fixed, covariance, more, least):
+    """Bayes' information criterion of a fit with that covariance and `more` numbers."""
+    n = len(y)
+    half, size = None, 0.0
+    if covariance is not None:
+        half = np.linalg.cholesky(covariance)
+        size = 2.0 * np.sum(np.log(np.diag(half)))
+        y, fixed = np.linalg.solve(half, y), np.linalg.solve(half, fixed)
+    left = y - fixed @ np.linalg.lstsq(fixed, y, rcond=1e-9)[0]
+    variance = max(left @ left / n, least**2)
+    return n * np.log(variance) + left @ left / variance + size + more * np.log(n)
+
+
+def _noise(y, fixed, covariance):
+    half = np.linalg.cholesky(covariance)
+    y, fixed = np.linalg.solve(half, y), np.linalg.solve(half, fixed)
+    left = y - fixed @ np.linalg.lstsq(fixed, y, rcond=1e-9)[0]
+    return np.sqrt(left @ left / max(len(y) - fixed.shape[1], 1))
+
+
+# --- of a night -----------------------------------------------------------------------------------
+
+
+def wander_events(night, axis, events, budget):
+    """A walk of an axis in place of its steps and drifts.
+
+    Parameters
+    ----------
+    night : Night
+    axis : {0, 1}
+    events : list of Found
+        Its steps and drifts.
+    budget : Budget
+
+    Returns
+    -------
+    events : list of Found
+        As given, or the walk alone.
+    walk : Walk or None
+    """
+    rows = np.flatnonzero(night.run >= 0.0)
+    every = -(-len(rows) // _MOST) or 1
+    some = rows[::every]
+    rivals = events if len(events) == 1 else ()
+    walk = find_walk(
+        night.apart[axis][some], night.rows[f'{SHORT[axis]}_enc'][some], night.run[some],
+        [(e.column[some], 1 if e.kind == 'drift' else 2) for e in rivals],
+        budget.false_alarm / 2.0, 0.02 * ARCSEC)  # two axes
+    if walk is None:
+        return events, None
+    walk = walk._replace(step=walk.step / np.sqrt(every))
+    column = np.zeros(len(night.run))
+    column[rows] = np.interp(rows, some, walk.path)
+    size = float(np.ptp(walk.path))
+    found = Found(night.tonight[-1], 'wander', float(night.rows['time'][rows].mean()),
+                  column / size, size, 0.0, 2.0 * walk.probability, _ODDS)
+    return [found], walk
+
+
+def followed(rows, budget=None):
+    """What the zero of each axis has to follow, by the rows of a night.
+
+    Parameters
+    ----------
+    rows : PointingRun
+        To fit by, with ``run``, ``star`` and ``time``; without a second encoder nothing follows.
+    budget : Budget, optional
+
+    Returns
+    -------
+    Following
+        Axes of which the incremental encoder wanders, by the stars; nothing where the stars
+        cannot tell which encoder it is, or say that it is the other.
+    """
+    if any(name not in rows for name in ('az_abs', 'el_abs', 'run', 'star', 'time')):
+        return Following()
+    budget = budget or Budget()
+    night = Night(rows, None)
+    found = [wander_events(night, axis, night.apart_events(axis, budget), budget)
+             if len(night.run) else ([], None) for axis in (0, 1)]
+    walking = [axis for axis in (0, 1) if found[axis][1] is not None]
+    if not walking:
+        return Following()
+    events = [(axis, event) for axis in (0, 1) for event in found[axis][0]]
+    sky = night.sky(events, None, [])
+    axes = {}
+    for axis in walking:
+        said = night.attributed(axis, found[axis][0][0], sky)
+        if said.moved == INCREMENTAL and said.confidence >= _TRUST:
+            walk = found[axis][1]
+            axes[SHORT[axis]] = AxisFollowing(
+                walk.discs, _references(night, axis, walk), walk.noise, walk.step)
+    return Following(axes)
+
+
+def _references(night, axis, walk):
+    """Of each power-on, at Polaris where it was seen: there its zero was measured."""
+    smooth = night.apart[axis] - harmonic_columns(night.rows[f'{SHORT[axis]}_enc']) @ walk.discs
+    out = {}
+    for run in night.tonight:
+        mine = night.run == run
+        at = mine & night.polaris
+        out[int(run)] = float(np.median(smooth[at if at.any() else mine]))
+    return out
+
+
+CAUSE = ('electromagnetic interference, a loose connector, dirt on the grating, or a zero that '
+         'moves as it warms')
+
+
+def follow_line(axis):
+    """Why a zero follows, for the notes of a diagnosis; `axis` in words."""
+    return (f'the counts of the {axis} encoder wander against the absolute encoder: {CAUSE}; the '
+            'zero of this axis follows the absolute encoder, and rows are taken so')
+
+
+def wander_line(event, rows):
+    """What is said of a walk.
+
+    Parameters
+    ----------
+    event : Event
+        Of the kind ``wander``.
+    rows : int
+        In which it walked.
+    """
+    if event.moved != INCREMENTAL:
+        return (f'{event.axis}: {ABSOLUTE} wanders against the incremental one, by '
+                f'{abs(event.amount) / ARCSEC:.2f} arcsec within {rows} rows (confidence '
+                f'{event.confidence:.2f}, by chance {event.probability:.1g})')
+    heals = ('its zero follows the other' if event.confidence >= _TRUST else
+             'the stars do not tell which of the two it is: nothing follows')
+    return (f'{event.axis}: {INCREMENTAL}: the counts of the {event.axis} encoder wander against '
+            f'the absolute encoder, by {abs(event.amount) / ARCSEC:.2f} arcsec within {rows} rows: '
+            f'{CAUSE}; {heals} (confidence {event.confidence:.2f}, by chance '
+            f'{event.probability:.1g})')
+

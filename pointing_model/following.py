@@ -1,0 +1,198 @@
+"""A zero that follows the absolute encoder, where the counts of the incremental one wander.
+
+Incremental - absolute is seen at every exposure without any star. Of it three parts are told
+apart: a reference, at which the zero in force is right; low harmonics of the angle, which are the
+discs and belong to the model; the rest is what the counts have wandered, and is added to the zero.
+"""
+
+from collections import deque
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from msg_tools.units import ARCSEC, DEG, wrap
+
+from .observing.pairing import interpolate
+from .run import PointingRun
+
+AXES = ('az', 'el')
+WORDS = {'az': 'azimuth', 'el': 'elevation'}
+#: key in a model's provenance
+KEY = 'zero_follows'
+#: harmonics of the angle that are the discs': off their axis, and tilted
+ORDERS = (1, 2)
+#: an axis faster than this is no place to compare encoders of different latency, rad/s
+_SLOW = 0.01 * DEG
+
+
+def harmonic_columns(angle, orders=ORDERS):
+    """cos and sin of the orders of an angle, shape (n, 2 len(orders))."""
+    angle = np.asarray(angle, dtype=float)
+    return np.stack([f(k * angle) for k in orders for f in (np.cos, np.sin)], axis=-1)
+
+
+@dataclass(frozen=True)
+class AxisFollowing:
+    """How the zero of one axis follows.
+
+    Attributes
+    ----------
+    discs : ndarray, shape (4,)
+        Harmonics of incremental - absolute, see `harmonic_columns`, rad.
+    references : dict of int to float
+        Power-on -> incremental - absolute without the discs at which its zero is right, rad.
+    noise : float
+        1 sigma of a difference: what following costs, rad.
+    step : float
+        1 sigma of what the counts wander on the way to a star, which is not known before, rad.
+    """
+
+    discs: np.ndarray
+    references: dict = field(default_factory=dict)
+    noise: float = 0.0
+    step: float = 0.0
+
+    def moved(self, run, incremental, absolute):
+        """What the counts have wandered, rad; 0 in a power-on without a reference.
+
+        Parameters
+        ----------
+        run : float or ndarray, shape (n,)
+        incremental, absolute : float or ndarray, shape (n,)
+            Readings, rad.
+        """
+        run, incremental = np.asarray(run, float), np.asarray(incremental, float)
+        out = np.zeros(np.shape(incremental))
+        apart = wrap(incremental - absolute) - harmonic_columns(incremental) @ self.discs
+        for number, reference in self.references.items():
+            out = np.where(run == number, wrap(apart - reference), out)
+        return out
+
+
+@dataclass(frozen=True)
+class Following:
+    """Which axes follow the absolute encoder, and how; none by default.
+
+    Attributes
+    ----------
+    axes : dict of str to AxisFollowing
+        By ``az`` and ``el``.
+    """
+
+    axes: dict = field(default_factory=dict)
+
+    def __bool__(self):
+        return bool(self.axes)
+
+    def moved(self, run, incremental, absolute):
+        """What the counts have wandered, shape (2,) or (2, n), rad; `AxisFollowing.moved`.
+
+        Readings that are not finite have not wandered.
+        """
+        out = np.zeros(np.shape(incremental))
+        for i, name in enumerate(AXES):
+            if name in self.axes:
+                out[i] = np.nan_to_num(self.axes[name].moved(run, incremental[i], absolute[i]))
+        return out
+
+    def sigma(self):
+        """What a zero that follows errs by for it, shape (2,), coordinate angles, rad."""
+        return np.array([np.hypot(self.axes[name].noise, self.axes[name].step)
+                         if name in self.axes else 0.0 for name in AXES])
+
+    def corrected(self, rows):
+        """The rows as an encoder would have given them whose counts do not wander.
+
+        Rows that are measured (to fit by) are corrected with their own readings. For a row that
+        was pointed at blind (``check``) only what the row before it had shown is taken off: more
+        was not known when the mount was sent there.
+
+        Parameters
+        ----------
+        rows : PointingRun
+            In order of time, with ``run``, ``az_abs`` and ``el_abs``; without them as they are.
+
+        Returns
+        -------
+        PointingRun
+        """
+        if not self or 'az_abs' not in rows:
+            return rows
+        readings = [np.array([rows[f'{name}_{of}'] for name in AXES]) for of in ('enc', 'abs')]
+        run = np.asarray(rows['run'], float)
+        moved = self.moved(run, *readings)
+        known = np.isfinite(readings).all(axis=(0, 1))
+        place = np.where(known, np.arange(len(run)), -1)
+        last = np.maximum.accumulate(place)
+        before = np.concatenate([[-1], last[:-1]])
+        usable = (before >= 0) & (run[before] == run)
+        blind = np.asarray(rows.get('check', 0.0), float) != 0.0
+        use = np.where(blind & usable, before, np.where(known, np.arange(len(run)), before))
+        moved = np.where((use >= 0) & (run[use] == run), moved[:, use], 0.0)
+        return PointingRun({**rows.columns, **{
+            f'{name}_enc': readings[0][i] - moved[i] for i, name in enumerate(AXES)}}, rows.meta)
+
+    def document(self):
+        """JSON-ready, for a model's provenance."""
+        return {WORDS[name]: {
+            'follows': 'absolute encoder',
+            'reference': [{'run': int(run), 'difference_arcsec': float(value / ARCSEC)}
+                          for run, value in sorted(axis.references.items())],
+            'discs_arcsec': dict(zip(_DISC_NAMES, (axis.discs / ARCSEC).tolist())),
+            'noise_arcsec': axis.noise / ARCSEC, 'step_arcsec': axis.step / ARCSEC,
+        } for name, axis in self.axes.items()}
+
+    @classmethod
+    def of(cls, model):
+        """That a model goes with, as its provenance tells; ValueError where that is damaged."""
+        told = {} if model is None else model.provenance.get(KEY) or {}
+        try:
+            return cls({name: AxisFollowing(
+                np.array([told[word]['discs_arcsec'][n] for n in _DISC_NAMES], float) * ARCSEC,
+                {int(row['run']): row['difference_arcsec'] * ARCSEC
+                 for row in told[word]['reference']},
+                told[word]['noise_arcsec'] * ARCSEC, told[word]['step_arcsec'] * ARCSEC)
+                for name, word in WORDS.items() if word in told})
+        except (KeyError, TypeError, AttributeError):
+            raise ValueError(f'{KEY} of the model is damaged: {told!r:.60}') from None
+
+
+_DISC_NAMES = tuple(f'{f}_{k}' for k in ORDERS for f in ('cos', 'sin'))
+
+
+class Difference:
+    """Readings of both encoders of one moment, from streams of each that know no other.
+
+    Attributes
+    ----------
+    incremental, absolute : ndarray, shape (2,), or None
+        The last pair, rad.
+    """
+
+    def __init__(self):
+        self._readings = deque(maxlen=100)
+        self._second = None
+        self.incremental = self.absolute = None
+
+    def take_incremental(self, stamp, angles):
+        """Take a reading (ns, rad)."""
+        if self._readings and stamp <= self._readings[-1][0]:
+            self._readings.clear()
+        self._readings.append((stamp, angles))
+        self._pair()
+
+    def take_absolute(self, stamp, angles):
+        """Take a reading (ns, rad)."""
+        self._second = stamp, angles
+        self._pair()
+
+    def _pair(self):
+        if self._second is None or not np.isfinite(self._second[1]).all():
+            return
+        stamps, angles = [s for s, _ in self._readings], [a for _, a in self._readings]
+        try:
+            reading, rate = interpolate(stamps, angles, self._second[0])
+        except ValueError:
+            return
+        if np.all(np.abs(rate) < _SLOW):
+            self.incremental, self.absolute = reading, np.array(self._second[1])

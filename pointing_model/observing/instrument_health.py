@@ -1,0 +1,216 @@
+"""What instruments give away of themselves that cannot be true, from their messages alone.
+
+Nothing here knows what an instrument should read. It knows that stamps go on with time, that two
+instruments on one topic cannot both be right, that a measurement has noise, and that a mount that
+was told to move has moved.
+"""
+
+import numpy as np
+
+from msg_tools.units import ARCSEC
+
+#: with which the sentences begin that `InstrumentHealth.alarms` gives
+ALARM = 'instrument '
+#: a reading is not stamped so far ahead of the graph's time: a slew and a homing are, ns
+AHEAD = 600 * 10**9
+#: stamps that go back by less are out of order, by more the clock went back, ns
+CLOCK_JUMP = 10**9
+#: messages without a fault after which one is over
+RECOVERED = 5
+#: exposures in a row with the same miss distance, to the last bit, that no camera makes
+SAME_FRAMES = 6
+#: rows in a row with the same miss distance within so much are of a camera that measures nothing;
+#: a camera of 1" noise makes such a row in 3e-16 of the cases, one of 0.05" in 3e-8
+SAME_ROWS, SAME_WITHIN = 4, 0.005 * ARCSEC
+#: an encoder that differs by more from its demand did not follow the command, rad
+OFF_TARGET = 60.0 * ARCSEC
+
+FROZEN_CAMERA = 'the camera said the same miss distance in {} observations in a row or more'
+
+
+def frozen_rows(miss_x, miss_y):
+    """Rows whose miss distance is one that a camera does not measure: too little scatter.
+
+    Parameters
+    ----------
+    miss_x, miss_y : array_like, shape (n,)
+        Of the rows in the order in which they were taken, rad; NaN where it is not known.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+        True in stretches of at least `SAME_ROWS` rows, each within `SAME_WITHIN` of the one
+        before.
+    """
+    x, y = (np.asarray(v, float) for v in (miss_x, miss_y))
+    out = np.zeros(len(x), bool)
+    with np.errstate(invalid='ignore'):
+        same = (np.abs(np.diff(x)) <= SAME_WITHIN) & (np.abs(np.diff(y)) <= SAME_WITHIN)
+    begin = 0
+    for end in [*(np.flatnonzero(~same) + 1), len(x)]:
+        if end - begin >= SAME_ROWS:
+            out[begin:end] = True
+        begin = end
+    return out
+
+
+class InstrumentHealth:
+    """Takes what the instruments say, and tells what cannot be."""
+
+    def __init__(self):
+        self._faults = {}  # (instrument, kind) -> [sentence, messages without it since]
+        self._stamps = {}  # instrument -> (stamp, time of the graph) of its last good message
+        self._frame, self._same = None, 0
+        self._pair = None
+        self._unnamed = set()  # instruments with a publisher that is not known yet
+        self._others = {}  # instrument -> nodes that publish, where there are several
+
+    @property
+    def alarms(self):
+        """What is wrong now, a sentence each."""
+        return [f'{ALARM}{name}: {text}' for (name, _), (text, _) in self._faults.items()] + [
+            f'{ALARM}{name}: {self._published_by(name)}' for name in self._others]
+
+    @property
+    def blocked(self):
+        """Why nothing can be observed now, '' if it can."""
+        return next((f'{name}: {self._published_by(name)}' for name in self._others), '')
+
+    @property
+    def suspect(self):
+        """Whether an exposure that was made now may be another instrument's."""
+        return bool(self._others or self._unnamed) or any(
+            kind == 'stamps' for _, kind in self._faults)
+
+    def _published_by(self, name):
+        return f'published by {" and ".join(self._others[name])}; end all but one'
+
+    def _fault(self, name, kind, text):
+        self._faults[name, kind] = [text, 0]
+        return text
+
+    def _good(self, name, kind):
+        fault = self._faults.get((name, kind))
+        if fault is not None:
+            fault[1] += 1
+            if fault[1] >= RECOVERED:
+                del self._faults[name, kind]
+
+    def publishers(self, name, nodes, unnamed=False):
+        """Take who publishes an instrument's messages.
+
+        Parameters
+        ----------
+        name : str
+        nodes : iterable of str
+            Names of nodes; one that was killed and started again may be there twice for a while.
+        unnamed : bool
+            Whether there is one more of which nobody knows yet who it is.
+        """
+        (self._unnamed.add if unnamed else self._unnamed.discard)(name)
+        nodes = sorted(set(nodes))
+        if len(nodes) > 1:
+            self._others[name] = nodes
+        else:
+            self._others.pop(name, None)
+
+    def stamp(self, name, stamp, now):
+        """Take the stamp of a message.
+
+        Parameters
+        ----------
+        name : str
+            Of the instrument.
+        stamp, now : int
+            Of the message, and the graph's time; ns, `now` 0 where it is not known.
+
+        Returns
+        -------
+        str
+            Why the message cannot be used; '' if it can.
+        """
+        last, then = self._stamps.get(name, (None, 0))
+        if now and stamp > now + AHEAD:
+            return self._fault(name, 'stamps', f'a stamp {(stamp - now) * 1e-9:.0f} s ahead of '
+                               'the time of the graph')
+        if last is not None and stamp <= last:
+            back = last - stamp
+            if back < CLOCK_JUMP:
+                return self._fault(name, 'stamps', 'a stamp not after the one before: two of '
+                                   'them on one topic, or its clock stands')
+            if now and now > then - CLOCK_JUMP:
+                return self._fault(name, 'stamps', f'stamps run back, by {back * 1e-9:.0f} s, '
+                                   'and the time of the graph does not')
+        self._stamps[name] = stamp, now
+        self._good(name, 'stamps')
+        return ''
+
+    def frame(self, name, x, y):
+        """Take a miss distance, rad; why it cannot be used, '' if it can."""
+        if not np.isfinite([x, y]).all():
+            return ''
+        self._same = self._same + 1 if (x, y) == self._frame else 1
+        self._frame = x, y
+        if self._same >= SAME_FRAMES:
+            return self._fault(name, 'frozen', f'the same miss distance in {self._same} exposures '
+                               'in a row: it measures nothing')
+        self._faults.pop((name, 'frozen'), None)
+        return ''
+
+    def number(self, name, finite):
+        """Take whether an encoder that was homed in this power-on gave a number."""
+        if finite:
+            self._good(name, 'number')
+        else:
+            self._fault(name, 'number', 'no number, although it was homed in this power-on')
+
+    def follows(self, name, distance, moved):
+        """Take how an axis encoder followed a command.
+
+        Parameters
+        ----------
+        name : str
+        distance : float
+            Of its reading from the demand, at the end of the track, rad.
+        moved : bool
+            Whether it reads otherwise than before the command.
+        """
+        if distance <= OFF_TARGET:
+            self._faults.pop((name, 'motion'), None)
+            return
+        how = 'it' if moved else 'its reading has not changed since the command, and'
+        self._fault(name, 'motion', f'contradicts the commanded motion: {how} is '
+                    f'{distance / ARCSEC:.0f} arcsec from the demand')
+
+    def centres(self, name, before, after):
+        """Take the miss distance, rad, before and after the mount was moved by it.
+
+        Returns
+        -------
+        bool
+            Whether the camera saw the mount move.
+        """
+        if after < 0.5 * before:
+            self._faults.pop((name, 'motion'), None)
+            return True
+        self._fault(name, 'motion', 'contradicts the commanded motion: a star '
+                    f'{before / ARCSEC:.0f} arcsec off was centred, and is '
+                    f'{after / ARCSEC:.0f} arcsec off')
+        return False
+
+    def second(self, name, reading, first):
+        """Take readings of the second encoder and of the first at an observation, rad.
+
+        Returns
+        -------
+        bool
+            Whether the second one may be used: False where it stood still and the other moved.
+        """
+        reading, first = np.array(reading), np.array(first)
+        before, self._pair = self._pair, (reading, first)
+        if before is not None and np.array_equal(before[0], reading) and (
+                np.abs(first - before[1]).max() > OFF_TARGET):
+            self._fault(name, 'frozen', 'the same reading as at the star before, to the last bit')
+            return False
+        self._faults.pop((name, 'frozen'), None)
+        return True

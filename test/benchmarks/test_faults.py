@@ -1,0 +1,52 @@
+"""What the benchmark's instruments say when they lie, and what counts as a falsehood."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportError)
+
+from msg_tools import convert, topics
+
+sys.path.append(str(Path(__file__).resolve().parents[2] / 'benchmarks'))
+from faults import FAULTS, Result
+
+NOW = 1_768_482_000 * 10**9
+
+
+def said(name, count=3):
+    """What an instrument passes on: (seconds from now, values) for each of `count` messages."""
+    liar = FAULTS[name]()
+    out = []
+    for i in range(count):
+        values, stamp = np.array([1.0 + 0.1 * i, 0.5]), NOW + i * 10**9
+        camera = liar.topic is topics.MISS_DISTANCE
+        message = liar.change(convert.vector(stamp, *values, 'camera') if camera else
+                              convert.joint_state(stamp, values, frame='power_on_1@1.0'),
+                              liar.memory)
+        got = ((message.vector.x, message.vector.y) if camera else
+               convert.read_joints(message)[1])
+        out.append((round((convert.from_stamp(message.header.stamp) - NOW) * 1e-9, 3),
+                    round(got[0], 4), got[1]))
+    return out
+
+
+@pytest.mark.parametrize('name, wanted', [
+    ('camera says zero', [(0, 0, 0), (1, 0, 0), (2, 0, 0)]),
+    ('camera frozen', [(0, 1.0, 0.5), (1, 1.0, 0.5), (2, 1.0, 0.5)]),
+    ('camera mirrored', [(0, -1.0, -0.5), (1, -1.1, -0.5), (2, -1.2, -0.5)]),
+    ('encoder frozen', [(0, 1.0, 0.5), (1, 1.0, 0.5), (2, 1.0, 0.5)]),
+    ('encoder stamps stand', [(0, 1.0, 0.5), (0, 1.1, 0.5), (0, 1.2, 0.5)]),
+    ('encoder stamps jump', [(3600, 1.0, 0.5), (3601, 1.1, 0.5), (3602, 1.2, 0.5)]),
+    ('encoder stamps run back', [(0, 1.0, 0.5), (-1, 1.1, 0.5), (-2, 1.2, 0.5)]),
+])
+def test_a_liar_says_what_its_name_says(name, wanted):
+    assert said(name) == wanted
+
+
+def test_ten_kinds_and_what_is_a_falsehood():
+    assert len(FAULTS) == 10
+    assert Result(off_sigma=4.1).false and not Result(off_sigma=3.9).false
+    assert not Result(off_sigma=40.0, words=['refused']).false and not Result().false

@@ -1,0 +1,92 @@
+"""Observations that an instrument falsified, and models that they would make."""
+
+import numpy as np
+import pytest
+
+from calibration.distrust import contradicted, distrusted, reasons
+from calibration.rows import for_fitting
+from calibration.session import CalibrationSession
+from msg_tools.units import ARCSEC, DEG
+from pointing_model.model import PointingModel
+from pointing_model.run import PointingRun
+from pointing_model.star_catalogue import POLARIS_HIP
+from pointing_model.terms import PHYSICAL
+
+MOUNT = PointingModel(dict(zip(PHYSICAL, np.array([310, -170, 46, -23, 37, -21, 15]) * ARCSEC)))
+
+
+def night(stars=40, polaris=8, frozen=slice(0, 0), seed=3):
+    """Rows as an observer takes them; a frozen camera finds every star where it was looked for."""
+    rng = np.random.default_rng(seed)
+    n = stars + polaris
+    az, el = rng.uniform(0, 2 * np.pi, n), np.arcsin(rng.uniform(0.35, 0.99, n))
+    az[stars:], el[stars:] = 0.4 * DEG + 1e-4 * np.arange(polaris), 34.9 * DEG
+    az_enc, el_enc = MOUNT.sky_to_encoder(az, el)
+    x, y = rng.normal(size=(2, n)) * ARCSEC
+    miss = rng.normal(size=(2, n)) * ARCSEC
+    x[frozen], y[frozen], miss[:, frozen] = 25.0 * ARCSEC, -30.0 * ARCSEC, 0.0
+    return PointingRun({
+        'az': az, 'el': el, 'az_enc': az_enc + x / np.cos(el), 'el_enc': el_enc + y,
+        'miss_x': miss[0], 'miss_y': miss[1], 'run': np.ones(n), 'time': 1e9 + 30.0 * np.arange(n),
+        'encoder_start': np.full(n, 1e9),
+        'star': np.append(np.arange(stars) + 1.0, np.full(polaris, float(POLARIS_HIP)))})
+
+
+def session(rows):
+    out = CalibrationSession()
+    out.add(rows, 10**9)
+    return out
+
+
+def off(model, zeros):
+    """How far model and zero are off over the sky, arcsec."""
+    az, el = np.linspace(0.0, 6.0, 30), np.linspace(0.5, 1.2, 30)
+    pointed = np.column_stack(model.sky_to_encoder(az, el)) + zeros.newest.angles
+    wrong = pointed - np.column_stack(MOUNT.sky_to_encoder(az, el))
+    return float(np.hypot(wrong[:, 0] * np.cos(el), wrong[:, 1]).max()) / ARCSEC
+
+
+def test_a_night_without_lies_is_taken_as_it_is():
+    rows = night()
+    assert not distrusted(rows).any() and reasons(rows) == []
+    assert len(for_fitting(rows)) == len(rows)
+    lying = night(frozen=slice(0, 48))
+    assert distrusted(lying).all()
+    # in a file zeros may stand for what was not measured
+    for left_out in ('miss_x', 'encoder_start'):
+        columns = {n: v for n, v in lying.columns.items() if n != left_out}
+        assert not distrusted(PointingRun(columns)).any()
+    assert contradicted([], rows) == contradicted(['the mount moved'], rows) == ''
+
+
+def test_what_a_frozen_camera_found_is_in_no_zero_and_no_model():
+    rows = night(frozen=slice(28, 42))
+    made = session(rows)
+    made.calibrate_zero()
+    assert made.zeros[1].n == 6  # of eight exposures
+    model, report = made.fit()
+    assert report['stars'] == 28 and report['notes'][0] == reasons(rows)[0]
+    assert 'rows 28 to 41' in report['notes'][0]
+    assert off(model, made.zeros_in_force) < 3.0
+
+
+def test_polaris_through_a_frozen_camera_gives_no_zero_and_the_reason():
+    with pytest.raises(ValueError, match='Polaris was not observed.*8 of 48 observations left out'):
+        session(night(frozen=slice(40, 48))).calibrate_zero()
+
+
+def test_a_camera_that_measured_nothing_for_a_third_of_the_night_gives_no_model():
+    rows = night(frozen=slice(10, 30))
+    why = contradicted([], rows)
+    assert why.startswith('not published: 20 of 48 observations left out')
+    assert '\n' not in why
+
+
+@pytest.mark.parametrize('alarms, held_out, refused', [
+    ([], 900.0, False), (['the encoder moved'], 5.0, False), (['the encoder moved'], 900.0, True)])
+def test_a_model_that_its_alarms_contradict_is_not_published(alarms, held_out, refused):
+    report = {'steps': [{'held_out': {'radial': held_out}}], 'noise_arcsec': [1.0, 1.0]}
+    why = contradicted(alarms, night(), report)
+    assert bool(why) == refused
+    if refused:
+        assert '900 arcsec on stars held out' in why and alarms[0] in why

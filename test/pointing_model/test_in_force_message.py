@@ -1,0 +1,40 @@
+import json
+
+import numpy as np
+import pytest
+
+from msg_tools.units import ARCSEC
+from pointing_model.effects import effect
+from pointing_model.fitted_effects import FittedEffect
+from pointing_model.in_force_message import pair_to_text, text_to_pair
+from pointing_model.model import PointingModel
+from pointing_model.model_document import identity
+from pointing_model.zero import RunZero
+
+MODEL = PointingModel({'IA': 320.1 * ARCSEC, 'CA': -7.3 * ARCSEC}, effects=[FittedEffect(
+    effect('hysteresis', axis='az', shape='cosE'), np.array([8.0]) * ARCSEC)])
+
+
+def test_a_pair_goes_there_and_back_to_the_bit():
+    text = MODEL.to_json()
+    zero = RunZero(1e-5 / 3, -2e-5 / 7, np.diag([1e-12, 3e-12]), 2, 1_768_482_000.5, identity(text))
+    model, stamp, back = text_to_pair(pair_to_text(text, 12, zero))
+    assert identity(model) == zero.model and stamp == 12
+    assert PointingModel.from_json(model).terms == PointingModel.from_json(text).terms
+    assert back == zero and (back.started, back.model) == (zero.started, zero.model)
+    np.testing.assert_allclose(back.sigma, zero.sigma, rtol=1e-15)
+
+
+def test_without_a_model_and_without_a_sigma():
+    model, _, zero = text_to_pair(pair_to_text('', 1, RunZero(1.0, 2.0, model='none')))
+    assert model == '' and zero.covariance is None and zero.run is None
+
+
+@pytest.mark.parametrize('change, words', [
+    ({'zero': {}}, 'not a pair in force'), ({'format': 'other'}, 'not telescope_mount/in_force'),
+    ({'model': None}, 'beside model none'), ({'model': {'format': 'x'}}, 'not a pointing model')])
+def test_what_is_no_pair_is_refused(change, words):
+    text = MODEL.to_json()
+    document = json.loads(pair_to_text(text, 1, RunZero(0.0, 0.0, model=identity(text))))
+    with pytest.raises(ValueError, match=words):
+        text_to_pair(json.dumps(document | change))
