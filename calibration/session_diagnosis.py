@@ -125,6 +125,7 @@ def amend(rows, zeros, fitted=None, provenance=None, alpha=0.01, site=None,
     document = _document(result, chosen is not base, court.kept, judged, refused)
     document['applied'], document['zeros_in_force'] = chosen.names, chosen.in_force
     if refused:
+        document['expected'] = None  # it is of the model that was refused
         document['after'] = {**document['before'], 'holdout_rms_arcsec': None}
         if chosen is not base:
             fitted_rows = rms_arcsec(*chosen.model.residuals(_at_zero(
@@ -135,7 +136,8 @@ def amend(rows, zeros, fitted=None, provenance=None, alpha=0.01, site=None,
     if follows:
         document[FOLLOWS] = follows.document()
         document['notes'] = [*map(follow_line, document[FOLLOWS]), *document['notes']]
-    model = chosen.published(**(provenance or {}), verdict=document['verdict'])
+    model = chosen.published(**(provenance or {}), verdict=document['verdict'], **{
+        name: document[name] for name in ('wander', 'expected') if document[name]})
     document['alpha'] = alpha
     document['site_deg'] = None if site is None else [
         float(np.degrees(site[name])) for name in ('latitude', 'longitude')]
@@ -208,7 +210,7 @@ def judge_again(rows, published, document, since, site=None):
     if found.holds:
         return now, document
     document.update(
-        verdict=TAKEN_BACK, effects=[], published=False, applied=before.names,
+        verdict=TAKEN_BACK, expected=None, effects=[], published=False, applied=before.names,
         after={**document['before']}, zeros_in_force=before.in_force,
         refused=[*document['refused'], {
             'effects': now.names or [FOLLOWS], 'why': why, 'judgement': found.to_dict(),

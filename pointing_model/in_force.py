@@ -43,6 +43,42 @@ class Thermometer:
         return next((value for at, value in reversed(self._readings) if at < stamp), default)
 
 
+def wander_sigma(model, stamp, el):
+    """How far the zero may have wandered since the rows of a model, on the sky.
+
+    Parameters
+    ----------
+    model : PointingModel or None
+        What wanders stands in its provenance (`calibration.diagnosis.unexplained`).
+    stamp : int
+        ns.
+    el : float
+        Elevation, rad.
+
+    Returns
+    -------
+    ndarray, shape (2,)
+        1 sigma of x and y, radians: sqrt(2 v (1 - exp(-t / tau))) of each axis that wanders; 0
+        where nothing is known to.
+    """
+    out = np.zeros(2)
+    provenance = {} if model is None else model.provenance
+    told, last = provenance.get('wander'), provenance.get('last_stamp_ns')
+    if not isinstance(told, dict) or not isinstance(last, int):
+        return out
+    hours = max(stamp - last, 0) / 3600e9
+    for k, axis in enumerate(('az', 'el')):
+        one = told.get('axes', {}).get(axis)
+        if one and one.get('unit') == 'hours':
+            moved = one['sigma_arcsec'] * np.sqrt(-2.0 * np.expm1(-hours / one['memory']))
+            # within the rows it has wandered too
+            out[k] = np.hypot(moved, one['sigma_arcsec'] * np.sqrt(
+                -np.expm1(-0.5 * one.get('span', 0.0) / one['memory']))) * ARCSEC
+            if one.get('angle'):
+                out[k] *= np.cos(el)
+    return out
+
+
 def time_driver(model, stamps):
     """Times at which the effects of a model may be asked that follow the time.
 

@@ -12,7 +12,7 @@ from msg_tools.units import ARCSEC, wrap
 
 from .context import Context
 from .following import Difference, Following
-from .in_force import time_driver
+from .in_force import time_driver, wander_sigma
 from .in_force_message import pair_to_text
 from .in_force_topics import MODEL_FILE, in_force_of
 
@@ -90,10 +90,12 @@ class PointingCorrector(MountNode):
         self._demand_pub.publish(
             convert.trajectory(stamp, times, demand, turn / (2.0 * STEP)))
         self._sigma_pub.publish(convert.vector(
-            stamp, *self._sigma(sky, context), convert.MOUNT_FRAME))
+            stamp, *self._sigma(stamp, sky, context), convert.MOUNT_FRAME))
 
-    def _sigma(self, sky, context):
+    def _sigma(self, stamp, sky, context):
         """1-sigma of the demand on the sky at the first point, from model and zero, rad.
+
+        Where the zero wanders, with what it may have moved since the model's rows.
 
         NaN where the zero is of another power-on: by how much it has moved nobody knows.
         """
@@ -104,6 +106,7 @@ class PointingCorrector(MountNode):
         if model is not None:
             out = np.array([float(np.ravel(s)[0])
                             for s in model.sigma(sky[:, 0], sky[:, 1], context)])
+        out = np.hypot(out, wander_sigma(model, stamp, float(sky[0, 1])))
         return np.hypot(out, self._in_force.zero_sigma * [float(np.cos(sky[0, 1])), 1.0])
 
     def problems(self):

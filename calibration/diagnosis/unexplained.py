@@ -129,7 +129,8 @@ def wander_entry(found, problem):
     dict
         ``p``; ``like`` (names of effects that would explain it); ``slow``: it lasts longer than
         from row to row; ``text``, a sentence; and ``axes``: of each ``sigma_arcsec`` of the
-        process, ``memory`` in ``unit`` (hours, rows), ``moves_arcsec``: how far it is expected to
+        process, ``memory`` and ``span`` (of the rows) in ``unit`` (hours, rows), ``angle`` (it is one
+        of the azimuth axis: times cos E on the sky), ``moves_arcsec``: how far it is expected to
         move (RMS) in one hour, or in ten rows.
     """
     timed = problem.sequence.timed
@@ -141,6 +142,7 @@ def wander_entry(found, problem):
         sigma = np.sqrt(one.variance) / ARCSEC
         moves = sigma * np.sqrt(2.0 * -np.expm1(-far / one.memory))
         axes[name] = {'sigma_arcsec': float(sigma), 'memory': float(one.memory / unit),
+                      'span': float(np.ptp(problem.sequence.position) / unit),
                       'unit': 'hours' if timed else 'rows', 'moves_arcsec': float(moves),
                       'angle': one.angle}
         slow |= one.memory > usual

@@ -3,7 +3,7 @@ import pytest
 
 from msg_tools.power_on import PowerOn
 from msg_tools.units import ARCSEC
-from pointing_model.in_force import InForce
+from pointing_model.in_force import InForce, wander_sigma
 from pointing_model.model import PointingModel
 from pointing_model.model_document import identity
 from pointing_model.zero import NO_ZERO, RunZero
@@ -126,3 +126,19 @@ def test_the_name_of_a_model_is_that_of_what_it_does():
         PointingModel(NEW.terms, provenance={'source': 'elsewhere'}).to_json())
     assert identity(text) != identity(OLD.to_json())
     assert identity('') == identity(PointingModel({}).to_json()) == 'none'
+
+
+def test_a_zero_that_wanders_is_trusted_less_and_less():
+    wander = {'axes': {'az': {'sigma_arcsec': 2.0, 'memory': 0.5, 'unit': 'hours', 'angle': True,
+                              'span': 0.0}}}
+    model = PointingModel({'IA': 0.0}, provenance={'wander': wander, 'last_stamp_ns': 10**18})
+    sigmas = [wander_sigma(model, 10**18 + int(h * 3600e9), np.pi / 3)[0] / ARCSEC
+              for h in (0.0, 0.1, 1.0, 100.0)]
+    assert sigmas[0] == 0.0 and np.all(np.diff(sigmas) > 0.0)
+    assert sigmas[-1] == pytest.approx(2.0 * np.sqrt(2.0) * 0.5)
+    assert np.all(wander_sigma(model, 0, 0.5) == 0.0)
+    # the rows themselves were spread over it
+    wander['axes']['az']['span'] = 5.0
+    assert 0.9 < wander_sigma(model, 10**18, np.pi / 3)[0] / ARCSEC < 1.01
+    assert np.all(wander_sigma(PointingModel({}), 5, 0.5) == 0.0)
+    assert np.all(wander_sigma(None, 5, 0.5) == 0.0)
