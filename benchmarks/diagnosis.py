@@ -29,7 +29,7 @@ import numpy as np
 from calibration.diagnosis import Base, diagnose
 from calibration.diagnosis.base import observations
 from calibration.diagnosis.linear import orthonormal
-from calibration.diagnosis.search import Choice
+from calibration.diagnosis.problem import Choice
 from calibration.diagnosis.work import Work
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model import geometry

@@ -16,7 +16,7 @@ import numpy as np
 from diagnosis import EFFECTS, Table, _explained, _shown, alike, make_run, scaled, sky
 
 from calibration.diagnosis import diagnose
-from calibration.diagnosis.search import Problem
+from calibration.diagnosis.problem import Problem
 from msg_tools.units import ARCSEC
 
 #: effects of time, temperature or order

@@ -12,11 +12,40 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from .constants import NIGHTS, RATIO_WORTH_IT
+from .constants import NIGHTS, RATIO_WORTH_IT, UNLIKE
 from .scores import Bank
 from .wander import AxisWander, Whitened
 
 _SIZES = (0.1, 0.4, 1.6, 6.4, 25.0)
+
+
+def follows(sequence, bank, g, state):
+    """Whether a group goes with the order of the rows at all: cheaper than `swollen`."""
+    columns = state.white(bank.of(g))
+    columns = columns - (columns @ state.basis.T) @ state.basis
+    columns = columns.reshape(-1, sequence.order.size)[:, sequence.order]
+    before = np.einsum('ij,ij->', columns[:, 1:], columns[:, :-1])
+    return before > UNLIKE * np.einsum('ij,ij->', columns, columns)
+
+
+def swollen(bank, white, wandering):
+    """By how much a wander swells the variance of each group's score, if it is not reckoned with.
+
+    Parameters
+    ----------
+    bank : Bank
+    white, wandering : State
+        Of the same choice, without and with a wander.
+
+    Returns
+    -------
+    ndarray, shape (G,)
+    """
+    columns = white.white(bank.columns)
+    columns = columns - (columns @ white.basis.T) @ white.basis
+    spread = wandering.white.spread(columns * white.white.root)
+    both = [np.add.reduceat(np.square(c).sum(axis=1), bank.starts) for c in (spread, columns)]
+    return both[0] / np.maximum(both[1], 1e-300)
 
 
 class AgainstWander:

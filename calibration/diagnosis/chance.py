@@ -1,8 +1,12 @@
 """How large a candidate's score is by chance: sign flips of leverage-corrected residual pairs."""
 
+from functools import cached_property
+
 import numpy as np
 
-from .constants import PRIOR
+from .against_wander import AgainstWander
+from .constants import FAR, NIGHTS, PRIOR
+from .scores import best_of
 
 
 def pair_corrected(basis, residual):
@@ -118,6 +122,78 @@ class ChanceTest:
                 if z.size:
                     best = np.maximum(best, z.max(axis=1))
         return best
+
+
+class Chance:
+    """Sign flips, drawn once and shared by all tests of a search.
+
+    Parameters
+    ----------
+    n : int
+        Rows.
+    count : int
+        Flips.
+    rng : numpy.random.Generator
+    """
+
+    def __init__(self, n, count, rng):
+        self.signs = rng.integers(0, 2, (count, n)).astype(np.float32) * 2.0 - 1.0
+        self._rng, self._n = rng.spawn(1)[0], n
+        self._against = {}
+
+    @cached_property
+    def _normal(self):
+        return self._rng.standard_normal((NIGHTS, 2 * self._n))
+
+    def p_beyond_wander(self, problem, chosen, bank, groups, g):
+        """`AgainstWander.p` of a group, beside a choice of the same problem."""
+        if bank is problem.curves:  # a curve without a cause says no more than a wander
+            return 1.0
+        key = frozenset(chosen)
+        if key not in self._against:
+            self._against[key] = AgainstWander(problem, chosen, bank, groups, self._normal)
+        return self._against[key].p(g)
+
+    def p(self, state, scores, group, alpha=None):
+        """Family-wise p of a group: share of flips whose best score reaches its own.
+
+        Parameters
+        ----------
+        state : State
+            Without the group.
+        scores : Scores
+        group : int
+        alpha : float, optional
+            Stop when the share is certain to be above.
+        """
+        test = ChanceTest(state, scores, group)
+        count = len(self.signs)
+        limit = count if alpha is None else int(np.ceil(alpha * (count + 1)))
+        hits, start = 0, 0
+        for stop in (*range(200, count, 400), count):
+            best = test.flipped_max(self.signs[start:stop])
+            hits += int(np.sum(best >= test.z))
+            start = stop
+            if hits > limit:
+                return max((hits + 1) / (stop + 1), 1.0001 * alpha)
+            if test.z > best.max() + FAR:  # no flip will come near
+                break
+        return (hits + 1) / (count + 1)
+
+    def p_of_all(self, state, scores):
+        """Family-wise p of every group, with the residual that the best one leaves.
+
+        Returns
+        -------
+        ndarray, shape (G,)
+        """
+        group, _ = best_of(scores)
+        if group < 0 or not np.isfinite(scores.delta_bic[group]):
+            return np.ones(len(scores.dof))
+        test = ChanceTest(state, scores, group)
+        best = np.sort(test.flipped_max(self.signs))
+        hits = len(best) - np.searchsorted(best, test.all, side='left')
+        return (hits + 1.0) / (len(best) + 1.0)
 
 
 def _inverse_root(v):

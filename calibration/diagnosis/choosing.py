@@ -8,8 +8,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .constants import LIVE, ROUNDS
+from .problem import Found
 from .resampling import left_out, radial_arcsec
-from .search import Found, search, standing
+from .search import search
+from .standing import standing
 
 
 @dataclass

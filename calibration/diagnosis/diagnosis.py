@@ -7,6 +7,7 @@ from pointing_model.effects import effect
 from pointing_model.effects.drifts import places_of_steps
 
 from .base import Base, observations
+from .chance import Chance
 from .choosing import choose, settled
 from .constants import FLIPS, FOLDS, SET_WIDTH, STREAMED_FROM
 from .detectable import detectable
@@ -16,7 +17,6 @@ from .next_observations import propose
 from .result import DiagnosedEffect, concluded, diagnosed, hidden, ranking_of
 from .rows_told import claimed
 from .scores import Bank
-from .search import Chance
 from .sessions import arrange, split
 from .streamed import diagnose_streamed
 from .undecided import judge_undecided

@@ -141,3 +141,11 @@ class Bank:
             dof[groups] = k
             dbic[groups[k > 0]] = gain[k > 0]
         return Scores(dof, dbic, bases)
+
+
+def best_of(scores, excluded=()):
+    """Group with the largest gain but for some, and the gain; (-1, -inf) where there is none."""
+    dbic = scores.delta_bic.copy()
+    dbic[list(excluded)] = -np.inf
+    g = int(np.argmax(dbic)) if len(dbic) else -1
+    return (g, float(dbic[g])) if g >= 0 else (-1, -np.inf)

@@ -129,9 +129,9 @@ def wander_entry(found, problem):
     dict
         ``p``; ``like`` (names of effects that would explain it); ``slow``: it lasts longer than
         from row to row; ``text``, a sentence; and ``axes``: of each ``sigma_arcsec`` of the
-        process, ``memory`` and ``span`` (of the rows) in ``unit`` (hours, rows), ``angle`` (it is one
-        of the azimuth axis: times cos E on the sky), ``moves_arcsec``: how far it is expected to
-        move (RMS) in one hour, or in ten rows.
+        process, ``memory`` and ``span`` (of the rows) in ``unit`` (hours, rows), ``angle`` (it is
+        one of the azimuth axis: times cos E on the sky), ``moves_arcsec``: how far it is expected
+        to move (RMS) in one hour, or in ten rows.
     """
     timed = problem.sequence.timed
     unit, far = (3600.0, 3600.0) if timed else (1.0, 10.0)

@@ -14,6 +14,7 @@ from pointing_model.rms import rms
 from pointing_model.terms import stacked_design
 
 from .base import observations
+from .chance import Chance
 from .choosing import choose
 from .constants import (
     FEW_FOLDS,
@@ -34,7 +35,6 @@ from .resampling import (
     random_folds,
     run_folds,
 )
-from .search import Chance
 
 _NOT_REPEATED = ('More is beyond chance, but it does not hold from run to run, so it is not added '
                  '(the notes have the names): what the rows of one run share looks like an effect.')

@@ -15,8 +15,8 @@ from pointing_model.terms import PHYSICAL
 
 from .base import after_rotation, decode_slips, linearised
 from .linear import inverse_normal
+from .problem import Problem
 from .scores import Bank
-from .search import Problem
 from .wander import Sequence
 
 

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from calibration.diagnosis.base import Base, observations
+from calibration.diagnosis.chance import Chance
 from calibration.diagnosis.detectable import detectable
-from calibration.diagnosis.search import Chance, search
+from calibration.diagnosis.search import search
 from calibration.diagnosis.work import Work
 from calibration.diagnosis_page.plain_words import verdict_sentences
 from msg_tools.units import ARCSEC, DEG

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from calibration.diagnosis.chance import ChanceTest, normal_score, pair_corrected
+from calibration.diagnosis.chance import Chance, ChanceTest, normal_score, pair_corrected
 from calibration.diagnosis.choosing import choose, settled
 from calibration.diagnosis.linear import Columns, fit_state, orthonormal, overlap, solve
+from calibration.diagnosis.problem import Choice, Found, Problem
 from calibration.diagnosis.resampling import (
     contiguous_folds,
     cross_validate,
@@ -15,7 +16,8 @@ from calibration.diagnosis.resampling import (
     run_folds,
 )
 from calibration.diagnosis.scores import Bank
-from calibration.diagnosis.search import Chance, Choice, Found, Problem, search, standing
+from calibration.diagnosis.search import search
+from calibration.diagnosis.standing import standing
 from calibration.diagnosis.validation import nested
 from calibration.diagnosis.wander import AxisWander, Sequence, White, Whitened, estimate
 from msg_tools.units import ARCSEC

@@ -1,0 +1,143 @@
+"""What a search has to do with: the rows, the candidates, what was chosen of them."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from .linear import Columns, fit_state, wandering, whitened
+from .scores import Bank
+from .wander import Sequence
+
+
+@dataclass
+class Problem:
+    """Offsets that the base leaves, the base's columns, and the candidates.
+
+    Attributes
+    ----------
+    base : Columns
+        First-order columns of everything that is fitted anyway.
+    b : ndarray, shape (2n,)
+        Offsets (after the exact rotations of the base), radians.
+    inverse_sigma : ndarray, shape (2n,), or None
+    dictionary, curves : Bank
+    sequence : Sequence, optional
+        Rows may resemble their neighbours in it; without it their noise has no memory.
+    """
+
+    base: Columns
+    b: np.ndarray
+    inverse_sigma: np.ndarray | None
+    dictionary: Bank
+    curves: Bank
+    sequence: Sequence | None = None
+    _wanders: dict = field(default_factory=dict, repr=False)
+    _part: bool = False
+
+    @property
+    def plain(self):
+        """The same, with noise that has no memory."""
+        return replace(self, sequence=None)
+
+    @property
+    def n(self):
+        """Rows."""
+        return len(self.b) // 2
+
+    def rows(self, rows):
+        """The problem of some rows (indices); what wanders is known from all of them."""
+        both = np.concatenate((rows, rows + self.n))
+        return Problem(self.base.rows(both), self.b[both],
+                       None if self.inverse_sigma is None else self.inverse_sigma[both],
+                       self.dictionary.rows(rows), self.curves.rows(rows),
+                       None if self.sequence is None else self.sequence.rows(rows),
+                       self._wanders, True)
+
+    def only(self, chosen):
+        """The same with the columns of a choice in the base, and nothing to choose from."""
+        none = Bank([], None, np.empty((0, 2 * self.n)))
+        known = self._wanders.get(frozenset(chosen))
+        return Problem(self.design(chosen), self.b, self.inverse_sigma, none, none, self.sequence,
+                       {} if known is None else {frozenset(): known}, self._part)
+
+    def state(self, chosen, weights=None, without=None, final=False, wander=None):
+        """Fit of the base and the chosen groups.
+
+        Parameters
+        ----------
+        chosen : list of Choice
+        weights : ndarray, shape (n,), optional
+            Of a fit of nearly the same.
+        without : int, optional
+            Of `chosen`, to be left out.
+        final : bool
+        wander : tuple of AxisWander, optional
+            Known; else it is estimated from what this fit leaves.
+
+        Returns
+        -------
+        State
+        """
+        design = self.design(chosen, without)
+        state = fit_state(design, self.b, self.inverse_sigma, weights, final)
+        if self.sequence is None:
+            return state
+        if wander is None:
+            key = frozenset(c for i, c in enumerate(chosen) if i != without)
+            wander = self._wanders.get(key)
+            if wander is None:
+                wander = wandering(state, design, self.b, self.sequence)
+                if not self._part:
+                    self._wanders[key] = wander
+        if not any(one.variance > 0.0 for one in wander):
+            return state
+        return whitened(state, design, self.b, self.sequence, wander)
+
+    def design(self, chosen, without=None):
+        """Columns of the base and the chosen groups."""
+        return self.base.added(
+            [c.columns(self) for i, c in enumerate(chosen) if i != without])
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A group of the dictionary (or of the curves)."""
+
+    group: int
+    curve: bool = False
+
+    def bank(self, problem):
+        """Where it comes from."""
+        return problem.curves if self.curve else problem.dictionary
+
+    def columns(self, problem):
+        """Shape (d, 2n)."""
+        return self.bank(problem).of(self.group)
+
+    def effect(self, problem):
+        """The `Effect`."""
+        return self.bank(problem).effects[self.group]
+
+
+@dataclass
+class Found:
+    """What a search chose.
+
+    Attributes
+    ----------
+    chosen : list of Choice
+    state : State
+        Of the base and the choice, if rows have no memory.
+    dropped, dropped_by_cv, not_repeated : list of Choice
+        Chosen once, and given up: it did not pay any more, or not on rows left out, or the search
+        without some runs chose so differently that those were predicted worse.
+    wandering : list of Choice
+        Beyond chance if rows had no memory, but not beyond a zero that wanders.
+    """
+
+    chosen: list
+    state: object
+    dropped: list = field(default_factory=list)
+    dropped_by_cv: list = field(default_factory=list)
+    not_repeated: list = field(default_factory=list)
+    wandering: list = field(default_factory=list)

@@ -1,0 +1,100 @@
+"""How each chosen effect stands with all others in the model."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .against_wander import follows, swollen
+from .constants import ALIAS, SET_WIDTH, SLOW
+from .linear import overlap
+
+
+@dataclass
+class Standing:
+    """How one chosen effect stands with all others in the model.
+
+    Attributes
+    ----------
+    p : float
+        Family-wise, that chance gives any candidate a score like this.
+    delta_bic : float
+        Gain of the effect.
+    alternatives : list of int
+        Groups of other lines of the ranking within `SET_WIDTH` of the best.
+    same : list of int
+        Of these the ones that are the same curve in this run (aliases).
+    scores : Scores
+    """
+
+    p: float
+    delta_bic: float
+    alternatives: list
+    same: list
+    scores: object
+
+
+def standing(problem, found, i, chance, enough=None):
+    """Test one choice with the others in the model, and find what could stand in its place.
+
+    What a wander can be mistaken for is tested against a wander.
+
+    Parameters
+    ----------
+    problem : Problem
+    found : Found
+    i : int
+        Of `found.chosen`.
+    chance : Chance
+    enough : float, optional
+        A p that is certain to be above need not be known.
+
+    Returns
+    -------
+    Standing
+    """
+    choice = found.chosen[i]
+    bank = choice.bank(problem)
+    g = choice.group
+    state = problem.plain.state(found.chosen, found.state.weights, without=i)
+    if follows(problem.sequence, bank, g, state):
+        whole = problem.state(found.chosen, found.state.weights, without=i)
+        slow = swollen(bank, state, whole) > SLOW if whole.wander else np.zeros(len(bank), bool)
+        if slow[g]:
+            return _beside_wander(problem, found, i, chance, enough, whole, np.flatnonzero(slow))
+    scores = bank.score(state)
+    return _standing(problem, found, i, scores, chance.p(state, scores, g, enough))
+
+
+def _beside_wander(problem, found, i, chance, enough, state, slow):
+    choice = found.chosen[i]
+    bank, g = choice.bank(problem), choice.group
+    scores = bank.score(state)
+    p = chance.p(state, scores, g, enough)
+    if p > (enough or 0.01):
+        others = [c for j, c in enumerate(found.chosen) if j != i]
+        p = min(p, chance.p_beyond_wander(problem, others, bank, slow, g))
+        # what is left to wander is known with the effect in the model
+        scores = bank.score(problem.state(found.chosen, found.state.weights, without=i,
+                                          wander=problem.state(found.chosen).wander))
+    return _standing(problem, found, i, scores, p)
+
+
+def _standing(problem, found, i, scores, p):
+    choice = found.chosen[i]
+    bank, g = choice.bank(problem), choice.group
+    others = {c.group for j, c in enumerate(found.chosen) if j != i and c.curve == choice.curve}
+    limit = scores.delta_bic.max() - SET_WIDTH
+    lines = {int(bank.line[g])}
+    near = []
+    if not choice.curve:
+        for other in np.argsort(-scores.delta_bic):
+            if scores.delta_bic[other] < max(limit, 0.0):
+                break
+            if other != g and other not in others and int(bank.line[other]) not in lines:
+                lines.add(int(bank.line[other]))
+                near.append(int(other))
+    same = []
+    if near:
+        own = scores.basis(g)
+        same = [k for k in near if overlap(own, scores.basis(k))[0] > ALIAS]
+    return Standing(p, float(scores.delta_bic[g]), near, same, scores)
