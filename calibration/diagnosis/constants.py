@@ -40,3 +40,22 @@ RUNS = 4
 #: cross-validation take 22 s of CPU and 1.5 GB, and both grow with the rows (a million in chunks:
 #: 10 s, 0.4 GB beside the run)
 STREAMED_FROM = 10000
+#: a candidate whose score a wander swells by more (variance) is one that it can be mistaken for
+SLOW = 1.2
+#: independent tests that the likelihood ratio of a wander counts as, over both axes, the memories
+#: and sizes that are tried: noise without memory, N = 30, 60, 200 (benchmarks/diagnosis.py)
+WANDER_TESTS = 6.0
+#: searches, each without what the ones before have given up, at most
+ROUNDS = 4
+#: partitions into folds over which the cross-validated RMS is a mean: at least and at most; as many
+#: as bring its standard error below the part `SPREAD`
+PARTITIONS, MOST_PARTITIONS, SPREAD = 3, 12, 0.01
+#: correlation of neighbours below which a candidate's score is swollen by less than `SLOW`: by
+#: less than 1 + 2 UNLIKE (1 + r + r^2 ...) of rows that share r = 0.6, and of longer memories
+#: those that pass the test are tested again
+UNLIKE = 0.05
+#: nights simulated with a wander, of which 1 in 100 is as extreme as a p of 0.01
+NIGHTS = 199
+#: 2 ln of a likelihood ratio below which no effect is beyond a wander at a p of 0.01: of 30 to 200
+#: rows the largest of some 70 by chance is above 15 in 1 of 100
+RATIO_WORTH_IT = 12.0

@@ -55,7 +55,7 @@ def detectable(problem, chance, alpha):
         hour's) and ``rms_arcsec`` of that effect on the rows, on the sky. Effects that the base
         or another driver of the run hides are not in it.
     """
-    state = problem.state([])
+    state = problem.plain.state([])
     bank = problem.dictionary
     scores = bank.score(state)
     if not np.isfinite(scores.delta_bic).any():
@@ -72,7 +72,7 @@ def detectable(problem, chance, alpha):
         if g is None or scores.dof[g] < len(bank.of(g)):
             continue
         dof = int(scores.dof[g])
-        white = state.white(bank.of(g)) if hasattr(state, 'white') else bank.of(g) * state.root
+        white = state.white(bank.of(g))
         # signal beyond the base in units of the noise, of each phase at unit amplitude
         phases = _PHASES if dof == 2 else np.ones((1, 1))
         unit_lambda = np.sqrt(np.square(phases @ (white @ scores.basis(g).T)).sum(axis=1))

@@ -7,17 +7,18 @@ from pointing_model.effects import effect
 from pointing_model.effects.drifts import places_of_steps
 
 from .base import Base, observations
+from .choosing import choose, settled
 from .constants import FLIPS, FOLDS, STREAMED_FROM
 from .detectable import detectable
 from .next_observations import propose
-from .resampling import cv_gains
 from .result import DiagnosedEffect, concluded, diagnosed, hidden, ranking_of
 from .scores import Bank
-from .search import Chance, search, standing
+from .search import Chance
 from .sessions import arrange, split
 from .streamed import diagnose_streamed
 from .undecided import judge_undecided
-from .validation import cross_validated, folds_of, judge_on
+from .unexplained import unexplained, wander_entry
+from .validation import cross_validated, judge_on, partitions_of
 from .work import Work
 
 
@@ -86,24 +87,36 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
 
 def _in_memory(obs, base, alpha, rng, flips, folds):
     work = Work(obs, base, alpha)
-    chance = Chance(work.problem.n, flips, rng)
-    parts = folds_of(work, folds, rng) if folds else []
-    found = search(work.problem, alpha, chance)
-    stands, gains = _settle(work.problem, found, alpha, chance, parts)
-    errors = cross_validated(work, found, parts, alpha, rng) if parts else None
+    problem = work.problem
+    chance = Chance(problem.n, flips, rng)
+    partitions = partitions_of(problem, folds, rng) if folds else ()
+    chosen = choose(problem, alpha, chance, partitions)
+    found = chosen.found
+    left = unexplained(problem, found, alpha)
+    errors = cross_validated(work, found.chosen, left is not None, folds, alpha, rng) \
+        if folds else None
     if errors and errors.cut is not None:
         found.not_repeated = found.chosen[errors.cut:]
         del found.chosen[errors.cut:]
-        found.state = work.problem.state(found.chosen)
-        stands, gains = _settle(work.problem, found, alpha, chance, parts)
+        found.state = problem.plain.state(found.chosen)
+        chosen = settled(problem, found, alpha, chance, partitions)
+        left = unexplained(problem, found, alpha)
     _refine_steps(work, found)
-    found.state = work.problem.state(found.chosen, final=True)
+    # what is not beyond chance is no reason for another fit
+    noise = problem if left else problem.plain
+    base_fit = work.fit([], noise.state([], final=True))
+    found.state = noise.state(found.chosen, final=True)
     fitted = work.fit(found.chosen, found.state)
-    result = _assemble(work, found, stands, fitted, chance)
+    result = _assemble(work, found, chosen.stands, (base_fit, fitted), chance)
+    if left is not None:
+        result.told_of_wander(wander_entry(left, problem))
     if errors:
-        for entry, gain in zip(result.effects[len(work.slips):], gains):
-            entry.cv_gain_arcsec = gain
-        result.before['cv_rms_arcsec'], result.after['cv_rms_arcsec'] = errors.before, errors.after
+        for entry, gain in zip(result.effects[len(work.slips):], chosen.gains):
+            entry.cv_gain_arcsec = float(gain)
+        for entry, one in ((result.before, errors.before), (result.after, errors.after)):
+            entry.update(cv_rms_arcsec=one['radial'], cv_rms_x_arcsec=one['x'],
+                         cv_rms_y_arcsec=one['y'])
+        result.after['cv_spread'] = errors.spread
         result.cv_contiguous, result.caution = errors.stretches, errors.caution
         judge_undecided(result, [c.effect(work.problem).name for c in
                                  found.dropped_by_cv + found.not_repeated],
@@ -111,33 +124,8 @@ def _in_memory(obs, base, alpha, rng, flips, folds):
     if result.verdict == 'none':
         result.detectable = detectable(work.problem, chance, alpha)
     if result.verdict == 'ambiguous':
-        result.next_observations = propose(work.problem, obs, base, found, stands)
+        result.next_observations = propose(problem, obs, base, found, chosen.stands)
     return result
-
-
-def _settle(problem, found, alpha, chance, folds):
-    """Test each choice with all others in the model, and drop until all of them hold.
-
-    They must be beyond chance, and gain on rows left out (not on stretches of time left out: what
-    happened in one of them only is real, and cannot be foretold from the others).
-
-    Returns
-    -------
-    stands : list of Standing
-    gains : list of float
-        Of each choice in `folds`, arcsec; empty without folds.
-    """
-    while True:
-        stands = [standing(problem, found, i, chance) for i in range(len(found.chosen))]
-        weak = [(s.p, i) for i, s in enumerate(stands) if s.p > alpha or s.delta_bic <= 0.0]
-        if weak:
-            found.dropped.append(found.chosen.pop(max(weak)[1]))
-        else:
-            gains = cv_gains(problem, found, folds) if folds else []
-            if min(gains, default=1.0) > 0.0:
-                return stands, gains
-            found.dropped_by_cv.append(found.chosen.pop(int(np.argmin(gains))))
-        found.state = problem.state(found.chosen)
 
 
 def _refine_steps(work, found):
@@ -157,15 +145,15 @@ def _refine_steps(work, found):
                           & (between <= tried[min(k + 1, len(tried) - 1)])]
         near = Bank([effect('step', **{**p, 'at': float(t)}) for t in between], context)
         # with weights of its own: rows between the old place and the new look like outliers
-        scores = near.score(problem.state(found.chosen, without=i))
+        scores = near.score(problem.plain.state(found.chosen, without=i))
         best = int(np.argmax(scores.delta_bic))
         bank.replace(choice.group, near.effects[best], near.of(best))
 
 
-def _assemble(work, found, stands, fitted, chance):
+def _assemble(work, found, stands, fits, chance):
     problem, obs = work.problem, work.obs
-    nothing = problem.state([])
-    base_fit = work.fit([], problem.state([], final=True))
+    base_fit, fitted = fits
+    nothing = problem.plain.state([])
     made = work.model(base_fit, []), work.model(fitted, found.chosen)
     effects = [DiagnosedEffect(f, p, f.effect.columns(obs.context)) for f, p in work.slips]
     for c, s, f in zip(found.chosen, stands, made[1][0].effects):

@@ -12,6 +12,7 @@ from calibration.robust import bisquare, hampel, huber, reweighted, sigma_of
 from msg_tools.units import ARCSEC
 
 from .constants import EIGEN
+from .wander import White, Whitened, estimate
 
 
 def orthonormal(rows):
@@ -72,21 +73,28 @@ class Columns:
             return Columns(self.common[:, both])
         return Columns(self.common[:, both], self.own[:, both], self.run[both[:len(both) // 2]])
 
-    def basis(self, root):
-        """Orthonormal basis of the weighted columns, shape (rank, 2n)."""
+    def basis(self, white):
+        """Orthonormal basis of the whitened columns, shape (rank, 2n).
+
+        Parameters
+        ----------
+        white : callable
+            As `State.white`; no row of one run has to do with those of another.
+        """
+        common = white(self.common)
         if self.own is None:
-            return orthonormal(self.common * root)
-        out = []
+            return orthonormal(common)
+        out, own = [], white(self.own)
         for block in self._blocks:
-            part = orthonormal(self.own[:, block] * root[block])
-            full = np.zeros((len(part), len(root)))
+            part = orthonormal(own[:, block])
+            full = np.zeros((len(part), own.shape[1]))
             full[:, block] = part
             out.append(full)
         out = np.vstack(out)
-        white = self.common * root
+        white = common
         for _ in range(2):
             white = white - (white @ out.T) @ out
-        length = np.sqrt(np.square(self.common * root).sum(axis=1))
+        length = np.sqrt(np.square(common).sum(axis=1))
         left = np.sqrt(np.square(white).sum(axis=1))
         return np.vstack((out, orthonormal(white[left > 1e-5 * length])))
 
@@ -108,8 +116,9 @@ class State:
     ----------
     basis : ndarray, shape (rank, 2n)
         Orthonormal, of the weighted columns.
-    root : ndarray, shape (2n,)
-        Weights: whitened = root x value.
+    white : callable
+        Values of shape (..., 2n) -> whitened: times the weights, and without what a row has from
+        those before it.
     residual : ndarray, shape (2n,)
         Whitened.
     raw : ndarray, shape (2n,)
@@ -118,14 +127,17 @@ class State:
         Robust, 0 to 1.
     scale : ndarray, shape (2,)
         Robust noise of x and y, radians (in sigmas, if these were given).
+    wander : tuple of AxisWander
+        Of x and y, that `white` takes out; empty: noise without memory.
     """
 
     basis: np.ndarray
-    root: np.ndarray
+    white: object
     residual: np.ndarray
     raw: np.ndarray
     weights: np.ndarray
     scale: np.ndarray
+    wander: tuple = ()
 
     @property
     def n(self):
@@ -163,15 +175,16 @@ def fit_state(rows, b, inverse_sigma=None, weights=None, final=False):
     steps = [None] + [huber] * 6 + [last] * 5 if weights is None else [last] * 4
     scale, todo = np.ones(2), iter(steps)
 
-    def solve(w):
+    def solution(w):
         root = given * np.concatenate((np.sqrt(w) / scale[0], np.sqrt(w) / scale[1]))
-        basis = rows.basis(root)
-        whitened = b * root
-        residual = whitened - (basis @ whitened) @ basis
+        white = White(root)
+        basis = rows.basis(white)
+        values = white(b)
+        residual = values - (basis @ values) @ basis
         raw = residual / np.where(root > 0.0, root, np.inf)
         if (w == 0.0).any():
-            raw = _fill(rows, b, root, raw, w)
-        return State(basis, root, residual, raw, w, scale)
+            raw = _fill(rows, b, white, raw, w)
+        return State(basis, white, residual, raw, w, scale)
 
     def weigh(fit):
         nonlocal scale
@@ -185,34 +198,74 @@ def fit_state(rows, b, inverse_sigma=None, weights=None, final=False):
         scale = np.maximum(np.sqrt((w * standard**2).sum(axis=1) / total) * dof, 1e-9 * least)
         return w
 
-    start = solve(np.ones(n) if weights is None else weights)
-    return reweighted(solve, weigh, start, len(steps))[0]
+    start = solution(np.ones(n) if weights is None else weights)
+    return reweighted(solution, weigh, start, len(steps))[0]
 
 
-def _fill(rows, b, root, raw, w):
+def wandering(state, rows, b, sequence):
+    """`estimate` for a fit whose noise was taken as white."""
+    return estimate(sequence, state.white.root, state.scale, rows.dense(), b)
+
+
+def whitened(state, rows, b, sequence, wander):
+    """The fit of the same rows with the same weights, if they wander.
+
+    Parameters
+    ----------
+    state : State
+        Without memory.
+    rows : Columns
+    b : ndarray, shape (2n,)
+    sequence : Sequence
+    wander : tuple of AxisWander
+        Of x and y.
+
+    Returns
+    -------
+    State
+    """
+    n = state.n
+    noise = np.array([one.scale / s if one.variance > 0.0 else 1.0
+                      for one, s in zip(wander, state.scale)])
+    white = Whitened(state.white.root / np.repeat(noise, n), sequence, wander)
+    basis, values = rows.basis(white), white(b)
+    dense = rows.dense()
+    return State(basis, white, values - (basis @ values) @ basis,
+                 b - solve(dense, b, white) @ dense, state.weights, state.scale, wander)
+
+
+def _fill(rows, b, white, raw, w):
     """Residuals of the rows without weight, from coefficients of the others."""
     design = rows.dense()
-    p = solve(design, b, root)
+    p = solve(design, b, white)
     out = np.concatenate((w == 0.0, w == 0.0))
     raw = raw.copy()
     raw[out] = b[out] - p @ design[:, out]
     return raw
 
 
-def solve(rows, b, root):
-    """Weighted least squares of b = p @ rows (smallest norm where it is not determined).
+def solve(rows, b, white):
+    """Least squares of b = p @ rows, both whitened (smallest norm where it is not determined).
 
     Parameters
     ----------
     rows : ndarray, shape (k, 2n)
-    b, root : ndarray, shape (2n,)
+    b : ndarray, shape (2n,)
+    white : callable
+        As `State.white`.
     """
-    return inverse_normal(rows, root) @ (rows @ (root * root * b))
+    a = white(rows)
+    return inverse_normal(a.copy()) @ (a @ white(b))
 
 
-def inverse_normal(rows, root):
-    """Inverse of the weighted normal matrix, in the directions that the rows determine."""
-    a = rows * root
+def inverse_normal(a):
+    """Inverse of the normal matrix of whitened rows, in the directions that they determine.
+
+    Parameters
+    ----------
+    a : ndarray, shape (k, 2n)
+        Is changed.
+    """
     length = np.sqrt(np.einsum('ij,ij->i', a, a))
     length = np.where(length > 0.0, length, 1.0)
     a /= length[:, None]

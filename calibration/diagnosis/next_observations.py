@@ -13,6 +13,7 @@ from msg_tools.units import DEG
 from pointing_model.context import Context
 
 from .linear import solve
+from .wander import White
 
 _COUNT = 6  # for each ambiguous effect
 _RIVALS = 4
@@ -116,7 +117,7 @@ def _separate(problem, obs, base, found, pair, others, grid):
     shared = problem.base.added([e.columns(obs.context).reshape(-1, 2 * n) for e in others])
     grid_dense = _grid_dense(shared, grid_base, common, obs, m)
     noise = _noise(state, problem, n)
-    views = [_View(shared.dense(), grid_dense, sides[k], sides[1 - k], problem.b, state.root,
+    views = [_View(shared.dense(), grid_dense, sides[k], sides[1 - k], problem.b, state.white.root,
                    noise) for k in (0, 1)]
     before = min(v.separation() for v in views)
     proposals, used = [], np.zeros(m, bool)
@@ -174,7 +175,7 @@ class _View:
     """One member of the pair is true; how well can the other follow it."""
 
     def __init__(self, shared, shared_grid, truth, rival, b, root, noise):
-        p = solve(np.vstack((shared, truth[0])), b, root)
+        p = solve(np.vstack((shared, truth[0])), b, White(root))
         coefficients = p[len(shared):]
         self._signal = coefficients @ truth[0]
         self._signal_grid = coefficients @ truth[1]
@@ -183,7 +184,7 @@ class _View:
         self._root, self._noise, self._m = root, noise, truth[1].shape[1] // 2
 
     def _fit(self):
-        return solve(self._rows, self._signal, self._root)
+        return solve(self._rows, self._signal, White(self._root))
 
     def separation(self):
         left = (self._signal - self._fit() @ self._rows) * self._root

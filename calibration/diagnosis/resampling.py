@@ -1,18 +1,21 @@
-"""Judging a choice of effects on rows that neither the fit nor the choice has seen."""
+"""Predicting rows that a fit has not seen."""
+
+from types import SimpleNamespace
 
 import numpy as np
 
 from msg_tools.units import ARCSEC
 from pointing_model.rms import rms
 
-from .constants import DISTINCT, LIVE, NESTED_FLIPS
-from .linear import solve
-from .search import Chance, search
+from .constants import DISTINCT
+from .linear import inverse_normal, solve
 
 
-def random_folds(n, count, rng):
-    """Row numbers of `count` folds, drawn at random."""
-    return [np.sort(f) for f in np.array_split(rng.permutation(n), count)]
+def random_folds(group, count, rng):
+    """Row numbers of `count` folds, drawn at random; rows of one group stay together."""
+    names = np.unique(group)
+    return [np.flatnonzero(np.isin(group, part))
+            for part in np.array_split(rng.permutation(names), min(count, len(names)))]
 
 
 def contiguous_folds(order, count):
@@ -57,43 +60,46 @@ def predict(problem, chosen, train, test):
     ndarray, shape (2, m)
         Radians.
     """
-    part = problem.rows(train)
-    state = part.state(chosen, final=True)
-    return _left(problem, part, chosen, state, test)
+    whole = problem.only(chosen)
+    part = whole.rows(train)
+    return predicted(whole, part, [], part.state([], final=True), test)
 
 
-def _left(problem, part, chosen, state, test):
+def predicted(problem, part, chosen, state, test):
+    """Residuals of `test` rows, shape (2, m), by the fit `state` of `chosen` to `part`, radians."""
     design = part.design(chosen)
     common = design.common
     if design.own is None:
-        p = solve(common, part.b, state.root)
+        white = state.white(common)
+        p = inverse_normal(white.copy()) @ (white @ state.white(part.b))
     else:
         # the part of the common columns that no run can fit for itself
         own = design.added(())
         own.common = common[:0]
-        basis = own.basis(state.root)
-        white = common * state.root
+        basis = own.basis(state.white)
+        white = state.white(common)
         length = np.sqrt(np.square(white).sum(axis=1))
         white -= (white @ basis.T) @ basis
         # what these runs cannot tell from their own terms is not predicted
         white[np.sqrt(np.square(white).sum(axis=1)) < DISTINCT * length] = 0.0
-        left = part.b * state.root
+        left = state.white(part.b)
         left = left - (basis @ left) @ basis
-        p = solve(white, left, np.ones_like(left)) if len(white) else np.empty(0)
+        p = inverse_normal(white.copy()) @ (white @ left) if len(white) else np.empty(0)
     other = problem.rows(test)
     other.b = other.b - p @ other.design(chosen).common
     if design.own is not None and len(test):
-        _own_terms(other, design, part.b - p @ common, state.root)
+        _own_terms(other, design, part.b - p @ common, state.white)
     return other.b.reshape(2, len(test))
 
 
-def _own_terms(other, design, left, root):
+def _own_terms(other, design, left, white):
     """Take off what each run fits for itself: from its rows in training, or else here."""
     new = np.ones(other.n, bool)
+    own, left = white(design.own), white(left)
     for run in np.unique(other.base.run):
         here, there = other.base.run == run, np.tile(design.run == run, 2)
         if there.any():
-            p = solve(design.own[:, there], left[there], root[there])
+            p = inverse_normal(own[:, there]) @ (own[:, there] @ left[there])
             both = np.tile(here, 2)
             other.b[both] -= p @ other.base.own[:, both]
             new &= ~here
@@ -123,61 +129,32 @@ def cross_validate(problem, chosen, folds):
     return out
 
 
-def cv_gains(problem, found, folds):
-    """What each choice takes off the cross-validated RMS, the others being in the model.
+def left_out(problem, chosen, state, folds):
+    """`cross_validate` with the weights (and the wander) of a fit to all rows: faster.
 
     Parameters
     ----------
     problem : Problem
-    found : Found
+    chosen : list of Choice
+    state : State
+        Of a choice that these are of.
     folds : list of ndarray of int
 
     Returns
     -------
-    list of float
-        Arcsec.
+    ndarray, shape (2, n)
+        Radians.
     """
-    if not found.chosen:
-        return []
-    keep = found.state.weights > LIVE
-    whole = radial_arcsec(cross_validate(problem, found.chosen, folds), keep)
-    return [radial_arcsec(cross_validate(problem, [c for j, c in enumerate(found.chosen) if j != i],
-                               folds), keep) - whole for i in range(len(found.chosen))]
-
-
-def nested(problem, folds, alpha, rng, flips=NESTED_FLIPS):
-    """As `cross_validate`, with the whole search repeated without each fold.
-
-    Parameters
-    ----------
-    problem : Problem
-    folds : list of ndarray of int
-    alpha : float
-    rng : numpy.random.Generator
-    flips : int
-
-    Returns
-    -------
-    residual : ndarray, shape (k + 1, 2, n)
-        Radians: with the first 0, 1, ... k choices of each fold; k is the most that one has, and
-        a fold that has fewer takes all of its own.
-    choices : list of list of Choice
-        Of each fold.
-    """
-    choices, parts = [], []
-    everything = np.arange(problem.n)
+    whole = problem.only(chosen)
+    design, everything = whole.base, np.arange(problem.n)
+    out = np.empty((2, problem.n))
     for fold in folds:
-        train = np.setdiff1d(everything, fold)
-        part = problem.rows(train)
-        found = search(part, alpha, Chance(part.n, flips, rng))
-        choices.append(found.chosen)
-        left = []
-        for k in range(len(found.chosen) + 1):
-            state = part.state(found.chosen[:k], found.state.weights if k else None, final=True)
-            left.append(_left(problem, part, found.chosen[:k], state, fold))
-        parts.append(left)
-    out = np.empty((max(map(len, parts)), 2, problem.n))
-    for fold, left in zip(folds, parts):
-        for k in range(len(out)):
-            out[k][:, fold] = left[min(k, len(left) - 1)]
-    return out, choices
+        if design.own is None:
+            p = solve(design.common, problem.b, state.white.without(fold))
+            both = np.concatenate((fold, fold + problem.n))
+            out[:, fold] = (problem.b[both] - p @ design.common[:, both]).reshape(2, -1)
+        else:
+            train = np.setdiff1d(everything, fold)
+            out[:, fold] = predicted(whole, whole.rows(train), [],
+                                     SimpleNamespace(white=state.white.rows(train)), fold)
+    return out

@@ -63,7 +63,7 @@ class Diagnosis:
 
     Attributes
     ----------
-    verdict : {'none', 'undecided', 'identified', 'ambiguous', 'unknown'}
+    verdict : {'none', 'wanders', 'undecided', 'identified', 'ambiguous', 'unknown'}
     base : Base
     observations : Observations
         The rows that were used.
@@ -91,6 +91,9 @@ class Diagnosis:
         Run -> terms that it fitted for itself, arcsec.
     caution : str
         A sentence where the gain does not hold on some kind of rows left out.
+    wander : dict or None
+        Rows resemble their neighbours in time though no effect explains it, see
+        `unexplained.wander_entry`.
     """
 
     verdict: str
@@ -114,6 +117,14 @@ class Diagnosis:
     detectable: list | None = None
     cv_contiguous: dict = field(default_factory=dict)
     caution: str = ''
+    wander: dict | None = None
+
+    def told_of_wander(self, entry):
+        """Take `unexplained.wander_entry` into verdict and notes."""
+        self.wander = entry
+        if self.verdict == 'none' and entry['slow']:
+            self.verdict = 'wanders'
+        self.notes.append(entry['text'])
 
     def to_dict(self):
         """The JSON result; keys that do not apply are None."""
@@ -124,6 +135,7 @@ class Diagnosis:
             'effects': [e.to_dict() for e in self.effects],
             'excluded': _excluded(self.excluded, self.observations),
             'next_observations': self.next_observations, 'detectable': self.detectable,
+            'wander': self.wander,
         }
 
 
@@ -205,7 +217,8 @@ def rms_entry(residual, keep):
     """Of the JSON result: RMS of the rows `keep` of residuals of shape (2, n), radians."""
     x, y = (rms(r[keep]) / ARCSEC for r in residual)
     return {'rms_arcsec': float(np.hypot(x, y)), 'rms_x_arcsec': x, 'rms_y_arcsec': y,
-            'cv_rms_arcsec': None, 'holdout_rms_arcsec': None}
+            'cv_rms_arcsec': None, 'cv_rms_x_arcsec': None, 'cv_rms_y_arcsec': None,
+            'cv_spread': None, 'holdout_rms_arcsec': None}
 
 
 def lines_of(effects, delta_bic):

@@ -63,6 +63,11 @@ class Bank:
     def __len__(self):
         return len(self.effects)
 
+    @property
+    def starts(self):
+        """First column of each group, shape (G,)."""
+        return self._start[:-1]
+
     def of(self, g):
         """Columns of group `g`, shape (d, 2n)."""
         return self.columns[self._start[g]:self._start[g + 1]]
@@ -71,6 +76,11 @@ class Bank:
         """Put another effect with as many columns, shape (d, 2n), in the place of group `g`."""
         self.effects = [*self.effects[:g], effect, *self.effects[g + 1:]]
         self.of(g)[:] = columns
+
+    def only(self, groups):
+        """The bank of some groups (indices), numbered anew."""
+        columns = [self.of(g) for g in groups]
+        return Bank([self.effects[g] for g in groups], None, np.vstack(columns))
 
     def rows(self, rows):
         """The bank of some rows (indices or a mask of n)."""
@@ -88,7 +98,7 @@ class Bank:
             A row is zero where the group has fewer directions of its own.
         dof : ndarray of int, shape (G_d,)
         """
-        white = self.columns * state.root
+        white = state.white(self.columns)
         length = np.sqrt(np.einsum('ij,ij->i', white, white))
         white /= np.where(length > 0.0, length, 1.0)[:, None]
         white -= (white @ state.basis.T) @ state.basis

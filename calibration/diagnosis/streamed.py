@@ -96,7 +96,7 @@ class _Data:
         self.start, left, _ = linearised(sample, base)
         columns = base.columns(sample.context, sample.label)
         state = fit_state(columns, left, sample.inverse_sigma, final=True)
-        self.scale, self._first = state.scale, solve(columns.dense(), left, state.root)
+        self.scale, self._first = state.scale, solve(columns.dense(), left, state.white)
         obs.notes += [note for note in sample.notes if note not in obs.notes]
         self.weights = np.ones(len(obs))
 

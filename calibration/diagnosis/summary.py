@@ -45,7 +45,7 @@ def beyond_base(diagnosis, offsets):
     rows, both = _rows(diagnosis)
     design = diagnosis.base.columns(obs.context, obs.label).rows(both).dense()
     values = offsets.reshape(-1)[both]
-    left = values - solve(design, values, np.ones_like(values)) @ design
+    left = values - solve(design, values, np.copy) @ design
     return float(np.sqrt(np.square(left).sum() / max(len(rows), 1)))
 
 
@@ -83,7 +83,7 @@ def correlations(diagnosis):
         root = np.concatenate([weight / max(s, 1e-15) for s in scale])
     else:
         root = obs.inverse_sigma[both] * np.concatenate((weight, weight))
-    inverse = inverse_normal(design, root)[np.ix_(at, at)]
+    inverse = inverse_normal(design * root)[np.ix_(at, at)]
     size = np.sqrt(np.maximum(np.diag(inverse), 1e-300))
     return names, inverse / np.outer(size, size)
 

@@ -17,6 +17,7 @@ from .base import after_rotation, decode_slips, linearised
 from .linear import inverse_normal
 from .scores import Bank
 from .search import Problem
+from .wander import Sequence
 
 
 class Work:
@@ -33,7 +34,8 @@ class Work:
             obs.context, [t for t in PHYSICAL if t not in base.terms], base.own)
         if base.own and {'IA', 'IE'} <= set(base.own):
             effects = [e for e in effects if e.form != 'run_zero']
-        self.problem = Problem(columns, left, obs.inverse_sigma, None, None)
+        self.problem = Problem(columns, left, obs.inverse_sigma, None, None,
+                               Sequence.of(obs.context, obs.label))
         self.slips = self._slips(alpha)
         self.problem.dictionary = Bank(effects + steps(obs.context), obs.context)
         self.problem.curves = Bank(smooths(obs.context) if curves else [], obs.context)
@@ -68,11 +70,11 @@ class Work:
         design = self.problem.design(chosen).dense()
         common = [t for t in self.base.terms if t not in self.base.own]
         geometric = [i for i, t in enumerate(common) if t in rotation.GEOMETRIC]
-        root = state.root
-        inverse = inverse_normal(design, root)
+        white = state.white(design)
+        inverse = inverse_normal(white.copy())
         start, left = dict(self.start), self.problem.b
         for _ in range(4):
-            p = inverse @ (design @ (root * root * left))
+            p = inverse @ (white @ state.white(left))
             residual = left - p @ design
             step = p[geometric].copy()
             # what the geometric terms gained goes into the rotations

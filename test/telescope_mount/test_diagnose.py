@@ -13,7 +13,7 @@ from pointing_model.run_files import read_run, write_csv
 from telescope_mount.cli import main
 
 KEYS = {'observations', 'runs', 'base_terms', 'verdict', 'before', 'after', 'noise_floor_arcsec',
-        'effects', 'excluded', 'next_observations', 'detectable'}
+        'effects', 'excluded', 'next_observations', 'detectable', 'wander'}
 RMS = {'rms_arcsec', 'rms_x_arcsec', 'rms_y_arcsec', 'cv_rms_arcsec', 'holdout_rms_arcsec'}
 EFFECT = {'name', 'tpoint', 'driver', 'axes', 'coefficients_arcsec', 'sigma_arcsec', 'p_family',
           'delta_bic', 'alternatives', 'cv_gain_arcsec'}

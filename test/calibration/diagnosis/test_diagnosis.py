@@ -58,8 +58,10 @@ def names(result):
 
 
 KEYS = {'observations', 'runs', 'base_terms', 'verdict', 'before', 'after', 'noise_floor_arcsec',
-        'effects', 'excluded', 'next_observations', 'detectable'}
-RMS = {'rms_arcsec', 'rms_x_arcsec', 'rms_y_arcsec', 'cv_rms_arcsec', 'holdout_rms_arcsec'}
+        'effects', 'excluded', 'next_observations', 'wander',
+        'detectable'}
+RMS = {'rms_arcsec', 'rms_x_arcsec', 'rms_y_arcsec', 'cv_rms_arcsec', 'cv_rms_x_arcsec',
+       'cv_rms_y_arcsec', 'cv_spread', 'holdout_rms_arcsec'}
 EFFECT = {'name', 'tpoint', 'driver', 'axes', 'coefficients_arcsec', 'sigma_arcsec', 'p_family',
           'delta_bic', 'alternatives', 'cv_gain_arcsec'}
 
@@ -118,7 +120,7 @@ def test_noise_that_grows_toward_the_horizon_is_no_effect():
 
 
 CASES = {
-    'drift': (lambda c: (0.0, 4.0 * ARCSEC * (c['time'] - 1.7e9) / 3600.0),
+    'drift': (lambda c: (0.0, 12.0 * ARCSEC * (c['time'] - 1.7e9) / 3600.0),
               {'elevation_zero_with_time', 'elevation_zero_with_temperature',
                'flexure_with_time', 'elevation_zero_step'}),
     'step': (lambda c: (7.0 * ARCSEC * (np.arange(len(c['az'])) >= 23), 0.0),
@@ -172,7 +174,7 @@ def test_own_terms_of_a_run_come_from_its_other_rows():
 def test_two_effects_at_once():
     def both(c):
         return (off_centre(6.0)(c)[0] + backlash(8.0)(c)[0],
-                3.0 * ARCSEC * (c['time'] - 1.7e9) / 3600.0)
+                12.0 * ARCSEC * (c['time'] - 1.7e9) / 3600.0)
     result = diagnose(night(5, n=80, effect=both), **FAST)
     shown = [{e.fitted.effect.name, *e.alternatives, *e.aliases} for e in result.effects]
     for wanted in ('azimuth_encoder_1', 'azimuth_hysteresis_cosE', 'elevation_zero_with_time'):
@@ -201,9 +203,9 @@ def test_aliases_of_terms_are_never_effects():
 
 def test_time_and_temperature_alike_are_ambiguous_and_it_says_what_to_observe():
     def drift(c):
-        c['temperature'] = 12.0 - 4.0 * np.linspace(0.0, 1.0, len(c['az']))**0.8
-        return 0.0, -1.2 * ARCSEC * c['temperature']
-    result = diagnose(night(8, effect=drift), **FAST)
+        c['temperature'] = 12.0 - 4.0 * np.linspace(0.0, 1.0, len(c['az']))**0.6
+        return 0.0, -3.0 * ARCSEC * c['temperature']
+    result = diagnose(night(11, effect=drift), **FAST)
     assert result.verdict == 'ambiguous'
     (one,) = result.effects
     shown = {one.fitted.effect.name, *one.alternatives}
@@ -234,7 +236,7 @@ def test_what_to_observe_says_the_approach_and_the_time_where_they_matter():
 
 
 def test_exact_aliases_in_a_run_are_one_class():
-    run = night(9, effect=lambda c: (0.0, 3.0 * ARCSEC * (c['time'] - 1.7e9) / 3600.0))
+    run = night(9, effect=lambda c: (0.0, 12.0 * ARCSEC * (c['time'] - 1.7e9) / 3600.0))
     run.columns['temperature'] = 20.0 - (run['time'] - 1.7e9) / 1800.0
     result = diagnose(run, **FAST)
     (one,) = result.effects
@@ -379,16 +381,71 @@ def nights_that_wander(seed, n=30, size=0.0):
 
 def test_what_the_rows_of_a_night_share_is_no_effect_of_the_mount():
     result = diagnose(nights_that_wander(3), flips=299)
-    assert result.verdict == 'none' and result.before == result.after
-    (note,) = (n for n in result.notes if 'does not repeat without some of the runs' in n)
-    assert 'elevation_zero_step' in note
+    assert result.verdict == 'wanders' and not result.effects
+    assert result.wander['slow'] and set(result.wander['axes']) >= {'el'}
     _, sentences = verdict_sentences(result.to_dict(), caution=result.caution)
-    assert 'does not hold from run to run' in sentences[0]
     assert not any('looks like noise' in s for s in sentences)
     # what the mount has on all nights stays
     result = diagnose(nights_that_wander(3, size=8.0), flips=299)
     assert any('azimuth_hysteresis' in name for name in names(result))
     assert result.after['cv_rms_arcsec'] < 0.8 * result.before['cv_rms_arcsec']
+
+
+def correlated(rho):
+    """Noise whose rows share `rho` with the row before."""
+    def noise(rng, el):
+        e = rng.normal(size=(2, len(el)))
+        for i in range(1, len(el)):
+            e[:, i] = rho * e[:, i - 1] + np.sqrt(1.0 - rho**2) * e[:, i]
+        return e
+    return noise
+
+
+def test_a_zero_that_wanders_is_no_effect_and_is_told():
+    found = [diagnose(night(300 + i, noise=correlated(0.9)), **FAST) for i in range(12)]
+    # if rows are taken to have no memory, 10 of these have effects
+    assert sum(bool(r.effects) for r in found) <= 1
+    assert sum(r.verdict == 'wanders' for r in found) >= 11
+    told = next(r for r in found if r.wander and set(r.wander['axes']) == {'az', 'el'})
+    for axis in told.wander['axes'].values():
+        assert axis['sigma_arcsec'] > 0.3 and 0.0 < axis['moves_arcsec'] < 5.0
+        assert axis['unit'] == 'hours' and 0.05 < axis['memory'] < 10.0
+    assert 'the zero wanders' in told.wander['text'] and told.wander['text'] in told.notes
+    document = json.loads(json.dumps(told.to_dict()))
+    assert document['wander']['p'] <= 0.01
+
+
+def test_an_effect_not_of_time_is_found_beside_a_wander():
+    for seed in range(6):
+        result = diagnose(night(310 + seed, effect=CASES['oval disc'][0], noise=correlated(0.6)),
+                          **FAST)
+        assert 'azimuth_encoder_2' in names(result)
+
+
+def test_what_repeats_each_other_counts_as_fewer():
+    false, told = 0, 0
+    for seed in range(12):
+        once = night(330 + seed, n=30)
+        two = np.repeat(np.arange(30), 2)
+        run = PointingRun({k: v[two].copy() for k, v in once.columns.items()}, once.meta)
+        run.columns['time'] += np.tile([0.0, 8.0], 30)
+        e = 0.3 * ARCSEC * np.random.default_rng(seed).normal(size=(2, 60))
+        run.columns['az_enc'] += e[0] / np.cos(run['el'])
+        run.columns['el_enc'] += e[1]
+        result = diagnose(run, **FAST)
+        false += bool(result.effects)
+        told += any('rows taken close together share their error' in n for n in result.notes)
+    assert false <= 1 and told >= 5
+
+
+def test_a_small_drift_is_not_told_from_a_wander():
+    verdicts = [diagnose(night(350 + i, effect=lambda c: (
+        0.0, 3.0 * ARCSEC * (c['time'] - 1.7e9) / 3600.0)), **FAST) for i in range(5)]
+    assert all(r.verdict != 'none' for r in verdicts)
+    wandering = [r for r in verdicts if r.verdict == 'wanders']
+    assert wandering and all(
+        any('with_time' in n or 'step' in n or 'temperature' in n for n in r.wander['like'])
+        for r in wandering)
 
 
 def test_base_is_read_and_refused():

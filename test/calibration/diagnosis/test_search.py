@@ -4,18 +4,20 @@ import numpy as np
 import pytest
 
 from calibration.diagnosis.chance import ChanceTest, normal_score, pair_corrected
+from calibration.diagnosis.choosing import choose, settled
 from calibration.diagnosis.linear import Columns, fit_state, orthonormal, overlap, solve
 from calibration.diagnosis.resampling import (
     contiguous_folds,
     cross_validate,
-    cv_gains,
-    nested,
+    left_out,
     predict,
     random_folds,
     run_folds,
 )
 from calibration.diagnosis.scores import Bank
 from calibration.diagnosis.search import Chance, Choice, Found, Problem, search, standing
+from calibration.diagnosis.validation import nested
+from calibration.diagnosis.wander import AxisWander, Sequence, White, Whitened, estimate
 from msg_tools.units import ARCSEC
 from pointing_model.context import Context
 from pointing_model.effects import dictionary, effect, smooths, steps
@@ -41,7 +43,8 @@ def make_problem(seed, n=60, signal=None, curves=False, noise=None):
         b = b + signal(context)
     effects = dictionary(context)[0] + steps(context)
     return Problem(Columns(stacked_design(PHYSICAL, context.az, context.el)), b.ravel(), None,
-                   Bank(effects, context), Bank(smooths(context) if curves else [], context))
+                   Bank(effects, context), Bank(smooths(context) if curves else [], context),
+                   Sequence.of(context, np.zeros(n, int)))
 
 
 def index(problem, name):
@@ -57,7 +60,7 @@ def test_columns_of_single_runs_are_the_dense_ones():
     own, common, run = rng.normal(size=(2, 80)), rng.normal(size=(3, 80)), np.arange(40) % 3
     columns = Columns(common, own, run)
     root = rng.uniform(0.5, 2.0, 80)
-    basis = columns.basis(root)
+    basis = columns.basis(White(root))
     dense = columns.dense()
     assert len(columns) == len(dense) == 9 and np.allclose(basis @ basis.T, np.eye(9), atol=1e-12)
     white = dense * root
@@ -66,7 +69,7 @@ def test_columns_of_single_runs_are_the_dense_ones():
     assert len(part) == 7
     # a column that runs fit for themselves has nothing left of its own
     again = Columns(np.vstack((common, own[:1])), own, run)
-    assert len(again.basis(root)) == 9
+    assert len(again.basis(White(root))) == 9
 
 
 def test_state_ignores_gross_outliers_and_fills_their_residual():
@@ -77,7 +80,7 @@ def test_state_ignores_gross_outliers_and_fills_their_residual():
     dirty = fit_state(problem.base, b, final=True)
     assert dirty.weights[7] == 0.0 and np.count_nonzero(dirty.weights == 0.0) == 1
     assert dirty.raw[7] / ARCSEC == pytest.approx(900.0 + clean.raw[7] / ARCSEC, abs=1.0)
-    p = solve(problem.base.common, problem.b, np.ones(120))
+    p = solve(problem.base.common, problem.b, np.copy)
     exact, *_ = np.linalg.lstsq(problem.base.common.T, problem.b, rcond=None)
     assert np.allclose(p, exact, rtol=1e-8)
 
@@ -183,43 +186,112 @@ def test_overlap_knows_aliases():
 def test_folds_cover_every_row_once():
     rng = np.random.default_rng(0)
     label = np.repeat(np.arange(6), 5)
-    for folds in (random_folds(30, 7, rng), contiguous_folds(-np.arange(30.0), 7),
+    for folds in (random_folds(np.arange(30), 7, rng), contiguous_folds(-np.arange(30.0), 7),
                   run_folds(label, 3, rng)):
         assert np.array_equal(np.sort(np.concatenate(folds)), np.arange(30))
     assert all(len(np.unique(label[f])) == 2 for f in run_folds(label, 3, rng))
     assert contiguous_folds(-np.arange(30.0), 7)[0].min() == 25
+    # rows of one group stay together
+    for fold in random_folds(label, 3, rng):
+        assert all(np.isin(np.flatnonzero(label == r), fold).all() for r in label[fold])
 
 
 def test_held_out_rows_are_not_looked_at():
     problem = make_problem(7, signal=play(2.0))
-    folds = random_folds(60, 6, np.random.default_rng(1))
+    folds = random_folds(np.arange(60), 6, np.random.default_rng(1))
     left, choices = nested(problem, folds, 0.01, np.random.default_rng(2), flips=199)
     assert all(any(problem.dictionary.effects[c.group].form == 'hysteresis' for c in chosen)
                for chosen in choices)
     # if one row reads 40" more, its own residual is 40" more, to rounding
     row = int(folds[3][2])
-    moved = Problem(problem.base, problem.b.copy(), None, problem.dictionary, problem.curves)
+    moved = Problem(problem.base, problem.b.copy(), None, problem.dictionary, problem.curves,
+                    problem.sequence)
     moved.b[60 + row] += 40.0 * ARCSEC
     again, _ = nested(moved, folds, 0.01, np.random.default_rng(2), flips=199)
     assert len(again) == len(left) == 1 + max(map(len, choices))
     assert np.allclose(again[:, :, folds[3]] - left[:, :, folds[3]],
                        [[0.0] * 10, 40.0 * ARCSEC * (folds[3] == row)], atol=1e-9 * ARCSEC)
     # with none of the choices it is the plain cross-validation
-    assert np.allclose(left[0], cross_validate(problem, [], folds), atol=1e-12)
+    assert np.allclose(left[0], cross_validate(problem.plain, [], folds), atol=1e-12)
     assert np.mean(left[-1]**2) < 0.8 * np.mean(left[0]**2)
 
 
 def test_cross_validation_tells_gain_from_decoration():
     problem = make_problem(8, signal=play(2.0))
-    folds = random_folds(60, 10, np.random.default_rng(1))
+    folds = random_folds(np.arange(60), 10, np.random.default_rng(1))
     good = Choice(index(problem, 'azimuth_hysteresis_cosE'))
     idle = Choice(index(problem, 'azimuth_encoder_5'))
     plain, better, more = (np.mean(cross_validate(problem, c, folds)**2)
                            for c in ([], [good], [good, idle]))
     assert better < 0.7 * plain and more > better
-    found = Found([good, idle], problem.state([good, idle]))
-    gain, loss = cv_gains(problem, found, folds)
-    assert gain > 0.3 and loss < 0.0
+    # with the weights of all rows: as good as fitted anew
+    quick = left_out(problem, [good], problem.plain.state([good], final=True), folds)
+    assert np.mean(quick**2) == pytest.approx(better, rel=0.02)
+    found = choose(problem, 0.01, Chance(60, 499, np.random.default_rng(3)), [folds])
+    assert [c.effect(problem).form for c in found.found.chosen] == ['hysteresis']
+    assert found.gains[0] > 0.3
+    both = settled(problem, Found([good, idle], problem.state([good, idle])), 1.0,
+                   Chance(60, 99, np.random.default_rng(3)), [folds])
+    assert both.found.chosen == [good] and idle in [
+        *both.found.dropped, *both.found.dropped_by_cv]
+
+
+def wandering_noise(sequence, variance, memory, rng):
+    gap = np.abs(sequence.position[:, None] - sequence.position)
+    root = np.linalg.cholesky(np.exp(-gap / memory) + 1e-9 * np.eye(len(gap)))
+    return np.sqrt(variance) * root @ rng.normal(size=len(gap))
+
+
+def test_rows_that_wander_are_whitened_exactly():
+    rng = np.random.default_rng(21)
+    context = make_context(rng, 40)
+    run = np.repeat([0, 1], 20)
+    sequence = Sequence.of(context, run)
+    root = rng.uniform(0.5, 2.0, 80)
+    root[5] = root[45] = 0.0
+    wander = AxisWander(2.0, 900.0, True), AxisWander(0.5, 300.0)
+    white = Whitened(root, sequence, wander)
+    gap = np.where(run[:, None] == run, np.abs(
+        context.get('time')[:, None] - context.get('time')), np.inf)
+    values, log_det = rng.normal(size=(3, 80)), 0.0
+    squares, spread = np.zeros(3), np.zeros(3)
+    for part, one, factor in ((slice(0, 40), wander[0], np.cos(context.el)),
+                              (slice(40, 80), wander[1], np.ones(40))):
+        keep = root[part] > 0.0
+        v = np.diag(1.0 / np.square(root[part][keep])) + (
+            one.variance * np.outer(factor, factor) * np.exp(-gap / one.memory))[keep][:, keep]
+        here = values[:, part][:, keep]
+        squares += np.einsum('ki,ij,kj->k', here, np.linalg.inv(v), here)
+        spread += np.einsum('ki,ij,kj->k', here, v, here)
+        log_det += np.linalg.slogdet(v)[1]
+    assert np.allclose(np.square(white(values)).sum(axis=1), squares)
+    assert np.allclose(np.square(white.spread(values)).sum(axis=1), spread)
+    assert white.log_det == pytest.approx(log_det)
+    kept = values * (root > 0.0)
+    assert np.allclose(white(white.coloured(kept)), kept)
+    assert np.allclose(white(values)[:, [5, 45]], 0.0)
+
+
+def test_a_wander_is_estimated_and_white_noise_is_left_white():
+    found, white = [], []
+    for seed in range(20):
+        problem = make_problem(400 + seed, 120)
+        sequence = problem.sequence
+        rng = np.random.default_rng(seed)
+        state = problem.plain.state([])
+        rows = problem.base.common
+        white.append(max(w.gain for w in estimate(
+            sequence, state.white.root, state.scale, rows, problem.b)))
+        b = problem.b.copy()
+        b[120:] += wandering_noise(sequence, 4.0 * ARCSEC**2, 1800.0, rng)
+        state = fit_state(problem.base, b)
+        found.append(estimate(sequence, state.white.root, state.scale, rows, b)[1])
+    # how far it moves in ten minutes; size and memory alone are hard to tell apart
+    moves = [np.sqrt(2.0 * w.variance * -np.expm1(-600.0 / w.memory)) / ARCSEC for w in found]
+    assert np.median(moves) == pytest.approx(
+        np.sqrt(8.0 * -np.expm1(-600.0 / 1800.0)), rel=0.2)
+    assert np.median([w.scale / ARCSEC for w in found]) == pytest.approx(1.0, rel=0.15)
+    assert min(w.gain for w in found) > 10.0 and np.median(white) < 3.0
 
 
 def test_new_runs_refit_their_own_terms_only():

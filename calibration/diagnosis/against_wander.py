@@ -1,0 +1,129 @@
+"""Is an effect beyond a zero that wanders? Likelihood ratio, with its chance by simulation.
+
+The test with the wander as it is estimated without the effect (`search`) loses most of what a
+wander can imitate: the estimate has swallowed it. Here the wander is fitted anew on either side:
+2 ln of the ratio of the largest likelihoods with and without the effect, each over a grid of
+wanders. Its chance is that of as large a ratio for any effect that a wander is mistaken for, in
+nights simulated with the wander that was estimated (parametric bootstrap).
+"""
+
+from functools import cached_property
+from types import SimpleNamespace
+
+import numpy as np
+
+from .constants import NIGHTS, RATIO_WORTH_IT
+from .scores import Bank
+from .wander import AxisWander, Whitened
+
+_SIZES = (0.1, 0.4, 1.6, 6.4, 25.0)
+
+
+class AgainstWander:
+    """The test of the groups of a bank beside one choice.
+
+    Parameters
+    ----------
+    problem : Problem
+    chosen : list of Choice
+        In the model anyway.
+    bank : Bank
+    groups : ndarray of int
+        That a wander can be mistaken for.
+    normal : ndarray, shape (b, 2n)
+        Standard normal noise.
+    """
+
+    def __init__(self, problem, chosen, bank, groups, normal):
+        self._problem, self._bank = problem, bank
+        self._groups, self._normal = groups, normal
+        self._plain = problem.plain.state(chosen)
+        self._design = problem.design(chosen)
+        self._noises = _noises(problem.sequence, self._plain, problem.state(chosen).wander)
+
+    def p(self, g):
+        """Chance that a wandering zero makes any of the groups look as `g` does."""
+        ratio = _ratios(self._noises, self._design, self._problem.b[None],
+                        _finer(self._problem, self._bank, g)).max()
+        if ratio < RATIO_WORTH_IT:
+            return 1.0
+        return float((np.count_nonzero(self._by_chance >= ratio) + 1) / (NIGHTS + 1))
+
+    @cached_property
+    def _by_chance(self):
+        """Largest ratio of each simulated night."""
+        nights = self._noises[0].coloured(self._normal * (self._plain.white.root > 0.0))
+        return _ratios(self._noises, self._design, nights,
+                       self._bank.only(self._groups)).max(axis=1)
+
+
+def _finer(problem, bank, g):
+    """The group; a step at all rows about the place where it was tried, of which there are few."""
+    e = bank.effects[g]
+    if e.form != 'step':
+        return bank.only([g])
+    n, axis = problem.n, e.parameters['axis']
+    part = slice(0, n) if axis == 'az' else slice(n, 2 * n)
+    scan = [k for k, other in enumerate(bank.effects) if other.line == e.line]
+    places = sorted({np.count_nonzero(bank.of(k)[0, part] == 0.0) for k in scan})
+    here = places.index(np.count_nonzero(bank.of(g)[0, part] == 0.0))
+    first, last = places[max(here - 1, 0)], places[min(here + 1, len(places) - 1)]
+    order = np.argsort(problem.sequence.position, kind='stable')
+    columns = np.zeros((last - first + 1, 2 * n))
+    for row, place in zip(columns, range(first, last + 1)):
+        row[part][order[place:]] = 1.0
+    if axis == 'az':
+        columns[:, part] *= problem.sequence.cos_el
+    return Bank([e] * len(columns), None, columns)
+
+
+def _noises(sequence, plain, wander):
+    """Whitenings of a grid of wanders of one axis, the other as estimated; first the estimate."""
+    n = plain.n
+    typical = [float(np.median(1.0 / np.square(r[r > 0.0])))
+               for r in plain.white.root.reshape(2, n)]
+    still = [AxisWander(scale=s) for s in plain.scale]
+    sets = [tuple(wander), tuple(still)]
+    for axis in (0, 1):
+        tried = [still[axis], *(
+            AxisWander(size * typical[axis], memory, wander[axis].angle, plain.scale[axis])
+            for memory in sequence.memories()[1:] for size in _SIZES)]
+        sets += [tuple(t if k == axis else wander[k] for k in (0, 1)) for t in tried]
+    out = []
+    for both in sets:
+        noise = [one.scale / s for one, s in zip(both, plain.scale)]
+        out.append(Whitened(plain.white.root / np.repeat(noise, n), sequence, both))
+    return out
+
+
+def _ratios(noises, design, values, bank):
+    """2 ln of the likelihood ratio of each group, shape (rows of values, G)."""
+    n = values.shape[1] // 2
+    without, with_it = -np.inf, -np.inf
+    for noise in noises:
+        basis = design.basis(noise)
+        left = noise(values)
+        left = left - (left @ basis.T) @ basis
+        live = np.count_nonzero(noise.root[:n])
+        squares = np.square(left).reshape(-1, 2, n).sum(axis=2)
+        out = np.empty((len(values), len(bank)))
+        for groups, q, _ in bank.bases(SimpleNamespace(white=noise, basis=basis)):
+            reduced = _reduced(q, left, squares)
+            out[:, groups] = -live * np.log(np.maximum(reduced, 1e-300)).sum(axis=0)
+        none = -live * np.log(np.maximum(squares, 1e-300)).sum(axis=1) - noise.log_det
+        without = np.maximum(without, none)
+        with_it = np.maximum(with_it, out - noise.log_det)
+    return with_it - without[:, None]
+
+
+def _reduced(q, left, squares):
+    """Sums of squares of either axis with each group taken out, shape (2, rows, G)."""
+    n = left.shape[1] // 2
+    share = np.einsum('gdi,bi->gdb', q, left, optimize=True)
+    out = np.empty((2, len(left), len(q)))
+    for axis, part in enumerate((slice(0, n), slice(n, 2 * n))):
+        gram = q[:, :, part] @ q[:, :, part].transpose(0, 2, 1)
+        cross = np.einsum('gdi,bi->gdb', q[:, :, part], left[:, part], optimize=True)
+        taken = (2.0 * share * cross - share * (gram @ share)).sum(axis=1)
+        out[axis] = squares[:, axis, None] - taken.T
+    return out

@@ -1,0 +1,111 @@
+"""What is beyond chance, but not beyond a zero that wanders: its cause is not told."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.special import chdtrc
+
+from msg_tools.units import ARCSEC
+from pointing_model.effects.base import AXES
+
+from .constants import WANDER_TESTS
+
+
+@dataclass
+class Unexplained:
+    """Rows alike, though no driver explains them.
+
+    Attributes
+    ----------
+    axes : dict of str to AxisWander
+        ``az``, ``el``: the axes that wander.
+    p : float
+        That noise without memory would show as much.
+    like : list of Choice
+        Effects of the dictionary that would explain it, were there no wander.
+    """
+
+    axes: dict
+    p: float
+    like: list = field(default_factory=list)
+
+
+def unexplained(problem, found, alpha):
+    """Whether the noise wanders, beyond what the choice explains.
+
+    Either of two tests is beyond chance at `alpha`: effects that would be added if rows had no
+    memory, and that are not beyond a wander; or the restricted likelihood of the wander itself.
+
+    Parameters
+    ----------
+    problem : Problem
+    found : Found
+    alpha : float
+
+    Returns
+    -------
+    Unexplained or None
+    """
+    wander = problem.state(found.chosen).wander
+    if not wander:
+        return None
+    p = wander_chance(wander)
+    if not found.wandering and p > alpha:
+        return None
+    axes = {name: one for name, one in zip(('az', 'el'), wander) if one.variance > 0.0}
+    return Unexplained(axes, min(p, alpha) if found.wandering else p, list(found.wandering))
+
+
+def wander_chance(wander):
+    """Chance that noise without memory has as large a likelihood ratio on either axis.
+
+    Parameters
+    ----------
+    wander : tuple of AxisWander
+
+    Returns
+    -------
+    float
+    """
+    gain = max(one.gain for one in wander)
+    return float(min(WANDER_TESTS * 0.5 * chdtrc(1.0, max(gain, 0.0)), 1.0))
+
+
+def wander_entry(found, problem):
+    """JSON-ready entry of a result.
+
+    Parameters
+    ----------
+    found : Unexplained
+    problem : Problem
+
+    Returns
+    -------
+    dict
+        ``p``; ``like`` (names of effects that would explain it); ``slow``: it lasts longer than
+        from row to row; ``text``, a sentence; and ``axes``: of each ``sigma_arcsec`` of the
+        process, ``memory`` in ``unit`` (hours, rows), ``moves_arcsec``: how far it is expected to
+        move (RMS) in one hour, or in ten rows.
+    """
+    timed = problem.sequence.timed
+    unit, far = (3600.0, 3600.0) if timed else (1.0, 10.0)
+    gap = problem.sequence.gap
+    usual = float(np.quantile(gap[np.isfinite(gap)], 0.9))
+    axes, parts, slow = {}, [], False
+    for name, one in found.axes.items():
+        sigma = np.sqrt(one.variance) / ARCSEC
+        moves = sigma * np.sqrt(2.0 * -np.expm1(-far / one.memory))
+        axes[name] = {'sigma_arcsec': float(sigma), 'memory': float(one.memory / unit),
+                      'unit': 'hours' if timed else 'rows', 'moves_arcsec': float(moves),
+                      'angle': one.angle}
+        slow |= one.memory > usual
+        parts.append(f'in {AXES[name]} by {moves:.2f}\u2033 (RMS) within '
+                     + ('an hour' if timed else 'ten rows'))
+    like = list(dict.fromkeys(c.effect(problem).name for c in found.like))
+    if slow:
+        text = f'the zero wanders, {" and ".join(parts)}, and its cause is not told'
+        if like:
+            text += f'; it could as well be {" or ".join(like)}'
+    else:
+        text = 'rows taken close together share their error: they count as fewer'
+    return {'axes': axes, 'p': found.p, 'like': like, 'slow': bool(slow), 'text': text}

@@ -1,0 +1,424 @@
+"""Rows that resemble their neighbours in time: a zero that wanders beside white noise.
+
+The offsets of an axis are taken as white noise plus a stationary process with the correlation
+exp(-dt / tau) (Ornstein and Uhlenbeck; a random walk where tau is far longer than the run). How
+large it is and how long it remembers is the maximum of the restricted likelihood (Patterson and
+Thompson 1971, Biometrika 58, 545; REML) over a grid. In the order of time, differences
+e_i - phi_i e_(i-1) of such rows have a tridiagonal covariance: rows are whitened in O(n).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg.lapack import dpttrf, dtbtrs
+
+from msg_tools.units import ARCSEC
+
+#: between memories and between sizes (variance over that of the white noise) that are tried
+#: first; then half a step about the best of them. The likelihood is flat: half as wide a grid
+#: finds 0.1 more of 2 ln L in the mean
+_STEP, _SIZE_STEP = 4.0, 10.0
+_SIZES = _SIZE_STEP ** np.arange(-1.0, 3.0)
+#: rows of one star: so many rows, seconds and radians apart at most, beside the sky's own turning
+_LAGS, _MINUTES, _PLACE, _SIDEREAL = 6, 900.0, 60.0 * ARCSEC, 7.3e-5
+
+
+class Sequence:
+    """The order in which rows were observed, and how far apart they are.
+
+    Parameters
+    ----------
+    position : ndarray, shape (n,)
+        Time (s), or the place in the order.
+    run : ndarray of int, shape (n,)
+        A run remembers nothing of the one before.
+    cos_el : ndarray, shape (n,)
+        What an angle of the azimuth axis is on the sky.
+    timed : bool
+        Whether the position is a time.
+    group : ndarray of int, shape (n,), optional
+        Rows of one star within minutes share a number: what is left out is left out together.
+    """
+
+    def __init__(self, position, run, cos_el, timed=True, group=None):
+        self.position, self.run, self.cos_el, self.timed = position, run, cos_el, timed
+        self.group = np.arange(len(run)) if group is None else group
+        self.order = np.lexsort((position, run))
+        gap = np.diff(position[self.order], prepend=-np.inf)
+        gap[np.diff(run[self.order], prepend=run[self.order[:1]]) != 0] = np.inf
+        #: to the row before in `order`; infinite where a run begins
+        self.gap = gap
+
+    @classmethod
+    def of(cls, context, label):
+        """Of the rows of a run.
+
+        Parameters
+        ----------
+        context : Context
+        label : ndarray of int, shape (n,)
+            Number of the run of each row.
+
+        Returns
+        -------
+        Sequence
+        """
+        time = context.get('time')
+        timed = time is not None and np.isfinite(time).all()
+        if not timed:
+            time = np.arange(len(label), dtype=float)
+        return cls(np.asarray(time, float), label, context.trig.cos_el, timed,
+                   _repeats(context, np.asarray(time, float), label, timed))
+
+    def rows(self, rows):
+        """Of some rows (indices)."""
+        return Sequence(self.position[rows], self.run[rows], self.cos_el[rows], self.timed,
+                        self.group[rows])
+
+    def memories(self):
+        """Correlation times to be tried, from the shortest gap that counts to far beyond the run.
+
+        Returns
+        -------
+        ndarray
+            Ascending; empty where no row has a row before it.
+        """
+        gap = self.gap[np.isfinite(self.gap) & (self.gap > 0.0)]
+        if not len(gap):
+            return gap
+        first = np.quantile(gap, 0.1)
+        ends = np.zeros(self.run.max() + 1)
+        np.maximum.at(ends, self.run, self.position)
+        starts = np.full(self.run.max() + 1, np.inf)
+        np.minimum.at(starts, self.run, self.position)
+        span = np.max(np.where(np.isfinite(starts), ends - starts, 0.0))
+        count = int(np.ceil(np.log(4.0 * span / first) / np.log(_STEP))) + 1
+        return first * _STEP ** np.arange(max(count, 1))
+
+
+def _repeats(context, position, run, timed):
+    """Number of the star of each row; the same again within minutes."""
+    order = np.lexsort((position, run))
+    place = context.direction()[:, order]
+    position, run = position[order], run[order]
+    first = np.arange(len(order))
+    for lag in range(1, min(_LAGS, len(order) - 1) + 1):
+        passed = position[lag:] - position[:-lag] if timed else np.zeros(len(order) - lag)
+        apart = np.linalg.norm(place[:, lag:] - place[:, :-lag], axis=0)
+        same = (run[lag:] == run[:-lag]) & (passed < _MINUTES) & (
+            apart < _PLACE + _SIDEREAL * passed)
+        first[lag:] = np.where(same, np.minimum(first[lag:], first[:-lag]), first[lag:])
+    out = np.empty(len(order), int)
+    out[order] = first
+    return out
+
+
+@dataclass(frozen=True)
+class AxisWander:
+    """What wanders on an axis.
+
+    Attributes
+    ----------
+    variance : float
+        Of the process, rad^2; 0: the noise is white.
+    memory : float
+        Correlation time, in units of the sequence's position.
+    angle : bool
+        It is an angle of the azimuth axis: on the sky it has the factor cos E.
+    scale : float
+        Of the white noise beside it, as `State.scale`.
+    gain : float
+        2 ln of the restricted likelihood ratio against white noise alone.
+    """
+
+    variance: float = 0.0
+    memory: float = np.inf
+    angle: bool = False
+    scale: float = 1.0
+    gain: float = 0.0
+
+
+class White:
+    """Weights alone: noise without memory.
+
+    Parameters
+    ----------
+    root : ndarray, shape (2n,)
+        1 / sigma of each value, 0 for rows set aside.
+    """
+
+    def __init__(self, root):
+        self.root = root
+
+    def __call__(self, values):
+        """Whitened values, shape (..., 2n)."""
+        return values * self.root
+
+    def without(self, rows):
+        """The same with some rows (indices of n) set aside."""
+        return White(_set_aside(self.root, rows))
+
+    def rows(self, rows):
+        """Of some rows (indices of n)."""
+        return White(self.root.reshape(2, -1)[:, rows].ravel())
+
+
+class Whitened:
+    """Weights, and differences that take out what a row has from the rows before.
+
+    Parameters
+    ----------
+    root : ndarray, shape (2n,)
+        1 / sigma of the white part, 0 for rows set aside.
+    sequence : Sequence
+    wander : tuple of AxisWander
+        Of x and y.
+    """
+
+    def __init__(self, root, sequence, wander):
+        n = len(root) // 2
+        self.root, self._sequence, self._wander = root, sequence, wander
+        self._axes = [(part, _Axis(root[part], sequence, one)) for one, part in zip(
+            wander, (slice(0, n), slice(n, 2 * n))) if one.variance > 0.0]
+
+    def __call__(self, values):
+        """Whitened values, shape (..., 2n): of rows set aside 0."""
+        out = values * self.root
+        for part, axis in self._axes:
+            out[..., part] = axis(values[..., part])
+        return out
+
+    def spread(self, values):
+        """`values` (..., 2n) such that their squares sum to the variance of values @ noise."""
+        out = values / np.where(self.root > 0.0, self.root, np.inf)
+        for part, axis in self._axes:
+            out[..., part] = axis.spread(values[..., part])
+        return out
+
+    def coloured(self, values):
+        """The way back: white noise (..., 2n) as this noise; 0 in rows set aside."""
+        out = values / np.where(self.root > 0.0, self.root, np.inf)
+        for part, axis in self._axes:
+            out[..., part] = axis.coloured(values[..., part])
+        return out
+
+    @property
+    def log_det(self):
+        """Of the covariance of the rows with weight."""
+        plain = self.root.copy()
+        for part, _ in self._axes:
+            plain[part] = 0.0
+        return float(-2.0 * np.log(plain[plain > 0.0]).sum()
+                     + sum(axis.log_det for _, axis in self._axes))
+
+    def without(self, rows):
+        """The same with some rows (indices of n) set aside."""
+        return Whitened(_set_aside(self.root, rows), self._sequence, self._wander)
+
+    def rows(self, rows):
+        """Of some rows (indices of n)."""
+        return Whitened(self.root.reshape(2, -1)[:, rows].ravel(), self._sequence.rows(rows),
+                        self._wander)
+
+
+def _set_aside(root, rows):
+    root = root.copy()
+    root.reshape(2, -1)[:, rows] = 0.0
+    return root
+
+
+class _Axis:
+    """Whitening of one axis, shape (n,) each."""
+
+    def __init__(self, root, sequence, wander):
+        self._part, self._n = _Part(root, sequence, wander.angle), len(root)
+        self._phi = self._part.phi(wander.memory)
+        self._diagonal, self._lower = _factored(self._phi, self._part.white, wander.variance)
+
+    def __call__(self, values):
+        flat = values.reshape(-1, self._n)
+        out = np.zeros_like(flat)
+        out[:, self._part.rows] = _solved(
+            self._phi, self._diagonal, self._lower, self._part.scaled(flat).T).T
+        return out.reshape(values.shape)
+
+
+    def spread(self, values):
+        """Inverse of the transposed whitening."""
+        flat = values.reshape(-1, self._n)
+        out = np.zeros_like(flat)
+        band = np.vstack((np.ones(len(self._phi)), np.append(-self._phi[1:], 0.0)))
+        u = _bidiagonal(band, self._part.unscaled(flat).T, 'T')
+        u = np.append(u[:-1] + self._lower[:, None] * u[1:], u[-1:], axis=0)
+        out[:, self._part.rows] = (u * np.sqrt(self._diagonal)[:, None]).T
+        return out.reshape(values.shape)
+
+
+    def coloured(self, values):
+        """Inverse of the whitening."""
+        flat = values.reshape(-1, self._n)[:, self._part.rows].T * np.sqrt(
+            self._diagonal)[:, None]
+        flat = np.append(flat[:1], flat[1:] + self._lower[:, None] * flat[:-1], axis=0)
+        band = np.vstack((np.ones(len(self._phi)), np.append(-self._phi[1:], 0.0)))
+        noise = _bidiagonal(band, flat)
+        out = np.zeros((noise.shape[1], self._n))
+        out[:, self._part.rows] = self._part.unscaled_part(noise.T)
+        return out.reshape(values.shape)
+
+    @property
+    def log_det(self):
+        """Of the covariance of the rows with weight."""
+        return float(np.log(self._diagonal).sum()) - self._part.log_scale
+
+
+class _Part:
+    """The rows with weight of one axis, in order.
+
+    `white` is their variance beside the wander; the factor of this is taken out of all.
+    """
+
+    def __init__(self, root, sequence, angle):
+        keep = root[sequence.order] > 0.0
+        self.rows = sequence.order[keep]
+        # over rows that are left out the gaps add up
+        since = np.cumsum(np.where(np.isfinite(sequence.gap), sequence.gap, 0.0))[keep]
+        gap = np.diff(since, prepend=-np.inf)
+        run = sequence.run[self.rows]
+        gap[np.diff(run, prepend=run[:1]) != 0] = np.inf
+        self.gap = gap
+        self._scale = 1.0 / sequence.cos_el[self.rows] if angle else np.ones(len(self.rows))
+        self.white = np.square(self._scale / root[self.rows])
+        self.log_scale = 2.0 * float(np.log(self._scale).sum())
+
+    def phi(self, memory):
+        """Correlation with the row before."""
+        return np.exp(-self.gap / memory)
+
+    def scaled(self, values):
+        """Values (..., n) of these rows in units of the wander."""
+        return values[..., self.rows] * self._scale
+
+    def unscaled(self, values):
+        """The way back, of these rows."""
+        return self.unscaled_part(values[..., self.rows])
+
+    def unscaled_part(self, values):
+        """The way back, of values of these rows only."""
+        return values / self._scale
+
+
+def _factored(phi, white, variance):
+    """LDL^T of the covariance of the differences: D (n,) and the lower diagonal of L (n-1,)."""
+    before = np.concatenate(([0.0], white[:-1]))
+    diagonal = variance * (1.0 - phi * phi) + white + phi * phi * before
+    if len(diagonal) < 2:  # as of `_bidiagonal`
+        return diagonal, diagonal[:0]
+    d, lower, info = dpttrf(diagonal, -phi[1:] * white[:-1])
+    if info:
+        raise np.linalg.LinAlgError('covariance of a wander is not positive definite')
+    return d, lower
+
+
+def _bidiagonal(band, columns, trans='N'):
+    """Solution with a unit lower bidiagonal matrix; (n, k)."""
+    if not columns.size:  # LAPACK's routine writes beyond an empty array
+        return columns
+    return dtbtrs(band, columns, uplo='L', trans=trans, diag='U')[0]
+
+
+def _solved(phi, diagonal, lower, columns):
+    """Columns (n, k) of scaled rows, whitened."""
+    columns = columns - np.concatenate((np.zeros_like(columns[:1]),
+                                        phi[1:, None] * columns[:-1]))
+    band = np.vstack((np.ones(len(phi)), np.append(lower, 0.0)))
+    out = _bidiagonal(band, columns)
+    return out / np.sqrt(diagonal)[:, None]
+
+
+def estimate(sequence, root, scale, rows, b):
+    """What wanders on each axis beside white noise, by restricted likelihood.
+
+    Parameters
+    ----------
+    sequence : Sequence
+    root : ndarray, shape (2n,)
+        Weights, with all noise taken as white.
+    scale : ndarray, shape (2,)
+        That noise, as `State.scale`.
+    rows : ndarray, shape (k, 2n)
+        Design of what is fitted.
+    b : ndarray, shape (2n,)
+
+    Returns
+    -------
+    tuple of AxisWander
+        Of x and y.
+    """
+    n = len(b) // 2
+    memories = sequence.memories()
+    return tuple(
+        _estimate_axis(sequence, root[part], scale[axis], rows[:, part], b[part], memories,
+                       (False, True) if axis == 0 else (False,))
+        for axis, part in enumerate((slice(0, n), slice(n, 2 * n))))
+
+
+def _estimate_axis(sequence, root, scale, rows, b, memories, angles):
+    rows = rows[np.abs(rows).max(axis=1, initial=0.0) > 0.0]
+    best, null = AxisWander(scale=scale), None
+    for angle in angles:
+        part = _Part(root, sequence, angle)
+        columns = part.scaled(np.vstack((rows, b))).T
+        if len(columns) < len(rows) + 3:
+            break
+        if null is None:
+            null = _likelihood(columns / np.sqrt(part.white)[:, None],
+                               float(np.log(part.white).sum()) - part.log_scale)[0]
+            best = _climb(part, columns, memories, _SIZES, scale, null, angle, best)
+        elif best.gain > 0.0:
+            # nearly the same curve: near the best of the other
+            size = best.variance / (best.scale / scale)**2 / float(np.median(part.white))
+            best = _climb(part, columns, [best.memory], [size], scale, null, angle, best)
+    return best
+
+
+def _likelihood(white, log_det):
+    """-2 ln L restricted (but for a constant), and the variance of the whitened rows."""
+    columns = white[:, :-1]
+    size = np.sqrt(np.einsum('ij,ij->j', columns, columns))
+    size = np.where(size > 0.0, size, 1.0)
+    q, r = np.linalg.qr(columns / size)
+    diagonal = np.abs(np.diag(r))
+    live = diagonal > 1e-6
+    left = white[:, -1] - q[:, live] @ (q[:, live].T @ white[:, -1])
+    free = max(len(left) - int(live.sum()), 1)
+    variance = max(float(left @ left) / free, 1e-300)
+    fitted = 2.0 * float(np.log(diagonal[live]).sum() + np.log(size[live]).sum())
+    return free * np.log(variance) + log_det + fitted, variance
+
+
+def _climb(part, columns, memories, sizes, scale, null, angle, best):
+    """The best of a grid, and then of a finer one about it."""
+    typical = float(np.median(part.white))
+    tried = []
+
+    def at(memory, size):
+        nonlocal best
+        phi = part.phi(memory)
+        diagonal, lower = _factored(phi, part.white, size * typical)
+        value, variance = _likelihood(_solved(phi, diagonal, lower, columns),
+                                      float(np.log(diagonal).sum()) - part.log_scale)
+        tried.append((null - value, memory, size))
+        if null - value > best.gain:
+            best = AxisWander(size * typical * variance, memory, angle,
+                              scale * np.sqrt(variance), null - value)
+
+    for memory in memories:
+        for size in sizes:
+            at(memory, size)
+    if tried and max(tried)[0] > 0.0:
+        _, memory, size = max(tried)
+        for longer in (-0.5, 0.0, 0.5):
+            for larger in (-0.5, 0.0, 0.5):
+                if longer or larger:
+                    at(memory * _STEP**longer, size * _SIZE_STEP**larger)
+    return best
