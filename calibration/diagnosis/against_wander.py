@@ -103,7 +103,7 @@ def _ratios(noises, design, values, bank):
     for noise in noises:
         basis = design.basis(noise)
         left = noise(values)
-        left = left - (left @ basis.T) @ basis
+        left = basis.off(left)
         live = np.count_nonzero(noise.root[:n])
         squares = np.square(left).reshape(-1, 2, n).sum(axis=2)
         out = np.empty((len(values), len(bank)))

@@ -327,7 +327,7 @@ def _blocked(problem, found, bank, g, alpha, chance):
 def _follows(sequence, bank, g, state):
     """Whether a group goes with the order of the rows at all: cheaper than `swollen`."""
     columns = state.white(bank.of(g))
-    columns = columns - (columns @ state.basis.T) @ state.basis
+    columns = state.basis.off(columns)
     columns = columns.reshape(-1, sequence.order.size)[:, sequence.order]
     before = np.einsum('ij,ij->', columns[:, 1:], columns[:, :-1])
     return before > UNLIKE * np.einsum('ij,ij->', columns, columns)
@@ -347,7 +347,7 @@ def swollen(bank, white, wandering):
     ndarray, shape (G,)
     """
     columns = white.white(bank.columns)
-    columns = columns - (columns @ white.basis.T) @ white.basis
+    columns = white.basis.off(columns)
     spread = wandering.white.spread(columns * white.white.root)
     both = [np.add.reduceat(np.square(c).sum(axis=1), bank.starts) for c in (spread, columns)]
     return both[0] / np.maximum(both[1], 1e-300)
