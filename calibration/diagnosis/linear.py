@@ -37,6 +37,21 @@ def orthonormal(rows):
     return rows
 
 
+def _orthonormal_each(rows, blocks):
+    """`orthonormal` of the same rows in each block of columns, all blocks at once."""
+    parts = [rows[:, where] for where in blocks]
+    for _ in range(2):
+        gram = np.array([part @ part.T for part in parts])
+        length = np.sqrt(np.diagonal(gram, axis1=1, axis2=2))
+        length = np.where(length > 0.0, length, 1.0)
+        values, vectors = np.linalg.eigh(gram / (length[:, :, None] * length[:, None, :]))
+        keep = values > EIGEN * np.maximum(values[:, -1:], EIGEN)
+        factor = np.where(keep, 1.0 / np.sqrt(np.where(keep, values, 1.0)), 0.0)
+        turn = (vectors * factor[:, None, :]).transpose(0, 2, 1) / length[:, None, :]
+        parts = [t @ part for t, part in zip(turn, parts)]
+    return [part[kept] for part, kept in zip(parts, keep)]
+
+
 class Basis:
     """Orthonormal rows, of which those of single runs are zero elsewhere and kept so.
 
@@ -143,7 +158,7 @@ class Columns:
         if self.own is None:
             return Basis(orthonormal(common))
         own = white(self.own)
-        out = Basis(common[:0], self._blocks, [orthonormal(own[:, b]) for b in self._blocks])
+        out = Basis(common[:0], self._blocks, _orthonormal_each(own, self._blocks))
         left = out.off(out.off(common))
         length = np.sqrt(np.square(common).sum(axis=1))
         kept = np.sqrt(np.square(left).sum(axis=1)) > 1e-5 * length
@@ -160,7 +175,7 @@ class Columns:
         if self.own is None:
             return b - solve(self.common, b, white) @ self.common
         common, own, values = white(self.common), white(self.own), white(b)
-        basis = Basis(common[:0], self._blocks, [orthonormal(own[:, w]) for w in self._blocks])
+        basis = Basis(common[:0], self._blocks, _orthonormal_each(own, self._blocks))
         beyond = basis.off(common)
         length = np.sqrt(np.square(common).sum(axis=1))
         beyond[np.sqrt(np.square(beyond).sum(axis=1)) <= 1e-5 * length] = 0.0

@@ -106,7 +106,8 @@ def _own_terms(other, design, left, white):
     if new.any():
         rows = other.rows(np.flatnonzero(new))
         rows.base.common = rows.base.common[:0]
-        other.b[np.tile(new, 2)] = rows.state([]).raw
+        # zeros of a night are fitted as an observer would, not by its memory
+        other.b[np.tile(new, 2)] = rows.plain.state([]).raw
 
 
 def radial_arcsec(residual, keep):

@@ -14,6 +14,8 @@ from scipy.linalg.lapack import dpttrf, dtbtrs
 
 from msg_tools.units import ARCSEC
 
+from .constants import EIGEN
+
 #: between memories and between sizes (variance over that of the white noise) that are tried
 #: first; then half a step about the best of them. The likelihood is flat: half as wide a grid
 #: finds 0.1 more of 2 ln L in the mean
@@ -287,7 +289,8 @@ class _Part:
         first = np.diff(run, prepend=run[:1]) != 0
         gap[first] = np.inf
         #: where each run begins, and how many of the columns each run fits for itself
-        self.starts, self.own = [0, *np.flatnonzero(first).tolist()], 0
+        self.starts, self.own = np.append(0, np.flatnonzero(first)), 0
+        self.lengths = np.diff(np.append(self.starts, len(run)))
         self.gap = gap
         self._scale = 1.0 / sequence.cos_el[self.rows] if angle else np.ones(len(self.rows))
         self.white = np.square(self._scale / root[self.rows])
@@ -398,12 +401,15 @@ def _likelihood(white, log_det, part):
     """
     taken, fitted = 0, 0.0
     if part.own:
-        rest = white[:, part.own:].copy()
-        for first, last in zip(part.starts, [*part.starts[1:], len(white)]):
-            q, logs, count = _orthogonal(white[first:last, :part.own])
-            rest[first:last] -= q @ (q.T @ rest[first:last])
-            taken, fitted = taken + count, fitted + logs
-        white = rest
+        own, rest = white[:, :part.own], white[:, part.own:]
+        gram = np.add.reduceat(own[:, :, None] * own[:, None, :], part.starts)
+        values, vectors = np.linalg.eigh(gram)
+        live = values > EIGEN * np.maximum(values[:, -1:], 1e-300)
+        inverse = vectors * np.where(live, 1.0 / np.where(live, values, 1.0), 0.0)[:, None, :]
+        p = inverse @ (vectors.transpose(0, 2, 1) @ np.add.reduceat(
+            own[:, :, None] * rest[:, None, :], part.starts))
+        taken, fitted = int(live.sum()), float(np.log(values[live]).sum())
+        white = rest - np.einsum('nj,njk->nk', own, np.repeat(p, part.lengths, axis=0))
     q, logs, count = _orthogonal(white[:, :-1])
     left = white[:, -1] - q @ (q.T @ white[:, -1])
     free = max(len(left) - taken - count, 1)
