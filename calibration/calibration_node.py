@@ -195,6 +195,9 @@ class Calibration(MountNode):
             self._finding += ': ' + ', '.join(document['applied'])
         done = (f'{self._finding}; {document["before"]["rms_arcsec"]:.2f} arcsec '
                 f'radial before, {document["after"]["rms_arcsec"]:.2f} after')
+        refused = document['verdict'] == 'refused'
+        if refused:
+            done = found.diagnosis.caution
         if self.value('diagnosis_page'):
             from .diagnosis_page.page import write_report
             try:
@@ -202,7 +205,8 @@ class Calibration(MountNode):
             except OSError as err:
                 done += f'; the page was not written: {err}'
                 self.get_logger().error(done)
-        self._say(done, verdict=document['verdict'], effects=', '.join(document['applied']))
+        self._say(done, DiagnosticStatus.WARN if refused else DiagnosticStatus.OK,
+                  verdict=document['verdict'], effects=', '.join(document['applied']))
         return done
 
     def required(self):

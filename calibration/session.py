@@ -244,6 +244,8 @@ class CalibrationSession:
 
     def _fit_terms(self, rows):
         """Terms, and the zero of each power-on that belongs to them."""
+        from .diagnosis import check_columns
+        check_columns(rows.select(rows['star'] != POLARIS_HIP))
         first = self._polaris_zeros(rows)[rows['run'].min()]
         result = fit_terms(rows, zero=first, run_zeros=True)
         return result, Zeros(zero.plus(first.az, first.el) for zero in result.run_zeros.values())

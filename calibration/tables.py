@@ -2,6 +2,7 @@
 
 from pointing_model.rms import rms_arcsec
 
+from .diagnosis.rows_told import outlier_sentence, rows_of_fit, used_sentence
 from .session import RAW
 
 
@@ -104,11 +105,12 @@ def fit_tables(run, result, encoder='enc', held_out=None):
     list
         What `rich.console.Console.print` takes: tables and lines of text.
     """
+    told, fitted = rows_of_fit(run, result), result.rms_arcsec(rejected=False)
+    used = run.select(result.weights > 0.0)
     steps = new_table(
-        f'RMS on the sky, arcsec, {len(run)} rows', 'correction', 'az', 'el', 'radial')
-    steps.add_row(RAW, *_rms_cells(rms_arcsec(*run.offsets(encoder))._asdict()))
-    steps.add_row(f'{len(result.names)} terms, on the rows fitted',
-                  *_rms_cells(result.rms_arcsec()._asdict()))
+        f'RMS on the sky, arcsec, {told.used} rows', 'correction', 'az', 'el', 'radial')
+    steps.add_row(RAW, *_rms_cells(rms_arcsec(*used.offsets(encoder))._asdict()))
+    steps.add_row(f'{len(result.names)} terms, on the rows fitted', *_rms_cells(fitted._asdict()))
     if held_out is not None:
         steps.add_row(f'{len(result.names)} terms, each half judged by a fit to the other',
                       *_rms_cells(held_out._asdict()))
@@ -118,14 +120,19 @@ def fit_tables(run, result, encoder='enc', held_out=None):
     strong = _strong_correlations(result)
     if strong:
         lines.append(f'correlations above 0.9: {strong}')
-    if len(result.rejected):
-        lines.append(f'{len(result.rejected)} rows had no weight in the robust fit')
+    if told.outliers:
+        lines.append(outlier_sentence(
+            {**told.to_dict(), 'after': {'rms_arcsec': fitted.radial}}))
+    if told.too_few:
+        lines.append('more than a third of the rows is left out: see why before you use the terms')
     for dropped in result.dropped:
         lines.append(f'the stars do not determine {dropped["text"]}')
-    for row in [*run.meta.get('excluded', []), *result.excluded]:
+    for row in run.meta.get('excluded', []):
         lines.append(f'row {row["row"]} left out: {row["reason"]}')
+    for row in result.excluded:
+        lines.append(f'row {run.lines[row["row"]]} left out: {row["reason"]}')
     lines += [f'note: {note}' for note in run.meta.get('notes', [])]
-    return [terms_table(result.term_rows()), steps, *lines]
+    return [used_sentence(told.to_dict()), terms_table(result.term_rows()), steps, *lines]
 
 
 def _strong_correlations(result):

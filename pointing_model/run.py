@@ -88,6 +88,12 @@ class PointingRun:
             return self.columns[name]
         return np.full(len(self), default)
 
+    @property
+    def lines(self):
+        """Line in the file of each row, shape (n,); without a file its place in the run."""
+        lines = np.asarray(self.meta.get('lines', ()))
+        return lines if len(lines) == len(self) else np.arange(len(self))
+
     def select(self, rows):
         """The run with only `rows` (a mask or indices); `meta` is shared."""
         return PointingRun({name: v[rows] for name, v in self.columns.items()}, self.meta)

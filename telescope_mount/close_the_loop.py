@@ -3,6 +3,7 @@
 import json
 from functools import partial
 
+from calibration.diagnosis.rows_told import rows_of_reader
 from pointing_model.observing.plan import parse_plan
 
 from .graph import measured_graph, night_graph
@@ -113,9 +114,8 @@ def close_the_loop(out, *, scenario='', file=None, seed=1, stars=90, polaris=16,
     """
     sky = sky or {}
     if file is not None:
-        from .runs import load_run
         # whatever cannot be read is said before a node starts
-        run = load_run(file, azimuth_origin=azimuth_origin)
+        run = _sound_run(file, azimuth_origin)
         progress = progress and partial(_of, len(run), progress)
         plan = _MEASURED_PLAN
     else:
@@ -136,6 +136,7 @@ def close_the_loop(out, *, scenario='', file=None, seed=1, stars=90, polaris=16,
              'plan': plan}
     report = observe(folder, specs, plan, partial(_write, folder, about), progress, domain_number)
     if file is not None:
+        report['rows_read'] += rows_of_reader(run).lost
         return _judge(folder, report, None)
     # now that everything is decided
     from .simulator import undeclared
@@ -166,6 +167,20 @@ def close_all(out, *, seed=1, progress=None, **options):
     report = {'format': FORMAT, 'version': VERSION, 'seed': seed, 'scenarios': reports}
     (folder / 'report.json').write_text(json.dumps(report, indent=1) + '\n')
     return report
+
+
+def _sound_run(file, azimuth_origin):
+    """A measured run of which the columns and enough rows can be used."""
+    from calibration.diagnosis import check_columns, naming_columns
+
+    from .runs import load_run
+    with naming_columns():
+        run = load_run(file, azimuth_origin=azimuth_origin)
+    check_columns(run)
+    told = rows_of_reader(run)
+    if told.too_few:
+        raise ValueError(f'{file}: {told.refusal}')
+    return run
 
 
 def _of(total, progress, text, done, _):
@@ -215,6 +230,8 @@ def _write(folder, about, latest):
         'applied': diagnosis['applied'], 'noise_floor_arcsec': diagnosis['noise_floor_arcsec'],
         'before': diagnosis['before'], 'after': diagnosis['after'],
         'kept_out': diagnosis['kept_out'],
+        **{key: diagnosis[key] for key in ('rows_read', 'rows_used', 'outliers',
+                                           'rms_with_outliers_arcsec')},
         'blind_before': checks[0] if checks else None,
         'blind_after': checks[-1] if len(checks) > 1 else None,
         'alarms': json.loads(

@@ -2,6 +2,8 @@
 
 from .base import Base
 from .diagnosis import diagnose
+from .input_check import MistakenColumns, check_columns, naming_columns
 from .result import DiagnosedEffect, Diagnosis
 
-__all__ = ['Base', 'DiagnosedEffect', 'Diagnosis', 'diagnose']
+__all__ = ['Base', 'DiagnosedEffect', 'Diagnosis', 'MistakenColumns', 'check_columns', 'diagnose',
+           'naming_columns']

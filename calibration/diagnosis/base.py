@@ -223,10 +223,8 @@ def _one_clock(runs, notes):
 
 def _places(runs):
     """Line and file of each row of the joined runs."""
-    lines = [np.asarray(r.meta.get('lines', ())) for r in runs]
-    lines = [k if len(k) == len(r) else np.arange(len(r)) for k, r in zip(lines, runs)]
     sources = np.array([r.meta.get('source') for r in runs], object)
-    return np.concatenate(lines), np.repeat(sources, [len(r) for r in runs])
+    return np.concatenate([r.lines for r in runs]), np.repeat(sources, [len(r) for r in runs])
 
 
 def _labels(runs):

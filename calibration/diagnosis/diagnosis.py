@@ -10,8 +10,10 @@ from .base import Base, observations
 from .choosing import choose, settled
 from .constants import FLIPS, FOLDS, STREAMED_FROM
 from .detectable import detectable
+from .input_check import check_columns
 from .next_observations import propose
 from .result import DiagnosedEffect, concluded, diagnosed, hidden, ranking_of
+from .rows_told import claimed
 from .scores import Bank
 from .search import Chance
 from .sessions import arrange, split
@@ -61,9 +63,13 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
 
     Raises
     ------
+    MistakenColumns
+        A ValueError: the columns of a run are not what they are named, see `input_check`.
     ValueError
         Too few usable rows for the base, unknown terms, or a bad option.
     """
+    checked = check_columns(runs, encoder)
+    check_columns(holdout or (), encoder)
     if not 0.0 < alpha < 1.0:
         raise ValueError(f'alpha {alpha} is no probability between 0 and 1')
     hours = None
@@ -79,6 +85,9 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
         result = diagnose_streamed(obs, base, alpha, rng, streamed_from)
     else:
         result = _in_memory(obs, base, alpha, rng, flips, folds if cross_validation else 0)
+    result = claimed(result)
+    result.columns_alike = checked.alike
+    result.notes += checked.notes
     if holdout is not None:
         holdout = holdout if hours is None else split(holdout, hours)
         judge_on(holdout, result, own_terms or ('IA', 'IE'), encoder)

@@ -13,6 +13,7 @@ from pointing_model.rms import rms
 from .base import Base, Observations
 from .constants import SET_WIDTH
 from .resampling import radial_arcsec
+from .rows_told import RMS_KEYS, rows_told
 
 
 @dataclass
@@ -63,7 +64,7 @@ class Diagnosis:
 
     Attributes
     ----------
-    verdict : {'none', 'wanders', 'undecided', 'identified', 'ambiguous', 'unknown'}
+    verdict : {'none', 'wanders', 'undecided', 'identified', 'ambiguous', 'unknown', 'refused'}
     base : Base
     observations : Observations
         The rows that were used.
@@ -89,6 +90,8 @@ class Diagnosis:
         ``before``, ``after``: RMS in arcsec with folds contiguous in time.
     run_terms : dict
         Run -> terms that it fitted for itself, arcsec.
+    columns_alike : list of str
+        Readings of the columns that fit as well, see `input_check`.
     caution : str
         A sentence where the gain does not hold on some kind of rows left out.
     wander : dict or None
@@ -116,15 +119,15 @@ class Diagnosis:
     next_observations: list = field(default_factory=list)
     detectable: list | None = None
     cv_contiguous: dict = field(default_factory=dict)
+    columns_alike: list = field(default_factory=list)
     caution: str = ''
     wander: dict | None = None
 
     def told_of_wander(self, entry):
-        """Take `unexplained.wander_entry` into verdict and notes."""
+        """Take `unexplained.wander_entry`."""
         self.wander = entry
         if self.verdict == 'none' and entry['slow']:
             self.verdict = 'wanders'
-        self.notes.append(entry['text'])
 
     def to_dict(self):
         """The JSON result; keys that do not apply are None."""
@@ -132,7 +135,8 @@ class Diagnosis:
             'observations': len(self.observations), 'runs': len(self.observations.runs),
             'base_terms': self.base.names(), 'verdict': self.verdict, 'before': self.before,
             'after': self.after, 'noise_floor_arcsec': self.noise_floor_arcsec,
-            'effects': [e.to_dict() for e in self.effects],
+            'effects': [e.to_dict() for e in self.effects], **rows_told(self).to_dict(),
+            'columns_alike': self.columns_alike, 'readings': [],
             'excluded': _excluded(self.excluded, self.observations),
             'next_observations': self.next_observations, 'detectable': self.detectable,
             'wander': self.wander,
@@ -216,9 +220,8 @@ def diagnosed(fitted, p, columns, effects, delta_bic, group, near, same):
 def rms_entry(residual, keep):
     """Of the JSON result: RMS of the rows `keep` of residuals of shape (2, n), radians."""
     x, y = (rms(r[keep]) / ARCSEC for r in residual)
-    return {'rms_arcsec': float(np.hypot(x, y)), 'rms_x_arcsec': x, 'rms_y_arcsec': y,
-            'cv_rms_arcsec': None, 'cv_rms_x_arcsec': None, 'cv_rms_y_arcsec': None,
-            'cv_spread': None, 'holdout_rms_arcsec': None}
+    return dict.fromkeys(RMS_KEYS) | {
+        'rms_arcsec': float(np.hypot(x, y)), 'rms_x_arcsec': x, 'rms_y_arcsec': y}
 
 
 def lines_of(effects, delta_bic):

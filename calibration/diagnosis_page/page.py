@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from calibration.diagnosis.rows_told import used_sentence
 from pointing_model.effects.base import arcsec
 
 from . import sections as page
@@ -10,8 +11,11 @@ from .style import CSS
 from .svg_plot import clean
 from .view import view_of
 
-_VERDICTS = {'none': 'nothing missing', 'undecided': 'undecided', 'identified': 'cause identified',
-             'ambiguous': 'cause ambiguous', 'unknown': 'cause unknown'}
+_VERDICTS = {'none': 'nothing missing', 'wanders': 'the zero wanders', 'undecided': 'undecided',
+             'identified': 'cause identified', 'ambiguous': 'cause ambiguous',
+             'unknown': 'cause unknown', 'refused': 'nothing concluded'}
+#: of these the model stays as it was
+_STAYS = ('none', 'wanders', 'undecided', 'refused')
 
 
 def write_report(diagnosis, path):
@@ -78,7 +82,8 @@ def _meta(view):
     document = view.document
     runs = document.get('runs')
     runs = len(runs) if isinstance(runs, (list, tuple)) else runs
-    text = f'{document["observations"]} observations'
+    text = used_sentence(document) if 'rows_read' in document \
+        else f'{document["observations"]} observations'
     if runs and runs > 1:
         text += f' in {runs} runs'
     sources = view.sources[:3] + ([f'and {len(view.sources) - 3} more'] if len(view.sources) > 3
@@ -99,7 +104,7 @@ def _verdict(view):
     cards = []
     for value, text in ((before, f'before, {label}'), (after, f'after, {label}'),
                         (document.get('noise_floor_arcsec'), 'noise floor')):
-        if value is not None and not (verdict in ('none', 'undecided') and text[:5] == 'after'):
+        if value is not None and not (verdict in _STAYS and text.startswith('after')):
             cards.append(f'<div><b>{arcsec(value)}</b><span>{clean(text)}</span></div>')
     kind = verdict if verdict in _VERDICTS else ''
     return (f'<section class="verdict {kind}"><span class="badge">'

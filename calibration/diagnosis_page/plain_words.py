@@ -1,5 +1,6 @@
 """What a diagnosis found, in sentences that need no formula."""
 
+from calibration.diagnosis.rows_told import outlier_sentence
 from pointing_model.effects.base import arcsec, readable
 
 #: arcsec; what is left beyond this is no noise of pointing
@@ -31,6 +32,9 @@ def verdict_sentences(document, effect_texts=(), limit=5, caution=''):
     count = len(effects)
     many = 'One effect' if count == 1 else f'{count} effects'
     verdict = document['verdict']
+    outliers = [text for text in (outlier_sentence(document),) if text]
+    if verdict == 'refused':
+        return 'Nothing is concluded from so few of the rows', [caution, *outliers]
     if verdict == 'none':
         floor = document.get('noise_floor_arcsec')
         left = document['before'].get('rms_arcsec')
@@ -40,10 +44,14 @@ def verdict_sentences(document, effect_texts=(), limit=5, caution=''):
             caution = (f'What is left, {arcsec(left)}, is far more than a mount errs by: look at '
                        'the columns, their units and signs, and where azimuth 0 is.')
         return 'The model lacks nothing that these observations can show', [
-            caution or text, 'The model stays as it was.', *_detectable(document)]
+            caution or text, 'The model stays as it was.', *_detectable(document), *outliers]
     if verdict == 'undecided':
         return ('Undecided: something is beyond chance, but these observations cannot test it',
-                [caution, 'The model stays as it was.'])
+                [caution, 'The model stays as it was.', *outliers])
+    if verdict == 'wanders':
+        return ('The zero wanders, and its cause is not told', [
+            *_wander(document), 'No effect is added. How far the zero can be trusted is part of '
+            'the model: set it anew as often as that asks for.', *outliers])
     sentences = []
     label, before, after = best_pair(document)
     if before is not None and after is not None:
@@ -52,6 +60,7 @@ def verdict_sentences(document, effect_texts=(), limit=5, caution=''):
                          f'{arcsec(after)}{share}.')
     if caution:
         sentences.append(caution)
+    sentences += [*_wander(document), *outliers]
     for row, text in list(zip(effects, effect_texts))[:limit]:
         if row.get('alternatives'):
             text += (' With these observations it could as well be: '
@@ -79,6 +88,12 @@ def _detectable(document):
     if not said:
         return []
     return ['Nine times in ten they would have shown ' + '; '.join(said) + '.']
+
+
+def _wander(document):
+    """Rows that resemble their neighbours, if there is such a thing."""
+    entry = document.get('wander')
+    return [entry['text'][:1].upper() + entry['text'][1:] + '.'] if entry else []
 
 
 def best_pair(document):

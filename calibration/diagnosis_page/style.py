@@ -18,7 +18,8 @@ p { margin:6px 0 10px }
 section { background:var(--card); border:1px solid var(--line); border-radius:10px;
   padding:18px 22px; margin:16px 0 }
 .verdict { border-left:6px solid var(--after) }
-.verdict.ambiguous,.verdict.unknown,.verdict.undecided { border-left-color:#e69f00 }
+.verdict.ambiguous,.verdict.unknown { border-left-color:#e69f00 }
+.verdict.undecided,.verdict.wanders { border-left-color:#e69f00 }
 .verdict.none { border-left-color:#009e73 }
 .verdict h2 { font-size:1.5rem; line-height:1.25; margin:4px 0 8px }
 .verdict ul { margin:6px 0 4px; padding-left:20px; font-size:1.05rem }

@@ -31,6 +31,8 @@ _LABELS = {
     'el_rate': ('elevation rate [arcsec/s]', ARCSEC),
     'pm_x': ('proper motion along azimuth [arcsec/yr]', 1.0),
     'pm_y': ('proper motion along elevation [arcsec/yr]', 1.0)}
+#: why a fit cannot show that the columns are read otherwise
+ALIKE = 'so read, the run fits as well: terms change their signs, and nothing else'
 _ALWAYS = ('azimuth', 'elevation', 'time', 'order', 'temperature', 'approach_az', 'approach_el',
            'magnitude', 'az_rate')
 
@@ -174,8 +176,8 @@ def view_of(diagnosis):
         names=RowNames(obs), drivers=_drivers(diagnosis, effects), effects=effects,
         ranking=diagnosis.ranking, terms=_terms(diagnosis), correlated=_coefficients(names),
         correlations=matrix, sources=_sources(obs), notes=_notes(diagnosis),
-        untestable=list(diagnosis.untestable), run_terms=diagnosis.run_terms,
-        caution=diagnosis.caution)
+        untestable=[*diagnosis.untestable, *((text, ALIKE) for text in diagnosis.columns_alike)],
+        run_terms=diagnosis.run_terms, caution=diagnosis.caution)
 
 
 def effect_sentences(diagnosis):

@@ -3,7 +3,7 @@
 import numpy as np
 
 from msg_tools.units import DEG, wrap
-from pointing_model.run import COLUMNS, REQUIRED
+from pointing_model.run import COLUMNS, REQUIRED, PointingRun
 
 from .table import SPECIAL
 
@@ -17,6 +17,23 @@ _GAP = 6 * 3600.0  # s: in between the mount may have been anywhere
 #: a number outside was not measured
 _LIMITS = {'temperature': (-100.0, 100.0, 'degrees Celsius'), 'pressure': (1.0, 1200.0, 'hPa')}
 _LARGEST = 1e50  # squares and their sums stay finite
+#: beginnings and ends of the reasons for which a row is left out for the place it names
+_NO_PLACE = ('elevation outside', 'all angles below'), (f'beyond {_TURNS} turns',)
+
+
+class NoUsableRow(ValueError):
+    """A file whose rows are all left out.
+
+    Parameters
+    ----------
+    text : str
+    run : PointingRun, optional
+        Without a row; ``meta['misplaced']`` has the places that were left out.
+    """
+
+    def __init__(self, text, run=None):
+        super().__init__(text)
+        self.run = run
 
 
 def label(name):
@@ -40,7 +57,7 @@ def refuse_radians(path, table):
             continue
         az, el = (columns[name] for name in pair)
         used = sound & np.isfinite(az) & np.isfinite(el)
-        if not used.any():
+        if not used.any() or _are_offsets(columns, pair, used):
             continue
         both = np.maximum(np.abs(az), np.abs(el))
         highest = np.abs(el[used]).max()
@@ -57,6 +74,25 @@ def refuse_radians(path, table):
         small.append(used & (both <= _TURN) & (np.abs(el) <= _QUARTER))
     if small:
         table.exclude(np.all(small, axis=0), 'all angles below 2 pi: they look like radians')
+
+
+def _are_offsets(columns, pair, used):
+    """Whether a pair of readings is far from the catalogue's places in radians too.
+
+    Small offsets in place of readings are no radians: these would follow the elevation.
+    """
+    if pair == _PAIRS[0] or not set(_PAIRS[0]) <= set(columns):
+        return False
+    place, reading = columns['el'][used], columns[pair[1]][used]
+    known = np.isfinite(place)
+    if not known.any() or np.abs(place[known]).max() <= _QUARTER:
+        return False
+    place, reading = place[known], reading[known]
+
+    def scatter(v):
+        return np.median(np.abs(v - np.median(v)))
+    with np.errstate(over='ignore', invalid='ignore'):  # a spoiled file has any number
+        return bool(scatter(reading / DEG - place) > 0.3 * scatter(place))
 
 
 def _azimuth_in_radians(columns, pair, used):
@@ -307,6 +343,19 @@ def _carry(sign):
     return np.nan_to_num(sign[last], nan=0.0)
 
 
+def _keep_misplaced(table):
+    """``meta['misplaced']``: places of the rows that are left out for them, if there are any.
+
+    Of many such rows somebody can tell what their columns are.
+    """
+    begins, ends = _NO_PLACE
+    lost = [i for i in np.flatnonzero(table.reasons != 0)
+            if table.reasons[i].startswith(begins) or table.reasons[i].endswith(ends)]
+    names = [name for pair in _PAIRS if set(pair) <= set(table.columns) for name in pair]
+    if lost:
+        table.meta['misplaced'] = {name: table.columns[name][lost] for name in names}
+
+
 def finish(path, table):
     """Masks the rows that are left out; ``meta['excluded']`` lists them all.
 
@@ -317,16 +366,19 @@ def finish(path, table):
 
     Raises
     ------
-    ValueError
+    NoUsableRow
         None is left.
     """
+    _keep_misplaced(table)
     keep = table.reasons == 0
     excluded = [(int(table.lines[i]), table.reasons[i]) for i in np.flatnonzero(~keep)]
     excluded += [(line, 'commented out') for line in table.commented]
     table.meta['excluded'] = [{'row': row, 'reason': reason} for row, reason in sorted(excluded)]
     if not keep.any():
         row, reason = excluded[0]
-        raise ValueError(f'{path}: none of {len(keep)} rows can be used (row {row}: {reason})')
+        raise NoUsableRow(
+            f'{path}: none of {len(keep)} rows can be used (row {row}: {reason})',
+            PointingRun({name: np.zeros(0) for name in REQUIRED}, table.meta))
     table.meta['lines'] = table.lines[keep]
     columns = {}
     for name, values in table.columns.items():

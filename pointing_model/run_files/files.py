@@ -70,7 +70,9 @@ def read_run(path, *, azimuth_origin=None, site=None, weather=None, encoder=None
     except ValueError as error:
         # names and cells of a foreign file may hold anything
         text = ''.join(c if c.isprintable() else '?' for c in str(error))
-        raise type(error)(text) from None
+        said = type(error)(text)
+        said.__dict__.update(error.__dict__)
+        raise said from None
 
 
 def _read_run(path, azimuth_origin, site, weather, encoder):

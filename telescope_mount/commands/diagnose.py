@@ -49,6 +49,18 @@ def add(commands):
 
 def run(args):
     """Load, diagnose, print, write."""
+    from calibration.diagnosis import MistakenColumns, naming_columns
+    try:
+        with naming_columns():
+            return _run(args)
+    except MistakenColumns as error:
+        if args.json:
+            from calibration.diagnosis.rows_told import refused_document
+            _write_json(args.json, refused_document(error))
+        raise
+
+
+def _run(args):
     from calibration.diagnosis import diagnose
 
     from ..runs import load_runs
@@ -64,8 +76,17 @@ def run(args):
     found = diagnose(runs, args.base, args.alpha, holdout=held, own_terms=args.own,
                      encoder=args.encoder, seed=args.seed, sessions=args.sessions)
     show(found, console)
+    _write(args, found, console)
+    return 2 if found.verdict == 'refused' else 0
+
+
+def _write_json(path, document):
+    path.write_text(json.dumps(document, indent=1) + '\n', encoding='utf-8')
+
+
+def _write(args, found, console):
     if args.json:
-        args.json.write_text(json.dumps(found.to_dict(), indent=1) + '\n', encoding='utf-8')
+        _write_json(args.json, found.to_dict())
         print_files(console, {'result': args.json})
     if args.report:
         from calibration.diagnosis_page.page import write_report
@@ -100,12 +121,14 @@ def _place(args):
 
 def show(found, console):
     """The verdict in words, the error before and after, the effects, what was left out."""
+    from calibration.diagnosis.rows_told import used_sentence
     from calibration.diagnosis_page.plain_words import readable, verdict_sentences
     from calibration.diagnosis_page.view import effect_sentences
     from calibration.tables import new_table
     document = found.to_dict()
     headline, sentences = verdict_sentences(document, effect_sentences(found), limit=20,
                                             caution=found.caution)
+    console.print(used_sentence(document), markup=False)
     console.print(headline, style='bold', markup=False)
     for sentence in sentences:
         console.print(f'  {sentence}', markup=False)
@@ -116,14 +139,22 @@ def show(found, console):
     errors.add_row('the rows fitted', *(_number(part[key]) for part in (before, after)
                                         for key in ('rms_x_arcsec', 'rms_y_arcsec', 'rms_arcsec')))
     stretches = found.cv_contiguous
-    for label, one, other in (
-            ('rows left out (the choice repeated)', before['cv_rms_arcsec'],
-             after['cv_rms_arcsec']),
-            ('stretches of time left out', stretches.get('before'), stretches.get('after')),
-            ('runs held out', before['holdout_rms_arcsec'], after['holdout_rms_arcsec'])):
-        if one is not None:
-            errors.add_row(label, '', '', _number(one), '', '', _number(other))
+    for label, *values in (
+            ('rows left out (the choice repeated)', *(
+                part[f'cv_rms_{axis}arcsec'] for part in (before, after)
+                for axis in ('x_', 'y_', ''))),
+            ('stretches of time left out', *(
+                stretches.get(f'{when}{axis}') for when in ('before', 'after')
+                for axis in ('_x', '_y', ''))),
+            ('runs held out', None, None, before['holdout_rms_arcsec'], None, None,
+             after['holdout_rms_arcsec'])):
+        if values[2] is not None:
+            errors.add_row(label, *('' if v is None else _number(v) for v in values))
     console.print(errors)
+    spread = after['cv_spread']
+    if spread and spread['partitions'] > 1:
+        console.print(f'mean of {spread["partitions"]} ways to leave rows out; after, they go from '
+                      f'{_number(spread["min_arcsec"])} to {_number(spread["max_arcsec"])} arcsec')
     console.print(f'noise floor {_number(document["noise_floor_arcsec"])} arcsec radial\n')
     if found.effects:
         effects = new_table('Effects', 'effect', 'on', 'driver', 'p', 'ΔBIC', 'gain, arcsec')
@@ -140,6 +171,9 @@ def show(found, console):
         console.print(f'{where}row{"s" * (len(rows) > 1)} {_listed(rows)} left out: {reason}',
                       markup=False)
     print_lines(console, 'note', found.notes)
+    if found.columns_alike:
+        print_lines(console, 'note', ['read otherwise the columns fit as well, which no fit can '
+                                      'tell: ' + '; '.join(found.columns_alike)])
     for item in document['next_observations'][:6]:
         console.print(_proposal(item), markup=False)
 

@@ -24,23 +24,28 @@ def add(commands):
 def run(args):
     """Load, fit, print, write."""
     from calibration.check import external_check
+    from calibration.diagnosis import check_columns, naming_columns
     from calibration.fit import fit_terms
     from calibration.tables import fit_tables
 
     from ..runs import load_run
-    from .console import new_console, print_files
-    observed = _one_run(load_run(args.file, azimuth_origin=args.azimuth_origin), args)
+    from .console import new_console, print_files, print_lines
+    with naming_columns():
+        observed = _one_run(load_run(args.file, azimuth_origin=args.azimuth_origin), args)
     if f'az_{args.encoder}' not in observed:
         raise ValueError(f'{args.file} has no second encoder; leave out --encoder {args.encoder}')
+    checked = check_columns(observed, args.encoder)
     result = fit_terms(observed, args.terms, robust=not args.no_robust, encoder=args.encoder,
                        provenance={'source': str(args.file)})
     console = new_console()
     held_out = None
-    if len(observed) >= 4 * len(args.terms):
-        held_out = external_check(observed, names=args.terms, encoder=args.encoder,
+    used = observed.select(result.weights > 0.0)
+    if len(used) >= 4 * len(args.terms):
+        held_out = external_check(used, names=args.terms, encoder=args.encoder,
                                   robust=not args.no_robust)
     for table in fit_tables(observed, result, args.encoder, held_out):
         console.print(table)
+    print_lines(console, 'note', checked.notes)
     if args.save:
         result.model.save(args.save)
         print_files(console, {'model': args.save})
@@ -54,7 +59,9 @@ def _one_run(run, args):
         if not rows.any():
             there = ', '.join(f'{n:g}' for n in numbers) or 'no column run'
             raise ValueError(f'{args.file}: no run {args.number} (there: {there})')
-        return run.select(rows)
+        one = run.select(rows)
+        one.meta = {**run.meta, 'lines': run.lines[rows]}
+        return one
     # in logs of ours the zeros of the power-ons are known, and taken off
     if len(numbers) > 1 and not (args.file.is_dir() or args.file.suffix == '.mcap'):
         run.meta['notes'] = [*run.meta.get('notes', ()), f'{len(numbers)} runs (column run) '

@@ -296,6 +296,33 @@ def test_a_diagnosis_that_cannot_be_is_refused_with_a_reason(graph, tmp_path):
     assert answer.message.startswith('none; ')
 
 
+def test_angles_that_are_not_what_they_are_named_are_refused_and_said(graph):
+    desk = Desk(graph)
+    wrong = rows(40, seed=3)
+    wrong.columns['az_enc'] = -wrong['az_enc']
+    desk.observe(wrong)
+    models = graph.listen(topics.MODEL)
+    status = graph.listen(topics.CALIBRATION_STATUS, depth=10)
+    for service in ('fit', 'diagnose'):
+        answer = graph.call(service)
+        assert not answer.success
+        assert 'azimuth of the encoders counted the other way' in answer.message
+        graph.wait_for(lambda said=answer.message: status and status[-1].message == said)
+    assert not models
+
+
+def test_a_diagnosis_of_too_few_of_the_rows_claims_nothing(graph):
+    desk = Desk(graph)
+    few = eccentric(rows(60, seed=2))
+    few.columns['el_enc'] = np.where(np.arange(60) % 5 < 2, np.nan, few['el_enc'])
+    desk.observe(few)
+    status = graph.listen(topics.CALIBRATION_STATUS, depth=10)
+    answer = graph.call('diagnose')
+    assert answer.success and answer.message.startswith('36 of 60 rows could be used')
+    graph.wait_for(lambda: status and status[-1].message == answer.message)
+    assert status[-1].level == DiagnosticStatus.WARN
+
+
 @pytest.mark.parametrize('site', ['34.3', '34.3, x', '95, 0', '1, 2, 3'])
 def test_a_site_that_is_none_is_refused(graph, site):
     with pytest.raises(ValueError, match='calibration: site = '):

@@ -5,7 +5,7 @@ import pytest
 
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.run import PointingRun
-from pointing_model.run_files import read_run, write_csv
+from pointing_model.run_files import NoUsableRow, read_run, write_csv
 from pointing_model.sky import Site, Weather
 
 HEADER = 'az_deg,el_deg,az_enc_deg,el_enc_deg'
@@ -346,3 +346,28 @@ def test_places_from_icrs_with_azimuth_from_south(read):
 ])
 def test_icrs_refused(read, text, options, words, refuse):
     refuse(text, *words, **options)
+
+
+def test_rows_left_out_for_their_place_are_kept_aside(read):
+    run = read('az_deg,el_deg,az_enc_deg,el_enc_deg\n10,40,10.1,40.1\n20,140,20.1,140.1\n'
+               '30,50,30.1,50.1\n40,60,40.1,nan\n')
+    aside = run.meta['misplaced']
+    assert {name: v.tolist() for name, v in aside.items()} == {
+        'az': [20 * DEG], 'el': [140 * DEG], 'az_enc': [20.1 * DEG], 'el_enc': [140.1 * DEG]}
+    assert 'misplaced' not in read('az_deg,el_deg,az_enc_deg,el_enc_deg\n10,40,10.1,40.1\n').meta
+
+
+def test_a_file_without_a_usable_row_has_its_places(tmp_path):
+    path = tmp_path / 'run.csv'
+    path.write_text('az_deg,el_deg,az_enc_deg,el_enc_deg\n' + ''.join(
+        f'{3600 * a},{3600 * e},{3600 * a},{3600 * e}\n' for a, e in ((100, 40), (200, 50))))
+    with pytest.raises(NoUsableRow, match='none of 2 rows') as refused:
+        read_run(path)
+    assert len(refused.value.run) == 0 and len(refused.value.run.meta['misplaced']['az']) == 2
+
+
+def test_small_offsets_are_not_taken_for_radians(read):
+    text = 'az_deg,el_deg,az_enc_deg,el_enc_deg\n' + ''.join(
+        f'{37 * i % 360},{20 + 7 * i % 60},{0.3 + 0.001 * i},{-0.02 + 0.002 * i}\n'
+        for i in range(20))
+    assert len(read(text)) == 20

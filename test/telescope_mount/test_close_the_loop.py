@@ -168,6 +168,8 @@ def test_the_mmt_night_goes_through_the_same_graph(mmt):
     before, after = (report[key]['holdout_rms_arcsec'] for key in ('before', 'after'))
     assert after < 0.9 * before and after < 1.1
     assert mmt.diagnosis['site_deg'] == pytest.approx([31.6888, -110.8846])
+    assert '60 of 60 rows used' in mmt.text
+    assert (report['rows_read'], report['rows_used']) == (60, 60)
     assert 'rows kept out, after' in mmt.text and 'pointed blind' not in mmt.text
 
 
@@ -242,6 +244,15 @@ def test_bad_input_is_one_line(refused, tmp_path):
     assert 'is not empty' in refused(
         'close-the-loop', '--scenario', 'loop_clean', '--out', tmp_path / 'full')
     assert '--alpha' in refused('close-the-loop', MMT, '--alpha', 3)
+    lines = [line.split(',') for line in MMT.read_text().splitlines()]
+    for name in ('el_deg', 'el_enc_deg'):
+        place = lines[0].index(name)
+        for cells in lines[1:]:
+            cells[place] = str(90.0 - float(cells[place]))
+    (tmp_path / 'zenith.csv').write_text('\n'.join(map(','.join, lines)) + '\n')
+    line = refused('close-the-loop', tmp_path / 'zenith.csv', '--out', tmp_path / 'd')
+    assert 'zenith distance in place of the elevation of catalogue and encoders (1.' in line
+    assert not (tmp_path / 'd').exists()
 
 
 def test_a_step_that_cannot_be_carried_out_is_one_line(refused_by_graph, tmp_path):

@@ -13,8 +13,11 @@ from pointing_model.run_files import read_run, write_csv
 from telescope_mount.cli import main
 
 KEYS = {'observations', 'runs', 'base_terms', 'verdict', 'before', 'after', 'noise_floor_arcsec',
-        'effects', 'excluded', 'next_observations', 'detectable', 'wander'}
-RMS = {'rms_arcsec', 'rms_x_arcsec', 'rms_y_arcsec', 'cv_rms_arcsec', 'holdout_rms_arcsec'}
+        'effects', 'excluded', 'next_observations', 'wander', 'detectable',
+        'rows_read', 'rows_used', 'outliers', 'rms_with_outliers_arcsec', 'columns_alike',
+        'readings'}
+RMS = {'rms_arcsec', 'rms_x_arcsec', 'rms_y_arcsec', 'cv_rms_arcsec', 'cv_rms_x_arcsec',
+       'cv_rms_y_arcsec', 'cv_spread', 'holdout_rms_arcsec'}
 EFFECT = {'name', 'tpoint', 'driver', 'axes', 'coefficients_arcsec', 'sigma_arcsec', 'p_family',
           'delta_bic', 'alternatives', 'cv_gain_arcsec'}
 
@@ -99,6 +102,67 @@ def test_days_in_one_file_are_told_apart(tmp_path, capsys):
         assert 'lacks nothing' in out and 'days.csv: 4 sessions, at gaps of more than 3 h' in out
         result = json.loads((tmp_path / 'd.json').read_text())
         assert result['runs'] == 4 and result['before']['rms_arcsec'] < 1.6
+
+
+def rewritten(path, change, names=('az_deg', 'el_deg', 'az_enc_deg', 'el_enc_deg')):
+    """The file with the cells of some columns changed: row number, numbers -> numbers."""
+    path = Path(path)
+    lines = [line.split(',') for line in path.read_text().splitlines()]
+    places = [lines[0].index(name) for name in names]
+    for i, cells in enumerate(lines[1:]):
+        for place, value in zip(places, change(i, *(float(cells[p]) for p in places))):
+            cells[place] = repr(value)
+    path.write_text('\n'.join(map(','.join, lines)) + '\n')
+    return str(path)
+
+
+@pytest.mark.parametrize('change, said', [
+    (lambda i, a, e, a_enc, e_enc: (e, a % 360.0, e_enc, a_enc % 360.0),
+     'azimuth and elevation of catalogue and encoders exchanged (5.'),
+    (lambda i, a, e, a_enc, e_enc: (3600 * a, 3600 * e, 3600 * a_enc, 3600 * e_enc),
+     '0 of 60 rows can be used as written, and do not fit. Read otherwise they fit: azimuth and '
+     'elevation of catalogue and encoders in arcseconds (5.'),
+    (lambda i, a, e, a_enc, e_enc: (a, e, (a_enc - a + 180.0) % 360.0 - 180.0, e_enc - e),
+     "offsets in place of the encoders' readings, in degrees, encoder - catalogue (5."),
+])
+def test_mistaken_columns_are_one_line_and_a_result_without_effects(
+        tmp_path, capsys, change, said):
+    run = rewritten(night(tmp_path / 'run.csv', 1, 8.0), change)
+    for command in (['diagnose', run, '--json', str(tmp_path / 'd.json')], ['fit', run]):
+        assert main(command) == 2
+        out, err = capsys.readouterr()
+        assert out == '' and err.startswith('error: run.csv: the columns are not what')
+        assert said in err and err.count('\n') == 1
+    result = json.loads((tmp_path / 'd.json').read_text())
+    assert set(result) == KEYS and set(result['before']) == RMS
+    assert result['verdict'] == 'refused' and result['effects'] == []
+    assert result['readings'][0]['rms_arcsec'] < 6.0 and result['rows_read'] == 60
+
+
+def test_an_outlier_is_named_by_its_line_and_does_not_set_the_headline(tmp_path, capsys):
+    run = rewritten(night(tmp_path / 'run.csv', 1), lambda i, e: (e + 0.47 * (i == 28),),
+                    ['el_enc_deg'])
+    for command in (['diagnose', run], ['fit', run]):
+        assert main(command) == 0
+        out = capsys.readouterr().out
+        assert out.startswith('59 of 60 rows used\n')
+        assert 'An outlier, left out: row 30 (169' in out and 'RMS with it 21' in out
+        assert '218.' not in out.replace('RMS with it 218.', '')
+
+
+def test_above_a_third_left_out_is_no_result(tmp_path, capsys):
+    run = rewritten(night(tmp_path / 'run.csv', 1, 8.0),
+                    lambda i, e: (float('nan') if i % 5 < 2 else e,), ['el_enc_deg'])
+    assert main(['diagnose', run, '--json', str(tmp_path / 'd.json'),
+                 '--report', str(tmp_path / 'd.html')]) == 2
+    out = capsys.readouterr().out
+    assert out.startswith('36 of 60 rows used\n') and 'no effect is claimed' in out
+    result = json.loads((tmp_path / 'd.json').read_text())
+    assert (result['verdict'], result['effects']) == ('refused', [])
+    assert (result['rows_used'], result['rows_read']) == (36, 60)
+    assert '36 of 60 rows used' in (tmp_path / 'd.html').read_text()
+    assert main(['fit', run]) == 0
+    assert 'more than a third of the rows is left out' in capsys.readouterr().out
 
 
 @pytest.mark.parametrize('arguments, text', [

@@ -58,8 +58,9 @@ def names(result):
 
 
 KEYS = {'observations', 'runs', 'base_terms', 'verdict', 'before', 'after', 'noise_floor_arcsec',
-        'effects', 'excluded', 'next_observations', 'wander',
-        'detectable'}
+        'effects', 'excluded', 'next_observations', 'wander', 'detectable',
+        'rows_read', 'rows_used', 'outliers', 'rms_with_outliers_arcsec', 'columns_alike',
+        'readings'}
 RMS = {'rms_arcsec', 'rms_x_arcsec', 'rms_y_arcsec', 'cv_rms_arcsec', 'cv_rms_x_arcsec',
        'cv_rms_y_arcsec', 'cv_spread', 'holdout_rms_arcsec'}
 EFFECT = {'name', 'tpoint', 'driver', 'axes', 'coefficients_arcsec', 'sigma_arcsec', 'p_family',
@@ -410,7 +411,9 @@ def test_a_zero_that_wanders_is_no_effect_and_is_told():
     for axis in told.wander['axes'].values():
         assert axis['sigma_arcsec'] > 0.3 and 0.0 < axis['moves_arcsec'] < 5.0
         assert axis['unit'] == 'hours' and 0.05 < axis['memory'] < 10.0
-    assert 'the zero wanders' in told.wander['text'] and told.wander['text'] in told.notes
+    assert 'the zero wanders' in told.wander['text']
+    headline, sentences = verdict_sentences(told.to_dict())
+    assert 'wanders' in headline and 'its cause is not told' in sentences[0]
     document = json.loads(json.dumps(told.to_dict()))
     assert document['wander']['p'] <= 0.01
 
@@ -434,7 +437,7 @@ def test_what_repeats_each_other_counts_as_fewer():
         run.columns['el_enc'] += e[1]
         result = diagnose(run, **FAST)
         false += bool(result.effects)
-        told += any('rows taken close together share their error' in n for n in result.notes)
+        told += bool(result.wander) and 'share their error' in result.wander['text']
     assert false <= 1 and told >= 5
 
 

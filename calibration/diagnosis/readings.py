@@ -1,0 +1,197 @@
+"""What the columns of a pointing run may be mistaken for: readings other than as written."""
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from msg_tools.units import DEG
+
+_CATALOGUE, _ENCODERS, _BOTH = 'of the catalogue', 'of the encoders', 'of catalogue and encoders'
+#: what one pair of columns may be, in the order in which it is set right: text, and
+#: (az, el) as written -> (az, el); how many times an angle of each is larger than written
+_MISTAKES = {
+    'arcseconds': ('azimuth and elevation {} in arcseconds',
+                   lambda a, e: (a / 3600.0, e / 3600.0), (1.0 / 3600.0, 1.0 / 3600.0)),
+    'radians': ('azimuth and elevation {} in radians', lambda a, e: (a / DEG, e / DEG),
+                (1.0 / DEG, 1.0 / DEG)),
+    'swapped': ('azimuth and elevation {} exchanged', lambda a, e: (e, a), (1.0, 1.0)),
+    'hours': ('azimuth {} in hours', lambda a, e: (15.0 * a, e), (15.0, 1.0)),
+    'reversed': ('azimuth {} counted the other way', lambda a, e: (-a, e), (1.0, 1.0)),
+    'zenith': ('zenith distance in place of the elevation {}',
+               lambda a, e: (a, 0.5 * np.pi - e), (1.0, 1.0)),
+}
+#: what the columns of the encoders may hold -> factor to radians, whether x is on the sky
+_OFFSETS = {
+    f'{name}{where}, {sign}': (factor * direction, bool(where))
+    for name, factor in (('degrees', 1.0), ('arcseconds', 1.0 / 3600.0))
+    for where in ('', ' on the sky')
+    for sign, direction in (('encoder - catalogue', 1.0), ('catalogue - encoder', -1.0))}
+
+
+@dataclass(frozen=True)
+class Places:
+    """Catalogue places and encoder angles in one reading.
+
+    Attributes
+    ----------
+    az, el, az_enc, el_enc : ndarray, shape (n,)
+        Radians.
+    gain : ndarray, shape (n,)
+        Product of the on-sky offsets in x and y for a unit change of both encoder columns as
+        written: misfits of two readings compare when each is divided by it.
+    """
+
+    az: np.ndarray
+    el: np.ndarray
+    az_enc: np.ndarray
+    el_enc: np.ndarray
+    gain: np.ndarray
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One way to read the four columns.
+
+    Attributes
+    ----------
+    catalogue, encoders : tuple of str
+        Mistakes of each pair, by the names of this module, in the order to set them right.
+    offsets : str
+        What offsets the encoder columns hold; '': readings.
+    exchanged : bool
+        Catalogue and encoders are in each other's place.
+    """
+
+    catalogue: tuple = ()
+    encoders: tuple = ()
+    offsets: str = ''
+    exchanged: bool = False
+
+    @property
+    def as_written(self):
+        """Whether nothing is mistaken."""
+        return self == Reading()
+
+    @property
+    def mistakes(self):
+        """How many."""
+        return (len(set(self.catalogue) | set(self.encoders)) + bool(self.offsets)
+                + self.exchanged)
+
+    def places(self, az, el, az_enc, el_enc, held=False):
+        """The columns set right.
+
+        Parameters
+        ----------
+        az, el, az_enc, el_enc : ndarray, shape (n,)
+            As written, taken for degrees and given in radians.
+        held : bool
+            The file has offsets on the sky in place of encoder angles, and they stay: a mistake
+            is then one of the catalogue.
+
+        Returns
+        -------
+        Places
+        """
+        if held:
+            x, y = np.remainder(az_enc - az + np.pi, 2.0 * np.pi) - np.pi, el_enc - el
+            x = x * np.cos(el)
+        if self.exchanged:
+            az, el, az_enc, el_enc = az_enc, el_enc, az, el
+        az, el, _ = _set_right(az, el, self.catalogue)
+        scale, reach = 1.0, np.cos(el)
+        if held:
+            az_enc, el_enc, reach = az + x / reach, el + y, 1.0
+        elif self.offsets:
+            unit, on_sky = _OFFSETS[self.offsets]
+            scale, reach = unit**2, 1.0 if on_sky else reach
+            az_enc = az + unit * az_enc / (np.cos(el) if on_sky else 1.0)
+            el_enc = el + unit * el_enc
+        else:
+            az_enc, el_enc, scale = _set_right(az_enc, el_enc, self.encoders)
+        return Places(az, el, az_enc, el_enc, scale * np.abs(reach) * np.ones(len(az)))
+
+    def text(self, zero=0.0):
+        """For people.
+
+        Parameters
+        ----------
+        zero : float
+            Azimuth zero that the fit gave, radians.
+        """
+        south = abs(np.remainder(zero, 2.0 * np.pi) - np.pi) < SOUTH
+        parts, reversed_here = [], False
+        for name in dict.fromkeys((*self.catalogue, *self.encoders)):
+            where = (_BOTH if name in self.catalogue and name in self.encoders
+                     else _CATALOGUE if name in self.catalogue else _ENCODERS)
+            said = _MISTAKES[name][0].format(where)
+            if name == 'reversed' and where != _BOTH:
+                reversed_here = True
+                if south:
+                    said = f'azimuth {where} counted from the south through east'
+            parts.append(said)
+        if self.offsets:
+            parts.append(f'offsets in place of the encoders\' readings, in {self.offsets}')
+        if self.exchanged:
+            parts.append('mount and catalogue exchanged')
+        if south and not reversed_here and not self.offsets:
+            parts.append('azimuth of one of the two pairs counted from the south')
+        if not parts:
+            turn = np.degrees(np.remainder(zero + np.pi, 2.0 * np.pi) - np.pi)
+            return f'an azimuth zero of {turn:.1f} deg taken off'
+        return ', and '.join(parts)
+
+
+#: an azimuth zero this near to half a turn is one of the south, radians
+SOUTH = 1.5 * DEG
+
+
+def _set_right(a, e, mistakes):
+    scale = 1.0
+    for name in mistakes:
+        _, work, gains = _MISTAKES[name]
+        a, e = work(a, e)
+        scale *= gains[0] * gains[1]
+    return a, e, scale
+
+
+def _joined(*readings):
+    """Both readings' mistakes; None where they are of one kind."""
+    one, other = readings
+    for pair in ('catalogue', 'encoders'):
+        if set(getattr(one, pair)) & set(getattr(other, pair)):
+            return None
+    kinds = [set(r.catalogue) | set(r.encoders) for r in readings]
+    if kinds[0] & kinds[1] or any(r.exchanged for r in readings) or (
+            one.offsets and other.offsets) or any(
+            a.offsets and b.encoders for a, b in (readings, readings[::-1])):
+        return None
+    order = list(_MISTAKES)
+    return Reading(*(tuple(sorted((*getattr(one, pair), *getattr(other, pair)), key=order.index))
+                     for pair in ('catalogue', 'encoders')), one.offsets or other.offsets)
+
+
+def single_readings(held=False):
+    """Every reading with one mistake.
+
+    Parameters
+    ----------
+    held : bool
+        As of `Reading.places`.
+
+    Returns
+    -------
+    list of Reading
+    """
+    if held:
+        return [Reading((name,)) for name in _MISTAKES]
+    out = [Reading(*pairs) for name in _MISTAKES
+           for pairs in (((name,), ()), ((), (name,)), ((name,), (name,)))]
+    return [*out, *(Reading(offsets=name) for name in _OFFSETS), Reading(exchanged=True)]
+
+
+def double_readings(held=False):
+    """Every reading with two mistakes of different kinds, as `single_readings`."""
+    pairs = (_joined(a, b) for a, b in combinations(single_readings(held), 2))
+    return [reading for reading in pairs if reading is not None]

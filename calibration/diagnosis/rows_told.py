@@ -1,0 +1,224 @@
+"""How many of the rows that were read a diagnosis rests on, and what the others did."""
+
+from dataclasses import dataclass, replace
+from pathlib import PurePath
+
+import numpy as np
+
+from msg_tools.units import ARCSEC
+from pointing_model.rms import rms
+
+from .input_check import MOST_LEFT_OUT
+
+#: reasons of rows that whoever wrote the file took back
+_TAKEN_BACK = ('commented out', 'rejected by')
+_COPY = 'the same as row'
+#: of the entries ``before`` and ``after`` of a result
+RMS_KEYS = ('rms_arcsec', 'rms_x_arcsec', 'rms_y_arcsec', 'cv_rms_arcsec', 'cv_rms_x_arcsec',
+            'cv_rms_y_arcsec', 'cv_spread', 'holdout_rms_arcsec')
+_NAMED = 5  # outliers in a sentence, at most
+
+
+@dataclass
+class RowsTold:
+    """Of one diagnosis.
+
+    Attributes
+    ----------
+    read : int
+        Rows that the files offer; not those that are rejected in the file.
+    used : int
+        Rows with weight in the fit.
+    copies : int
+        Rows that are there twice.
+    outliers : list of dict
+        ``row`` (the line in the file), ``source`` (of several files), ``x_arcsec``, ``y_arcsec``:
+        how far from the model, on the sky; the farthest first.
+    rms_with : float or None
+        Radial RMS in arcsec with the outliers.
+    """
+
+    read: int
+    used: int
+    copies: int
+    outliers: list
+    rms_with: float | None
+
+    @property
+    def too_few(self):
+        """Whether more than a third is left out."""
+        offered = self.read - self.copies
+        return offered - self.used > MOST_LEFT_OUT * offered
+
+    @property
+    def lost(self):
+        """Rows read and not used."""
+        return self.read - self.used
+
+    @property
+    def refusal(self):
+        """Why no effect is claimed then."""
+        return (f'{self.used} of {self.read} rows could be used. With more than a third left out '
+                'no effect is claimed: what the others show may come from what is wrong with '
+                'those. Look at the rows left out, and at the columns.')
+
+    def to_dict(self):
+        """Keys of the JSON result."""
+        return {'rows_read': self.read, 'rows_used': self.used, 'outliers': self.outliers,
+                'rms_with_outliers_arcsec': self.rms_with}
+
+
+def rows_told(result):
+    """Count the rows of a diagnosis.
+
+    Parameters
+    ----------
+    result : Diagnosis
+
+    Returns
+    -------
+    RowsTold
+    """
+    obs = result.observations
+    sources = obs.sources if len(set(obs.sources)) > 1 else None
+    return _told(result.residual_after, result.weights, obs.excluded, obs.lines, sources)
+
+
+def rows_of_fit(run, result):
+    """Count the rows of a fit, as `rows_told`.
+
+    Parameters
+    ----------
+    run : PointingRun
+    result : FitResult
+
+    Returns
+    -------
+    RowsTold
+    """
+    usable = np.isfinite(result.residual_x)
+    left = np.stack((result.residual_x, result.residual_y))[:, usable]
+    return _told(left, result.weights[usable],
+                 [*run.meta.get('excluded', ()), *result.excluded], run.lines[usable])
+
+
+def _told(left, weights, excluded, lines, sources=None):
+    lost, copies = _lost(excluded)
+    away = np.flatnonzero(~(weights > 0.0))
+    away = away[np.argsort(-np.hypot(*left[:, away]), kind='stable')]
+    outliers = [{'row': int(lines[i]),
+                 **({} if sources is None else {'source': PurePath(str(sources[i])).name}),
+                 'x_arcsec': float(left[0, i]) / ARCSEC, 'y_arcsec': float(left[1, i]) / ARCSEC}
+                for i in away]
+    n = left.shape[1]
+    return RowsTold(
+        n + lost, n - len(away), copies, outliers,
+        float(np.hypot(*(rms(r) for r in left))) / ARCSEC if outliers else None)
+
+
+def _lost(excluded):
+    """How many rows are left out, but for those taken back; how many of them are copies."""
+    reasons = [e['reason'] for e in excluded if not e['reason'].startswith(_TAKEN_BACK)]
+    return len(reasons), sum(reason.startswith(_COPY) for reason in reasons)
+
+
+def rows_of_reader(run):
+    """Count the rows of a run by what its reader left out, as `rows_told`.
+
+    Parameters
+    ----------
+    run : PointingRun
+
+    Returns
+    -------
+    RowsTold
+    """
+    lost, copies = _lost(run.meta.get('excluded', ()))
+    return RowsTold(len(run) + lost, len(run), copies, [], None)
+
+
+def claimed(result):
+    """The diagnosis, or one that claims no effect where more than a third of the rows is left out.
+
+    Parameters
+    ----------
+    result : Diagnosis
+
+    Returns
+    -------
+    Diagnosis
+        Its verdict is ``refused`` then, its model that of the base.
+    """
+    told = rows_told(result)
+    if not told.too_few:
+        return result
+    return replace(
+        result, verdict='refused', effects=[], model=result.base_model,
+        after=dict(result.before), residual_after=result.residual_before, next_observations=[],
+        cv_contiguous={}, caution=told.refusal, wander=None, detectable=None)
+
+
+def refused_document(error):
+    """The JSON result where the columns are not what they are named.
+
+    Parameters
+    ----------
+    error : MistakenColumns
+
+    Returns
+    -------
+    dict
+        The keys of `Diagnosis.to_dict`; what does not apply is None.
+    """
+    nothing = dict.fromkeys(RMS_KEYS)
+    return {
+        'observations': error.rows_used, 'runs': None, 'base_terms': None, 'verdict': 'refused',
+        'before': nothing, 'after': dict(nothing), 'noise_floor_arcsec': None, 'effects': [],
+        'excluded': None, 'next_observations': [], 'rows_read': error.rows_read,
+        'rows_used': error.rows_used, 'outliers': [], 'rms_with_outliers_arcsec': None,
+        'columns_alike': [], 'readings': error.readings, 'detectable': None, 'wander': None}
+
+
+def used_sentence(told):
+    """First line of what people read.
+
+    Parameters
+    ----------
+    told : dict
+        With ``rows_used``, ``rows_read``.
+
+    Returns
+    -------
+    str
+    """
+    return f'{told["rows_used"]} of {told["rows_read"]} rows used'
+
+
+def outlier_sentence(document):
+    """Which rows are outliers, and what they do to the RMS; empty where there is none.
+
+    Parameters
+    ----------
+    document : dict
+        With ``outliers``, ``rms_with_outliers_arcsec`` and ``after``.
+
+    Returns
+    -------
+    str
+    """
+    rows = document.get('outliers') or []
+    if not rows:
+        return ''
+    named = ', '.join(
+        (f'{row["source"]} ' if 'source' in row else '')
+        + f'row {row["row"]} ({_far(np.hypot(row["x_arcsec"], row["y_arcsec"]))} off)'
+        for row in rows[:_NAMED])
+    more = f' and {len(rows) - _NAMED} more' if len(rows) > _NAMED else ''
+    what = 'An outlier' if len(rows) == 1 else f'{len(rows)} outliers'
+    return (f'{what}, left out: {named}{more}. RMS without {document["after"]["rms_arcsec"]:.2f} '
+            f'arcsec, RMS with {"it" if len(rows) == 1 else "them"} '
+            f'{document["rms_with_outliers_arcsec"]:.1f} arcsec.')
+
+
+def _far(arcsec):
+    return f'{arcsec:.0f} arcsec' if arcsec < 3600.0 else f'{arcsec / 3600.0:.2f} deg'
