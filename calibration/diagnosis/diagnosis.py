@@ -8,8 +8,9 @@ from pointing_model.effects.drifts import places_of_steps
 
 from .base import Base, observations
 from .choosing import choose, settled
-from .constants import FLIPS, FOLDS, STREAMED_FROM
+from .constants import FLIPS, FOLDS, SET_WIDTH, STREAMED_FROM
 from .detectable import detectable
+from .expected import expected_error
 from .input_check import check_columns
 from .next_observations import propose
 from .result import DiagnosedEffect, concluded, diagnosed, hidden, ranking_of
@@ -19,9 +20,13 @@ from .search import Chance
 from .sessions import arrange, split
 from .streamed import diagnose_streamed
 from .undecided import judge_undecided
-from .unexplained import unexplained, wander_entry
+from .unexplained import ahead, unexplained, wander_entry
 from .validation import cross_validated, judge_on, partitions_of
 from .work import Work
+
+#: what changes little by little, where a step says "at once"
+_GRADUAL = ('time', 'order', 'run_hours', 'temperature')
+_MOST_CURVES = 2
 
 
 def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None, encoder='enc',
@@ -127,6 +132,9 @@ def _in_memory(obs, base, alpha, rng, flips, folds):
                          cv_rms_y_arcsec=one['y'])
         result.after['cv_spread'] = errors.spread
         result.cv_contiguous, result.caution = errors.stretches, errors.caution
+        result.expected = expected_error(
+            errors.left_out, found.state.weights > 0.0, problem.sequence.order, rng,
+            *ahead(left, problem, rng))
         judge_undecided(result, [c.effect(work.problem).name for c in
                                  found.dropped_by_cv + found.not_repeated],
                         result.ranking[0]['delta_bic'] if result.ranking else 0.0)
@@ -159,16 +167,34 @@ def _refine_steps(work, found):
         bank.replace(choice.group, near.effects[best], near.of(best))
 
 
+def _as_well_as_a_step(problem, found, i):
+    """Names of curves of time or temperature that explain as much as a step."""
+    choice = found.chosen[i]
+    if choice.effect(problem).form != 'step' or not len(problem.curves):
+        return []
+    state = problem.plain.state(found.chosen, without=i)
+    own = problem.dictionary.score(state).delta_bic[choice.group]
+    scores = problem.curves.score(state)
+    return list(dict.fromkeys(
+        problem.curves.effects[g].name for g in np.argsort(-scores.delta_bic)
+        if scores.delta_bic[g] > own - SET_WIDTH
+        and problem.curves.effects[g].driver in _GRADUAL))[:_MOST_CURVES]
+
+
 def _assemble(work, found, stands, fits, chance):
     problem, obs = work.problem, work.obs
     base_fit, fitted = fits
     nothing = problem.plain.state([])
     made = work.model(base_fit, []), work.model(fitted, found.chosen)
     effects = [DiagnosedEffect(f, p, f.effect.columns(obs.context)) for f, p in work.slips]
-    for c, s, f in zip(found.chosen, stands, made[1][0].effects):
-        effects.append(diagnosed(
+    for i, (c, s, f) in enumerate(zip(found.chosen, stands, made[1][0].effects)):
+        one = diagnosed(
             f, s.p, c.columns(problem).reshape(-1, 2, len(obs)), c.bank(problem).effects,
-            s.scores.delta_bic, c.group, s.alternatives, s.same))
+            s.scores.delta_bic, c.group, s.alternatives, s.same)
+        gradual = _as_well_as_a_step(problem, found, i)
+        one.alternatives += gradual
+        one.rivals += gradual
+        effects.append(one)
     notes = list(obs.notes)
     for why, dropped in (('no gain on rows left out', found.dropped_by_cv),
                          ('the choice does not repeat without some of the runs, and predicts '

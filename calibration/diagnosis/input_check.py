@@ -11,14 +11,14 @@ from pathlib import PurePath
 
 import numpy as np
 
-from calibration.fit import fit_terms
+from calibration.fit import fit_first_order, fit_terms
 from calibration.robust import sigma_of
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.run import PointingRun
 from pointing_model.run_files import NoUsableRow
 from pointing_model.terms import PHYSICAL
 
-from .readings import SOUTH, Reading, double_readings, single_readings
+from .readings import MIRRORED, SOUTH, Reading, double_readings, single_readings
 
 #: arcsec, robust and radial. Beyond it no terms describe a run as written: of 73 measured runs one
 #: leaves 37, the next 13; a loose mount of an amateur 90.
@@ -42,6 +42,7 @@ _MOST_EFFECTS = 2
 #: times the best misfit, or log-likelihood, within which two readings cannot be told apart
 _ALIKE, _AS_LIKELY = 1.05, 3.0
 _TAU = 3.0  # standard deviations, from where a residual counts no more
+_NEAR = 3.0  # times the best misfit in first order, of readings of a run that fits as written
 _TRIED = 16  # readings with two mistakes, of many that are alike at first sight
 _ROWS = 600  # that are tried, evenly: more tell nothing else
 _FEW = 6  # rows that fits of seven terms begin with
@@ -192,10 +193,11 @@ class _Columns:
             self._explain(written, far)
             return Checked()
         south = abs(np.remainder(written.zero, 2.0 * np.pi) - np.pi) < SOUTH
-        others = self._fits(single_readings(self.held))
+        others = self._fits([r for r in single_readings(self.held) if r != MIRRORED], _NEAR)
         if south:
             self._refuse(written, [self._fit(Reading())])
-        out, alike = Checked(), []
+        # the mirror image of a mount is one, to the last digit: no fit is needed
+        out, alike = Checked(), [] if self.held else [MIRRORED.text()]
         for other in others:
             times, likelier = other.better_than(written)
             if times > _BETTER and likelier > _LIKELIER and other.rms_arcsec < _FITS[1]:
@@ -215,16 +217,19 @@ class _Columns:
         """Whether the catalogue places are as good as one place, however they are read."""
         return all(np.ptp(c) < _FIELD for c in self.columns[:2])
 
-    def _fits(self, readings):
-        """Fits of the readings that come near the best at first sight, best first."""
-        seen = []
-        for reading in readings:
-            if self._plausible(reading):
-                first = self._first_sight(reading)
-                if first is not None:
-                    seen.append((first[-1], len(seen), reading))
-        seen.sort()
-        near = [reading for misfit, _, reading in seen if misfit < seen[0][0] + np.log(10.0)]
+    def _fits(self, readings, near=10.0):
+        """Fits of the readings that come near the best at first sight, best first.
+
+        `near`: how many times the best misfit in first order.
+        """
+        seen = [(reading, sight) for reading in readings if self._plausible(reading)
+                for sight in (self._places(reading, True),) if sight is not None]
+        for look, times in ((self._zeros_taken_off, 10.0), (self._first_order, near)):
+            misfits = [look(*sight) for _, sight in seen]
+            least = min(misfits, default=0.0) + np.log(times)
+            ranked = sorted(zip(misfits, range(len(seen))))
+            seen = [seen[i] for misfit, i in ranked if misfit <= least]
+        near = [reading for reading, _ in seen]
         single = [reading for reading in near if reading.mistakes < 2]
         double = [reading for reading in near if reading.mistakes == 2][:_TRIED]
         fits = [fit for fit in map(self._fit, single + double) if fit is not None]
@@ -271,14 +276,23 @@ class _Columns:
         return (az, el, az_enc, el_enc, self.label[good]), zero, float(
             np.mean(np.log(np.maximum(gain, 1e-9))))
 
-    def _first_sight(self, reading):
-        """`_places` and the misfit with nothing but the zeros fitted."""
-        found = self._places(reading, True)
-        if found is None:
-            return None
-        (az, el, az_enc, el_enc, _), _, gain = found
+    @staticmethod
+    def _zeros_taken_off(places, _, gain):
+        """Misfit with nothing but the zeros fitted."""
+        az, el, az_enc, el_enc, _ = places
         x, y = (az_enc - az) * np.cos(el), el_enc - el
-        return *found, _misfit([_scatter(v - np.median(v), 1.0) for v in (x, y)], gain)
+        return _misfit([_scatter(v - np.median(v), 1.0) for v in (x, y)], gain)
+
+    @staticmethod
+    def _first_order(places, _, gain):
+        """Misfit with the terms fitted in first order, not robustly."""
+        az, el, az_enc, el_enc, _ = places
+        x, y = (az_enc - az) * np.cos(el), el_enc - el
+        try:
+            fitted = fit_first_order(az, el, x, y)
+        except (ValueError, np.linalg.LinAlgError):
+            return -np.inf
+        return _misfit([_scatter(v, 1.0) for v in (fitted.residual_x, fitted.residual_y)], gain)
 
     def _fit(self, reading, centred=True, terms=PHYSICAL):
         found = self._places(reading, centred)

@@ -143,6 +143,8 @@ class Reading:
         return ', and '.join(parts)
 
 
+#: of a mount that is its mirror image
+MIRRORED = Reading(('reversed',), ('reversed',))
 #: an azimuth zero this near to half a turn is one of the south, radians
 SOUTH = 1.5 * DEG
 

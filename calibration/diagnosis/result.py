@@ -97,6 +97,8 @@ class Diagnosis:
     wander : dict or None
         Rows resemble their neighbours in time though no effect explains it, see
         `unexplained.wander_entry`.
+    expected : dict or None
+        Error on fresh stars of the same night, see `expected.expected_error`.
     """
 
     verdict: str
@@ -122,6 +124,7 @@ class Diagnosis:
     columns_alike: list = field(default_factory=list)
     caution: str = ''
     wander: dict | None = None
+    expected: dict | None = None
 
     def told_of_wander(self, entry):
         """Take `unexplained.wander_entry`."""
@@ -139,7 +142,7 @@ class Diagnosis:
             'columns_alike': self.columns_alike, 'readings': [],
             'excluded': _excluded(self.excluded, self.observations),
             'next_observations': self.next_observations, 'detectable': self.detectable,
-            'wander': self.wander,
+            'wander': self.wander, 'expected': self.expected,
         }
 
 

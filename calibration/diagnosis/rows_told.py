@@ -155,7 +155,8 @@ def claimed(result):
     return replace(
         result, verdict='refused', effects=[], model=result.base_model,
         after=dict(result.before), residual_after=result.residual_before, next_observations=[],
-        cv_contiguous={}, caution=told.refusal, wander=None, detectable=None)
+        cv_contiguous={}, caution=told.refusal, wander=None, detectable=None,
+        expected=None)
 
 
 def refused_document(error):
@@ -176,7 +177,8 @@ def refused_document(error):
         'before': nothing, 'after': dict(nothing), 'noise_floor_arcsec': None, 'effects': [],
         'excluded': None, 'next_observations': [], 'rows_read': error.rows_read,
         'rows_used': error.rows_used, 'outliers': [], 'rms_with_outliers_arcsec': None,
-        'columns_alike': [], 'readings': error.readings, 'detectable': None, 'wander': None}
+        'columns_alike': [], 'readings': error.readings, 'detectable': None, 'wander': None,
+        'expected': None}
 
 
 def used_sentence(told):

@@ -10,6 +10,12 @@ from pointing_model.effects.base import AXES
 
 from .constants import WANDER_TESTS
 
+_AHEAD, _POINTS = 1800.0, 12  # s, and places in them
+_SOME = 100  # rows that stand for a run
+_NIGHTS = 1000  # simulated
+#: degrees of freedom of the size of a random walk, which one run shows once on each axis
+_FREE = 4.0
+
 
 @dataclass
 class Unexplained:
@@ -69,6 +75,45 @@ def wander_chance(wander):
     """
     gain = max(one.gain for one in wander)
     return float(min(WANDER_TESTS * 0.5 * chdtrc(1.0, max(gain, 0.0)), 1.0))
+
+
+def ahead(found, problem, rng):
+    """What a wandering zero does to fresh stars in the half hour (or ten rows) after the last row.
+
+    Parameters
+    ----------
+    found : Unexplained or None
+    problem : Problem
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    squares : ndarray, shape (b,)
+        Of simulated nights: mean square of the zero then, less its mean over the rows of the last
+        run, of both axes on the sky, rad^2; zeros where nothing wanders.
+    among : float
+        The same of the rows themselves, expected.
+    """
+    squares, among = np.zeros(_NIGHTS), 0.0
+    if found is None:
+        return squares, among
+    sequence = problem.sequence
+    last = np.flatnonzero(sequence.run == sequence.run[sequence.order[-1]])
+    rows = np.sort(sequence.position[last])[::-(-len(last) // _SOME)]
+    at = np.concatenate((rows, rows[-1] + np.linspace(
+        0.0, _AHEAD if sequence.timed else 10.0, _POINTS + 1)[1:]))
+    for one in found.axes.values():
+        variance = one.variance * (np.mean(np.square(sequence.cos_el)) if one.angle else 1.0)
+        shared = np.exp(-np.abs(at[:, None] - at) / one.memory) + 1e-9 * np.eye(len(at))
+        z = np.sqrt(variance) * rng.standard_normal((_NIGHTS, len(at))) @ np.linalg.cholesky(
+            shared).T
+        z -= z[:, :len(rows)].mean(axis=1, keepdims=True)
+        # a run knows the size of a wander by as many values as it is memories long
+        free = _FREE + (rows[-1] - rows[0]) / one.memory
+        z *= np.sqrt(free / rng.chisquare(free, (_NIGHTS, 1)))
+        squares += np.square(z[:, len(rows):]).mean(axis=1)
+        among += variance * (1.0 - shared[:len(rows), :len(rows)].mean())
+    return squares, float(among)
 
 
 def wander_entry(found, problem):

@@ -81,6 +81,9 @@ class Errors:
     ----------
     before, after : dict
         ``radial``, ``x``, ``y``: arcsec, the mean over partitions.
+    left_out : ndarray, shape (2, n)
+        Residuals of rows left out, the choice repeated: the mean over partitions of their squares,
+        as its root, radians.
     spread : dict or None
         ``partitions``, and of the radial RMS after ``min_arcsec`` and ``max_arcsec``.
     cut : int or None
@@ -92,6 +95,7 @@ class Errors:
 
     before: dict
     after: dict
+    left_out: np.ndarray
     spread: dict | None = None
     cut: int | None = None
     stretches: dict = field(default_factory=dict)
@@ -121,18 +125,22 @@ def cross_validated(work, chosen, wanders, count, alpha, rng):
     plain = problem if wanders else problem.plain
     keep = problem.plain.state(chosen, final=True).weights > 0.0
     if not chosen:  # the model stays as it was
-        before = _rms(cross_validate(plain, [], partitions_of(problem, count, rng)[0]), keep)
-        return Errors(before, before)
+        left_out = cross_validate(plain, [], partitions_of(problem, count, rng)[0])
+        before = _rms(left_out, keep)
+        return Errors(before, before, np.abs(left_out))
+    squares = []
     left = []  # of each partition: with no choice, with the first 0, 1, ... of each fold
     while len(left) < PARTITIONS or (len(left) < MOST_PARTITIONS and _unsure(left)):
         folds = partitions_of(problem, count, rng)[0]
         apart, _ = nested(problem, folds, alpha, rng, wanders)
+        squares.append(np.square(apart[-1]))
         left.append([_rms(cross_validate(plain, [], folds), keep),
                      [_rms(r, keep) for r in apart]])
         if len(folds) == len(np.unique(problem.sequence.run)) > 1:
             break  # each run alone: there is but one such partition
     every = [steps[-1]['radial'] for _, steps in left]
-    out = Errors(_mean([b for b, _ in left]), _mean([steps[-1] for _, steps in left]), {
+    out = Errors(_mean([b for b, _ in left]), _mean([steps[-1] for _, steps in left]),
+                 np.sqrt(np.mean(squares, axis=0)), {
         'partitions': len(left), 'min_arcsec': min(every), 'max_arcsec': max(every)})
     if effective_runs(problem.sequence.run) >= RUNS:
         if out.after['radial'] > out.before['radial']:

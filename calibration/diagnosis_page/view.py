@@ -32,7 +32,7 @@ _LABELS = {
     'pm_x': ('proper motion along azimuth [arcsec/yr]', 1.0),
     'pm_y': ('proper motion along elevation [arcsec/yr]', 1.0)}
 #: why a fit cannot show that the columns are read otherwise
-ALIKE = 'so read, the run fits as well: terms change their signs, and nothing else'
+ALIKE = 'the columns read so fit as well, with other terms'
 _ALWAYS = ('azimuth', 'elevation', 'time', 'order', 'temperature', 'approach_az', 'approach_el',
            'magnitude', 'az_rate')
 

@@ -85,9 +85,11 @@ def _are_offsets(columns, pair, used):
         return False
     place, reading = columns['el'][used], columns[pair[1]][used]
     known = np.isfinite(place)
-    if not known.any() or np.abs(place[known]).max() <= _QUARTER:
+    if not known.any():
         return False
     place, reading = place[known], reading[known]
+    if not np.abs(reading).max() <= _QUARTER < np.abs(place).max() < 360.0:
+        return False
 
     def scatter(v):
         return np.median(np.abs(v - np.median(v)))

@@ -155,6 +155,12 @@ def show(found, console):
     if spread and spread['partitions'] > 1:
         console.print(f'mean of {spread["partitions"]} ways to leave rows out; after, they go from '
                       f'{_number(spread["min_arcsec"])} to {_number(spread["max_arcsec"])} arcsec')
+    if found.expected:
+        told = found.expected
+        console.print(f'expected on fresh stars of the same night: {_number(told["rms_arcsec"])} '
+                      f'arcsec radial, {_number(told["low_arcsec"])} to '
+                      f'{_number(told["high_arcsec"])} in {100 * told["confidence"]:.0f} % of '
+                      'cases')
     console.print(f'noise floor {_number(document["noise_floor_arcsec"])} arcsec radial\n')
     if found.effects:
         effects = new_table('Effects', 'effect', 'on', 'driver', 'p', 'ΔBIC', 'gain, arcsec')
