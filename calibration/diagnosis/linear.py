@@ -74,9 +74,9 @@ class Basis:
     def __len__(self):
         return len(self.common) + sum(map(len, self.parts))
 
-    def off(self, rows):
+    def off(self, rows, in_place=False):
         """Rows, shape (..., 2n), without what the basis spans."""
-        out = np.array(rows, dtype=float)
+        out = rows if in_place else np.array(rows, dtype=float)
         for where, part in zip(self.blocks, self.parts):
             here = out[..., where]
             out[..., where] = here - (here @ part.T) @ part

@@ -103,7 +103,7 @@ class Bank:
         white = state.white(self.columns)
         length = np.sqrt(np.einsum('ij,ij->i', white, white))
         white /= np.where(length > 0.0, length, 1.0)[:, None]
-        white = state.basis.off(white)
+        white = state.basis.off(white, in_place=True)
         for d, groups in self._by_size:
             part = white[self._start[groups][:, None] + np.arange(d)]
             if d == 1:
