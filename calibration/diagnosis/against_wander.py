@@ -22,7 +22,7 @@ _SIZES = (0.1, 0.4, 1.6, 6.4, 25.0)
 def follows(sequence, bank, g, state):
     """Whether a group goes with the order of the rows at all: cheaper than `swollen`."""
     columns = state.white(bank.of(g))
-    columns = columns - (columns @ state.basis.T) @ state.basis
+    columns = state.basis.off(columns)
     columns = columns.reshape(-1, sequence.order.size)[:, sequence.order]
     before = np.einsum('ij,ij->', columns[:, 1:], columns[:, :-1])
     return before > UNLIKE * np.einsum('ij,ij->', columns, columns)
@@ -42,7 +42,7 @@ def swollen(bank, white, wandering):
     ndarray, shape (G,)
     """
     columns = white.white(bank.columns)
-    columns = columns - (columns @ white.basis.T) @ white.basis
+    columns = white.basis.off(columns)
     spread = wandering.white.spread(columns * white.white.root)
     both = [np.add.reduceat(np.square(c).sum(axis=1), bank.starts) for c in (spread, columns)]
     return both[0] / np.maximum(both[1], 1e-300)
@@ -132,7 +132,7 @@ def _ratios(noises, design, values, bank):
     for noise in noises:
         basis = design.basis(noise)
         left = noise(values)
-        left = left - (left @ basis.T) @ basis
+        left = basis.off(left)
         live = np.count_nonzero(noise.root[:n])
         squares = np.square(left).reshape(-1, 2, n).sum(axis=2)
         out = np.empty((len(values), len(bank)))

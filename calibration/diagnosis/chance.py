@@ -14,8 +14,8 @@ def pair_corrected(basis, residual):
 
     Parameters
     ----------
-    basis : ndarray, shape (rank, 2n)
-        Orthonormal, of what was fitted.
+    basis : Basis
+        Of what was fitted.
     residual : ndarray, shape (2n,)
 
     Returns
@@ -23,10 +23,8 @@ def pair_corrected(basis, residual):
     ndarray, shape (2, n)
     """
     n = len(residual) // 2
-    x, y = basis[:, :n], basis[:, n:]
-    a = np.clip(1.0 - np.einsum('ij,ij->j', x, x), 1e-3, 1.0)
-    c = np.clip(1.0 - np.einsum('ij,ij->j', y, y), 1e-3, 1.0)
-    off = -np.einsum('ij,ij->j', x, y)
+    a, c, off = basis.blocks_of_rows()
+    a, c, off = np.clip(1.0 - a, 1e-3, 1.0), np.clip(1.0 - c, 1e-3, 1.0), -off
     off = np.sign(off) * np.minimum(np.abs(off), 0.999 * np.sqrt(a * c))
     # square root of [[a, off], [off, c]] is (M + s I) / t; invert that
     s = np.sqrt(a * c - off * off)
@@ -67,7 +65,7 @@ class ChanceTest:
         n, r = state.n, state.residual
         own = scores.basis(group)
         own = own[np.einsum('ij,ij->i', own, own) > 0.5]
-        e = pair_corrected(np.vstack((state.basis, own)), r - (own @ r) @ own)
+        e = pair_corrected(state.basis.with_common(own), r - (own @ r) @ own)
         variance = np.mean(np.square(e), axis=1) + 1e-30
         free = 1.0 - len(state.basis) / (2.0 * n)
         self._parts, self.all = [], np.full(len(scores.dof), -np.inf)

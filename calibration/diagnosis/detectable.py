@@ -73,10 +73,9 @@ def detectable(problem, chance, alpha):
             continue
         dof = int(scores.dof[g])
         white = state.white(bank.of(g))
-        white = white - (white @ state.basis.T) @ state.basis
         # signal beyond the base in units of the noise, of each phase at unit amplitude
         phases = _PHASES if dof == 2 else np.ones((1, 1))
-        unit_lambda = np.sqrt(np.square(phases @ white).sum(axis=1))
+        unit_lambda = np.sqrt(np.square(phases @ (white @ scores.basis(g).T)).sum(axis=1))
         size = _amplitude(unit_lambda, dof, free, _gain(dof, free, limit, dof * np.log(live)))
         rms = np.sqrt(np.square(phases @ bank.of(g)).sum() / len(phases) / problem.n)
         out.append({'name': name, 'what': what, 'amplitude_arcsec': factor * size / ARCSEC,

@@ -37,6 +37,79 @@ def orthonormal(rows):
     return rows
 
 
+def _orthonormal_each(rows, blocks):
+    """`orthonormal` of the same rows in each block of columns, all blocks at once."""
+    parts = [rows[:, where] for where in blocks]
+    for _ in range(2):
+        gram = np.array([part @ part.T for part in parts])
+        length = np.sqrt(np.diagonal(gram, axis1=1, axis2=2))
+        length = np.where(length > 0.0, length, 1.0)
+        values, vectors = np.linalg.eigh(gram / (length[:, :, None] * length[:, None, :]))
+        keep = values > EIGEN * np.maximum(values[:, -1:], EIGEN)
+        factor = np.where(keep, 1.0 / np.sqrt(np.where(keep, values, 1.0)), 0.0)
+        turn = (vectors * factor[:, None, :]).transpose(0, 2, 1) / length[:, None, :]
+        parts = [t @ part for t, part in zip(turn, parts)]
+    return [part[kept] for part, kept in zip(parts, keep)]
+
+
+class Basis:
+    """Orthonormal rows, of which those of single runs are zero elsewhere and kept so.
+
+    Of 119 runs with six terms each 714 rows of 2n would be nearly all zeros; to take them off
+    hundreds of candidates would cost a hundred times as much.
+
+    Parameters
+    ----------
+    common : ndarray, shape (k, 2n)
+        Orthonormal, beyond the parts.
+    blocks : list of ndarray of int
+        Where each run is in 2n.
+    parts : list of ndarray, shape (j, len(block))
+        Orthonormal, of each run.
+    """
+
+    def __init__(self, common, blocks=(), parts=()):
+        self.common, self.blocks, self.parts = common, blocks, parts
+
+    def __len__(self):
+        return len(self.common) + sum(map(len, self.parts))
+
+    def off(self, rows, in_place=False):
+        """Rows, shape (..., 2n), without what the basis spans."""
+        out = rows if in_place else np.array(rows, dtype=float)
+        for where, part in zip(self.blocks, self.parts):
+            here = out[..., where]
+            out[..., where] = here - (here @ part.T) @ part
+        out -= (out @ self.common.T) @ self.common
+        return out
+
+    def dense(self):
+        """All rows, shape (rank, 2n)."""
+        out = np.zeros((len(self), self.common.shape[1]))
+        at = 0
+        for where, part in zip(self.blocks, self.parts):
+            out[at:at + len(part), where] = part
+            at += len(part)
+        out[at:] = self.common
+        return out
+
+    def with_common(self, rows):
+        """With orthonormal rows, shape (j, 2n), that are beyond it."""
+        return Basis(np.vstack((self.common, rows)), self.blocks, self.parts)
+
+    def blocks_of_rows(self):
+        """Entries of the projector that belong to one row: xx, yy and xy, each shape (n,)."""
+        n = self.common.shape[1] // 2
+        x, y = self.common[:, :n], self.common[:, n:]
+        out = np.array([np.einsum('ij,ij->j', a, b) for a, b in ((x, x), (y, y), (x, y))])
+        for where, part in zip(self.blocks, self.parts):
+            m = len(where) // 2
+            x, y = part[:, :m], part[:, m:]
+            out[:, where[:m]] += [np.einsum('ij,ij->j', a, b)
+                                  for a, b in ((x, x), (y, y), (x, y))]
+        return out
+
+
 class Columns:
     """Rows of a design, some of which live in one run only.
 
@@ -83,20 +156,36 @@ class Columns:
         """
         common = white(self.common)
         if self.own is None:
-            return orthonormal(common)
-        out, own = [], white(self.own)
-        for block in self._blocks:
-            part = orthonormal(own[:, block])
-            full = np.zeros((len(part), own.shape[1]))
-            full[:, block] = part
-            out.append(full)
-        out = np.vstack(out)
-        white = common
-        for _ in range(2):
-            white = white - (white @ out.T) @ out
+            return Basis(orthonormal(common))
+        own = white(self.own)
+        out = Basis(common[:0], self._blocks, _orthonormal_each(own, self._blocks))
+        left = out.off(out.off(common))
         length = np.sqrt(np.square(common).sum(axis=1))
-        left = np.sqrt(np.square(white).sum(axis=1))
-        return np.vstack((out, orthonormal(white[left > 1e-5 * length])))
+        kept = np.sqrt(np.square(left).sum(axis=1)) > 1e-5 * length
+        return Basis(orthonormal(left[kept]), self._blocks, out.parts)
+
+    def left_of(self, b, white):
+        """What a least-squares fit leaves of all rows, those without weight too, shape (2n,).
+
+        Parameters
+        ----------
+        b : ndarray, shape (2n,)
+        white : callable
+        """
+        if self.own is None:
+            return b - solve(self.common, b, white) @ self.common
+        common, own, values = white(self.common), white(self.own), white(b)
+        basis = Basis(common[:0], self._blocks, _orthonormal_each(own, self._blocks))
+        beyond = basis.off(common)
+        length = np.sqrt(np.square(common).sum(axis=1))
+        beyond[np.sqrt(np.square(beyond).sum(axis=1)) <= 1e-5 * length] = 0.0
+        p = inverse_normal(beyond.copy()) @ (beyond @ basis.off(values))
+        out, values = b - p @ self.common, values - p @ common
+        for where in self._blocks:
+            here = own[:, where]
+            out[where] -= (inverse_normal(here.copy()) @ (here @ values[where])) \
+                @ self.own[:, where]
+        return out
 
     def dense(self):
         """All columns, those of each run one by one, shape (k, 2n)."""
@@ -180,7 +269,7 @@ def fit_state(rows, b, inverse_sigma=None, weights=None, final=False):
         white = White(root)
         basis = rows.basis(white)
         values = white(b)
-        residual = values - (basis @ values) @ basis
+        residual = basis.off(values)
         raw = residual / np.where(root > 0.0, root, np.inf)
         if (w == 0.0).any():
             raw = _fill(rows, b, white, raw, w)
@@ -204,7 +293,7 @@ def fit_state(rows, b, inverse_sigma=None, weights=None, final=False):
 
 def wandering(state, rows, b, sequence):
     """`estimate` for a fit whose noise was taken as white."""
-    return estimate(sequence, state.white.root, state.scale, rows.dense(), b)
+    return estimate(sequence, state.white.root, state.scale, rows.common, b, rows.own)
 
 
 def whitened(state, rows, b, sequence, wander):
@@ -229,18 +318,15 @@ def whitened(state, rows, b, sequence, wander):
                       for one, s in zip(wander, state.scale)])
     white = Whitened(state.white.root / np.repeat(noise, n), sequence, wander)
     basis, values = rows.basis(white), white(b)
-    dense = rows.dense()
-    return State(basis, white, values - (basis @ values) @ basis,
-                 b - solve(dense, b, white) @ dense, state.weights, state.scale, wander)
+    return State(basis, white, basis.off(values),
+                 rows.left_of(b, white), state.weights, state.scale, wander)
 
 
 def _fill(rows, b, white, raw, w):
     """Residuals of the rows without weight, from coefficients of the others."""
-    design = rows.dense()
-    p = solve(design, b, white)
     out = np.concatenate((w == 0.0, w == 0.0))
     raw = raw.copy()
-    raw[out] = b[out] - p @ design[:, out]
+    raw[out] = rows.left_of(b, white)[out]
     return raw
 
 
@@ -270,7 +356,7 @@ def inverse_normal(a):
     length = np.where(length > 0.0, length, 1.0)
     a /= length[:, None]
     values, vectors = np.linalg.eigh(a @ a.T)
-    keep = values > EIGEN * values[-1]
+    keep = values > EIGEN * values[-1:]
     half = vectors[:, keep] / (np.sqrt(values[keep]) * length[:, None])
     return half @ half.T
 

@@ -79,11 +79,11 @@ def predicted(problem, part, chosen, state, test):
         basis = own.basis(state.white)
         white = state.white(common)
         length = np.sqrt(np.square(white).sum(axis=1))
-        white -= (white @ basis.T) @ basis
+        white = basis.off(white)
         # what these runs cannot tell from their own terms is not predicted
         white[np.sqrt(np.square(white).sum(axis=1)) < DISTINCT * length] = 0.0
         left = state.white(part.b)
-        left = left - (basis @ left) @ basis
+        left = basis.off(left)
         p = inverse_normal(white.copy()) @ (white @ left) if len(white) else np.empty(0)
     other = problem.rows(test)
     other.b = other.b - p @ other.design(chosen).common
@@ -106,7 +106,8 @@ def _own_terms(other, design, left, white):
     if new.any():
         rows = other.rows(np.flatnonzero(new))
         rows.base.common = rows.base.common[:0]
-        other.b[np.tile(new, 2)] = rows.state([]).raw
+        # zeros of a night are fitted as an observer would, not by its memory
+        other.b[np.tile(new, 2)] = rows.plain.state([]).raw
 
 
 def radial_arcsec(residual, keep):

@@ -6,6 +6,8 @@ import numpy as np
 
 from .constants import DISTINCT, LIVE
 
+_CHUNK = 64  # groups that are scored at a time
+
 
 @dataclass
 class Scores:
@@ -101,7 +103,7 @@ class Bank:
         white = state.white(self.columns)
         length = np.sqrt(np.einsum('ij,ij->i', white, white))
         white /= np.where(length > 0.0, length, 1.0)[:, None]
-        white -= (white @ state.basis.T) @ state.basis
+        white = state.basis.off(white, in_place=True)
         for d, groups in self._by_size:
             part = white[self._start[groups][:, None] + np.arange(d)]
             if d == 1:
@@ -134,8 +136,11 @@ class Bank:
         rss = np.array([r[:n] @ r[:n], r[n:] @ r[n:]]) + 1e-30
         bases = list(self.bases(state))
         for groups, basis, k in bases:
-            left = np.square(r - np.einsum('gd,gdi->gi', basis @ r, basis))
-            ratio = np.stack([left[:, :n].sum(axis=1), left[:, n:].sum(axis=1)], axis=1) / rss
+            ratio = np.empty((len(groups), 2))
+            for i in range(0, len(groups), _CHUNK):  # of many rows all at once take much memory
+                part = basis[i:i + _CHUNK]
+                left = np.square(r - np.einsum('gd,gdi->gi', part @ r, part))
+                ratio[i:i + _CHUNK] = left.reshape(-1, 2, n).sum(axis=2) / rss
             cost = (k + self.scan_cost[groups]) * np.log(live)
             gain = -live * np.log(np.maximum(ratio, 1e-12)).sum(axis=1) - cost
             dof[groups] = k

@@ -14,6 +14,8 @@ from scipy.linalg.lapack import dpttrf, dtbtrs
 
 from msg_tools.units import ARCSEC
 
+from .constants import EIGEN
+
 #: between memories and between sizes (variance over that of the white noise) that are tried
 #: first; then half a step about the best of them. The likelihood is flat: half as wide a grid
 #: finds 0.1 more of 2 ln L in the mean
@@ -284,7 +286,11 @@ class _Part:
         since = np.cumsum(np.where(np.isfinite(sequence.gap), sequence.gap, 0.0))[keep]
         gap = np.diff(since, prepend=-np.inf)
         run = sequence.run[self.rows]
-        gap[np.diff(run, prepend=run[:1]) != 0] = np.inf
+        first = np.diff(run, prepend=run[:1]) != 0
+        gap[first] = np.inf
+        #: where each run begins, and how many of the columns each run fits for itself
+        self.starts, self.own = np.append(0, np.flatnonzero(first)), 0
+        self.lengths = np.diff(np.append(self.starts, len(run)))
         self.gap = gap
         self._scale = 1.0 / sequence.cos_el[self.rows] if angle else np.ones(len(self.rows))
         self.white = np.square(self._scale / root[self.rows])
@@ -335,7 +341,7 @@ def _solved(phi, diagonal, lower, columns):
     return out / np.sqrt(diagonal)[:, None]
 
 
-def estimate(sequence, root, scale, rows, b):
+def estimate(sequence, root, scale, rows, b, own=None):
     """What wanders on each axis beside white noise, by restricted likelihood.
 
     Parameters
@@ -346,8 +352,10 @@ def estimate(sequence, root, scale, rows, b):
     scale : ndarray, shape (2,)
         That noise, as `State.scale`.
     rows : ndarray, shape (k, 2n)
-        Design of what is fitted.
+        Design of what is fitted to all rows.
     b : ndarray, shape (2n,)
+    own : ndarray, shape (j, 2n), optional
+        Of what each run fits for itself.
 
     Returns
     -------
@@ -356,23 +364,27 @@ def estimate(sequence, root, scale, rows, b):
     """
     n = len(b) // 2
     memories = sequence.memories()
+    own = rows[:0] if own is None else own
     return tuple(
-        _estimate_axis(sequence, root[part], scale[axis], rows[:, part], b[part], memories,
+        _estimate_axis(sequence, root[part], scale[axis], rows[:, part], own[:, part], b[part],
+                       memories,
                        (False, True) if axis == 0 else (False,))
         for axis, part in enumerate((slice(0, n), slice(n, 2 * n))))
 
 
-def _estimate_axis(sequence, root, scale, rows, b, memories, angles):
+def _estimate_axis(sequence, root, scale, rows, own, b, memories, angles):
     rows = rows[np.abs(rows).max(axis=1, initial=0.0) > 0.0]
+    own = own[np.abs(own).max(axis=1, initial=0.0) > 0.0]
     best, null = AxisWander(scale=scale), None
     for angle in angles:
         part = _Part(root, sequence, angle)
-        columns = part.scaled(np.vstack((rows, b))).T
-        if len(columns) < len(rows) + 3:
+        columns = part.scaled(np.vstack((own, rows, b))).T
+        part.own = len(own)
+        if len(columns) < len(rows) + len(own) * len(part.starts) + 3:
             break
         if null is None:
             null = _likelihood(columns / np.sqrt(part.white)[:, None],
-                               float(np.log(part.white).sum()) - part.log_scale)[0]
+                               float(np.log(part.white).sum()) - part.log_scale, part)[0]
             best = _climb(part, columns, memories, _SIZES, scale, null, angle, best)
         elif best.gain > 0.0:
             # nearly the same curve: near the best of the other
@@ -381,19 +393,39 @@ def _estimate_axis(sequence, root, scale, rows, b, memories, angles):
     return best
 
 
-def _likelihood(white, log_det):
-    """-2 ln L restricted (but for a constant), and the variance of the whitened rows."""
-    columns = white[:, :-1]
+def _likelihood(white, log_det, part):
+    """-2 ln L restricted (but for a constant), and the variance of the whitened rows.
+
+    What each run fits for itself comes first in the columns: no row of one run has to do with
+    those of another, so it is taken out run by run.
+    """
+    taken, fitted = 0, 0.0
+    if part.own:
+        own, rest = white[:, :part.own], white[:, part.own:]
+        gram = np.add.reduceat(own[:, :, None] * own[:, None, :], part.starts)
+        values, vectors = np.linalg.eigh(gram)
+        live = values > EIGEN * np.maximum(values[:, -1:], 1e-300)
+        inverse = vectors * np.where(live, 1.0 / np.where(live, values, 1.0), 0.0)[:, None, :]
+        p = inverse @ (vectors.transpose(0, 2, 1) @ np.add.reduceat(
+            own[:, :, None] * rest[:, None, :], part.starts))
+        taken, fitted = int(live.sum()), float(np.log(values[live]).sum())
+        white = rest - np.einsum('nj,njk->nk', own, np.repeat(p, part.lengths, axis=0))
+    q, logs, count = _orthogonal(white[:, :-1])
+    left = white[:, -1] - q @ (q.T @ white[:, -1])
+    free = max(len(left) - taken - count, 1)
+    variance = max(float(left @ left) / free, 1e-300)
+    return free * np.log(variance) + log_det + fitted + logs, variance
+
+
+def _orthogonal(columns):
+    """Orthonormal columns, ln det of the normal matrix, and how many are determined."""
     size = np.sqrt(np.einsum('ij,ij->j', columns, columns))
     size = np.where(size > 0.0, size, 1.0)
     q, r = np.linalg.qr(columns / size)
     diagonal = np.abs(np.diag(r))
     live = diagonal > 1e-6
-    left = white[:, -1] - q[:, live] @ (q[:, live].T @ white[:, -1])
-    free = max(len(left) - int(live.sum()), 1)
-    variance = max(float(left @ left) / free, 1e-300)
-    fitted = 2.0 * float(np.log(diagonal[live]).sum() + np.log(size[live]).sum())
-    return free * np.log(variance) + log_det + fitted, variance
+    logs = np.log(diagonal[live]) + np.log(size[:len(live)][live])
+    return q[:, live], 2.0 * float(logs.sum()), int(live.sum())
 
 
 def _climb(part, columns, memories, sizes, scale, null, angle, best):
@@ -406,7 +438,7 @@ def _climb(part, columns, memories, sizes, scale, null, angle, best):
         phi = part.phi(memory)
         diagonal, lower = _factored(phi, part.white, size * typical)
         value, variance = _likelihood(_solved(phi, diagonal, lower, columns),
-                                      float(np.log(diagonal).sum()) - part.log_scale)
+                                      float(np.log(diagonal).sum()) - part.log_scale, part)
         tried.append((null - value, memory, size))
         if null - value > best.gain:
             best = AxisWander(size * typical * variance, memory, angle,

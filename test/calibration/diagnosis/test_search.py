@@ -5,7 +5,7 @@ import pytest
 
 from calibration.diagnosis.chance import Chance, ChanceTest, normal_score, pair_corrected
 from calibration.diagnosis.choosing import choose, settled
-from calibration.diagnosis.linear import Columns, fit_state, orthonormal, overlap, solve
+from calibration.diagnosis.linear import Basis, Columns, fit_state, orthonormal, overlap, solve
 from calibration.diagnosis.problem import Choice, Found, Problem
 from calibration.diagnosis.resampling import (
     contiguous_folds,
@@ -62,11 +62,20 @@ def test_columns_of_single_runs_are_the_dense_ones():
     own, common, run = rng.normal(size=(2, 80)), rng.normal(size=(3, 80)), np.arange(40) % 3
     columns = Columns(common, own, run)
     root = rng.uniform(0.5, 2.0, 80)
-    basis = columns.basis(White(root))
+    kept = columns.basis(White(root))
+    basis = kept.dense()
     dense = columns.dense()
     assert len(columns) == len(dense) == 9 and np.allclose(basis @ basis.T, np.eye(9), atol=1e-12)
     white = dense * root
     assert np.allclose((white @ basis.T) @ basis, white, atol=1e-10)
+    values = rng.normal(size=(2, 80))
+    assert np.allclose(kept.off(values), values - (values @ basis.T) @ basis, atol=1e-12)
+    x, y = basis[:, :40], basis[:, 40:]
+    assert np.allclose(kept.blocks_of_rows(),
+                       [(a * b).sum(axis=0) for a, b in ((x, x), (y, y), (x, y))], atol=1e-12)
+    left = columns.left_of(values[0], White(root))
+    p = np.linalg.lstsq(white.T, values[0] * root, rcond=None)[0]
+    assert np.allclose(left, values[0] - p @ dense, atol=1e-10)
     part = columns.rows(np.concatenate((np.flatnonzero(run < 2), 40 + np.flatnonzero(run < 2))))
     assert len(part) == 7
     # a column that runs fit for themselves has nothing left of its own
@@ -95,7 +104,7 @@ def test_leverage_correction_gives_the_noise_back():
     for _ in range(400):
         e = rng.normal(size=100)
         r = e - (basis @ e) @ basis
-        corrected = pair_corrected(basis, r)
+        corrected = pair_corrected(Basis(basis), r)
         total += np.square(corrected).mean(axis=1) / 400.0
         raw += np.square(r.reshape(2, 50)).mean(axis=1) / 400.0
     assert total == pytest.approx([1.0, 1.0], abs=0.03) and raw.max() < 0.9
