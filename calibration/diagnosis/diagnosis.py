@@ -31,7 +31,7 @@ _MOST_CURVES = 2
 
 def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None, encoder='enc',
              flips=FLIPS, folds=FOLDS, seed=0, cross_validation=True,
-             streamed_from=STREAMED_FROM, sessions=None):
+             streamed_from=STREAMED_FROM, sessions=None, partitions=None):
     """Find the effects that a model lacks, and prove the gain.
 
     Parameters
@@ -61,6 +61,9 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
     sessions : float, optional
         A gap longer than so many hours begins a session with terms of its own; by default told
         by the data, see `sessions.arrange`. 0: runs are taken as they are.
+    partitions : int, optional
+        Ways to divide the rows in the cross-validation; by default as many as it takes to know
+        its figure to 1 %.
 
     Returns
     -------
@@ -89,7 +92,8 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
     if len(obs) > streamed_from:
         result = diagnose_streamed(obs, base, alpha, rng, streamed_from)
     else:
-        result = _in_memory(obs, base, alpha, rng, flips, folds if cross_validation else 0)
+        result = _in_memory(obs, base, alpha, rng, flips, folds if cross_validation else 0,
+                            partitions)
     result = claimed(result)
     result.columns_alike = checked.alike
     result.notes += checked.notes
@@ -99,7 +103,7 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
     return result
 
 
-def _in_memory(obs, base, alpha, rng, flips, folds):
+def _in_memory(obs, base, alpha, rng, flips, folds, ways):
     work = Work(obs, base, alpha)
     problem = work.problem
     chance = Chance(problem.n, flips, rng)
@@ -107,7 +111,7 @@ def _in_memory(obs, base, alpha, rng, flips, folds):
     chosen = choose(problem, alpha, chance, partitions)
     found = chosen.found
     left = unexplained(problem, found, alpha)
-    errors = cross_validated(work, found.chosen, left is not None, folds, alpha, rng) \
+    errors = cross_validated(work, found.chosen, left is not None, folds, alpha, rng, ways) \
         if folds else None
     if errors and errors.cut is not None:
         found.not_repeated = found.chosen[errors.cut:]

@@ -1,5 +1,6 @@
 """Candidate effects and their scores on what a fit leaves."""
 
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -88,7 +89,9 @@ class Bank:
         """The bank of some rows (indices or a mask of n)."""
         n = self.columns.shape[1] // 2
         index = np.arange(n)[rows]
-        return Bank(self.effects, None, self.columns[:, np.concatenate((index, index + n))])
+        out = copy(self)  # what the effects are called is the same
+        out.columns = self.columns[:, np.concatenate((index, index + n))]
+        return out
 
     def bases(self, state):
         """Orthonormal bases of the groups beyond the model.

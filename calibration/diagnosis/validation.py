@@ -102,7 +102,7 @@ class Errors:
     caution: str = ''
 
 
-def cross_validated(work, chosen, wanders, count, alpha, rng):
+def cross_validated(work, chosen, wanders, count, alpha, rng, ways=None):
     """RMS of rows left out, without any effect and with the choice repeated in each fold.
 
     Parameters
@@ -116,6 +116,8 @@ def cross_validated(work, chosen, wanders, count, alpha, rng):
         Folds.
     alpha : float
     rng : numpy.random.Generator
+    ways : int, optional
+        Partitions; by default until the mean is known to `SPREAD`.
 
     Returns
     -------
@@ -130,7 +132,8 @@ def cross_validated(work, chosen, wanders, count, alpha, rng):
         return Errors(before, before, np.abs(left_out))
     squares = []
     left = []  # of each partition: with no choice, with the first 0, 1, ... of each fold
-    while len(left) < PARTITIONS or (len(left) < MOST_PARTITIONS and _unsure(left)):
+    least, most = (PARTITIONS, MOST_PARTITIONS) if ways is None else (ways, ways)
+    while len(left) < least or (len(left) < most and _unsure(left)):
         folds = partitions_of(problem, count, rng)[0]
         apart, _ = nested(problem, folds, alpha, rng, wanders)
         squares.append(np.square(apart[-1]))

@@ -116,7 +116,7 @@ def test_clean_nights_stay_as_they_are():
 
 def test_noise_that_grows_toward_the_horizon_is_no_effect():
     found = [diagnose(night(200 + i, n=40, noise=lambda rng, el: rng.normal(size=(2, len(el)))
-                            / np.sin(el)), **FAST).verdict for i in range(25)]
+                            / np.sin(el)), **FAST).verdict for i in range(15)]
     assert sum(v != 'none' for v in found) <= 1
 
 
@@ -403,10 +403,10 @@ def correlated(rho):
 
 
 def test_a_zero_that_wanders_is_no_effect_and_is_told():
-    found = [diagnose(night(300 + i, noise=correlated(0.9)), **FAST) for i in range(12)]
-    # if rows are taken to have no memory, 10 of these have effects
+    found = [diagnose(night(300 + i, noise=correlated(0.9)), **FAST) for i in range(8)]
+    # if rows are taken to have no memory, most of these have effects
     assert sum(bool(r.effects) for r in found) <= 1
-    assert sum(r.verdict == 'wanders' for r in found) >= 11
+    assert sum(r.verdict == 'wanders' for r in found) >= 7
     told = next(r for r in found if r.wander and set(r.wander['axes']) == {'az', 'el'})
     for axis in told.wander['axes'].values():
         assert axis['sigma_arcsec'] > 0.3 and 0.0 < axis['moves_arcsec'] < 5.0
