@@ -59,8 +59,8 @@ class AgainstWander:
     bank : Bank
     groups : ndarray of int
         That a wander can be mistaken for.
-    normal : ndarray, shape (b, 2n)
-        Standard normal noise.
+    normal : ndarray, shape (b, 2n) or (b,)
+        Standard normal noise; or the largest ratios by chance, if they are known.
     """
 
     def __init__(self, problem, chosen, bank, groups, normal):
@@ -72,17 +72,27 @@ class AgainstWander:
 
     def p(self, g):
         """Chance that a wandering zero makes any of the groups look as `g` does."""
-        ratio = _ratios(self._noises, self._design, self._problem.b[None],
-                        _finer(self._problem, self._bank, g)).max()
+        ratio = _ratios(self._beyond, _finer(self._problem, self._bank, g)).max()
         if ratio < RATIO_WORTH_IT:
             return 1.0
-        return float((np.count_nonzero(self._by_chance >= ratio) + 1) / (NIGHTS + 1))
+        return float((np.count_nonzero(self.by_chance >= ratio) + 1) / (NIGHTS + 1))
 
     @cached_property
-    def _by_chance(self):
-        """Largest ratio of each simulated night."""
+    def _beyond(self):
+        return _beyond(self._noises, self._design, self._problem.b[None])
+
+    @property
+    def has_simulated(self):
+        """Whether `by_chance` is known."""
+        return 'by_chance' in self.__dict__
+
+    @cached_property
+    def by_chance(self):
+        """Largest ratio of each simulated night, shape (b,)."""
+        if self._normal.ndim == 1:
+            return self._normal
         nights = self._noises[0].coloured(self._normal * (self._plain.white.root > 0.0))
-        return _ratios(self._noises, self._design, nights,
+        return _ratios(_beyond(self._noises, self._design, nights),
                        self._bank.only(self._groups)).max(axis=1)
 
 
@@ -125,21 +135,27 @@ def _noises(sequence, plain, wander):
     return out
 
 
-def _ratios(noises, design, values, bank):
-    """2 ln of the likelihood ratio of each group, shape (rows of values, G)."""
-    n = values.shape[1] // 2
-    without, with_it = -np.inf, -np.inf
+def _beyond(noises, design, values):
+    """Of each noise: the fit's basis, what is left of the values, its squares, -2 ln L without."""
+    n, out = values.shape[1] // 2, []
     for noise in noises:
         basis = design.basis(noise)
-        left = noise(values)
-        left = basis.off(left)
+        left = basis.off(noise(values))
         live = np.count_nonzero(noise.root[:n])
         squares = np.square(left).reshape(-1, 2, n).sum(axis=2)
-        out = np.empty((len(values), len(bank)))
+        none = -live * np.log(np.maximum(squares, 1e-300)).sum(axis=1) - noise.log_det
+        out.append((noise, basis, left, squares, live, none))
+    return out
+
+
+def _ratios(beyond, bank):
+    """2 ln of the likelihood ratio of each group, shape (rows of values, G)."""
+    without, with_it = -np.inf, -np.inf
+    for noise, basis, left, squares, live, none in beyond:
+        out = np.empty((len(left), len(bank)))
         for groups, q, _ in bank.bases(SimpleNamespace(white=noise, basis=basis)):
             reduced = _reduced(q, left, squares)
             out[:, groups] = -live * np.log(np.maximum(reduced, 1e-300)).sum(axis=0)
-        none = -live * np.log(np.maximum(squares, 1e-300)).sum(axis=1) - noise.log_det
         without = np.maximum(without, none)
         with_it = np.maximum(with_it, out - noise.log_det)
     return with_it - without[:, None]

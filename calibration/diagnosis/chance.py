@@ -132,12 +132,14 @@ class Chance:
     count : int
         Flips.
     rng : numpy.random.Generator
+    whole : Chance, optional
+        Of all rows, where these are a part of them: nights that it has simulated count here too.
     """
 
-    def __init__(self, n, count, rng):
+    def __init__(self, n, count, rng, whole=None):
         self.signs = rng.integers(0, 2, (count, n)).astype(np.float32) * 2.0 - 1.0
         self._rng, self._n = rng.spawn(1)[0], n
-        self._against = {}
+        self._against, self._whole = {}, whole
 
     @cached_property
     def _normal(self):
@@ -147,10 +149,22 @@ class Chance:
         """`AgainstWander.p` of a group, beside a choice of the same problem."""
         if bank is problem.curves:  # a curve without a cause says no more than a wander
             return 1.0
+        if self._whole is not None and problem.base.own is not None:
+            return 1.0  # of runs with terms of their own it takes minutes in all folds together
         key = frozenset(chosen)
         if key not in self._against:
-            self._against[key] = AgainstWander(problem, chosen, bank, groups, self._normal)
+            self._against[key] = AgainstWander(problem, chosen, bank, groups, self._simulated(key))
         return self._against[key].p(g)
+
+    def _simulated(self, key):
+        """Noise to simulate nights with, or what the whole has found for a choice alike."""
+        known = {} if self._whole is None else {
+            chosen: test.by_chance for chosen, test in self._whole._against.items()
+            if test.has_simulated}
+        if not known:
+            return self._normal
+        # the largest ratios by chance hardly depend on what is in the model
+        return known[max(known, key=lambda chosen: len(chosen & key) - len(chosen ^ key))]
 
     def p(self, state, scores, group, alpha=None):
         """Family-wise p of a group: share of flips whose best score reaches its own.

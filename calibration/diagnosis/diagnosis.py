@@ -111,8 +111,8 @@ def _in_memory(obs, base, alpha, rng, flips, folds, ways):
     chosen = choose(problem, alpha, chance, partitions)
     found = chosen.found
     left = unexplained(problem, found, alpha)
-    errors = cross_validated(work, found.chosen, left is not None, folds, alpha, rng, ways) \
-        if folds else None
+    errors = cross_validated(work, found.chosen, left is not None, folds, alpha, chance, rng,
+                             ways) if folds else None
     if errors and errors.cut is not None:
         found.not_repeated = found.chosen[errors.cut:]
         del found.chosen[errors.cut:]
@@ -201,8 +201,8 @@ def _assemble(work, found, stands, fits, chance):
         effects.append(one)
     notes = list(obs.notes)
     for why, dropped in (('no gain on rows left out', found.dropped_by_cv),
-                         ('the choice does not repeat without some of the runs, and predicts '
-                          'them worse', found.not_repeated)):
+                         ('the choice does not repeat where some of the runs or rows are left out, '
+                          'and predicts them worse', found.not_repeated)):
         if dropped:
             notes.append(f'beyond chance, but {why}, so not added: '
                          + ', '.join(c.effect(problem).name for c in dropped))

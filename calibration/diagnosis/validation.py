@@ -19,6 +19,7 @@ from .choosing import choose
 from .constants import (
     FEW_FOLDS,
     LONG,
+    MANY,
     MOST_PARTITIONS,
     NESTED_FLIPS,
     PARTITIONS,
@@ -38,6 +39,8 @@ from .resampling import (
 
 _NOT_REPEATED = ('More is beyond chance, but it does not hold from run to run, so it is not added '
                  '(the notes have the names): what the rows of one run share looks like an effect.')
+_NOT_AHEAD = ('More is beyond chance, but where rows or stretches of time are left out it predicts '
+              'them worse than without it, so it is not added (the notes have the names).')
 _CAUTION = ('But where {} are left out, they are predicted worse than without any effect '
             '({:.2f}\u2033 to {:.2f}\u2033{}): what was found may hold for these observations '
             'alone. Judge it on another run (--holdout) before you use it there.')
@@ -102,7 +105,7 @@ class Errors:
     caution: str = ''
 
 
-def cross_validated(work, chosen, wanders, count, alpha, rng, ways=None):
+def cross_validated(work, chosen, wanders, count, alpha, chance, rng, ways=None):
     """RMS of rows left out, without any effect and with the choice repeated in each fold.
 
     Parameters
@@ -115,6 +118,8 @@ def cross_validated(work, chosen, wanders, count, alpha, rng, ways=None):
     count : int
         Folds.
     alpha : float
+    chance : Chance
+        Of all rows.
     rng : numpy.random.Generator
     ways : int, optional
         Partitions; by default until the mean is known to `SPREAD`.
@@ -132,10 +137,11 @@ def cross_validated(work, chosen, wanders, count, alpha, rng, ways=None):
         return Errors(before, before, np.abs(left_out))
     squares = []
     left = []  # of each partition: with no choice, with the first 0, 1, ... of each fold
-    least, most = (PARTITIONS, MOST_PARTITIONS) if ways is None else (ways, ways)
+    least, most = (ways, ways) if ways is not None else (
+        PARTITIONS, MOST_PARTITIONS if problem.n <= MANY else PARTITIONS)
     while len(left) < least or (len(left) < most and _unsure(left)):
         folds = partitions_of(problem, count, rng)[0]
-        apart, _ = nested(problem, folds, alpha, rng, wanders)
+        apart, _ = nested(problem, folds, alpha, rng, wanders, whole=chance)
         squares.append(np.square(apart[-1]))
         left.append([_rms(cross_validate(plain, [], folds), keep),
                      [_rms(r, keep) for r in apart]])
@@ -152,15 +158,28 @@ def cross_validated(work, chosen, wanders, count, alpha, rng, ways=None):
             out.cut = min(int(np.argmin([c['radial'] for c in counts])), len(chosen))
             out.after = counts[out.cut]
             out.caution = _NOT_REPEATED if out.cut < len(chosen) else ''
-    else:
-        folds = partitions_of(problem, count, rng)[1]
-        before = _rms(cross_validate(plain, [], folds), keep)
-        after = _rms(nested(problem, folds, alpha, rng, wanders)[0][-1], keep)
-        out.stretches = {'before': before['radial'], 'after': after['radial'],
-                         **{f'{when}_{axis}': one[axis] for axis in 'xy'
-                            for when, one in (('before', before), ('after', after))}}
-        out.caution = _worse('stretches of time', before, after)
-    out.caution = out.caution or _worse('rows', out.before, out.after)
+        out.caution = out.caution or _worse('rows', out.before, out.after)
+        return out
+    folds = partitions_of(problem, count, rng)[1]
+    before = _rms(cross_validate(plain, [], folds), keep)
+    apart, _ = nested(problem, folds, alpha, rng, wanders, whole=chance)
+    ways = [[_mean([steps[min(k, len(steps) - 1)] for _, steps in left]),
+             _rms(apart[min(k, len(apart) - 1)], keep)]
+            for k in range(max(len(apart), *(len(steps) for _, steps in left)))]
+    worse = [_worse('stretches of time', before, stretch) or _worse('rows', out.before, row)
+             for row, stretch in ways]
+    after = ways[-1][1]
+    if worse[-1]:
+        sound = [k for k, text in enumerate(worse) if not text] or [0]
+        cut = min(sound, key=lambda k: ways[k][0]['radial'] + ways[k][1]['radial'])
+        if cut < len(chosen):
+            out.cut, (out.after, after) = cut, ways[cut]
+            out.caution = _NOT_AHEAD
+        else:
+            out.caution = worse[-1]
+    out.stretches = {'before': before['radial'], 'after': after['radial'],
+                     **{f'{when}_{axis}': one[axis] for axis in 'xy'
+                        for when, one in (('before', before), ('after', after))}}
     return out
 
 
@@ -186,7 +205,7 @@ def _mean(entries):
     return {axis: float(np.mean([e[axis] for e in entries])) for axis in _IN}
 
 
-def nested(problem, folds, alpha, rng, wanders=False, flips=NESTED_FLIPS):
+def nested(problem, folds, alpha, rng, wanders=False, flips=NESTED_FLIPS, whole=None):
     """As `cross_validate`, with the whole choice repeated without each fold.
 
     Parameters
@@ -198,6 +217,8 @@ def nested(problem, folds, alpha, rng, wanders=False, flips=NESTED_FLIPS):
     wanders : bool
         As of `cross_validated`.
     flips : int
+    whole : Chance, optional
+        Of all rows.
 
     Returns
     -------
@@ -211,7 +232,7 @@ def nested(problem, folds, alpha, rng, wanders=False, flips=NESTED_FLIPS):
     everything = np.arange(problem.n)
     for fold in folds:
         part = problem.rows(np.setdiff1d(everything, fold))
-        found = choose(part, alpha, Chance(part.n, flips, rng),
+        found = choose(part, alpha, Chance(part.n, flips, rng, whole),
                        partitions_of(part, FEW_FOLDS, rng)).found
         choices.append(found.chosen)
         left = []

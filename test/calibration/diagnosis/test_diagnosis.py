@@ -361,15 +361,17 @@ def test_several_runs_get_zeros_of_their_own():
     assert any('IA, IE refitted' in note for note in result.notes)
 
 
-def test_a_choice_that_does_not_hold_elsewhere_is_said(monkeypatch):
+def test_a_choice_that_does_not_hold_elsewhere_is_not_added(monkeypatch):
     run = night(62, effect=backlash(8.0))
     assert diagnose(run, flips=299).caution == ''
-    monkeypatch.setattr('calibration.diagnosis.validation.nested', lambda problem, *rest: (
+    monkeypatch.setattr('calibration.diagnosis.validation.nested', lambda problem, *rest, **more: (
         np.ones((3, 2, problem.n)) * np.array([20.0, 10.0, 30.0])[:, None, None] * ARCSEC, []))
     result = diagnose(run, flips=299)
-    assert len(result.effects) == 1 and result.after['cv_rms_arcsec'] > 40.0
-    assert 'predicted worse than without any effect' in result.caution
-    assert '--holdout' in result.caution and result.caution in render(view_of(result))
+    assert not result.effects and not result.model.effects
+    assert 'not added' in result.caution and 'azimuth_hysteresis_cosE' in result.caution
+    assert result.verdict == 'undecided' and result.caution in render(view_of(result))
+    (note,) = (n for n in result.notes if 'and predicts them worse' in n)
+    assert 'azimuth_hysteresis_cosE' in note
 
 
 def nights_that_wander(seed, n=30, size=0.0):
