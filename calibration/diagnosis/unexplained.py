@@ -6,7 +6,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from msg_tools.units import ARCSEC
-from pointing_model.effects.base import AXES
+from pointing_model.effects.base import AXES, readable
 
 from .constants import WANDER_TESTS
 
@@ -152,7 +152,7 @@ def wander_entry(found, problem):
     if slow:
         text = f'the zero wanders, {" and ".join(parts)}, and its cause is not told'
         if like:
-            text += f'; it could as well be {" or ".join(like)}'
+            text += f'; it could as well be {" or ".join(map(readable, like))}'
     else:
         text = 'rows taken close together share their error: they count as fewer'
     return {'axes': axes, 'p': found.p, 'like': like, 'slow': bool(slow), 'text': text}
