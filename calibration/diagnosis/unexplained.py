@@ -77,12 +77,13 @@ def wander_chance(wander):
     return float(min(WANDER_TESTS * 0.5 * chdtrc(1.0, max(gain, 0.0)), 1.0))
 
 
-def ahead(found, problem, rng):
+def ahead(wander, problem, rng):
     """What a wandering zero does to fresh stars in the half hour (or ten rows) after the last row.
 
     Parameters
     ----------
-    found : Unexplained or None
+    wander : tuple of AxisWander
+        As it is estimated, beyond chance or not: what is expected does not hang on a verdict.
     problem : Problem
     rng : numpy.random.Generator
 
@@ -95,14 +96,12 @@ def ahead(found, problem, rng):
         The same of the rows themselves, expected.
     """
     squares, among = np.zeros(_NIGHTS), 0.0
-    if found is None:
-        return squares, among
     sequence = problem.sequence
     last = np.flatnonzero(sequence.run == sequence.run[sequence.order[-1]])
     rows = np.sort(sequence.position[last])[::-(-len(last) // _SOME)]
     at = np.concatenate((rows, rows[-1] + np.linspace(
         0.0, _AHEAD if sequence.timed else 10.0, _POINTS + 1)[1:]))
-    for one in found.axes.values():
+    for one in (one for one in wander if one.variance > 0.0):
         variance = one.variance * (np.mean(np.square(sequence.cos_el)) if one.angle else 1.0)
         shared = np.exp(-np.abs(at[:, None] - at) / one.memory) + 1e-9 * np.eye(len(at))
         z = np.sqrt(variance) * rng.standard_normal((_NIGHTS, len(at))) @ np.linalg.cholesky(
