@@ -12,17 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg.lapack import dpttrf, dtbtrs
 
-from msg_tools.units import ARCSEC
-
 from .constants import EIGEN
+from .repeats import repeats
 
 #: between memories and between sizes (variance over that of the white noise) that are tried
 #: first; then half a step about the best of them. The likelihood is flat: half as wide a grid
 #: finds 0.1 more of 2 ln L in the mean
 _STEP, _SIZE_STEP = 4.0, 10.0
 _SIZES = _SIZE_STEP ** np.arange(-1.0, 3.0)
-#: rows of one star: so many rows, seconds and radians apart at most, beside the sky's own turning
-_LAGS, _MINUTES, _PLACE, _SIDEREAL = 6, 900.0, 60.0 * ARCSEC, 7.3e-5
 
 
 class Sequence:
@@ -70,7 +67,7 @@ class Sequence:
         if not timed:
             time = np.arange(len(label), dtype=float)
         return cls(np.asarray(time, float), label, context.trig.cos_el, timed,
-                   _repeats(context, np.asarray(time, float), label, timed))
+                   repeats(context, np.asarray(time, float), label, timed))
 
     def rows(self, rows):
         """Of some rows (indices)."""
@@ -96,23 +93,6 @@ class Sequence:
         span = np.max(np.where(np.isfinite(starts), ends - starts, 0.0))
         count = int(np.ceil(np.log(4.0 * span / first) / np.log(_STEP))) + 1
         return first * _STEP ** np.arange(max(count, 1))
-
-
-def _repeats(context, position, run, timed):
-    """Number of the star of each row; the same again within minutes."""
-    order = np.lexsort((position, run))
-    place = context.direction()[:, order]
-    position, run = position[order], run[order]
-    first = np.arange(len(order))
-    for lag in range(1, min(_LAGS, len(order) - 1) + 1):
-        passed = position[lag:] - position[:-lag] if timed else np.zeros(len(order) - lag)
-        apart = np.linalg.norm(place[:, lag:] - place[:, :-lag], axis=0)
-        same = (run[lag:] == run[:-lag]) & (passed < _MINUTES) & (
-            apart < _PLACE + _SIDEREAL * passed)
-        first[lag:] = np.where(same, np.minimum(first[lag:], first[:-lag]), first[lag:])
-    out = np.empty(len(order), int)
-    out[order] = first
-    return out
 
 
 @dataclass(frozen=True)
