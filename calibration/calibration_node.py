@@ -235,9 +235,8 @@ class Calibration(MountNode):
     def _work_fit(self):
         self._say('fitting')
         self._refuse_contradicted()
-        model, report = self._session.fit(self._homings())
+        model, report = self._session.fit(self._homings(), self._refuse_contradicted)
         self._publish_report()
-        self._refuse_contradicted(report)
         self._publish_model(model)
         held_out = report['steps'][-1]['held_out']['radial']
         done = (f'{report["stars"]} stars fitted; {report["steps"][-1]["step"]}: '
@@ -248,18 +247,26 @@ class Calibration(MountNode):
         return done
 
     def _refuse_contradicted(self, report=None):
-        """ValueError where what is known speaks against a model of these observations."""
-        why = contradicted(self._alarms, self._session.observations(), report)
+        """ValueError where what is known speaks against a model of these observations.
+
+        The report of a fit that is refused is published all the same.
+        """
+        alarms = self._alarms if report is None else report['witnesses']['alarms']
+        why = contradicted(alarms, self._session.observations(), report)
         self._contradiction = why
         if why:
+            if report is not None:
+                self._send_report(report)
             raise ValueError(why)
 
     def _publish_report(self):
         """That of the last fit: its alarms are judged again whenever the model changes."""
-        report = self._session.report
-        if report is not None:
-            self._alarms = report['witnesses']['alarms']
-            self._report_pub.publish(String(data=json.dumps(report)))
+        if self._session.report is not None:
+            self._send_report(self._session.report)
+
+    def _send_report(self, report):
+        self._alarms = report['witnesses']['alarms']
+        self._report_pub.publish(String(data=json.dumps(report)))
 
     def _publish_model(self, model):
         """The model, and the zero that belongs to it; Polaris alone gave it a little otherwise."""

@@ -139,13 +139,15 @@ class NightSeries:
         """Zero of tonight; see `CalibrationSession.calibrate_zero`."""
         return self._sessions[self.newest].calibrate_zero()
 
-    def fit(self, homings=()):
+    def fit(self, homings=(), check=lambda report: None):
         """Fit tonight, and judge tonight's stars by the model of the earlier night.
 
         Parameters
         ----------
         homings : iterable of witnesses.Homing
             What the incremental encoders say of themselves.
+        check : callable
+            As of `CalibrationSession.fit`.
 
         Returns
         -------
@@ -162,7 +164,7 @@ class NightSeries:
         """
         number = self.newest
         session = self._sessions[number]
-        model, report = session.fit(homings)
+        model, report = session.fit(homings, check)
         rows = session.observations()
         self._zeros[number] = zero = session.zeros_in_force.get(number, NO_ZERO)
         stars = for_fitting(rows)

@@ -179,7 +179,7 @@ class CalibrationSession:
         part = self._follows.corrected(polaris[newest])
         return newest, zero_from_polaris(part, self.in_force, run=newest)
 
-    def fit(self, homings=()):
+    def fit(self, homings=(), check=lambda report: None):
         """Fit all stars, and judge each kind of model on stars that it did not see.
 
         Rows with ``check`` 1 are left out: see `rows`.
@@ -191,6 +191,9 @@ class CalibrationSession:
         ----------
         homings : iterable of witnesses.Homing
             What the incremental encoders say of themselves.
+        check : callable
+            Called with the report before anything of the fit is in force: where it raises
+            ValueError, nothing will be.
 
         Returns
         -------
@@ -202,7 +205,7 @@ class CalibrationSession:
         Raises
         ------
         ValueError
-            Too few stars.
+            Too few stars, or what `check` says.
         """
         observed = for_fitting(self.observations())
         follows = followed(observed)
@@ -210,19 +213,18 @@ class CalibrationSession:
         is_star = rows['star'] != POLARIS_HIP
         stars = rows.select(is_star)
         notes = reasons(self.observations())
-        result, self.zeros_in_force = self._fit_terms(rows)
+        result, zeros = self._fit_terms(rows)
         for dropped in result.dropped:
             notes.append(f'the stars do not determine {dropped["text"]}')
         for row in result.excluded:
             notes.append(f'row {row["row"]} left out: {row["reason"]}')
-        in_force = self.zeros_in_force.to_list()
         report = {
             'format': REPORT_FORMAT, 'version': REPORT_VERSION,
             'last_stamp_ns': self.last_stamp,
             'stars': len(stars), 'polaris': int(np.count_nonzero(~is_star)),
             'zeros': self.zeros.to_list(),
             'changes': self._changes(observed, result.model),
-            'zeros_in_force': in_force,
+            'zeros_in_force': zeros.to_list(),
             'terms': result.term_rows(),
             'correlations': result.correlations.tolist(),
             'condition': result.condition,
@@ -241,8 +243,9 @@ class CalibrationSession:
             PointingModel(result.model.terms, result.model.covariance, None,
                           {**result.model.provenance, 'last_stamp_ns': self.last_stamp,
                            'reference': self._source()}, result.model.geometry),
-            self.zeros_in_force, follows)
-        self._homings, self.report = homings, report
+            zeros, follows)
+        check(report)
+        self._homings, self.report, self.zeros_in_force = homings, report, zeros
         from .session_diagnosis import replaces
         old = self._published.now
         if old is not None and not replaces(old, new, self.observations(), report):

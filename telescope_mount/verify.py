@@ -1,5 +1,6 @@
 """Every derived number of a log, computed again from what it was derived from."""
 
+import copy
 import json
 import struct
 from collections import Counter, deque
@@ -304,9 +305,9 @@ def _calibrate(rows, session, parameters, check):
     replay = _Replay(session, rows, parameters, check)
     for stamp in sorted({*rows.observations, *zeros, *models, *rows.tables}):
         if stamp in rows.observations:
-            session.add(rows.observations[stamp], stamp)
+            replay.session.add(rows.observations[stamp], stamp)
         elif stamp in rows.tables:
-            session.take_table(rows.tables[stamp], stamp)
+            replay.session.take_table(rows.tables[stamp], stamp)
         if stamp in zeros or stamp in models:
             replay.at(stamp, zeros.get(stamp, []), models.get(stamp, []))
 
@@ -315,7 +316,7 @@ class _Replay:
     """What the calibration was asked for at one stamp, done again and compared."""
 
     def __init__(self, session, rows, parameters, check):
-        self._session, self._rows, self._check = session, rows, check
+        self.session, self._rows, self._check = session, rows, check
         self._parameters = parameters
         self._reports, self._diagnoses = (
             deque(data.data for _, data in rows.said[name])
@@ -323,7 +324,7 @@ class _Replay:
 
     def at(self, stamp, zeros, models):
         """Zeros by Polaris first, then fits, then diagnoses, each with its zero."""
-        if self._session.last_stamp != stamp:
+        if self.session.last_stamp != stamp:
             self._check.unchecked.append(
                 f'what was derived at {_at(stamp)}: its observation is not in the log')
             return
@@ -332,7 +333,7 @@ class _Replay:
         computed = []
         if calibrated:
             try:
-                run, zero = self._session.calibrate_zero()
+                run, zero = self.session.calibrate_zero()
             except ValueError as error:
                 self._check.differences.append(f'zero of {_at(stamp)}: {error}')
                 return
@@ -348,8 +349,8 @@ class _Replay:
             else:
                 model = self._fit(stamp, log_time)
             self._check.compare('model', text, model.to_json(), _at(stamp))
-            self._session.in_force = model
-            computed.append((self._session.zeros_in_force.newest, False))
+            self.session.in_force = model
+            computed.append((self.session.zeros_in_force.newest, False))
         for data, (zero, by_polaris) in zip(zeros, computed):
             _, logged = joints_to_zero(data)
             self._check.compare('zero', logged.angles, zero.angles, _at(stamp))
@@ -358,26 +359,28 @@ class _Replay:
 
     def _is_dated_reference(self, text):
         """Whether a model is the reference, published with the zero that is relative to it."""
-        if not self._parameters.get('reference_age') or self._session.reference is None:
+        if not self._parameters.get('reference_age') or self.session.reference is None:
             return False
         document = json.loads(text)
-        own = json.loads(self._session.reference.to_json())
+        own = json.loads(self.session.reference.to_json())
         for one in (document, own):
             one['provenance'] = {k: v for k, v in one['provenance'].items()
                                  if k != 'last_stamp_ns'}
         return document == own
 
     def _fit(self, stamp, log_time):
-        logged = self._reports.popleft() if self._reports else None
-        first = None
+        logged = self._report(stamp)
+        before, first = self.session, None
         for homings in self._homings(log_time):
-            model, report = self._session.fit(homings)
-            report = json.dumps(report)
-            first = first or report
-            if logged in (None, report):
+            session = copy.deepcopy(before)  # a fit is judged against the one before it
+            model, report = session.fit(homings)
+            tried = session, model, json.dumps(report)
+            first = first or tried
+            if logged in (None, tried[-1]):
                 break
         else:
-            report = first
+            tried = first
+        self.session, model, report = tried
         if logged is None:
             self._check.unchecked.append(f'report of {_at(stamp)}: it is not in the log')
         else:
@@ -390,7 +393,7 @@ class _Replay:
         newest = sum(when <= log_time for when, _ in states) - 1
         near = sorted(range(len(states)), key=lambda i: (abs(i - newest), i))
         for i in near[:_STATES]:
-            yield [h for h in states[i][1](self._session.newest) if h.homed]
+            yield [h for h in states[i][1](self.session.newest) if h.homed]
         if not states:
             yield []
         yield None
@@ -404,12 +407,32 @@ class _Replay:
                    else document.get('site_deg'))
         site = None if not degrees else {
             'latitude': degrees[0] * DEG, 'longitude': degrees[1] * DEG}
-        found = (self._session.judge(site) if again
-                 else self._session.diagnose(document.get('alpha', 0.01), site))
+        found = (self.session.judge(site) if again
+                 else self.session.diagnose(document.get('alpha', 0.01), site))
         if document:
             self._check.compare('diagnosis', logged, json.dumps(found.document), _at(stamp))
         # the report of the fit comes with it, its witnesses judged by the new model
-        if 'published' in document and self._session.report is not None and self._reports:
-            self._check.compare('report', self._reports.popleft(),
-                                json.dumps(self._session.report), _at(stamp))
+        report = self.session.report
+        logged = (self._report(report['last_stamp_ns'])
+                  if 'published' in document and report is not None else None)
+        if logged is not None:
+            self._check.compare('report', logged, json.dumps(report), _at(stamp))
         return found.model
+
+    def _report(self, stamp):
+        """The next one of the log, of a fit at `stamp`; fits that were refused had one too."""
+        while self._reports:
+            made = _stamp_of(self._reports[0], stamp)
+            if made > stamp:
+                return None
+            logged = self._reports.popleft()
+            if made == stamp:
+                return logged
+        return None
+
+
+def _stamp_of(report, default):
+    try:
+        return json.loads(report).get('last_stamp_ns', default)
+    except (ValueError, AttributeError):
+        return default

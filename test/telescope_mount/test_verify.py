@@ -1,5 +1,6 @@
 import json
 import struct
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,13 +12,19 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import String
 
-from calibration.witnesses import UNJUDGED
+from calibration.session import CalibrationSession
+from calibration.witnesses import UNJUDGED, Homing
 from encoder_sim.scenario_file import scenario_files
 from msg_tools.bag import BagReader, BagWriter
 from msg_tools.convert import from_stamp
 from msg_tools.homing import cloud_to_homing, homing_to_cloud
+from msg_tools.units import ARCSEC
+from pointing_model.model import PointingModel
+from pointing_model.run import PointingRun
+from pointing_model.terms import PHYSICAL
+from pointing_model.zero_message import zero_to_joints
 from telescope_mount.cli import main
-from telescope_mount.verify import verify_log
+from telescope_mount.verify import _calibrate, _Check, _Rows, verify_log
 
 pytestmark = pytest.mark.usefixtures('ros_domain')
 
@@ -210,59 +217,90 @@ def test_command(night, tmp_path, capsys):
         assert words in error and error.count('\n') == 1
 
 
-def test_what_was_taken_back_is_taken_back_again():
-    from types import SimpleNamespace
+def session_of(run, upto):
+    """A calibration, and the rows of a log, that have taken the first of `run`."""
+    session, rows = CalibrationSession(), _Rows()
+    more(session, rows, run, upto)
+    return session, rows
 
-    from calibration.session import CalibrationSession
-    from msg_tools.units import ARCSEC
-    from pointing_model.model import PointingModel
-    from pointing_model.run import PointingRun
-    from pointing_model.terms import PHYSICAL
-    from pointing_model.zero_message import zero_to_joints
-    from telescope_mount.verify import _calibrate, _Check, _Rows
+
+def more(session, rows, run, upto):
+    for k in range(len(session), upto):
+        rows.observations[k + 1] = run.select([k])
+        session.add(rows.observations[k + 1], k + 1)
+
+
+def said(session, rows, model, document=None):
+    """What a calibration publishes, into the rows of a log."""
+    rows.said['model'].append((session.last_stamp, SimpleNamespace(data=model.to_json())))
+    rows.said['zero'].append((session.last_stamp, zero_to_joints(
+        session.zeros_in_force.newest, session.last_stamp)))
+    reported(rows, session.report)
+    if document is not None:
+        rows.said['diagnosis'].append((0, SimpleNamespace(data=json.dumps(document))))
+
+
+def reported(rows, report):
+    rows.said['calibration/report'].append((0, SimpleNamespace(data=json.dumps(report))))
+
+
+def differences(rows):
+    check = _Check()
+    _calibrate(rows, CalibrationSession(), {}, check)
+    assert check.unchecked == []
+    return check.differences
+
+
+def stars(n, climb=0.0, checks=0):
+    """A run without ROS, whose elevation zero climbs by ``climb`` (arcsec, of each row)."""
     mount = PointingModel(dict(zip(PHYSICAL, np.array([310, -170, 46, -23, 37, -21, 15]) * ARCSEC)))
     rng = np.random.default_rng(1)
-    n, seconds = 120, 15.0 * np.arange(120)
     az, el = rng.uniform(0, 2 * np.pi, n), np.arcsin(rng.uniform(0.35, 0.99, n))
     enc = np.array(mount.sky_to_encoder(az, el)) + 0.5 * rng.normal(size=(2, n)) * ARCSEC
+    enc[1] += climb * ARCSEC
+    return PointingRun({
+        'time': 1.7e9 + 15.0 * np.arange(n), 'az': az, 'el': el, 'az_enc': enc[0],
+        'el_enc': enc[1], 'run': np.ones(n), 'star': 1.0 + np.arange(n),
+        'check': 1.0 * (np.arange(n) >= n - checks)})
+
+
+def test_what_was_taken_back_is_taken_back_again():
     # the zero climbs until the first judges have looked, and is back when the next do
-    enc[1] += 9.0 * np.minimum(seconds / seconds[79], 1.0) * (np.arange(n) < 95) * ARCSEC
-    run = PointingRun({
-        'time': 1.7e9 + seconds, 'az': az, 'el': el, 'az_enc': enc[0], 'el_enc': enc[1],
-        'run': np.ones(n), 'star': 1.0 + np.arange(n), 'check': 1.0 * (np.arange(n) >= 80)})
-    session, rows = CalibrationSession(), _Rows()
-
-    def take(upto):
-        for k in range(len(session), upto):
-            rows.observations[k + 1] = run.select([k])
-            session.add(rows.observations[k + 1], k + 1)
-
-    def said(model, document=None):
-        rows.said['model'].append((0, SimpleNamespace(data=model.to_json())))
-        rows.said['zero'].append((0, zero_to_joints(
-            session.zeros_in_force.newest, session.last_stamp)))
-        rows.said['calibration/report'].append(
-            (0, SimpleNamespace(data=json.dumps(session.report))))
-        if document is not None:
-            rows.said['diagnosis'].append((0, SimpleNamespace(data=json.dumps(document))))
-
-    take(80)
-    said(session.fit()[0])
-    take(95)
+    k = np.arange(120)
+    run = stars(120, 9.0 * np.minimum(k / 79, 1.0) * (k < 95), checks=40)
+    session, rows = session_of(run, 80)
+    said(session, rows, session.fit()[0])
+    more(session, rows, run, 95)
     found = session.diagnose()
-    said(found.model, found.document)
-    take(120)
+    said(session, rows, found.model, found.document)
+    more(session, rows, run, 120)
     found = session.judge()
-    said(found.model, found.document)
+    said(session, rows, found.model, found.document)
     assert found.document['judged']['taken_back']
-    check = _Check()
-    _calibrate(rows, CalibrationSession(), {}, check)
-    assert check.differences == [] and check.unchecked == []
-    assert check.checked == {'model': 3, 'report': 3, 'diagnosis': 2, 'zero': 3}
-    # and a calibration that kept the worse model is found out
-    wrong = json.loads(rows.said['model'][-1][1].data)
-    wrong['terms'] = json.loads(rows.said['model'][1][1].data)['terms']
-    rows.said['model'][-1] = (0, SimpleNamespace(data=json.dumps(wrong)))
-    check = _Check()
-    _calibrate(rows, CalibrationSession(), {}, check)
-    assert [line.split(' of ')[0] for line in check.differences] == ['model']
+    assert differences(rows) == []
+
+
+def test_the_marks_heard_beside_a_fit_are_tried_on_the_session_before_it():
+    run = stars(100, checks=60)
+    session, rows = session_of(run, 80)
+    said(session, rows, session.fit(None)[0])
+    more(session, rows, run, 100)
+    # as of the second fit the log has one state, but the calibration had heard none
+    rows.homings.append((100, lambda run: [Homing(1, 'az', True, 'above', mark_error=9.0)]))
+    said(session, rows, session.fit(None)[0])
+    assert 'judgement' in session.report
+    assert differences(rows) == []
+
+
+def test_reports_of_fits_that_were_refused_are_passed_over():
+    def refuse(report):
+        reported(rows, report)
+        raise ValueError('not published')
+    run = stars(40)
+    session, rows = session_of(run, 30)
+    with pytest.raises(ValueError, match='not published'):
+        session.fit(check=refuse)
+    assert session.report is None and not session.zeros_in_force
+    more(session, rows, run, 40)
+    said(session, rows, session.fit()[0])
+    assert differences(rows) == []
