@@ -176,21 +176,24 @@ def _restricted(y, fixed, walk, least):
 def _bic(y, fixed, covariance, more, least):
     """Bayes' information criterion of a fit with that covariance and `more` numbers."""
     n = len(y)
-    half, size = None, 0.0
-    if covariance is not None:
-        half = np.linalg.cholesky(covariance)
-        size = 2.0 * np.sum(np.log(np.diag(half)))
-        y, fixed = np.linalg.solve(half, y), np.linalg.solve(half, fixed)
-    left = y - fixed @ np.linalg.lstsq(fixed, y, rcond=1e-9)[0]
+    left, size = _left(y, fixed, covariance)
     variance = max(left @ left / n, least**2)
     return n * np.log(variance) + left @ left / variance + size + more * np.log(n)
 
 
 def _noise(y, fixed, covariance):
-    half = np.linalg.cholesky(covariance)
-    y, fixed = np.linalg.solve(half, y), np.linalg.solve(half, fixed)
-    left = y - fixed @ np.linalg.lstsq(fixed, y, rcond=1e-9)[0]
+    left, _ = _left(y, fixed, covariance)
     return np.sqrt(left @ left / max(len(y) - fixed.shape[1], 1))
+
+
+def _left(y, fixed, covariance):
+    """What a fit leaves, whitened, and the logarithm of the determinant of the covariance."""
+    size = 0.0
+    if covariance is not None:
+        half = np.linalg.cholesky(covariance)
+        size = 2.0 * np.sum(np.log(np.diag(half)))
+        y, fixed = np.linalg.solve(half, y), np.linalg.solve(half, fixed)
+    return y - fixed @ np.linalg.lstsq(fixed, y, rcond=1e-9)[0], size
 
 
 # --- of a night -----------------------------------------------------------------------------------

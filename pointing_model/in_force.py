@@ -58,8 +58,14 @@ def wander_sigma(model, stamp, el):
     Returns
     -------
     ndarray, shape (2,)
-        1 sigma of x and y, radians: sqrt(2 v (1 - exp(-t / tau))) of each axis that wanders; 0
-        where nothing is known to.
+        1 sigma of x and y, radians, of each axis that wanders: what it has moved since the last
+        row, 2 v (1 - exp(-t / tau)), and by then from the rows' middle, v (1 - exp(-T / 2 tau));
+        0 where nothing is known to.
+
+    Raises
+    ------
+    ValueError
+        That part of the model is damaged.
     """
     out = np.zeros(2)
     provenance = {} if model is None else model.provenance
@@ -67,15 +73,17 @@ def wander_sigma(model, stamp, el):
     if not isinstance(told, dict) or not isinstance(last, int):
         return out
     hours = max(stamp - last, 0) / 3600e9
-    for k, axis in enumerate(('az', 'el')):
-        one = told.get('axes', {}).get(axis)
-        if one and one.get('unit') == 'hours':
-            moved = one['sigma_arcsec'] * np.sqrt(-2.0 * np.expm1(-hours / one['memory']))
-            # within the rows it has wandered too
-            out[k] = np.hypot(moved, one['sigma_arcsec'] * np.sqrt(
-                -np.expm1(-0.5 * one.get('span', 0.0) / one['memory']))) * ARCSEC
-            if one.get('angle'):
-                out[k] *= np.cos(el)
+    try:
+        for k, axis in enumerate(AXES):
+            one = told['axes'].get(axis)
+            if one is None or one['unit'] != 'hours':
+                continue
+            share = -2.0 * np.expm1(-hours / one['memory']) - np.expm1(
+                -0.5 * one['span'] / one['memory'])
+            out[k] = one['sigma_arcsec'] * ARCSEC * np.sqrt(share) * (
+                np.cos(el) if one['angle'] else 1.0)
+    except (KeyError, TypeError, AttributeError):
+        raise ValueError(f'wander of the model is damaged: {told!r:.60}') from None
     return out
 
 
