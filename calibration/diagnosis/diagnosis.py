@@ -168,7 +168,7 @@ def _refine_steps(work, found):
         # with weights of its own: rows between the old place and the new look like outliers
         scores = near.score(problem.plain.state(found.chosen, without=i))
         best = int(np.argmax(scores.delta_bic))
-        bank.replace(choice.group, near.effects[best], near.of(best))
+        problem.replace(choice.group, near.effects[best], near.of(best))
 
 
 def _as_well_as_a_step(problem, found, i):

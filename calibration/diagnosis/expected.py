@@ -9,12 +9,12 @@ CONFIDENCE = 0.9
 #: stretches that stand for the night: rows of one share what rows close in time share
 _BLOCKS = 10
 _FRESH = 100  # stars that it is the RMS of
-_DRAWS = 1000
 #: part of the mean square of rows left out that is white at least, however much wanders
 _STILL = 0.1
+_STANDS = np.zeros(1000)  # draws of a night in which nothing wanders
 
 
-def expected_error(residual, keep, order, rng, ahead=0.0, among=0.0):
+def expected_error(residual, keep, order, rng, ahead=_STANDS, among=0.0):
     """RMS of fresh stars, from rows that neither the fit nor the choice has seen.
 
     The squares of rows left out are averaged over stretches of the night; the error of their mean
@@ -32,7 +32,7 @@ def expected_error(residual, keep, order, rng, ahead=0.0, among=0.0):
         Rows as they were observed.
     rng : numpy.random.Generator
     ahead, among : ndarray, shape (b,), and float
-        As of `unexplained.ahead`.
+        As of `unexplained.ahead`; by default nothing wanders.
 
     Returns
     -------
@@ -50,8 +50,7 @@ def expected_error(residual, keep, order, rng, ahead=0.0, among=0.0):
     # of normal noise the squares scatter at least so much, here and there
     sigma = np.hypot(max(sigma, np.sqrt(1.0 / counts.sum())), np.sqrt(1.0 / _FRESH))
     still = max(mean - among, _STILL * mean)
-    drawn = still * np.exp(sigma * rng.standard_t(k - 1, np.size(ahead) if np.ndim(ahead)
-                                                  else _DRAWS)) + ahead
+    drawn = still * np.exp(sigma * rng.standard_t(k - 1, len(ahead))) + ahead
     tail = 0.5 - 0.5 * CONFIDENCE
     low, middle, high = np.sqrt(np.quantile(drawn, (tail, 0.5, 1.0 - tail))) / ARCSEC
     return {'rms_arcsec': float(middle), 'low_arcsec': float(low), 'high_arcsec': float(high),

@@ -147,7 +147,7 @@ class Columns:
         return Columns(self.common[:, both], self.own[:, both], self.run[both[:len(both) // 2]])
 
     def basis(self, white):
-        """Orthonormal basis of the whitened columns, shape (rank, 2n).
+        """`Basis` of the whitened columns.
 
         Parameters
         ----------
@@ -203,8 +203,8 @@ class State:
 
     Attributes
     ----------
-    basis : ndarray, shape (rank, 2n)
-        Orthonormal, of the weighted columns.
+    basis : Basis
+        Of the whitened columns.
     white : callable
         Values of shape (..., 2n) -> whitened: times the weights, and without what a row has from
         those before it.
@@ -220,7 +220,7 @@ class State:
         Of x and y, that `white` takes out; empty: noise without memory.
     """
 
-    basis: np.ndarray
+    basis: Basis
     white: object
     residual: np.ndarray
     raw: np.ndarray

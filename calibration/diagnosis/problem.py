@@ -53,6 +53,11 @@ class Problem:
                        None if self.sequence is None else self.sequence.rows(rows),
                        self._wanders, True)
 
+    def replace(self, group, effect, columns):
+        """Put another effect in the place of a group of the dictionary, see `Bank.replace`."""
+        self.dictionary.replace(group, effect, columns)
+        self._wanders.clear()  # they were estimated with the other one
+
     def only(self, chosen):
         """The same with the columns of a choice in the base, and nothing to choose from."""
         none = Bank([], None, np.empty((0, 2 * self.n)))

@@ -33,7 +33,7 @@ class Standing:
     scores: object
 
 
-def standing(problem, found, i, chance, enough=None):
+def standing(problem, found, i, chance, alpha):
     """Test one choice with the others in the model, and find what could stand in its place.
 
     What a wander can be mistaken for is tested against a wander.
@@ -45,7 +45,7 @@ def standing(problem, found, i, chance, enough=None):
     i : int
         Of `found.chosen`.
     chance : Chance
-    enough : float, optional
+    alpha : float
         A p that is certain to be above need not be known.
 
     Returns
@@ -60,17 +60,17 @@ def standing(problem, found, i, chance, enough=None):
         whole = problem.state(found.chosen, found.state.weights, without=i)
         slow = swollen(bank, state, whole) > SLOW if whole.wander else np.zeros(len(bank), bool)
         if slow[g]:
-            return _beside_wander(problem, found, i, chance, enough, whole, np.flatnonzero(slow))
+            return _beside_wander(problem, found, i, chance, alpha, whole, np.flatnonzero(slow))
     scores = bank.score(state)
-    return _standing(problem, found, i, scores, chance.p(state, scores, g, enough))
+    return _standing(problem, found, i, scores, chance.p(state, scores, g, alpha))
 
 
-def _beside_wander(problem, found, i, chance, enough, state, slow):
+def _beside_wander(problem, found, i, chance, alpha, state, slow):
     choice = found.chosen[i]
     bank, g = choice.bank(problem), choice.group
     scores = bank.score(state)
-    p = chance.p(state, scores, g, enough)
-    if p > (enough or 0.01):
+    p = chance.p(state, scores, g, alpha)
+    if p > alpha:
         others = [c for j, c in enumerate(found.chosen) if j != i]
         p = min(p, chance.p_beyond_wander(problem, others, bank, slow, g))
         # what is left to wander is known with the effect in the model

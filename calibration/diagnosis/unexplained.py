@@ -13,7 +13,8 @@ from .constants import WANDER_TESTS
 _AHEAD, _POINTS = 1800.0, 12  # s, and places in them
 _SOME = 100  # rows that stand for a run
 _NIGHTS = 1000  # simulated
-#: degrees of freedom of the size of a random walk, which one run shows once on each axis
+#: degrees of freedom of the size of a random walk, which one run shows but once; chosen so that the
+#: interval holds 53 of 60 random walks
 _FREE = 4.0
 
 
@@ -26,7 +27,7 @@ class Unexplained:
     axes : dict of str to AxisWander
         ``az``, ``el``: the axes that wander.
     p : float
-        That noise without memory would show as much.
+        That noise without memory would show as much, at most.
     like : list of Choice
         Effects of the dictionary that would explain it, were there no wander.
     """
@@ -59,7 +60,8 @@ def unexplained(problem, found, alpha):
     if not found.wandering and p > alpha:
         return None
     axes = {name: one for name, one in zip(('az', 'el'), wander) if one.variance > 0.0}
-    return Unexplained(axes, min(p, alpha) if found.wandering else p, list(found.wandering))
+    # of effects that are beyond chance no more is known than that they are
+    return Unexplained(axes, min(p, alpha), list(found.wandering))
 
 
 def wander_chance(wander):
@@ -126,11 +128,11 @@ def wander_entry(found, problem):
     Returns
     -------
     dict
-        ``p``; ``like`` (names of effects that would explain it); ``slow``: it lasts longer than
-        from row to row; ``text``, a sentence; and ``axes``: of each ``sigma_arcsec`` of the
-        process, ``memory`` and ``span`` (of the rows) in ``unit`` (hours, rows), ``angle`` (it is
-        one of the azimuth axis: times cos E on the sky), ``moves_arcsec``: how far it is expected
-        to move (RMS) in one hour, or in ten rows.
+        ``p`` (at most); ``like`` (names of effects that would explain it); ``slow``: it lasts
+        longer than from row to row; ``text``, a sentence; and ``axes``: of each ``sigma_arcsec``
+        of the process, ``memory`` and ``span`` (of the rows) in ``unit`` (hours, rows),
+        ``angle`` (it is one of the azimuth axis: times cos E on the sky), ``moves_arcsec``: how
+        far it is expected to move (RMS) in one hour, or in ten rows.
     """
     timed = problem.sequence.timed
     unit, far = (3600.0, 3600.0) if timed else (1.0, 10.0)
@@ -141,7 +143,7 @@ def wander_entry(found, problem):
         sigma = np.sqrt(one.variance) / ARCSEC
         moves = sigma * np.sqrt(2.0 * -np.expm1(-far / one.memory))
         axes[name] = {'sigma_arcsec': float(sigma), 'memory': float(one.memory / unit),
-                      'span': float(np.ptp(problem.sequence.position) / unit),
+                      'span': problem.sequence.span / unit,
                       'unit': 'hours' if timed else 'rows', 'moves_arcsec': float(moves),
                       'angle': one.angle}
         slow |= one.memory > usual

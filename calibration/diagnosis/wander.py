@@ -16,8 +16,7 @@ from .constants import EIGEN
 from .repeats import repeats
 
 #: between memories and between sizes (variance over that of the white noise) that are tried
-#: first; then half a step about the best of them. The likelihood is flat: half as wide a grid
-#: finds 0.1 more of 2 ln L in the mean
+#: first; then half a step about the best of them
 _STEP, _SIZE_STEP = 4.0, 10.0
 _SIZES = _SIZE_STEP ** np.arange(-1.0, 3.0)
 
@@ -74,6 +73,13 @@ class Sequence:
         return Sequence(self.position[rows], self.run[rows], self.cos_el[rows], self.timed,
                         self.group[rows])
 
+    @property
+    def span(self):
+        """Length of the longest run, in units of the position."""
+        ordered, begins = self.position[self.order], np.flatnonzero(np.isinf(self.gap))
+        ends = np.append(begins[1:], len(ordered)) - 1
+        return float(np.max(ordered[ends] - ordered[begins]))
+
     def memories(self):
         """Correlation times to be tried, from the shortest gap that counts to far beyond the run.
 
@@ -86,12 +92,7 @@ class Sequence:
         if not len(gap):
             return gap
         first = np.quantile(gap, 0.1)
-        ends = np.zeros(self.run.max() + 1)
-        np.maximum.at(ends, self.run, self.position)
-        starts = np.full(self.run.max() + 1, np.inf)
-        np.minimum.at(starts, self.run, self.position)
-        span = np.max(np.where(np.isfinite(starts), ends - starts, 0.0))
-        count = int(np.ceil(np.log(4.0 * span / first) / np.log(_STEP))) + 1
+        count = int(np.ceil(np.log(4.0 * self.span / first) / np.log(_STEP))) + 1
         return first * _STEP ** np.arange(max(count, 1))
 
 
@@ -165,23 +166,25 @@ class Whitened:
 
     def __call__(self, values):
         """Whitened values, shape (..., 2n): of rows set aside 0."""
-        out = values * self.root
-        for part, axis in self._axes:
-            out[..., part] = axis(values[..., part])
-        return out
+        return self._each(values, self.root, _Axis.whitened)
 
     def spread(self, values):
         """`values` (..., 2n) such that their squares sum to the variance of values @ noise."""
-        out = values / np.where(self.root > 0.0, self.root, np.inf)
-        for part, axis in self._axes:
-            out[..., part] = axis.spread(values[..., part])
-        return out
+        return self._each(values, self._sigma, _Axis.spread)
 
     def coloured(self, values):
         """The way back: white noise (..., 2n) as this noise; 0 in rows set aside."""
-        out = values / np.where(self.root > 0.0, self.root, np.inf)
+        return self._each(values, self._sigma, _Axis.coloured)
+
+    @property
+    def _sigma(self):
+        return 1.0 / np.where(self.root > 0.0, self.root, np.inf)
+
+    def _each(self, values, factor, of_axis):
+        out = values * factor
         for part, axis in self._axes:
-            out[..., part] = axis.coloured(values[..., part])
+            here = values[..., part]
+            out[..., part] = of_axis(axis, here.reshape(-1, here.shape[-1])).reshape(here.shape)
         return out
 
     @property
@@ -217,35 +220,37 @@ class _Axis:
         self._phi = self._part.phi(wander.memory)
         self._diagonal, self._lower = _factored(self._phi, self._part.white, wander.variance)
 
-    def __call__(self, values):
-        flat = values.reshape(-1, self._n)
-        out = np.zeros_like(flat)
-        out[:, self._part.rows] = _solved(
-            self._phi, self._diagonal, self._lower, self._part.scaled(flat).T).T
-        return out.reshape(values.shape)
-
+    def whitened(self, values):
+        """Values (k, n) whitened."""
+        return self._placed(_solved(self._phi, self._diagonal, self._lower,
+                                    self._part.scaled(values).T))
 
     def spread(self, values):
         """Inverse of the transposed whitening."""
-        flat = values.reshape(-1, self._n)
-        out = np.zeros_like(flat)
-        band = np.vstack((np.ones(len(self._phi)), np.append(-self._phi[1:], 0.0)))
-        u = _bidiagonal(band, self._part.unscaled(flat).T, 'T')
+        u = _bidiagonal(self._back, self._part.unscaled(values[:, self._part.rows]).T, 'T')
         u = np.append(u[:-1] + self._lower[:, None] * u[1:], u[-1:], axis=0)
-        out[:, self._part.rows] = (u * np.sqrt(self._diagonal)[:, None]).T
-        return out.reshape(values.shape)
-
+        return self._placed(u * self._root[:, None])
 
     def coloured(self, values):
         """Inverse of the whitening."""
-        flat = values.reshape(-1, self._n)[:, self._part.rows].T * np.sqrt(
-            self._diagonal)[:, None]
-        flat = np.append(flat[:1], flat[1:] + self._lower[:, None] * flat[:-1], axis=0)
-        band = np.vstack((np.ones(len(self._phi)), np.append(-self._phi[1:], 0.0)))
-        noise = _bidiagonal(band, flat)
-        out = np.zeros((noise.shape[1], self._n))
-        out[:, self._part.rows] = self._part.unscaled_part(noise.T)
-        return out.reshape(values.shape)
+        noise = values[:, self._part.rows].T * self._root[:, None]
+        noise = np.append(noise[:1], noise[1:] + self._lower[:, None] * noise[:-1], axis=0)
+        return self._placed(self._part.unscaled(_bidiagonal(self._back, noise).T).T)
+
+    @property
+    def _root(self):
+        return np.sqrt(self._diagonal)
+
+    @property
+    def _back(self):
+        """Band of the differences of neighbours."""
+        return np.vstack((np.ones(len(self._phi)), np.append(-self._phi[1:], 0.0)))
+
+    def _placed(self, columns):
+        """Columns (m, k) of the rows with weight, as (k, n)."""
+        out = np.zeros((columns.shape[1], self._n))
+        out[:, self._part.rows] = columns.T
+        return out
 
     @property
     def log_det(self):
@@ -285,10 +290,6 @@ class _Part:
         return values[..., self.rows] * self._scale
 
     def unscaled(self, values):
-        """The way back, of these rows."""
-        return self.unscaled_part(values[..., self.rows])
-
-    def unscaled_part(self, values):
         """The way back, of values of these rows only."""
         return values / self._scale
 

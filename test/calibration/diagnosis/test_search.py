@@ -159,7 +159,7 @@ def test_identification_at_lambda_nine():
         line = problem.dictionary.line
         shown = set()
         for j, choice in enumerate(found.chosen):
-            s = standing(problem, found, j, chance)
+            s = standing(problem, found, j, chance, 0.01)
             shown |= {int(line[k]) for k in (choice.group, *s.alternatives)}
         good += int(line[g]) in shown
     assert good >= 26
