@@ -88,9 +88,10 @@ def _of_runs(rows):
 
 
 def is_drift(fitted):
-    """Whether it is a drift with the time that is held from some time on."""
+    """Whether it goes on with the time, and is held from some time on."""
     e = fitted.effect
-    return e.form == 'drift' and e.driver == 'time' and bool(e.parameters.get('within'))
+    return (e.form in ('drift', 'changing') and e.driver == 'time'
+            and bool(e.parameters.get('within')))
 
 
 def held_within(fitted, first, last):
@@ -122,7 +123,7 @@ def going_on(model, rows):
     span = last - first
     out = [0.0] * len(model.effects)
     for place, fitted in enumerate(model.effects):
-        if not is_drift(fitted) or fitted.effect.parameters['power'] != 1 or span <= 0.0:
+        if not is_drift(fitted) or fitted.effect.parameters.get('power', 1) != 1 or span <= 0.0:
             continue
         gains = []
         for share in _STRETCHES:

@@ -147,7 +147,8 @@ class Chance:
 
     def p_beyond_wander(self, problem, chosen, bank, groups, g):
         """`AgainstWander.p` of a group, beside a choice of the same problem."""
-        if bank is problem.curves:  # a curve without a cause says no more than a wander
+        # a curve without a cause, or that an effect changes, says no more than a wander
+        if bank is not problem.dictionary:
             return 1.0
         if self._whole is not None and problem.base.own is not None:
             return 1.0  # of runs with terms of their own it takes minutes in all folds together

@@ -77,7 +77,10 @@ def settled(problem, found, alpha, chance, partitions):
     """
     while True:
         stands = [standing(problem, found, i, chance, alpha) for i in range(len(found.chosen))]
-        weak = [(s.p, i) for i, s in enumerate(stands) if s.p > alpha or s.delta_bic <= 0.0]
+        # an effect stays while it changes: in the middle of the night it may be small
+        kept = [c.changes(found.chosen) for c in found.chosen]
+        weak = [(s.p, i) for i, s in enumerate(stands)
+                if (s.p > alpha or s.delta_bic <= 0.0) and not kept[i]]
         if weak:
             found.dropped.append(found.chosen.pop(max(weak)[1]))
         else:
@@ -85,7 +88,9 @@ def settled(problem, found, alpha, chance, partitions):
                            initial=np.inf) if partitions and found.chosen else []
             if min(gains, default=1.0) > 0.0:
                 return Chosen(found, stands, list(gains))
-            found.dropped_by_cv.append(found.chosen.pop(int(np.argmin(gains))))
+            worst = int(np.argmin(gains))
+            found.dropped_by_cv.append(found.chosen[worst])
+            found.chosen = found.without(worst)
         found.state = problem.plain.state(found.chosen)
 
 
@@ -103,7 +108,7 @@ def _gains(problem, found, folds):
     whole = left_out(problem, found.chosen, found.state, folds)
     out = []
     for i, choice in enumerate(found.chosen):
-        others = [c for j, c in enumerate(found.chosen) if j != i]
+        others = found.without(i)
         less = left_out(problem, others, found.state, folds)
         axes = {'az': [0], 'el': [1]}.get(choice.effect(problem).axes, [0, 1])
         out.append(radial_arcsec(less[axes], keep) - radial_arcsec(whole[axes], keep))

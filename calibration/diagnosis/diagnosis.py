@@ -178,7 +178,7 @@ def _as_well_as_a_step(problem, found, i):
         return []
     state = problem.plain.state(found.chosen, without=i)
     own = problem.dictionary.score(state).delta_bic[choice.group]
-    scores = problem.curves.score(state)
+    scores = problem.curves.score(state, gains_only=True)
     return list(dict.fromkeys(
         problem.curves.effects[g].name for g in np.argsort(-scores.delta_bic)
         if scores.delta_bic[g] > own - SET_WIDTH
@@ -192,9 +192,9 @@ def _assemble(work, found, stands, fits, chance):
     made = work.model(base_fit, []), work.model(fitted, found.chosen)
     effects = [DiagnosedEffect(f, p, f.effect.columns(obs.context)) for f, p in work.slips]
     for i, (c, s, f) in enumerate(zip(found.chosen, stands, made[1][0].effects)):
-        one = diagnosed(
-            f, s.p, c.columns(problem).reshape(-1, 2, len(obs)), c.bank(problem).effects,
-            s.scores.delta_bic, c.group, s.alternatives, s.same)
+        bank, group = c.family(problem, found.chosen)
+        one = diagnosed(f, s.p, c.columns(problem).reshape(-1, 2, len(obs)), bank.effects,
+                        s.scores.delta_bic, group, s.alternatives, s.same)
         gradual = _as_well_as_a_step(problem, found, i)
         one.alternatives += gradual
         one.rivals += gradual

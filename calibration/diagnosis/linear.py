@@ -83,16 +83,6 @@ class Basis:
         out -= (out @ self.common.T) @ self.common
         return out
 
-    def dense(self):
-        """All rows, shape (rank, 2n)."""
-        out = np.zeros((len(self), self.common.shape[1]))
-        at = 0
-        for where, part in zip(self.blocks, self.parts):
-            out[at:at + len(part), where] = part
-            at += len(part)
-        out[at:] = self.common
-        return out
-
     def with_common(self, rows):
         """With orthonormal rows, shape (j, 2n), that are beyond it."""
         return Basis(np.vstack((self.common, rows)), self.blocks, self.parts)
@@ -157,12 +147,38 @@ class Columns:
         common = white(self.common)
         if self.own is None:
             return Basis(orthonormal(common))
-        own = white(self.own)
-        out = Basis(common[:0], self._blocks, _orthonormal_each(own, self._blocks))
+        out = self.own_basis(white(self.own))
         left = out.off(out.off(common))
         length = np.sqrt(np.square(common).sum(axis=1))
         kept = np.sqrt(np.square(left).sum(axis=1)) > 1e-5 * length
         return Basis(orthonormal(left[kept]), self._blocks, out.parts)
+
+    def own_basis(self, white_own, but=None):
+        """`Basis` of what the runs fit for themselves.
+
+        Parameters
+        ----------
+        white_own : ndarray, shape (j, 2n)
+        but : int, optional
+            Run that is left out, counted from 0.
+        """
+        blocks = [where for i, where in enumerate(self._blocks) if i != but]
+        return Basis(white_own[:0], blocks, _orthonormal_each(white_own, blocks) if blocks else [])
+
+    def own_of(self, i):
+        """Columns of the `i`-th run's own, zero elsewhere, shape (j, 2n)."""
+        out = np.zeros_like(self.own)
+        out[:, self._blocks[i]] = self.own[:, self._blocks[i]]
+        return out
+
+    def solver(self, white):
+        """`Solver` of least squares by these columns, whitened.
+
+        Parameters
+        ----------
+        white : callable
+        """
+        return Solver(self, white)
 
     def left_of(self, b, white):
         """What a least-squares fit leaves of all rows, those without weight too, shape (2n,).
@@ -174,27 +190,53 @@ class Columns:
         """
         if self.own is None:
             return b - solve(self.common, b, white) @ self.common
-        common, own, values = white(self.common), white(self.own), white(b)
-        basis = Basis(common[:0], self._blocks, _orthonormal_each(own, self._blocks))
-        beyond = basis.off(common)
-        length = np.sqrt(np.square(common).sum(axis=1))
-        beyond[np.sqrt(np.square(beyond).sum(axis=1)) <= 1e-5 * length] = 0.0
-        p = inverse_normal(beyond.copy()) @ (beyond @ basis.off(values))
-        out, values = b - p @ self.common, values - p @ common
-        for where in self._blocks:
-            here = own[:, where]
-            out[where] -= (inverse_normal(here.copy()) @ (here @ values[where])) \
-                @ self.own[:, where]
+        return self.left_by(*self.solver(white)(b), b)
+
+    def left_by(self, p, own, b):
+        """What coefficients, of the common columns (k,) and of each run's own, leave of `b`."""
+        out = b - p @ self.common
+        for where, q in zip(self._blocks or (), own):
+            out[where] -= q @ self.own[:, where]
         return out
 
-    def dense(self):
-        """All columns, those of each run one by one, shape (k, 2n)."""
-        if self.own is None:
-            return self.common
-        out = np.zeros((len(self.own) * len(self._blocks), self.own.shape[1]))
-        for i, block in enumerate(self._blocks):
-            out[i * len(self.own):(i + 1) * len(self.own), block] = self.own[:, block]
-        return np.vstack((self.common, out))
+
+class Solver:
+    """Least squares by `Columns`, run by run: the normal matrix of all would be mostly zeros.
+
+    Parameters
+    ----------
+    columns : Columns
+    white : callable
+        As `State.white`.
+
+    Attributes
+    ----------
+    inverse : ndarray, shape (k, k)
+        Covariance of the coefficients of the common columns, whatever the runs' own are.
+    """
+
+    def __init__(self, columns, white):
+        self._columns, self._white = columns, white
+        self._common, self._own = white(columns.common), None
+        beyond = self._common
+        self._basis = None
+        if columns.own is not None:
+            self._own = white(columns.own)
+            self._basis = columns.own_basis(self._own)
+            beyond = self._basis.off(self._common)
+            length = np.sqrt(np.square(self._common).sum(axis=1))
+            beyond[np.sqrt(np.square(beyond).sum(axis=1)) <= 1e-5 * length] = 0.0
+        self._beyond, self.inverse = beyond, inverse_normal(beyond.copy())
+
+    def __call__(self, b):
+        """Coefficients of the common columns, (k,), and of each run's own, (runs, j)."""
+        values = self._white(b)
+        if self._own is None:
+            return self.inverse @ (self._beyond @ values), np.empty((0, 0))
+        p = self.inverse @ (self._beyond @ self._basis.off(values))
+        values = values - p @ self._common
+        return p, np.array([inverse_normal(self._own[:, where]) @ (
+            self._own[:, where] @ values[where]) for where in self._columns._blocks])
 
 
 @dataclass

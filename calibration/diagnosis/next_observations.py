@@ -13,7 +13,6 @@ from msg_tools.units import DEG
 from pointing_model.context import Context
 
 from .linear import solve
-from .wander import White
 
 _COUNT = 6  # for each ambiguous effect
 _RIVALS = 4
@@ -45,8 +44,9 @@ def propose(problem, obs, base, found, stands):
     out, grid = [], _grid(obs)
     for i, (choice, stand) in enumerate(zip(found.chosen, stands)):
         others = [c.effect(problem) for j, c in enumerate(found.chosen) if j != i]
+        bank, _ = choice.family(problem, found.chosen)
         for rival in [] if choice.curve else stand.alternatives[:_RIVALS]:
-            pair = choice.effect(problem), problem.dictionary.effects[rival]
+            pair = choice.effect(problem), bank.effects[rival]
             proposals = _separate(problem, obs, base, found, pair, others, grid)
             last = proposals[-1]
             if last['separation_after'] > last['separation_before'] + _WORTH:
@@ -109,16 +109,23 @@ def _separate(problem, obs, base, found, pair, others, grid):
     n, m = problem.n, len(context)
     state = found.state
     # the grid is observed in the last run, with its terms
-    label = np.full(m, obs.label[-1])
-    grid_base = base.columns(context, label)
-    common = [e.columns(context).reshape(-1, 2 * m) for e in others]
-    sides = [(e.columns(obs.context).reshape(-1, 2 * n), e.columns(context).reshape(-1, 2 * m))
-             for e in pair]
+    last = int(np.searchsorted(np.unique(obs.label), obs.label[-1]))
+    grid_base = base.columns(context, np.full(m, obs.label[-1]))
     shared = problem.base.added([e.columns(obs.context).reshape(-1, 2 * n) for e in others])
-    grid_dense = _grid_dense(shared, grid_base, common, obs, m)
+    shared_grid = [grid_base.common, *(e.columns(context).reshape(-1, 2 * m) for e in others)]
+    rows = [shared.common]
+    if shared.own is not None:
+        rows.append(shared.own_of(last))
+        shared_grid.append(grid_base.own)
+    rows = [np.vstack(rows), *(e.columns(obs.context).reshape(-1, 2 * n) for e in pair),
+            problem.b[None]]
+    shared_rows, *sides, b = (_beyond_other_runs(shared, r * state.white.root, state.white.root,
+                                                 last) for r in rows)
+    sides = [(r, e.columns(context).reshape(-1, 2 * m)) for r, e in zip(sides, pair)]
     noise = _noise(state, problem, n)
-    views = [_View(shared.dense(), grid_dense, sides[k], sides[1 - k], problem.b, state.white.root,
-                   noise) for k in (0, 1)]
+    shared_grid = np.vstack(shared_grid)
+    views = [_View(shared_rows, shared_grid, sides[k], sides[1 - k], b[0], noise)
+             for k in (0, 1)]
     before = min(v.separation() for v in views)
     proposals, used = [], np.zeros(m, bool)
     for _ in range(_COUNT):
@@ -150,17 +157,11 @@ def _matters(gain, j):
     return [bool(np.any(np.ptp(here, axis=axis) > 0.01 * gain[j])) for axis in range(4)]
 
 
-def _grid_dense(shared, grid_base, common, obs, m):
-    """The model's columns at the grid, in the order of ``shared.dense()``."""
-    parts = [grid_base.common, *common]
-    if shared.own is not None:
-        runs = np.unique(obs.label)
-        k = len(shared.own)
-        own = np.zeros((k * len(runs), 2 * m))
-        last = int(np.searchsorted(runs, obs.label[-1]))
-        own[last * k:(last + 1) * k] = grid_base.own
-        parts.append(own)
-    return np.vstack(parts)
+def _beyond_other_runs(shared, rows, root, last):
+    """Whitened rows without what the runs but the last can fit for themselves."""
+    if shared.own is None:
+        return rows
+    return shared.own_basis(shared.own * root, last).off(rows, in_place=True)
 
 
 def _noise(state, problem, n):
@@ -172,22 +173,22 @@ def _noise(state, problem, n):
 
 
 class _View:
-    """One member of the pair is true; how well can the other follow it."""
+    """One member of the pair is true; how well can the other follow it. Rows are whitened."""
 
-    def __init__(self, shared, shared_grid, truth, rival, b, root, noise):
-        p = solve(np.vstack((shared, truth[0])), b, White(root))
+    def __init__(self, shared, shared_grid, truth, rival, b, noise):
+        p = solve(np.vstack((shared, truth[0])), b, np.copy)
         coefficients = p[len(shared):]
         self._signal = coefficients @ truth[0]
         self._signal_grid = coefficients @ truth[1]
         self._rows = np.vstack((shared, rival[0]))
         self._grid = np.vstack((shared_grid, rival[1]))
-        self._root, self._noise, self._m = root, noise, truth[1].shape[1] // 2
+        self._noise, self._m = noise, truth[1].shape[1] // 2
 
     def _fit(self):
-        return solve(self._rows, self._signal, White(self._root))
+        return solve(self._rows, self._signal, np.copy)
 
     def separation(self):
-        left = (self._signal - self._fit() @ self._rows) * self._root
+        left = self._signal - self._fit() @ self._rows
         return float(left @ left)
 
     def disagreement(self):
@@ -196,10 +197,7 @@ class _View:
 
     def add(self, j):
         at = [j, j + self._m]
-        n = len(self._root) // 2
+        n = self._rows.shape[1] // 2
         place = [n, 2 * n]  # behind the x and behind the y rows
-        self._rows = np.insert(self._rows, place, self._grid[:, at], axis=1)
-        self._signal = np.insert(self._signal, place, self._signal_grid[at])
-        self._root = np.insert(self._root, place, 1.0 / self._noise)
-
-
+        self._rows = np.insert(self._rows, place, self._grid[:, at] / self._noise, axis=1)
+        self._signal = np.insert(self._signal, place, self._signal_grid[at] / self._noise)

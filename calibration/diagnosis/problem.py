@@ -4,6 +4,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from pointing_model.effects import changes
+
 from .linear import Columns, fit_state, wandering, whitened
 from .scores import Bank
 from .wander import Sequence
@@ -21,6 +23,8 @@ class Problem:
         Offsets (after the exact rotations of the base), radians.
     inverse_sigma : ndarray, shape (2n,), or None
     dictionary, curves : Bank
+    changes : Changes, optional
+        Of the effects of the dictionary, offered once these are chosen.
     sequence : Sequence, optional
         Rows may resemble their neighbours in it; without it their noise has no memory.
     """
@@ -31,6 +35,7 @@ class Problem:
     dictionary: Bank
     curves: Bank
     sequence: Sequence | None = None
+    changes: object = None
     _wanders: dict = field(default_factory=dict, repr=False)
     _part: bool = False
 
@@ -51,6 +56,7 @@ class Problem:
                        None if self.inverse_sigma is None else self.inverse_sigma[both],
                        self.dictionary.rows(rows), self.curves.rows(rows),
                        None if self.sequence is None else self.sequence.rows(rows),
+                       None if self.changes is None else self.changes.rows(rows),
                        self._wanders, True)
 
     def replace(self, group, effect, columns):
@@ -63,7 +69,7 @@ class Problem:
         none = Bank([], None, np.empty((0, 2 * self.n)))
         known = self._wanders.get(frozenset(chosen))
         return Problem(self.design(chosen), self.b, self.inverse_sigma, none, none, self.sequence,
-                       {} if known is None else {frozenset(): known}, self._part)
+                       None, {} if known is None else {frozenset(): known}, self._part)
 
     def state(self, chosen, weights=None, without=None, final=False, wander=None):
         """Fit of the base and the chosen groups.
@@ -106,14 +112,33 @@ class Problem:
 
 @dataclass(frozen=True)
 class Choice:
-    """A group of the dictionary (or of the curves)."""
+    """A group of the dictionary, of the curves, or of the changes of a group of the dictionary."""
 
     group: int
     curve: bool = False
+    of: int | None = None
+
+    @property
+    def plain(self):
+        """Whether it is of the dictionary."""
+        return not self.curve and self.of is None
+
+    def changes(self, chosen):
+        """Whether a change of it is among a choice."""
+        return self.plain and any(c.of == self.group for c in chosen)
 
     def bank(self, problem):
         """Where it comes from."""
+        if self.of is not None:
+            return problem.changes.of(self.of)
         return problem.curves if self.curve else problem.dictionary
+
+    def family(self, problem, chosen):
+        """All that it is chosen from beside `chosen`, and its place there: Bank, int."""
+        if self.of is None:
+            return self.bank(problem), self.group
+        bank, all_ = problem.changes.of_all(chosen)
+        return bank, all_.index(self)
 
     def columns(self, problem):
         """Shape (d, 2n)."""
@@ -122,6 +147,51 @@ class Choice:
     def effect(self, problem):
         """The `Effect`."""
         return self.bank(problem).effects[self.group]
+
+
+class Changes:
+    """How the effects of a dictionary may change, evaluated when it is asked for.
+
+    Parameters
+    ----------
+    dictionary : Bank
+    context : Context
+        Of all rows.
+    """
+
+    def __init__(self, dictionary, context):
+        self._dictionary, self._context = dictionary, context
+        self._banks = {}
+
+    def of(self, group):
+        """`Bank` of the changes of a group; it may be empty."""
+        known = self._dictionary.effects[group]
+        if group not in self._banks or self._banks[group][0] is not known:
+            self._banks[group] = known, self._made(group)
+        return self._banks[group][1]
+
+    def _made(self, group):
+        return Bank(changes(self._dictionary.effects[group], self._context), self._context)
+
+    def of_all(self, chosen):
+        """`Bank` of the changes of all effects of a choice, and the `Choice` that each is."""
+        banks = {c.group: self.of(c.group) for c in chosen if c.plain}
+        choices = [Choice(k, of=g) for g, bank in banks.items() for k in range(len(bank))]
+        return Bank([e for bank in banks.values() for e in bank.effects], None, np.vstack(
+            [bank.columns for bank in banks.values()])), choices
+
+    def rows(self, rows):
+        """Those of some rows."""
+        return _Part(self, rows)
+
+
+class _Part(Changes):
+    def __init__(self, whole, rows):
+        super().__init__(whole._dictionary, None)
+        self._whole, self._rows = whole, rows
+
+    def _made(self, group):
+        return self._whole.of(group).rows(self._rows)
 
 
 @dataclass
@@ -146,3 +216,8 @@ class Found:
     dropped_by_cv: list = field(default_factory=list)
     not_repeated: list = field(default_factory=list)
     wandering: list = field(default_factory=list)
+
+    def without(self, i):
+        """The choice but for one, and but for the changes of that one."""
+        one = self.chosen[i]
+        return [c for c in self.chosen if c != one and not (one.plain and c.of == one.group)]

@@ -103,30 +103,30 @@ class Bank:
             A row is zero where the group has fewer directions of its own.
         dof : ndarray of int, shape (G_d,)
         """
-        white = state.white(self.columns)
-        length = np.sqrt(np.einsum('ij,ij->i', white, white))
-        white /= np.where(length > 0.0, length, 1.0)[:, None]
-        white = state.basis.off(white, in_place=True)
         for d, groups in self._by_size:
-            part = white[self._start[groups][:, None] + np.arange(d)]
-            if d == 1:
-                norm2 = np.einsum('gdi,gdi->gd', part, part)
-                keep = norm2 > DISTINCT**2
-                factor = np.where(keep, 1.0 / np.sqrt(np.where(keep, norm2, 1.0)), 0.0)
-                yield groups, part * factor[:, :, None], keep.sum(axis=1)
-                continue
-            values, vectors = np.linalg.eigh(part @ part.transpose(0, 2, 1))
-            keep = values > DISTINCT**2
-            factor = np.where(keep, 1.0 / np.sqrt(np.where(keep, values, 1.0)), 0.0)
-            yield (groups, (vectors * factor[:, None, :]).transpose(0, 2, 1) @ part,
-                   keep.sum(axis=1))
+            index = (self._start[groups][:, None] + np.arange(d)).ravel()
+            white = state.white(self.columns[index])
+            length = np.sqrt(np.einsum('ij,ij->i', white, white))
+            white /= np.where(length > 0.0, length, 1.0)[:, None]
+            basis = state.basis.off(white, in_place=True).reshape(len(groups), d, -1)
+            dof = np.empty(len(groups), int)
+            for k in range(0, len(groups), _CHUNK):  # of many rows all at once take much memory
+                part = basis[k:k + _CHUNK]
+                values, vectors = np.linalg.eigh(part @ part.transpose(0, 2, 1))
+                keep = values > DISTINCT**2
+                factor = np.where(keep, 1.0 / np.sqrt(np.where(keep, values, 1.0)), 0.0)
+                part[:] = (vectors * factor[:, None, :]).transpose(0, 2, 1) @ part
+                dof[k:k + _CHUNK] = keep.sum(axis=1)
+            yield groups, basis, dof
 
-    def score(self, state):
+    def score(self, state, gains_only=False):
         """Score all groups on what a state leaves.
 
         Parameters
         ----------
         state : State
+        gains_only : bool
+            Without the bases, which take as much memory as the columns.
 
         Returns
         -------
@@ -137,8 +137,10 @@ class Bank:
         r = state.residual
         live = max(np.count_nonzero(state.weights > LIVE), 2)
         rss = np.array([r[:n] @ r[:n], r[n:] @ r[n:]]) + 1e-30
-        bases = list(self.bases(state))
-        for groups, basis, k in bases:
+        bases = []
+        for groups, basis, k in self.bases(state):
+            if not gains_only:
+                bases.append((groups, basis, k))
             ratio = np.empty((len(groups), 2))
             for i in range(0, len(groups), _CHUNK):  # of many rows all at once take much memory
                 part = basis[i:i + _CHUNK]

@@ -4,7 +4,8 @@ A candidate is added while the largest standardised score of all candidates is b
 (family-wise, by sign flips of leverage-corrected residual pairs); of the candidates the one with
 the largest penalised log-likelihood is taken. After each addition every earlier choice is
 offered all candidates again, and what no longer pays is dropped. What the dictionary leaves is
-then offered curves of each driver: their verdict is *unknown*.
+then offered changes of what was found (an effect that grows through the night), and curves of each
+driver: their verdict is *unknown*.
 """
 
 import numpy as np
@@ -48,10 +49,10 @@ def search(problem, alpha, chance, given_up=()):
     plain = problem.plain
     found = Found([], plain.state([]))
     _forward(problem, plain, found, alpha * DICTIONARY_SHARE, chance, given_up)
-    if len(problem.curves):
-        for _ in range(MOST_EFFECTS - len(found.chosen)):
-            if not _add_curve(problem, plain, found, alpha * CURVE_SHARE, chance, given_up):
-                break
+    for add, share, offered in ((_add_change, DICTIONARY_SHARE, problem.changes is not None),
+                                (_add_curve, CURVE_SHARE, len(problem.curves))):
+        while offered and len(found.chosen) < MOST_EFFECTS and add(
+                problem, plain, found, alpha * share, chance, given_up):
             _forward(problem, plain, found, alpha * DICTIONARY_SHARE, chance, given_up)
     return found
 
@@ -59,8 +60,8 @@ def search(problem, alpha, chance, given_up=()):
 def _forward(problem, plain, found, alpha, chance, given_up):
     """Add groups of the dictionary while one that pays is beyond chance, and beyond a wander."""
     seen = {frozenset(found.chosen)}
-    without = [c.group for c in given_up if not c.curve]
-    blocked, found.wandering = [], [c for c in found.wandering if c.curve]
+    without = [c.group for c in given_up if c.plain]
+    blocked, found.wandering = [], [c for c in found.wandering if not c.plain]
     while len(found.chosen) < MOST_EFFECTS:
         g = _beyond_chance(plain, found.state, alpha, chance, [*without, *blocked])
         if g is None:
@@ -125,13 +126,13 @@ def _second_look(problem, found, without=()):
         i = 0
         while i < len(found.chosen) and len(found.chosen) > 1:
             choice = found.chosen[i]
-            if choice.curve:
+            if not choice.plain or choice.changes(found.chosen):
                 i += 1
                 continue
             state = problem.state(found.chosen, found.state.weights, without=i)
             scores = problem.dictionary.score(state)
             others = [*without, *(c.group for j, c in enumerate(found.chosen)
-                                  if j != i and not c.curve)]
+                                  if j != i and c.plain)]
             g, gain = best_of(scores, others)
             if gain <= 0.0:
                 found.dropped.append(found.chosen.pop(i))
@@ -145,6 +146,30 @@ def _second_look(problem, found, without=()):
         if not changed:
             break
         found.state = problem.state(found.chosen, found.state.weights)
+
+
+def _add_change(problem, plain, found, alpha, chance, given_up):
+    """That an effect which was found grows or fades."""
+    if not any(c.plain for c in found.chosen):
+        return False
+    bank, choices = plain.changes.of_all(found.chosen)
+    without = [i for i, c in enumerate(choices) if c in found.chosen or c in given_up]
+    # of one effect one change
+    without += [i for i, c in enumerate(choices) if any(c.of == k.of for k in found.chosen)]
+    scores = bank.score(found.state)
+    while len(without) < len(bank):
+        g, gain = best_of(scores, without)
+        if gain <= 0.0 or chance.p(found.state, scores, g, alpha) > alpha or not _affordable(
+                problem, found.state, len(bank.of(g))):
+            return False
+        lost = _blocked(problem, found, bank, g, alpha, chance)
+        if not len(lost):
+            found.chosen.append(choices[g])
+            found.state = plain.state(found.chosen, found.state.weights)
+            return True
+        found.wandering.append(choices[g])
+        without += list(lost)
+    return False
 
 
 def _add_curve(problem, plain, found, alpha, chance, given_up):
@@ -165,7 +190,7 @@ def _add_curve(problem, plain, found, alpha, chance, given_up):
         without += list(lost)
     found.chosen = [*beside.chosen, Choice(g, True)]
     found.state = plain.state(found.chosen, found.state.weights)
-    _second_look(plain, found, [c.group for c in given_up if not c.curve])
+    _second_look(plain, found, [c.group for c in given_up if c.plain])
     return True
 
 
@@ -188,15 +213,16 @@ def _replacements(problem, found, without):
     """Curves that beat all dictionary effects of one driver together by more than the set width."""
     out = []
     effects = [c.effect(problem) for c in found.chosen]
-    drivers = {e.driver for c, e in zip(found.chosen, effects) if not c.curve}
+    kept_anyway = [not c.plain or c.changes(found.chosen) for c in found.chosen]
+    drivers = {e.driver for keep, e in zip(kept_anyway, effects) if not keep}
     for driver in drivers:
-        keep = tuple(i for i, (c, e) in enumerate(zip(found.chosen, effects))
-                     if c.curve or e.driver != driver)
+        keep = tuple(i for i, (anyway, e) in enumerate(zip(kept_anyway, effects))
+                     if anyway or e.driver != driver)
         if len(found.chosen) - len(keep) < 1:
             continue
         kept = [found.chosen[i] for i in keep]
         state = problem.state(kept, found.state.weights)
-        scores = problem.curves.score(state)
+        scores = problem.curves.score(state, gains_only=True)
         same = np.array([e.driver == driver for e in problem.curves.effects])
         if not same.any():
             continue

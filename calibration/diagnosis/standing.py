@@ -52,9 +52,7 @@ def standing(problem, found, i, chance, alpha):
     -------
     Standing
     """
-    choice = found.chosen[i]
-    bank = choice.bank(problem)
-    g = choice.group
+    bank, g = found.chosen[i].family(problem, found.chosen)
     state = problem.plain.state(found.chosen, found.state.weights, without=i)
     if follows(problem.sequence, bank, g, state):
         whole = problem.state(found.chosen, found.state.weights, without=i)
@@ -66,8 +64,7 @@ def standing(problem, found, i, chance, alpha):
 
 
 def _beside_wander(problem, found, i, chance, alpha, state, slow):
-    choice = found.chosen[i]
-    bank, g = choice.bank(problem), choice.group
+    bank, g = found.chosen[i].family(problem, found.chosen)
     scores = bank.score(state)
     p = chance.p(state, scores, g, alpha)
     if p > alpha:
@@ -81,8 +78,9 @@ def _beside_wander(problem, found, i, chance, alpha, state, slow):
 
 def _standing(problem, found, i, scores, p):
     choice = found.chosen[i]
-    bank, g = choice.bank(problem), choice.group
-    others = {c.group for j, c in enumerate(found.chosen) if j != i and c.curve == choice.curve}
+    bank, g = choice.family(problem, found.chosen)
+    others = {c.family(problem, found.chosen)[1] for j, c in enumerate(found.chosen)
+              if j != i and (c.curve, c.of is None) == (choice.curve, choice.of is None)}
     limit = scores.delta_bic.max() - SET_WIDTH
     lines = {int(bank.line[g])}
     near = []

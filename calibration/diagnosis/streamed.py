@@ -16,7 +16,7 @@ from pointing_model.terms import PHYSICAL
 from .base import after_rotation, linearised
 from .chance import normal_score
 from .constants import ALIAS, DISTINCT, EIGEN, FLIPS, MOST_EFFECTS
-from .linear import fit_state, solve
+from .linear import fit_state
 from .result import concluded, diagnosed, hidden, lines_of, ranking_of
 from .work import Fitted, made_model
 
@@ -96,7 +96,8 @@ class _Data:
         self.start, left, _ = linearised(sample, base)
         columns = base.columns(sample.context, sample.label)
         state = fit_state(columns, left, sample.inverse_sigma, final=True)
-        self.scale, self._first = state.scale, solve(columns.dense(), left, state.white)
+        self.scale = state.scale
+        self._first = np.concatenate([p.ravel() for p in columns.solver(state.white)(left)])
         obs.notes += [note for note in sample.notes if note not in obs.notes]
         self.weights = np.ones(len(obs))
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 
-from .linear import inverse_normal, solve
+from .wander import White
 
 _ROWS = 20000  # that a design is made of, at most: more change no printed digit
 
@@ -43,9 +43,8 @@ def beyond_base(diagnosis, offsets):
     """
     obs = diagnosis.observations
     rows, both = _rows(diagnosis)
-    design = diagnosis.base.columns(obs.context, obs.label).rows(both).dense()
-    values = offsets.reshape(-1)[both]
-    left = values - solve(design, values, np.copy) @ design
+    left = diagnosis.base.columns(obs.context, obs.label).rows(both).left_of(
+        offsets.reshape(-1)[both], np.copy)
     return float(np.sqrt(np.square(left).sum() / max(len(rows), 1)))
 
 
@@ -68,7 +67,6 @@ def correlations(diagnosis):
     found = [e for e in diagnosis.effects if e.fitted.effect.kind != 'known']
     shared = base.columns(obs.context, obs.label).rows(both)
     parts = [e.columns.reshape(-1, 2 * n)[:, both] for e in found]
-    design = shared.added(parts).dense() if parts else shared.dense()
     names = [(t, None) for t in base.terms if t not in base.own]
     at = np.arange(len(names)).tolist()
     start = len(names) + 2 * base.harmonic_count
@@ -83,7 +81,7 @@ def correlations(diagnosis):
         root = np.concatenate([weight / max(s, 1e-15) for s in scale])
     else:
         root = obs.inverse_sigma[both] * np.concatenate((weight, weight))
-    inverse = inverse_normal(design * root)[np.ix_(at, at)]
+    inverse = shared.added(parts).solver(White(root)).inverse[np.ix_(at, at)]
     size = np.sqrt(np.maximum(np.diag(inverse), 1e-300))
     return names, inverse / np.outer(size, size)
 

@@ -14,8 +14,7 @@ from pointing_model.model import PointingModel
 from pointing_model.terms import PHYSICAL
 
 from .base import after_rotation, decode_slips, linearised
-from .linear import inverse_normal
-from .problem import Problem
+from .problem import Changes, Problem
 from .scores import Bank
 from .wander import Sequence
 
@@ -39,6 +38,7 @@ class Work:
         self.slips = self._slips(alpha)
         self.problem.dictionary = Bank(effects + steps(obs.context), obs.context)
         self.problem.curves = Bank(smooths(obs.context) if curves else [], obs.context)
+        self.problem.changes = Changes(self.problem.dictionary, obs.context)
         self.infeasible = ~feasible
 
     def _slips(self, alpha):
@@ -67,15 +67,14 @@ class Work:
         -------
         Fitted
         """
-        design = self.problem.design(chosen).dense()
+        design = self.problem.design(chosen)
         common = [t for t in self.base.terms if t not in self.base.own]
         geometric = [i for i, t in enumerate(common) if t in rotation.GEOMETRIC]
-        white = state.white(design)
-        inverse = inverse_normal(white.copy())
+        solve = design.solver(state.white)
         start, left = dict(self.start), self.problem.b
         for _ in range(4):
-            p = inverse @ (white @ state.white(left))
-            residual = left - p @ design
+            p, own = solve(left)
+            residual = design.left_by(p, own, left)
             step = p[geometric].copy()
             # what the geometric terms gained goes into the rotations
             for i, d in zip(geometric, step):
@@ -84,7 +83,7 @@ class Work:
                 break
             left, _ = after_rotation(self.obs, start)
         p[geometric] = [start[common[i]] for i in geometric]
-        return Fitted(p, inverse, start, residual.reshape(2, -1), common)
+        return Fitted(np.append(p, own), solve.inverse, start, residual.reshape(2, -1), common)
 
     def model(self, fitted, chosen):
         """`PointingModel` with the effects, and the terms of each run."""
@@ -93,6 +92,8 @@ class Work:
 
 @dataclass
 class Fitted:
+    """Coefficients, first the common ones, then those of each run; covariance of the common."""
+
     p: np.ndarray
     inverse: np.ndarray
     start: dict

@@ -13,11 +13,12 @@ from importlib import import_module
 from pkgutil import iter_modules
 
 from .base import Amount, Effect, effect, of_document, to_document
+from .changing import changes
 from .curves import smooths
 from .drifts import steps
 from .graduation import PERIODS, declared_graduation, period_of
 
-__all__ = ['PERIODS', 'Amount', 'Effect', 'declared_graduation', 'dictionary', 'effect',
+__all__ = ['PERIODS', 'Amount', 'Effect', 'changes', 'declared_graduation', 'dictionary', 'effect',
            'of_document', 'period_of', 'smooths', 'steps', 'to_document']
 
 _MODULES = [import_module(f'.{name}', __name__)

@@ -8,8 +8,15 @@ from .base import Effect, effect, form, offer
 
 
 @form
-def _camera(of):
+def _camera(of, most=None):
+    """Camera turned, or of a wrong scale; a miss beyond `most` (arcsec) counts as that much."""
     rotation = of == 'rotation'
+
+    def columns(c):
+        x, y = (c.get(name) / ARCSEC for name in ('miss_x', 'miss_y'))
+        if most is not None:
+            x, y = np.clip(x, -most, most), np.clip(y, -most, most)
+        return [(-y, x) if rotation else (x, y)]
 
     def say(amount):
         value = amount.values[0]
@@ -21,8 +28,7 @@ def _camera(of):
                   'camera turned' if rotation else 'plate scale of the camera wrong',
                   '(-m_y, m_x)' if rotation else '(m_x, m_y)', 'miss_x', 'both',
                   ('angle' if rotation else 'scale',),
-                  lambda c: [(-c.get('miss_y') / ARCSEC, c.get('miss_x') / ARCSEC) if rotation
-                             else (c.get('miss_x') / ARCSEC, c.get('miss_y') / ARCSEC)], say,
+                  columns, say,
                   'the angle of the camera on its flange' if rotation
                   else 'focal length and pixel size that the camera is reduced with',
                   'arcsec/arcsec', requires=('miss_x', 'miss_y'))
@@ -30,5 +36,9 @@ def _camera(of):
 
 def propose(context, lacking, own):
     """Where the miss distance is known and varies."""
-    yield offer('camera', 'camera rotation and scale', context, 'miss_x',
-                lambda _: [effect('camera', of=of) for of in ('rotation', 'scale')])
+    def build(_):
+        # far beyond what was seen nothing is known of the camera
+        far = 1.5 * max(np.nanmax(np.abs(context.get(m))) for m in ('miss_x', 'miss_y')) / ARCSEC
+        return [effect('camera', of=of, most=float(far)) for of in ('rotation', 'scale')]
+    yield offer('camera', 'camera rotation and scale', context, 'miss_x', build,
+                None if context.get('miss_y') is not None else 'miss_y is not known')

@@ -3,6 +3,7 @@
 import numpy as np
 
 from .base import AXES, Effect, arcsec, effect, form, offer, on_axis, single_rows
+from .drifts import about, progress
 
 _CAUSES = {
     'magnitude': ('bright and faint stars are centred differently',
@@ -13,12 +14,12 @@ _CAUSES = {
 
 
 @form
-def _proportional(axis, driver, origin=0.0, scale=1.0, pattern='sky'):
-    """Offset on the sky, or of an axis' angle, proportional to a driver."""
+def _proportional(axis, driver, origin=0.0, scale=1.0, pattern='sky', within=None):
+    """Offset on the sky, or of an axis' angle, proportional to a driver (held within `within`)."""
     sky = pattern == 'sky'
 
     def of(c):
-        u = (c.get(driver) - origin) / scale
+        u = progress(c, driver, origin, scale, within)
         return [(u, 0.0) if axis == 'az' and sky else on_axis(axis, u, c.trig.cos_el)]
 
     def say(amount):
@@ -48,12 +49,11 @@ def propose(context, lacking, own):
     """Where the column is known and varies; a side of the pier in more than single rows."""
     for driver in _CAUSES:
         yield offer('proportional', driver, context, driver, lambda v, driver=driver: [
-            effect('proportional', axis=axis, driver=driver, origin=float(np.mean(v)))
-            for axis in AXES], _single_side(context) if driver == 'pier_side' else None)
+            effect('proportional', axis=axis, **about(driver, 1.0, v)) for axis in AXES
+        ], _single_side(context) if driver == 'pier_side' else None)
     for driver in context.extra():
         yield offer('proportional', driver, context, driver, lambda v, driver=driver: [
-            effect('proportional', axis=axis, driver=driver, origin=float(np.mean(v)),
-                   scale=float(np.std(v)), pattern=pattern)
+            effect('proportional', axis=axis, pattern=pattern, **about(driver, float(np.std(v)), v))
             for axis, pattern in (('az', 'sky'), ('az', 'angle'), ('el', 'sky'))])
 
 

@@ -16,8 +16,8 @@ _MOVING = {
     'TF': ('flexure', 'el', 'The bending of the tube'),
     'tilt': ('tilt of the azimuth axis', 'both', 'The tilt of the azimuth axis'),
 }
-_SYMBOLS = {'time': 't', 'temperature': 'T', 'order': 'n', 'run_hours': '(t - start of the run)'}
-_UNITS = {'time': '/h', 'run_hours': '/h', 'temperature': '/K', 'order': '/run'}
+SYMBOLS = {'time': 't', 'temperature': 'T', 'order': 'n', 'run_hours': '(t - start of the run)'}
+UNITS = {'time': '/h', 'run_hours': '/h', 'temperature': '/K', 'order': '/run'}
 _EACH = {'time': 'an hour', 'run_hours': 'an hour in each run', 'temperature': 'a degree',
          'order': 'over the run'}
 _LONG = 96.0 * _HOUR  # from here on a drift is told by the day
@@ -31,8 +31,7 @@ def _drift(of, driver, power=1, origin=0.0, scale=1.0, within=None):
     square = power == 2
 
     def columns(c):
-        u = c.get(driver) if within is None else np.clip(c.get(driver), *within)
-        u = ((u - origin) / scale) ** power
+        u = progress(c, driver, origin, scale, within) ** power
         return [(x * u, y * u) for x, y in (TERMS[n].of(c.trig) for n in names)]
 
     def say(amount):
@@ -58,10 +57,10 @@ def _drift(of, driver, power=1, origin=0.0, scale=1.0, within=None):
                   + ('_squared' if square else ''),
                   f'{what} moves with {driver_word(driver)}'
                   + (', quadratically' if square else ''),
-                  f'{", ".join(names)} x {_SYMBOLS.get(driver, driver)}' + ('^2' if square else ''),
+                  f'{", ".join(names)} x {SYMBOLS.get(driver, driver)}' + ('^2' if square else ''),
                   driver, axes, names, columns, say,
                   'what warms up or settles: encoder electronics, head and its bracket, pier, tube',
-                  f'arcsec{_UNITS.get(driver, f"/({scale:.4g})")}' + ('^2' if square else ''),
+                  f'arcsec{UNITS.get(driver, f"/({scale:.4g})")}' + ('^2' if square else ''),
                   requires=(driver,))
 
 
@@ -98,20 +97,32 @@ def _run_zero(axis, runs):
                   requires=('run',))
 
 
+def progress(context, driver, origin, scale, within):
+    """(driver - origin) / scale, the driver held at the ends of `within`; shape (n,)."""
+    u = context.get(driver) if within is None else np.clip(context.get(driver), *within)
+    return (u - origin) / scale
+
+
+def about(driver, scale, values):
+    """Parameters of what follows a driver, from its values in a run."""
+    low, high = float(np.min(values)), float(np.max(values))
+    # it goes on for a while after the run, but not for ever
+    reach = 0.5 * (high - low)
+    return {'driver': driver, 'origin': float(np.mean(values)), 'scale': scale,
+            'within': [low - reach, high + reach]}
+
+
 def _drifts(driver, scale, values):
     """Terms that follow a driver."""
-    low, high = float(np.min(values)), float(np.max(values))
-    # a drift goes on for a while after the run, but not for ever
-    reach = 0.5 * (high - low)
-    about = {'driver': driver, 'origin': float(np.mean(values)), 'scale': scale,
-             'within': [low - reach, high + reach]}
-    out = [effect('drift', of=of, **about) for of in _MOVING]
+    given = about(driver, scale, values)
+    out = [effect('drift', of=of, **given) for of in _MOVING]
     if driver != 'temperature':
-        out += [effect('drift', of=of, power=2, **about) for of in ('IA', 'IE')]
+        out += [effect('drift', of=of, power=2, **given) for of in ('IA', 'IE')]
     return out
 
 
-def _clock(context):
+def clock(context):
+    """The driver that tells what comes after what, and its unit: time in hours, or the order."""
     return ('time', _HOUR) if context.get('time') is not None else ('order', 1.0)
 
 
@@ -128,11 +139,11 @@ def propose(context, lacking, own):
     Of several nights, linear drifts in time of terms that each run fits for itself are those in
     the time since the start of each run: only the latter, which tell another night, are offered.
     """
-    clock, unit = _clock(context)
+    time, unit = clock(context)
     several = context.several_nights()
-    yield offer('drift', 'drift in time', context, clock, lambda v: [
-        e for e in _drifts(clock, unit, v) if not (
-            several and clock == 'time' and e.parameters['power'] == 1
+    yield offer('drift', 'drift in time', context, time, lambda v: [
+        e for e in _drifts(time, unit, v) if not (
+            several and time == 'time' and e.parameters['power'] == 1
             and e.parameters['of'] in own)])
     if several:
         yield offer('drift', 'drift since the start of each run', context, 'run_hours',
@@ -158,7 +169,7 @@ def steps(context, limit=32):
         The members of two scans; at least three rows on each side. None for several runs
         without times: a place in the order of one run is none in another.
     """
-    driver, _ = _clock(context)
+    driver, _ = clock(context)
     if driver == 'order' and _runs(context):
         return []
     between = places_of_steps(context, driver)

@@ -13,6 +13,8 @@ from calibration.diagnosis_page.plain_words import verdict_sentences
 from calibration.diagnosis_page.view import view_of
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model import geometry
+from pointing_model.effects import Amount
+from pointing_model.model import PointingModel
 from pointing_model.run import PointingRun
 from pointing_model.terms import PHYSICAL, STANDARD6
 
@@ -180,6 +182,40 @@ def test_two_effects_at_once():
     shown = [{e.fitted.effect.name, *e.alternatives, *e.aliases} for e in result.effects]
     for wanted in ('azimuth_encoder_1', 'azimuth_hysteresis_cosE', 'elevation_zero_with_time'):
         assert any(wanted in s for s in shown), wanted
+
+
+def growing(size, by):
+    """An azimuth error twice a turn, `by` times its size larger at the end than at the start."""
+    def of(c):
+        grown = 1.0 + by * (np.linspace(-0.5, 0.5, len(c['az'])))
+        return size * ARCSEC * np.sin(2.0 * c['az'] + 1.0) * grown, 0.0
+    return of
+
+
+def test_an_effect_that_grows_is_told_with_its_change():
+    for seed in range(4):
+        result = diagnose(night(600 + seed, effect=growing(6.0, 1.8)), **FAST)
+        assert len(result.effects) == 2, names(result)
+        whole, change = result.effects
+        # an axis error twice a turn and a line of sight twice a turn are close
+        assert whole.fitted.effect.name in ('azimuth_encoder_2', 'line_of_sight_2')
+        assert change.fitted.effect.form == 'changing'
+        assert change.fitted.effect.name.startswith(whole.fitted.effect.name + '_changing_with_')
+        assert result.after['rms_arcsec'] < 1.6 < result.before['rms_arcsec']
+        sentence = change.fitted.effect.sentence(Amount(
+            change.fitted.coefficients / ARCSEC, 2.0, (0.0, 3600.0)))
+        assert 'not the same all the time' in sentence and 'in the run' in sentence
+    # through the document, and held where the run is long over
+    model = PointingModel.from_json(result.model.to_json())
+    fresh = night(600 + seed, effect=growing(6.0, 1.8))
+    assert np.allclose(model.residuals(fresh), result.model.residuals(fresh), atol=1e-12)
+    late = PointingRun({**fresh.columns, 'time': fresh['time'] + 1e6}, fresh.meta)
+    later = PointingRun({**fresh.columns, 'time': fresh['time'] + 2e6}, fresh.meta)
+    assert np.array_equal(model.residuals(late), model.residuals(later))
+    # what stays as it is has no change
+    for seed in range(4):
+        assert not any('changing' in name for name in names(
+            diagnose(night(610 + seed, effect=growing(6.0, 0.0)), **FAST)))
 
 
 def test_aliases_of_terms_are_never_effects():

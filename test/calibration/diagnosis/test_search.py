@@ -57,14 +57,23 @@ def play(size):
     return lambda c: np.array([size * ARCSEC * c.get('approach_az') * np.cos(c.el), 0.0 * c.el])
 
 
+def own_rows(blocks, parts, size):
+    """Rows that live in blocks of the columns, zero elsewhere."""
+    for where, part in zip(blocks, parts):
+        out = np.zeros((len(part), size))
+        out[:, where] = part
+        yield out
+
+
 def test_columns_of_single_runs_are_the_dense_ones():
     rng = np.random.default_rng(1)
     own, common, run = rng.normal(size=(2, 80)), rng.normal(size=(3, 80)), np.arange(40) % 3
     columns = Columns(common, own, run)
     root = rng.uniform(0.5, 2.0, 80)
     kept = columns.basis(White(root))
-    basis = kept.dense()
-    dense = columns.dense()
+    basis = np.vstack((*own_rows(kept.blocks, kept.parts, 80), kept.common))
+    dense = np.vstack((common, *own_rows(columns._blocks, [
+        own[:, where] for where in columns._blocks], 80)))
     assert len(columns) == len(dense) == 9 and np.allclose(basis @ basis.T, np.eye(9), atol=1e-12)
     white = dense * root
     assert np.allclose((white @ basis.T) @ basis, white, atol=1e-10)
@@ -76,6 +85,11 @@ def test_columns_of_single_runs_are_the_dense_ones():
     left = columns.left_of(values[0], White(root))
     p = np.linalg.lstsq(white.T, values[0] * root, rcond=None)[0]
     assert np.allclose(left, values[0] - p @ dense, atol=1e-10)
+    solver = columns.solver(White(root))
+    found = solver(values[0])
+    assert np.allclose(np.concatenate([part.ravel() for part in found]), p, atol=1e-9)
+    inverse = np.linalg.inv(white @ white.T)[:3, :3]
+    assert np.allclose(solver.inverse, inverse, rtol=1e-6)
     part = columns.rows(np.concatenate((np.flatnonzero(run < 2), 40 + np.flatnonzero(run < 2))))
     assert len(part) == 7
     # a column that runs fit for themselves has nothing left of its own

@@ -17,7 +17,7 @@ from calibration.diagnosis_page.svg_plot import Panel, SkyMap, limit_of, ticks
 from calibration.diagnosis_page.view import Driver, FoundEffect, View, driver_of, view_of
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.context import Context
-from pointing_model.effects import Amount, dictionary, effect, smooths, steps
+from pointing_model.effects import Amount, changes, dictionary, effect, smooths, steps
 from pointing_model.effects.base import arcsec, readable
 from pointing_model.run import PointingRun
 
@@ -221,6 +221,7 @@ def test_every_form_has_words():
     columns.pop(EVIL)
     context = Context.of_run(PointingRun(columns, {'site': {'latitude': 0.6, 'longitude': 0.1}}))
     effects = dictionary(context)[0] + steps(context)[:1] + smooths(context)[:30]
+    effects += changes(effects[0], context)
     assert len({e.form for e in effects}) > 14
     for e in effects:
         text = e.sentence(Amount(np.ones(len(e.coefficient_names)), 1.0, (0.0, 1.0), str))

@@ -12,6 +12,7 @@ from pointing_model import geometry
 from pointing_model.context import Context
 from pointing_model.effects import (
     PERIODS,
+    changes,
     declared_graduation,
     dictionary,
     effect,
@@ -104,7 +105,10 @@ def test_the_dictionary_holds_what_is_asked_for():
 
 def test_every_effect_comes_back_from_its_document():
     context = make_context()
-    for e in dictionary(context)[0] + steps(context)[:2] + smooths(context)[::40]:
+    effects = dictionary(context)[0]
+    change = [c for e in effects[::8] for c in changes(e, context)]
+    assert {c.driver for c in change} == {'time', 'temperature'}
+    for e in effects + change + steps(context)[:2] + smooths(context)[::40]:
         again = of_document(json.loads(json.dumps(to_document(e))))
         assert again == e
         columns = e.columns(context)
@@ -546,6 +550,26 @@ def test_one_night_and_one_run_have_one_clock(run):
     context = Context.of_run(run)
     candidates = dictionary(context)[0] + smooths(context)
     assert not [e.name for e in candidates if e.driver == 'run_hours']
+
+
+def test_what_is_proportional_is_held_beyond_what_was_seen():
+    context = make_context()
+    effects = {e.name: e for e in dictionary(context)[0]}
+    for name, driver in (('magnitude_equation_az', 'magnitude'), ('camera_scale', 'miss_x'),
+                         ('camera_rotation', 'miss_x')):
+        seen = np.nanmax(np.abs(effects[name].columns(context)))
+        far = make_context(**{d: 100.0 * context.get(d) for d in ('magnitude', 'miss_x', 'miss_y')})
+        assert 1.2 * seen < np.abs(effects[name].columns(far)).max() < 2.5 * seen, driver
+
+
+def test_changes_are_offered_of_what_does_not_change_already():
+    context = make_context()
+    for e in (*dictionary(context)[0], *steps(context)[:2], *smooths(context)[:3]):
+        of_time = e.driver in ('time', 'temperature', 'run') or e.kind == 'smooth'
+        assert bool(changes(e, context)) is not of_time, e.name
+        assert not any(changes(c, context) for c in changes(e, context))
+    nights = Context.of_run(make_nights(24.0))
+    assert 'run_hours' in {c.driver for e in dictionary(nights)[0] for c in changes(e, nights)}
 
 
 def test_terms_that_the_base_lacks():

@@ -1,0 +1,58 @@
+"""Effects that grow or fade: another effect, times what changes it.
+
+They are no part of the dictionary: an effect is offered with its changes once it is found.
+"""
+
+from .base import Effect, effect, form, of_document, readable, to_document
+from .drifts import SYMBOLS, UNITS, about, clock, progress
+
+#: an effect of these is a change already, or a moment
+_OF_TIME = ('time', 'order', 'run_hours', 'temperature', 'run')
+_WITH = {'run_hours': 'the time since the start of each run', 'order': 'the order of the rows'}
+
+
+@form
+def _changing(of, driver, origin=0.0, scale=1.0, within=None):
+    """An effect (its document) x (driver - origin) / scale; the driver is held within `within`."""
+    whole = of_document(of)
+    with_ = _WITH.get(driver, driver)
+
+    def columns(c):
+        return whole.columns(c) * progress(c, driver, origin, scale, within)
+
+    def say(amount):
+        text = f'{readable(whole.name)}, not the same all the time: it changes with {with_}'
+        if amount.span is not None and whole.unit == 'arcsec':
+            by = amount.size * (amount.span[1] - amount.span[0]) / scale
+            text += f', by {by:.1f}\u2033 in the run'
+        return text[:1].upper() + text[1:]
+
+    return Effect(f'{whole.name}_changing_with_{driver}', f'{whole.cause}; it changes with {with_}',
+                  f'({whole.formula}) x {SYMBOLS.get(driver, driver)}', driver, whole.axes,
+                  whole.coefficient_names, columns, say,
+                  f'{whole.look_at}; and what of it warms up, loosens or settles',
+                  f'{whole.unit}{UNITS.get(driver, "")}', requires=(*whole.requires, driver))
+
+
+def changes(whole, context):
+    """How an effect may change in a run: with the clock, with the temperature.
+
+    Parameters
+    ----------
+    whole : Effect
+    context : Context
+        Of the run.
+
+    Returns
+    -------
+    list of Effect
+        None of effects that are changes themselves.
+    """
+    if whole.driver in _OF_TIME or whole.kind != 'effect':
+        return []
+    drivers = [clock(context), ('temperature', 1.0)]
+    if context.several_nights():  # of many nights the clock of each
+        drivers[0] = 'run_hours', 1.0
+    known = [(driver, scale, context.span(driver)[0]) for driver, scale in drivers]
+    return [effect('changing', of=to_document(whole), **about(driver, scale, values))
+            for driver, scale, values in known if values is not None]
