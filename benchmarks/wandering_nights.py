@@ -146,7 +146,7 @@ def headline(table, args, rng):
 def expected(table, args, rng):
     """How often the interval of the expected error holds the RMS of 100 fresh stars."""
     every = []
-    for kind in ('white', 'rho 0.3', 'rho 0.6', 'walk', 'an effect'):
+    for kind in ('white', 'rho 0.3', 'rho 0.6', 'rho 0.9', 'walk', 'growing', 'an effect'):
         inside, width = [], []
         for _ in range(args.nights // 5):
             seen, fresh = _with_fresh(kind, rng)
@@ -178,10 +178,16 @@ def _with_fresh(kind, rng, n=60, m=100):
             e[:, i] = keep[i] * e[:, i - 1] + np.sqrt(1.0 - keep[i]**2) * e[:, i]
     elif kind == 'walk':
         e += np.cumsum(0.3 * np.sqrt(gap) * rng.normal(size=(2, n + m)), axis=1)
+    elif kind == 'growing':
+        e *= np.append(np.linspace(1.0, 4.0, n), np.full(m, 4.0))
     elif kind == 'an effect':
         name = list(EFFECTS)[rng.integers(len(EFFECTS))]
-        e += EFFECTS[name](c, rng) / ARCSEC * (
-            1.0 if name.startswith('camera') else rng.uniform(1.0, 2.0))
+        size = 1.0 if name.startswith('camera') else rng.uniform(1.0, 2.0)
+        if name.endswith('_step'):  # while it is observed: after it nobody knows
+            at = np.arange(n + m) >= rng.integers(n // 4, 3 * n // 4)
+            e['elev' in name] += 5.0 * size * at * (1.0 if 'elev' in name else np.cos(c['el']))
+        else:
+            e += EFFECTS[name](c, rng) / ARCSEC * size
     run = make_run(c, *e)
     return run.select(np.arange(n)), run.select(np.arange(n, n + m))
 

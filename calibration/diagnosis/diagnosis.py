@@ -138,7 +138,7 @@ def _in_memory(obs, base, alpha, rng, flips, folds, ways):
         result.cv_contiguous, result.caution = errors.stretches, errors.caution
         result.expected = expected_error(
             errors.left_out, found.state.weights > 0.0, problem.sequence.order, rng,
-            *ahead(problem.state(found.chosen).wander, problem, rng))
+            *ahead(problem, found.chosen, rng))
         judge_undecided(result, [c.effect(work.problem).name for c in
                                  found.dropped_by_cv + found.not_repeated],
                         result.ranking[0]['delta_bic'] if result.ranking else 0.0)

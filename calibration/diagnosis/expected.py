@@ -9,17 +9,18 @@ CONFIDENCE = 0.9
 #: stretches that stand for the night: rows of one share what rows close in time share
 _BLOCKS = 10
 _FRESH = 100  # stars that it is the RMS of
-#: part of the mean square of rows left out that is white at least, however much wanders
-_STILL = 0.1
+#: largest growth or decay of the noise along a night (ln of its root), and values that are tried
+_GROWTH, _RATIOS = np.log(6.0), 20
 _STANDS = np.zeros(1000)  # draws of a night in which nothing wanders
 
 
-def expected_error(residual, keep, order, rng, ahead=_STANDS, among=0.0):
+def expected_error(residual, keep, order, rng, ahead=_STANDS, still=np.nan):
     """RMS of fresh stars, from rows that neither the fit nor the choice has seen.
 
     The squares of rows left out are averaged over stretches of the night; the error of their mean
     is that of the jackknife over the stretches, on a logarithmic scale (Efron 1982, The Jackknife,
-    the Bootstrap and Other Resampling Plans, chapter 3), with Student's t. Where the zero wanders
+    the Bootstrap and Other Resampling Plans, chapter 3), with Student's t. Where they grow or fade
+    along the night it is what they are at its end, as far as they show it. Where the zero wanders
     its part is what simulated nights have after their last row.
 
     Parameters
@@ -31,7 +32,7 @@ def expected_error(residual, keep, order, rng, ahead=_STANDS, among=0.0):
     order : ndarray of int, shape (n,)
         Rows as they were observed.
     rng : numpy.random.Generator
-    ahead, among : ndarray, shape (b,), and float
+    ahead, still : ndarray, shape (b,)
         As of `unexplained.ahead`; by default nothing wanders.
 
     Returns
@@ -39,19 +40,40 @@ def expected_error(residual, keep, order, rng, ahead=_STANDS, among=0.0):
     dict
         ``rms_arcsec`` (the median), ``low_arcsec``, ``high_arcsec`` and ``confidence``.
     """
-    squares = np.square(residual).sum(axis=0)
-    rows = order[keep[order]]
-    blocks = np.array_split(squares[rows], min(_BLOCKS, max(len(rows) // 3, 2)))
+    squares = np.square(residual).sum(axis=0)[order[keep[order]]]
+    level, chance = _along(squares)
+    means = (squares / level).mean(axis=1)
+    blocks = np.array_split(squares / level[np.argmax(chance)],
+                            min(_BLOCKS, max(len(squares) // 3, 2)))
     sums, counts = np.array([b.sum() for b in blocks]), np.array([len(b) for b in blocks])
-    mean = sums.sum() / counts.sum()
     without = np.log((sums.sum() - sums) / (counts.sum() - counts))
     k = len(blocks)
     sigma = np.sqrt((k - 1) / k * np.square(without - without.mean()).sum())
     # of normal noise the squares scatter at least so much, here and there
-    sigma = np.hypot(max(sigma, np.sqrt(1.0 / counts.sum())), np.sqrt(1.0 / _FRESH))
-    still = max(mean - among, _STILL * mean)
+    sigma = np.sqrt(max(sigma**2, 1.0 / counts.sum()) + 1.0 / _FRESH)
+    # where the zero wanders, that is why the rows scatter differently along the night
+    still = np.where(np.isnan(still), rng.choice(means, len(ahead), p=chance), still)
     drawn = still * np.exp(sigma * rng.standard_t(k - 1, len(ahead))) + ahead
     tail = 0.5 - 0.5 * CONFIDENCE
     low, middle, high = np.sqrt(np.quantile(drawn, (tail, 0.5, 1.0 - tail))) / ARCSEC
     return {'rms_arcsec': float(middle), 'low_arcsec': float(low), 'high_arcsec': float(high),
             'confidence': CONFIDENCE}
+
+
+def _along(squares):
+    """Levels (k, n) of the noise along the night, squared, 1 at its end, and their chances (k,).
+
+    Its root goes along a straight line from one end to the other: half of the prior is that it
+    stays, the other half is even in the logarithm of the ratio.
+    """
+    start = np.exp(np.linspace(-_GROWTH, _GROWTH, 2 * _RATIOS + 1))
+    level = np.square(start[:, None] + (1.0 - start[:, None]) * np.linspace(0.0, 1.0, len(squares)))
+    each = squares / level
+    mean = each.mean(axis=1)
+    log_l = -np.log(level).sum(axis=1) - len(squares) * np.log(np.maximum(mean, 1e-300))
+    # rows that scatter more than normal noise say less
+    best = np.argmax(log_l)
+    log_l /= max(np.var(each[best] / max(mean[best], 1e-300)), 1.0)
+    prior = np.where(start == 1.0, 0.5, 0.25 / _RATIOS)
+    chance = prior * np.exp(log_l - log_l.max())
+    return level, chance / chance.sum()

@@ -8,7 +8,7 @@ from pointing_model.effects import changes
 
 from .linear import Columns, fit_state, wandering, whitened
 from .scores import Bank
-from .wander import Sequence
+from .wander import AxisWander, Sequence, likely
 
 
 @dataclass
@@ -103,6 +103,13 @@ class Problem:
         if not any(one.variance > 0.0 for one in wander):
             return state
         return whitened(state, design, self.b, self.sequence, wander)
+
+    def likely(self, chosen):
+        """`wander.likely` with a choice in the model."""
+        design, state = self.design(chosen), self.plain.state(chosen)
+        return likely(self.sequence, state.white.root,
+                      self.state(chosen).wander or (AxisWander(), AxisWander()), state.scale,
+                      design.common, self.b, design.own)
 
     def design(self, chosen, without=None):
         """Columns of the base and the chosen groups."""

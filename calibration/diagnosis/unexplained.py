@@ -13,9 +13,6 @@ from .constants import WANDER_TESTS
 _AHEAD, _POINTS = 1800.0, 12  # s, and places in them
 _SOME = 100  # rows that stand for a run
 _NIGHTS = 1000  # simulated
-#: degrees of freedom of the size of a random walk, which one run shows but once; chosen so that the
-#: interval holds 53 of 60 random walks
-_FREE = 4.0
 
 
 @dataclass
@@ -79,42 +76,57 @@ def wander_chance(wander):
     return float(min(WANDER_TESTS * 0.5 * chdtrc(1.0, max(gain, 0.0)), 1.0))
 
 
-def ahead(wander, problem, rng):
+def ahead(problem, chosen, rng):
     """What a wandering zero does to fresh stars in the half hour (or ten rows) after the last row.
+
+    Nights are simulated that have left these residuals (simple kriging; Cressie 1993, Statistics
+    for Spatial Data, section 3.2), each with a wander that is likely: where the zero is after the
+    last row is known in part.
 
     Parameters
     ----------
-    wander : tuple of AxisWander
-        As it is estimated, beyond chance or not: what is expected does not hang on a verdict.
     problem : Problem
+    chosen : list of Choice
     rng : numpy.random.Generator
 
     Returns
     -------
     squares : ndarray, shape (b,)
-        Of simulated nights: mean square of the zero then, less its mean over the rows of the last
-        run, of both axes on the sky, rad^2; zeros where nothing wanders.
-    among : float
-        The same of the rows themselves, expected.
+        Of each night: mean square of the zero then, of both axes on the sky, rad^2; zero where
+        nothing wanders.
+    still : ndarray, shape (b,)
+        Mean square of fresh stars without it, rad^2; NaN where nothing wanders.
     """
-    squares, among = np.zeros(_NIGHTS), 0.0
-    sequence = problem.sequence
-    last = np.flatnonzero(sequence.run == sequence.run[sequence.order[-1]])
-    rows = np.sort(sequence.position[last])[::-(-len(last) // _SOME)]
-    at = np.concatenate((rows, rows[-1] + np.linspace(
+    plain = problem.plain.state(chosen)
+    raw, root = (v.reshape(2, -1) for v in (plain.raw, plain.white.root))
+    noise = np.repeat(np.square(plain.scale)[:, None], _NIGHTS, axis=1)
+    squares = np.zeros(_NIGHTS)
+    for axis, (every, chance) in enumerate(problem.likely(chosen)):
+        which = rng.choice(len(every), _NIGHTS, p=chance)
+        for k in np.unique(which[which > 0]):
+            nights = np.flatnonzero(which == k)
+            squares[nights] += _after(problem.sequence, every[k], root[axis] * plain.scale[axis]
+                                      / every[k].scale, raw[axis], len(nights), rng)
+            noise[axis, nights] = every[k].scale**2
+    fitted = 1.0 + len(plain.basis) / (2.0 * problem.n)  # the error of the terms
+    return squares, np.where(squares > 0.0, fitted * noise.sum(axis=0), np.nan)
+
+
+def _after(sequence, one, root, raw, count, rng):
+    """Mean square of a wander after the last row, shape (count,), by what it left in the rows."""
+    last = sequence.order[sequence.run[sequence.order] == sequence.run[sequence.order[-1]]]
+    rows = last[root[last] > 0.0][-_SOME:]
+    n = len(rows)
+    on_sky = sequence.cos_el[rows] if one.angle else np.ones(n)
+    at = np.concatenate((sequence.position[rows], sequence.position[last[-1]] + np.linspace(
         0.0, _AHEAD if sequence.timed else 10.0, _POINTS + 1)[1:]))
-    for one in (one for one in wander if one.variance > 0.0):
-        variance = one.variance * (np.mean(np.square(sequence.cos_el)) if one.angle else 1.0)
-        shared = np.exp(-np.abs(at[:, None] - at) / one.memory) + 1e-9 * np.eye(len(at))
-        z = np.sqrt(variance) * rng.standard_normal((_NIGHTS, len(at))) @ np.linalg.cholesky(
-            shared).T
-        z -= z[:, :len(rows)].mean(axis=1, keepdims=True)
-        # a run knows the size of a wander by as many values as it is memories long
-        free = _FREE + (rows[-1] - rows[0]) / one.memory
-        z *= np.sqrt(free / rng.chisquare(free, (_NIGHTS, 1)))
-        squares += np.square(z[:, len(rows):]).mean(axis=1)
-        among += variance * (1.0 - shared[:len(rows), :len(rows)].mean())
-    return squares, float(among)
+    z = one.variance * np.exp(-np.abs(at[:, None] - at) / one.memory)
+    noise = np.diag(1.0 / np.square(root[rows] * on_sky))
+    known = np.linalg.solve(z[:n, :n] + noise, z[:n, n:]).T
+    values, vectors = np.linalg.eigh(z[n:, n:] - known @ z[:n, n:])
+    drawn = known @ (raw[rows] / on_sky) + rng.standard_normal((count, _POINTS)) @ (
+        vectors * np.sqrt(np.maximum(values, 0.0))).T
+    return np.square(drawn).mean(axis=1) * np.mean(np.square(on_sky))
 
 
 def wander_entry(found, problem):

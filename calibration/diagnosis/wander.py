@@ -19,6 +19,7 @@ from .repeats import repeats
 #: first; then half a step about the best of them
 _STEP, _SIZE_STEP = 4.0, 10.0
 _SIZES = _SIZE_STEP ** np.arange(-1.0, 3.0)
+_FINER = _SIZE_STEP ** np.arange(-1.5, 3.0, 0.5)
 
 
 class Sequence:
@@ -354,24 +355,83 @@ def estimate(sequence, root, scale, rows, b, own=None):
 
 
 def _estimate_axis(sequence, root, scale, rows, own, b, memories, angles):
-    rows = rows[np.abs(rows).max(axis=1, initial=0.0) > 0.0]
-    own = own[np.abs(own).max(axis=1, initial=0.0) > 0.0]
     best, null = AxisWander(scale=scale), None
     for angle in angles:
-        part = _Part(root, sequence, angle)
-        columns = part.scaled(np.vstack((own, rows, b))).T
-        part.own = len(own)
-        if len(columns) < len(rows) + len(own) * len(part.starts) + 3:
+        prepared = _prepared(sequence, root, angle, rows, own, b)
+        if prepared is None:
             break
+        part, columns = prepared
         if null is None:
-            null = _likelihood(columns / np.sqrt(part.white)[:, None],
-                               float(np.log(part.white).sum()) - part.log_scale, part)[0]
+            null = _none(part, columns)
             best = _climb(part, columns, memories, _SIZES, scale, null, angle, best)
         elif best.gain > 0.0:
             # nearly the same curve: near the best of the other
             size = best.variance / (best.scale / scale)**2 / float(np.median(part.white))
             best = _climb(part, columns, [best.memory], [size], scale, null, angle, best)
     return best
+
+
+def likely(sequence, root, wander, scale, rows, b, own=None):
+    """What may wander on each axis, and how likely it is: the estimate alone claims too much.
+
+    Half of the prior is that nothing does, the other half is even over the logarithms of memory
+    and size.
+
+    Parameters
+    ----------
+    sequence, root, scale, rows, b, own
+        As of `estimate`.
+    wander : tuple of AxisWander
+        The estimate.
+
+    Returns
+    -------
+    list of (list of AxisWander, ndarray)
+        Of x and y: wanders, the first of them none, and their chances.
+    """
+    n, out = len(b) // 2, []
+    own = rows[:0] if own is None else own
+    for axis, part in enumerate((slice(0, n), slice(n, 2 * n))):
+        tried = []
+        prepared = _prepared(sequence, root[part], wander[axis].angle, rows[:, part],
+                             own[:, part], b[part])
+        if prepared is not None:
+            null = _none(*prepared)
+            tried = [_at(*prepared, memory, size, scale[axis], null, wander[axis].angle)
+                     for memory in sequence.memories() for size in _FINER]
+        every = [AxisWander(scale=scale[axis]), *tried]
+        gain = np.array([one.gain for one in every])
+        chance = np.exp(0.5 * (gain - gain.max()))
+        chance[1:] /= max(len(tried), 1)
+        out.append((every, chance / chance.sum()))
+    return out
+
+
+def _prepared(sequence, root, angle, rows, own, b):
+    """The rows with weight of an axis, and its columns in their units; None if there are few."""
+    rows = rows[np.abs(rows).max(axis=1, initial=0.0) > 0.0]
+    own = own[np.abs(own).max(axis=1, initial=0.0) > 0.0]
+    part = _Part(root, sequence, angle)
+    columns = part.scaled(np.vstack((own, rows, b))).T
+    part.own = len(own)
+    few = len(columns) < len(rows) + len(own) * len(part.starts) + 3
+    return None if few else (part, columns)
+
+
+def _none(part, columns):
+    """-2 ln L if nothing wanders."""
+    return _likelihood(columns / np.sqrt(part.white)[:, None],
+                       float(np.log(part.white).sum()) - part.log_scale, part)[0]
+
+
+def _at(part, columns, memory, size, scale, null, angle):
+    """`AxisWander` of one memory and one size (over the variance of the white noise)."""
+    typical = size * float(np.median(part.white))
+    phi = part.phi(memory)
+    diagonal, lower = _factored(phi, part.white, typical)
+    value, variance = _likelihood(_solved(phi, diagonal, lower, columns),
+                                  float(np.log(diagonal).sum()) - part.log_scale, part)
+    return AxisWander(typical * variance, memory, angle, scale * np.sqrt(variance), null - value)
 
 
 def _likelihood(white, log_det, part):
@@ -411,19 +471,14 @@ def _orthogonal(columns):
 
 def _climb(part, columns, memories, sizes, scale, null, angle, best):
     """The best of a grid, and then of a finer one about it."""
-    typical = float(np.median(part.white))
     tried = []
 
     def at(memory, size):
         nonlocal best
-        phi = part.phi(memory)
-        diagonal, lower = _factored(phi, part.white, size * typical)
-        value, variance = _likelihood(_solved(phi, diagonal, lower, columns),
-                                      float(np.log(diagonal).sum()) - part.log_scale, part)
-        tried.append((null - value, memory, size))
-        if null - value > best.gain:
-            best = AxisWander(size * typical * variance, memory, angle,
-                              scale * np.sqrt(variance), null - value)
+        one = _at(part, columns, memory, size, scale, null, angle)
+        tried.append((one.gain, memory, size))
+        if one.gain > best.gain:
+            best = one
 
     for memory in memories:
         for size in sizes:
