@@ -237,16 +237,17 @@ class CalibrationSession:
             'witnesses': self._witnesses(observed, result.model, homings),
             'notes': notes,
         }
+        from .session_diagnosis import expected_of_fit, replaces
+        expected = report['expected'] = expected_of_fit(rows, zeros)
         if follows:
             report[FOLLOWS] = follows.document()
         new = Candidate(
-            PointingModel(result.model.terms, result.model.covariance, None,
-                          {**result.model.provenance, 'last_stamp_ns': self.last_stamp,
-                           'reference': self._source()}, result.model.geometry),
-            zeros, follows)
+            PointingModel(result.model.terms, result.model.covariance, None, {
+                **result.model.provenance, 'last_stamp_ns': self.last_stamp,
+                'reference': self._source(), **({'expected': expected} if expected else {}),
+            }, result.model.geometry), zeros, follows)
         check(report)
         self._homings, self.report, self.zeros_in_force = homings, report, zeros
-        from .session_diagnosis import replaces
         old = self._published.now
         if old is not None and not replaces(old, new, self.observations(), report):
             self.zeros_in_force = old.zeros

@@ -17,6 +17,7 @@ from pointing_model.star_catalogue import POLARIS_HIP
 from pointing_model.zero import NO_ZERO, Zeros
 
 from .diagnosis import Diagnosis, diagnose
+from .diagnosis.of_terms import expected_of_terms
 from .judgement import FEWEST, judge
 from .publication import UNJUDGED, Candidate, publishable
 from .refit import going_on, held_within, is_drift, left_out, refitted
@@ -126,7 +127,8 @@ def amend(rows, zeros, fitted=None, provenance=None, alpha=0.01, site=None,
     document = _document(result, chosen is not base, court.kept, judged, refused)
     document['applied'], document['zeros_in_force'] = chosen.names, chosen.in_force
     if refused:
-        document['expected'] = None  # it is of the model that was refused
+        # that of the model in force
+        document['expected'] = chosen.model.provenance.get('expected')
         document['after'] = {**document['before'], 'holdout_rms_arcsec': None}
         if chosen is not base:
             fitted_rows = rms_arcsec(*chosen.model.residuals(_at_zero(
@@ -211,7 +213,8 @@ def judge_again(rows, published, document, since, site=None):
     if found.holds:
         return now, document
     document.update(
-        verdict=TAKEN_BACK, expected=None, effects=[], published=False, applied=before.names,
+        verdict=TAKEN_BACK, effects=[], published=False, applied=before.names,
+        expected=before.model.provenance.get('expected'),
         after={**document['before']}, zeros_in_force=before.in_force,
         refused=[*document['refused'], {
             'effects': now.names or [FOLLOWS], 'why': why, 'judgement': found.to_dict(),
@@ -307,6 +310,20 @@ class Court:
         models[1] = carried_on(models[1], seen)
         return judge(*(np.array(m.residuals(self._stars))[:, hidden] for m in models),
                      candidate.axes)
+
+
+def expected_of_fit(rows, zeros):
+    """Error to be expected of a fit's terms on fresh stars, as `Diagnosis.expected`, or None.
+
+    Parameters
+    ----------
+    rows : PointingRun
+        That were fitted, with columns `star` and `run`.
+    zeros : Zeros
+        That belong to the fit.
+    """
+    stars = rows.select(rows['star'] != POLARIS_HIP)
+    return expected_of_terms(_at_zero(stars, zeros, None)) if len(stars) else None
 
 
 def _at_zero(rows, zeros, site):

@@ -134,10 +134,15 @@ class Chance:
     rng : numpy.random.Generator
     whole : Chance, optional
         Of all rows, where these are a part of them: nights that it has simulated count here too.
+    group : ndarray of int, shape (n,), optional
+        Rows of one group are flipped together: a star measured twice within minutes has its error
+        twice, and is no second witness.
     """
 
-    def __init__(self, n, count, rng, whole=None):
-        self.signs = rng.integers(0, 2, (count, n)).astype(np.float32) * 2.0 - 1.0
+    def __init__(self, n, count, rng, whole=None, group=None):
+        group = np.arange(n) if group is None else np.unique(group, return_inverse=True)[1]
+        signs = rng.integers(0, 2, (count, group.max(initial=-1) + 1)).astype(np.float32)
+        self.signs = signs[:, group] * 2.0 - 1.0
         self._rng, self._n = rng.spawn(1)[0], n
         self._against, self._whole = {}, whole
 

@@ -106,7 +106,7 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
 def _in_memory(obs, base, alpha, rng, flips, folds, ways):
     work = Work(obs, base, alpha)
     problem = work.problem
-    chance = Chance(problem.n, flips, rng)
+    chance = Chance(problem.n, flips, rng, group=problem.sequence.group)
     partitions = partitions_of(problem, folds, rng) if folds else ()
     chosen = choose(problem, alpha, chance, partitions)
     found = chosen.found

@@ -249,7 +249,7 @@ def nested(problem, folds, alpha, rng, wanders=False, flips=NESTED_FLIPS, whole=
     everything = np.arange(problem.n)
     for fold in folds:
         part = problem.rows(np.setdiff1d(everything, fold))
-        found = choose(part, alpha, Chance(part.n, flips, rng, whole),
+        found = choose(part, alpha, Chance(part.n, flips, rng, whole, part.sequence.group),
                        partitions_of(part, FEW_FOLDS, rng)).found
         choices.append(found.chosen)
         left = []

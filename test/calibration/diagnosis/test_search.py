@@ -359,3 +359,26 @@ def test_effects_without_columns_of_their_own_cannot_win():
     assert not scores.dof.any() and np.all(scores.delta_bic == -np.inf)
     problem.dictionary = bank
     assert search(problem, 0.5, Chance(60, 99, np.random.default_rng(0))).chosen == []
+
+
+def test_rows_of_one_star_are_flipped_together():
+    group = np.repeat(np.arange(30), 2)
+    signs = Chance(60, 99, np.random.default_rng(1), group=group).signs
+    assert np.array_equal(signs[:, ::2], signs[:, 1::2]) and abs(signs.mean()) < 0.1
+    alone = Chance(60, 99, np.random.default_rng(1)).signs
+    assert not np.array_equal(alone[:, ::2], alone[:, 1::2])
+
+    def shared(rng, context):
+        return rng.normal(size=(2, 30))[:, group]
+    alarms = {True: 0, False: 0}
+    for i in range(40):
+        problem = make_problem(5000 + i, noise=shared)
+        problem.dictionary = problem.dictionary.rows(group)  # each star twice
+        problem.base = problem.base.rows(np.concatenate((group, group + 60)))
+        for together in alarms:
+            chance = Chance(60, 199, np.random.default_rng(i), group=group if together else None)
+            state = problem.plain.state([])
+            scores = problem.dictionary.score(state)
+            g = int(np.argmax(scores.delta_bic))
+            alarms[together] += chance.p(state, scores, g) <= 0.05
+    assert alarms[True] <= 7 < 15 <= alarms[False]  # 2 expected
