@@ -117,7 +117,8 @@ def one_night(rows):
     -------
     dict
         ``before``, ``after``: radial RMS of the last block, arcsec; ``verdict``, ``applied``,
-        ``refused``, ``taken_back``, ``follows``, ``alarms``.
+        ``refused``, ``taken_back``, ``follows``, ``alarms``, ``expected`` (of the last model:
+        low, middle, high).
     """
     session = CalibrationSession()
     count = 0
@@ -139,7 +140,9 @@ def one_night(rows):
     models.append(judged.model)
     judges = Judges(rows, SITE, since=STARS + POLARIS + 2 * CHECK)
     before, after = (rms(*judges.left(candidate_of(m))) / ARCSEC for m in models)
-    return {'before': before, 'after': after, 'verdict': judged.document['verdict'],
+    told = models[-1].provenance['expected']
+    return {'expected': (told['low_arcsec'], told['rms_arcsec'], told['high_arcsec']),
+            'before': before, 'after': after, 'verdict': judged.document['verdict'],
             'first_verdict': found.document['verdict'], 'applied': judged.document['applied'],
             'refused': [n for e in judged.document['refused'] for n in e['effects']],
             'taken_back': judged.document['judged']['taken_back'],
@@ -206,6 +209,11 @@ def print_tables(kinds, nights, seconds):
     print(f'{"after / before, worst":46}{ratio.max():14.3f}  1.15')
     print(f'{"wrong identified":46}{f"{wrong} of {n}":>14}  2 of 120')
     print(f'{"blind radial RMS, median":46}{np.median([n["after"] for n in found]):13.2f}"  1.8"')
+    found += nights['', 0.0]
+    held = [n['expected'][0] <= n['after'] <= n['expected'][2] for n in found]
+    width = np.median([(n['expected'][2] - n['expected'][0]) / n['after'] for n in found])
+    print(f'{"expected error, 90 %: holds the blind stars":46}{np.mean(held):14.1%}  83 ... 97 %  '
+          f'({len(found)} nights, width {width:.2f} of the figure)')
     alone = nights['witnesses alone'] + [n['follows'] for n in nights['', 0.0]]
     if alone:
         print(f'{"clean nights in which a zero follows":46}'

@@ -1,6 +1,7 @@
 """The error to be expected on fresh stars, as an interval that can be wrong in the open."""
 
 import numpy as np
+from scipy.stats import f
 
 from msg_tools.units import ARCSEC
 
@@ -9,6 +10,7 @@ CONFIDENCE = 0.9
 #: stretches that stand for the night: rows of one share what rows close in time share
 _BLOCKS = 10
 _FRESH = 100  # stars that it is the RMS of
+_NORMAL = 60.0  # rows that normal noise counts as, where its scatter is estimated
 #: largest growth or decay of the noise along a night (ln of its root), and values that are tried
 _GROWTH, _RATIOS = np.log(6.0), 20
 _STANDS = np.zeros(1000)  # draws of a night in which nothing wanders
@@ -17,11 +19,10 @@ _STANDS = np.zeros(1000)  # draws of a night in which nothing wanders
 def expected_error(residual, keep, order, rng, ahead=_STANDS, still=np.nan):
     """RMS of fresh stars, from rows that neither the fit nor the choice has seen.
 
-    The squares of rows left out are averaged over stretches of the night; the error of their mean
-    is that of the jackknife over the stretches, on a logarithmic scale (Efron 1982, The Jackknife,
-    the Bootstrap and Other Resampling Plans, chapter 3), with Student's t. Where they grow or fade
-    along the night it is what they are at its end, as far as they show it. Where the zero wanders
-    its part is what simulated nights have after their last row.
+    The squares of rows left out are averaged; the error of their mean is that of their scatter, or
+    of the jackknife over stretches of the night where that is larger (`_error_of_mean`). Where they
+    grow or fade along the night it is what they are at its end, as far as they show it. Where the
+    zero wanders its part is what simulated nights have after their last row.
 
     Parameters
     ----------
@@ -43,21 +44,34 @@ def expected_error(residual, keep, order, rng, ahead=_STANDS, still=np.nan):
     squares = np.square(residual).sum(axis=0)[order[keep[order]]]
     level, chance = _along(squares)
     means = (squares / level).mean(axis=1)
-    blocks = np.array_split(squares / level[np.argmax(chance)],
-                            min(_BLOCKS, max(len(squares) // 3, 2)))
-    sums, counts = np.array([b.sum() for b in blocks]), np.array([len(b) for b in blocks])
-    without = np.log((sums.sum() - sums) / (counts.sum() - counts))
-    k = len(blocks)
-    sigma = np.sqrt((k - 1) / k * np.square(without - without.mean()).sum())
-    # of normal noise the squares scatter at least so much, here and there
-    sigma = np.sqrt(max(sigma**2, 1.0 / counts.sum()) + 1.0 / _FRESH)
+    sigma, free = _error_of_mean(squares / level[np.argmax(chance)])
     # where the zero wanders, that is why the rows scatter differently along the night
     still = np.where(np.isnan(still), rng.choice(means, len(ahead), p=chance), still)
-    drawn = still * np.exp(sigma * rng.standard_t(k - 1, len(ahead))) + ahead
+    drawn = still * np.exp(sigma * rng.standard_t(free, len(ahead))
+                           + _FRESH**-0.5 * rng.standard_normal(len(ahead))) + ahead
     tail = 0.5 - 0.5 * CONFIDENCE
     low, middle, high = np.sqrt(np.quantile(drawn, (tail, 0.5, 1.0 - tail))) / ARCSEC
     return {'rms_arcsec': float(middle), 'low_arcsec': float(low), 'high_arcsec': float(high),
             'confidence': CONFIDENCE}
+
+
+def _error_of_mean(squares):
+    """Error of the logarithm of a mean of squares, and its degrees of freedom.
+
+    From row to row; from stretch to stretch, if these differ by more than rows do: jackknife
+    (Efron 1982, The Jackknife, the Bootstrap and Other Resampling Plans, chapter 3).
+    """
+    n = len(squares)
+    # of normal noise the squares of two axes scatter by their mean
+    scatter = (n * squares.var() / squares.mean()**2 + _NORMAL) / (n + _NORMAL)
+    blocks = np.array_split(squares, min(_BLOCKS, max(n // 3, 2)))
+    sums, counts = np.array([b.sum() for b in blocks]), np.array([len(b) for b in blocks])
+    without = np.log((sums.sum() - sums) / (n - counts))
+    k = len(blocks)
+    apart = (k - 1) / k * np.square(without - without.mean()).sum()
+    if apart * n > scatter * f.isf(0.05, k - 1, n):
+        return np.sqrt(apart), k - 1
+    return np.sqrt(scatter / n), n - 1
 
 
 def _along(squares):
