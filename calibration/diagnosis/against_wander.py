@@ -16,6 +16,7 @@ from .constants import NIGHTS, RATIO_WORTH_IT, UNLIKE
 from .scores import Bank
 from .wander import AxisWander, Whitened
 
+_KEPT = 1000  # rows up to which the fits of all wanders are kept: of more they take much memory
 _SIZES = (0.1, 0.4, 1.6, 6.4, 25.0)
 
 
@@ -68,18 +69,23 @@ class AgainstWander:
         self._groups, self._normal = groups, normal
         self._plain = problem.plain.state(chosen)
         self._design = problem.design(chosen)
+        self._known = None
         self._noises = _noises(problem.sequence, self._plain, problem.state(chosen).wander)
 
     def p(self, g):
         """Chance that a wandering zero makes any of the groups look as `g` does."""
-        ratio = _ratios(self._beyond, _finer(self._problem, self._bank, g)).max()
+        ratio = _ratios(self._observed(), _finer(self._problem, self._bank, g)).max()
         if ratio < RATIO_WORTH_IT:
             return 1.0
         return float((np.count_nonzero(self.by_chance >= ratio) + 1) / (NIGHTS + 1))
 
-    @cached_property
-    def _beyond(self):
-        return _beyond(self._noises, self._design, self._problem.b[None])
+    def _observed(self):
+        made = _beyond(self._noises, self._design, self._problem.b[None])
+        if self._problem.n > _KEPT:
+            return made
+        if self._known is None:
+            self._known = list(made)
+        return self._known
 
     @property
     def has_simulated(self):
@@ -136,16 +142,16 @@ def _noises(sequence, plain, wander):
 
 
 def _beyond(noises, design, values):
-    """Of each noise: the fit's basis, what is left of the values, its squares, -2 ln L without."""
-    n, out = values.shape[1] // 2, []
+    """Of each noise in turn: the fit's basis, what is left of the values, its squares, -2 ln L
+    without."""
+    n = values.shape[1] // 2
     for noise in noises:
         basis = design.basis(noise)
         left = basis.off(noise(values))
         live = np.count_nonzero(noise.root[:n])
         squares = np.square(left).reshape(-1, 2, n).sum(axis=2)
         none = -live * np.log(np.maximum(squares, 1e-300)).sum(axis=1) - noise.log_det
-        out.append((noise, basis, left, squares, live, none))
-    return out
+        yield noise, basis, left, squares, live, none
 
 
 def _ratios(beyond, bank):

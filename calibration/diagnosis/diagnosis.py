@@ -194,7 +194,7 @@ def _assemble(work, found, stands, fits, chance):
     for i, (c, s, f) in enumerate(zip(found.chosen, stands, made[1][0].effects)):
         bank, group = c.family(problem, found.chosen)
         one = diagnosed(f, s.p, c.columns(problem).reshape(-1, 2, len(obs)), bank.effects,
-                        s.scores.delta_bic, group, s.alternatives, s.same)
+                        s.every, group, s.alternatives, s.same)
         gradual = _as_well_as_a_step(problem, found, i)
         one.alternatives += gradual
         one.rivals += gradual

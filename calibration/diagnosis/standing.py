@@ -23,14 +23,15 @@ class Standing:
         Groups of other lines of the ranking within `SET_WIDTH` of the best.
     same : list of int
         Of these the ones that are the same curve in this run (aliases).
-    scores : Scores
+    every : ndarray, shape (G,)
+        Gain of each candidate in its place.
     """
 
     p: float
     delta_bic: float
     alternatives: list
     same: list
-    scores: object
+    every: np.ndarray
 
 
 def standing(problem, found, i, chance, alpha):
@@ -95,4 +96,4 @@ def _standing(problem, found, i, scores, p):
     if near:
         own = scores.basis(g)
         same = [k for k in near if overlap(own, scores.basis(k))[0] > ALIAS]
-    return Standing(p, float(scores.delta_bic[g]), near, same, scores)
+    return Standing(p, float(scores.delta_bic[g]), near, same, scores.delta_bic)
