@@ -13,15 +13,12 @@ import argparse
 from unittest.mock import patch
 
 import numpy as np
-from diagnosis import EFFECTS, Table, _explained, _shown, alike, make_run, scaled, sky
+from diagnosis import EFFECTS, OF_TIME, Table, _explained, _shown, alike, make_run, scaled, sky
 
 from calibration.diagnosis import diagnose
 from calibration.diagnosis.problem import Problem
 from msg_tools.units import ARCSEC
 
-#: effects of time, temperature or order
-OF_TIME = [name for name in EFFECTS
-           if any(part in name for part in ('with_time', 'with_temperature', 'zero_step'))]
 #: kind of noise -> limit of false effects, % of nights
 LIMITS = {'white': 1.5, 'rho 0.3': 1.5, 'rho 0.6': 2.5, 'rho 0.9': 4.0, 'walk': 4.0,
           'twice': 2.5, 'growing': 2.5, 'outliers': 2.5}
