@@ -232,7 +232,7 @@ def _write(folder, about, latest):
         'judged': diagnosis.get('judged'), 'noise_floor_arcsec': diagnosis['noise_floor_arcsec'],
         'before': diagnosis['before'], 'after': diagnosis['after'],
         'kept_out': diagnosis['kept_out'],
-        **{key: diagnosis[key] for key in ('rows_read', 'rows_used', 'outliers',
+        **{key: diagnosis[key] for key in ('expected', 'rows_read', 'rows_used', 'outliers',
                                            'rms_with_outliers_arcsec')},
         'blind_before': checks[0] if checks else None,
         'blind_after': checks[-1] if len(checks) > 1 else None,

@@ -196,6 +196,16 @@ def used_sentence(told):
     return f'{told["rows_used"]} of {told["rows_read"]} rows used'
 
 
+def expected_sentence(document):
+    """The error to be expected of the model, from a document with ``expected``; None if unknown."""
+    told = document.get('expected')
+    if not told:
+        return None
+    return (f'expected on fresh stars in the half hour after: {told["rms_arcsec"]:.2f} arcsec '
+            f'radial, {told["low_arcsec"]:.2f} to {told["high_arcsec"]:.2f} in '
+            f'{100 * told["confidence"]:.0f} % of cases')
+
+
 def outlier_sentence(document):
     """Which rows are outliers, and what they do to the RMS; empty where there is none.
 

@@ -37,7 +37,7 @@ def add(commands):
 
 def run(args):
     """Observe or take, diagnose, observe again, print, write."""
-    from calibration.diagnosis.rows_told import outlier_sentence, used_sentence
+    from calibration.diagnosis.rows_told import expected_sentence, outlier_sentence, used_sentence
 
     from ..close_the_loop import close_all, close_the_loop
     from ..loop_tables import all_table, loop_sentences, loop_tables
@@ -62,6 +62,6 @@ def run(args):
     console.print(used_sentence(report), markup=False)
     for table in loop_tables(report):
         console.print(table)
-    print_lines(console, 'note', [text for text in (outlier_sentence(report),) if text]
-                + loop_sentences(report))
+    print_lines(console, 'note', [text for text in (
+        expected_sentence(report), outlier_sentence(report)) if text] + loop_sentences(report))
     print_files(console, report['files'])

@@ -54,9 +54,12 @@ def print_files(console, files, width=13):
 
 def print_calibration(console, report):
     """A calibration report: its tables, notes and alarms."""
+    from calibration.diagnosis.rows_told import expected_sentence
     from calibration.tables import night_tables
     for table in night_tables(report):
         console.print(table)
+    if report.get('expected'):
+        console.print(expected_sentence(report))
     zeros = report['changes'] or report['zeros']
     witnesses = report['witnesses']
     print_lines(console, 'note', [*(zero['statement'] for zero in zeros[-1:]), *report['notes'],

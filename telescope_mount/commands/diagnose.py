@@ -121,7 +121,7 @@ def _place(args):
 
 def show(found, console):
     """The verdict in words, the error before and after, the effects, what was left out."""
-    from calibration.diagnosis.rows_told import used_sentence
+    from calibration.diagnosis.rows_told import expected_sentence, used_sentence
     from calibration.diagnosis_page.plain_words import readable, verdict_sentences
     from calibration.diagnosis_page.view import effect_sentences
     from calibration.tables import new_table
@@ -156,11 +156,7 @@ def show(found, console):
         console.print(f'mean of {spread["partitions"]} ways to leave rows out; after, they go from '
                       f'{_number(spread["min_arcsec"])} to {_number(spread["max_arcsec"])} arcsec')
     if found.expected:
-        told = found.expected
-        console.print(f'expected on fresh stars of the same night: {_number(told["rms_arcsec"])} '
-                      f'arcsec radial, {_number(told["low_arcsec"])} to '
-                      f'{_number(told["high_arcsec"])} in {100 * told["confidence"]:.0f} % of '
-                      'cases')
+        console.print(expected_sentence(document))
     console.print(f'noise floor {_number(document["noise_floor_arcsec"])} arcsec radial\n')
     if found.effects:
         effects = new_table('Effects', 'effect', 'on', 'driver', 'p', 'ΔBIC', 'gain, arcsec')
