@@ -1,35 +1,44 @@
 """The errata of docs/papers.md, each by a small computation; and that what is cited exists."""
 
-import dataclasses
 import re
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from calibration.check import split_half
-from calibration.fit import fit_harmonics, fit_terms
+from calibration.fit import fit_harmonics
 from calibration.paper_table_1 import PAPER_TABLE_1
 from calibration.satellite_check import PAPER
 from encoder_reading.disc import BARS, INITIAL, RECURRENCES, code_bits
-from encoder_reading.paper_reader import PaperReader
-from encoder_reading.template_reader import TemplateReader
-from encoder_sim.ccd import LinearCCD
 from encoder_sim.encoder_scale import disc_angle
 from encoder_sim.indexing_table import SCALES
 from encoder_sim.scenario_encoders import Incremental
 from encoder_sim.scenario_file import load_scenario
-from msg_tools.units import ARCSEC, DEG, wrap
+from msg_tools.units import ARCSEC, DEG
 from pointing_model.harmonics import COUNT, Harmonics, basis, sky_factor
-from pointing_model.model import PointingModel
-from pointing_model.rms import rms_arcsec
-from pointing_model.run import PointingRun
-from pointing_model.run_files import read_run
 from pointing_model.terms import design
+
+sys.path.append(str(Path(__file__).resolve().parents[1] / 'benchmarks'))
+
+from papers import (
+    GROSS,
+    bars_seen,
+    chance_of_groups,
+    conditions,
+    evenly,
+    image_errors,
+    index_terms,
+    left_over,
+    mmt_left,
+    paper_readers,
+    repeated_scatter,
+    terms_left,
+    tilt_left,
+)
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / 'docs' / 'papers.md'
-MMT = ROOT / 'calibration' / 'data' / 'mmt_2021-08-21.csv'
 #: fig. 2 of paper 001
 FIGURE_2 = '00001101001010100001101001010'
 #: table 1 of paper 001 by its first bit: the rows that are not 36 characters of the code
@@ -42,23 +51,11 @@ DAMAGED_ROWS = {
 }
 
 
-def evenly(n, lowest, rng):
-    """Places spread evenly over the sky above `lowest` degrees."""
-    return (rng.uniform(0.0, 2.0 * np.pi, n),
-            np.arcsin(rng.uniform(np.sin(lowest * DEG), 1.0, n)))
-
-
 def text_of(code):
     return ''.join(map(str, code_bits(code)))
 
 
 # --- paper 000: harmonics -------------------------------------------------------------------------
-
-
-def left_over(functions, values):
-    """Part of the norm of `values` that `functions` do not hold."""
-    rest = values - functions @ np.linalg.lstsq(functions, values, rcond=None)[0]
-    return np.linalg.norm(rest) / np.linalg.norm(values)
 
 
 def test_erratum_1_spherical_harmonics_about_the_zenith_only():
@@ -71,54 +68,27 @@ def test_erratum_1_spherical_harmonics_about_the_zenith_only():
     assert sky_factor(0.001, 'printed') > 900.0
 
 
-def test_errata_1_and_3_what_each_reading_cannot_hold():
-    az, el = evenly(20000, 15.0, np.random.default_rng(1))
-    percent = {}
-    for reading in ('zenith', 'printed'):
-        f = basis(az, el, reading)
-        on_sky = f * sky_factor(el, reading)[:, np.newaxis]
-        for name in ('IA', 'CA', 'NPAE', 'AN', 'HASA2', 'IE', 'TF'):
-            x, y = (column[:, 0] for column in design([name], az, el))
-            percent[reading, name] = tuple(
-                None if not v.any() else round(100.0 * left_over(functions, v), 1)
-                for functions, v in ((on_sky, x), (f, y)))
-    near = pytest.approx
-    # the second of a pair is the elevation's
-    assert percent['zenith', 'IA'] == (near(1.2, abs=0.1), None)
-    assert percent['zenith', 'CA'] == percent['zenith', 'NPAE'] == (0.0, None)
-    assert percent['zenith', 'AN'] == (near(16.7, abs=0.5), near(11.0, abs=0.5))
-    assert percent['zenith', 'IE'] == percent['printed', 'IE'] == (None, 0.0)
-    assert percent['zenith', 'TF'] == (None, near(1.2, abs=0.1))
-    assert percent['printed', 'TF'] == (None, 0.0)
-    assert percent['printed', 'IA'] == (near(0.7, abs=0.1), None)
-    assert percent['printed', 'CA'] == (near(4.5, abs=0.6), None)
-    assert percent['printed', 'NPAE'] == (near(6.4, abs=0.6), None)
-    assert percent['printed', 'AN'] == (near(8.1, abs=0.6), near(7.0, abs=0.4))
-    for reading in ('zenith', 'printed'):
-        assert percent[reading, 'HASA2'][0] > 99.0
+@pytest.mark.parametrize('interpretation, left, tolerance', [
+    ('zenith', {('CA', 'az'): 0.0, ('NPAE', 'az'): 0.0, ('IA', 'az'): 1.2, ('AN', 'az'): 16.5,
+                ('AN', 'el'): 10.8, ('IE', 'el'): 0.0, ('TF', 'el'): 1.2}, 0.5),
+    ('printed', {('CA', 'az'): 4.5, ('NPAE', 'az'): 6.3, ('IA', 'az'): 0.7, ('AN', 'az'): 8.0,
+                 ('AN', 'el'): 7.0, ('IE', 'el'): 0.0, ('TF', 'el'): 0.0}, 0.6),
+])
+def test_errata_1_and_3_what_each_reading_cannot_hold(interpretation, left, tolerance):
+    percent = terms_left(interpretation)
+    assert percent.pop(('HASA2', 'az')) > 99.0
+    assert percent == pytest.approx(left, abs=tolerance)
+    exact = [key for key, value in left.items() if value == 0.0]
+    assert max(percent[key] for key in exact) < 1e-9
 
 
 def test_erratum_1_the_readings_on_a_real_night():
-    """Each half of the MMT night judged by the other, ten ways: the printed one leaves less."""
-    run = read_run(MMT)
-
-    def judged(fitted):
-        left = []
-        for seed in range(10):
-            used = split_half(run, seed)
-            for half in (used, ~used):
-                left.append(fitted(run.select(half)).residuals(run.select(~half)))
-        return rms_arcsec(*np.concatenate(left, axis=1)).radial
-
-    def index(rows):
-        return fit_terms(rows, ('IA', 'IE')).model
-
-    alone = [judged(lambda rows, r=r: fit_harmonics(rows, r).model)
-             for r in ('zenith', 'printed')]
+    """Each half of the MMT night judged by the other: the printed one leaves less."""
+    alone, after = ([mmt_left(lambda run, r=r, b=before: fit_harmonics(run, r, held=b(run)).model,
+                              splits=10) for r in ('zenith', 'printed')]
+                    for before in (lambda run: None, index_terms))
     # 1209" of IA, of which neither holds all
-    assert alone[0] > 14.0 and 5.0 < alone[1] < 10.0
-    after = [judged(lambda rows, r=r: fit_harmonics(rows, r, held=index(rows)).model)
-             for r in ('zenith', 'printed')]
+    assert alone == pytest.approx([17.0, 8.0], rel=0.2)
     assert after == pytest.approx([2.45, 1.43], abs=0.1)
 
 
@@ -137,29 +107,17 @@ def test_erratum_2_a_linear_system_of_13_columns_and_n_rows():
 
 
 def test_erratum_3_thirty_stars_determine_them_badly():
-    rng = np.random.default_rng(3)
-    conditions = [np.linalg.cond(basis(*evenly(30, 15.0, rng))) for _ in range(500)]
-    assert np.median(conditions) == pytest.approx(6000.0, rel=0.1)
-    assert np.quantile(conditions, 0.95) > 9000.0
+    low, high = conditions(15.0, 400), conditions(20.0, 400)
+    assert np.median(low) == pytest.approx(6000.0, rel=0.1)
+    assert np.median(high) == pytest.approx(11000.0, rel=0.1)
+    assert np.quantile(low, 0.95) > 9000.0
 
 
 def test_erratum_3_a_tilted_axis_is_left_in_the_stars():
-    rng = np.random.default_rng(33)
-    mount = {'CA': 46.0, 'NPAE': -23.0, 'TF': 15.0}
-    tilt = {'AN': 37.0, 'AW': -21.0}
-
-    def observed(terms, n):
-        az, el = evenly(n, 20.0, rng)
-        model = PointingModel({name: value * ARCSEC for name, value in terms.items()})
-        x, y = np.array(model.offsets(az, el)) + rng.normal(size=(2, n)) * ARCSEC
-        return PointingRun({'az': az, 'el': el, 'az_enc': az + x / np.cos(el), 'el_enc': el + y})
-
-    def left(terms, reading):
-        return np.median([rms_arcsec(*fit_harmonics(observed(terms, 60), reading).model.residuals(
-            observed(terms, 100))).radial for _ in range(30)])
-
-    assert left(mount | tilt, 'zenith') > 3.0 * left(mount, 'zenith')
-    assert left(mount | tilt, 'printed') > 1.25 * left(mount, 'printed')
+    left = {(reading, tilted): tilt_left(reading, tilted, fits=30)
+            for reading in ('zenith', 'printed') for tilted in (False, True)}
+    assert left['zenith', True] > 3.0 * left['zenith', False]
+    assert left['printed', True] > 1.25 * left['printed', False]
 
 
 # --- paper 000: zero, nights, satellite -----------------------------------------------------------
@@ -175,30 +133,17 @@ def test_erratum_4_polaris_sees_other_terms_as_the_zero_does():
         {'IE': 1.0, 'AN': 1.0, 'TF': 0.83}, abs=0.005)
 
 
-def best_split(values):
-    """Sum of squares within two groups over the whole one, of the best split; two in each."""
-    values = np.sort(values, axis=-1)
-
-    def squares(part):
-        return np.sum((part - part.mean(axis=-1, keepdims=True)) ** 2, axis=-1)
-
-    return np.min([squares(values[..., :k]) + squares(values[..., k:])
-                   for k in range(2, values.shape[-1] - 1)], axis=0) / squares(values)
-
-
 def test_erratum_5_two_groups_after_calibration():
     columns = {name: np.array([row[name] for row in PAPER_TABLE_1]) for name in PAPER_TABLE_1[0]}
-    az, el = columns['after_az_arcsec'], columns['after_el_arcsec']
+    az = columns['after_az_arcsec']
     low = az < -1.0
     assert columns['night'][low].tolist() == [1, 6, 10, 11]
     groups = [(part.mean(), part.std(ddof=1)) for part in (az[low], az[~low])]
     assert np.array(groups) == pytest.approx(np.array([(-2.23, 0.29), (-0.07, 0.28)]), abs=0.006)
-    rng = np.random.default_rng(5)
     # eleven numbers of one normal, and of one even distribution
-    chance = [np.mean(best_split(draw(size=(20000, 11))) <= best_split(az))
-              for draw in (rng.normal, rng.uniform)]
-    assert chance[0] < 0.002 and chance[1] < 0.01
-    assert np.mean(best_split(rng.normal(size=(20000, 11))) <= best_split(el)) > 0.1
+    normal, even = chance_of_groups('after_az_arcsec', 20000)
+    assert normal < 0.002 and even < 0.01
+    assert min(chance_of_groups('after_el_arcsec', 20000)) > 0.1
     radial = [np.sqrt(np.mean(columns[f'{part}_az_arcsec'] ** 2
                               + columns[f'{part}_el_arcsec'] ** 2)) for part in ('before', 'after')]
     assert radial == pytest.approx([12.48, 1.47], abs=0.006)
@@ -302,69 +247,41 @@ def test_erratum_7_fig_2_is_on_neither_disc(code):
 # --- paper 001: the image and its sine ------------------------------------------------------------
 
 
-def frames(scale, count, noise=None, seed=9, **changes):
-    """Params, true angles and images of random angles."""
-    params = dataclasses.replace(SCALES[scale], **changes)
-    rng = np.random.default_rng(seed)
-    angles = rng.uniform(0.0, 2.0 * np.pi, count)
-    noise = None if noise is None else rng.standard_normal((count, params.pixels))
-    return params, angles, LinearCCD(params, params.design.disc, 1).render(angles, noise)
-
-
-def errors(reader, angles, images):
-    return wrap(reader.read(images).angle - angles) / ARCSEC
-
-
 def test_erratum_9_pixels_a_bar_by_their_number_and_by_their_widths():
     circle = np.pi * 79.0 / BARS  # mm a bar
     assert 1800 / 30 == 60.0
     # wide and narrow bars lose the same to blur and threshold: the difference stays
     assert (25.0 - 9.0) / ((0.149 - 0.075) / circle) == pytest.approx(49.7, abs=0.05)
     for scale, wide, narrow in ((48, 25.8, 9.7), (60, 30.3, 9.3)):
-        params = SCALES[scale]
-        grey = 250.0 - LinearCCD(params, params.design.disc, 1).light(np.linspace(0, 6.2, 40))
-        widths, totals = [], []
-        for row in grey:
-            steps = np.flatnonzero(np.diff(np.r_[0, row > 150, 0]))
-            for start, end in zip(steps[2:-2:2], steps[3:-2:2]):
-                widths.append(end - start)
-                totals.append(row[start:end].sum())
-        widths, totals = np.array(widths), np.array(totals)
-        is_wide = totals > 3000.0  # the paper's "width threshold" is integrated grey
-        assert totals[is_wide].min() > 4000.0 and totals[~is_wide].max() < 1700.0
-        assert widths[is_wide].mean() == pytest.approx(wide, abs=0.2)
-        assert widths[~is_wide].mean() == pytest.approx(narrow, abs=0.2)
+        seen = bars_seen(scale)
+        assert [seen['wide'][0], seen['narrow'][0]] == pytest.approx([wide, narrow], abs=0.2)
+        # the paper's "width threshold" of 3000 is integrated grey
+        assert seen['wide'][1] > 4000.0 and seen['narrow'][2] < 1700.0
 
 
-@pytest.mark.parametrize('scale, low, high', [(48, 0.003, 0.018), (60, 0.0002, 0.009)])
-def test_erratum_10_equation_12_is_one_bar_off_where_bars_are_wide(scale, low, high):
-    params, angles, images = frames(scale, 1500, noise=True)
-    off = np.abs(errors(PaperReader(params.design), angles, images))
-    assert low < np.mean(off > 600.0) < high
-    assert off[off > 600.0] == pytest.approx(1200.0, abs=40.0)
-    centres = errors(PaperReader(params.design, cycle='centres'), angles, images)
-    assert np.abs(centres).max() < 40.0
+@pytest.mark.parametrize('scale, most', [(48, 0.018), (60, 0.009)])
+def test_erratum_10_equation_12_is_one_bar_off_where_bars_are_wide(scale, most):
+    (centres, literal, _), _, _ = image_errors(paper_readers(scale), scale, 1500)
+    off = np.abs(literal) > GROSS
+    assert 0.0 < np.mean(off) < most
+    assert np.abs(literal[off]) == pytest.approx(1200.0, abs=40.0)
+    assert np.nanmax(np.abs(centres)) < 40.0
 
 
 @pytest.mark.parametrize('scale', SCALES)
-def test_erratum_11_the_error_is_bias_and_the_period_bent(scale):
-    params, angles, images = frames(scale, 300, noise=0.0)
-    reader = PaperReader(params.design, cycle='centres')
-    read = reader.read(images)
-    assert 3.2 < np.std(wrap(read.angle - angles) / ARCSEC) < 5.8
+def test_errata_11_and_17_the_error_is_bias_and_the_period_bent(scale):
+    (error,), _, period = image_errors(paper_readers(scale)[:1], scale, 300, noise=0.0)
+    assert 3.2 < np.nanstd(error) < 5.8
     # more than the paper's "within 0.005 pixel"
-    assert np.std(read.period - params.bar_pitch) > 0.006
-    again = LinearCCD(params, params.design.disc, 1).render(
-        np.full(200, 1.234), np.random.default_rng(4).standard_normal((200, params.pixels)))
-    assert errors(reader, 1.234, again).std() == pytest.approx(0.73, abs=0.1)
+    assert np.nanstd(period - scale) > 0.006
+    assert repeated_scatter(scale, 200) == pytest.approx(0.73, abs=0.1)
 
 
 @pytest.mark.parametrize('scale', SCALES)
 def test_erratum_11_displaced_bars_do_affect_the_sine(scale):
-    params, angles, images = frames(scale, 200, noise=True, shifted_bars=0.1)
-    sine = errors(PaperReader(params.design, cycle='centres'), angles, images)
+    (sine, _, template), _, _ = image_errors(paper_readers(scale), scale, 200, shifted_bars=0.1)
     assert 12.0 < np.nanstd(sine) < 26.0
-    assert np.nanstd(errors(TemplateReader(params.design), angles, images)) < 0.6
+    assert np.nanstd(template) < 0.6
 
 
 def test_erratum_12_one_micrometre_off_centre():
