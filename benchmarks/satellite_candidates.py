@@ -7,9 +7,9 @@ of known shape on the sky, per unit of its size; `satellite_search` finds the si
 paper's numbers.
 
 What is assumed, because the paper does not say (`Assumptions`): the azimuth is the coordinate, as
-in its table 1; a curve has as much information as 10 independent samples; the zero calibration of
-that night was as good as those of table 1; "before" and "after" may be different arcs; noise
-fills up what a candidate leaves of the scatter.
+its table 1 is read here; a curve has as much information as 10 independent samples; the zero
+calibration of that night was as good as those of table 1; "before" and "after" may be different
+arcs; noise fills up what a candidate leaves of the scatter.
 """
 
 from dataclasses import dataclass

@@ -95,7 +95,7 @@ def rms_of(model, run, zero):
 
 
 def power_on_check(rows, reference, polaris, measured, change, notes):
-    """The paper's check: coefficients of one power-on on the stars of the next.
+    """The paper's check, from one power-on to the next: its coefficients on later stars.
 
     Parameters
     ----------

@@ -229,7 +229,7 @@ class NightSeries:
 def _means(model, stars, zero):
     """Mean, scatter and RMS of the stars' residuals, arcsec.
 
-    ``az`` is the coordinate angle, as in the paper's table 1; ``x`` is it on the sky.
+    ``az`` is the coordinate angle, as the paper's table 1 is read here; ``x`` is it on the sky.
     """
     x, y = (v / ARCSEC for v in model.residuals(stars, zero=zero))
     az = x / np.cos(stars['el'])

@@ -9,7 +9,8 @@ from .tables import new_table
 
 COLUMNS = ('night', 'before_az_arcsec', 'before_el_arcsec', 'after_az_arcsec', 'after_el_arcsec')
 
-#: Paper 000, table 1: mean errors of the stars of a night, azimuth as coordinate angle.
+#: Paper 000, table 1, read as mean errors of the stars of a night, azimuth as coordinate angle;
+#: the paper says neither (docs/papers.md).
 PAPER_TABLE_1 = tuple(dict(zip(COLUMNS, row)) for row in (
     (1, 3.5, -14.1, -2.6, -0.7),
     (2, -12.0, -7.3, -0.2, 0.1),

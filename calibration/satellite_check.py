@@ -55,8 +55,8 @@ def tracking_statistics(errors):
     Returns
     -------
     dict
-        ``az_mean_arcsec``, ``az_std_arcsec`` (coordinate, as the paper), ``az_sky_...`` (times
-        cos(elevation)), ``el_...`` and ``n``.
+        ``az_mean_arcsec``, ``az_std_arcsec`` (coordinate, as the paper is read here),
+        ``az_sky_...`` (times cos(elevation)), ``el_...`` and ``n``.
 
     Raises
     ------

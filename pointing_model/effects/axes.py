@@ -30,7 +30,7 @@ def _encoder(axis, order):
             return f'{head}{times(order)}: {short}'  # most of it other terms would take up
         return f'{head}by up to {arcsec(amount.size)}, {times(order)}: {short}'
 
-    # source: paper 001, centring of the disc
+    # source: geometry of a disc off its axis, or tilted; neither paper has it
     return Effect(f'{AXES[axis]}_encoder_{k}', f'{AXES[axis]} {cause}: {k} a turn',
                   f'cos {k}{letter}, sin {k}{letter} on the {AXES[axis]} angle'
                   + (' (on the sky x cos E)' if az else ''),
