@@ -17,6 +17,7 @@ from .chance import Chance
 from .choosing import choose
 from .constants import (
     FEW_FOLDS,
+    FEW_PARTITIONS,
     LONG,
     MANY,
     MOST_PARTITIONS,
@@ -140,7 +141,7 @@ def cross_validated(work, chosen, wanders, count, alpha, chance, rng, ways=None)
         return _rms(np.square(cross_validate(fits, [], folds)), keep), np.square(left)
     parts = []
     least, most = (ways, ways) if ways is not None else (
-        PARTITIONS, MOST_PARTITIONS if problem.n <= MANY else PARTITIONS)
+        (PARTITIONS, MOST_PARTITIONS) if problem.n <= MANY else (FEW_PARTITIONS, FEW_PARTITIONS))
     while len(parts) < least or (len(parts) < most and _unsure(parts, keep)):
         folds = partitions_of(problem, count, rng)[0]
         parts.append(apart(folds))
