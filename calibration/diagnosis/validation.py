@@ -132,9 +132,11 @@ def cross_validated(work, chosen, wanders, count, alpha, chance, rng, ways=None)
     fits = problem if wanders else problem.plain
     keep = problem.plain.state(chosen, final=True).weights > 0.0
     if not chosen:  # the model stays as it was
-        left_out = cross_validate(fits, [], partitions_of(problem, count, rng)[0])
-        before = _rms(np.square(left_out), keep)
-        return Errors(before, before, np.abs(left_out))
+        ways = ways or (MOST_PARTITIONS if problem.n <= MANY else 1)
+        squares = [np.square(cross_validate(fits, [], partitions_of(problem, count, rng)[0]))
+                   for _ in range(ways)]
+        before = _mean([_rms(one, keep) for one in squares])
+        return Errors(before, before, np.sqrt(np.mean(squares, axis=0)))
 
     def apart(folds):
         left, _ = nested(problem, folds, alpha, rng, wanders, whole=chance)
