@@ -12,6 +12,7 @@ import argparse
 import numpy as np
 from diagnosis import Table
 
+from calibration.driver_choice import ALPHA
 from calibration.zero_causes import Season, zero_causes
 from msg_tools.units import ARCSEC
 
@@ -119,7 +120,8 @@ def found_rows(table, args, rng):
                       None if slopes[1] else ratio <= 1.3)
         pulls = np.array([p for _, p in trials])[:, 0]
         table.row(f'{what}: tonight within 1 sigma',
-                  share(int(np.sum(abs(pulls) < 1)), len(pulls)), '68 %', f'rms of error / sigma {np.sqrt(np.mean(pulls**2)):.2f}; '
+                  share(int(np.sum(abs(pulls) < 1)), len(pulls)), '68 %',
+                  f'rms of error / sigma {np.sqrt(np.mean(pulls**2)):.2f}; '
                   f'beyond 3 sigma {int(np.sum(abs(pulls) > 3))}')
 
 
@@ -131,7 +133,7 @@ def false_rows(table, args, rng):
             documents = [trial(rng, args.nights, kind, daily, leave_out=False)[0]
                          for _ in range(args.seasons)]
             false = sum(d['verdict'] == 'cause' for d in documents)
-            levels = sum(min(axis['p_levels'] for axis in d['axes'].values()) <= 0.01
+            levels = sum(min(axis['p_levels'] for axis in d['axes'].values()) <= ALPHA
                          for d in documents)
             undecided = sum(d['verdict'] == 'undecided' for d in documents)
             table.row(f'{kind}, {what}: a cause', share(false, args.seasons), '<= 2 %',

@@ -25,6 +25,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import betainc, stdtr
 
+#: chance that zeros which follow nothing are given a cause
+ALPHA = 0.02
 VIEWS = ('levels', 'steady drift taken out', 'differences')
 #: drivers that are tried at once: two, of a dozen nights
 MOST = 2
@@ -67,7 +69,7 @@ def fewest_nights(alpha):
     return n
 
 
-def choose(zeros, drivers, when, alpha=0.01, count=999, seed=1):
+def choose(zeros, drivers, when, alpha=ALPHA, count=999, seed=1):
     """What the zeros of both axes follow.
 
     Parameters

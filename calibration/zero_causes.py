@@ -11,7 +11,7 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 
-from .driver_choice import Choice, choose, fewest_nights
+from .driver_choice import ALPHA, Choice, choose, fewest_nights
 from .polaris_zero import student_factor
 
 AXES = ('azimuth', 'elevation')
@@ -165,7 +165,7 @@ def _left_out(season, names, alpha, seed):
     return before, after
 
 
-def zero_causes(season, tonight=None, alpha=0.01, *, leave_out=True, seed=1):
+def zero_causes(season, tonight=None, alpha=ALPHA, *, leave_out=True, seed=1):
     """What the zeros of the power-ons follow, and the zero to be expected tonight.
 
     Parameters
@@ -188,10 +188,11 @@ def zero_causes(season, tonight=None, alpha=0.01, *, leave_out=True, seed=1):
         ``left_out`` (numbers of the power-ons of which a driver is not known), ``drivers`` (those
         tried), ``not_tried`` (lines), ``p`` over all drivers and both axes; ``axes``: of each
         ``verdict``, ``text``, ``p``, ``p_levels`` (of the zeros as they are alone), ``causes``
-        (``driver``, ``slope_arcsec``, ``sigma_arcsec`` a ``unit``), ``alike``, ``std_arcsec`` of the zeros,
-        ``measured_arcsec`` (RMS of their errors), ``unexplained_arcsec``, and where nights were left out
-        ``left_out_before_arcsec`` and ``left_out_after_arcsec`` (RMS); ``tonight``: of each axis
-        ``zero_arcsec``, ``sigma_arcsec``, the causes it is ``by`` and those ``missing``, or None.
+        (``driver``, ``slope_arcsec``, ``sigma_arcsec`` a ``unit``), ``alike``, ``std_arcsec`` of
+        the zeros, ``measured_arcsec`` (RMS of their errors), ``unexplained_arcsec``, and where
+        nights were left out ``left_out_before_arcsec`` and ``left_out_after_arcsec`` (RMS);
+        ``tonight`` (of each axis ``zero_arcsec``, ``sigma_arcsec``, the causes it is ``by`` and
+        those ``missing``) or None.
     """
     names, why = usable_drivers(season)
     used = _complete(season, names)

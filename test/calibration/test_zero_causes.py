@@ -5,7 +5,7 @@ from itertools import permutations
 import numpy as np
 import pytest
 
-from calibration.driver_choice import choose, fewest_nights
+from calibration.driver_choice import ALPHA, choose, fewest_nights
 from calibration.zero_causes import Season, usable_drivers, zero_causes
 from msg_tools.units import ARCSEC
 
@@ -32,7 +32,7 @@ def names(found, axis):
 
 def test_temperature_and_supply_are_found_with_their_slopes():
     found = zero_causes(season(1, slope=3.0, volts=200.0, n=13))
-    assert found['verdict'] == 'cause' and found['p'] <= 0.01
+    assert found['verdict'] == 'cause' and found['p'] <= ALPHA
     assert names(found, 'azimuth') == ['temperature'] and names(found, 'elevation') == ['supply']
     for axis, true in (('azimuth', 3.0), ('elevation', 200.0)):
         cause = found['axes'][axis]['causes'][0]
@@ -150,7 +150,7 @@ def test_a_night_without_temperature_is_left_out():
 def test_too_few_nights_are_said(n):
     found = zero_causes(season(1, n=n, slope=3.0, noise=0.1), {'temperature': [3.0, 3.0]})
     assert found['verdict'] == 'nothing' and f'{n} power-ons' in found['text']
-    assert f'takes {fewest_nights(0.01)}' in found['text']
+    assert f'takes {fewest_nights(ALPHA)}' in found['text']
     assert (found['tonight'] is None) == (n < 2)
 
 
