@@ -77,7 +77,7 @@ def choose(zeros, drivers, when, alpha=ALPHA, count=999, seed=1):
     zeros : ndarray, shape (n, 2)
         Of the nights in order of time; in any unit.
     drivers : ndarray, shape (m, n, 2)
-        Value of each driver, as each axis has it; finite, and not constant in either axis.
+        Value of each driver, as each axis has it; finite. One that is constant explains nothing.
     when : ndarray, shape (n,)
         Times of the nights, rising.
     alpha : float
@@ -225,6 +225,7 @@ class _View:
         if dof < 1:
             return 1.0
         others = self._drivers[:, [d for d in beside if d != driver], axis]
+        others = others[:, others.any(axis=0)]  # constant on this axis: nothing to take out
         basis = np.linalg.qr(others)[0]
         own, zeros = (v - basis @ (basis.T @ v) for v in (
             self._drivers[:, driver, axis], self._zeros[:, axis]))

@@ -56,8 +56,8 @@ class SeasonLog:
             Of this power-on, at least one.
         """
         began = rows.get('encoder_start')[0]
-        self._start[number] = float(began if np.isfinite(began) else rows['time'][0])
-        self._drivers[number] = drivers_of(self._marks_at(rows['time'][0]), rows) | {
+        self._start[number] = float(began if np.isfinite(began) else rows.get('time')[0])
+        self._drivers[number] = drivers_of(self._marks_at(rows.get('time')[0]), rows) | {
             'hours': self._hours(number, np.isfinite(began))}
 
     def _marks_at(self, time):

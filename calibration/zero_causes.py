@@ -36,7 +36,7 @@ class Season:
     run : ndarray, shape (n,)
         Numbers of the power-ons.
     time : ndarray, shape (n,)
-        When, s.
+        When, s; where it is not known of each, their order counts.
     zeros, sigmas : ndarray, shape (n, 2)
         Azimuth and elevation (coordinate angles) from one common origin, and their errors, rad.
     drivers : dict of str to ndarray, shape (n, 2)
@@ -115,7 +115,7 @@ def usable_drivers(season):
             why[name] = f'{words}: not known'
         elif np.mean(~known) > _UNKNOWN:
             why[name] = f'{words}: not known of {np.sum(~known)} of {len(season)} nights'
-        elif values[known].std(axis=0).min() < least:
+        elif values[known].std(axis=0).max() < least:
             spread = values[known].std(axis=0).max()
             why[name] = f'{words}: constant ({spread:.2g} {unit} rms over the nights)'
         else:
@@ -137,9 +137,12 @@ def _choice(season, names, alpha, seed):
     if not names:
         return _NO_CHOICE
     drivers = np.array([season.drivers[name] for name in names])
-    still = np.ptp(drivers, axis=1).min(axis=-1) <= 0.0  # in a fold that leaves a night out
+    still = np.ptp(drivers, axis=1).max(axis=-1) <= 0.0  # in a fold that leaves a night out
     moving = [i for i in range(len(names)) if not still[i]]
-    found = choose(season.zeros, drivers[moving], season.time, alpha, seed=seed)
+    when = season.time
+    if not (np.isfinite(when).all() and np.all(np.diff(when) > 0.0)):
+        when = np.arange(float(len(season)))  # their order is known all the same
+    found = choose(season.zeros, drivers[moving], when, alpha, seed=seed)
 
     def named(places):
         return tuple(tuple(names[moving[i]] for i in axis) for axis in places)

@@ -1,5 +1,6 @@
 """What the zeros of power-ons follow."""
 
+from dataclasses import replace
 from itertools import permutations
 
 import numpy as np
@@ -130,6 +131,23 @@ def test_a_driver_that_cannot_tell_is_said(changed, said):
     found = zero_causes(season(1, **changed))
     assert any(line.startswith(said) for line in found['not_tried'])
     assert found['verdict'] == 'nothing' and 'temperature' not in found['drivers']
+
+
+def test_a_driver_that_one_axis_has_alone_is_tried_there():
+    rng = np.random.default_rng(11)
+    side = np.ones((13, 2))
+    side[:, 0] = rng.permutation(np.r_[np.ones(7), -np.ones(6)])
+    given = season(11, n=13, noise=1.0, volts=100.0, side=side)
+    given.zeros[:, 0] += 6.0 * ARCSEC * side[:, 0]
+    found = zero_causes(given)
+    assert names(found, 'azimuth') == ['side'] and names(found, 'elevation') == ['supply']
+    assert found['axes']['azimuth']['causes'][0]['slope_arcsec'] == pytest.approx(6.0, abs=1.5)
+
+
+def test_without_times_the_order_of_the_nights_counts():
+    given = season(1, slope=3.0)
+    found = zero_causes(replace(given, time=np.full(11, np.nan)), leave_out=False)
+    assert found == zero_causes(given, leave_out=False)
 
 
 def test_nothing_to_look_for_is_said():
