@@ -84,6 +84,8 @@ class Calibration(MountNode):
         self._starts = {}  # number of a power-on -> when it began
         self._marks = None  # what the incremental encoder says of them
         self._zero_pub = self.publisher(topics.ZERO)
+        self._expected_pub = self.publisher(topics.ZERO_EXPECTED)
+        self._expected_of = None  # the power-on whose zero was told last
         self._model_pub = self.publisher(topics.MODEL)
         self._report_pub = self.publisher(topics.CALIBRATION_REPORT)
         self._diagnosis_pub = self.publisher(topics.DIAGNOSIS)
@@ -105,6 +107,7 @@ class Calibration(MountNode):
         self._session.add(run, convert.from_stamp(message.header.stamp))
         self._note_starts(run)
         self._say('collecting')
+        self._expect_zero()
 
     def _on_table(self, message):
         if message.width:
@@ -166,6 +169,8 @@ class Calibration(MountNode):
 
     def _on_homing(self, message):
         self._marks = cloud_to_homing(message)
+        if self.value('reference_age'):
+            self._session.hear(homings_of(self._marks, 0))
 
     def _unjudged(self):
         """Whether an incremental encoder is there that tells nothing of its marks."""
@@ -225,6 +230,22 @@ class Calibration(MountNode):
         text = model.to_json()
         self._model_name, self._spoke = identity(text), True
         self._model_pub.publish(String(data=text))
+
+    def _expect_zero(self):
+        """Once a power-on, from what the nights before it followed."""
+        if not self.value('reference_age') or self._session.newest == self._expected_of:
+            return
+        number = self._session.newest
+        self._expected_of = number
+        found = self._session.expect()
+        if found is None:
+            return
+        axes = [found[axis] for axis in convert.AXES]
+        self._expected_pub.publish(convert.joint_state(
+            self._session.last_stamp, [axis['change_arcsec'] * ARCSEC for axis in axes],
+            effort=[np.nan if axis['sigma_arcsec'] is None else axis['sigma_arcsec'] * ARCSEC
+                    for axis in axes],
+            frame=f'power_on_{number}'))
 
     def _publish_zero(self, zero):
         """With what it holds for: its power-on and the model."""

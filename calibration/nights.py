@@ -17,9 +17,11 @@ from pointing_model.zero import NO_ZERO, Zeros, zero_in_force
 
 from .fit import fit_harmonics
 from .polaris_zero import zero_from_polaris
-from .rows import for_fitting, is_kept_out
+from .rows import for_fitting, is_kept_out, polaris_by_run
 from .satellite_check import tracking_errors
+from .season import SeasonLog, season_rows
 from .session import CalibrationSession
+from .zero_causes import zero_causes
 
 #: the two kinds of model, in the order of the report
 PHYSICAL_TERMS, HARMONICS_ONLY = 'physical', 'harmonics'
@@ -44,6 +46,8 @@ class NightSeries:
         self._models = {}  # run -> {kind: PointingModel}, to go with the zero in force then
         self._zeros = Zeros()
         self._rows = {}
+        self._season = SeasonLog()
+        self._expected = {}  # number -> zero expected before Polaris was seen
         self.last_stamp = 0
         #: that was published last; a zero of tonight is relative to an earlier night's all the same
         self.in_force = None
@@ -122,6 +126,7 @@ class NightSeries:
                       if number in session.zeros}
         for known in (self._sessions, self._models, self._zeros, self._rows):
             known.clear()
+        self._season.clear_zeros()
         for number in np.unique(run['run']):
             if self._sessions:
                 with suppress(ValueError):
@@ -155,7 +160,9 @@ class NightSeries:
             Of tonight.
         report : dict
             As of `CalibrationSession.fit`; ``nights`` holds a row for every night so far that
-            has a reference and a zero.
+            has a reference and a zero, ``power_ons`` one (of `season.season_rows`) for every
+            power-on with a zero, ``zero_causes`` what these follow (`zero_causes.zero_causes`),
+            and ``zero_expected`` what was expected of tonight's before (`SeasonLog.expected`).
 
         Raises
         ------
@@ -174,7 +181,37 @@ class NightSeries:
         if number in session.zeros and self._reference(number) is not None:
             self._rows[number] = self._night(number, rows, report['witnesses']['alarms'])
         report['nights'] = [self._rows[n] for n in sorted(self._rows)]
+        self._judge_zeros(number, rows, model, report)
         return model, report
+
+    def _judge_zeros(self, number, rows, model, report):
+        """What the zeros of the season follow, and how well tonight's was expected."""
+        self.expect()
+        polaris = dict(polaris_by_run(rows))
+        if number in polaris:
+            with suppress(ValueError):  # too few exposures of it
+                self._season.measured(number, polaris[number], model)
+        season = self._season.season()
+        report['power_ons'] = season_rows(season)
+        report['zero_causes'] = zero_causes(season, leave_out=False)
+        report['zero_expected'] = self._expected.get(number)
+
+    def hear(self, homings):
+        """What the incremental encoders say of their marks; see `season.SeasonLog.hear`."""
+        self._season.hear(homings)
+
+    def expect(self):
+        """The zero of tonight before Polaris is seen, from the nights before.
+
+        Returns
+        -------
+        dict or None
+            See `season.SeasonLog.expected`; ValueError before the first row of tonight.
+        """
+        number = self.newest
+        self._season.begin(number, self._sessions[number].observations())
+        self._expected[number] = self._season.expected(number)
+        return self._expected[number]
 
     def diagnose(self, alpha=0.01, site=None, until=0):
         """What tonight's model lacks; see `CalibrationSession.diagnose`.

@@ -1,5 +1,7 @@
 """Paper 000's table 1 and figures 1 and 2, with our numbers beside the paper's."""
 
+from itertools import zip_longest
+
 import numpy as np
 
 from pointing_model.rms import rms
@@ -143,11 +145,12 @@ def _table_1(report):
     out = new_table(
         'Paper 000, table 1: mean error of the stars of a night, arcsec (azimuth: coordinate)',
         'night', 'before: az', 'paper', 'el', 'paper', 'after: az', 'paper', 'el', 'paper')
-    pairs = list(zip(report['table1'], report['paper']['table1']))
-    for ours, theirs in pairs:
-        out.add_row(str(ours['night']), *(f'{row[name]:+.1f}' if row is theirs
-                                          else f'{row[name]:+.2f}'
-                                          for name in COLUMNS[1:] for row in (ours, theirs)))
+    for ours, theirs in zip_longest(report['table1'], report['paper']['table1']):
+        if ours is None:
+            break  # fewer nights than the paper's
+        out.add_row(str(ours['night']), *(
+            '' if row is None else f'{row[name]:+.1f}' if row is theirs else f'{row[name]:+.2f}'
+            for name in COLUMNS[1:] for row in (ours, theirs)))
     out.add_section()
     for key in ('mean', 'std', 'rms'):
         out.add_row(key.upper() if key == 'rms' else key, *(
@@ -222,7 +225,7 @@ def plot_nights(report, path):
             key = f'{part}_{axis}_arcsec'
             axes.axhline(0.0, color='0.7', lw=0.8)
             paper = report['paper']['table1'][:len(number)]
-            axes.plot(number - 0.12, [r[key] for r in paper], 's', ms=5, mfc='none',
+            axes.plot(number[:len(paper)] - 0.12, [r[key] for r in paper], 's', ms=5, mfc='none',
                       color='tab:orange', label='paper 000')
             error = None
             if part == 'after':

@@ -53,6 +53,9 @@ class Homing(NamedTuple):
     mark_error: float = np.nan  # counts
     count: float = np.nan  # rad
     pulse_width: float = np.nan  # of the data sheet, rad
+    supply: float = np.nan  # when the mark was met, V
+    temperature: float = np.nan  # likewise, degC
+    started: float = np.nan  # when this power-on began, UTC s
 
 
 def homings_of(axes, run):
@@ -70,7 +73,9 @@ def homings_of(axes, run):
     list of Homing
     """
     return [Homing(run, axis, told.homed, told.side, told.missed_marks, told.mark_error,
-                   told.count, told.pulse_width) for axis, told in axes.items()]
+                   told.count, told.pulse_width, told.supply, told.temperature,
+                   told.started)
+            for axis, told in axes.items()]
 
 
 def encoder_diagnostics(message):

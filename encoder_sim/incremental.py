@@ -37,6 +37,8 @@ class Status(NamedTuple):
         V.
     power_on : int
         Number of this power-on.
+    mark_supply, mark_temperature : float
+        As measured when the mark cleared the counter, V and degC; NaN before.
     """
 
     homed: bool
@@ -46,6 +48,8 @@ class Status(NamedTuple):
     mark_error: float
     supply: float
     power_on: int
+    mark_supply: float = np.nan
+    mark_temperature: float = np.nan
 
     @property
     def miscounted(self):
@@ -114,7 +118,8 @@ class IncrementalEncoder:
     def status(self):
         """`Status` after the last sample."""
         return Status(self.homed, {0: '', 1: 'below', -1: 'above'}[self._sense], self._missed,
-                      self._passed, self._mark_error, float(self._supply), self.power_on)
+                      self._passed, self._mark_error, float(self._supply), self.power_on,
+                      *self._measured)
 
     def power_cycle(self):
         """Off and on again: the counter is lost, and the mark will be found elsewhere."""
@@ -129,6 +134,7 @@ class IncrementalEncoder:
         self._lost = 0  # counts lost since
         self._missed = self._passed = 0
         self._mark_error = np.nan
+        self._measured = (np.nan, np.nan)  # supply and temperature at the mark
 
     # --- grating --------------------------------------------------------------------------------
 
@@ -157,6 +163,9 @@ class IncrementalEncoder:
     def _volts(self, seconds):
         p = self.params
         volts = p.supply + p.supply_rate * seconds
+        if p.supply_scatter > 0.0:
+            volts = volts + p.supply_scatter * float(keyed_noise.normal(
+                self.seed, 'incremental', 'supply', self.power_on))
         if p.supply_ripple > 0.0:
             volts = volts + p.supply_ripple * np.sin(_TURN * p.ripple_frequency * seconds)
         return volts
@@ -305,6 +314,11 @@ class IncrementalEncoder:
             off = p.mark_angle - angle
             self.zero = float(off - _TURN * np.rint(off / _TURN))
             valid_from = row - known
+            self._measured = tuple(
+                float(values[valid_from] + noise * keyed_noise.normal(
+                    self.seed, self._device, name, int(stamps[valid_from])))
+                for name, values, noise in (('voltmeter', volts, p.voltmeter_noise),
+                                            ('thermometer', temperature, p.thermometer_noise)))
             lost = lost - lost[row]
             passages = _Passages(*(column[hits[0] + 1:] for column in passages))
         self._check_mark(passages, lost)

@@ -66,7 +66,8 @@ class IncrementalEncoders(MountedDevice):
             started = self._power_on.started if self._power_on else np.nan
             self._homing_pub.publish(homing_to_cloud([
                 AxisHoming(s.homed, s.side, s.missed_marks, s.passages, s.mark_error,
-                           encoder.count_angle, encoder.params.pulse_width, s.power_on, started)
+                           encoder.count_angle, encoder.params.pulse_width, s.power_on, started,
+                           s.mark_supply, s.mark_temperature)
                 for s, encoder in zip(states, self._encoders)], self._stamp))
             if self._power_on is not None:
                 self.announce()  # a log without that topic has the diagnostics alone

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from . import keyed_noise
 from .scenario_encoders import Absolute, Incremental
 from .scenario_fields import both_axes, choice, number, optional, section, sections
 
@@ -154,7 +155,8 @@ class TrueWeather:
 
     The temperature changes by `temperature_rate` (degC/s) from the start of the night on, and
     swings by `temperature_swing` (degC) about that once in `swing_period` (s); mount and encoders
-    feel it.
+    feel it. From night to night (24 h, the first from the start on) it is anywhere within a
+    `nightly_range` (degC) about that, independently; `nightly_draw` numbers such seasons.
     """
 
     pressure: float = number(955.0, 'hpa', 0.0, 1100.0)
@@ -164,13 +166,21 @@ class TrueWeather:
     temperature_rate: float = number(0.0, 'c_per_hour', -20.0, 20.0)
     temperature_swing: float = number(0.0, 'c', -30.0, 30.0)
     swing_period: float = number(1.0, 'h', 0.01, 1000.0)
+    nightly_range: float = number(0.0, 'c', 0.0, 60.0)
+    nightly_draw: int = number(1, '', 0, 2**31 - 1, kind=int)
 
     def temperature_at(self, time, start):
         """Temperature (degC) at `time`, of a night that began at `start` (UTC s)."""
         seconds = np.asarray(time) - start
         swing = np.sin(2.0 * np.pi * seconds / self.swing_period)
+        night = 0.0
+        if self.nightly_range > 0.0:
+            # it changes by day, an hour before the next night begins
+            days = np.floor((seconds + 3600.0) / 86400.0).astype(np.int64)
+            night = self.nightly_range * (
+                keyed_noise.uniform(self.nightly_draw, 'weather', 'night', days) - 0.5)
         return (self.temperature + self.temperature_rate * seconds
-                + self.temperature_swing * swing)
+                + self.temperature_swing * swing + night)
 
 
 @dataclass(frozen=True)

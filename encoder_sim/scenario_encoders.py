@@ -90,6 +90,10 @@ class Incremental(EncoderScale):
         Drift of the reading with the supply at any time, rad/V.
     supply, supply_nominal, supply_rate : float
         Supply at the start (V), that of the data sheet (V), and its change (V/s).
+    supply_scatter : float
+        1-sigma of the supply from one power-on to the next, the same on both axes, V.
+    thermometer_noise, voltmeter_noise : float
+        1-sigma of what the electronics measure of temperature (degC) and supply (V) at the mark.
     supply_ripple, ripple_frequency : float
         Amplitude (V) and frequency (Hz) of what the mains leave on it.
     max_count_rate : float
@@ -129,6 +133,9 @@ class Incremental(EncoderScale):
     supply: float = number(5.0, 'v', 0.0, 100.0)
     supply_nominal: float = number(5.0, 'v', 0.1, 100.0)
     supply_rate: float = number(0.0, 'v_per_hour', -10.0, 10.0)
+    supply_scatter: float = number(0.0, 'v', 0.0, 10.0)
+    thermometer_noise: float = number(0.0, 'c', 0.0, 60.0)
+    voltmeter_noise: float = number(0.0, 'v', 0.0, 10.0)
     supply_ripple: float = number(0.0, 'v', 0.0, 10.0)
     ripple_frequency: float = number(100.0, 'hz', 0.01, 1e6)
     max_count_rate: float = number(0.0, 'mhz', 0.0, 1000.0)

@@ -13,7 +13,7 @@ from .power_on import PowerOn
 from .tables import cloud_to_table, table_to_cloud
 
 _SIDES = {'': 0.0, 'below': 1.0, 'above': -1.0}
-_LATER = ('started',)  # fields that older messages do not have
+_LATER = ('started', 'supply', 'temperature')  # fields that older messages do not have
 
 
 class AxisHoming(NamedTuple):
@@ -38,6 +38,9 @@ class AxisHoming(NamedTuple):
         Number of the power-on, as the encoder counts them.
     started : float
         When this power-on began, UTC s; NaN where it is not known (older logs do not tell).
+    supply, temperature : float
+        Of the encoder, as its electronics measured them when the mark cleared the counter, V and
+        degC; NaN before, and where they are not measured.
     """
 
     homed: bool
@@ -49,6 +52,8 @@ class AxisHoming(NamedTuple):
     pulse_width: float
     power_on: int
     started: float = float('nan')
+    supply: float = float('nan')
+    temperature: float = float('nan')
 
     @property
     def identity(self):

@@ -75,6 +75,8 @@ OFFSET = Topic('offset', 'geometry_msgs/msg/Vector3Stamped', RELIABLE)
 OBSERVER_STATUS = Topic('observer/status', 'diagnostic_msgs/msg/DiagnosticStatus', LATCHED)
 CHECKS = Topic('observer/checks', 'std_msgs/msg/String', LATCHED)
 ZERO = Topic('zero', 'sensor_msgs/msg/JointState', LATCHED)
+# by how much the zero will have changed since the power-on before, before Polaris is seen
+ZERO_EXPECTED = Topic('zero/expected_change', 'sensor_msgs/msg/JointState', LATCHED)
 MODEL = Topic('model', 'std_msgs/msg/String', LATCHED)
 DIAGNOSIS = Topic('diagnosis', 'std_msgs/msg/String', LATCHED)
 CALIBRATION_REPORT = Topic('calibration/report', 'std_msgs/msg/String', LATCHED)

@@ -22,7 +22,7 @@ START = '2013-09-20T13:00:00'
 _HOURS = 24
 
 
-def experiment_plan(stars, polaris, satellite, extra=False):
+def experiment_plan(stars, polaris, satellite, extra=False, nights=NIGHTS):
     """The plan of all nights.
 
     Parameters
@@ -34,26 +34,29 @@ def experiment_plan(stars, polaris, satellite, extra=False):
     satellite : int
         Exposures of the satellite before and after the zero calibration of its night.
     extra : bool
-        One more power-on, for the case of the paper's section 1.1.
+        One more power-on: the case of the paper's section 1.1, or the night whose zero is
+        foretold.
+    nights : int
+        Those of table 1, 11 in the paper.
 
     Returns
     -------
     str
     """
-    nights = []
-    for night in range(1 - REFERENCE_AGE, NIGHTS + extra + 1):
+    parts = []
+    for night in range(1 - REFERENCE_AGE, nights + extra + 1):
         if night < 1:  # for its coefficients only
-            start = f'wait {_HOURS}, power_cycle, home' if nights else 'home'
-            nights.append(f'{start}, stars {stars}, polaris {polaris}, calibrate_zero, fit')
+            start = f'wait {_HOURS}, power_cycle, home' if parts else 'home'
+            parts.append(f'{start}, stars {stars}, polaris {polaris}, calibrate_zero, fit')
             continue
         track = f'satellite {satellite}, ' if night == SATELLITE_NIGHT else ''
-        nights.append(f'wait {_HOURS}, power_cycle, home, {track}stars {stars}, '
-                      f'polaris {polaris}, calibrate_zero, {track}stars {stars}, fit')
-    return ', '.join(nights)
+        parts.append(f'wait {_HOURS}, power_cycle, home, {track}stars {stars}, '
+                     f'polaris {polaris}, calibrate_zero, {track}stars {stars}, fit')
+    return ', '.join(parts)
 
 
 def run_experiment(out, *, seed=1, drifts='paper', stars=30, polaris=16, satellite=20,
-                   domain_number=None, progress=None):
+                   nights=NIGHTS, scenario=None, domain_number=None, progress=None):
     """Observe all nights in one graph of processes.
 
     Parameters
@@ -62,6 +65,11 @@ def run_experiment(out, *, seed=1, drifts='paper', stars=30, polaris=16, satelli
         Folder for all that is written.
     drifts : str
         One of `DRIFTS`.
+    nights : int
+        Of table 1; what zeros follow shows in more of them.
+    scenario : str, optional
+        What is wrong with the simulated mount, in place of `drifts`: a season whose zeros follow
+        something, such as ``season_temperature``. The last power-on is the one that is foretold.
     seed, stars, polaris, satellite, domain_number
         As of `night.run_night` and `experiment_plan`.
     progress : callable, optional
@@ -79,31 +87,36 @@ def run_experiment(out, *, seed=1, drifts='paper', stars=30, polaris=16, satelli
     NightFailed
         A node ended, or the plan could not be carried out.
     """
-    plan = experiment_plan(stars, polaris, satellite, extra=drifts == 'paper')
+    extra = scenario is not None or drifts == 'paper'
+    plan = experiment_plan(stars, polaris, satellite, extra, nights)
     parse_plan(plan)
     folder = prepare_folder(out)
+    said = {'seed': seed, **({'scenario': scenario} if scenario else {'drifts': drifts})}
     specs = night_graph(
-        bag=str(folder / 'bag'), scenario=DRIFTS[drifts], seed=seed,
+        bag=str(folder / 'bag'), scenario=scenario or DRIFTS[drifts], seed=seed,
         start_time=START, plan=plan, first_run=1 - REFERENCE_AGE, reference_age=REFERENCE_AGE,
         satellite='gps-26690', sample_rate_hz=1.0)
-    return observe(folder, specs, plan, partial(_write, folder, seed, drifts), progress,
+    return observe(folder, specs, plan, partial(_write, folder, nights, said), progress,
                    domain_number)
 
 
-def _write(folder, seed, drifts, latest):
-    """table1.csv, gps.json, report.json, observations.csv and the pictures."""
+def _write(folder, nights, said, latest):
+    """table1.csv, zeros.csv, gps.json, report.json, observations.csv and the pictures."""
     from calibration.paper_table_1 import COLUMNS, compare_with_paper, plot_nights
     from calibration.satellite_check import plot_gps
+    from calibration.season_report import judge_season, plot_season, write_season
     from msg_tools import topics
     from pointing_model.run_files import write_csv
     from pointing_model.run_messages import cloud_to_run
 
     run = cloud_to_run(latest[topics.OBSERVATIONS.name])
     calibrated = json.loads(latest[topics.CALIBRATION_REPORT.name].data)
-    report = compare_with_paper(calibrated['nights'], NIGHTS)
-    report.update(seed=seed, drifts=drifts)
+    report = compare_with_paper(calibrated['nights'], nights)
+    report.update(said)
+    report['zeros'] = judge_season(calibrated['power_ons'], calibrated['zero_expected'])
     files = {name: folder / name for name in (
-        'table1.csv', 'gps.json', 'report.json', 'observations.csv', 'nights.png', 'gps.png')}
+        'table1.csv', 'zeros.csv', 'gps.json', 'report.json', 'observations.csv', 'nights.png',
+        'zeros.png', 'gps.png')}
     with open(files['table1.csv'], 'w', newline='', encoding='utf-8') as file:
         table = csv.writer(file)
         table.writerow(COLUMNS)
@@ -111,7 +124,9 @@ def _write(folder, seed, drifts, latest):
     files['gps.json'].write_text(json.dumps(report['gps'], indent=1) + '\n')
     files['report.json'].write_text(json.dumps(report, indent=1) + '\n')
     write_csv(run, files['observations.csv'])
+    write_season(calibrated['power_ons'], files['zeros.csv'])
     plot_nights(report, files['nights.png'])
+    plot_season(report['zeros'], files['zeros.png'])
     plot_gps(report['satellite'], files['gps.png'])
     report['files'] = {'log': str(folder / 'bag'),
                        **{name: str(path) for name, path in files.items()}}

@@ -78,6 +78,9 @@ def verify_log(bag, *, reference=None, seed=None):
         for part in (*rows.observations.values(), *rows.tables.values()):
             part.meta['graduation'] = declared_graduation(parameters['graduation'])
     session = _session(log, parameters, reference, seed)
+    if isinstance(session, NightSeries):
+        for _, homings in rows.homings:
+            session.hear(homings(0))
     _calibrate(rows, session, parameters, check)
     if not check.checked:
         raise ValueError(f'{bag} has nothing derived in it that could be verified')

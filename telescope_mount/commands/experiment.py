@@ -10,10 +10,18 @@ def add(commands):
         description='Observe thirteen nights through the node graph: a power-on each, 30 stars, '
         'Polaris, 30 stars; the model of two nights before corrects tonight, before and after the '
         'zero calibration. On one night a GPS satellite is tracked. Prints the paper\'s table 1 '
-        'with ours beside it.')
+        'with ours beside it, and what the zeros follow: temperature, supply, time, side of the '
+        'mark.')
     options.add_out(parser, 'experiment', 'tables, log and plots')
     options.add(parser, 'seed')
-    parser.add_argument('--drifts', choices=('paper', 'random'), default='paper',
+    parser.add_argument('--nights', type=options.whole(4, 200), default=11,
+                        help='of the table, after two for their models (default: 11)')
+    what = parser.add_mutually_exclusive_group()
+    what.add_argument('--scenario', metavar='NAME',
+                      help='what is wrong with the simulated mount, in place of the drifts: a '
+                      'season whose zeros follow something (season_temperature, season_trend, '
+                      'season_none), or a YAML file')
+    what.add_argument('--drifts', choices=('paper', 'random'), default='paper',
                         help='of the zero at each power-on: those that give the paper\'s errors '
                         'before calibration (default), or random ones of that scatter')
     parser.add_argument('--stars', type=options.whole(8, 500), default=30,
@@ -27,6 +35,7 @@ def add(commands):
 def run(args):
     """Observe, print, write."""
     from calibration.paper_table_1 import experiment_tables
+    from calibration.season_report import season_lines, season_table
 
     from ..experiment import run_experiment
     from .console import Progress, new_console, print_files, print_lines
@@ -34,8 +43,11 @@ def run(args):
     with Progress(console) as progress:
         report = run_experiment(
             args.out, seed=args.seed, drifts=args.drifts, stars=args.stars, polaris=args.polaris,
-            satellite=args.satellite, domain_number=args.domain, progress=progress)
+            satellite=args.satellite, nights=args.nights, scenario=args.scenario,
+            domain_number=args.domain, progress=progress)
     for table in experiment_tables(report):
         console.print(table)
+    console.print(season_table(report['zeros']))
+    print_lines(console, 'zeros', season_lines(report['zeros']))
     print_lines(console, 'alarm', report['alarms'])
     print_files(console, report['files'], 17)

@@ -458,3 +458,24 @@ def test_a_change_that_does_not_hold_is_refused_with_a_warning(graph):
     graph.wait_for(lambda: len(models) == 3 and len(found) == 2)
     assert json.loads(models[-1].data)['provenance']['judged'] == 'holds'
     assert json.loads(found[-1].data)['judged']['taken_back'] is False
+
+
+def test_the_zero_of_tonight_is_told_before_polaris(graph):
+    desk = Desk(graph, reference_age=1)
+    told, reports = graph.listen(topics.ZERO_EXPECTED), graph.listen(topics.CALIBRATION_REPORT)
+    for run, shift in ((1, 0.0), (2, 6.0), (3, -6.0)):
+        zero = np.array([shift, 0.0]) * ARCSEC
+        desk.observe(rows(12, run=run, zero=zero, seed=run))
+        if run == 3:
+            break
+        assert not told
+        desk.observe(rows(8, run=run, star=POLARIS_HIP, zero=zero, seed=10 + run))
+        assert graph.call('fit').success
+    graph.wait_for(lambda: told, 'the zero that is expected')
+    # the mean of two zeros 6" apart lies 3" below the last one
+    _, change, _, sigma = convert.read_joints(told[0])
+    assert change[0] / ARCSEC == pytest.approx(-3.0, abs=1.5)
+    assert sigma[0] / ARCSEC > 4.0 and told[0].header.frame_id == 'power_on_3'
+    found = json.loads(reports[-1].data)
+    assert [row['run'] for row in found['power_ons']] == [1, 2]
+    assert 'too few' in found['zero_causes']['text']

@@ -13,6 +13,7 @@ from calibration.paper_table_1 import (
     statistics,
 )
 from calibration.satellite_check import plot_gps
+from calibration.witnesses import Homing
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
 from pointing_model.run import PointingRun
@@ -253,3 +254,26 @@ def test_the_case_after_the_nights(nights):
 def test_a_missing_night_is_said(nights):
     with pytest.raises(ValueError, match='no calibrated night 4, 5'):
         compare_with_paper(nights, 5)
+
+
+def test_the_zeros_of_the_season_are_in_the_report():
+    series = NightSeries(2)
+    for run in DRIFTS:
+        series.hear([Homing(0, axis, True, 'below', supply=5.0 + 0.01 * run, temperature=2.0 * run,
+                            started=1.38e9 + DAY * run - 100.0)
+                     for axis in ('azimuth', 'elevation')])
+        series.add(night(run), run + 10)
+        report = series.fit()[1]
+    rows = report['power_ons']
+    assert [row['run'] for row in rows] == list(DRIFTS)
+    assert [row['temperature'][0] for row in rows] == [2.0 * run for run in DRIFTS]
+    assert [row['supply'][1] for row in rows] == [5.0 + 0.01 * run for run in DRIFTS]
+    zeros = np.array([row['zero_arcsec'] for row in rows])
+    np.testing.assert_allclose(zeros, np.array(list(DRIFTS.values())), atol=3.0)
+    assert f'{len(DRIFTS)} power-ons' in report['zero_causes']['text']  # too few
+    # tonight from the four nights before: their mean, and what they scatter
+    told = report['zero_expected']['azimuth']
+    assert told['zero_arcsec'] == pytest.approx(zeros[:-1, 0].mean())
+    assert told['change_arcsec'] == pytest.approx(zeros[:-1, 0].mean() - zeros[-2, 0])
+    assert told['sigma_arcsec'] > 40.0
+    json.dumps(report)

@@ -172,6 +172,10 @@ def test_what_others_compute_with_is_told_in_numbers(graph, tmp_path):
     assert elevation.mark_error == pytest.approx(-120.0, abs=3.0)
     assert elevation.count == pytest.approx(COUNT)
     assert azimuth.pulse_width == pytest.approx(3.0 * ARCSEC)
+    # of the mark, each axis by instruments of its own
+    assert np.isnan(start['azimuth'].supply) and np.isnan(start['azimuth'].temperature)
+    assert 4.95 < azimuth.supply < 5.05 and azimuth.supply != elevation.supply
+    assert 9.0 < azimuth.temperature < 11.0 and azimuth.temperature != elevation.temperature
     changed = axes.stamp
     axes([MARKS + 2 * DEG] * 3)
     assert graph.call('power_cycle').success

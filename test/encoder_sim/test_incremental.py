@@ -187,7 +187,8 @@ def passage(device, after=0.0, back=False, **feed):
 
 def test_nothing_is_known_of_the_side_before_the_mark():
     device = encoder()
-    assert device.status == (False, '', 0, 0, pytest.approx(np.nan, nan_ok=True), 5.0, 1)
+    unknown = pytest.approx(np.nan, nan_ok=True)
+    assert device.status == (False, '', 0, 0, unknown, 5.0, 1, unknown, unknown)
     assert np.isnan(device.zero)
     passage(device)
     assert device.status.homed and device.status.side == 'below'
@@ -349,3 +350,22 @@ def test_a_sample_that_is_not_a_number_loses_nothing():
     later = stamps(3, start=1_768_482_010.0)
     reading = device.feed(later, [3.3, np.nan, 3.3])
     assert np.isnan(reading[1]) and reading[2] == pytest.approx(3.3, abs=COUNT * ARCSEC)
+
+
+def test_supply_and_temperature_are_measured_where_the_mark_was_met():
+    params = {'supply_scatter': 0.2, 'thermometer_noise': 0.1, 'voltmeter_noise': 0.005,
+              'mark_supply': 50.0 * ARCSEC}
+    device = encoder(**params)
+    volts, zeros = [], []
+    for night in range(12):
+        passage(device, 100.0 * night, temperature=5.0)
+        volts.append(device.status.mark_supply)
+        zeros.append(device.zero)
+        assert abs(device.status.mark_temperature - 5.0) < 0.5
+        assert device.status.mark_temperature != 5.0
+        device.power_cycle()
+        assert np.isnan(device.status.mark_supply)
+    assert 0.08 < np.std(volts) < 0.4
+    # the mark follows what was measured, but for the voltmeter's noise and the counts
+    left = np.array(zeros) / ARCSEC - 50.0 * (np.array(volts) - 5.0)
+    assert 0.1 < np.std(left) < 0.6

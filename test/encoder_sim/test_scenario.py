@@ -1,3 +1,6 @@
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
 from encoder_sim.scenario import Mount
@@ -139,3 +142,18 @@ def test_temperature_follows_the_night(tmp_path):
     scenario = load_scenario(path)
     assert scenario.temperature([0.0, 7200.0], start=0.0) == pytest.approx([12.0, 9.0])
     assert load_scenario('ideal').temperature(7200.0, start=0.0) == 10.0
+
+
+def test_each_night_has_a_temperature_of_its_own():
+    season = load_scenario('season_temperature')
+    start = 1.7e9
+    nights = season.temperature(start + 86400.0 * np.arange(40), start)
+    assert -4.0 <= nights.min() < 0.0 and 12.0 < nights.max() <= 16.0
+    # from the begin of a night to its end, however late the next one begins
+    late = season.temperature(start + 86400.0 * np.arange(40) + 43200.0, start)
+    np.testing.assert_array_equal(late, nights)
+    assert abs(np.corrcoef(nights[1:], nights[:-1])[0, 1]) < 0.4
+    other = replace(season, weather=replace(season.weather, nightly_draw=2))
+    assert not np.allclose(other.temperature(start + 86400.0 * np.arange(40), start), nights)
+    trend = load_scenario('season_trend').temperature(start + 86400.0 * np.arange(14), start)
+    assert trend[:3].mean() - trend[-3:].mean() > 10.0

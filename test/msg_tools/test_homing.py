@@ -10,7 +10,7 @@ from msg_tools.units import ARCSEC
 
 NS = 1_768_482_000_123_456_789
 AZIMUTH = AxisHoming(True, 'below', 0, 2, -120.0, 0.0686 * ARCSEC, 3.0 * ARCSEC, 1,
-                     1_768_482_000.5)
+                     1_768_482_000.5, 4.93, -3.5)
 ELEVATION = AxisHoming(False, '', 3, 0, np.nan, 0.0686 * ARCSEC, np.nan, 2)
 
 
@@ -30,7 +30,7 @@ def test_the_fields_that_others_read():
     # a driver of a real encoder publishes these: a change of them is one of the interface
     assert [field.name for field in homing_to_cloud([AZIMUTH, ELEVATION], NS).fields] == [
         'axis', 'homed', 'side', 'missed_marks', 'passages', 'mark_error', 'count', 'pulse_width',
-        'power_on', 'started']
+        'power_on', 'started', 'supply', 'temperature']
 
 
 def test_an_encoder_of_one_axis_and_more_than_we_ask_for():
@@ -41,13 +41,15 @@ def test_an_encoder_of_one_axis_and_more_than_we_ask_for():
 
 def test_a_message_of_an_older_log_does_not_say_when_the_power_on_began():
     table = cloud_to_table(homing_to_cloud([AZIMUTH, ELEVATION], NS))
-    del table['started']
+    for name in ('started', 'supply', 'temperature'):
+        del table[name]
     back = cloud_to_homing(table_to_cloud(table, NS))
-    assert back['azimuth'][:-1] == AZIMUTH[:-1] and back['azimuth'].identity is None
+    assert back['azimuth'][:-3] == AZIMUTH[:-3] and back['azimuth'].identity is None
+    assert np.isnan(back['azimuth'].supply) and np.isnan(back['azimuth'].temperature)
     assert AZIMUTH.identity == PowerOn(1, 1_768_482_000.5)
 
 
-@pytest.mark.parametrize('name', ['axis', *AxisHoming._fields[:-1]])
+@pytest.mark.parametrize('name', ['axis', *AxisHoming._fields[:-3]])
 def test_a_field_that_is_missing_is_told(name):
     table = cloud_to_table(homing_to_cloud([AZIMUTH, ELEVATION], NS))
     del table[name]

@@ -78,7 +78,41 @@ def test_what_is_printed(experiment):
         assert (experiment / name).read_bytes().startswith(b'\x89PNG')
 
 
+def test_zeros_beside_a_constant_temperature_have_no_cause(experiment):
+    found = json.loads((experiment / 'report.json').read_text())['zeros']
+    assert len(found['power_ons']) == NIGHTS + 3 and found['causes']['nights'] == NIGHTS + 2
+    assert found['causes']['verdict'] == 'nothing' and found['causes']['drivers'] == []
+    assert 'temperature: constant' in found['causes']['text']
+    assert found['tonight']['run'] == NIGHTS + 1 and found['tonight']['azimuth']['by'] == []
+    names = [topic.name for topic in BagReader(experiment / 'bag').topics]
+    assert '/mount/zero/expected_change' in names
+
+
+def test_a_season_is_measured_where_the_marks_are_met(cli, tmp_path):
+    done = cli('experiment', '--out', tmp_path / 'out', '--scenario', 'season_temperature',
+               '--nights', 4, '--stars', 8, '--polaris', 4, '--satellite', 2)
+    assert done.returncode == 0, (done.stdout, done.stderr)
+    with open(tmp_path / 'out' / 'zeros.csv', newline='') as file:
+        rows = list(csv.DictReader(file))
+    assert [int(row['run']) for row in rows] == list(range(-1, 6))
+    zero, warmth = (np.array([float(row[name]) for row in rows]) for name in (
+        'zero_az_arcsec', 'temperature_az_c'))
+    # 3"/degC over -4 to 16 degC, 3" unexplained
+    assert np.ptp(warmth) > 5.0 and np.corrcoef(zero, warmth)[0, 1] > 0.8
+    supply, up = (np.array([float(row[name]) for row in rows]) for name in (
+        'supply_el_v', 'zero_el_arcsec'))
+    assert np.corrcoef(up, supply)[0, 1] > 0.8
+    found = json.loads((tmp_path / 'out' / 'report.json').read_text())['zeros']
+    assert found['causes']['drivers'] == ['temperature', 'supply']
+    told = found['tonight']['azimuth']
+    assert abs(told['expected_arcsec'] - told['measured_arcsec']) < 5.0 * told['sigma_arcsec']
+    assert 'What the zeros of 6 power-ons follow' in done.stdout
+    assert (tmp_path / 'out' / 'zeros.png').read_bytes().startswith(b'\x89PNG')
+
+
 def test_bad_input_is_one_line(refused, tmp_path):
     (tmp_path / 'full').mkdir()
     (tmp_path / 'full' / 'file').write_text('')
     assert 'not empty' in refused('experiment', '--out', tmp_path / 'full')
+    assert 'not allowed with' in refused(
+        'experiment', '--drifts', 'random', '--scenario', 'season_none')

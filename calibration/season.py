@@ -1,0 +1,189 @@
+"""The power-ons of a season as the calibration has seen them: zeros, and what was measured then."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from msg_tools.units import ARCSEC
+
+from .polaris_zero import zero_from_polaris
+from .zero_causes import AXES, DRIVERS, Season, zero_causes
+
+_SIDES = {'below': 1.0, 'above': -1.0}
+
+
+class SeasonLog:
+    """Zeros by Polaris of power-on after power-on, all since the first.
+
+    One model, that of the first night, takes out how Polaris moved: it is the same for all, so its
+    errors drop out of all that is compared.
+    """
+
+    def __init__(self):
+        self._model = None
+        self._zeros = {}  # number -> PolarisZero
+        self._drivers = {}  # number -> driver -> (azimuth, elevation)
+        self._start = {}  # number -> UTC s
+        self._marks = {axis: {} for axis in AXES}  # axis -> start of a power-on -> Homing
+
+    def __len__(self):
+        return len(self._zeros)
+
+    def clear_zeros(self):
+        """They will be measured again; what the encoders told of their marks stays known."""
+        self._model = None
+        self._zeros.clear()
+
+    def hear(self, homings):
+        """Take what the incremental encoders say of their marks, whenever they say it.
+
+        Parameters
+        ----------
+        homings : iterable of witnesses.Homing
+            Those that do not say when their power-on began tell nothing here.
+        """
+        for homing in homings:
+            if homing.homed and np.isfinite(homing.started) and homing.axis in self._marks:
+                self._marks[homing.axis][homing.started] = homing
+
+    def begin(self, number, rows):
+        """Take what is known of a power-on, before Polaris or after.
+
+        Parameters
+        ----------
+        number : int
+        rows : PointingRun
+            Of this power-on, at least one.
+        """
+        began = rows.get('encoder_start')[0]
+        self._start[number] = float(began if np.isfinite(began) else rows.get('time')[0])
+        self._drivers[number] = drivers_of(self._marks_at(rows.get('time')[0]), rows) | {
+            'hours': self._hours(number, np.isfinite(began))}
+
+    def _marks_at(self, time):
+        """The newest power-on of each axis that had begun by then."""
+        out = {}
+        for axis, told in self._marks.items():
+            begun = [start for start in told if start <= time]
+            if begun:
+                out[axis] = told[max(begun)]
+        return out
+
+    def _hours(self, number, known):
+        before = self._start.get(number - 1)
+        hours = (self._start[number] - before) / 3600.0 if known and before else np.nan
+        return (hours, hours)
+
+    def measured(self, number, polaris, model):
+        """Take the exposures of Polaris of a power-on that has begun.
+
+        Parameters
+        ----------
+        number : int
+        polaris : PointingRun
+        model : PointingModel
+            Of this night; that of the first one takes out how Polaris moved.
+        """
+        if self._model is None:
+            # common to all zeros: it adds nothing to the error of their differences
+            self._model = replace(model, covariance=np.zeros_like(model.covariance))
+        self._zeros[number] = zero_from_polaris(polaris, self._model, run=number)
+
+    def season(self):
+        """The power-ons with a zero, a Season."""
+        numbers = sorted(self._zeros)
+        return Season(
+            np.array(numbers, dtype=int),
+            np.array([self._start[n] for n in numbers]),
+            np.array([self._zeros[n].angles - self._zeros[numbers[0]].angles
+                      for n in numbers]).reshape(-1, 2),
+            np.array([self._zeros[n].sigma for n in numbers]).reshape(-1, 2),
+            {name: np.array([self._drivers[n][name] for n in numbers]).reshape(-1, 2)
+             for name in DRIVERS})
+
+    def expected(self, number):
+        """The zero to be expected of a power-on that has begun, from those before it.
+
+        Parameters
+        ----------
+        number : int
+
+        Returns
+        -------
+        dict or None
+            ``tonight`` of `zero_causes.zero_causes`, with ``change_arcsec`` since the last
+            power-on with a zero; None with fewer than two before.
+        """
+        season = self.season()
+        season = season.select(season.run < number)
+        if len(season) < 2:
+            return None
+        found = zero_causes(season, self._drivers[number], leave_out=False)['tonight']
+        for axis, name in enumerate(AXES):
+            if found is not None:
+                found[name]['change_arcsec'] = (
+                    found[name]['zero_arcsec'] - season.zeros[-1, axis] / ARCSEC)
+        return found
+
+
+def drivers_of(told, rows):
+    """What may move the zero of a power-on, but the time.
+
+    Parameters
+    ----------
+    told : dict of str to witnesses.Homing
+        By axis, what the encoders say of the mark.
+    rows : PointingRun
+        Of this power-on: where an encoder has no thermometer, that of the air counts.
+
+    Returns
+    -------
+    dict of str to tuple of 2 float
+        ``temperature``, ``supply`` and ``side`` of azimuth and elevation; NaN where unknown.
+    """
+    air = rows.get('temperature')
+    air = float(air[np.isfinite(air)][0]) if np.isfinite(air).any() else np.nan
+
+    def of(axis, name):
+        value = getattr(told[axis], name) if axis in told else np.nan
+        return float(value)
+    warmth = [of(axis, 'temperature') for axis in AXES]
+    return {
+        'temperature': tuple(warmth if np.isfinite(warmth).all() else (air, air)),
+        'supply': tuple(of(axis, 'supply') for axis in AXES),
+        'side': tuple(_SIDES.get(told[axis].side, np.nan) if axis in told else np.nan
+                      for axis in AXES),
+    }
+
+
+def season_rows(season):
+    """A row for each power-on, JSON-ready, as `season_from_rows` reads it.
+
+    Parameters
+    ----------
+    season : Season
+
+    Returns
+    -------
+    list of dict
+        ``run``, ``time`` (UTC s), and of each axis, lists of two, ``zero_arcsec``,
+        ``sigma_arcsec`` and the drivers in the units of `zero_causes.DRIVERS`; None is unknown.
+    """
+    def pair(values):
+        return [float(v) if np.isfinite(v) else None for v in values]
+    return [{'run': int(season.run[i]), 'time': float(season.time[i]),
+             'zero_arcsec': pair(season.zeros[i] / ARCSEC),
+             'sigma_arcsec': pair(season.sigmas[i] / ARCSEC),
+             **{name: pair(values[i]) for name, values in season.drivers.items()}}
+            for i in range(len(season))]
+
+
+def season_from_rows(rows):
+    """The way back from `season_rows`."""
+    def column(name):
+        values = [[np.nan if v is None else v for v in row[name]] for row in rows]
+        return np.array(values, dtype=float).reshape(-1, 2)
+    return Season(np.array([row['run'] for row in rows], dtype=int),
+                  np.array([row['time'] for row in rows], dtype=float),
+                  column('zero_arcsec') * ARCSEC, column('sigma_arcsec') * ARCSEC,
+                  {name: column(name) for name in DRIVERS})
