@@ -231,12 +231,15 @@ class Solver:
     def __call__(self, b):
         """Coefficients of the common columns, (k,), and of each run's own, (runs, j)."""
         values = self._white(b)
+        columns = self._columns
         if self._own is None:
             return self.inverse @ (self._beyond @ values), np.empty((0, 0))
         p = self.inverse @ (self._beyond @ self._basis.off(values))
-        values = values - p @ self._common
-        return p, np.array([inverse_normal(self._own[:, where]) @ (
-            self._own[:, where] @ values[where]) for where in self._columns._blocks])
+        # the zero of a run is where its rows were, not where their memory would take it
+        each = White(self._white.root)
+        own, values = each(columns.own), each(b - p @ columns.common)
+        return p, np.array([inverse_normal(own[:, where]) @ (own[:, where] @ values[where])
+                            for where in columns._blocks])
 
 
 @dataclass

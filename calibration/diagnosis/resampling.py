@@ -9,6 +9,7 @@ from pointing_model.rms import rms
 
 from .constants import DISTINCT
 from .linear import inverse_normal, solve
+from .wander import White
 
 
 def random_folds(group, count, rng):
@@ -95,7 +96,8 @@ def predicted(problem, part, chosen, state, test):
 def _own_terms(other, design, left, white):
     """Take off what each run fits for itself: from its rows in training, or else here."""
     new = np.ones(other.n, bool)
-    own, left = white(design.own), white(left)
+    each = White(white.root)  # as `linear.Solver`
+    own, left = each(design.own), each(left)
     for run in np.unique(other.base.run):
         here, there = other.base.run == run, np.tile(design.run == run, 2)
         if there.any():

@@ -44,7 +44,7 @@ def beyond_base(diagnosis, offsets):
     obs = diagnosis.observations
     rows, both = _rows(diagnosis)
     left = diagnosis.base.columns(obs.context, obs.label).rows(both).left_of(
-        offsets.reshape(-1)[both], np.copy)
+        offsets.reshape(-1)[both], White(np.ones(len(both))))
     return float(np.sqrt(np.square(left).sum() / max(len(rows), 1)))
 
 
