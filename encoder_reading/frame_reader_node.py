@@ -1,7 +1,7 @@
 """Reads the absolute encoders of both axes from the images of their CCDs, simulated or real.
 
 The effort of a reading is its quality: 0 exact, 1 corrected, 2 rejected; a rejected one is NaN.
-An image tells no rate: velocities are NaN.
+Velocities are differenced from two readings that follow each other within a second.
 """
 
 import sys

@@ -10,7 +10,7 @@ from rclpy.clock import Clock, ClockType
 from msg_tools import convert, topics
 
 from .axis_reader import read_frames
-from .readings import QUALITIES, REJECTED
+from .readings import QUALITIES, REJECTED, Differenced
 
 _BOTH = np.arange(2)
 #: mono8 and the name that OpenCV has for it
@@ -99,9 +99,10 @@ class AngleOutput:
         self._angles = node.publisher(topics.ABSOLUTE)
         self._sigma = node.publisher(topics.ABSOLUTE_SIGMA)
         self._counts = np.zeros((2, 3), dtype=np.int64)  # of each axis and quality
+        self._rates = Differenced()
 
-    def read(self, stamps, frames, rates=None):
-        """Read frames and publish the angles.
+    def read(self, stamps, frames):
+        """Read frames and publish the angles, with the rates of `readings.Differenced`.
 
         Parameters
         ----------
@@ -109,16 +110,13 @@ class AngleOutput:
             n of them, ns.
         frames : sequence of ndarray, shape (heads, n, pixels)
             Of each axis.
-        rates : sequence of (float, float), optional
-            rad/s; an image tells none, so that they are NaN without.
         """
         readings = read_frames(self._axes, frames)
         np.add.at(self._counts, (_BOTH, readings.quality), 1)
-        unknown = np.nan, np.nan
-        for stamp, angle, quality, rate in zip(
-                stamps, readings.angle.tolist(), readings.quality.tolist(),
-                rates or [unknown] * len(stamps)):
-            self._angles.publish(convert.joint_state(stamp, angle, rate, quality))
+        for stamp, angle, quality in zip(
+                stamps, readings.angle.tolist(), readings.quality.tolist()):
+            self._angles.publish(
+                convert.joint_state(stamp, angle, self._rates(stamp, angle), quality))
         if self._sigma.get_subscription_count() > 0:
             for stamp, sigma in zip(stamps, readings.sigma.tolist()):
                 self._sigma.publish(convert.joint_state(stamp, sigma))

@@ -62,7 +62,7 @@ class AbsoluteEncoders(MountedDevice):
                   for axis, encoder in enumerate(self._encoders)]
         rate = 0.0
         if self._output:
-            self._output.read(stamps, frames, rates)
+            self._output.read(stamps, frames)
             rate = self.value('frame_rate_hz')
         if self._frame_pub.get_subscription_count() > 0:
             for i, stamp in enumerate(stamps):

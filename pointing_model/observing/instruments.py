@@ -5,7 +5,7 @@ import time
 import numpy as np
 
 from msg_tools.power_on import read_frame
-from msg_tools.units import DEG
+from msg_tools.units import DEG, wrap
 
 from .instrument_health import InstrumentHealth
 from .pairing import Exposures
@@ -34,7 +34,8 @@ class Instruments:
     stamp : int
         Of the last reading of the incremental encoder, ns; 0 before the first.
     here, rate : ndarray, tuple
-        Its angles, rad, and rates, rad/s, shape (2,); None before the first.
+        Its angles, rad, and rates, rad/s, shape (2,); None before the first. A rate that it does
+        not tell is that since the reading before.
     homed : bool
     run : int
         Number of the power-on: a new one with each that the encoder tells, or, where it tells
@@ -65,7 +66,8 @@ class Instruments:
         """
         self._check_stamp(MOUNT, stamp)
         back = self.exposures.add_reading('enc', stamp, angle)
-        self.stamp, self.here, self.rate = stamp, np.array(angle), rate
+        self.rate = self._rate(stamp, angle, rate)
+        self.stamp, self.here = stamp, np.array(angle)
         homed = bool(np.isfinite(angle).all())
         told = self.power_on is not None and self.homed
         if homed or (told and read_frame(frame) in (None, self.power_on)):
@@ -75,6 +77,15 @@ class Instruments:
         self.homed = homed
         self.hear(MOUNT)
         return back
+
+    def _rate(self, stamp, angle, told):
+        """As told, or else from the reading before; NaN where that is none."""
+        rate = np.array(told, dtype=float)
+        unknown = np.isnan(rate)
+        if unknown.any() and self.here is not None and stamp > self.stamp:
+            own = wrap(np.array(angle) - self.here) / ((stamp - self.stamp) * 1e-9)
+            rate[unknown] = own[unknown]
+        return rate
 
     def _number_run(self, frame):
         if self.homed and frame == self._frame:
@@ -137,7 +148,7 @@ class Instruments:
         Which reading comes in first must not decide what follows.
         """
         return (self.homed and self.stamp > stamp
-                and not np.any(np.abs(self.rate) > STILL))
+                and bool(np.all(np.abs(self.rate) <= STILL)))
 
     def hear(self, name):
         """Count the silence of an instrument from now on."""

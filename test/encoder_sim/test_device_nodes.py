@@ -93,6 +93,26 @@ def test_the_zero_drifts_at_each_power_on_as_the_truth_says(graph, drifting):
     assert (steps > 2 * COUNT).all() and (np.abs(drifts) < 100 * ARCSEC).all()
 
 
+@pytest.mark.parametrize('node, topic, sigma', [
+    (IncrementalEncoders, topics.INCREMENTAL, 1.0), (AbsoluteEncoders, topics.ABSOLUTE, 1.2)])
+def test_a_rate_comes_of_readings_not_of_the_truth(graph, node, topic, sigma):
+    graph.add(node, scenario='default')
+    pub, got = graph.publisher(topics.TRUTH_JOINTS), graph.listen(topic)
+    graph.connect()
+    rate = np.array([0.25, 0.25]) * DEG
+    times = np.arange(-2.0, 3.0, 0.5)
+    for t in times:  # the marks are met at 0
+        pub.publish(convert.joint_state(START + 10**10 + round(t * 1e9), MARKS + rate * t, rate))
+    graph.wait_for(lambda: len(got) == len(times), 'readings')
+    rows = [convert.read_joints(message) for message in got]
+    angle, told = np.array([row[1] for row in rows]), np.array([row[2] for row in rows])
+    known = np.isfinite(told)
+    assert np.array_equal(known[1:], np.isfinite(angle[1:]) & np.isfinite(angle[:-1]))
+    assert not known[0].any()
+    off = (told - rate)[known] / ARCSEC
+    assert 0.01 < np.abs(off).max() < 5 * sigma and len(set(off)) > 2
+
+
 def test_the_seed_decides_the_drift(graph, drifting):
     found = []
     for seed in (1, 1, 2):
