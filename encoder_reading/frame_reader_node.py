@@ -79,11 +79,11 @@ class FrameReader(MountNode):
         axes_of(values)
 
     def _on_frame(self, message):
-        self._batch.add(read_frame(message, self._axes))
+        self._batch.add((*read_frame(message, self._axes), message.header.frame_id))
 
     def _read(self, images):
-        stamps, frames = zip(*images)
-        self._output.read(stamps, [np.stack(axis, axis=1) for axis in zip(*frames)])
+        stamps, frames, told = zip(*images)
+        self._output.read(stamps, [np.stack(axis, axis=1) for axis in zip(*frames)], told)
 
     def required(self):
         """It needs images."""

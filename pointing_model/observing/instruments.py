@@ -40,8 +40,8 @@ class Instruments:
     run : int
         Number of the power-on: a new one with each that the encoder tells, or, where it tells
         none, each time that it has been homed.
-    power_on : PowerOn or None
-        What the encoder tells of it.
+    power_on, absolute_power_on : PowerOn or None
+        What the incremental and the absolute encoder tell of it.
     health : InstrumentHealth
         What the instruments say that cannot be.
     look : callable
@@ -55,6 +55,7 @@ class Instruments:
         self.homed = False
         self.run = self._newest = first_run - 1
         self.power_on, self._frame = None, ''
+        self.absolute_power_on = None
         self._runs = {}  # when a power-on began -> its number
         self._wall = wall
         self._asked, self._heard = {}, {}
@@ -119,10 +120,11 @@ class Instruments:
             if self.power_on is not None:
                 self._runs[self.power_on.started] = self.run
 
-    def take_absolute(self, stamp, angle):
+    def take_absolute(self, stamp, angle, frame=''):
         """As `take_incremental`, of the absolute encoder."""
         self._check_stamp(ABSOLUTE, stamp)
         back = self.exposures.add_reading('abs', stamp, angle)
+        self.absolute_power_on = read_frame(frame)
         self.hear(ABSOLUTE)
         return back
 
