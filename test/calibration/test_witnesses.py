@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from calibration.witness_night import Budget
+from calibration.witness_records import Budget
 from calibration.witnesses import (
     UNJUDGED,
     Homing,
@@ -70,7 +70,7 @@ def test_the_incremental_encoder_moves_at_a_power_on_without_alarm():
 def test_the_absolute_encoder_that_moved_is_named(axis, name):
     second = [0.0, 0.0]
     second[axis] = -6.0
-    report = check_witnesses(night(2, (12.0, -7.0), second), night(1))
+    report = check_witnesses(night(2, (12.0, 7.0), second), night(1))
     assert len(report.alarms) == 1
     assert report.alarms[0].startswith(f'{name}: absolute encoder moved by -')
     change = report.changes[axis]
@@ -89,7 +89,7 @@ def test_all_moved_together_is_the_mount():
     # no usual drift of the incremental encoder has the size of what both encoders show
     report = check_witnesses(night(2, (0.0, 9.0), (0.0, 9.0)), night(1),
                              budget=Budget(power_on=0.3 * ARCSEC))
-    assert [line.split(' moved')[0] for line in report.alarms] == ['elevation: mount or sky']
+    assert [line.split(' moved')[0] for line in report.alarms] == ['elevation: both or mount']
     report = check_witnesses(night(2, (0.0, 0.0), (0.0, 9.0)), night(1),
                              budget=Budget(power_on=0.3 * ARCSEC))
     assert [line.split(' moved')[0] for line in report.alarms] == ['elevation: absolute encoder']
@@ -124,7 +124,7 @@ def test_a_drift_inside_a_power_on():
 def test_a_mount_that_is_pushed_in_the_night():
     rows = moved(moved(night(2), 'az_enc', 8.0), 'az_abs', 8.0)
     report = check_witnesses(rows)
-    assert [(e.axis, e.moved) for e in report.events] == [('azimuth', 'mount or sky')]
+    assert [(e.axis, e.moved) for e in report.events] == [('azimuth', 'both or mount')]
 
 
 def test_a_power_on_without_a_zero_of_its_own():
