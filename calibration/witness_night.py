@@ -72,6 +72,9 @@ class Night:
         if isinstance(reference, PointingRun) and len(reference):
             number = reference['run'] - reference['run'].max() - 1.0
             parts.insert(0, PointingRun({**reference.columns, 'run': number}))
+        # logs before that column have none
+        parts = [PointingRun({**part.columns, 'absolute_start': part.get('absolute_start')},
+                             part.meta) for part in parts]
         table = PointingRun.concatenate(parts)
         usable = np.isfinite([table[name] for name in (
             'az', 'el', 'az_enc', 'el_enc', 'az_abs', 'el_abs', 'time')]).all(axis=0)
@@ -89,13 +92,11 @@ class Night:
     def _absolute_power_ons(self):
         """How many the absolute encoder has had in a power-on of the other before each row."""
         out = np.zeros(len(self.run))
-        if 'absolute_start' in self.rows:
-            for run in self.runs:
-                at = np.flatnonzero(self.run == run)
-                started = self.rows['absolute_start'][at]
-                known = at[np.isfinite(started)]
-                starts = self.rows['absolute_start'][known]
-                out[known[1:]] = np.cumsum(np.diff(starts) != 0.0)
+        for run in self.runs:
+            at = np.flatnonzero(self.run == run)
+            known = at[np.isfinite(self.rows['absolute_start'][at])]
+            out[known[1:]] = np.cumsum(np.diff(self.rows['absolute_start'][known]) != 0.0)
+            out[at] = np.maximum.accumulate(out[at])
         return out
 
     def member(self, run):

@@ -47,6 +47,17 @@ def test_an_encoder_that_tells_no_rate_is_at_rest_when_its_readings_are():
     assert not read.homed_since(0)
 
 
+def test_the_power_on_of_the_absolute_encoder_is_no_run():
+    read = Encoder()
+    assert read(HERE, 1, 10.0) == 1 and read.instruments.absolute_power_on is None
+    for number, started in ((1, 10.0), (2, 60.0)):
+        read.instruments.take_absolute(int(started) * 10**9, HERE, PowerOn(number, started).frame)
+        assert read.instruments.absolute_power_on == (number, started)
+    assert read(HERE, 1, 10.0) == 1
+    read.instruments.take_absolute(70 * 10**9, HERE)  # a driver that tells none
+    assert read.instruments.absolute_power_on is None
+
+
 def test_where_it_tells_nothing_each_homing_is_a_run():
     read = Encoder()
     assert [read(LOST), read(), read(), read(LOST), read()] == [0, 1, 1, 1, 2]
