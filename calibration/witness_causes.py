@@ -9,7 +9,11 @@ Both encoders alike and a turn of the mount about the axis are the same in both 
 
 import numpy as np
 
+from msg_tools.units import ARCSEC
+
 from .step_scan import probabilities
+
+_LEAST = (0.02 * ARCSEC) ** 2  # of a count: the noise is never less
 
 INCREMENTAL, ABSOLUTE, MOUNT = 'incremental encoder', 'absolute encoder', 'mount or sky'
 NOTHING, BOTH = 'nothing', 'both encoders'
@@ -39,6 +43,7 @@ def causes(apart, apart_variance, second, second_variance, size, quiet=0.0):
     moved = {NOTHING: (quiet, quiet, 0.0), INCREMENTAL: (size, quiet, 0.0),
              ABSOLUTE: (quiet, size, 0.0), BOTH: (size, size, 0.0), ALIKE: (quiet, quiet, size)}
     value = np.array([apart, second])
+    apart_variance, second_variance = apart_variance + _LEAST, second_variance + _LEAST
     logs = {}
     for name, (first, other, mount) in moved.items():
         covariance = np.array([

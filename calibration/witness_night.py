@@ -123,13 +123,16 @@ class Night:
                 about.append((run, 'drift', times.mean()))
         return (np.column_stack(columns) if columns else np.empty((len(self.run), 0))), about
 
+    def _apart_base(self, axis):
+        """Columns of incremental - absolute: power-ons, and the eccentricity of both discs."""
+        angle = self.rows[SHORT[axis]]
+        return np.column_stack([*(self.member(run) for run in self.runs),
+                                np.cos(angle), np.sin(angle)])
+
     def apart_events(self, axis, budget):
         """Steps and drifts of incremental - absolute, a list of `Found`."""
         columns, about = self._moves(_SEGMENT)
-        angle = self.rows[SHORT[axis]]
-        # power-ons, and the eccentricity of both discs
-        base = np.column_stack([*(self.member(run) for run in self.runs),
-                                np.cos(angle), np.sin(angle)])
+        base = self._apart_base(axis)
         found = []
         if not about or len(self.run) <= base.shape[1] + _MOST_EVENTS + 1:
             return found
@@ -227,22 +230,66 @@ class Night:
                      float(max(trust, 1.0 - trust)), found.probability)
 
     def mount_events(self, sky, events, budget):
-        """Steps against the sky that both encoders share."""
+        """Steps against the sky that both encoders share, or have a part of.
+
+        Returns
+        -------
+        found : list of Event
+        taken : set of int
+            Numbers of the `events` that are parts of these.
+        """
         columns, about = self._moves(_SEGMENT + 2)
         if not about:
-            return []
+            return [], set()
         full = np.column_stack(
             [sky.fixed, *(self._on(axis, event.column) for axis, event in events)])
-        out = []
+        out, taken = [], set()
         for axis in (0, 1):
             on_sky = np.column_stack([self._on(axis, column) for column in columns.T])
             best = _strongest(full, sky.enc, on_sky, budget.false_alarm / 2.0)
             if best is not None:
                 place, amount, sigma, p = best
                 run, kind, time = about[place]
-                out.append(Event(AXES[axis], float(run), kind, float(time), amount, sigma, ALIKE,
-                                 1.0 - p, 2.0 * p))
-        return out
+                event = Event(AXES[axis], float(run), kind, float(time), amount, sigma, ALIKE,
+                              1.0 - p, 2.0 * p)
+                if kind == 'step':
+                    event, part = self._unlike(axis, event, columns[:, place], events, sky, budget)
+                    taken |= part
+                out.append(event)
+        return out, taken
+
+    def _unlike(self, axis, event, column, events, sky, budget):
+        """A step against the sky that the encoders show unlike, and its parts among the events.
+
+        A small difference of two large steps is found at its moment only, or some rows beside it.
+        """
+        steps = {n: found.column for n, (k, found) in enumerate(events)
+                 if k == axis and (found.kind, found.run) == ('step', event.run)}
+        others = [found.column for n, (k, found) in enumerate(events)
+                  if k == axis and n not in steps]
+        base = np.column_stack([self._apart_base(axis), *others])
+        y = clipped(np.column_stack([base, column, *steps.values()]), self.apart[axis])
+        part = set()
+        for n in steps:
+            kept = [steps[m] for m in steps if m != n]
+            there, here = (robust_fit(np.column_stack([base, *kept, one]), y)
+                           for one in (steps[n], column))
+            # within 3 sigma of its moment
+            if (here.residual @ here.residual - there.residual @ there.residual
+                    < 9.0 * there.noise**2):
+                part.add(n)
+        kept = [steps[n] for n in steps if n not in part]
+        fit = robust_fit(np.column_stack([base, *kept, column]), y)
+        apart, variance = fit.value[-1], fit.covariance[-1, -1]
+        against = robust_fit(np.column_stack([sky.fixed, self._on(axis, column)]), sky.abs)
+        second, second_variance = against.value[-1], against.covariance[-1, -1]
+        said = causes(apart, variance, second, second_variance, budget.anomaly)
+        name, trust = likeliest(said, (BOTH, ALIKE))
+        if name == ALIKE:
+            return event, set()
+        return replace(event, amount=float(apart + second), moved=BOTH, confidence=trust,
+                       sigma=float(np.sqrt(variance + second_variance)), second=float(second),
+                       second_sigma=float(np.sqrt(second_variance))), part
 
     # --- from power-on to power-on ----------------------------------------------------------------
 

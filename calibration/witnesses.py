@@ -177,7 +177,8 @@ def check_witnesses(rows, reference=None, *, model=None, homings=(), budget=USUA
     sky = night.sky(events, model, out.notes)
     out.events = [night.attributed(axis, event, sky, budget.anomaly) for axis, event in events]
     if sky is not None:
-        out.events += night.mount_events(sky, events, budget)
+        shared, taken = night.mount_events(sky, events, budget)
+        out.events = [e for n, e in enumerate(out.events) if n not in taken] + shared
     out.alarms += [wander_line(event, int(np.count_nonzero(night.run >= 0.0)))
                    if event.kind == 'wander' else _event_line(event) for event in out.events]
 

@@ -154,6 +154,20 @@ def test_both_encoders_jump_inside_a_power_on(inc, second, short, axis):
     assert line.startswith(f'{axis}: both encoders moved at ') and '(the absolute one)' in line
 
 
+def test_a_small_difference_of_two_large_jumps_is_found_with_them():
+    named = []
+    for seed in range(6):
+        rows = moved(moved(night(20 + seed), 'el_enc', 5.6), 'el_abs', 5.0)
+        report = check_witnesses(rows)
+        assert len(report.events) == len(report.alarms) == 1
+        named.append(report.events[0].moved)
+        event = report.events[0]
+        if event.moved == 'both encoders':
+            assert event.amount / ARCSEC == pytest.approx(5.6, abs=4 * event.sigma / ARCSEC)
+            assert (event.amount - event.second) / ARCSEC == pytest.approx(0.6, abs=0.4)
+    assert named.count('both encoders') >= 5
+
+
 def cycled(rows, since=46):
     """The rows, with Polaris again behind a power-on of the absolute encoder alone."""
     other = night(7)
