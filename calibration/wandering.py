@@ -14,7 +14,9 @@ from msg_tools.units import ARCSEC
 from pointing_model.following import AxisFollowing, Following, harmonic_columns
 
 from .step_scan import robust_fit, two_sided
-from .witness_night import ABSOLUTE, INCREMENTAL, SHORT, Budget, Found, Night
+from .witness_causes import ABSOLUTE, INCREMENTAL
+from .witness_night import SHORT, Found, Night
+from .witness_records import Budget
 
 #: variance of a step of the walk over that of the noise, tried
 _RATIOS = np.geomspace(1e-4, 1e3, 57)

@@ -1,6 +1,6 @@
 """The rows of a night as the three witnesses see them: see `calibration.witnesses`."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -23,10 +23,20 @@ from .step_scan import (
     scan,
     two_sided,
 )
+from .witness_causes import (
+    ABSOLUTE,
+    ALIKE,
+    BOTH,
+    INCREMENTAL,
+    MOUNT,
+    NOTHING,
+    causes,
+    likeliest,
+)
+from .witness_records import USUAL, Change, Event, Witness
 
 AXES = ('azimuth', 'elevation')
 SHORT = ('az', 'el')
-INCREMENTAL, ABSOLUTE, MOUNT = 'incremental encoder', 'absolute encoder', 'mount or sky'
 
 _OTHER_TERMS = ('CA', 'NPAE', 'AN', 'AW', 'TF')
 #: stars from which the whole sky judges: five terms and the zeros of two power-ons are 9 numbers,
@@ -42,99 +52,6 @@ _MOST_EVENTS = 3
 _ANYTHING = 3600.0 * ARCSEC
 #: noise of a reading at least: a count of the incremental encoder (0.0686") / sqrt(12)
 _LEAST = 0.02 * ARCSEC
-
-
-@dataclass(frozen=True)
-class Witness:
-    """What encoders and Polaris said in one power-on.
-
-    Attributes
-    ----------
-    run : float
-    az, el : float
-        Mean place of Polaris, rad.
-    enc, abs : ndarray, shape (2,)
-        Encoder - sky at Polaris, azimuth and elevation, coordinate angles, rad.
-    covariance : ndarray, shape (2, 2, 2)
-        Of (enc, abs) of each axis, rad^2: they share the star's noise.
-    apart, apart_sigma : ndarray, shape (2,)
-        Incremental - absolute at that place, by all rows of the power-on, and 1 sigma, rad.
-    exposures : int
-        Of Polaris.
-    """
-
-    run: float
-    az: float
-    el: float
-    enc: np.ndarray
-    abs: np.ndarray
-    covariance: np.ndarray
-    apart: np.ndarray
-    apart_sigma: np.ndarray
-    exposures: int
-
-
-@dataclass(frozen=True)
-class Change:
-    """What moved on an axis from one power-on (or night) to the next, rad.
-
-    `incremental` and `absolute` are against the sky at Polaris, `apart` is incremental - absolute.
-    `pull` is the absolute encoder's change over its expected sigma, which holds the noise and
-    what is usual for the encoder: how far the zeros by Polaris and by the absolute encoder
-    disagree. `moved` are posterior probabilities, where something other than the incremental
-    encoder moved.
-    """
-
-    axis: str
-    since: float
-    run: float
-    incremental: float
-    incremental_sigma: float
-    absolute: float
-    absolute_sigma: float
-    apart: float
-    apart_sigma: float
-    pull: float
-    probability: float
-    alarm: bool
-    moved: dict
-
-
-@dataclass(frozen=True)
-class Event:
-    """Something that moved inside a power-on.
-
-    `kind` is ``step`` (amount in rad, at `time`), ``drift`` (amount in rad/s) or ``wander`` (a
-    random walk, amount in rad from its lowest to its highest). The amount is
-    what the witness `moved` names read too much, with that `confidence` (posterior).
-    `probability` is the chance of such a step anywhere in the night without one.
-    """
-
-    axis: str
-    run: float
-    kind: str
-    time: float
-    amount: float
-    sigma: float
-    moved: str
-    confidence: float
-    probability: float
-
-
-class Budget(NamedTuple):
-    """What is usual, 1 sigma in rad, and the chance of a false alarm."""
-
-    #: change of the absolute encoder's zero
-    absolute: float = 0.5 * ARCSEC
-    #: change of the incremental encoder's zero at a power-on
-    power_on: float = 20.0 * ARCSEC
-    #: of the mount's terms, where no model is given
-    term: float = 60.0 * ARCSEC
-    #: size of what is not usual; only the posterior probabilities depend on it
-    anomaly: float = 20.0 * ARCSEC
-    #: nights with an alarm by chance, by all tests of one of three kinds together: inside a
-    #: power-on, against the sky, from power-on to power-on
-    false_alarm: float = 0.005 / 3
 
 
 class _Sky(NamedTuple):
@@ -155,6 +72,9 @@ class Night:
         if isinstance(reference, PointingRun) and len(reference):
             number = reference['run'] - reference['run'].max() - 1.0
             parts.insert(0, PointingRun({**reference.columns, 'run': number}))
+        # logs before that column have none
+        parts = [PointingRun({**part.columns, 'absolute_start': part.get('absolute_start')},
+                             part.meta) for part in parts]
         table = PointingRun.concatenate(parts)
         usable = np.isfinite([table[name] for name in (
             'az', 'el', 'az_enc', 'el_enc', 'az_abs', 'el_abs', 'time')]).all(axis=0)
@@ -163,10 +83,21 @@ class Night:
         self.run = rows['run'].astype(float)
         self.runs = np.unique(self.run)
         self.tonight = self.runs[self.runs >= 0.0]
+        self.stretch = self.run + 0.01 * self._absolute_power_ons()
         self.polaris = rows['star'] == POLARIS_HIP
         self.apart = np.stack([wrap(rows['az_enc'] - rows['az_abs']),
                                wrap(rows['el_enc'] - rows['el_abs'])])
         self.cos_el = np.cos(rows['el'])
+
+    def _absolute_power_ons(self):
+        """How many the absolute encoder has had in a power-on of the other before each row."""
+        out = np.zeros(len(self.run))
+        for run in self.runs:
+            at = np.flatnonzero(self.run == run)
+            known = at[np.isfinite(self.rows['absolute_start'][at])]
+            out[known[1:]] = np.cumsum(np.diff(self.rows['absolute_start'][known]) != 0.0)
+            out[at] = np.maximum.accumulate(out[at])
+        return out
 
     def member(self, run):
         """1 in the rows of `run`, shape (n,)."""
@@ -192,13 +123,16 @@ class Night:
                 about.append((run, 'drift', times.mean()))
         return (np.column_stack(columns) if columns else np.empty((len(self.run), 0))), about
 
+    def _apart_base(self, axis):
+        """Columns of incremental - absolute: power-ons, and the eccentricity of both discs."""
+        angle = self.rows[SHORT[axis]]
+        return np.column_stack([*(self.member(run) for run in self.runs),
+                                np.cos(angle), np.sin(angle)])
+
     def apart_events(self, axis, budget):
         """Steps and drifts of incremental - absolute, a list of `Found`."""
         columns, about = self._moves(_SEGMENT)
-        angle = self.rows[SHORT[axis]]
-        # power-ons, and the eccentricity of both discs
-        base = np.column_stack([*(self.member(run) for run in self.runs),
-                                np.cos(angle), np.sin(angle)])
+        base = self._apart_base(axis)
         found = []
         if not about or len(self.run) <= base.shape[1] + _MOST_EVENTS + 1:
             return found
@@ -270,12 +204,20 @@ class Night:
         return np.column_stack([
             self._on(axis, self.member(run)) for run in self.runs for axis in (0, 1)])
 
-    def attributed(self, axis, found, sky):
-        """Which encoder made a step or drift of incremental - absolute."""
+    def attributed(self, axis, found, sky, anomaly=USUAL.anomaly):
+        """Which encoder made a step or drift of incremental - absolute; of a step, or both."""
         trust = 0.5
         if sky is not None:
             fit = robust_fit(np.column_stack([sky.fixed, self._on(axis, found.column)]), sky.abs)
             against, variance = fit.value[-1], fit.covariance[-1, -1]
+            if found.kind == 'step':
+                said = causes(found.amount, found.sigma**2, against, variance, anomaly)
+                name, trust = likeliest(said, (INCREMENTAL, ABSOLUTE, BOTH))
+                if name == BOTH:
+                    return Event(
+                        AXES[axis], float(found.run), found.kind, float(found.time),
+                        float(found.amount + against), float(np.hypot(found.sigma, variance**0.5)),
+                        BOTH, trust, found.probability, float(against), float(variance**0.5))
             # the absolute encoder stood still, or it moved by as much the other way
             trust = probabilities({
                 INCREMENTAL: log_normal(against, variance) + np.log(found.odds),
@@ -288,57 +230,100 @@ class Night:
                      float(max(trust, 1.0 - trust)), found.probability)
 
     def mount_events(self, sky, events, budget):
-        """Steps against the sky that both encoders share."""
+        """Steps against the sky that both encoders share, or have a part of.
+
+        Returns
+        -------
+        found : list of Event
+        taken : set of int
+            Numbers of the `events` that are parts of these.
+        """
         columns, about = self._moves(_SEGMENT + 2)
         if not about:
-            return []
+            return [], set()
         full = np.column_stack(
             [sky.fixed, *(self._on(axis, event.column) for axis, event in events)])
-        out = []
+        out, taken = [], set()
         for axis in (0, 1):
             on_sky = np.column_stack([self._on(axis, column) for column in columns.T])
             best = _strongest(full, sky.enc, on_sky, budget.false_alarm / 2.0)
             if best is not None:
                 place, amount, sigma, p = best
                 run, kind, time = about[place]
-                out.append(Event(AXES[axis], float(run), kind, float(time), amount, sigma, MOUNT,
-                                 1.0 - p, 2.0 * p))
-        return out
+                event = Event(AXES[axis], float(run), kind, float(time), amount, sigma, ALIKE,
+                              1.0 - p, 2.0 * p)
+                if kind == 'step':
+                    event, part = self._unlike(axis, event, columns[:, place], events, sky, budget)
+                    taken |= part
+                out.append(event)
+        return out, taken
+
+    def _unlike(self, axis, event, column, events, sky, budget):
+        """A step against the sky that the encoders show unlike, and its parts among the events.
+
+        A small difference of two large steps is found at its moment only, or some rows beside it.
+        """
+        steps = {n: found.column for n, (k, found) in enumerate(events)
+                 if k == axis and (found.kind, found.run) == ('step', event.run)}
+        others = [found.column for n, (k, found) in enumerate(events)
+                  if k == axis and n not in steps]
+        base = np.column_stack([self._apart_base(axis), *others])
+        y = clipped(np.column_stack([base, column, *steps.values()]), self.apart[axis])
+        part = set()
+        for n in steps:
+            kept = [steps[m] for m in steps if m != n]
+            there, here = (robust_fit(np.column_stack([base, *kept, one]), y)
+                           for one in (steps[n], column))
+            # within 3 sigma of its moment
+            if (here.residual @ here.residual - there.residual @ there.residual
+                    < 9.0 * there.noise**2):
+                part.add(n)
+        kept = [steps[n] for n in steps if n not in part]
+        fit = robust_fit(np.column_stack([base, *kept, column]), y)
+        apart, variance = fit.value[-1], fit.covariance[-1, -1]
+        against = robust_fit(np.column_stack([sky.fixed, self._on(axis, column)]), sky.abs)
+        second, second_variance = against.value[-1], against.covariance[-1, -1]
+        said = causes(apart, variance, second, second_variance, budget.anomaly)
+        name, trust = likeliest(said, (BOTH, ALIKE))
+        if name == ALIKE:
+            return event, set()
+        return replace(event, amount=float(apart + second), moved=BOTH, confidence=trust,
+                       sigma=float(np.sqrt(variance + second_variance)), second=float(second),
+                       second_sigma=float(np.sqrt(second_variance))), part
 
     # --- from power-on to power-on ----------------------------------------------------------------
 
     def witnesses(self):
         """A `Witness` for each power-on with Polaris."""
         out = []
-        for run in self.runs:
-            part = self.rows.select((self.run == run) & self.polaris)
+        for run in np.unique(self.stretch):
+            rows = self.stretch == run
+            part = self.rows.select(rows & self.polaris)
             if len(part) < 2:
                 continue
             zeros = [zero_from_polaris(part, PointingModel({}), encoder=encoder)
                      for encoder in ('enc', 'abs')]
             place = (float(np.arctan2(np.sin(part['az']).mean(), np.cos(part['az']).mean())),
                      float(part['el'].mean()))
-            apart = [self.apart_at(axis, run, place[axis]) for axis in (0, 1)]
+            apart = [self.apart_at(axis, rows, place[axis]) for axis in (0, 1)]
             out.append(Witness(
                 float(run), *place, *(zero.angles for zero in zeros),
-                np.array([self._shared(axis, run, zeros) for axis in (0, 1)]),
+                np.array([self._shared(axis, rows & self.polaris, zeros) for axis in (0, 1)]),
                 np.array([value for value, _ in apart]), np.array([sigma for _, sigma in apart]),
                 min(zero.n for zero in zeros)))
         return out
 
-    def _shared(self, axis, run, zeros):
+    def _shared(self, axis, rows, zeros):
         """Covariance of (enc, abs) at Polaris: what they do not share is the encoders' noise."""
         enc, second = (zero.covariance[axis, axis] for zero in zeros)
-        rows = (self.run == run) & self.polaris
         between = np.var(self.apart[axis][rows], ddof=1) / np.count_nonzero(rows)
         both = 0.5 * (enc + second - between)
         most = np.sqrt(enc * second)
         both = float(np.clip(both, -most, most))
         return np.array([[enc, both], [both, second]])
 
-    def apart_at(self, axis, run, place):
-        """Incremental - absolute of a power-on at Polaris, by all its rows; and 1 sigma."""
-        rows = self.run == run
+    def apart_at(self, axis, rows, place):
+        """Incremental - absolute of a power-on at Polaris, by all its `rows`; and 1 sigma."""
         angle = self.rows[SHORT[axis]][rows]
         columns = [np.ones(rows.sum())]
         at = [1.0]
@@ -364,43 +349,49 @@ class Night:
         freedom *= (expected**2 / noise) ** 2  # Welch: only the noise was estimated
         p = float(two_sided(second / expected, freedom)) * tests
         alarm = p < budget.false_alarm
-        moved = {}
+        moved, tilt = {}, 0.0
+        said = causes(apart, apart_variance, second, noise, budget.anomaly, budget.absolute)
+        cause, _ = likeliest(said, (ABSOLUTE, BOTH, ALIKE) if alarm else (NOTHING, INCREMENTAL))
         if alarm:
-            moved = self._suspects(axis, before, now, budget, sky, enc, second, apart,
-                                   covariance, apart_variance)
+            moved, tilt = self._suspects(axis, before, now, budget, sky, enc, second, apart,
+                                         covariance, apart_variance)
+            cause = MOUNT if tilt > 0.5 else cause
         return Change(
             AXES[axis], before.run, now.run, float(enc), float(np.sqrt(covariance[0, 0])),
             float(second), float(np.sqrt(noise)), float(apart), float(np.sqrt(apart_variance)),
-            float(second / expected), min(p, 1.0), bool(alarm), moved)
+            float(second / expected), min(p, 1.0), bool(alarm), moved, tilt, cause, said)
 
     def _suspects(self, axis, before, now, budget, sky, enc, second, apart, covariance,
                   apart_variance):
-        """Whether the absolute encoder or the mount moved, posterior."""
+        """Whether the absolute encoder or the mount moved, posterior; and whether that leans."""
         usual = budget.power_on**2
         # had only the absolute encoder moved, incremental - sky is a usual drift; had the mount,
         # incremental - absolute is
         alone = log_normal(enc, covariance[0, 0] + usual)
         together = log_normal(apart, apart_variance + usual + budget.absolute**2)
         logs = {ABSOLUTE: alone, MOUNT: together + np.log(0.5), 'tilt': together + np.log(0.5)}
-        rows = np.isin(self.run, (before.run, now.run))
-        stars = [np.count_nonzero((self.run == w.run) & ~self.polaris) for w in (before, now)]
+        rows = np.isin(self.stretch, (before.run, now.run))
+        stars = [np.count_nonzero((self.stretch == w.run) & ~self.polaris) for w in (before, now)]
         if sky is not None and min(stars) >= _FEWEST_STARS:
             both = np.tile(rows, 2)
-            later = np.tile(self.member(now.run), 2)[:, None]
-            zeros = [self._on(k, self.member(now.run)) for k in (0, 1)]
+            after = (self.stretch == now.run).astype(float)
+            later = np.tile(after, 2)[:, None]
+            zeros = [self._on(k, after) for k in (0, 1)]
             fixed = np.column_stack([sky.terms, *(self._on(k, np.ones(len(rows)))
                                                   for k in (0, 1)), *zeros])
             y = clipped(np.column_stack([fixed, sky.terms * later]), sky.abs)[both]
-            width = [budget.anomaly if k == axis else budget.absolute for k in (0, 1)]
+            # the other axis may have moved as well
+            width = [budget.anomaly] * 2
             wide = [_ANYTHING] * 7
             slip = evidence(fixed[both], y, sky.noise, [*wide, *width])
             logs[ABSOLUTE] += slip
             logs[MOUNT] += slip  # about the axis itself: as a slip of both encoders
             logs['tilt'] += evidence(
                 np.column_stack([fixed, sky.terms * later])[both], y, sky.noise,
-                [*wide, *[budget.absolute] * 2, *[budget.anomaly] * len(_OTHER_TERMS)])
+                [*wide, *[budget.absolute if k == axis else budget.anomaly for k in (0, 1)],
+                 *[budget.anomaly] * len(_OTHER_TERMS)])
         out = probabilities(logs)
-        return {ABSOLUTE: out[ABSOLUTE], MOUNT: out[MOUNT] + out['tilt']}
+        return {ABSOLUTE: out[ABSOLUTE], MOUNT: out[MOUNT] + out['tilt']}, out['tilt']
 
 
 class Found(NamedTuple):

@@ -10,7 +10,7 @@ with I and B what the encoders read too much and S what the mount (or the star) 
 incremental encoder is expected to move at a power-on: its zero on Polaris takes care of that.
 Anything else is an alarm. Two equations do not give three unknowns: which of two moved is a
 posterior probability, from what is usual for each (all suspects equally likely before) and from
-how the stars of the whole sky moved.
+how the stars of the whole sky moved. The causes of a jump are told apart in `witness_causes`.
 """
 
 from dataclasses import dataclass, field, replace
@@ -22,15 +22,9 @@ import numpy as np
 from msg_tools.units import ARCSEC, wrap
 
 from .wandering import wander_events, wander_line
-from .witness_night import (
-    ABSOLUTE,
-    AXES,
-    INCREMENTAL,
-    SHORT,
-    Budget,
-    Night,
-    Witness,
-)
+from .witness_causes import ABSOLUTE, ALIKE, BOTH, INCREMENTAL, MOUNT
+from .witness_night import AXES, SHORT, Night
+from .witness_records import USUAL, Witness
 
 UNJUDGED = ('the reference marks of the incremental encoder could not be judged: it tells nothing '
             'of them on incremental/homing')
@@ -39,7 +33,6 @@ MARK_TOLERANCE = 10
 #: from where the marks are to be met
 HOME_SIDE = 'below'
 _HOUR = 3600.0
-_USUAL = Budget()
 
 
 class Homing(NamedTuple):
@@ -143,7 +136,7 @@ class WitnessReport:
     latest: Witness | None = None
 
 
-def check_witnesses(rows, reference=None, *, model=None, homings=(), budget=_USUAL):
+def check_witnesses(rows, reference=None, *, model=None, homings=(), budget=USUAL):
     """Compare the three witnesses of a night.
 
     Parameters
@@ -187,9 +180,10 @@ def check_witnesses(rows, reference=None, *, model=None, homings=(), budget=_USU
     events = [(axis, event) for axis in (0, 1) for event in wander_events(
         night, axis, night.apart_events(axis, budget), budget)[0]]
     sky = night.sky(events, model, out.notes)
-    out.events = [night.attributed(axis, event, sky) for axis, event in events]
+    out.events = [night.attributed(axis, event, sky, budget.anomaly) for axis, event in events]
     if sky is not None:
-        out.events += night.mount_events(sky, events, budget)
+        shared, taken = night.mount_events(sky, events, budget)
+        out.events = [e for n, e in enumerate(out.events) if n not in taken] + shared
     out.alarms += [wander_line(event, int(np.count_nonzero(night.run >= 0.0)))
                    if event.kind == 'wander' else _event_line(event) for event in out.events]
 
@@ -201,7 +195,7 @@ def check_witnesses(rows, reference=None, *, model=None, homings=(), budget=_USU
         for axis in (0, 1):
             change = night.change(axis, before, now, model, budget, 2 * len(pairs), sky)
             out.changes.append(change)
-            if change.alarm:
+            if change.alarm and not _told(change, out.events):
                 out.alarms.append(_change_line(change))
     _uncalibrated(out, night, witnesses, budget)
     out.latest = witnesses[-1] if witnesses else None
@@ -249,11 +243,11 @@ def _uncalibrated(out, night, witnesses, budget):
     for run in night.tonight:
         before = [w for w in known if w.run < run]
         rows = night.run == run
-        if not before or any(w.run == run for w in known) or np.count_nonzero(rows) < 2:
+        if not before or any(w.run // 1 == run for w in known) or np.count_nonzero(rows) < 2:
             continue
         since = _utc(night.rows['time'][rows][0])
         for axis in (0, 1):
-            value, sigma = night.apart_at(axis, run, (before[-1].az, before[-1].el)[axis])
+            value, sigma = night.apart_at(axis, rows, (before[-1].az, before[-1].el)[axis])
             moved = wrap(value - before[-1].apart[axis])
             sigma = np.sqrt(sigma**2 + before[-1].apart_sigma[axis] ** 2 + budget.absolute**2)
             out.alarms.append(
@@ -266,21 +260,44 @@ def _utc(time):
     return datetime.fromtimestamp(time, timezone.utc).strftime('%H:%M:%S UTC')
 
 
+def _told(change, events):
+    """Whether a jump inside a power-on of the incremental encoder was found as such."""
+    return change.since // 1 == change.run // 1 and any(
+        event.axis == change.axis and event.run == change.run // 1 for event in events)
+
+
+def _named(run):
+    """A power-on by `Witness.run`, in words."""
+    if run < 0:
+        return 'the reference night'
+    later = round(run % 1 * 100)
+    return f'power-on {run // 1:.0f}' + (
+        f', {later} of the {ABSOLUTE} later' if later else '')
+
+
 def _event_line(event):
     rate = event.kind == 'drift'
     scale = _HOUR / ARCSEC if rate else 1.0 / ARCSEC
     unit = 'arcsec an hour' if rate else 'arcsec'
     verb = 'drifts' if rate else f'moved at {_utc(event.time)}'
+    second = (f' (the incremental one), {event.second * scale:+.2f} +- '
+              f'{event.second_sigma * scale:.2f} {unit} (the absolute one)'
+              if event.moved == BOTH else '')
     return (f'{event.axis}: {event.moved} {verb} inside power-on {event.run:.0f} by '
-            f'{event.amount * scale:+.2f} +- {event.sigma * scale:.2f} {unit} '
+            f'{event.amount * scale:+.2f} +- {event.sigma * scale:.2f} {unit}{second} '
             f'(confidence {event.confidence:.2f}, by chance {event.probability:.1g})')
 
 
 def _change_line(change):
-    who, other = sorted(change.moved, key=change.moved.get, reverse=True)
-    since = 'the reference night' if change.since < 0 else f'power-on {change.since:.0f}'
-    return (f'{change.axis}: {who} moved by {change.absolute / ARCSEC:+.2f} +- '
-            f'{change.absolute_sigma / ARCSEC:.2f} arcsec between {since} and power-on '
-            f'{change.run:.0f}: the zeros by Polaris and by the absolute encoder disagree '
-            f'(confidence {change.moved[who]:.2f}, {other} {change.moved[other]:.2f}, by chance '
-            f'{change.probability:.1g})')
+    amount = f'{change.absolute / ARCSEC:+.2f} +- {change.absolute_sigma / ARCSEC:.2f} arcsec'
+    when = f'between {_named(change.since)} and {_named(change.run)}'
+    if change.cause == ALIKE:
+        return (f'{change.axis}: {ALIKE} moved by {amount} {when}: both encoders show it alike, as '
+                f'they would if the mount turned about this axis (confidence '
+                f'{change.causes[ALIKE]:.2f}, by chance {change.probability:.1g})')
+    who, other = (MOUNT, ABSOLUTE) if change.cause == MOUNT else (ABSOLUTE, MOUNT)
+    also = (f', the {INCREMENTAL} by {change.incremental / ARCSEC:+.2f} +- '
+            f'{change.incremental_sigma / ARCSEC:.2f}' if change.cause == BOTH else '')
+    return (f'{change.axis}: {who} moved by {amount} {when}{also}: the zeros by Polaris and by the '
+            f'{ABSOLUTE} disagree (confidence {change.moved[who]:.2f}, {other} '
+            f'{change.moved[other]:.2f}, by chance {change.probability:.1g})')

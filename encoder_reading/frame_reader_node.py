@@ -1,7 +1,7 @@
 """Reads the absolute encoders of both axes from the images of their CCDs, simulated or real.
 
 The effort of a reading is its quality: 0 exact, 1 corrected, 2 rejected; a rejected one is NaN.
-An image tells no rate: velocities are NaN.
+Velocities are differenced from two readings that follow each other within a second.
 """
 
 import sys
@@ -79,11 +79,11 @@ class FrameReader(MountNode):
         axes_of(values)
 
     def _on_frame(self, message):
-        self._batch.add(read_frame(message, self._axes))
+        self._batch.add((*read_frame(message, self._axes), message.header.frame_id))
 
     def _read(self, images):
-        stamps, frames = zip(*images)
-        self._output.read(stamps, [np.stack(axis, axis=1) for axis in zip(*frames)])
+        stamps, frames, told = zip(*images)
+        self._output.read(stamps, [np.stack(axis, axis=1) for axis in zip(*frames)], told)
 
     def required(self):
         """It needs images."""

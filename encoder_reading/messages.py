@@ -10,14 +10,14 @@ from rclpy.clock import Clock, ClockType
 from msg_tools import convert, topics
 
 from .axis_reader import read_frames
-from .readings import QUALITIES, REJECTED
+from .readings import QUALITIES, REJECTED, Differenced
 
 _BOTH = np.arange(2)
 #: mono8 and the name that OpenCV has for it
 _ENCODINGS = ('mono8', '8UC1')
 
 
-def frame_message(stamp, frames):
+def frame_message(stamp, frames, told='absolute_encoder'):
     """A mono8 image with a row for each reading head: those of azimuth, then of elevation.
 
     Parameters
@@ -26,6 +26,8 @@ def frame_message(stamp, frames):
         ns.
     frames : sequence of ndarray of uint8, shape (heads, pixels)
         Of each axis; the rows of a shorter CCD are filled with 0.
+    told : str
+        The ``frame_id``, which may tell the power-on (`msg_tools.power_on`).
     """
     rows = np.zeros((sum(map(len, frames)), max(part.shape[1] for part in frames)), np.uint8)
     first = 0
@@ -36,7 +38,7 @@ def frame_message(stamp, frames):
         height=rows.shape[0], width=rows.shape[1], encoding='mono8', is_bigendian=0,
         step=rows.shape[1], data=array.array('B', rows.tobytes()))
     image.header.stamp = convert.to_stamp(stamp)
-    image.header.frame_id = 'absolute_encoder'
+    image.header.frame_id = told
     return image
 
 
@@ -99,9 +101,10 @@ class AngleOutput:
         self._angles = node.publisher(topics.ABSOLUTE)
         self._sigma = node.publisher(topics.ABSOLUTE_SIGMA)
         self._counts = np.zeros((2, 3), dtype=np.int64)  # of each axis and quality
+        self._rates, self._frame = Differenced(), ''
 
-    def read(self, stamps, frames, rates=None):
-        """Read frames and publish the angles.
+    def read(self, stamps, frames, told):
+        """Read frames and publish the angles, with the rates of `readings.Differenced`.
 
         Parameters
         ----------
@@ -109,16 +112,19 @@ class AngleOutput:
             n of them, ns.
         frames : sequence of ndarray, shape (heads, n, pixels)
             Of each axis.
-        rates : sequence of (float, float), optional
-            rad/s; an image tells none, so that they are NaN without.
+        told : sequence of str
+            The ``frame_id`` of each reading, which may tell the power-on; rates begin anew with
+            another one.
         """
         readings = read_frames(self._axes, frames)
         np.add.at(self._counts, (_BOTH, readings.quality), 1)
-        unknown = np.nan, np.nan
-        for stamp, angle, quality, rate in zip(
-                stamps, readings.angle.tolist(), readings.quality.tolist(),
-                rates or [unknown] * len(stamps)):
-            self._angles.publish(convert.joint_state(stamp, angle, rate, quality))
+        for stamp, angle, quality, frame in zip(
+                stamps, readings.angle.tolist(), readings.quality.tolist(), told):
+            if frame != self._frame:
+                self._rates.forget()
+                self._frame = frame
+            self._angles.publish(convert.joint_state(
+                stamp, angle, self._rates(stamp, angle), quality, frame))
         if self._sigma.get_subscription_count() > 0:
             for stamp, sigma in zip(stamps, readings.sigma.tolist()):
                 self._sigma.publish(convert.joint_state(stamp, sigma))
@@ -161,7 +167,7 @@ class Batch:
         self._work, self._most, self._items = work, most, []
         self._ended = self._took = 0.0
         # due at once when it is set, so it runs when the messages that were ready are taken
-        self._timer = node.create_timer(0.0, self._finish, autostart=False,
+        self._timer = node.create_timer(0.0, self.finish, autostart=False,
                                         clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def add(self, item):
@@ -169,11 +175,12 @@ class Batch:
         self._items.append(item)
         # one that comes long after the last work did not wait for it, nor does another yet
         if time.monotonic() - self._ended > 0.5 * self._took:
-            self._finish()
+            self.finish()
         elif len(self._items) == 1:
             self._timer.reset()
 
-    def _finish(self):
+    def finish(self):
+        """Work on what waits, now."""
         self._timer.cancel()
         items, self._items = self._items, []
         most, begun = self._most(), time.monotonic()

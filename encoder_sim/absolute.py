@@ -10,7 +10,7 @@ from .encoder_scale import ZeroDrift, disc_angle
 
 
 class AbsoluteEncoder:
-    """One axis. It keeps its zero without power.
+    """One axis. It reads at once after power-on; where its zero then is, the scenario says.
 
     Parameters
     ----------
@@ -23,18 +23,32 @@ class AbsoluteEncoder:
 
     Attributes
     ----------
-    zero_drift : float
-        Shift of the reading since power-on, rad.
+    power_on : int
+        Number of this power-on, 1 for the first, without those of `params.power_cycles`.
     """
 
     def __init__(self, params, seed, axis, start=0.0):
         self.params, self.start = params, start
         device = f'absolute/{axis}'
         self._zero = ZeroDrift(params, seed, device)
-        self.zero_drift = self._zero.at_power_on(1)
+        self.power_on, self._cycles = 1, np.sort(params.power_cycles)
         self.reader = AxisReader(params.design, axis)
         ccd = LinearCCD(params, self.reader.design.disc, seed, device)
         self.heads = [ccd, *(ccd.other_head(k) for k in range(1, params.heads))]
+
+    def power_cycle(self):
+        """Off and on again: what is read from now on may have another zero."""
+        self.power_on += 1
+
+    def power_ons(self, stamps):
+        """Number of the power-on at `stamps` (ns), with those that the scenario made, int."""
+        return self.power_on + np.searchsorted(
+            self._cycles, np.asarray(stamps) * 1e-9 - self.start, side='right')
+
+    def zeros(self, stamps):
+        """Shift of the reading by its power-on at `stamps` (ns, shape (n,)), rad."""
+        numbers, place = np.unique(self.power_ons(stamps), return_inverse=True)
+        return np.array([self._zero.at_power_on(int(n)) for n in numbers])[place]
 
     def _shown(self, stamps, angles, rates, temperature, head):
         """Disc angle at the middle of the row of a head."""
@@ -45,7 +59,7 @@ class AbsoluteEncoder:
         shown = disc_angle(
             past, p.eccentricity, p.eccentricity_phase + opposite, 0.5 * p.diameter)
         drift = self._zero.later(stamps * 1e-9 - self.start, temperature)
-        return shown + opposite + p.zero_offset + self.zero_drift + drift
+        return shown + opposite + p.zero_offset + self.zeros(stamps) + drift
 
     def frames(self, stamps, angles, rates=0.0, temperature=None):
         """What the CCDs see.

@@ -8,10 +8,12 @@ import math
 import sys
 
 import numpy as np
+from std_srvs.srv import Trigger
 
 from encoder_reading.messages import AngleOutput, Batch, frame_message
 from msg_tools import convert, topics
 from msg_tools.node import Param, run_node
+from msg_tools.power_on import PowerOn, since
 
 from .absolute import AbsoluteEncoder
 from .device_params import DEVICE_PARAMS, MAX_RATE, Decimator, MountedDevice
@@ -43,7 +45,9 @@ class AbsoluteEncoders(MountedDevice):
             self._output = AngleOutput(self, [encoder.reader for encoder in self._encoders])
         self._frame_pub = self.publisher(topics.ABSOLUTE_FRAME if self._output else EVERY_FRAME)
         self._batch = Batch(self, self._work, lambda: self.value('max_batch'))
+        self._power_on = None  # from the first sample of a power-on on
         self.subscribe(topics.TRUTH_JOINTS, self._on_truth)
+        self.create_service(Trigger, 'absolute/power_cycle', self._on_power_cycle)
 
     def _on_truth(self, message):
         stamp, angles, rates = convert.read_joints(message)[:3]
@@ -58,16 +62,36 @@ class AbsoluteEncoders(MountedDevice):
         known = np.where(np.isfinite(rates), rates, 0.0)
         when = np.array(stamps, dtype=np.int64)
         warmth = self.warmth(when)
+        told = self._note_power_ons(when)
         frames = [encoder.frames(when, angles[:, axis], known[:, axis], warmth)
                   for axis, encoder in enumerate(self._encoders)]
         rate = 0.0
         if self._output:
-            self._output.read(stamps, frames, rates)
+            self._output.read(stamps, frames, told)
             rate = self.value('frame_rate_hz')
         if self._frame_pub.get_subscription_count() > 0:
             for i, stamp in enumerate(stamps):
                 if self._frame_decimator.passes(stamp, rate):
-                    self._frame_pub.publish(frame_message(stamp, [part[:, i] for part in frames]))
+                    self._frame_pub.publish(
+                        frame_message(stamp, [part[:, i] for part in frames], told[i]))
+
+    def _note_power_ons(self, stamps):
+        """The ``frame_id`` of each reading: which power-on it is of."""
+        numbers = np.max([encoder.power_ons(stamps) for encoder in self._encoders], axis=0)
+        out = []
+        for stamp, number in zip(stamps.tolist(), numbers.tolist()):
+            if self._power_on is None or self._power_on.number != number:
+                self._power_on = PowerOn(number, since(stamp))
+            out.append(self._power_on.frame)
+        return out
+
+    def _on_power_cycle(self, request, response):
+        self._batch.finish()  # what was seen before is of the power-on before
+        for encoder in self._encoders:
+            encoder.power_cycle()
+        response.success = True
+        response.message = f'absolute encoder: power-on {self._encoders[0].power_on}'
+        return response
 
     def required(self):
         """It needs axes to sit on, and in place of its own reader another."""

@@ -33,8 +33,9 @@ def parse_utc(text):
 
 DEVICE_PARAMS = (
     Param('scenario', 'default', 'what is wrong with the mount: a name or a YAML file',
-          check=load_scenario, fixed=True),
-    Param('seed', 1, 'seed of every random number of the night', 0, 2**31 - 1, fixed=True),
+          check=load_scenario, fixed=True, truth=True),
+    Param('seed', 1, 'seed of every random number of the night', 0, 2**31 - 1, fixed=True,
+          truth=True),
     Param('start_time', '2026-01-15T13:00:00', 'UTC at which the night begins, ISO 8601; drifts '
           'count from it', check=parse_utc, fixed=True),
 )

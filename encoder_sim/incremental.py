@@ -131,6 +131,7 @@ class IncrementalEncoder:
         self.zero = np.nan
         self._sense = 0  # of the motion that did
         self._last = None  # stamp and angle of the last sample
+        self._since = None  # stamp of the first reading
         self._lost = 0  # counts lost since
         self._missed = self._passed = 0
         self._mark_error = np.nan
@@ -319,18 +320,51 @@ class IncrementalEncoder:
                     self.seed, self._device, name, int(stamps[valid_from])))
                 for name, values, noise in (('voltmeter', volts, p.voltmeter_noise),
                                             ('thermometer', temperature, p.thermometer_noise)))
+            self._since = stamps[valid_from]
             lost = lost - lost[row]
             passages = _Passages(*(column[hits[0] + 1:] for column in passages))
         self._check_mark(passages, lost)
         lost = lost[known:]
         self._lost = lost[-1]
 
-        drift = (p.zero_offset + self._zero.later(seconds, temperature)
-                 + p.zero_supply * (volts - p.supply_nominal))
-        counts = self._grating_count(past, drift) - self._cleared_at - lost
-        if p.jitter > 0.0:
-            noise = keyed_noise.normal(self.seed, self._device, 'jitter', stamps)
-            counts = counts + np.round(p.jitter * noise)
+        counts = self._counter(stamps, past, temperature, volts) - self._cleared_at - lost
         reading = p.mark_angle + counts * self.count_angle
         reading[:valid_from] = np.nan
         return reading
+
+    def _counter(self, stamps, past, temperature, volts):
+        """Grating counts that the electronics read at `stamps`, none cleared, none lost."""
+        p = self.params
+        drift = (p.zero_offset + self._zero.later(stamps * 1e-9 - self.start, temperature)
+                 + p.zero_supply * (volts - p.supply_nominal))
+        counts = self._grating_count(past, drift)
+        if p.jitter > 0.0:
+            noise = keyed_noise.normal(self.seed, self._device, 'jitter', stamps)
+            counts = counts + np.round(p.jitter * noise)
+        return counts
+
+    def rate(self, stamp, angle, rate=0.0, temperature=None):
+        """The rate that the electronics tell with the reading of this sample.
+
+        Parameters
+        ----------
+        stamp, angle, rate, temperature
+            One sample, as for `feed`, which took it before.
+
+        Returns
+        -------
+        float
+            Counts that have passed in the gate time up to now, over that time, rad/s. NaN where
+            there was no reading yet when it began.
+        """
+        p = self.params
+        gate = round(p.rate_gate * 1e9)
+        if self._since is None or stamp - gate < self._since:
+            return np.nan
+        stamps = np.array([stamp - gate, stamp], dtype=np.int64)
+        # where the axis was then: the head sees nothing else
+        past = angle - rate * (p.latency + np.array([p.rate_gate, 0.0]))
+        temperature = p.reference_temperature if temperature is None else temperature
+        counts = self._counter(
+            stamps, past, temperature, self._volts(stamps * 1e-9 - self.start))
+        return float(np.diff(counts)[0]) * self.count_angle / p.rate_gate

@@ -39,8 +39,8 @@ class IncrementalEncoders(MountedDevice):
         stamp, angles, rates = convert.read_joints(message)[:3]
         self._stamp = stamp
         # every sample is counted, whether it is published or not
-        reading = [float(encoder.feed(stamp, angle, rate, self.warmth(stamp))[0])
-                   for encoder, angle, rate in zip(self._encoders, angles, rates)]
+        seen = [(stamp, angle, rate, self.warmth(stamp)) for angle, rate in zip(angles, rates)]
+        reading = [float(encoder.feed(*axis)[0]) for encoder, axis in zip(self._encoders, seen)]
         self._note_power_on(stamp)
         homed = bool(np.isfinite(reading).all())
         if homed and not self._homed:
@@ -49,8 +49,9 @@ class IncrementalEncoders(MountedDevice):
         self._homed = homed
         self._tell_homing()
         if self._decimator.passes(stamp, self.value('max_rate_hz')):
+            told = [encoder.rate(*axis) for encoder, axis in zip(self._encoders, seen)]
             self._pub.publish(convert.joint_state(
-                stamp, reading, rates, frame=self._power_on.frame))
+                stamp, reading, told, frame=self._power_on.frame))
 
     def _note_power_on(self, stamp):
         counts = [encoder.power_on for encoder in self._encoders]

@@ -14,7 +14,6 @@ from std_srvs.srv import Trigger
 
 from msg_tools import convert, topics
 from msg_tools.node import MountNode, Param, run_node
-from msg_tools.units import DEG
 
 from .device_params import DEVICE_PARAMS, parse_utc
 from .mount import HOME_ATTEMPTS, SimulatedMount
@@ -215,11 +214,6 @@ class MountSimulator(MountNode):
             return [(DiagnosticStatus.WARN, f'{self._open_loop} pointings with the servo open: no '
                      'reading of the incremental encoder')]
         return []
-
-    def details(self):
-        """What the servo takes up."""
-        return [('servo azimuth [arcsec]', f'{self._mount.servo[0] / DEG * 3600:.2f}'),
-                ('servo elevation [arcsec]', f'{self._mount.servo[1] / DEG * 3600:.2f}')]
 
 
 def main(args=None):

@@ -21,6 +21,9 @@ from .topics import Topic
 
 #: a frame is rendered only for those who ask
 NOT_BY_DEFAULT = (topics.ABSOLUTE_FRAME.name,)
+#: parameters that say where a file was written: that is no provenance, and a folder may be named
+#: for what was simulated in it
+PLACES = ('folder', 'truth_folder', 'diagnosis_page')
 #: s between two looks at the graph for topics and publishers
 DISCOVERY = 0.25
 
@@ -236,8 +239,10 @@ class McapLogger(MountNode):
 
     # --- provenance -------------------------------------------------------------------------
 
-    def _take_parameters(self, node, values):
-        self._recorder.add_parameters(node, values)
+    def _take_parameters(self, node, values, truth=()):
+        values = {key: as_text(Path(json.loads(text)).name) if key in PLACES else text
+                  for key, text in values.items()}
+        self._recorder.add_parameters(node, values, truth)
         # what a node was given to read belongs to its parameters
         text = json.loads(values.get('model_file', '""'))
         if not text or self._attached or not Path(text).is_file():
@@ -258,7 +263,7 @@ class McapLogger(MountNode):
     def details(self):
         """Where the log is, and what was lost of whom."""
         recorder = self._recorder
-        rows = [('folder', str(recorder.bag.folder)), ('file', recorder.bag.file.name),
+        rows = [('folder', Path(recorder.bag.folder).name), ('file', recorder.bag.file.name),
                 ('messages written', str(recorder.written)), ('state', recorder.state)]
         return rows + [
             (f'lost {name}', f'{counter.gaps} of {counter.sequence.publishers} publishers')

@@ -5,6 +5,9 @@ from dataclasses import dataclass
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 
+#: in the constraints of a parameter's descriptor, see `Param.truth`
+OF_TRUTH = 'what only the simulator knows: kept out of the log that a calibration reads'
+
 
 @dataclass(frozen=True)
 class Param:
@@ -27,6 +30,8 @@ class Param:
         must have no side effect.
     fixed : bool
         Can be set only when the node starts.
+    truth : bool
+        It says what only the simulator knows: a log tells it beside the truth alone.
     """
 
     name: str
@@ -37,6 +42,7 @@ class Param:
     choices: tuple = ()
     check: Callable | None = None
     fixed: bool = False
+    truth: bool = False
 
     def descriptor(self):
         """The ParameterDescriptor that tells the user of range and unit."""
@@ -50,6 +56,8 @@ class Param:
                     IntegerRange(from_value=int(self.low), to_value=int(self.high), step=1)]
         if self.choices:
             out.additional_constraints = 'one of ' + ', '.join(self.choices)
+        if self.truth:
+            out.additional_constraints = OF_TRUTH
         return out
 
     def refuse(self, value):

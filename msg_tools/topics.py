@@ -62,7 +62,7 @@ TRUTH_ZERO = Topic('truth/incremental_zero', 'sensor_msgs/msg/JointState', HISTO
 TRUTH_SCENARIO = Topic('truth/scenario', 'std_msgs/msg/String', LATCHED)
 INCREMENTAL = Topic('incremental/joint_states', 'sensor_msgs/msg/JointState', DEEP)
 HOMING = Topic('incremental/homing', 'sensor_msgs/msg/PointCloud2', LATCHED)
-# Velocities are NaN where the angles were read from images, which tell no rate.
+# Velocities are of the encoders' own readings: NaN where one reading alone tells none.
 ABSOLUTE = Topic('absolute/joint_states', 'sensor_msgs/msg/JointState', DEEP)
 # Positions are the 1-sigma of the angles, as the image alone gives it, rad.
 ABSOLUTE_SIGMA = Topic('absolute/sigma', 'sensor_msgs/msg/JointState', DEEP)

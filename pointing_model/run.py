@@ -32,6 +32,8 @@ COLUMNS = {
     'magnitude': ('magnitude', 1.0, 'magnitude of the star'),
     'encoder_start': ('encoder_start', 1.0, 'when the encoder\'s power-on began, UTC seconds since '
                       '1970-01-01; it names the power-on'),
+    'absolute_start': ('absolute_start', 1.0, 'when the absolute encoder\'s power-on began, UTC '
+                       'seconds since 1970-01-01; it names the power-on'),
     'block': ('block', 1.0, 'step of the observing plan that took the row'),
     'check': ('check', 1.0, '1: a fresh star to judge by, kept out of every fit and choice'),
 }

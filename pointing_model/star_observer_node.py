@@ -52,7 +52,8 @@ PARAMS = SKY_PARAMS + (
     MODEL_FILE,
 )
 #: services that the steps of a plan call
-SERVICES = ('home', 'power_cycle', 'calibrate_zero', 'fit', 'diagnose', 'judge')
+SERVICES = ('home', 'power_cycle', 'absolute/power_cycle', 'calibrate_zero', 'fit', 'diagnose',
+            'judge')
 #: on which the instruments are heard
 INSTRUMENT_TOPICS = {MOUNT: topics.INCREMENTAL, ABSOLUTE: topics.ABSOLUTE,
                      CAMERA: topics.MISS_DISTANCE}
@@ -120,7 +121,8 @@ class StarObserver(MountNode):
             *convert.read_joints(message)[:3], message.header.frame_id))
 
     def _on_absolute(self, message):
-        self._note_clock(self._instruments.take_absolute(*convert.read_joints(message)[:2]))
+        self._note_clock(self._instruments.take_absolute(
+            *convert.read_joints(message)[:2], message.header.frame_id))
 
     def _in_force_changed(self, topic):
         if topic is not topics.HOMING:

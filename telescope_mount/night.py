@@ -40,15 +40,15 @@ def prepare_folder(folder):
     return folder
 
 
-def run_night(out, *, stars=30, polaris=16, reference=None, domain_number=None, params_file=None,
-              progress=None, **graph):
+def run_night(out, *, stars=30, polaris=16, reference=None, cycle='incremental',
+              domain_number=None, params_file=None, progress=None, **graph):
     """Observe a night in a graph of processes.
 
     Parameters
     ----------
     out : Path
         Folder for all that is written.
-    stars, polaris : int
+    stars, polaris, cycle
         As of `pointing_model.observing.plan.night_plan`.
     reference : Path, optional
         The model of an earlier night.
@@ -73,7 +73,7 @@ def run_night(out, *, stars=30, polaris=16, reference=None, domain_number=None, 
     NightFailed
         A node ended, or the plan could not be carried out.
     """
-    plan = night_plan(stars, polaris, reference is not None)
+    plan = night_plan(stars, polaris, reference is not None, cycle)
     parse_plan(plan)
     if reference is not None:
         from pointing_model.model import PointingModel

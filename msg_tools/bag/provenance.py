@@ -2,10 +2,11 @@
 
 import json
 
-from rcl_interfaces.srv import GetParameters, ListParameters
+from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters
 from rclpy.node import NodeNameNonExistentError
 from rclpy.parameter import parameter_value_to_python
 
+from ..params import OF_TRUTH
 from .recorder import RECORD
 
 #: calls of `step` after which another node is asked before one that does not answer
@@ -22,7 +23,8 @@ class ParameterCollector:
     node : rclpy.node.Node
         Of whose executor the answers come.
     take : callable
-        ``take(full node name, {parameter: JSON text})``.
+        ``take(full node name, {parameter: JSON text}, names)``, with the names of those that say
+        what only the simulator knows (`params.Param.truth`), a set.
     """
 
     def __init__(self, node, take):
@@ -61,7 +63,7 @@ class ParameterCollector:
         except NodeNameNonExistentError:
             return False  # it has just gone
         there = {service for service, _ in services}
-        return {f'{full}/list_parameters', f'{full}/get_parameters'} <= there
+        return {f'{full}/{verb}_parameters' for verb in ('list', 'describe', 'get')} <= there
 
     def _begin(self, kind, service, request, then):
         self._client = client = self._node.create_client(kind, f'{self._name}/{service}')
@@ -82,14 +84,22 @@ class ParameterCollector:
     def _listed(self, answer):
         self._drop()
         names = sorted(n for n in answer.result.names if not n.startswith('qos_overrides.'))
-        self._begin(GetParameters, 'get_parameters', GetParameters.Request(names=names),
-                    lambda values: self._got(names, values))
+        self._begin(DescribeParameters, 'describe_parameters',
+                    DescribeParameters.Request(names=names),
+                    lambda told: self._described(names, told))
 
-    def _got(self, names, answer):
+    def _described(self, names, answer):
+        self._drop()
+        truth = {name for name, told in zip(names, answer.descriptors)
+                 if OF_TRUTH in told.additional_constraints}
+        self._begin(GetParameters, 'get_parameters', GetParameters.Request(names=names),
+                    lambda values: self._got(names, truth, values))
+
+    def _got(self, names, truth, answer):
         name = self._name
         self._drop()
         self._take(name, {key: as_text(parameter_value_to_python(value))
-                          for key, value in zip(names, answer.values)})
+                          for key, value in zip(names, answer.values)}, truth)
         self.step()
 
 

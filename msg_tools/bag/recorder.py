@@ -163,10 +163,15 @@ class Recorder:
         """Close the chunks, so that a crash spares them; does not wait for the disk."""
         self._guard(lambda bag: bag.refresh(wait=False))
 
-    def add_parameters(self, node, values):
-        """A metadata record with the parameters of a node, in both bags."""
+    def add_parameters(self, node, values, truth=()):
+        """A metadata record with the parameters of a node, in both bags.
+
+        Those named in `truth` are of the simulator's truth and stand in its bag alone.
+        """
         self.parameters[node] = values
-        self._guard(lambda bag: bag.add_metadata(RECORD + node, values))
+        public = {name: text for name, text in values.items() if name not in truth}
+        self._guard(lambda bag: bag.add_metadata(
+            RECORD + node, public if bag is self.bag else values))
 
     def attach(self, name, media_type, data):
         """An attachment of the first bag."""

@@ -118,11 +118,12 @@ class Exposer:
 
     def _row(self, pointing, block, blind, stamp, miss, enc, second, rate):
         target, (site, air, *_) = pointing.target, self._conditions()
-        power_on = self._instruments.power_on
+        power_on, second_on = self._instruments.power_on, self._instruments.absolute_power_on
         az, el = (float(v[0]) for v in target.place(np.array([stamp * 1e-9]), site, air))
         return {
             'stamp': stamp, 'time': stamp * 1e-9, 'run': self._instruments.run,
-            'encoder_start': power_on.started if power_on else np.nan, 'block': block,
+            'encoder_start': power_on.started if power_on else np.nan,
+            'absolute_start': second_on.started if second_on else np.nan, 'block': block,
             'check': float(blind), 'star': target.number, 'az': az, 'el': el,
             'az_enc': enc[0], 'el_enc': enc[1], 'az_abs': second[0], 'el_abs': second[1],
             'miss_x': miss[0], 'miss_y': miss[1], 'az_rate': rate[0], 'el_rate': rate[1],

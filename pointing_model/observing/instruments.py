@@ -5,7 +5,7 @@ import time
 import numpy as np
 
 from msg_tools.power_on import read_frame
-from msg_tools.units import DEG
+from msg_tools.units import DEG, wrap
 
 from .instrument_health import InstrumentHealth
 from .pairing import Exposures
@@ -34,13 +34,14 @@ class Instruments:
     stamp : int
         Of the last reading of the incremental encoder, ns; 0 before the first.
     here, rate : ndarray, tuple
-        Its angles, rad, and rates, rad/s, shape (2,); None before the first.
+        Its angles, rad, and rates, rad/s, shape (2,); None before the first. A rate that it does
+        not tell is that since the reading before.
     homed : bool
     run : int
         Number of the power-on: a new one with each that the encoder tells, or, where it tells
         none, each time that it has been homed.
-    power_on : PowerOn or None
-        What the encoder tells of it.
+    power_on, absolute_power_on : PowerOn or None
+        What the incremental and the absolute encoder tell of it.
     health : InstrumentHealth
         What the instruments say that cannot be.
     look : callable
@@ -54,6 +55,7 @@ class Instruments:
         self.homed = False
         self.run = self._newest = first_run - 1
         self.power_on, self._frame = None, ''
+        self.absolute_power_on = None
         self._runs = {}  # when a power-on began -> its number
         self._wall = wall
         self._asked, self._heard = {}, {}
@@ -65,7 +67,8 @@ class Instruments:
         """
         self._check_stamp(MOUNT, stamp)
         back = self.exposures.add_reading('enc', stamp, angle)
-        self.stamp, self.here, self.rate = stamp, np.array(angle), rate
+        self.rate = self._rate(stamp, angle, rate)
+        self.stamp, self.here = stamp, np.array(angle)
         homed = bool(np.isfinite(angle).all())
         told = self.power_on is not None and self.homed
         if homed or (told and read_frame(frame) in (None, self.power_on)):
@@ -75,6 +78,15 @@ class Instruments:
         self.homed = homed
         self.hear(MOUNT)
         return back
+
+    def _rate(self, stamp, angle, told):
+        """As told, or else from the reading before; NaN where that is none."""
+        rate = np.array(told, dtype=float)
+        unknown = np.isnan(rate)
+        if unknown.any() and self.here is not None and stamp > self.stamp:
+            own = wrap(np.array(angle) - self.here) / ((stamp - self.stamp) * 1e-9)
+            rate[unknown] = own[unknown]
+        return rate
 
     def _number_run(self, frame):
         if self.homed and frame == self._frame:
@@ -108,10 +120,11 @@ class Instruments:
             if self.power_on is not None:
                 self._runs[self.power_on.started] = self.run
 
-    def take_absolute(self, stamp, angle):
+    def take_absolute(self, stamp, angle, frame=''):
         """As `take_incremental`, of the absolute encoder."""
         self._check_stamp(ABSOLUTE, stamp)
         back = self.exposures.add_reading('abs', stamp, angle)
+        self.absolute_power_on = read_frame(frame)
         self.hear(ABSOLUTE)
         return back
 
@@ -137,7 +150,7 @@ class Instruments:
         Which reading comes in first must not decide what follows.
         """
         return (self.homed and self.stamp > stamp
-                and not np.any(np.abs(self.rate) > STILL))
+                and bool(np.all(np.abs(self.rate) <= STILL)))
 
     def hear(self, name):
         """Count the silence of an instrument from now on."""

@@ -2,10 +2,10 @@
 
 from dataclasses import dataclass
 
-#: verb -> what its number counts, '' for a verb without one
+#: verb -> what its number counts, '' for a verb without one; `power_cycle` names what it switches
 VERBS = {
     'home': '',
-    'power_cycle': '',
+    'power_cycle': 'encoders',
     'stars': 'exposures',
     'polaris': 'exposures',
     'satellite': 'exposures',
@@ -16,14 +16,21 @@ VERBS = {
     'diagnose': '',
     'judge': '',
 }
+#: what `power_cycle` switches off and on -> services that are called for it
+POWER_CYCLES = {'incremental': ('power_cycle',), 'absolute': ('absolute/power_cycle',),
+                'both': ('power_cycle', 'absolute/power_cycle')}
 
 
 @dataclass(frozen=True)
 class Step:
-    """One step: its verb, and its count (0 for a verb without one)."""
+    """One step: its verb, its count (0 for a verb without one), and what it switches.
+
+    `what` is '' for `power_cycle` alone, which is that of the incremental encoder.
+    """
 
     verb: str
     count: int = 0
+    what: str = ''
 
     @property
     def exposures(self):
@@ -31,7 +38,7 @@ class Step:
         return self.count if VERBS[self.verb] == 'exposures' else 0
 
     def __str__(self):
-        return f'{self.verb} {self.count}' if self.count else self.verb
+        return ' '.join([self.verb, *filter(None, (self.what, str(self.count or '')))])
 
 
 def parse_plan(text):
@@ -42,7 +49,8 @@ def parse_plan(text):
     text : str
         Steps separated by commas; `stars`, `polaris`, `satellite` and `check` (fresh stars
         pointed at blind, to judge by) take the number of exposures, `wait` the hours from the
-        begin of the night (or the last `wait`) on.
+        begin of the night (or the last `wait`) on. `power_cycle` is that of the incremental
+        encoder, unless `absolute` or `both` follows.
 
     Returns
     -------
@@ -61,6 +69,12 @@ def parse_plan(text):
         verb, rest = words[0], words[1:]
         if verb not in VERBS:
             raise ValueError(f'plan step {verb!r} is unknown; use {", ".join(VERBS)}')
+        if VERBS[verb] == 'encoders':
+            if len(rest) > 1 or not set(rest) <= set(POWER_CYCLES):
+                raise ValueError(f'plan step {part.strip()!r}: write {verb}, alone or with one of '
+                                 + ', '.join(POWER_CYCLES))
+            steps.append(Step(verb, what=''.join(rest).replace('incremental', '')))
+            continue
         if not VERBS[verb] and rest:
             raise ValueError(f'plan step {verb} takes no count')
         if VERBS[verb] and (len(rest) != 1 or not rest[0].isdecimal()
@@ -72,7 +86,7 @@ def parse_plan(text):
     return steps
 
 
-def night_plan(stars, polaris, reference=False):
+def night_plan(stars, polaris, reference=False, cycle='incremental'):
     """The plan of a night.
 
     Without a reference the night has two power-ons, so that the drift between them shows: the
@@ -87,6 +101,8 @@ def night_plan(stars, polaris, reference=False):
         Exposures of Polaris for each zero.
     reference : bool
         Whether a model of an earlier night is in force.
+    cycle : {'incremental', 'absolute', 'both'}
+        The encoders that begin another power-on in the middle of the night.
 
     Returns
     -------
@@ -95,4 +111,6 @@ def night_plan(stars, polaris, reference=False):
     zero = f'polaris {polaris}, calibrate_zero'
     if reference:
         return f'home, stars {stars}, {zero}, stars {stars}, fit'
-    return f'home, stars {stars}, {zero}, power_cycle, home, {zero}, stars {stars}, fit'
+    again = {'incremental': 'power_cycle, home', 'absolute': 'power_cycle absolute',
+             'both': 'power_cycle both, home'}[cycle]
+    return f'home, stars {stars}, {zero}, {again}, {zero}, stars {stars}, fit'

@@ -19,7 +19,7 @@ from ..star_catalogue import POLARIS_HIP, load_catalogue
 from ..target import StarTarget, satellite_target
 from .exposing import Exposer
 from .instruments import MOUNT
-from .plan import parse_plan
+from .plan import POWER_CYCLES, parse_plan
 from .pointing import Standing
 from .star_choice import choose_stars
 
@@ -178,7 +178,7 @@ class Sequencer:
                                       lost=self._progress.lost, done=done)
             self._set_state('observing', str(step))
             if not (done and done >= step.count):
-                yield from getattr(self, f'_do_{step.verb}')(step.count - done)
+                yield from getattr(self, f'_do_{step.verb}')(step.what or step.count - done)
             done = self._earlier = 0
             self._send_table()
 
@@ -204,14 +204,19 @@ class Sequencer:
         for number in {int(row['block']) for row in rows if row['check'] and row['block'] < first}:
             self._checks.append({'block': number, **blind_summary(
                 [[row['miss_x'], row['miss_y']] for row in rows if row['block'] == number])})
-        told = self._instruments.power_on
-        if steps[first].verb == 'power_cycle' and told is not None and all(
-                row.get('encoder_start') != told.started for row in rows):
+        if steps[first].verb == 'power_cycle' and self._has_been_off(steps[first].what, rows):
             first += 1  # the power has been off since the last row
         self._out.get_logger().info(
             f'the plan goes on at step {first + 1} of {len(steps)}, {steps[first]}'
             + (f', of which {done} are done' if done else ''))
         return first, done
+
+    def _has_been_off(self, what, rows):
+        """Whether the encoders that a `power_cycle` switches tell a power-on without a row."""
+        told = {'power_cycle': ('encoder_start', self._instruments.power_on),
+                'absolute/power_cycle': ('absolute_start', self._instruments.absolute_power_on)}
+        return all(power_on is not None and all(row.get(name) != power_on.started for row in rows)
+                   for name, power_on in map(told.get, POWER_CYCLES[what or 'incremental']))
 
     def _do_stars(self, count):
         yield from self._need_home()  # the choice begins at where the mount stands
@@ -267,9 +272,11 @@ class Sequencer:
                     self._out.value('answer_timeout_s')),
                 'the encoder to be homed')
 
-    def _do_power_cycle(self, count):
-        self._instruments.homed = False
-        yield from self._call('power_cycle')
+    def _do_power_cycle(self, what):
+        for service in POWER_CYCLES[what or 'incremental']:
+            if service == 'power_cycle':
+                self._instruments.homed = False
+            yield from self._call(service)
 
     def _do_calibrate_zero(self, count):
         yield from self._calibration_has_all()

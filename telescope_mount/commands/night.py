@@ -20,6 +20,9 @@ def add(commands):
                         help='what is wrong with the simulated mount: a name or a YAML file')
     options.add(parser, 'reference', help='model.json of an earlier night: the zero is the change '
                 'since then, and tonight is one power-on: stars, Polaris, stars')
+    parser.add_argument('--power-cycle', choices=('incremental', 'absolute', 'both'),
+                        default='incremental', help='encoders that begin another power-on in the '
+                        'middle of a night without --reference (default: incremental)')
     options.add(parser, 'date', 'latitude', 'longitude', 'height')
     parser.add_argument('--params', type=Path, metavar='FILE',
                         help='ROS parameter file, read by every node after the values above')
@@ -38,12 +41,16 @@ def run(args):
     from .console import Progress, new_console, print_calibration, print_files
     if args.params is not None and not args.params.is_file():
         raise ValueError(f'{args.params} is no file; give a ROS parameter file with --params')
+    if args.reference is not None and args.power_cycle != 'incremental':
+        raise ValueError(f'--power-cycle {args.power_cycle}: with --reference a night is one '
+                         'power-on; leave one of them out')
     console = new_console()
     with Progress(console) as progress:
         report = run_night(
             args.out, seed=args.seed, stars=args.stars, polaris=args.polaris,
             scenario=args.scenario, start_time=args.date, reference=args.reference,
-            domain_number=args.domain, time_scale=args.time_scale, params_file=args.params,
-            sky=options.sky_of(args), absolute=args.absolute, progress=progress)
+            cycle=args.power_cycle, domain_number=args.domain, time_scale=args.time_scale,
+            params_file=args.params, sky=options.sky_of(args), absolute=args.absolute,
+            progress=progress)
     print_calibration(console, report)
     print_files(console, report['files'])

@@ -159,7 +159,7 @@ def test_an_alarm_that_the_amended_model_explains_is_taken_back():
     rows = night(6, bent=lambda az: 9.0 * np.cos(az - 0.8), kept=20)
     told = session(rows)
     _, report = told.fit()
-    assert any('mount or sky moved' in alarm for alarm in report['witnesses']['alarms'])
+    assert any('both or mount moved' in alarm for alarm in report['witnesses']['alarms'])
     found = told.diagnose()
     assert found.document['applied'] == ['azimuth_encoder_1']
     assert told.report['witnesses']['alarms'] == [] and told.report['verdict'] == 'identified'

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from calibration.witness_night import Budget
+from calibration.witness_records import Budget
 from calibration.witnesses import (
     UNJUDGED,
     Homing,
@@ -70,7 +70,7 @@ def test_the_incremental_encoder_moves_at_a_power_on_without_alarm():
 def test_the_absolute_encoder_that_moved_is_named(axis, name):
     second = [0.0, 0.0]
     second[axis] = -6.0
-    report = check_witnesses(night(2, (12.0, -7.0), second), night(1))
+    report = check_witnesses(night(2, (12.0, 7.0), second), night(1))
     assert len(report.alarms) == 1
     assert report.alarms[0].startswith(f'{name}: absolute encoder moved by -')
     change = report.changes[axis]
@@ -89,7 +89,7 @@ def test_all_moved_together_is_the_mount():
     # no usual drift of the incremental encoder has the size of what both encoders show
     report = check_witnesses(night(2, (0.0, 9.0), (0.0, 9.0)), night(1),
                              budget=Budget(power_on=0.3 * ARCSEC))
-    assert [line.split(' moved')[0] for line in report.alarms] == ['elevation: mount or sky']
+    assert [line.split(' moved')[0] for line in report.alarms] == ['elevation: both or mount']
     report = check_witnesses(night(2, (0.0, 0.0), (0.0, 9.0)), night(1),
                              budget=Budget(power_on=0.3 * ARCSEC))
     assert [line.split(' moved')[0] for line in report.alarms] == ['elevation: absolute encoder']
@@ -121,10 +121,100 @@ def test_a_drift_inside_a_power_on():
     assert 'arcsec an hour' in report.alarms[0]
 
 
+@pytest.mark.parametrize('inc, second, cause, words', [
+    ((8.0, -5.0), (0.0, 0.0), ('incremental encoder',) * 2, []),
+    ((0.0, 0.0), (-6.0, 0.0), ('absolute encoder', 'nothing'),
+     ['azimuth: absolute encoder moved by -']),
+    ((8.0, 0.0), (-6.0, 5.0), ('both encoders', 'absolute encoder'),
+     ['azimuth: absolute encoder moved by -', 'elevation: absolute encoder moved by +']),
+    ((0.0, 12.0), (0.0, 5.0), ('nothing', 'both encoders'),
+     ['elevation: absolute encoder moved by +']),
+    ((7.0, -4.0), (7.0, -4.0), ('both or mount',) * 2,
+     ['azimuth: both or mount moved by +', 'elevation: both or mount moved by -']),
+])
+def test_who_moved_at_a_power_on(inc, second, cause, words):
+    report = check_witnesses(night(2, inc, second), night(1))
+    assert tuple(change.cause for change in report.changes) == cause
+    assert [line.startswith(start) for line, start in zip(report.alarms, words, strict=True)
+            ] == [True] * len(words)
+    for change, line in zip([c for c in report.changes if c.alarm], report.alarms):
+        assert ('the incremental encoder by' in line) == (change.cause == 'both encoders')
+        assert sum(change.causes.values()) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize('inc, second', [(6.0, -4.0), (9.0, 4.0), (-4.0, -9.0)])
+@pytest.mark.parametrize('short, axis', [('az', 'azimuth'), ('el', 'elevation')])
+def test_both_encoders_jump_inside_a_power_on(inc, second, short, axis):
+    rows = moved(moved(night(2), f'{short}_enc', inc), f'{short}_abs', second)
+    (event,) = check_witnesses(rows, night(1)).events
+    assert (event.axis, event.moved, event.kind) == (axis, 'both encoders', 'step')
+    assert event.amount / ARCSEC == pytest.approx(inc, abs=4 * event.sigma / ARCSEC)
+    assert event.second / ARCSEC == pytest.approx(second, abs=4 * event.second_sigma / ARCSEC)
+    (line,) = check_witnesses(rows, night(1)).alarms
+    assert line.startswith(f'{axis}: both encoders moved at ') and '(the absolute one)' in line
+
+
+def test_a_small_difference_of_two_large_jumps_is_found_with_them():
+    named = []
+    for seed in range(6):
+        rows = moved(moved(night(20 + seed), 'el_enc', 5.6), 'el_abs', 5.0)
+        report = check_witnesses(rows)
+        assert len(report.events) == len(report.alarms) == 1
+        named.append(report.events[0].moved)
+        event = report.events[0]
+        if event.moved == 'both encoders':
+            assert event.amount / ARCSEC == pytest.approx(5.6, abs=4 * event.sigma / ARCSEC)
+            assert (event.amount - event.second) / ARCSEC == pytest.approx(0.6, abs=0.4)
+    assert named.count('both encoders') >= 5
+
+
+def cycled(rows, since=46):
+    """The rows, with Polaris again behind a power-on of the absolute encoder alone."""
+    other = night(7)
+    out = {name: values.copy() for name, values in rows.columns.items()}
+    for name in ('star', 'az', 'el', 'az_enc', 'el_enc', 'az_abs', 'el_abs'):
+        out[name][since:since + 16] = other[name][since - 16:since]
+    out['absolute_start'] = np.where(np.arange(len(rows)) < since, 1.8e9, 1.8e9 + 5000.0)
+    return PointingRun(out)
+
+
+def test_a_power_on_of_the_absolute_encoder_alone():
+    still = check_witnesses(cycled(night(2)))
+    assert still.alarms == [] and [c.cause for c in still.changes] == ['nothing'] * 2
+    assert [(c.since, c.run) for c in still.changes] == [(1.0, 1.01)] * 2
+    assert still.latest.run == 1.01
+    # it moves: once told, as a jump at its moment
+    report = check_witnesses(moved(cycled(night(2)), 'el_abs', 6.0))
+    assert [line.split(' at ')[0] for line in report.alarms] == [
+        'elevation: absolute encoder moved']
+    assert [c.cause for c in report.changes] == ['nothing', 'absolute encoder']
+    # yesterday's place of the absolute encoder is compared with that before, and tonight's is kept
+    report = check_witnesses(moved(cycled(night(2)), 'el_abs', 6.0), night(1))
+    assert [c.cause for c in report.changes] == [
+        'nothing', 'nothing', 'nothing', 'absolute encoder']
+    later = check_witnesses(night(3, second=(0.0, 6.0)), report.latest)
+    assert later.alarms == [] and later.changes[0].since == -1.0
+
+
+def test_all_that_moves_when_the_absolute_encoder_is_switched_on():
+    rows = cycled(night(2))
+    report = check_witnesses(moved(moved(rows, 'az_abs', 4.0), 'az_enc', 4.0))
+    assert all(line.startswith('azimuth: both or mount moved') for line in report.alarms)
+    assert report.changes[0].cause == 'both or mount' and len(report.alarms) == 1
+
+
+def test_without_a_zero_since_the_absolute_encoder_was_switched_on():
+    rows = night(2, polaris=16)
+    start = np.where(np.arange(len(rows)) < 50, 1.8e9, 1.8e9 + 5000.0)
+    assert check_witnesses(PointingRun({**rows.columns, 'absolute_start': start})).alarms == []
+    start[:3] = np.nan
+    assert check_witnesses(PointingRun({**rows.columns, 'absolute_start': start})).alarms == []
+
+
 def test_a_mount_that_is_pushed_in_the_night():
     rows = moved(moved(night(2), 'az_enc', 8.0), 'az_abs', 8.0)
     report = check_witnesses(rows)
-    assert [(e.axis, e.moved) for e in report.events] == [('azimuth', 'mount or sky')]
+    assert [(e.axis, e.moved) for e in report.events] == [('azimuth', 'both or mount')]
 
 
 def test_a_power_on_without_a_zero_of_its_own():

@@ -111,10 +111,25 @@ def test_offset_and_drift_of_the_zero():
         device = encoder(zero_offset=shift, zero_drifts=drifts)
         assert np.median(errors(device)) == pytest.approx(moved, abs=0.1)
     device = encoder(zero_drift=shift)
-    drift = device.zero_drift / ARCSEC
+    drift = device.zeros([0])[0] / ARCSEC
     assert 0.1 < abs(drift) < 150.0
     assert np.median(errors(device)) == pytest.approx(drift, abs=0.1)
-    assert encoder(seed=2, zero_drift=shift).zero_drift / ARCSEC != drift
+    assert encoder(seed=2, zero_drift=shift).zeros([0])[0] / ARCSEC != drift
+
+
+def test_a_power_on_has_a_zero_of_its_own():
+    shift = 30 * ARCSEC
+    device = encoder(zero_drifts=(0.0, shift, 3 * shift), power_cycles=(5.5, 8.0))
+    when = np.arange(10) * 10**9
+    assert device.power_ons(when).tolist() == [1] * 6 + [2] * 2 + [3] * 2
+    angle = device.read(when, np.full(10, 1.0)).angle
+    np.testing.assert_allclose(
+        (angle - 1.0) / ARCSEC, [0.0] * 6 + [30.0] * 2 + [90.0] * 2, atol=2.0)
+    device.power_cycle()
+    assert device.power_ons(when).tolist() == [2] * 6 + [3] * 2 + [4] * 2
+    np.testing.assert_allclose(
+        (device.read(when, np.full(10, 1.0)).angle - angle) / ARCSEC,
+        [30.0] * 6 + [60.0] * 2 + [0.0] * 2, atol=2.0)
 
 
 def test_drift_with_time_temperature_and_latency():
@@ -204,5 +219,5 @@ absolute:
             if getattr(params, f.name) == getattr(default, f.name)]
     assert set(same) == {
         'diameter', 'eccentricity', 'eccentricity_phase', 'zero_offset', 'zero_drift',
-        'zero_drifts', 'zero_rate', 'zero_slope', 'reference_temperature', 'latency', 'code',
-        'bar_wide', 'bar_narrow', 'pixels', 'base', 'contrast'}
+        'zero_drifts', 'zero_rate', 'zero_slope', 'reference_temperature', 'latency',
+        'power_cycles', 'code', 'bar_wide', 'bar_narrow', 'pixels', 'base', 'contrast'}

@@ -3,6 +3,7 @@ import pytest
 
 pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportError)
 
+from encoder_reading.frame_reader_node import FrameReader
 from encoder_sim.absolute_encoder_node import AbsoluteEncoders
 from encoder_sim.device_params import Decimator, parse_utc
 from encoder_sim.incremental_encoder_node import IncrementalEncoders
@@ -10,6 +11,7 @@ from msg_tools import convert, topics
 from msg_tools.homing import cloud_to_homing
 from msg_tools.power_on import read_frame
 from msg_tools.units import ARCSEC, DEG
+from telescope_mount.graph import EVERY_FRAME
 
 START = 1_768_482_000_000_000_000
 COUNT = 1296000.0 / 18_880_000 * ARCSEC
@@ -91,6 +93,26 @@ def test_the_zero_drifts_at_each_power_on_as_the_truth_says(graph, drifting):
             drifts[-1], convert.read_joints(truth[-1])[1], rtol=0, atol=1.01 * COUNT)
     steps = np.abs(np.diff(drifts, axis=0))
     assert (steps > 2 * COUNT).all() and (np.abs(drifts) < 100 * ARCSEC).all()
+
+
+@pytest.mark.parametrize('node, topic, sigma', [
+    (IncrementalEncoders, topics.INCREMENTAL, 1.0), (AbsoluteEncoders, topics.ABSOLUTE, 1.2)])
+def test_a_rate_comes_of_readings_not_of_the_truth(graph, node, topic, sigma):
+    graph.add(node, scenario='default')
+    pub, got = graph.publisher(topics.TRUTH_JOINTS), graph.listen(topic)
+    graph.connect()
+    rate = np.array([0.25, 0.25]) * DEG
+    times = np.arange(-2.0, 3.0, 0.5)
+    for t in times:  # the marks are met at 0
+        pub.publish(convert.joint_state(START + 10**10 + round(t * 1e9), MARKS + rate * t, rate))
+    graph.wait_for(lambda: len(got) == len(times), 'readings')
+    rows = [convert.read_joints(message) for message in got]
+    angle, told = np.array([row[1] for row in rows]), np.array([row[2] for row in rows])
+    known = np.isfinite(told)
+    assert np.array_equal(known[1:], np.isfinite(angle[1:]) & np.isfinite(angle[:-1]))
+    assert not known[0].any()
+    off = (told - rate)[known] / ARCSEC
+    assert 0.01 < np.abs(off).max() < 5 * sigma and len(set(off)) > 2
 
 
 def test_the_seed_decides_the_drift(graph, drifting):
@@ -258,6 +280,32 @@ def test_the_absolute_encoder_knows_its_place_at_once(graph):
     axes = Axes(graph, topics.ABSOLUTE)
     places = np.array([[10.0, 20.0], [181.3, 45.2], [359.9, 89.0]]) * DEG
     np.testing.assert_allclose(axes(places), places, rtol=0, atol=10 * ARCSEC)
+
+
+@pytest.mark.parametrize('publishes', ['angles', 'frames'])
+def test_the_absolute_encoder_has_another_zero_after_its_power_cycle(graph, tmp_path, publishes):
+    path = tmp_path / 'slipping.yaml'
+    path.write_text('based_on: ideal\nabsolute:\n  azimuth: {zero_drifts_arcsec: [0, 30, 30]}\n'
+                    '  elevation: {zero_drifts_arcsec: [0, -20, 10], power_cycles_s: [6.5]}\n')
+    graph.add(AbsoluteEncoders, scenario=str(path), publishes=publishes)
+    if publishes == 'frames':
+        graph.add(FrameReader, **EVERY_FRAME)
+    axes = Axes(graph, topics.ABSOLUTE)
+    place = np.array([[50.0, 20.0]] * 3) * DEG
+    before = axes(place)
+    answer = graph.call('absolute/power_cycle')
+    assert answer.success and answer.message == 'absolute encoder: power-on 2'
+    moved = (axes(place) - before) / ARCSEC
+    np.testing.assert_allclose(moved, [[30.0, -20.0]] * 3, atol=1.0)
+    moved = (axes(place) - before) / ARCSEC  # the scenario cuts the power of one axis
+    np.testing.assert_allclose(moved, [[30.0, 10.0]] * 3, atol=1.0)
+    told = [read_frame(message.header.frame_id) for message in axes.got]
+    assert [power_on.number for power_on in told] == [1] * 3 + [2] * 3 + [3] * 3
+    assert [power_on.started - START * 1e-9 for power_on in told] == [
+        1.0] * 3 + [4.0] * 3 + [7.0] * 3
+    # no rate over a power-on
+    known = np.isfinite([convert.read_joints(message)[2] for message in axes.got])
+    assert np.array_equal(known.all(axis=1), [False, True, True] * 3)
 
 
 def test_frames_are_made_for_those_who_ask(graph):

@@ -304,6 +304,54 @@ def test_what_was_lost_before_homing_is_cleared_with_the_counter():
     assert passage(device) == pytest.approx(0.0, abs=COUNT)
 
 
+def rates_at(device, rate, n=200, moments=None):
+    """What is told of a motion at `rate` that begins behind the mark, 13 ms apart."""
+    device.feed(*crossing())
+    when = stamps(n, 0.013, START + 10.0)
+    angle = 181 * DEG + rate * (when * 1e-9 - START - 10.0)
+    out = []
+    for one in zip(when, angle):
+        device.feed(*one, rate)
+        out.append(device.rate(*one, rate))
+    return np.array(out)
+
+
+def test_a_rate_is_whole_counts_in_the_gate_time():
+    device = encoder(rate_gate=0.1)
+    told = rates_at(device, 15 * ARCSEC)
+    counts = told * 0.1 / device.count_angle
+    np.testing.assert_allclose(counts, np.rint(counts), atol=1e-6)
+    assert len(np.unique(np.rint(counts))) == 2  # 21.87 counts: 21 or 22
+    assert told.mean() / ARCSEC == pytest.approx(15.0, abs=0.1)
+    # two readings, each with its jitter
+    jitter = rates_at(encoder(rate_gate=0.1, jitter=3.0), 15 * ARCSEC)
+    assert jitter.std() / ARCSEC == pytest.approx(np.sqrt(2) * 3 * COUNT / 0.1, rel=0.2)
+    longer = rates_at(encoder(rate_gate=0.4, jitter=3.0), 15 * ARCSEC)
+    assert longer.std() / ARCSEC == pytest.approx(np.sqrt(2) * 3 * COUNT / 0.4, rel=0.2)
+
+
+def test_a_rate_is_known_a_gate_time_after_the_mark_only():
+    device = encoder(rate_gate=0.1)
+    when, angle = crossing()
+    rates = []
+    for one in zip(when, angle):
+        device.feed(*one, 2 * DEG)
+        rates.append(device.rate(*one, 2 * DEG))
+    first = np.flatnonzero(angle >= MARK - 1e-9)[0]
+    known = np.isfinite(rates)
+    assert not known[:first + 10].any() and known[first + 10:].all()
+    device.power_cycle()
+    assert np.isnan(device.rate(when[-1], angle[-1], 2 * DEG))
+
+
+def test_a_rate_feels_the_disc_and_the_late_reading_but_not_the_zero():
+    far = rates_at(encoder(eccentricity=5e-5, zero_offset=1.0, latency=0.3, max_count_rate=1e9),
+                   1 * DEG)
+    # 0.05 mm on a radius of 150 mm: 1/3000 of the rate, once a turn
+    count = COUNT / 0.1 / 3600
+    assert np.abs(far / DEG - 1.0).max() == pytest.approx(1 / 3000, abs=count)
+
+
 def test_the_power_fails_at_a_moment_whatever_the_batches():
     params = {'power_cycles': (10.0, 40.0), 'zero_drifts': (0.0, 7 * ARCSEC, -9 * ARCSEC)}
     when = stamps(600, 0.1)

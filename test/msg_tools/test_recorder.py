@@ -39,7 +39,7 @@ def test_the_truth_has_a_bag_of_its_own_from_its_first_topic_on(make, told, demo
     recorder.add_parameters('/mount/early', {'a': '1'})
     assert not (tmp_path / 'log_truth').exists()
     recorder.add_topic(TRUTH, demo.TEXT, [], None)
-    recorder.add_parameters('/mount/late', {'b': '2'})
+    recorder.add_parameters('/mount/late', {'b': '2', 'secret': '3'}, {'secret'})
     recorder.put('seen')
     recorder.put('true', name=TRUTH)
     recorder.attach('reference_model.json', 'application/json', b'{}')
@@ -49,6 +49,8 @@ def test_the_truth_has_a_bag_of_its_own_from_its_first_topic_on(make, told, demo
     both = [BagReader(tmp_path / name) for name in ('log', 'log_truth')]
     for log in both:
         assert {'parameters /mount/early', 'parameters /mount/late'} <= set(log.metadata)
+    assert [set(log.metadata['parameters /mount/late']) for log in both] == [
+        {'b'}, {'b', 'secret'}]
     assert [a.name for a in both[0].attachments] == ['reference_model.json', 'model.json']
     assert both[1].attachments == [] and both[1].has_truth and not both[0].has_truth
     assert [t.type_hash for log in both for t in log.topics] == [

@@ -138,7 +138,12 @@ def test_what_the_user_chose_reaches_the_night(refused, monkeypatch, tmp_path):
         'out': tmp_path / 'n', 'seed': 5, 'stars': 6, 'polaris': 7, 'scenario': 'ideal',
         'start_time': 'yesterday', 'reference': Path('m.json'), 'domain_number': 3,
         'time_scale': 2.0, 'params_file': tmp_path / 'p.yaml', 'absolute': 'angles',
+        'cycle': 'incremental',
         'sky': {'latitude_deg': -40.0, 'longitude_deg': 10.0, 'height_m': 2000.0}}
+    assert 'enough' in refused('night', '--power-cycle', 'both')
+    assert asked.pop()['cycle'] == 'both'
+    assert 'leave one of them out' in refused(
+        'night', '--power-cycle', 'both', '--reference', 'm.json')
     # what was not chosen is as of the functions themselves
     own, of_graph = given.__kwdefaults__, night.night_graph.__kwdefaults__
     assert set(own) - set(asked[1]) == {'progress'}

@@ -188,12 +188,17 @@ def test_provenance_decides(night, tmp_path):
     values = {key: json.loads(text)
               for key, text in log.metadata['parameters /mount/calibration'].items()}
     assert values['split_seed'] == 3
-    assert json.loads(log.metadata['parameters /mount/mount_simulator']['seed']) == 3
     assert set(log.metadata['telescope_mount']) == {'package', 'catalogue', 'earth orientation'}
     assert [a.name for a in log.attachments] == ['model.json']
     assert log.read_attachment('model.json') + b'\n' == (night / 'model.json').read_bytes()
     truth = BagReader(night / 'bag_truth')
     assert truth.attachments == []
+    for node in ('mount_simulator', 'incremental_encoder', 'absolute_encoder', 'camera'):
+        public, whole = (bag.metadata[f'parameters /mount/{node}'] for bag in (log, truth))
+        assert json.loads(whole['seed']) == 3 and json.loads(whole['scenario']) == 'default'
+        assert set(whole) - set(public) == {'scenario', 'seed'}
+        assert json.loads(public['start_time']) == json.loads(whole['start_time'])
+    assert json.loads(log.metadata['parameters /mount/mcap_logger']['folder']) == 'bag'
     (told,) = truth.messages('/mount/truth/scenario', decode=True)
     assert json.loads(told.data.data) == scenario_files('default')
     bag = rewrite(night / 'bag', tmp_path / 'bag', lambda topic, data: data,

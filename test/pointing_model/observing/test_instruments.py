@@ -34,6 +34,30 @@ def test_each_power_on_that_the_encoder_tells_is_a_run():
     assert read(HERE, 2, 99.0) == 10
 
 
+def test_an_encoder_that_tells_no_rate_is_at_rest_when_its_readings_are():
+    read, unknown = Instruments(), (np.nan, np.nan)
+    read.take_incremental(10**9, LOST, unknown)
+    read.take_incremental(2 * 10**9, (6.28, 0.5), unknown)
+    assert not read.homed_since(0)  # one reading tells nothing
+    read.take_incremental(3 * 10**9, (0.01, 0.5), unknown)
+    assert not read.homed_since(0) and abs(read.rate[0] - 0.0132) < 1e-3
+    read.take_incremental(4 * 10**9, (0.01, 0.5), unknown)
+    assert read.homed_since(0)
+    read.take_incremental(5 * 10**9, (0.01, 0.5), (0.02, np.nan))
+    assert not read.homed_since(0)
+
+
+def test_the_power_on_of_the_absolute_encoder_is_no_run():
+    read = Encoder()
+    assert read(HERE, 1, 10.0) == 1 and read.instruments.absolute_power_on is None
+    for number, started in ((1, 10.0), (2, 60.0)):
+        read.instruments.take_absolute(int(started) * 10**9, HERE, PowerOn(number, started).frame)
+        assert read.instruments.absolute_power_on == (number, started)
+    assert read(HERE, 1, 10.0) == 1
+    read.instruments.take_absolute(70 * 10**9, HERE)  # a driver that tells none
+    assert read.instruments.absolute_power_on is None
+
+
 def test_where_it_tells_nothing_each_homing_is_a_run():
     read = Encoder()
     assert [read(LOST), read(), read(), read(LOST), read()] == [0, 1, 1, 1, 2]

@@ -1,6 +1,6 @@
 import pytest
 
-from pointing_model.observing.plan import VERBS, Step, night_plan, parse_plan
+from pointing_model.observing.plan import POWER_CYCLES, VERBS, Step, night_plan, parse_plan
 from pointing_model.observing.sequencer import Sequencer
 
 
@@ -11,8 +11,19 @@ def test_a_plan_in_order():
 
 def test_text_and_back():
     for reference in (False, True):
-        text = night_plan(7, 3, reference)
-        assert ', '.join(str(step) for step in parse_plan(text)) == text
+        for cycle in POWER_CYCLES:
+            text = night_plan(7, 3, reference, cycle)
+            assert ', '.join(str(step) for step in parse_plan(text)) == text
+
+
+def test_what_a_power_cycle_switches():
+    assert parse_plan('power_cycle, power_cycle incremental, power_cycle absolute, '
+                      'power_cycle both') == [
+        Step('power_cycle'), Step('power_cycle'), Step('power_cycle', what='absolute'),
+        Step('power_cycle', what='both')]
+    # the absolute encoder needs no mark
+    assert 'power_cycle absolute, polaris 3' in night_plan(7, 3, cycle='absolute')
+    assert 'power_cycle both, home' in night_plan(7, 3, cycle='both')
 
 
 def test_every_verb_is_known_to_the_observer():
@@ -24,6 +35,8 @@ def test_every_verb_is_known_to_the_observer():
     ('', 'empty'), (' , ,', 'empty'), ('hmoe', "'hmoe' is unknown; use home"),
     ('home 3', 'home takes no count'), ('stars', 'a count of 1 to 100000'),
     ('stars 0', 'a count'), ('stars -3', 'a count'), ('stars 3.5', 'a count'),
+    ('power_cycle 2', 'power_cycle, alone or with one of incremental, absolute, both'),
+    ('power_cycle both absolute', 'alone or with one of'),
     ('stars 3 4', 'a count'), ('stars 100001', 'a count'), ('stars ²', 'a count'),
 ])
 def test_a_bad_plan_says_what_is_wrong(text, reason):

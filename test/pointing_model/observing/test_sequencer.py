@@ -447,6 +447,18 @@ def test_power_off_and_on_is_a_new_run():
     assert bench.table.last_of(2) is bench.table.rows[-1] and bench.table.last_of(1) is None
 
 
+@pytest.mark.parametrize('what, services', [
+    ('absolute', ['absolute/power_cycle']), ('both', ['power_cycle', 'absolute/power_cycle'])])
+def test_the_encoders_are_switched_apart_or_together(what, services):
+    bench = Bench(f'power_cycle {what}')
+    for service in services:
+        bench.offers(service)
+    assert bench.run() == ('done', 'plan finished')
+    assert bench.calls == services
+    # only the counter of the incremental encoder is lost with the power
+    assert bench.instruments.homed == (what == 'absolute')
+
+
 def test_an_encoder_that_missed_its_crossing_is_homed_again():
     bench = Bench('home', homed=False)
     bench.offers('home')  # it says that it was done, and no reading says so
