@@ -9,7 +9,7 @@ import numpy as np
 from msg_tools.units import wrap
 from pointing_model import geometry as rotation
 from pointing_model.context import Context
-from pointing_model.harmonics import DEGREE, Harmonics, basis, count_of, names_of, sky_factor
+from pointing_model.harmonics import DEGREE, Harmonics, columns_of, names_of
 from pointing_model.model import PointingModel
 from pointing_model.terms import PHYSICAL, known_terms, stacked_design
 from pointing_model.zero import NO_ZERO, RunZero, Zeros
@@ -307,7 +307,8 @@ def fit_harmonics(run, interpretation='zenith', *, degree=DEGREE, held=None, aft
     held = held if after is None else after.model
     if held is not None and held.harmonics is not None:
         raise ValueError('the model has harmonics already; fit them to its terms alone')
-    names, count = names_of(degree), count_of(degree)
+    names = names_of(degree)
+    k = len(names)
     used = usable(run, encoder, zero)
     if held is not None:
         context = Context.of_run(run, encoder) if held.effects else None
@@ -318,17 +319,13 @@ def fit_harmonics(run, interpretation='zenith', *, degree=DEGREE, held=None, aft
         at_az, at_el = used.az, used.el
     az, el, n = used.az, used.el, len(used.rows)
     observed = np.concatenate((wrap(used.az_enc - at_az) * np.cos(el), used.el_enc - at_el))
-    functions = basis(az, el, interpretation).T[:count]
-    rows = np.zeros((2 * count, 2 * n))
-    rows[:count, :n] = functions * sky_factor(el, interpretation)
-    rows[count:, n:] = functions
+    rows = columns_of(degree, az, el, interpretation).reshape(k, -1)
     runs = np.unique(run['run'][used.rows]) if run_zeros else ()
     if len(runs) > 1:
         rows = np.vstack((rows, _columns_of_zeros(run['run'][used.rows], runs, el)))
     everywhere = np.ones(n, bool)
     solved = gauss_newton(lambda p: (observed, rows, everywhere), rows, used.sigmas,
                           robust, rcond, linear=True)
-    k = 2 * count
 
     def make_model(p, covariance, facts):
         covariance = covariance[:k, :k]

@@ -3,7 +3,7 @@
 from pointing_model.rms import rms_arcsec
 
 from .diagnosis.rows_told import outlier_sentence, rows_of_fit, used_sentence
-from .session import RAW
+from .held_out import RAW
 
 
 def new_table(title, *columns):

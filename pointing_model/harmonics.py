@@ -99,6 +99,29 @@ def sky_factor(el, interpretation='zenith'):
     return np.ones_like(el, dtype=float) if interpretation == 'zenith' else 1.0 / np.tan(el)
 
 
+def columns_of(degree, az, el, interpretation='zenith'):
+    """What each coefficient does on the sky.
+
+    Parameters
+    ----------
+    degree : int
+    az, el : ndarray, shape (n,)
+        Catalogue place, radians.
+    interpretation : {'zenith', 'printed'}
+
+    Returns
+    -------
+    ndarray, shape (k, 2, n)
+        In the order of `names_of`: x and y of unit coefficients.
+    """
+    count = count_of(degree)
+    functions = basis(az, el, interpretation).T[:count]
+    out = np.zeros((2 * count, 2, len(el)))
+    out[:count, 0] = functions * sky_factor(el, interpretation)
+    out[count:, 1] = functions
+    return out
+
+
 @dataclass(frozen=True)
 class Harmonics:
     """Fitted series of both axes.
@@ -178,6 +201,16 @@ class Harmonics:
         """Covariance in the order of `coefficients`, radians^2."""
         at = _places(self.degree)
         return self.covariance[np.ix_(at, at)]
+
+    def columns(self, az, el):
+        """`columns_of` of its `coefficients`."""
+        return columns_of(self.degree, az, el, self.interpretation)
+
+    def moved(self, change, covariance):
+        """With `change`, shape (k,), rad, added to `coefficients`, and another covariance."""
+        at = _places(self.degree)
+        p = np.concatenate((self.coef_x, self.coef_y))[at] + change
+        return Harmonics.of_degree(self.degree, self.interpretation, p, covariance)
 
     def says_as(self, other):
         """Whether both predict the same."""

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from calibration.harmonic_fit import choice_of
 from calibration.nights import NightSeries
 from calibration.session import CalibrationSession
 from calibration.witnesses import encoder_diagnostics, homings_from_diagnostics, homings_of
@@ -287,7 +288,9 @@ def _session(log, parameters, reference, seed):
             raise ValueError(f'the night had the reference model {parameters["model_file"]}, '
                              'which is not there: give it with --reference')
     age = parameters.get('reference_age', 0)
-    return NightSeries(age, model, seed) if age else CalibrationSession(model, seed)
+    harmonics = choice_of(parameters)
+    return (NightSeries(age, model, seed, harmonics) if age
+            else CalibrationSession(model, seed, harmonics=harmonics))
 
 
 def _calibrate(rows, session, parameters, check):

@@ -3,15 +3,8 @@ import json
 import numpy as np
 import pytest
 
-from calibration.session import (
-    BOTH,
-    HARMONICS,
-    RAW,
-    REPORT_FORMAT,
-    TERMS,
-    ZEROED,
-    CalibrationSession,
-)
+from calibration.held_out import BOTH, HARMONICS, RAW, TERMS, ZEROED
+from calibration.session import REPORT_FORMAT, CalibrationSession
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
 from pointing_model.run import PointingRun
