@@ -112,7 +112,8 @@ def power_on_check(rows, reference, polaris, measured, change, notes, other=None
     notes : list of str
         Gets a line where a power-on has too few stars.
     other : (str, callable), optional
-        Another kind of model: its label, and ``fit(rows, recipe)``, which gives a `HarmonicFit`.
+        Another kind of model: its name, such as ``harmonics of``, and
+        ``fit(rows, recipe)``, which gives a `HarmonicFit`.
 
     Returns
     -------
@@ -131,7 +132,7 @@ def power_on_check(rows, reference, polaris, measured, change, notes, other=None
     numbers = [n for n in np.unique(stars['run']) if int(n) in measured]
     kinds = [('model of', lambda part, zero: fit_terms(part, zero=zero).model)]
     if other is not None:
-        kinds.append((f'{other[0]}:', lambda part, zero: other[1](
+        kinds.append((other[0], lambda part, zero: other[1](
             part, Recipe(zero, run_zeros=False)).model))
     for before, after in zip(numbers, numbers[1:]):
         old, later = polaris[before], stars.select(stars['run'] == after)

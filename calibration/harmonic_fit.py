@@ -25,6 +25,7 @@ NONE = 'none'
 CHOICES = (NONE, *INTERPRETATIONS)
 READ_AS = {'zenith': 'E read as zenith distance', 'printed': 'E read as printed'}
 FOLDS = 10
+BY_PARAMETER = 'parameter'  # or by cross-validation
 #: share of the RMS by which another choice must be better to be named
 _NAMED = 0.01
 
@@ -65,6 +66,11 @@ class HarmonicChoice:
     def __bool__(self):
         return self.reading != NONE
 
+    def parameters(self):
+        """As parameters of a calibration; empty for none."""
+        return {} if not self else {'harmonics': self.reading, 'harmonics_alone': self.alone,
+                                    'harmonics_degree': self.degree}
+
     def base(self, degree=None):
         """The declared model in the words of the diagnosis; by default of the highest degree."""
         if not self:
@@ -89,6 +95,15 @@ def choice_of(parameters):
     return HarmonicChoice(parameters.get('harmonics', NONE),
                           parameters.get('harmonics_alone', False),
                           parameters.get('harmonics_degree', 0))
+
+
+def choice_of_report(report):
+    """The `HarmonicChoice` that a report of a calibration tells, None: no report."""
+    told = (report or {}).get('harmonics')
+    if not told:
+        return HarmonicChoice()
+    degree = told['degree'] if told['degree_by'] == BY_PARAMETER else 0
+    return HarmonicChoice(told['harmonics'], told['alone'], degree)
 
 
 class HarmonicFit(NamedTuple):
@@ -267,7 +282,8 @@ def fit_chosen(rows, choice, recipe, terms=None, seed=0):
     section : dict
         For a report: ``harmonics``, ``alone``, ``degree``, ``degree_by``, ``label``,
         ``coefficients`` (rows with ``name``, ``value_arcsec``, ``sigma_arcsec``), ``rank``,
-        ``condition``, ``rejected``, ``notes`` and ``cross_validation``.
+        ``condition``, ``rejected``, ``fitted`` (RMS on the rows that have a weight), ``notes`` and
+        ``cross_validation``.
 
     Raises
     ------
@@ -299,10 +315,11 @@ def fit_chosen(rows, choice, recipe, terms=None, seed=0):
                      f'{own[degree]["radial"]:.2f}')
     return fitted, {
         'harmonics': choice.reading, 'alone': choice.alone, 'degree': degree,
-        'degree_by': 'parameter' if choice.degree else 'cross-validation', 'label': label,
+        'degree_by': BY_PARAMETER if choice.degree else 'cross-validation', 'label': label,
         'coefficients': [{'name': name, 'value_arcsec': value / ARCSEC,
                           'sigma_arcsec': sigma / ARCSEC}
                          for name, (value, sigma) in series.coefficients.items()],
+        'fitted': result.rms_arcsec(rejected=False)._asdict(),
         'rank': result.rank, 'condition': result.condition, 'rejected': len(result.rejected),
         'notes': notes, 'cross_validation': tried,
     }

@@ -223,6 +223,7 @@ class CalibrationSession:
                              'how wrong they are on fresh stars is not said')
             notes += section.pop('notes')
         model, zeros, result = fitted
+        published = self._published_kind()
         for dropped in () if section else result.dropped:
             notes.append(f'the stars do not determine {dropped["text"]}')
         for row in result.excluded:
@@ -241,10 +242,11 @@ class CalibrationSession:
             'steps': held_out_steps(
                 rows, self._fit_terms, self._recipe, split_half(stars, self._split_seed),
                 self.reference, self._polaris_zeros(rows), bool(self.zeros), notes,
-                self._published_kind()),
+                published),
             'external_check': power_on_check(
                 rows, self.reference, self._polaris_zeros(rows) if self.zeros else {},
-                self.zeros, self._change, notes, self._published_kind()),
+                self.zeros, self._change, notes,
+                published and ('harmonics of', published[1])),
             'noise_arcsec': [s / ARCSEC for s in result.scatter],
             'witnesses': self._witnesses(observed, model, homings),
             'notes': notes,

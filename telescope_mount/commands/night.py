@@ -20,6 +20,7 @@ def add(commands):
                         help='what is wrong with the simulated mount: a name or a YAML file')
     options.add(parser, 'reference', help='model.json of an earlier night: the zero is the change '
                 'since then, and tonight is one power-on: stars, Polaris, stars')
+    options.add(parser, 'harmonics', 'harmonics-alone', 'harmonics-degree')
     options.add(parser, 'date', 'latitude', 'longitude', 'height')
     parser.add_argument('--params', type=Path, metavar='FILE',
                         help='ROS parameter file, read by every node after the values above')
@@ -38,12 +39,14 @@ def run(args):
     from .console import Progress, new_console, print_calibration, print_files
     if args.params is not None and not args.params.is_file():
         raise ValueError(f'{args.params} is no file; give a ROS parameter file with --params')
+    calibration = options.harmonics_of(args)
     console = new_console()
     with Progress(console) as progress:
         report = run_night(
             args.out, seed=args.seed, stars=args.stars, polaris=args.polaris,
             scenario=args.scenario, start_time=args.date, reference=args.reference,
             domain_number=args.domain, time_scale=args.time_scale, params_file=args.params,
-            sky=options.sky_of(args), absolute=args.absolute, progress=progress)
+            sky=options.sky_of(args), absolute=args.absolute, calibration=calibration,
+            progress=progress)
     print_calibration(console, report)
     print_files(console, report['files'])
