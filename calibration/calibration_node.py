@@ -25,6 +25,7 @@ from pointing_model.run_messages import cloud_to_run, run_to_cloud
 from pointing_model.zero_message import zero_to_joints
 
 from .distrust import contradicted
+from .fit import RCOND_HARMONICS
 from .harmonic_fit import CHOICES, choice_of
 from .nights import NightSeries
 from .session import CalibrationSession
@@ -67,6 +68,9 @@ PARAMS = (
           'else of what the terms leave', fixed=True),
     Param('harmonics_degree', 0, 'of the harmonics; 0: the one that predicts stars left out best',
           0, DEGREE, fixed=True),
+    Param('harmonics_rcond', RCOND_HARMONICS, 'combinations of their coefficients that the stars '
+          'determine so much worse than the best are left out; 1e-12: none is', 1e-12, 0.1,
+          fixed=True),
     Param('diagnosis_page', '', 'HTML file that the service diagnose writes; empty: none'),
 )
 
@@ -81,7 +85,7 @@ class Calibration(MountNode):
             reference = PointingModel.load(self.value('model_file'))
         seed, age = self.value('split_seed'), self.value('reference_age')
         harmonics = choice_of({name: self.value(name) for name in (
-            'harmonics', 'harmonics_alone', 'harmonics_degree')})
+            'harmonics', 'harmonics_alone', 'harmonics_degree', 'harmonics_rcond')})
         self._session = (NightSeries(age, reference, seed, harmonics) if age
                          else CalibrationSession(reference, seed, harmonics=harmonics))
         self._alarms = []

@@ -17,7 +17,7 @@ from pointing_model.star_catalogue import POLARIS_HIP
 from pointing_model.terms import PHYSICAL
 from pointing_model.zero import RunZero, Zeros
 
-from .fit import fit_harmonics, fit_terms
+from .fit import RCOND_HARMONICS, fit_harmonics, fit_terms
 from .fit_result import FitResult
 
 NONE = 'none'
@@ -42,6 +42,8 @@ class HarmonicChoice:
         Without the physical terms, as in the paper.
     degree : int
         1 to 4; 0: that which predicts stars left out best.
+    rcond : float
+        As of `fit.fit_harmonics`: what few stars do not determine is left out; tiny: nothing is.
 
     Raises
     ------
@@ -52,6 +54,7 @@ class HarmonicChoice:
     reading: str = NONE
     alone: bool = False
     degree: int = 0
+    rcond: float = RCOND_HARMONICS
 
     def __post_init__(self):
         if self.reading not in CHOICES:
@@ -69,7 +72,8 @@ class HarmonicChoice:
     def parameters(self):
         """As parameters of a calibration; empty for none."""
         return {} if not self else {'harmonics': self.reading, 'harmonics_alone': self.alone,
-                                    'harmonics_degree': self.degree}
+                                    'harmonics_degree': self.degree,
+                                    'harmonics_rcond': self.rcond}
 
     def base(self, degree=None):
         """The declared model in the words of the diagnosis; by default of the highest degree."""
@@ -90,11 +94,13 @@ def choice_of(parameters):
     Parameters
     ----------
     parameters : dict
-        ``harmonics``, ``harmonics_alone`` and ``harmonics_degree``, or some of them.
+        ``harmonics``, ``harmonics_alone``, ``harmonics_degree`` and ``harmonics_rcond``, or some
+        of them.
     """
     return HarmonicChoice(parameters.get('harmonics', NONE),
                           parameters.get('harmonics_alone', False),
-                          parameters.get('harmonics_degree', 0))
+                          parameters.get('harmonics_degree', 0),
+                          parameters.get('harmonics_rcond', RCOND_HARMONICS))
 
 
 def choice_of_report(report):
@@ -103,7 +109,7 @@ def choice_of_report(report):
     if not told:
         return HarmonicChoice()
     degree = told['degree'] if told['degree_by'] == BY_PARAMETER else 0
-    return HarmonicChoice(told['harmonics'], told['alone'], degree)
+    return HarmonicChoice(told['harmonics'], told['alone'], degree, told['rcond'])
 
 
 class HarmonicFit(NamedTuple):
@@ -157,7 +163,8 @@ class Recipe(NamedTuple):
         ValueError
             Too few rows for the degree.
         """
-        how = {'degree': degree, 'encoder': self.encoder, 'robust': self.robust}
+        how = {'degree': degree, 'encoder': self.encoder, 'robust': self.robust,
+               'rcond': choice.rcond}
         try:
             if choice.alone:
                 result = fit_harmonics(rows, choice.reading, zero=self.first,
@@ -184,16 +191,16 @@ class Recipe(NamedTuple):
         return np.array(fitted.model.residuals(rows, encoder=self.encoder, zero=zeros))
 
 
-def every_choice():
+def every_choice(rcond=RCOND_HARMONICS):
     """Terms alone (None, 0), and each reading alone and after terms in every degree."""
     yield None, 0
     for alone in (True, False):
         for reading in INTERPRETATIONS:
             for degree in range(1, DEGREE + 1):
-                yield HarmonicChoice(reading, alone, degree), degree
+                yield HarmonicChoice(reading, alone, degree, rcond), degree
 
 
-def cross_validated(rows, recipe, seed=0, folds=FOLDS):
+def cross_validated(rows, recipe, seed=0, rcond=RCOND_HARMONICS, folds=FOLDS):
     """How well each kind of model predicts stars that it was not fitted to.
 
     A star that was observed twice is left out with all its rows; exposures of Polaris, which
@@ -206,6 +213,8 @@ def cross_validated(rows, recipe, seed=0, folds=FOLDS):
     recipe : Recipe
     seed : int
         Of the folds.
+    rcond : float
+        As of `fit.fit_harmonics`.
     folds : int
 
     Returns
@@ -220,7 +229,7 @@ def cross_validated(rows, recipe, seed=0, folds=FOLDS):
     names, member = np.unique(star[judges], return_inverse=True)
     folds = min(folds, len(names))
     fold = (np.random.default_rng(seed).permutation(len(names)) % max(folds, 1))[member]
-    kinds = list(every_choice())
+    kinds = list(every_choice(rcond))
     left = {kind: np.full((2, len(judges)), np.nan) for kind in kinds}
     failed, outlier = set(), np.ones(len(rows), bool)
     for k in (*range(folds), None):  # None: all rows, for the outliers
@@ -281,9 +290,9 @@ def fit_chosen(rows, choice, recipe, terms=None, seed=0):
     fitted : HarmonicFit
     section : dict
         For a report: ``harmonics``, ``alone``, ``degree``, ``degree_by``, ``label``,
-        ``coefficients`` (rows with ``name``, ``value_arcsec``, ``sigma_arcsec``), ``rank``,
-        ``condition``, ``rejected``, ``fitted`` (RMS on the rows that have a weight), ``notes`` and
-        ``cross_validation``.
+        ``coefficients`` (rows with ``name``, ``value_arcsec``, ``sigma_arcsec``), ``rcond``,
+        ``rank``, ``condition``, ``rejected``, ``fitted`` (RMS on the rows that have a weight),
+        ``notes`` and ``cross_validation``.
 
     Raises
     ------
@@ -292,7 +301,7 @@ def fit_chosen(rows, choice, recipe, terms=None, seed=0):
     """
     # a degree that these rows cannot have is said before the long work
     fitted = choice.degree and recipe.fit(rows, choice, choice.degree, terms)
-    tried = cross_validated(rows, recipe, seed)
+    tried = cross_validated(rows, recipe, seed, choice.rcond)
     own = {one['degree']: one for one in tried['choices']
            if (one['harmonics'], one['alone']) == (choice.reading, choice.alone)}
     degree = choice.degree
@@ -320,6 +329,6 @@ def fit_chosen(rows, choice, recipe, terms=None, seed=0):
                           'sigma_arcsec': sigma / ARCSEC}
                          for name, (value, sigma) in series.coefficients.items()],
         'fitted': result.rms_arcsec(rejected=False)._asdict(),
-        'rank': result.rank, 'condition': result.condition, 'rejected': len(result.rejected),
-        'notes': notes, 'cross_validation': tried,
+        'rcond': choice.rcond, 'rank': result.rank, 'condition': result.condition,
+        'rejected': len(result.rejected), 'notes': notes, 'cross_validation': tried,
     }

@@ -69,6 +69,18 @@ def test_a_choice_comes_back_from_parameters_and_reports():
         assert choice_of_report({'harmonics': section}) == wanted
 
 
+def test_what_few_stars_do_not_determine_is_left_out_unless_it_is_asked_for():
+    rows = observed(harmonic_mount('printed'), 30)
+    damped, whole = (fit_chosen(rows, HarmonicChoice('printed', True, 4, rcond), ALONE)[1]
+                     for rcond in (1e-4, 1e-12))
+    assert damped['rank'] < whole['rank'] == 26
+    assert any('do not determine' in note for note in damped['notes'])
+    assert not any('do not determine' in note for note in whole['notes'])
+    largest = [max(row['sigma_arcsec'] for row in one['coefficients']) for one in (damped, whole)]
+    assert largest[0] < largest[1]
+    assert choice_of_report({'harmonics': whole}).rcond == 1e-12
+
+
 @pytest.mark.parametrize('reading', ['zenith', 'printed'])
 @pytest.mark.parametrize('degree', [1, 3])
 def test_a_series_of_lower_degree_ends_there(reading, degree):
