@@ -17,6 +17,7 @@ from msg_tools.node import MountNode, Param, run_node
 from msg_tools.status import OBSERVATIONS, Progress, handover_rows
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.effects import declared_graduation
+from pointing_model.harmonics import DEGREE
 from pointing_model.in_force_message import text_to_pair
 from pointing_model.model import PointingModel
 from pointing_model.model_document import identity
@@ -24,6 +25,8 @@ from pointing_model.run_messages import cloud_to_run, run_to_cloud
 from pointing_model.zero_message import zero_to_joints
 
 from .distrust import contradicted
+from .fit import RCOND_HARMONICS
+from .harmonic_fit import CHOICES, choice_of
 from .nights import NightSeries
 from .session import CalibrationSession
 from .witnesses import UNJUDGED, homings_of
@@ -59,6 +62,15 @@ PARAMS = (
           '[ns]; 0: all. For replays, which have all of them at once', 0, 2**63 - 1, fixed=True),
     Param('graduation', '', 'lines in a turn of the encoder, such as grating=47200, for readings '
           'that slipped by whole lines; empty: unknown', fixed=True, check=declared_graduation),
+    Param('harmonics', 'none', "paper 000's harmonics in the model that is published, by how their "
+          'E is read: zenith distance, or as printed', choices=CHOICES, fixed=True),
+    Param('harmonics_alone', False, 'the harmonics without the physical terms, as in the paper; '
+          'else of what the terms leave', fixed=True),
+    Param('harmonics_degree', 0, 'of the harmonics; 0: the one that predicts stars left out best',
+          0, DEGREE, fixed=True),
+    Param('harmonics_rcond', RCOND_HARMONICS, 'combinations of their coefficients that the stars '
+          'determine so much worse than the best are left out; 1e-12: none is', 1e-12, 0.1,
+          fixed=True),
     Param('diagnosis_page', '', 'HTML file that the service diagnose writes; empty: none'),
 )
 
@@ -72,8 +84,10 @@ class Calibration(MountNode):
         if self.value('model_file'):
             reference = PointingModel.load(self.value('model_file'))
         seed, age = self.value('split_seed'), self.value('reference_age')
-        self._session = (NightSeries(age, reference, seed) if age
-                         else CalibrationSession(reference, seed))
+        harmonics = choice_of({name: self.value(name) for name in (
+            'harmonics', 'harmonics_alone', 'harmonics_degree', 'harmonics_rcond')})
+        self._session = (NightSeries(age, reference, seed, harmonics) if age
+                         else CalibrationSession(reference, seed, harmonics=harmonics))
         self._alarms = []
         self._finding = self._refused = ''
         self._model_name = identity(reference.to_json() if reference else '')

@@ -7,6 +7,7 @@ from pointing_model.star_catalogue import POLARIS_HIP
 from pointing_model.zero import NO_ZERO, zero_in_force
 
 from .fit import fit_terms
+from .harmonic_fit import Recipe
 
 
 def split_half(run, seed=0):
@@ -94,7 +95,7 @@ def rms_of(model, run, zero):
     return rms_arcsec(*model.residuals(run, zero=zero))._asdict()
 
 
-def power_on_check(rows, reference, polaris, measured, change, notes):
+def power_on_check(rows, reference, polaris, measured, change, notes, other=None):
     """The paper's check, from one power-on to the next: its coefficients on later stars.
 
     Parameters
@@ -110,6 +111,9 @@ def power_on_check(rows, reference, polaris, measured, change, notes):
         ``change(rows, before, after, model)`` gives the change of the zero, a PolarisZero.
     notes : list of str
         Gets a line where a power-on has too few stars.
+    other : (str, callable), optional
+        Another kind of model: its name, such as ``harmonics of``, and
+        ``fit(rows, recipe)``, which gives a `HarmonicFit`.
 
     Returns
     -------
@@ -126,16 +130,20 @@ def power_on_check(rows, reference, polaris, measured, change, notes):
                 {'check': f'{label}, after Polaris', **rms_of(reference, stars, polaris)}]
     out = []
     numbers = [n for n in np.unique(stars['run']) if int(n) in measured]
+    kinds = [('model of', lambda part, zero: fit_terms(part, zero=zero).model)]
+    if other is not None:
+        kinds.append((other[0], lambda part, zero: other[1](
+            part, Recipe(zero, run_zeros=False)).model))
     for before, after in zip(numbers, numbers[1:]):
-        old = polaris[before]
-        try:
-            model = fit_terms(rows.select(rows['run'] == before), zero=old).model
-        except ValueError as err:
-            notes.append(f'external check: {err}')
-            continue
-        later = stars.select(stars['run'] == after)
-        new = old.plus(*change(rows, before, after, model).angles)
-        label = f'model of power-on {before:.0f} on the stars of power-on {after:.0f}'
-        out.append({'check': f'{label}, with the old zero', **rms_of(model, later, old)})
-        out.append({'check': f'{label}, zero by Polaris', **rms_of(model, later, new)})
+        old, later = polaris[before], stars.select(stars['run'] == after)
+        for kind, fit in kinds:
+            try:
+                model = fit(rows.select(rows['run'] == before), old)
+            except ValueError as err:
+                notes.append(f'external check: {err}')
+                continue
+            new = old.plus(*change(rows, before, after, model).angles)
+            label = f'{kind} power-on {before:.0f} on the stars of power-on {after:.0f}'
+            out.append({'check': f'{label}, with the old zero', **rms_of(model, later, old)})
+            out.append({'check': f'{label}, zero by Polaris', **rms_of(model, later, new)})
     return out

@@ -9,7 +9,7 @@ import numpy as np
 from msg_tools.units import wrap
 from pointing_model import geometry as rotation
 from pointing_model.context import Context
-from pointing_model.harmonics import COUNT, Harmonics, basis, sky_factor
+from pointing_model.harmonics import DEGREE, Harmonics, columns_of, names_of
 from pointing_model.model import PointingModel
 from pointing_model.terms import PHYSICAL, known_terms, stacked_design
 from pointing_model.zero import NO_ZERO, RunZero, Zeros
@@ -149,18 +149,13 @@ def fit_terms(run, names=PHYSICAL, *, held=None, robust=True, geometry=None, enc
         used = _beyond(base, turned, used, run, encoder)
     az, el, n = used.az, used.el, len(used.rows)
     runs = np.unique(run['run'][used.rows]) if run_zeros else ()
-    terms, names = names, names + tuple(
-        f'{axis}[{number:g}]' for number in runs[1:] for axis in ('IA', 'IE'))
+    terms, names = names, names + _names_of_zeros(runs)
     observed = np.empty(2 * n)
     observed[:n] = wrap(used.az_enc - az) * np.cos(el)
     observed[n:] = used.el_enc - el
     first_order = stacked_design(terms, az, el)
     if len(names) > len(terms):
-        member = run['run'][used.rows] == runs[1:, None]
-        nothing = np.zeros_like(member, float)
-        zeros = np.stack((np.hstack((member * np.cos(el), nothing)), np.hstack((nothing, member))),
-                         axis=1)
-        first_order = np.vstack((first_order, zeros.reshape(-1, 2 * n)))
+        first_order = np.vstack((first_order, _columns_of_zeros(run['run'][used.rows], runs, el)))
     solved = gauss_newton(_linearisation(names, terms, turned, used, observed, first_order),
                           first_order, used.sigmas, robust, rcond, linear)
 
@@ -171,9 +166,26 @@ def fit_terms(run, names=PHYSICAL, *, held=None, robust=True, geometry=None, enc
     if held is not None:
         facts['held'] = base.provenance.get('source') or ', '.join(base.terms)
     result = make_result(run, names, used, solved, make_model, provenance, facts)
-    if not run_zeros:
-        return result
-    shifts = result.coefficients[len(terms):].reshape(-1, 2)
+    return _with_run_zeros(result, runs, len(terms)) if run_zeros else result
+
+
+def _names_of_zeros(runs):
+    """How far the zero of each run but the first lies from its, as coefficients."""
+    return tuple(f'{axis}[{number:g}]' for number in runs[1:] for axis in ('IA', 'IE'))
+
+
+def _columns_of_zeros(labels, runs, el):
+    """Their columns, shape (2 * (len(runs) - 1), 2n)."""
+    member = labels == runs[1:, None]
+    nothing = np.zeros_like(member, float)
+    zeros = np.stack((np.hstack((member * np.cos(el), nothing)), np.hstack((nothing, member))),
+                     axis=1)
+    return zeros.reshape(-1, 2 * len(el))
+
+
+def _with_run_zeros(result, runs, first):
+    """With the zeros of the runs, whose coefficients begin at `first`."""
+    shifts = result.coefficients[first:].reshape(-1, 2)
     return replace(result, run_zeros=Zeros(
         RunZero(float(a), float(e), run=float(number))
         for number, (a, e) in zip(runs, np.vstack((np.zeros(2), shifts)))))
@@ -248,7 +260,8 @@ def _on_top(held, terms, p, covariance, facts):
     return PointingModel(values, joint, held.harmonics, facts, held.geometry, held.effects)
 
 
-def fit_harmonics(run, interpretation='zenith', *, held=None, zero=NO_ZERO,
+def fit_harmonics(run, interpretation='zenith', *, degree=DEGREE, held=None, after=None,
+                  zero=NO_ZERO, run_zeros=False, encoder='enc', robust=True,
                   rcond=RCOND_HARMONICS):
     """Fit the 13 spherical harmonics an axis of paper 000 (eq. 6-8).
 
@@ -260,10 +273,22 @@ def fit_harmonics(run, interpretation='zenith', *, held=None, zero=NO_ZERO,
     run : PointingRun
     interpretation : {'zenith', 'printed'}
         What the paper's E means (see `pointing_model.harmonics`).
+    degree : int
+        The series ends there, with 4, 7, 10 or 13 coefficients an axis.
     held : PointingModel, optional
         Fit what this model leaves (physical terms first); the result has its terms and effects.
+    after : FitResult, optional
+        Fit what this fit of terms to the same rows leaves, in place of `held`. What its
+        coefficients have taken is no uncertainty of these: the covariance is without it, and
+        what the model says of its prediction is that of both together.
     zero : RunZero or Zeros
         To subtract from the encoder's angles.
+    run_zeros : bool
+        As of `fit_terms`.
+    encoder : {'enc', 'abs'}
+        The encoder columns to fit.
+    robust : bool
+        As of `fit_terms`.
     rcond : float
         Relative singular value below which a direction is left out and reported: with few stars
         the series is ill-conditioned.
@@ -271,18 +296,22 @@ def fit_harmonics(run, interpretation='zenith', *, held=None, zero=NO_ZERO,
     Returns
     -------
     FitResult
-        ``names`` are A0..A12, B0..B12; ``model`` has what `held` has, and the harmonics.
+        ``names`` begin with A0..A12, B0..B12, or as many as the degree has; ``model`` has what
+        `held` has, and the harmonics.
 
     Raises
     ------
     ValueError
-        Too few usable rows, unknown interpretation, or `held` has harmonics.
+        Too few usable rows, unknown interpretation or degree, or `held` has harmonics.
     """
+    held = held if after is None else after.model
     if held is not None and held.harmonics is not None:
         raise ValueError('the model has harmonics already; fit them to its terms alone')
-    used = usable(run, zero=zero)
+    names = names_of(degree)
+    k = len(names)
+    used = usable(run, encoder, zero)
     if held is not None:
-        context = Context.of_run(run) if held.effects else None
+        context = Context.of_run(run, encoder) if held.effects else None
         at = np.stack(held.sky_to_encoder(run['az'], run['el'], context))
         used = used.only(np.isfinite(at[:, used.rows]).all(axis=0), UNREACHABLE)
         at_az, at_el = at[:, used.rows]
@@ -290,21 +319,53 @@ def fit_harmonics(run, interpretation='zenith', *, held=None, zero=NO_ZERO,
         at_az, at_el = used.az, used.el
     az, el, n = used.az, used.el, len(used.rows)
     observed = np.concatenate((wrap(used.az_enc - at_az) * np.cos(el), used.el_enc - at_el))
-    functions = basis(az, el, interpretation).T
-    rows = np.zeros((2 * COUNT, 2 * n))
-    rows[:COUNT, :n] = functions * sky_factor(el, interpretation)
-    rows[COUNT:, n:] = functions
-    names = [f'A{i}' for i in range(COUNT)] + [f'B{i}' for i in range(COUNT)]
+    rows = columns_of(degree, az, el, interpretation).reshape(k, -1)
+    runs = np.unique(run['run'][used.rows]) if run_zeros else ()
+    if len(runs) > 1:
+        rows = np.vstack((rows, _columns_of_zeros(run['run'][used.rows], runs, el)))
     everywhere = np.ones(n, bool)
     solved = gauss_newton(lambda p: (observed, rows, everywhere), rows, used.sigmas,
-                          True, rcond, linear=True)
+                          robust, rcond, linear=True)
 
     def make_model(p, covariance, facts):
-        harmonics = Harmonics(interpretation, p[:COUNT], p[COUNT:], covariance)
+        covariance = covariance[:k, :k]
+        if after is not None:
+            covariance = _without_taken(covariance, solved, after, run, used)
+        harmonics = Harmonics.of_degree(degree, interpretation, p[:k], covariance)
         if held is None:
             return PointingModel({}, None, harmonics, facts)
         facts = {**facts, 'terms': held.provenance}
         return replace(held, harmonics=harmonics, provenance=facts)
 
-    return make_result(run, names, used, solved, make_model, None, {
-        'method': f'harmonics, {interpretation} reading', 'encoder': 'enc', 'rcond': rcond})
+    result = make_result(run, names + _names_of_zeros(runs), used, solved, make_model, None, {
+        'method': f'harmonics, {interpretation} reading', 'degree': degree, 'encoder': encoder,
+        'rcond': rcond})
+    if after is not None:
+        result = replace(result, covariance=result.model.harmonics.covariance_of_coefficients)
+    return _with_run_zeros(result, runs, k) if run_zeros else result
+
+
+def _without_taken(covariance, solved, after, run, used):
+    """Covariance of harmonics of what an earlier fit to the same rows has left.
+
+    Residuals of that fit have no part along its columns T: of (H+ H+') sigma^2 the part
+    H+ T cov(p_T) (H+ T)' is missing, and the harmonics are independent of its coefficients.
+    """
+    terms = tuple(name for name in after.names if '[' not in name)
+    labels = run['run'][used.rows] if len(after.names) > len(terms) else None
+    taken = stacked_design(terms, used.az, used.el)
+    if labels is not None:
+        taken = np.vstack((taken, _columns_of_zeros(labels, np.unique(labels), used.el)))
+    weights = solved.base
+    if solved.row_weights is not None:
+        both = np.concatenate((solved.row_weights, solved.row_weights))
+        weights = both if weights is None else both * weights
+    weighted = solved.rows if weights is None else solved.rows * weights
+    onto = solved.solution.inverse @ (weighted @ taken.T)
+    if solved.basis is not None:
+        onto = solved.basis @ onto
+    onto = onto[:len(covariance)]
+    left = covariance - onto @ after.covariance @ onto.T
+    # both noises are measured: along what was taken nothing is left, but for their difference
+    values, vectors = np.linalg.eigh(0.5 * (left + left.T))
+    return (vectors * np.maximum(values, 0.0)) @ vectors.T

@@ -20,11 +20,12 @@ from .polaris_zero import zero_from_polaris
 from .rows import for_fitting, is_kept_out, polaris_by_run
 from .satellite_check import tracking_errors
 from .season import SeasonLog, season_rows
-from .session import CalibrationSession
+from .session import NO_HARMONICS, CalibrationSession
 from .zero_causes import zero_causes
 
-#: the two kinds of model, in the order of the report
-PHYSICAL_TERMS, HARMONICS_ONLY = 'physical', 'harmonics'
+#: the kinds of model, in the order of the report; the last where the model that is published, to
+#: which zeros are relative, has harmonics
+PHYSICAL_TERMS, HARMONICS_ONLY, PUBLISHED = 'physical', 'harmonics', 'published'
 
 
 class NightSeries:
@@ -38,13 +39,17 @@ class NightSeries:
         Reference of the nights that have none.
     split_seed : int
         Of the choice of the stars that are held out.
+    harmonics : HarmonicChoice
+        Of the models that are published; by default none.
     """
 
-    def __init__(self, age, first=None, split_seed=1):
+    def __init__(self, age, first=None, split_seed=1, harmonics=NO_HARMONICS):
         self._age, self._first, self._split_seed = age, first, split_seed
+        self._harmonics = harmonics
+        self._own = PUBLISHED if harmonics else PHYSICAL_TERMS
         self._sessions = {}
         self._models = {}  # run -> {kind: PointingModel}, to go with the zero in force then
-        self._zeros = Zeros()
+        self._zeros = {}  # run -> {kind: that zero}
         self._rows = {}
         self._season = SeasonLog()
         self._expected = {}  # number -> zero expected before Polaris was seen
@@ -90,15 +95,18 @@ class NightSeries:
         """The model that the zero of tonight is relative to, or None."""
         return self._reference(self.newest)
 
-    def _reference(self, run, kind=PHYSICAL_TERMS):
+    def _reference(self, run, kind=None):
+        """Of `run`: the model that was published, or one of another kind."""
+        kind = kind or self._own
         old = self._models.get(run - self._age)
         if old is not None:
             return old.get(kind)
-        return self._first if kind == PHYSICAL_TERMS else None
+        return self._first if kind == self._own else None
 
-    def _zero_then(self, run):
+    def _zero_then(self, run, kind):
         """The zero that was in force with the reference of `run`."""
-        return self._zeros.get(run - self._age) or zero_in_force(self._first)
+        old = self._zeros.get(run - self._age)
+        return old[kind] if old else zero_in_force(self._first)
 
     def add(self, run, stamp):
         """Take rows; see `CalibrationSession.add`."""
@@ -110,7 +118,8 @@ class NightSeries:
             if number not in self._sessions:
                 yesterday = self._sessions.get(number - 1)
                 self._sessions[number] = CalibrationSession(
-                    self._reference(number), self._split_seed, yesterday and yesterday.witness)
+                    self._reference(number), self._split_seed, yesterday and yesterday.witness,
+                    self._harmonics)
             self._sessions[number].add(run.select(run['run'] == number), stamp)
         self.last_stamp = stamp
 
@@ -173,9 +182,14 @@ class NightSeries:
         session = self._sessions[number]
         model, report = session.fit(homings, check)
         rows = session.observations()
-        self._zeros[number] = zero = session.zeros_in_force.get(number, NO_ZERO)
+        zero = session.zeros_in_force.get(number, NO_ZERO)
         stars = for_fitting(rows)
-        self._models[number] = {PHYSICAL_TERMS: model}
+        self._models[number], self._zeros[number] = {self._own: model}, {self._own: zero}
+        if self._harmonics:
+            terms = session.terms_alone
+            zero = terms.zeros.get(number, NO_ZERO)
+            self._models[number][PHYSICAL_TERMS] = terms.model
+        self._zeros[number].update({PHYSICAL_TERMS: zero, HARMONICS_ONLY: zero})
         with suppress(ValueError):  # too few stars for 13 of them: the report's notes say so
             self._models[number][HARMONICS_ONLY] = fit_harmonics(stars, zero=zero).model
         if number in session.zeros and self._reference(number) is not None:
@@ -236,12 +250,12 @@ class NightSeries:
         first, last = rows['time'][polaris][[0, -1]]
         parts = {'before': rows.select(stars & ~polaris & (rows['time'] < first)),
                  'after': rows.select(stars & ~polaris & (rows['time'] > last))}
-        then = self._zero_then(number)
         out = {'night': number, 'reference': number - self._age}
-        for kind in (PHYSICAL_TERMS, HARMONICS_ONLY):
+        for kind in (PHYSICAL_TERMS, HARMONICS_ONLY, PUBLISHED):
             reference = self._reference(number, kind)
             if reference is None:
                 continue
+            then = self._zero_then(number, kind)
             zero = zero_from_polaris(rows.select(polaris), reference)
             out[kind] = {'zero': zero.to_dict(),
                          'change_az_arcsec': (zero.az - then.az) / ARCSEC,

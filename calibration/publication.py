@@ -46,7 +46,10 @@ class Candidate(NamedTuple):
 
     def says_as(self, other):
         """Whether both predict the same."""
+        series = self.model.harmonics
         return (self.model.terms == other.model.terms and self.in_force == other.in_force
+                and (series.says_as(other.model.harmonics) if series is not None
+                     else other.model.harmonics is None)
                 and self.follows.document() == other.follows.document()
                 and [e.document() for e in self.model.effects]
                 == [e.document() for e in other.model.effects])

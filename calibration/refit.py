@@ -21,12 +21,12 @@ _BY_CHANCE = CHANCE
 
 
 def refitted(model, rows, effects, seen=None):
-    """Terms and effects of a model, linear about its terms.
+    """Terms, harmonics and effects of a model, linear about its terms.
 
     Parameters
     ----------
     model : PointingModel
-        Its effects of the kind ``known`` and its harmonics stay as they are.
+        Its effects of the kind ``known`` stay as they are.
     rows : PointingRun
         Zeros taken off, in order.
     effects : sequence of FittedEffect
@@ -57,19 +57,24 @@ def refitted(model, rows, effects, seen=None):
         use &= seen
     context = Context.of_run(rows)
     names = tuple(model.terms)
+    series, of_series = model.harmonics, np.empty((0, 2, len(rows)))
+    if series is not None:
+        of_series = series.columns(rows['az'], rows['el'])
     columns = [stacked_design(names, rows['az'], rows['el']).reshape(len(names), 2, -1),
-               *(e.effect.columns(context) for e in free), _of_runs(rows)]
+               of_series, *(e.effect.columns(context) for e in free), _of_runs(rows)]
     table = np.concatenate(columns)[:, :, use]
     fit = robust_fit(table.reshape(len(table), -1).T, left[:, use].ravel())
     k, values = len(names), fit.value
     terms = {name: value + change for (name, value), change in zip(model.terms.items(), values)}
-    sigma, out, at = np.sqrt(np.diag(fit.covariance)), [], k
+    sigma, out, at = np.sqrt(np.diag(fit.covariance)), [], k + len(of_series)
+    if series is not None:
+        series = series.moved(values[k:at], fit.covariance[k:at, k:at])
     for e in free:
         part = slice(at, at + len(e.coefficients))
         out.append(FittedEffect(e.effect, values[part], sigma[part]))
         at = part.stop
     shifts = dict(zip(_older(rows), values[at:].reshape(-1, 2)))
-    return replace(model, terms=terms, covariance=fit.covariance[:k, :k],
+    return replace(model, terms=terms, covariance=fit.covariance[:k, :k], harmonics=series,
                    effects=(*known, *out)), shifts
 
 

@@ -10,12 +10,12 @@ from pointing_model.following import Following
 from pointing_model.model import PointingModel
 from pointing_model.run import PointingRun
 from pointing_model.star_catalogue import POLARIS_HIP
-from pointing_model.terms import PHYSICAL
-from pointing_model.zero import NO_ZERO, Zeros, zero_in_force
+from pointing_model.zero import NO_ZERO, Zeros
 
-from .check import power_on_check, rms_of, split_half
+from .check import power_on_check, split_half
 from .distrust import reasons
-from .fit import fit_harmonics, fit_terms
+from .harmonic_fit import HarmonicChoice, Recipe, fit_chosen
+from .held_out import held_out_steps
 from .judgement import FEWEST, judge
 from .polaris_zero import zero_from_polaris
 from .publication import Candidate, Published
@@ -26,17 +26,7 @@ from .witnesses import check_witnesses
 REPORT_FORMAT = 'telescope_mount/calibration_report'
 REPORT_VERSION = 1
 
-RAW = 'as the encoders read'
-ZEROED = 'zero set on Polaris'
-TERMS = f'{len(PHYSICAL)} physical terms'
-BOTH = f'{TERMS}, then 13 harmonics'
-
-
-#: label in the report -> what E is in paper 000's harmonics
-HARMONICS = {
-    '13 harmonics, E read as zenith distance': 'zenith',
-    '13 harmonics, E read as printed': 'printed',
-}
+NO_HARMONICS = HarmonicChoice()
 
 
 class CalibrationSession:
@@ -52,10 +42,16 @@ class CalibrationSession:
         Of the choice of the stars that are held out.
     yesterday : witnesses.Witness, optional
         How Polaris and the encoders stood to each other the night before.
+    harmonics : HarmonicChoice
+        Of the model that is published; by default none.
     """
 
-    def __init__(self, reference=None, split_seed=1, yesterday=None):
+    def __init__(self, reference=None, split_seed=1, yesterday=None, harmonics=NO_HARMONICS):
         self.reference = reference
+        self._harmonics = harmonics
+        self._degree = None  # of the harmonics of the last fit
+        #: the terms alone, as `fit` found them last, and the zeros that belong to them
+        self.terms_alone = None
         self._split_seed = split_seed
         self._yesterday = yesterday
         #: how Polaris and the encoders stand to each other tonight, from `fit` on
@@ -198,7 +194,8 @@ class CalibrationSession:
         Returns
         -------
         model : PointingModel
-            The physical terms, for pointing with `zeros_in_force`.
+            The physical terms, or the harmonics that were asked for, for pointing with
+            `zeros_in_force`.
         report : dict
             See `REPORT_FORMAT`; JSON-ready.
 
@@ -213,8 +210,21 @@ class CalibrationSession:
         is_star = rows['star'] != POLARIS_HIP
         stars = rows.select(is_star)
         notes = reasons(self.observations())
-        result, zeros = self._fit_terms(rows)
-        for dropped in result.dropped:
+        fitted = self._fit_terms(rows)
+        self.terms_alone, section, misfits = Candidate(fitted.model, fitted.zeros), None, 0
+        by_terms = fitted.result.weights
+        if self._harmonics:
+            fitted, section = fit_chosen(rows, self._harmonics, self._recipe(rows), fitted,
+                                         self._split_seed)
+            self._degree = section['degree']
+            misfits = int(np.count_nonzero(fitted.result.weights[by_terms > 0.0] == 0.0))
+            if misfits:
+                notes.append(f'{misfits} rows are outliers to the harmonics, and not to the terms: '
+                             'how wrong they are on fresh stars is not said')
+            notes += section.pop('notes')
+        model, zeros, result = fitted
+        published = self._published_kind()
+        for dropped in () if section else result.dropped:
             notes.append(f'the stars do not determine {dropped["text"]}')
         for row in result.excluded:
             notes.append(f'row {row["row"]} left out: {row["reason"]}')
@@ -223,29 +233,36 @@ class CalibrationSession:
             'last_stamp_ns': self.last_stamp,
             'stars': len(stars), 'polaris': int(np.count_nonzero(~is_star)),
             'zeros': self.zeros.to_list(),
-            'changes': self._changes(observed, result.model),
+            'changes': self._changes(observed, model),
             'zeros_in_force': zeros.to_list(),
-            'terms': result.term_rows(),
+            'terms': result.term_rows() if not section else _rows_of_terms(model),
             'correlations': result.correlations.tolist(),
             'condition': result.condition,
             'rejected': len(result.rejected),
-            'steps': self._steps(rows, notes),
+            'steps': held_out_steps(
+                rows, self._fit_terms, self._recipe, split_half(stars, self._split_seed),
+                self.reference, self._polaris_zeros(rows), bool(self.zeros), notes,
+                published),
             'external_check': power_on_check(
                 rows, self.reference, self._polaris_zeros(rows) if self.zeros else {},
-                self.zeros, self._change, notes),
+                self.zeros, self._change, notes,
+                published and ('harmonics of', published[1])),
             'noise_arcsec': [s / ARCSEC for s in result.scatter],
-            'witnesses': self._witnesses(observed, result.model, homings),
+            'witnesses': self._witnesses(observed, model, homings),
             'notes': notes,
         }
+        if section:
+            report['harmonics'] = section
         from .session_diagnosis import expected_of_fit, replaces
-        expected = report['expected'] = expected_of_fit(rows, zeros)
+        expected = report['expected'] = expected_of_fit(
+            rows, zeros, self._harmonics.base(self._degree)) if not misfits else None
         if follows:
             report[FOLLOWS] = follows.document()
         new = Candidate(
-            PointingModel(result.model.terms, result.model.covariance, None, {
-                **result.model.provenance, 'last_stamp_ns': self.last_stamp,
+            PointingModel(model.terms, model.covariance, model.harmonics, {
+                **model.provenance, 'last_stamp_ns': self.last_stamp,
                 'reference': self._source(), **({'expected': expected} if expected else {}),
-            }, result.model.geometry), zeros, follows)
+            }, model.geometry), zeros, follows)
         check(report)
         self._homings, self.report, self.zeros_in_force = homings, report, zeros
         old = self._published.now
@@ -284,7 +301,8 @@ class CalibrationSession:
         changed = self._follow(rows)
         zeros = self._polaris_zeros(rows) if self.model is None else self.zeros_in_force
         provenance = {'last_stamp_ns': self.last_stamp, 'reference': self._source()}
-        amended = amend(rows, zeros, self.model, provenance, alpha, site, self._follows)
+        amended = amend(rows, zeros, self.model, provenance, alpha, site, self._follows,
+                        self._harmonics.base(self._degree))
         amended.document['last_stamp_ns'] = until or self.last_stamp
         amended.document['published'] |= changed
         self.zeros_in_force = amended.zeros
@@ -305,8 +323,13 @@ class CalibrationSession:
             self._follows = follows
         if not set(follows.axes) > set(self._follows.axes):
             return False
-        result, zeros = self._fit_terms(for_fitting(follows.corrected(rows)))
-        model = replace(self.model, terms=result.model.terms, covariance=result.model.covariance)
+        rows_of_fit = for_fitting(follows.corrected(rows))
+        fitted, zeros, _ = self._fit_terms(rows_of_fit)
+        if self._harmonics:
+            fitted, zeros, _ = self._recipe(rows_of_fit).fit(
+                rows_of_fit, self._harmonics, self._degree)
+        model = replace(self.model, terms=fitted.terms, covariance=fitted.covariance,
+                        harmonics=fitted.harmonics)
         judges, new = Judges(rows, None), Candidate(model, zeros, follows)
         old = Candidate(self.model, self.zeros_in_force, self._follows)
         if len(judges) >= FEWEST and not judge(judges.left(old), judges.left(new), ()).holds:
@@ -364,12 +387,21 @@ class CalibrationSession:
         return {'alarms': found.alarms, 'notes': found.notes}
 
     def _fit_terms(self, rows):
-        """Terms, and the zero of each power-on that belongs to them."""
+        """Terms, and the zero of each power-on that belongs to them, a `HarmonicFit`."""
         from .diagnosis import check_columns
         check_columns(rows.select(rows['star'] != POLARIS_HIP))
-        first = self._polaris_zeros(rows)[rows['run'].min()]
-        result = fit_terms(rows, zero=first, run_zeros=True)
-        return result, Zeros(zero.plus(first.az, first.el) for zero in result.run_zeros.values())
+        return self._recipe(rows).terms(rows)
+
+    def _recipe(self, rows):
+        """The zero of the first power-on by Polaris, those after it from there on."""
+        return Recipe(self._polaris_zeros(rows)[rows['run'].min()])
+
+    def _published_kind(self):
+        """What the harmonics that are published are called, and ``fit(rows, recipe)`` of them."""
+        if not self._harmonics:
+            return None
+        return self._harmonics.label(self._degree), lambda rows, recipe: recipe.fit(
+            rows, self._harmonics, self._degree)
 
     def _polaris_zeros(self, rows):
         """Zero of each power-on by Polaris alone; where there is none, the one before it."""
@@ -394,36 +426,9 @@ class CalibrationSession:
         return zero_from_polaris(
             now, then, model=model, reference_name=f'power-on {before:.0f}')
 
-    def _steps(self, rows, notes):
-        """RMS on the stars used and on those held out, from no correction to the full model."""
-        is_star = rows['star'] != POLARIS_HIP
-        stars = rows.select(is_star)
-        used = split_half(stars, self._split_seed)
-        halves = {'used': stars.select(used), 'held_out': stars.select(~used)}
-        seen = ~is_star  # Polaris, and the stars used
-        seen[np.flatnonzero(is_star)[used]] = True
-        base = self.reference or PointingModel({})
-        polaris = self._polaris_zeros(rows)
-        steps = []
 
-        def judge(label, model, zero):
-            steps.append({'step': label, **{
-                name: rms_of(model, half, zero) for name, half in halves.items()}})
-
-        judge(RAW if self.reference is None else 'model of the earlier night', base,
-              zero_in_force(self.reference))
-        if self.zeros:
-            judge(ZEROED, base, polaris)
-        for label, interpretation in HARMONICS.items():
-            try:
-                judge(label, fit_harmonics(halves['used'], interpretation, zero=polaris).model,
-                      polaris)
-            except ValueError as err:
-                notes.append(f'{label}: {err}')
-        try:
-            result, zeros = self._fit_terms(rows.select(seen))
-            judge(TERMS, result.model, zeros)
-            judge(BOTH, fit_harmonics(halves['used'], held=result.model, zero=zeros).model, zeros)
-        except ValueError as err:
-            notes.append(f'held-out check: {err}')
-        return steps
+def _rows_of_terms(model):
+    """As `FitResult.term_rows`."""
+    sigma = np.sqrt(np.maximum(np.diag(model.covariance), 0.0))
+    return [{'name': name, 'value_arcsec': value / ARCSEC, 'sigma_arcsec': float(s) / ARCSEC}
+            for (name, value), s in zip(model.terms.items(), sigma)]

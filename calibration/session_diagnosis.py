@@ -63,7 +63,7 @@ class Amended:
 
 
 def amend(rows, zeros, fitted=None, provenance=None, alpha=0.01, site=None,
-          follows=NOTHING_FOLLOWS):
+          follows=NOTHING_FOLLOWS, base='physical'):
     """Diagnose a night, and add what is found.
 
     Stars alone are diagnosed, without the exposures of Polaris: many rows in one direction would
@@ -86,6 +86,10 @@ def amend(rows, zeros, fitted=None, provenance=None, alpha=0.01, site=None,
         ``latitude``, ``longitude``, rad; without it what follows the stars cannot be told.
     follows : Following
         Zeros that follow the absolute encoder: `zeros` and `fitted` go with it.
+    base : str
+        The declared model, that `fitted` has (`diagnosis.base.Base.parse`). Its terms and
+        harmonics are fitted with the effects, so that what harmonics can hold is no effect; to
+        harmonics alone the physical terms are effects that may lack.
 
     Returns
     -------
@@ -105,32 +109,32 @@ def amend(rows, zeros, fitted=None, provenance=None, alpha=0.01, site=None,
     if len(stars) == 0:
         raise ValueError('no star to diagnose has come yet; observe first')
     # a service must answer soon: rows kept out judge beside the cross-validation
-    result = diagnose(stars, alpha=alpha, sessions=0.0, partitions=1)
-    base = Candidate(fitted, zeros, follows)
+    result = diagnose(stars, base, alpha, sessions=0.0, partitions=1)
+    old = Candidate(fitted, zeros, follows)
     if fitted is None:
-        base = Candidate(result.base_model, _shifted(zeros, result, result.base_model), follows)
-    chosen, judged, refused = base, None, []
-    court = Court(rows, stars, site, base, alpha)
+        old = Candidate(result.base_model, _shifted(zeros, result, result.base_model), follows)
+    chosen, judged, refused = old, None, []
+    court = Court(rows, stars, site, old, alpha, base)
     if result.model.effects:
         whole = carried_on(result.model, stars)
         chosen, judged, refused = publishable(
-            base, Candidate(whole, _shifted(zeros, result, whole), follows),
+            old, Candidate(whole, _shifted(zeros, result, whole), follows),
             {e.fitted.effect.name: e.delta_bic or 0.0 for e in result.effects}, stars, zeros,
             court)
         if judged is None:
             result.notes.append(UNJUDGED)
     if court.kept:
-        for entry, candidate in ((result.before, base), (result.after, chosen)):
+        for entry, candidate in ((result.before, old), (result.after, chosen)):
             entry['holdout_rms_arcsec'] = rms_arcsec(*court.left(candidate)).radial
         result.notes.append(f'held out: {court.kept} rows of the same night that no fit and no '
                             'choice has seen, nothing refitted')
-    document = _document(result, chosen is not base, court.kept, judged, refused)
+    document = _document(result, chosen is not old, court.kept, judged, refused)
     document['applied'], document['zeros_in_force'] = chosen.names, chosen.in_force
     if refused:
         # that of the model in force
         document['expected'] = chosen.model.provenance.get('expected')
         document['after'] = {**document['before'], 'holdout_rms_arcsec': None}
-        if chosen is not base:
+        if chosen is not old:
             fitted_rows = rms_arcsec(*chosen.model.residuals(_at_zero(
                 seen.select(seen['star'] != POLARIS_HIP), chosen.zeros, site)))
             document['after'].update(rms_arcsec=fitted_rows.radial, rms_x_arcsec=fitted_rows.x,
@@ -275,9 +279,10 @@ class Court:
     the night are left out, and fit and search are repeated without them.
     """
 
-    def __init__(self, rows, stars, site, base, alpha):
+    def __init__(self, rows, stars, site, base, alpha, declared='physical'):
         self._judges = Judges(rows, site)
         self._stars, self._base, self._alpha = stars, base, alpha
+        self._declared = declared
         self.kept = len(self._judges)
         self._trial = None
 
@@ -300,8 +305,7 @@ class Court:
             return None
         seen = self._stars.select(~hidden)
         if self._trial is None:
-            self._trial = diagnose(seen, alpha=self._alpha, sessions=0.0,
-                                   partitions=1)
+            self._trial = diagnose(seen, self._declared, self._alpha, sessions=0.0, partitions=1)
         # what is not found without these rows is at least fitted without them
         effects = [e for e in self._trial.model.effects if e.effect.name in candidate.names] \
             or candidate.model.effects
@@ -312,8 +316,8 @@ class Court:
                      candidate.axes)
 
 
-def expected_of_fit(rows, zeros):
-    """Error to be expected of a fit's terms on fresh stars, as `Diagnosis.expected`, or None.
+def expected_of_fit(rows, zeros, base='physical'):
+    """Error to be expected of a fit on fresh stars, as `Diagnosis.expected`, or None.
 
     Parameters
     ----------
@@ -321,9 +325,11 @@ def expected_of_fit(rows, zeros):
         That were fitted, with columns `star` and `run`.
     zeros : Zeros
         That belong to the fit.
+    base : str
+        What was fitted, see `diagnosis.base.Base.parse`.
     """
     stars = rows.select(rows['star'] != POLARIS_HIP)
-    return expected_of_terms(_at_zero(stars, zeros, None)) if len(stars) else None
+    return expected_of_terms(_at_zero(stars, zeros, None), base) if len(stars) else None
 
 
 def _at_zero(rows, zeros, site):

@@ -3,7 +3,8 @@
 from pointing_model.rms import rms_arcsec
 
 from .diagnosis.rows_told import outlier_sentence, rows_of_fit, used_sentence
-from .session import RAW
+from .harmonic_fit import READ_AS
+from .held_out import RAW
 
 
 def new_table(title, *columns):
@@ -57,8 +58,40 @@ def night_tables(report):
         for row in report['external_check']:
             check.add_row(row['check'], *_rms_cells(row), str(row['n']))
         tables.append(check)
-    tables.append(terms_table(report['terms']))
+    if report['terms']:
+        tables.append(terms_table(report['terms']))
+    if report.get('harmonics'):
+        tables += harmonic_tables(report['harmonics'])
     return tables
+
+
+def harmonic_tables(section):
+    """Coefficients of the harmonics, and what cross-validation says of every choice.
+
+    Parameters
+    ----------
+    section : dict
+        From `calibration.harmonic_fit.fit_chosen`.
+
+    Returns
+    -------
+    list of rich.table.Table
+    """
+    own = section['harmonics'], section['alone'], section['degree']
+    table = new_table(f'Harmonics of degree {own[2]}, {READ_AS[own[0]]}, arcsec', 'coefficient',
+                      'azimuth', 'sigma', 'coefficient', 'elevation', 'sigma')
+    rows = section['coefficients']
+    for pair in zip(rows, rows[len(rows) // 2:]):
+        table.add_row(*(cell for one in pair for cell in (
+            one['name'], f'{one["value_arcsec"]:+.2f}', f'{one["sigma_arcsec"]:.2f}')))
+    tried = section['cross_validation']
+    judged = new_table(f'Cross-validated RMS on the sky, arcsec, {tried["stars"]} rows in '
+                       f'{tried["folds"]} folds', 'model', 'az', 'el', 'radial', '')
+    for one in tried['choices']:
+        chosen = (one['harmonics'], one['alone'], one['degree']) == own
+        judged.add_row(one['label'], *_rms_cells(one),
+                       f'chosen by {section["degree_by"]}' if chosen else '')
+    return [table, judged]
 
 
 def _zero_cells(zero):

@@ -22,6 +22,8 @@ INTERPRETATIONS = ('zenith', 'printed')
 
 #: Coefficients an axis. (Eq. 8 has 13 columns; the vectors printed there run to 14 entries.)
 COUNT = 13
+#: degree of the paper's series
+DEGREE = 4
 
 
 def _check(interpretation):
@@ -29,6 +31,24 @@ def _check(interpretation):
         raise ValueError(
             f'unknown interpretation of the harmonics {interpretation!r}; take zenith or '
             'printed')
+
+
+def count_of(degree):
+    """Coefficients an axis of the series that ends with `degree`; ValueError outside 1 to 4."""
+    if degree not in range(1, DEGREE + 1):
+        raise ValueError(f'harmonics of degree {degree!r}; take 1 to {DEGREE}')
+    return 3 * degree + 1
+
+
+def names_of(degree=DEGREE):
+    """The paper's names of the coefficients of both axes: A0, A1, ... then B0, B1, ..."""
+    return tuple(f'{series}{i}' for series in 'AB' for i in range(count_of(degree)))
+
+
+def _places(degree):
+    """Where the coefficients of `degree` are among all 26."""
+    count = count_of(degree)
+    return np.concatenate((np.arange(count), COUNT + np.arange(count)))
 
 
 def basis(az, el, interpretation='zenith'):
@@ -79,6 +99,29 @@ def sky_factor(el, interpretation='zenith'):
     return np.ones_like(el, dtype=float) if interpretation == 'zenith' else 1.0 / np.tan(el)
 
 
+def columns_of(degree, az, el, interpretation='zenith'):
+    """What each coefficient does on the sky.
+
+    Parameters
+    ----------
+    degree : int
+    az, el : ndarray, shape (n,)
+        Catalogue place, radians.
+    interpretation : {'zenith', 'printed'}
+
+    Returns
+    -------
+    ndarray, shape (k, 2, n)
+        In the order of `names_of`: x and y of unit coefficients.
+    """
+    count = count_of(degree)
+    functions = basis(az, el, interpretation).T[:count]
+    out = np.zeros((2 * count, 2, len(el)))
+    out[:count, 0] = functions * sky_factor(el, interpretation)
+    out[count:, 1] = functions
+    return out
+
+
 @dataclass(frozen=True)
 class Harmonics:
     """Fitted series of both axes.
@@ -111,6 +154,69 @@ class Harmonics:
                 raise ValueError(f'harmonics need {name} of shape {shape}, not {value.shape}')
             # as the document's decimal numbers give it back
             object.__setattr__(self, name, value / unit * unit)
+
+    @classmethod
+    def of_degree(cls, degree, interpretation, p, covariance):
+        """The series that ends with `degree`; what is beyond it is zero.
+
+        Parameters
+        ----------
+        degree : int
+            1 to 4.
+        interpretation : {'zenith', 'printed'}
+        p : ndarray, shape (k,)
+            In the order of `names_of`, radians.
+        covariance : ndarray, shape (k, k)
+            radians^2.
+
+        Raises
+        ------
+        ValueError
+            See `count_of`.
+        """
+        at = _places(degree)
+        values, joint = np.zeros(2 * COUNT), np.zeros((2 * COUNT, 2 * COUNT))
+        values[at], joint[np.ix_(at, at)] = p, covariance
+        return cls(interpretation, values[:COUNT], values[COUNT:], joint)
+
+    @property
+    def degree(self):
+        """Where the series ends: beyond it all coefficients and their variances are zero."""
+        there = (self.coef_x != 0.0) | (self.coef_y != 0.0) | (
+            np.diag(self.covariance).reshape(2, COUNT) != 0.0).any(axis=0)
+        last = int(np.max(np.flatnonzero(there), initial=0))
+        return max(1, -(-last // 3))
+
+    @property
+    def coefficients(self):
+        """A0, ..., B0, ... up to the degree, and their standard errors: dict of (value, sigma)."""
+        at = _places(self.degree)
+        values = np.concatenate((self.coef_x, self.coef_y))[at]
+        sigma = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))[at]
+        return {name: (float(v), float(s))
+                for name, v, s in zip(names_of(self.degree), values, sigma)}
+
+    @property
+    def covariance_of_coefficients(self):
+        """Covariance in the order of `coefficients`, radians^2."""
+        at = _places(self.degree)
+        return self.covariance[np.ix_(at, at)]
+
+    def columns(self, az, el):
+        """`columns_of` of its `coefficients`."""
+        return columns_of(self.degree, az, el, self.interpretation)
+
+    def moved(self, change, covariance):
+        """With `change`, shape (k,), rad, added to `coefficients`, and another covariance."""
+        at = _places(self.degree)
+        p = np.concatenate((self.coef_x, self.coef_y))[at] + change
+        return Harmonics.of_degree(self.degree, self.interpretation, p, covariance)
+
+    def says_as(self, other):
+        """Whether both predict the same."""
+        return (other is not None and self.interpretation == other.interpretation
+                and np.array_equal(self.coef_x, other.coef_x)
+                and np.array_equal(self.coef_y, other.coef_y))
 
     def offsets(self, az, el):
         """Encoder - catalogue on the sky.

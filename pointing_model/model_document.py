@@ -19,6 +19,7 @@ _PLAIN_VERSION = 1  # without effects: as ever, so that older programs read it
 #: `identity` where nothing is corrected
 NO_MODEL = 'none'
 _INTERPRETATION = 'reading'  # the key that `Harmonics.interpretation` has had in files ever since
+_NAMED = 'coefficients'  # A0 .. B12
 
 _CONVENTION = (
     'offset = encoder - catalogue; azimuth from north through east, elevation from the horizon; '
@@ -55,6 +56,10 @@ def to_json(model):
             'azimuth_arcsec': (h.coef_x / ARCSEC).tolist(),
             'elevation_arcsec': (h.coef_y / ARCSEC).tolist(),
             'covariance_arcsec2': (h.covariance / ARCSEC**2).tolist(),
+            # the same for people, by the names of paper 000
+            'degree': h.degree,
+            _NAMED: [{'name': name, 'value_arcsec': value / ARCSEC, 'sigma_arcsec': s / ARCSEC}
+                     for name, (value, s) in h.coefficients.items()],
         },
         'provenance': model.provenance,
     }
@@ -103,6 +108,9 @@ def identity(text):
     """
     document = json.loads(text) if text else {}
     acting = {key: document.get(key) for key in ('geometry', 'terms', 'harmonics', 'effects')}
+    if acting['harmonics']:
+        acting['harmonics'] = {key: value for key, value in acting['harmonics'].items()
+                               if key not in ('degree', _NAMED)}
     follows = (document.get('provenance') or {}).get(FOLLOWS)
     if follows:
         acting[FOLLOWS] = follows
@@ -128,12 +136,14 @@ def from_document(document):
         covariance = np.array(document['covariance_arcsec2'], float).reshape(k, k) * ARCSEC**2
         harmonics = document.get('harmonics')
         if harmonics is not None:
+            harmonics_named = harmonics.get(_NAMED, ())  # older files have none
             harmonics = Harmonics(
                 harmonics[_INTERPRETATION],
                 np.array(harmonics['azimuth_arcsec'], float) * ARCSEC,
                 np.array(harmonics['elevation_arcsec'], float) * ARCSEC,
                 np.array(harmonics['covariance_arcsec2'], float) * ARCSEC**2,
             )
+            _check_named(harmonics_named, harmonics)
         provenance = document.get('provenance') or {}
         if not isinstance(provenance, dict):
             raise ValueError('provenance is not an object')
@@ -144,6 +154,14 @@ def from_document(document):
     except (TypeError, ValueError, AttributeError) as error:
         raise ValueError(f'pointing model document is damaged: {error}') from None
     return PointingModel(terms, covariance, harmonics, provenance, geometry, effects)
+
+
+def _check_named(rows, harmonics):
+    """ValueError where the named coefficients are not those of the two series."""
+    values = harmonics.coefficients
+    for row in rows:
+        if float(row['value_arcsec']) * ARCSEC != values.get(row['name'], (None,))[0]:
+            raise ValueError(f'{row["name"]} is not what the series of its axis says; change both')
 
 
 def save(model, path):

@@ -125,7 +125,9 @@ class PointingCorrector(MountNode):
         """What is in force."""
         terms, (model, zero) = 'none', (self._in_force.model, self._in_force.zero)
         if model is not None:
-            terms = ' '.join([*model.terms, *(e.effect.name for e in model.effects)])
+            series = [] if model.harmonics is None else [
+                f'harmonics({model.harmonics.interpretation},{model.harmonics.degree})']
+            terms = ' '.join([*model.terms, *series, *(e.effect.name for e in model.effects)])
         told = self._in_force.power_on
         return [('model', terms), ('model name', self._in_force.model_name),
                 ('zero of power-on', 'none' if zero.run is None else str(int(zero.run))),

@@ -11,7 +11,7 @@ from . import domain
 from .graph import replay_graph
 
 
-def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None):
+def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None, harmonics=None):
     """Publish the observations of a log to a new calibration node, and let it fit.
 
     If the night was diagnosed, so is the replay; the model is then the amended one.
@@ -28,6 +28,8 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None):
         File for the model.
     domain_number : int, optional
         ROS domain; a free one by default.
+    harmonics : dict, optional
+        Parameters ``harmonics...`` of the calibration; by default those of the night.
 
     Returns
     -------
@@ -50,9 +52,10 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None):
     had_zero = (any(t.name.endswith('/zero') and t.count for t in bag.topics)
                 and _saw_polaris(bag, topic.name))
     diagnosed = _diagnosis(bag)
-    as_then = {}  # parameters of the calibration with which it diagnosed
+    # parameters of the calibration with which it fitted and diagnosed
+    as_then = _harmonics(bag) if harmonics is None else harmonics
     if diagnosed:
-        as_then = {'alpha': diagnosed.get('alpha', 0.01),
+        as_then |= {'alpha': diagnosed.get('alpha', 0.01),
                    'site': ', '.join(map(repr, diagnosed.get('site_deg') or ())),
                    'diagnosed_at': diagnosed.get('last_stamp_ns', 0),
                    'graduation': ', '.join(
@@ -122,6 +125,17 @@ def _saw_polaris(bag, topic):
 
 def _diagnosis(bag):
     """The last diagnosis in a log, or None."""
-    name = next((t.name for t in bag.topics if t.name.endswith('/diagnosis') and t.count), None)
+    return _last(bag, '/diagnosis')
+
+
+def _harmonics(bag):
+    """Which harmonics the model of a log had, as parameters of the calibration."""
+    from calibration.harmonic_fit import choice_of_report
+    return choice_of_report(_last(bag, '/calibration/report')).parameters()
+
+
+def _last(bag, ending):
+    """The last document on a topic, or None."""
+    name = next((t.name for t in bag.topics if t.name.endswith(ending) and t.count), None)
     documents = [] if name is None else [m.data.data for m in bag.messages([name], decode=True)]
     return json.loads(documents[-1]) if documents else None

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from calibration.harmonic_fit import choice_of, choice_of_report
 from calibration.nights import NightSeries
 from calibration.session import CalibrationSession
 from calibration.witnesses import encoder_diagnostics, homings_from_diagnostics, homings_of
@@ -77,7 +78,7 @@ def verify_log(bag, *, reference=None, seed=None):
     if parameters.get('graduation'):
         for part in (*rows.observations.values(), *rows.tables.values()):
             part.meta['graduation'] = declared_graduation(parameters['graduation'])
-    session = _session(log, parameters, reference, seed)
+    session = _session(log, parameters, reference, seed, rows)
     if isinstance(session, NightSeries):
         for _, homings in rows.homings:
             session.hear(homings(0))
@@ -276,7 +277,7 @@ def _at(stamp):
 # --- the calibration, once more ------------------------------------------------------------------
 
 
-def _session(log, parameters, reference, seed):
+def _session(log, parameters, reference, seed, rows):
     seed = seed if seed is not None else parameters.get('split_seed', 1)
     model = None
     if reference is not None:
@@ -290,7 +291,12 @@ def _session(log, parameters, reference, seed):
             raise ValueError(f'the night had the reference model {parameters["model_file"]}, '
                              'which is not there: give it with --reference')
     age = parameters.get('reference_age', 0)
-    return NightSeries(age, model, seed) if age else CalibrationSession(model, seed)
+    harmonics = choice_of(parameters)
+    reports = rows.said['calibration/report']
+    if not parameters and reports:
+        harmonics = choice_of_report(_document(reports[-1][1].data))
+    return (NightSeries(age, model, seed, harmonics) if age
+            else CalibrationSession(model, seed, harmonics=harmonics))
 
 
 def _calibrate(rows, session, parameters, check):
@@ -435,7 +441,13 @@ class _Replay:
 
 
 def _stamp_of(report, default):
+    return _document(report).get('last_stamp_ns', default)
+
+
+def _document(text):
+    """What a JSON text tells; nothing, where it is no such document."""
     try:
-        return json.loads(report).get('last_stamp_ns', default)
-    except (ValueError, AttributeError):
-        return default
+        found = json.loads(text)
+    except ValueError:
+        return {}
+    return found if isinstance(found, dict) else {}

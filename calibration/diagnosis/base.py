@@ -32,14 +32,17 @@ class Base:
     ----------
     terms : tuple of str
     degree : int
-        Of the spherical harmonics of paper 000 (in zenith distance); 0: none.
+        Of the spherical harmonics of paper 000; 0: none.
     own : tuple of str
         Terms that each run fits for itself.
+    interpretation : {'zenith', 'printed'}
+        What the E of the harmonics is, see `pointing_model.harmonics`.
     """
 
     terms: tuple
     degree: int = 0
     own: tuple = ()
+    interpretation: str = 'zenith'
 
     @classmethod
     def parse(cls, text, own=()):
@@ -49,6 +52,7 @@ class Base:
         ----------
         text : str
             Parts joined by ``+`` or ``,``. sh13 is sh4: degree 4 has 13 coefficients an axis.
+            ``sh4p``: with the paper's E as printed, else it is the zenith distance.
         own : sequence of str
             Terms that each run fits for itself.
 
@@ -57,16 +61,17 @@ class Base:
         ValueError
             An unknown part.
         """
-        terms, degree = [], 0
+        terms, degree, interpretation = [], 0, 'zenith'
         for part in re.split(r'[+,\s]+', text.strip()):
-            harmonics = re.fullmatch(r'sh(13|[1-4])', part)
+            harmonics = re.fullmatch(r'sh(13|[1-4])(p?)', part)
             if harmonics:
+                interpretation = 'printed' if harmonics.group(2) else 'zenith'
                 degree = 4 if harmonics.group(1) == '13' else int(harmonics.group(1))
             else:
                 terms += [t for t in _SETS.get(part, (part,)) if t not in terms]
         known_terms(terms)
         known_terms(own)
-        return cls(tuple(terms), degree, tuple(own))
+        return cls(tuple(terms), degree, tuple(own), interpretation)
 
     @property
     def harmonic_count(self):
@@ -75,7 +80,11 @@ class Base:
 
     def names(self):
         """For people and the result."""
-        return [*self.terms, *([f'sh{self.degree}'] if self.degree else [])]
+        return [*self.terms, *([self._series] if self.degree else [])]
+
+    @property
+    def _series(self):
+        return f'sh{self.degree}' + 'p' * (self.interpretation == 'printed')
 
     def columns(self, context, run=None):
         """First-order columns.
@@ -94,9 +103,9 @@ class Base:
         rows = [stacked_design(common, context.az, context.el)]
         count = self.harmonic_count
         if count:
-            functions = basis(context.az, context.el)[:, :count].T
+            functions = basis(context.az, context.el, self.interpretation)[:, :count].T
             nothing = np.zeros_like(functions)
-            rows += [np.hstack((functions * sky_factor(context.el), nothing)),
+            rows += [np.hstack((functions * sky_factor(context.el, self.interpretation), nothing)),
                      np.hstack((nothing, functions))]
         if not self.own:
             return Columns(np.vstack(rows))

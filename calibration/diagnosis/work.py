@@ -128,7 +128,7 @@ def made_model(obs, base, fitted, effects):
         covariance = np.zeros((2 * COUNT, 2 * COUNT))
         index = np.concatenate((np.arange(count), COUNT + np.arange(count)))
         covariance[np.ix_(index, index)] = fitted.inverse[k:k + 2 * count, k:k + 2 * count]
-        harmonics = Harmonics('zenith', full[0], full[1], covariance)
+        harmonics = Harmonics(base.interpretation, full[0], full[1], covariance)
     sigma = np.sqrt(np.maximum(np.diag(fitted.inverse), 0.0))
     at, found = k + 2 * count, []
     for e in effects:

@@ -6,7 +6,8 @@ from pathlib import Path
 from . import options
 from .console import new_console, print_files, print_lines
 
-BASES = 'physical, standard6, index, sh13 (or sh1 to sh4), or terms, joined by +'
+BASES = ('physical, standard6, index, sh13 (or sh1 to sh4; sh4p: E as printed), or terms, '
+         'joined by +')
 
 
 def add(commands):

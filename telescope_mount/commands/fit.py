@@ -17,12 +17,14 @@ def add(commands):
     options.add(parser, 'encoder', 'azimuth-origin')
     parser.add_argument('--run', dest='number', type=options.whole(-10**6, 10**6), metavar='N',
                         help='of several runs in the file (column run) the one of this number')
+    options.add(parser, 'harmonics', 'harmonics-alone', 'harmonics-degree')
     parser.add_argument('--no-robust', action='store_true', help='plain least squares')
     parser.add_argument('--save', type=Path, metavar='FILE', help='write the model (.json, .yaml)')
 
 
 def run(args):
     """Load, fit, print, write."""
+    harmonics = options.harmonics_of(args)
     from calibration.check import external_check
     from calibration.diagnosis import check_columns, naming_columns
     from calibration.fit import fit_terms
@@ -45,10 +47,35 @@ def run(args):
                                   robust=not args.no_robust)
     for table in fit_tables(observed, result, args.encoder, held_out):
         console.print(table)
+    model = result.model
+    if harmonics:
+        model = _with_harmonics(observed, result, args, console)
     print_lines(console, 'note', checked.notes)
     if args.save:
-        result.model.save(args.save)
+        model.save(args.save)
         print_files(console, {'model': args.save})
+
+
+def _with_harmonics(observed, result, args, console):
+    """Fit the harmonics too, print them and what cross-validation says; the model with them."""
+    from dataclasses import replace
+
+    from calibration.harmonic_fit import HarmonicChoice, HarmonicFit, Recipe, fit_chosen
+    from calibration.tables import harmonic_tables
+    from pointing_model.zero import NO_ZERO
+
+    from .console import print_lines
+    choice = HarmonicChoice(args.harmonics, args.harmonics_alone, args.harmonics_degree)
+    recipe = Recipe(NO_ZERO, False, args.terms, args.encoder, not args.no_robust)
+    fitted, section = fit_chosen(observed, choice, recipe,
+                                 HarmonicFit(result.model, NO_ZERO, result))
+    for table in harmonic_tables(section):
+        console.print(table)
+    console.print(f'{section["label"]}: {section["fitted"]["radial"]:.2f} arcsec radial on the '
+                  'rows fitted')
+    print_lines(console, 'note', section['notes'])
+    return replace(fitted.model, provenance={
+        **fitted.model.provenance, 'source': str(args.file)})
 
 
 def _one_run(run, args):

@@ -23,6 +23,7 @@ def add(commands):
     parser.add_argument('--power-cycle', choices=('incremental', 'absolute', 'both'),
                         default='incremental', help='encoders that begin another power-on in the '
                         'middle of a night without --reference (default: incremental)')
+    options.add(parser, 'harmonics', 'harmonics-alone', 'harmonics-degree')
     options.add(parser, 'date', 'latitude', 'longitude', 'height')
     parser.add_argument('--params', type=Path, metavar='FILE',
                         help='ROS parameter file, read by every node after the values above')
@@ -44,6 +45,7 @@ def run(args):
     if args.reference is not None and args.power_cycle != 'incremental':
         raise ValueError(f'--power-cycle {args.power_cycle}: with --reference a night is one '
                          'power-on; leave one of them out')
+    calibration = options.harmonics_of(args)
     console = new_console()
     with Progress(console) as progress:
         report = run_night(
@@ -51,6 +53,6 @@ def run(args):
             scenario=args.scenario, start_time=args.date, reference=args.reference,
             cycle=args.power_cycle, domain_number=args.domain, time_scale=args.time_scale,
             params_file=args.params, sky=options.sky_of(args), absolute=args.absolute,
-            progress=progress)
+            calibration=calibration, progress=progress)
     print_calibration(console, report)
     print_files(console, report['files'])

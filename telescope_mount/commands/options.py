@@ -48,6 +48,13 @@ SHARED = {
     'encoder': {'choices': ('enc', 'abs'), 'default': 'enc',
                 'help': 'which pair of encoder columns (default: enc)'},
     'azimuth-origin': {'choices': ('N', 'S'), 'help': 'where azimuth 0 is in a TPOINT file'},
+    'harmonics': {'choices': ('none', 'zenith', 'printed'), 'default': 'none',
+                  'help': "paper 000's spherical harmonics in the model, by how their E is read: "
+                  'zenith distance, or as printed (default: none)'},
+    'harmonics-alone': {'action': 'store_true', 'help': 'without the physical terms, as in the '
+                        'paper; else of what the terms leave'},
+    'harmonics-degree': {'type': whole(0, 4), 'default': 0, 'metavar': 'N', 'help': 'where the '
+                         'series ends; 0 (default): what predicts stars left out best'},
     'domain': {'type': whole(0, 101), 'metavar': 'N', 'help': 'ROS domain (default: a free one)'},
 }
 
@@ -62,6 +69,23 @@ def add_out(parser, default, what):
     """Add --out: a folder for results."""
     parser.add_argument('--out', type=Path, default=Path(default), metavar='DIR',
                         help=f'folder for {what} (default: {default})')
+
+
+def harmonics_of(args):
+    """The parameters of the calibration that the options of harmonics set.
+
+    Raises
+    ------
+    ValueError
+        A degree, or alone, without harmonics.
+    """
+    if args.harmonics == 'none' and not args.harmonics_alone and not args.harmonics_degree:
+        return {}
+    from calibration.harmonic_fit import choice_of
+    given = {'harmonics': args.harmonics, 'harmonics_alone': args.harmonics_alone,
+             'harmonics_degree': args.harmonics_degree}
+    choice_of(given)
+    return given
 
 
 def sky_of(args):

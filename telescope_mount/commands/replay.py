@@ -14,6 +14,9 @@ def add(commands):
     options.add(parser, 'reference', help='the reference model, if the night had one')
     options.add(parser, 'seed',
                 help='of the choice of held-out stars; that of the night (default: 1)')
+    options.add(parser, 'harmonics', default=None, help="paper 000's spherical harmonics in the "
+                'model, by how their E is read (default: as the night had them)')
+    options.add(parser, 'harmonics-alone', 'harmonics-degree')
     parser.add_argument('--out', type=Path, metavar='FILE', help='write the model')
     options.add(parser, 'domain')
 
@@ -26,9 +29,12 @@ def run(args):
     if args.reference is not None:
         from pointing_model.model import PointingModel
         PointingModel.load(args.reference)
+    asked = args.harmonics or args.harmonics_alone or args.harmonics_degree
+    args.harmonics = args.harmonics or 'none'
+    harmonics = {'harmonics': 'none', **options.harmonics_of(args)} if asked else None
     console = new_console()
     report = replay_log(args.log, reference=args.reference, seed=args.seed, out=args.out,
-                        domain_number=args.domain)
+                        domain_number=args.domain, harmonics=harmonics)
     print_calibration(console, report)
     if report['diagnosis']:
         found = report['diagnosis']

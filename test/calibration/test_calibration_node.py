@@ -479,3 +479,38 @@ def test_the_zero_of_tonight_is_told_before_polaris(graph):
     found = json.loads(reports[-1].data)
     assert [row['run'] for row in found['power_ons']] == [1, 2]
     assert 'too few' in found['zero_causes']['text']
+
+
+@pytest.mark.parametrize('alone', [False, True])
+def test_harmonics_are_in_the_model_that_is_published(graph, alone):
+    desk = Desk(graph, harmonics='zenith', harmonics_alone=alone, harmonics_degree=1)
+    desk.observe(rows(24, seed=2))
+    answer = graph.call('fit')
+    assert answer.success and '4 harmonics, E read as zenith distance' in answer.message
+    models, reports = graph.listen(topics.MODEL), graph.listen(topics.CALIBRATION_REPORT)
+    graph.wait_for(lambda: models and reports)
+    document = json.loads(models[0].data)
+    names = [row['name'] for row in document['harmonics']['coefficients']]
+    assert names == ['A0', 'A1', 'A2', 'A3', 'B0', 'B1', 'B2', 'B3']
+    assert np.shape(document['harmonics']['covariance_arcsec2']) == (26, 26)
+    assert len(document['terms']) == (0 if alone else 7)
+    tried = json.loads(reports[0].data)['harmonics']['cross_validation']['choices']
+    assert {(one['harmonics'], one['alone']) for one in tried} >= {
+        ('none', False), ('zenith', True), ('zenith', False), ('printed', True)}
+
+
+@pytest.mark.parametrize('given, words', [
+    ({'harmonics': 'nadir'}, 'use one of none, zenith, printed'),
+    ({'harmonics_alone': True}, 'but no harmonics; take zenith or printed')])
+def test_harmonics_that_cannot_be_are_refused_at_the_start(graph, given, words):
+    with pytest.raises(ValueError, match=words):
+        graph.add(Calibration, **given)
+
+
+def test_too_few_stars_for_the_harmonics_are_said_and_no_model_comes(graph):
+    desk = Desk(graph, harmonics='printed', harmonics_alone=True, harmonics_degree=4)
+    models = graph.listen(topics.MODEL)
+    desk.observe(rows(10, seed=2))
+    answer = graph.call('fit')
+    assert not answer.success and not models
+    assert 'observe at least 14 stars' in answer.message and '\n' not in answer.message

@@ -3,6 +3,7 @@ import json
 import numpy as np
 import pytest
 
+from calibration.harmonic_fit import HarmonicChoice
 from calibration.nights import NightSeries
 from calibration.paper_table_1 import (
     COLUMNS,
@@ -277,3 +278,22 @@ def test_the_zeros_of_the_season_are_in_the_report():
     assert told['change_arcsec'] == pytest.approx(zeros[:-1, 0].mean() - zeros[-2, 0])
     assert told['sigma_arcsec'] > 40.0
     json.dumps(report)
+
+
+def test_the_reference_of_a_night_is_what_was_published_with_harmonics():
+    plain, series = (NightSeries(1, harmonics=choice) for choice in (
+        HarmonicChoice(), HarmonicChoice('zenith', True, 2)))
+    for one in (plain, series):
+        for run in (1, 2, 3):
+            one.add(night(run), run + 10)
+            one.calibrate_zero()
+            one.fit()
+    assert series.reference.harmonics.degree == 2 and series.reference.terms == {}
+    with_it, without = (one.fit()[1]['nights'] for one in (series, plain))
+    assert [row['night'] for row in with_it] == [row['night'] for row in without]
+    # the terms are judged beside it, as where they are published
+    for a, b in zip(with_it, without):
+        assert 'published' in a and 'published' not in b
+        own, terms, same = (row[kind]['after']['radial_rms_arcsec'] for row, kind in (
+            (a, 'published'), (a, 'physical'), (b, 'physical')))
+        assert own > terms == pytest.approx(same, abs=1e-6)

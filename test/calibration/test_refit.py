@@ -7,6 +7,7 @@ from calibration.refit import going_on, held_within, left_out, refitted
 from msg_tools.units import ARCSEC
 from pointing_model.effects import effect
 from pointing_model.fitted_effects import FittedEffect
+from pointing_model.harmonics import Harmonics
 from pointing_model.model import PointingModel
 from pointing_model.run import PointingRun
 from pointing_model.terms import PHYSICAL
@@ -88,3 +89,20 @@ def test_the_end_and_some_of_the_others_are_left_out():
     assert not left_out(rows(1, U[:20], n=20)).any()
     shuffled = rows(1, U).select(np.arange(90)[::-1])
     assert left_out(shuffled)[:11].all()
+
+
+def test_harmonics_are_fitted_again_with_the_terms():
+    """They had taken a part of what another effect does, and give it back."""
+    rng = np.random.default_rng(3)
+    series = Harmonics.of_degree(2, 'printed', rng.normal(size=14) * 4 * ARCSEC, np.zeros((14, 14)))
+    mount = replace(MOUNT, harmonics=series)
+    observed = rows(5, 0.0, noise=0.1)
+    x, y = series.offsets(observed['az'], observed['el'])
+    observed.columns['az_enc'] = observed['az_enc'] + x / np.cos(observed['el'])
+    observed.columns['el_enc'] = observed['el_enc'] + y
+    wrong = replace(mount, harmonics=series.moved(rng.normal(size=14) * 5 * ARCSEC, np.eye(14)))
+    assert np.std(wrong.residuals(observed)) > 2.0 * ARCSEC
+    again, _ = refitted(wrong, observed, ())
+    assert np.std(again.residuals(observed)) < 0.12 * ARCSEC
+    assert (again.harmonics.interpretation, again.harmonics.degree) == ('printed', 2)
+    assert again.harmonics.covariance.any()

@@ -3,20 +3,16 @@ import json
 import numpy as np
 import pytest
 
-from calibration.session import (
-    BOTH,
-    HARMONICS,
-    RAW,
-    REPORT_FORMAT,
-    TERMS,
-    ZEROED,
-    CalibrationSession,
-)
+from calibration.harmonic_fit import HarmonicChoice
+from calibration.held_out import BOTH, HARMONICS, RAW, TERMS, ZEROED
+from calibration.session import REPORT_FORMAT, CalibrationSession
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
+from pointing_model.rms import rms_arcsec
 from pointing_model.run import PointingRun
 from pointing_model.star_catalogue import POLARIS_HIP
 from pointing_model.terms import PHYSICAL
+from pointing_model.zero import Zeros
 
 LATITUDE = 34.3 * DEG
 MOUNT = PointingModel(dict(zip(
@@ -255,3 +251,43 @@ def test_a_zero_after_the_fit_goes_with_the_model_in_force():
     assert np.abs(got - wanted).max() < 3 * ARCSEC
     # by Polaris alone, as fits begin with it, it holds the whole offset there
     assert abs(collected.zeros[2].az - zero.az) > 250 * ARCSEC
+
+
+@pytest.mark.parametrize('alone', [False, True])
+def test_harmonics_are_published_with_their_zeros(alone):
+    choice = HarmonicChoice('printed', alone, 2)
+    model, report = session(night(n=40), harmonics=choice).fit()
+    assert list(model.terms) == ([] if alone else list(PHYSICAL))
+    assert (model.harmonics.interpretation, model.harmonics.degree) == ('printed', 2)
+    told = report['harmonics']
+    assert {row['name']: row['value_arcsec'] for row in told['coefficients']} == pytest.approx(
+        {name: value / ARCSEC for name, (value, _) in model.harmonics.coefficients.items()})
+    assert [term['name'] for term in report['terms']] == list(model.terms)
+    assert report['steps'][-1]['step'] == 'published: ' + told['label']
+    assert any(row['check'].startswith('harmonics of power-on 1') for row in
+               report['external_check'])
+    rows = PointingRun.concatenate(night(n=40))
+    zeros = Zeros.from_list(model.provenance['zeros_in_force'])
+    left = rms_arcsec(*model.residuals(rows, zero=zeros)).radial
+    if alone:  # a tilt is in no harmonics of degree 2
+        assert 2.0 < told['cross_validation']['choices'][0]['radial'] * 3 < left < 12.0
+    else:
+        assert left < 1.0  # the noise is 0.7
+    json.dumps(report, allow_nan=False)
+
+
+def test_without_harmonics_nothing_is_said_of_them():
+    _, report = session(night()).fit()
+    assert 'harmonics' not in report
+    assert not any('published' in step['step'] for step in report['steps'])
+
+
+def test_too_few_stars_for_the_degree_that_was_asked_for():
+    with pytest.raises(ValueError, match='harmonics of degree 4: .* or take a lower degree'):
+        session(night(n=4, second=False), harmonics=HarmonicChoice('zenith', True, 4)).fit()
+
+
+def test_who_cannot_be_predicted_by_harmonics_alone_is_counted():
+    _, report = session(night(n=40), harmonics=HarmonicChoice('zenith', True, 4)).fit()
+    assert report['expected'] is None  # of the others alone it would be too good
+    assert any('outliers to the harmonics, and not to the terms' in n for n in report['notes'])

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from calibration.diagnosis_page.plain_words import verdict_sentences
+from calibration.harmonic_fit import HarmonicChoice
 from calibration.nights import NightSeries
 from calibration.rows import for_fitting, is_kept_out
 from calibration.session import CalibrationSession
@@ -21,8 +22,9 @@ START = 1_768_482_000.0
 SITE = {'latitude': 34.3 * DEG, 'longitude': 109.0 * DEG}
 
 
-def block(n, seed, *, run=1, zero=(0.0, 0.0), eccentric=0.0, check=0.0, polaris=False):
-    """Stars (or Polaris) through `MOUNT`, whose azimuth disc lies off its axis (arcsec)."""
+def block(n, seed, *, run=1, zero=(0.0, 0.0), eccentric=0.0, check=0.0, polaris=False, order=1):
+    """Stars (or Polaris) through `MOUNT`, whose azimuth disc lies off its axis (arcsec), or reads
+    so much too much `order` times a turn."""
     rng = np.random.default_rng(seed)
     az, el = rng.uniform(0, 2 * np.pi, n), np.arcsin(rng.uniform(0.35, 0.99, n))
     if polaris:
@@ -31,7 +33,7 @@ def block(n, seed, *, run=1, zero=(0.0, 0.0), eccentric=0.0, check=0.0, polaris=
     x, y = rng.normal(size=(2, n)) * 0.7 * ARCSEC
     return PointingRun({
         'time': START + 1e5 * run + 1e4 * seed + 15.0 * np.arange(n), 'az': az, 'el': el,
-        'az_enc': az_enc + zero[0] + eccentric * ARCSEC * np.cos(az - 0.8) + x / np.cos(el),
+        'az_enc': az_enc + zero[0] + eccentric * ARCSEC * np.cos(order * az - 0.8) + x / np.cos(el),
         'el_enc': el_enc + zero[1] + y, 'run': np.full(n, float(run)),
         'star': np.full(n, float(POLARIS_HIP)) if polaris else 1000.0 * seed + np.arange(n),
         'check': np.full(n, check), 'miss_x': np.zeros(n), 'miss_y': np.zeros(n)})
@@ -352,3 +354,60 @@ def test_the_noise_of_measured_rates_is_no_latency():
             for name in ('az_rate', 'el_rate')}})
         assert ('az_rate' in _at_zero(measured, Zeros(), SITE)) == there
         assert 'az_rate' in _at_zero(measured, Zeros(), None)  # without a site nothing is known
+
+
+@pytest.mark.parametrize('reading', ['zenith', 'printed'])
+def test_an_effect_is_found_on_top_of_terms_and_harmonics(reading):
+    twice = {'eccentric': 8.0, 'order': 2}  # which no harmonic of order 1 holds
+    night = session(block(90, 1, **twice), block(8, 2, polaris=True, **twice),
+                    block(25, 3, check=1.0, **twice), harmonics=HarmonicChoice(reading, False, 2))
+    fitted = night.model
+    found = night.diagnose(site=SITE)
+    assert found.document['published']
+    # the base is that of the model in force, and its harmonics are fitted again with the effect
+    assert found.diagnosis.base.names()[-1] == ('sh2' if reading == 'zenith' else 'sh2p')
+    series = found.model.harmonics
+    assert (series.interpretation, series.degree) == (reading, 2)
+    assert not series.says_as(fitted.harmonics)
+    assert found.model.effects and list(found.model.terms) == list(fitted.terms)
+    before, after = (found.document[k]['holdout_rms_arcsec'] for k in ('before', 'after'))
+    assert before > 1.2 * after and after < 1.5  # the noise is 0.99
+    assert PointingModel.from_json(found.model.to_json()).to_json() == found.model.to_json()
+
+
+def test_what_the_harmonics_hold_is_no_effect():
+    """A disc off its axis is A2 and A3, for which the terms have no name."""
+    rows = block(90, 1, eccentric=8.0), block(8, 2, eccentric=8.0, polaris=True)
+    plain, series = (session(*rows, harmonics=choice).diagnose(site=SITE) for choice in (
+        HarmonicChoice(), HarmonicChoice('zenith', False, 1)))
+    assert plain.document['applied'] == ['azimuth_encoder_1']
+    assert series.document['applied'] == []
+    a2, a3 = (series.model.harmonics.coefficients[name][0] / ARCSEC for name in ('A2', 'A3'))
+    assert (a2, a3) == pytest.approx((8 * np.cos(0.8), 8 * np.sin(0.8)), abs=1.5)
+
+
+def test_nothing_found_leaves_terms_and_harmonics_as_they_were():
+    night = session(block(90, 1), block(8, 2, polaris=True),
+                    harmonics=HarmonicChoice('zenith', False, 1))
+    found = night.diagnose(site=SITE)
+    assert found.model.effects == () and not found.document['published']
+    assert found.model.harmonics.says_as(night.model.harmonics)
+    assert found.model.terms == night.model.terms
+    # a fit again is the same model: nothing is there that could be taken back
+    night.fit()
+    assert night.diagnose(site=SITE).model.harmonics.says_as(found.model.harmonics)
+
+
+def test_to_harmonics_alone_the_tilt_of_the_axis_lacks():
+    night = session(block(90, 1), block(8, 2, polaris=True), block(25, 3, check=1.0),
+                    harmonics=HarmonicChoice('zenith', True, 2))
+    found = night.diagnose(site=SITE)
+    assert found.document['published']
+    assert found.model.harmonics.degree == 2 and found.model.effects
+    before, after = (found.document[k]['holdout_rms_arcsec'] for k in ('before', 'after'))
+    assert before > 2.0 * after and after < 1.6
+    blind = block(20, 7, check=1.0)
+    night.add(blind, 10**11)
+    judged = night.judge(SITE)
+    assert not judged.document['judged']['taken_back']
+    assert judged.model.harmonics.says_as(found.model.harmonics)

@@ -5,6 +5,7 @@ import pytest
 
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
+from pointing_model.model_document import identity
 
 from .test_model import make
 
@@ -41,6 +42,31 @@ def broken(**changes):
     return json.dumps({k: v for k, v in document.items() if v != 'DELETE'})
 
 
+def named(name, value):
+    """Harmonics in which one coefficient is changed by its name alone."""
+    harmonics = json.loads(make().to_json())['harmonics']
+    next(row for row in harmonics['coefficients'] if row['name'] == name)['value_arcsec'] = value
+    return harmonics
+
+
+def test_harmonics_have_the_names_of_the_paper_and_their_sigmas():
+    model = make(reading='printed')
+    document = json.loads(model.to_json())['harmonics']
+    rows = document['coefficients']
+    assert [row['name'] for row in rows] == [f'A{i}' for i in range(13)] + [
+        f'B{i}' for i in range(13)]
+    assert [row['value_arcsec'] for row in rows] == pytest.approx(
+        [*document['azimuth_arcsec'], *document['elevation_arcsec']])
+    assert [row['sigma_arcsec'] for row in rows] == pytest.approx(
+        np.sqrt(np.diag(document['covariance_arcsec2'])))
+    # a file from before has no names, and is the same model
+    old = json.loads(model.to_json())
+    del old['harmonics']['coefficients'], old['harmonics']['degree']
+    back = PointingModel.from_json(json.dumps(old))
+    assert back.to_json() == model.to_json()
+    assert identity(json.dumps(old)) == identity(model.to_json())
+
+
 @pytest.mark.parametrize('text, word', [
     ('{', 'not JSON'), ('[1]', 'not a pointing model'), ('{"format": "x"}', 'not a pointing'),
     (broken(version=3), 'version 3'), (broken(terms='DELETE'), 'terms'),
@@ -49,6 +75,7 @@ def broken(**changes):
     (broken(terms=[{'name': 'IA', 'value_arcsec': 1}] * 2), 'twice'),
     (broken(covariance_arcsec2=[[1.0]]), 'damaged'),
     (broken(harmonics={'reading': 'x'}), 'azimuth'),
+    (broken(harmonics=named('A3', 7.0)), 'A3 is not what the series of its axis says'),
     (broken(geometry='flat'), 'flat'), (broken(harmonics=[1]), 'damaged'),
     (broken(terms=[{'name': 'IA', 'value_arcsec': float('nan')}], covariance_arcsec2=[[1]]), 'IA'),
 ])

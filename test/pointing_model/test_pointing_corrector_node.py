@@ -10,6 +10,7 @@ from msg_tools.homing import AxisHoming, homing_to_cloud
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.effects import effect
 from pointing_model.fitted_effects import FittedEffect
+from pointing_model.harmonics import Harmonics
 from pointing_model.model import PointingModel
 from pointing_model.model_document import identity
 from pointing_model.pointing_corrector_node import PointingCorrector
@@ -82,6 +83,22 @@ def test_demand_is_model_plus_zero_applied_once(graph):
     np.testing.assert_array_equal(desk(TIMES, SKY, RATES)[0], angles)
     status = graph.report('pointing_corrector', 'ok', 'zero azimuth [arcsec]', '33.000')
     assert 'NPAE' in next(row.value for row in status.values if row.key == 'model')
+
+
+@pytest.mark.parametrize('terms', [{}, MODEL.terms])
+def test_harmonics_are_in_the_demand_and_in_its_sigma(graph, terms):
+    rng = np.random.default_rng(1)
+    model = PointingModel(terms, harmonics=Harmonics.of_degree(
+        2, 'printed', rng.normal(size=14) * 10 * ARCSEC, np.eye(14) * ARCSEC**2))
+    desk = Desk(graph, model, ZERO)
+    angles, _, sigma = desk(TIMES, SKY, RATES)
+    wanted = np.column_stack(model.sky_to_encoder(*SKY.T)) + ZERO
+    np.testing.assert_allclose(angles, wanted, rtol=0, atol=1e-11)
+    without = np.column_stack(PointingModel(terms).sky_to_encoder(*SKY.T)) + ZERO
+    assert np.abs(angles - without).max() > 2 * ARCSEC
+    assert (sigma > 1.0 * ARCSEC).all()
+    status = graph.report('pointing_corrector', 'ok')
+    assert 'harmonics(printed,2)' in next(r.value for r in status.values if r.key == 'model')
 
 
 def test_a_new_zero_takes_the_place_of_the_old(graph):

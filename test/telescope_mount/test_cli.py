@@ -65,6 +65,8 @@ def test_help_imports_nothing_that_takes_time():
     (('fit',), 'RUN'),
     (('fit', 'x.csv', '--encoder', 'both'), 'both'),
     (('fit', 'x.csv', '--azimuth-origin', 'E'), "'E'"),
+    (('fit', 'x.csv', '--harmonics', 'nadir'), "'nadir'"),
+    (('replay', 'x', '--harmonics-degree', '5'), 'whole number, 0 to 4'),
     (('replay',), 'BAG'),
 ])
 def test_bad_options_are_one_line(refused, words, text):
@@ -183,6 +185,43 @@ def test_fit_prints_the_terms_and_saves_the_model(ended, run_csv, tmp_path):
         assert model.terms[name] / ARCSEC == pytest.approx(MOUNT.terms[name] / ARCSEC, abs=4.0)
         assert any(line.split()[:2] == [name, f'{model.terms[name] / ARCSEC:+.2f}']
                    for line in out.splitlines())
+
+
+def test_fit_adds_harmonics_and_says_what_they_are_worth(ended, run_csv, tmp_path):
+    saved = tmp_path / 'model.json'
+    code, out, err = ended('fit', run_csv, '--harmonics', 'zenith', '--harmonics-degree', 2,
+                           '--save', saved)
+    assert (code, err) == (0, '')
+    model = PointingModel.load(saved)
+    assert model.harmonics.degree == 2 and len(model.terms) == 7
+    assert model.provenance['source'] == str(run_csv)
+    for name, (value, sigma) in model.harmonics.coefficients.items():
+        assert any(words[i:i + 3] == [name, f'{value / ARCSEC:+.2f}', f'{sigma / ARCSEC:.2f}']
+                   for words in map(str.split, out.splitlines()) for i in (0, 3))
+    chosen = next(line for line in out.splitlines() if 'chosen by parameter' in line)
+    assert chosen.strip().startswith('7 terms, then 7 harmonics, E read as zenith distance')
+    assert 'cross-validation prefers another model: 7 terms' in ' '.join(out.split())
+    code, out, _ = ended('fit', run_csv, '--harmonics', 'printed', '--harmonics-alone', '--save',
+                         saved)
+    alone = PointingModel.load(saved)
+    assert code == 0 and alone.terms == {} and alone.harmonics.interpretation == 'printed'
+    assert 'chosen by cross-validation' in out
+
+
+@pytest.mark.parametrize('options, words', [
+    (['--harmonics-alone'], 'but no harmonics; take zenith or printed'),
+    (['--harmonics-degree', 2], 'but no harmonics; take zenith or printed')])
+@pytest.mark.parametrize('command', [('fit', 'no.csv'), ('night', '--out', 'no'),
+                                     ('replay', 'no')])
+def test_harmonics_that_cannot_be(refused, command, options, words):
+    assert words in refused(*command, *options)
+
+
+def test_too_few_rows_for_the_harmonics_are_one_line(refused, run_csv):
+    from pointing_model.run_files import read_run, write_csv
+    write_csv(read_run(run_csv).select(slice(0, 10)), run_csv)
+    line = refused('fit', run_csv, '--harmonics', 'zenith', '--harmonics-degree', 4)
+    assert 'observe at least 14 stars' in line and 'or take a lower degree' in line
 
 
 def test_fit_reads_the_log_of_a_night(night, cli):

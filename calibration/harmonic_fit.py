@@ -1,0 +1,334 @@
+"""The harmonics of paper 000 as a model that is published: which, of what degree, how good.
+
+Alone, as in the paper, or on what the physical terms leave. What cross-validation says of every
+choice stands beside the one that was asked for.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from msg_tools.units import ARCSEC
+from pointing_model.harmonics import DEGREE, INTERPRETATIONS, count_of
+from pointing_model.model import PointingModel
+from pointing_model.rms import rms_arcsec
+from pointing_model.star_catalogue import POLARIS_HIP
+from pointing_model.terms import PHYSICAL
+from pointing_model.zero import RunZero, Zeros
+
+from .fit import RCOND_HARMONICS, fit_harmonics, fit_terms
+from .fit_result import FitResult
+
+NONE = 'none'
+#: what the parameter and the option `harmonics` may be
+CHOICES = (NONE, *INTERPRETATIONS)
+READ_AS = {'zenith': 'E read as zenith distance', 'printed': 'E read as printed'}
+FOLDS = 10
+BY_PARAMETER = 'parameter'  # or by cross-validation
+#: share of the RMS by which another choice must be better to be named
+_NAMED = 0.01
+
+
+@dataclass(frozen=True)
+class HarmonicChoice:
+    """Which harmonics a model has.
+
+    Parameters
+    ----------
+    reading : {'none', 'zenith', 'printed'}
+        What the paper's E is.
+    alone : bool
+        Without the physical terms, as in the paper.
+    degree : int
+        1 to 4; 0: that which predicts stars left out best.
+    rcond : float
+        As of `fit.fit_harmonics`: what few stars do not determine is left out; tiny: nothing is.
+
+    Raises
+    ------
+    ValueError
+        Unknown reading or degree; alone or a degree, and no harmonics.
+    """
+
+    reading: str = NONE
+    alone: bool = False
+    degree: int = 0
+    rcond: float = RCOND_HARMONICS
+
+    def __post_init__(self):
+        if self.reading not in CHOICES:
+            raise ValueError(f'unknown harmonics {self.reading!r}; take {", ".join(CHOICES)}')
+        if self.degree not in range(DEGREE + 1):
+            raise ValueError(f'harmonics of degree {self.degree}; take 1 to {DEGREE}, or 0: by '
+                             'cross-validation')
+        if self.reading == NONE and (self.alone or self.degree):
+            raise ValueError('a degree of harmonics, or harmonics alone, but no harmonics; take '
+                             f'{" or ".join(INTERPRETATIONS)} for how to read their E')
+
+    def __bool__(self):
+        return self.reading != NONE
+
+    def parameters(self):
+        """As parameters of a calibration; empty for none."""
+        return {} if not self else {'harmonics': self.reading, 'harmonics_alone': self.alone,
+                                    'harmonics_degree': self.degree,
+                                    'harmonics_rcond': self.rcond}
+
+    def base(self, degree=None):
+        """The declared model in the words of the diagnosis; by default of the highest degree."""
+        if not self:
+            return 'physical'
+        series = f'sh{degree or self.degree or DEGREE}' + 'p' * (self.reading == 'printed')
+        return series if self.alone else f'physical+{series}'
+
+    def label(self, degree, terms=PHYSICAL):
+        """The choice for people; `terms`: their names."""
+        series = f'{count_of(degree)} harmonics, {READ_AS[self.reading]}'
+        return f'{series}, alone' if self.alone else f'{len(terms)} terms, then {series}'
+
+
+def choice_of(parameters):
+    """The `HarmonicChoice` that a calibration's parameters make; none where it has none.
+
+    Parameters
+    ----------
+    parameters : dict
+        ``harmonics``, ``harmonics_alone``, ``harmonics_degree`` and ``harmonics_rcond``, or some
+        of them.
+    """
+    return HarmonicChoice(parameters.get('harmonics', NONE),
+                          parameters.get('harmonics_alone', False),
+                          parameters.get('harmonics_degree', 0),
+                          parameters.get('harmonics_rcond', RCOND_HARMONICS))
+
+
+def choice_of_report(report):
+    """The `HarmonicChoice` that a report of a calibration tells, None: no report."""
+    told = (report or {}).get('harmonics')
+    if not told:
+        return HarmonicChoice()
+    degree = told['degree'] if told['degree_by'] == BY_PARAMETER else 0
+    return HarmonicChoice(told['harmonics'], told['alone'], degree, told['rcond'])
+
+
+class HarmonicFit(NamedTuple):
+    """A model, the zeros that go with it, and the fit that made it last."""
+
+    model: PointingModel
+    zeros: RunZero | Zeros
+    result: FitResult
+
+
+class Recipe(NamedTuple):
+    """How rows are fitted.
+
+    Attributes
+    ----------
+    first : RunZero
+        Zero of the first run; harmonics alone hold no constant zero of the azimuth.
+    run_zeros : bool
+        The zero of each run is fitted too, from that of the first on.
+    names : tuple of str
+        Terms.
+    encoder : {'enc', 'abs'}
+    robust : bool
+    """
+
+    first: RunZero
+    run_zeros: bool = True
+    names: tuple = PHYSICAL
+    encoder: str = 'enc'
+    robust: bool = True
+
+    def terms(self, rows):
+        """The terms alone, a `HarmonicFit`; ValueError as `fit_terms`."""
+        result = fit_terms(rows, self.names, zero=self.first, run_zeros=self.run_zeros,
+                           encoder=self.encoder, robust=self.robust)
+        return HarmonicFit(result.model, self._zeros(result), result)
+
+    def fit(self, rows, choice, degree, terms=None):
+        """The harmonics.
+
+        Parameters
+        ----------
+        rows : PointingRun
+        choice : HarmonicChoice
+        degree : int
+        terms : HarmonicFit, optional
+            Of the terms to the same rows, where it is known.
+
+        Raises
+        ------
+        ValueError
+            Too few rows for the degree.
+        """
+        how = {'degree': degree, 'encoder': self.encoder, 'robust': self.robust,
+               'rcond': choice.rcond}
+        try:
+            if choice.alone:
+                result = fit_harmonics(rows, choice.reading, zero=self.first,
+                                       run_zeros=self.run_zeros, **how)
+                return HarmonicFit(result.model, self._zeros(result), result)
+            terms = terms or self.terms(rows)
+            result = fit_harmonics(rows, choice.reading, after=terms.result, zero=terms.zeros,
+                                   **how)
+        except ValueError as err:
+            raise ValueError(f'harmonics of degree {degree}: {err}, or take a lower degree') \
+                from None
+        return HarmonicFit(result.model, terms.zeros, result)
+
+    def _zeros(self, result):
+        if not self.run_zeros:
+            return self.first
+        return Zeros(zero.plus(self.first.az, self.first.el) for zero in result.run_zeros.values())
+
+    def left(self, fitted, rows):
+        """What a fit leaves of rows, shape (2, n), rad; a run without a zero has that before."""
+        zeros = fitted.zeros
+        if self.run_zeros:
+            zeros = zeros.carried(np.unique(rows['run']))
+        return np.array(fitted.model.residuals(rows, encoder=self.encoder, zero=zeros))
+
+
+def every_choice(rcond=RCOND_HARMONICS):
+    """Terms alone (None, 0), and each reading alone and after terms in every degree."""
+    yield None, 0
+    for alone in (True, False):
+        for reading in INTERPRETATIONS:
+            for degree in range(1, DEGREE + 1):
+                yield HarmonicChoice(reading, alone, degree, rcond), degree
+
+
+def cross_validated(rows, recipe, seed=0, rcond=RCOND_HARMONICS, folds=FOLDS):
+    """How well each kind of model predicts stars that it was not fitted to.
+
+    A star that was observed twice is left out with all its rows; exposures of Polaris, which
+    belong to the zero, never are. Rows that no choice's fit to all of them gives any weight do not
+    count: they are the same error for all.
+
+    Parameters
+    ----------
+    rows : PointingRun
+    recipe : Recipe
+    seed : int
+        Of the folds.
+    rcond : float
+        As of `fit.fit_harmonics`.
+    folds : int
+
+    Returns
+    -------
+    dict
+        JSON-ready: ``folds``, ``stars`` (rows that count), ``outliers``, and in ``choices`` of
+        each, where the stars determine it: ``harmonics``, ``alone``, ``degree``, ``label``, and
+        RMS ``x``, ``y``, ``radial``, arcsec.
+    """
+    star = rows['star'] if 'star' in rows else np.arange(len(rows))
+    judges = np.flatnonzero(star != POLARIS_HIP)
+    names, member = np.unique(star[judges], return_inverse=True)
+    folds = min(folds, len(names))
+    fold = (np.random.default_rng(seed).permutation(len(names)) % max(folds, 1))[member]
+    kinds = list(every_choice(rcond))
+    left = {kind: np.full((2, len(judges)), np.nan) for kind in kinds}
+    failed, outlier = set(), np.ones(len(rows), bool)
+    for k in (*range(folds), None):  # None: all rows, for the outliers
+        out = np.zeros(len(rows), bool) if k is None else np.isin(
+            np.arange(len(rows)), judges[fold == k])
+        seen, terms = rows.select(~out), None
+        for kind in kinds:
+            choice, degree = kind
+            if kind in failed or (k is None and degree not in (0, DEGREE)):
+                continue
+            try:
+                if choice is None:
+                    fitted = terms = recipe.terms(seen)
+                elif terms is None and not choice.alone:
+                    raise ValueError('no terms')
+                else:
+                    fitted = recipe.fit(seen, choice, degree, terms)
+            except (ValueError, np.linalg.LinAlgError):
+                failed.add(kind)
+                continue
+            if k is None:
+                outlier &= fitted.result.weights == 0.0
+            else:
+                left[kind][:, fold == k] = recipe.left(fitted, rows.select(out))
+    counts = ~outlier[judges] & np.all(
+        [np.isfinite(v).all(axis=0) for kind, v in left.items() if kind not in failed], axis=0)
+    choices = []
+    for kind in kinds:
+        if kind not in failed and counts.any():
+            choice, degree = kind
+            rms = rms_arcsec(*left[kind][:, counts])
+            choices.append({
+                'harmonics': choice.reading if choice else NONE,
+                'alone': bool(choice and choice.alone), 'degree': degree,
+                'label': (choice.label(degree, recipe.names) if choice
+                          else f'{len(recipe.names)} terms'),
+                'x': rms.x, 'y': rms.y, 'radial': rms.radial})
+    return {'folds': folds, 'stars': int(counts.sum()),
+            'outliers': int(np.count_nonzero(outlier[judges])), 'choices': choices}
+
+
+def fit_chosen(rows, choice, recipe, terms=None, seed=0):
+    """Fit the harmonics that were asked for, and say how good every choice is.
+
+    Parameters
+    ----------
+    rows : PointingRun
+    choice : HarmonicChoice
+        Not ``none``.
+    recipe : Recipe
+    terms : HarmonicFit, optional
+        The terms alone, where they are known.
+    seed : int
+        Of the folds.
+
+    Returns
+    -------
+    fitted : HarmonicFit
+    section : dict
+        For a report: ``harmonics``, ``alone``, ``degree``, ``degree_by``, ``label``,
+        ``coefficients`` (rows with ``name``, ``value_arcsec``, ``sigma_arcsec``), ``rcond``,
+        ``rank``, ``condition``, ``rejected``, ``fitted`` (RMS on the rows that have a weight),
+        ``notes`` and ``cross_validation``.
+
+    Raises
+    ------
+    ValueError
+        Too few stars for the degree, or to choose one.
+    """
+    # a degree that these rows cannot have is said before the long work
+    fitted = choice.degree and recipe.fit(rows, choice, choice.degree, terms)
+    tried = cross_validated(rows, recipe, seed, choice.rcond)
+    own = {one['degree']: one for one in tried['choices']
+           if (one['harmonics'], one['alone']) == (choice.reading, choice.alone)}
+    degree = choice.degree
+    if not degree:
+        if not own:
+            recipe.fit(rows, choice, 1, terms)  # says why it cannot be, if it cannot
+            raise ValueError('too few stars to choose the degree of the harmonics by '
+                             'cross-validation; observe more or give a degree, 1 to 4')
+        degree = min(own, key=lambda d: (own[d]['radial'], d))
+        fitted = recipe.fit(rows, choice, degree, terms)
+    result, series = fitted.result, fitted.model.harmonics
+    label = choice.label(degree, recipe.names)
+    notes = [f'the stars do not determine {dropped["text"]}' for dropped in result.dropped]
+    best = min(tried['choices'], key=lambda one: one['radial'], default=None)
+    if degree not in own:
+        notes.append(f'{label}: not cross-validated, the stars are too few to leave some out')
+    elif best['radial'] < (1.0 - _NAMED) * own[degree]['radial']:
+        notes.append(f'cross-validation prefers another model: {best["label"]} '
+                     f'{best["radial"]:.2f} arcsec radial on stars left out, {label} '
+                     f'{own[degree]["radial"]:.2f}')
+    return fitted, {
+        'harmonics': choice.reading, 'alone': choice.alone, 'degree': degree,
+        'degree_by': BY_PARAMETER if choice.degree else 'cross-validation', 'label': label,
+        'coefficients': [{'name': name, 'value_arcsec': value / ARCSEC,
+                          'sigma_arcsec': sigma / ARCSEC}
+                         for name, (value, sigma) in series.coefficients.items()],
+        'fitted': result.rms_arcsec(rejected=False)._asdict(),
+        'rcond': choice.rcond, 'rank': result.rank, 'condition': result.condition,
+        'rejected': len(result.rejected), 'notes': notes, 'cross_validation': tried,
+    }

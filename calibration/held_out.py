@@ -1,0 +1,91 @@
+"""RMS of stars that a fit did not see, from no correction to the full model."""
+
+import numpy as np
+
+from pointing_model.model import PointingModel
+from pointing_model.star_catalogue import POLARIS_HIP
+from pointing_model.terms import PHYSICAL
+from pointing_model.zero import zero_in_force
+
+from .check import rms_of
+from .fit import fit_harmonics
+
+RAW = 'as the encoders read'
+ZEROED = 'zero set on Polaris'
+TERMS = f'{len(PHYSICAL)} physical terms'
+BOTH = f'{TERMS}, then 13 harmonics'
+PUBLISHED = 'published: '
+
+#: label in the report -> what E is in paper 000's harmonics
+HARMONICS = {
+    '13 harmonics, E read as zenith distance': 'zenith',
+    '13 harmonics, E read as printed': 'printed',
+}
+
+
+def held_out_steps(rows, fit_terms, recipe_of, used, reference, polaris, measured, notes,
+                   published=None):
+    """Each kind of model on the stars that it was fitted to, and on the others.
+
+    Parameters
+    ----------
+    rows : PointingRun
+        Stars and exposures of Polaris, which every fit sees.
+    fit_terms : callable
+        ``fit_terms(rows)`` gives a `harmonic_fit.HarmonicFit` of the terms.
+    recipe_of : callable
+        ``recipe_of(rows)`` gives the `harmonic_fit.Recipe` for them.
+    used : ndarray of bool
+        Which of the stars are fitted.
+    reference : PointingModel or None
+        Of an earlier night.
+    polaris : Zeros
+        By Polaris alone, of each power-on.
+    measured : bool
+        Whether Polaris was observed at all.
+    notes : list of str
+        Gets a line where stars are too few for a kind.
+    published : (str, callable), optional
+        Harmonics that are published: their label, and ``fit(rows, recipe)``.
+
+    Returns
+    -------
+    list of dict
+        ``step`` (its label), and ``used`` and ``held_out`` as `check.rms_of` gives them.
+    """
+    is_star = rows['star'] != POLARIS_HIP
+    stars = rows.select(is_star)
+    halves = {'used': stars.select(used), 'held_out': stars.select(~used)}
+    seen = ~is_star  # Polaris, and the stars used
+    seen[np.flatnonzero(is_star)[used]] = True
+    base = reference or PointingModel({})
+    steps = []
+
+    def judge(label, model, zero):
+        steps.append({'step': label, **{
+            name: rms_of(model, half, zero) for name, half in halves.items()}})
+
+    judge(RAW if reference is None else 'model of the earlier night', base,
+          zero_in_force(reference))
+    if measured:
+        judge(ZEROED, base, polaris)
+    for label, interpretation in HARMONICS.items():
+        try:
+            judge(label, fit_harmonics(halves['used'], interpretation, zero=polaris).model,
+                  polaris)
+        except ValueError as err:
+            notes.append(f'{label}: {err}')
+    try:
+        model, zeros, _ = fit_terms(rows.select(seen))
+        judge(TERMS, model, zeros)
+        judge(BOTH, fit_harmonics(halves['used'], held=model, zero=zeros).model, zeros)
+    except ValueError as err:
+        notes.append(f'held-out check: {err}')
+    if published is not None:
+        label, fit = published
+        try:
+            part = rows.select(seen)
+            judge(PUBLISHED + label, *fit(part, recipe_of(part))[:2])
+        except ValueError as err:
+            notes.append(f'{label}: {err}')
+    return steps
