@@ -7,6 +7,7 @@ import pytest
 pytest.importorskip(
     'rclpy', reason='rclpy is not installed (./install.sh ros)', exc_type=ImportError)
 from msg_tools.bag.provenance import PATIENCE, TRIES, ParameterCollector
+from msg_tools.params import OF_TRUTH
 
 
 class Asker:
@@ -22,17 +23,21 @@ class Asker:
         return [('log', '/mount'), ('slow', '/mount'), ('quick', '/mount')]
 
     def get_service_names_and_types_by_node(self, name, namespace):
-        return [(f'{namespace}/{name}/{kind}_parameters', []) for kind in ('list', 'get')]
+        return [(f'{namespace}/{name}/{verb}_parameters', [])
+                for verb in ('list', 'describe', 'get')]
 
     def create_client(self, kind, service):
         name, what = service.split('/')[-2:]
         self.asked.append((name, what))
         ready = name != 'slow' or sum(n == 'slow' for n, _ in self.asked) > self.deaf
         if what == 'list_parameters':
-            answer = SimpleNamespace(result=SimpleNamespace(names=['rate']))
+            answer = SimpleNamespace(result=SimpleNamespace(names=['rate', 'seed']))
+        elif what == 'describe_parameters':
+            answer = SimpleNamespace(descriptors=[
+                SimpleNamespace(additional_constraints=text) for text in ('', OF_TRUTH)])
         else:
             answer = SimpleNamespace(values=[SimpleNamespace(
-                type=2, integer_value=7)])
+                type=2, integer_value=k) for k in (7, 3)])
         future = SimpleNamespace(result=lambda: answer, add_done_callback=None)
         future.add_done_callback = lambda then: then(future)
         return SimpleNamespace(service_is_ready=lambda: ready, call_async=lambda request: future)
@@ -45,7 +50,11 @@ def collected(deaf, monkeypatch):
     from msg_tools.bag import provenance
     monkeypatch.setattr(provenance, 'parameter_value_to_python', lambda v: v.integer_value)
     node, got = Asker(deaf), {}
-    collector = ParameterCollector(node, got.__setitem__)
+
+    def take(name, values, truth):
+        assert truth == {'seed'}
+        got[name] = values
+    collector = ParameterCollector(node, take)
     for _ in range((PATIENCE + 3) * (TRIES + 2)):
         collector.step()
     return node, got
@@ -53,7 +62,8 @@ def collected(deaf, monkeypatch):
 
 def test_a_node_that_is_busy_is_asked_again_after_the_others(monkeypatch):
     node, got = collected(2, monkeypatch)
-    assert got == {'/mount/quick': {'rate': '7'}, '/mount/slow': {'rate': '7'}}
+    assert got == dict.fromkeys(
+        ('/mount/quick', '/mount/slow'), {'rate': '7', 'seed': '3'})
     assert node.asked[:2] == [('slow', 'list_parameters'), ('quick', 'list_parameters')]
 
 
