@@ -482,10 +482,10 @@ def test_an_observer_started_anew_takes_its_night_from_the_calibration(graph):
     status, table = (graph.publisher(topic) for topic in (
         topics.CALIBRATION_STATUS, topics.CALIBRATION_TABLE))
     status.publish(convert.status(DiagnosticStatus.OK, 'calibration', '', observations=3))
-    sky.homed = False  # who is heard first is not told: here the calibration is
-    night = Night(graph, 'polaris 5')
+    # who is heard first is not told: here the calibration is
+    night = Night(graph, 'polaris 5', autostart=False)
     graph.wait_for(lambda: night.node._has_rows)
-    sky.homed = True
+    assert graph.call('observe').success
     graph.report('star_observer', 'the calibration to give back the rows of the night so far')
     table.publish(run_to_cloud(rows, convert.from_stamp(first.rows[2].header.stamp)))
     left = Progress('observing', 'polaris 5', 0, 3, 5, 3, 7, 0, 'polaris 5')
