@@ -12,7 +12,8 @@ from calibration.robust import bisquare, hampel, huber, reweighted, sigma_of
 from msg_tools.units import ARCSEC
 
 from .constants import EIGEN
-from .wander import White, Whitened, estimate
+from .wander import White, Whitened
+from .wander_estimate import estimate
 
 
 def orthonormal(rows):

@@ -8,7 +8,8 @@ from pointing_model.effects import changes
 
 from .linear import Columns, fit_state, wandering, whitened
 from .scores import Bank
-from .wander import AxisWander, Sequence, likely
+from .wander import AxisWander, Sequence
+from .wander_estimate import likely
 
 
 @dataclass

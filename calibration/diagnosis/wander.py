@@ -12,14 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg.lapack import dpttrf, dtbtrs
 
-from .constants import EIGEN
 from .repeats import repeats
 
-#: between memories and between sizes (variance over that of the white noise) that are tried
-#: first; then half a step about the best of them
-_STEP, _SIZE_STEP = 4.0, 10.0
-_SIZES = _SIZE_STEP ** np.arange(-1.0, 3.0)
-_FINER = _SIZE_STEP ** np.arange(-1.5, 3.0, 0.5)
+#: between memories that are tried
+STEP = 4.0
 
 
 class Sequence:
@@ -93,8 +89,8 @@ class Sequence:
         if not len(gap):
             return gap
         first = np.quantile(gap, 0.1)
-        count = int(np.ceil(np.log(4.0 * self.span / first) / np.log(_STEP))) + 1
-        return first * _STEP ** np.arange(max(count, 1))
+        count = int(np.ceil(np.log(4.0 * self.span / first) / np.log(STEP))) + 1
+        return first * STEP ** np.arange(max(count, 1))
 
 
 @dataclass(frozen=True)
@@ -217,13 +213,13 @@ class _Axis:
     """Whitening of one axis, shape (n,) each."""
 
     def __init__(self, root, sequence, wander):
-        self._part, self._n = _Part(root, sequence, wander.angle), len(root)
+        self._part, self._n = Part(root, sequence, wander.angle), len(root)
         self._phi = self._part.phi(wander.memory)
-        self._diagonal, self._lower = _factored(self._phi, self._part.white, wander.variance)
+        self._diagonal, self._lower = factored(self._phi, self._part.white, wander.variance)
 
     def whitened(self, values):
         """Values (k, n) whitened."""
-        return self._placed(_solved(self._phi, self._diagonal, self._lower,
+        return self._placed(solved(self._phi, self._diagonal, self._lower,
                                     self._part.scaled(values).T))
 
     def spread(self, values):
@@ -259,7 +255,7 @@ class _Axis:
         return float(np.log(self._diagonal).sum()) - self._part.log_scale
 
 
-class _Part:
+class Part:
     """The rows with weight of one axis, in order.
 
     `white` is their variance beside the wander; the factor of this is taken out of all.
@@ -295,7 +291,7 @@ class _Part:
         return values / self._scale
 
 
-def _factored(phi, white, variance):
+def factored(phi, white, variance):
     """LDL^T of the covariance of the differences: D (n,) and the lower diagonal of L (n-1,)."""
     before = np.concatenate(([0.0], white[:-1]))
     diagonal = variance * (1.0 - phi * phi) + white + phi * phi * before
@@ -314,179 +310,10 @@ def _bidiagonal(band, columns, trans='N'):
     return dtbtrs(band, columns, uplo='L', trans=trans, diag='U')[0]
 
 
-def _solved(phi, diagonal, lower, columns):
+def solved(phi, diagonal, lower, columns):
     """Columns (n, k) of scaled rows, whitened."""
     columns = columns - np.concatenate((np.zeros_like(columns[:1]),
                                         phi[1:, None] * columns[:-1]))
     band = np.vstack((np.ones(len(phi)), np.append(lower, 0.0)))
     out = _bidiagonal(band, columns)
     return out / np.sqrt(diagonal)[:, None]
-
-
-def estimate(sequence, root, scale, rows, b, own=None):
-    """What wanders on each axis beside white noise, by restricted likelihood.
-
-    Parameters
-    ----------
-    sequence : Sequence
-    root : ndarray, shape (2n,)
-        Weights, with all noise taken as white.
-    scale : ndarray, shape (2,)
-        That noise, as `State.scale`.
-    rows : ndarray, shape (k, 2n)
-        Design of what is fitted to all rows.
-    b : ndarray, shape (2n,)
-    own : ndarray, shape (j, 2n), optional
-        Of what each run fits for itself.
-
-    Returns
-    -------
-    tuple of AxisWander
-        Of x and y.
-    """
-    n = len(b) // 2
-    memories = sequence.memories()
-    own = rows[:0] if own is None else own
-    return tuple(
-        _estimate_axis(sequence, root[part], scale[axis], rows[:, part], own[:, part], b[part],
-                       memories,
-                       (False, True) if axis == 0 else (False,))
-        for axis, part in enumerate((slice(0, n), slice(n, 2 * n))))
-
-
-def _estimate_axis(sequence, root, scale, rows, own, b, memories, angles):
-    best, null = AxisWander(scale=scale), None
-    for angle in angles:
-        prepared = _prepared(sequence, root, angle, rows, own, b)
-        if prepared is None:
-            break
-        part, columns = prepared
-        if null is None:
-            null = _none(part, columns)
-            best = _climb(part, columns, memories, _SIZES, scale, null, angle, best)
-        elif best.gain > 0.0:
-            # nearly the same curve: near the best of the other
-            size = best.variance / (best.scale / scale)**2 / float(np.median(part.white))
-            best = _climb(part, columns, [best.memory], [size], scale, null, angle, best)
-    return best
-
-
-def likely(sequence, root, wander, scale, rows, b, own=None):
-    """What may wander on each axis, and how likely it is: the estimate alone claims too much.
-
-    Half of the prior is that nothing does, the other half is even over the logarithms of memory
-    and size.
-
-    Parameters
-    ----------
-    sequence, root, scale, rows, b, own
-        As of `estimate`.
-    wander : tuple of AxisWander
-        The estimate.
-
-    Returns
-    -------
-    list of (list of AxisWander, ndarray)
-        Of x and y: wanders, the first of them none, and their chances.
-    """
-    n, out = len(b) // 2, []
-    own = rows[:0] if own is None else own
-    for axis, part in enumerate((slice(0, n), slice(n, 2 * n))):
-        tried = []
-        prepared = _prepared(sequence, root[part], wander[axis].angle, rows[:, part],
-                             own[:, part], b[part])
-        if prepared is not None:
-            null = _none(*prepared)
-            tried = [_at(*prepared, memory, size, scale[axis], null, wander[axis].angle)
-                     for memory in sequence.memories() for size in _FINER]
-        every = [AxisWander(scale=scale[axis]), *tried]
-        gain = np.array([one.gain for one in every])
-        chance = np.exp(0.5 * (gain - gain.max()))
-        chance[1:] /= max(len(tried), 1)
-        out.append((every, chance / chance.sum()))
-    return out
-
-
-def _prepared(sequence, root, angle, rows, own, b):
-    """The rows with weight of an axis, and its columns in their units; None if there are few."""
-    rows = rows[np.abs(rows).max(axis=1, initial=0.0) > 0.0]
-    own = own[np.abs(own).max(axis=1, initial=0.0) > 0.0]
-    part = _Part(root, sequence, angle)
-    columns = part.scaled(np.vstack((own, rows, b))).T
-    part.own = len(own)
-    few = len(columns) < len(rows) + len(own) * len(part.starts) + 3
-    return None if few else (part, columns)
-
-
-def _none(part, columns):
-    """-2 ln L if nothing wanders."""
-    return _likelihood(columns / np.sqrt(part.white)[:, None],
-                       float(np.log(part.white).sum()) - part.log_scale, part)[0]
-
-
-def _at(part, columns, memory, size, scale, null, angle):
-    """`AxisWander` of one memory and one size (over the variance of the white noise)."""
-    typical = size * float(np.median(part.white))
-    phi = part.phi(memory)
-    diagonal, lower = _factored(phi, part.white, typical)
-    value, variance = _likelihood(_solved(phi, diagonal, lower, columns),
-                                  float(np.log(diagonal).sum()) - part.log_scale, part)
-    return AxisWander(typical * variance, memory, angle, scale * np.sqrt(variance), null - value)
-
-
-def _likelihood(white, log_det, part):
-    """-2 ln L restricted (but for a constant), and the variance of the whitened rows.
-
-    What each run fits for itself comes first in the columns: no row of one run has to do with
-    those of another, so it is taken out run by run.
-    """
-    taken, fitted = 0, 0.0
-    if part.own:
-        own, rest = white[:, :part.own], white[:, part.own:]
-        gram = np.add.reduceat(own[:, :, None] * own[:, None, :], part.starts)
-        values, vectors = np.linalg.eigh(gram)
-        live = values > EIGEN * np.maximum(values[:, -1:], 1e-300)
-        inverse = vectors * np.where(live, 1.0 / np.where(live, values, 1.0), 0.0)[:, None, :]
-        p = inverse @ (vectors.transpose(0, 2, 1) @ np.add.reduceat(
-            own[:, :, None] * rest[:, None, :], part.starts))
-        taken, fitted = int(live.sum()), float(np.log(values[live]).sum())
-        white = rest - np.einsum('nj,njk->nk', own, np.repeat(p, part.lengths, axis=0))
-    q, logs, count = _orthogonal(white[:, :-1])
-    left = white[:, -1] - q @ (q.T @ white[:, -1])
-    free = max(len(left) - taken - count, 1)
-    variance = max(float(left @ left) / free, 1e-300)
-    return free * np.log(variance) + log_det + fitted + logs, variance
-
-
-def _orthogonal(columns):
-    """Orthonormal columns, ln det of the normal matrix, and how many are determined."""
-    size = np.sqrt(np.einsum('ij,ij->j', columns, columns))
-    size = np.where(size > 0.0, size, 1.0)
-    q, r = np.linalg.qr(columns / size)
-    diagonal = np.abs(np.diag(r))
-    live = diagonal > 1e-6
-    logs = np.log(diagonal[live]) + np.log(size[:len(live)][live])
-    return q[:, live], 2.0 * float(logs.sum()), int(live.sum())
-
-
-def _climb(part, columns, memories, sizes, scale, null, angle, best):
-    """The best of a grid, and then of a finer one about it."""
-    tried = []
-
-    def at(memory, size):
-        nonlocal best
-        one = _at(part, columns, memory, size, scale, null, angle)
-        tried.append((one.gain, memory, size))
-        if one.gain > best.gain:
-            best = one
-
-    for memory in memories:
-        for size in sizes:
-            at(memory, size)
-    if tried and max(tried)[0] > 0.0:
-        _, memory, size = max(tried)
-        for longer in (-0.5, 0.0, 0.5):
-            for larger in (-0.5, 0.0, 0.5):
-                if longer or larger:
-                    at(memory * _STEP**longer, size * _SIZE_STEP**larger)
-    return best

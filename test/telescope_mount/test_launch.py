@@ -114,7 +114,7 @@ def test_the_exit_code_of_launch(code, wanted):
     service = LaunchService()
     service.include_launch_description(LaunchDescription([
         RegisterEventHandler(OnProcessExit(on_exit=load()._end_all)),
-        # a node that goes on until it is ended: nothing waits for these 600 s
-        ExecuteProcess(cmd=[sys.executable, '-c', 'import time; time.sleep(600)'], name='stays'),
+        ExecuteProcess(name='stays', cmd=[
+            sys.executable, '-c', 'import time; time.sleep(600)']),  # ended before: none waits
         ExecuteProcess(cmd=[sys.executable, '-c', f'raise SystemExit({code})'], name='ends')]))
     assert service.run() == wanted

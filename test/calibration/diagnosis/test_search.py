@@ -19,7 +19,8 @@ from calibration.diagnosis.scores import Bank
 from calibration.diagnosis.search import search
 from calibration.diagnosis.standing import standing
 from calibration.diagnosis.validation import nested
-from calibration.diagnosis.wander import AxisWander, Sequence, White, Whitened, estimate
+from calibration.diagnosis.wander import AxisWander, Sequence, White, Whitened
+from calibration.diagnosis.wander_estimate import estimate
 from msg_tools.units import ARCSEC
 from pointing_model.context import Context
 from pointing_model.effects import dictionary, effect, smooths, steps
