@@ -152,7 +152,7 @@ class Calibration(MountNode):
             return
         text, stamp, zero = text_to_pair(message.data)
         if text:
-            self._session.in_force = PointingModel.from_json(text)
+            self._session.take_up(PointingModel.from_json(text))
             self._model_pub.publish(String(data=text))
         self._model_name, self._spoke = identity(text), True
         self._zero_pub.publish(zero_to_joints(zero, stamp))

@@ -10,7 +10,7 @@ from pointing_model.following import Following
 from pointing_model.model import PointingModel
 from pointing_model.run import PointingRun
 from pointing_model.star_catalogue import POLARIS_HIP
-from pointing_model.zero import NO_ZERO, Zeros
+from pointing_model.zero import NO_ZERO, Zeros, zeros_in_force
 
 from .check import power_on_check, split_half
 from .distrust import reasons
@@ -174,6 +174,25 @@ class CalibrationSession:
             return newest, self.zeros[newest]
         part = self._follows.corrected(polaris[newest])
         return newest, zero_from_polaris(part, self.in_force, run=newest)
+
+    def take_up(self, model):
+        """`model` is in force: a calibration before this one has published it.
+
+        The next fit is judged against it where it tells which zeros it went with.
+
+        Parameters
+        ----------
+        model : PointingModel
+
+        Raises
+        ------
+        ValueError
+            What it says of its zeros is damaged.
+        """
+        zeros, follows = zeros_in_force(model), Following.of(model)
+        self.in_force = model
+        if zeros:
+            self._published.replace(Candidate(model, zeros, follows), len(self))
 
     def fit(self, homings=(), check=lambda report: None):
         """Fit all stars, and judge each kind of model on stars that it did not see.

@@ -324,7 +324,8 @@ def test_a_diagnosis_as_of_then_knows_no_later_rows():
 def test_a_fit_that_is_worse_does_not_replace_the_model_in_force():
     stars, kept, more, last = after(block(60, 1), block(20, 3, check=1.0), block(30, 4),
                                     block(20, 5, check=1.0))
-    night = session(block(8, 2, polaris=True), stars, kept)
+    night = session(block(8, 2, polaris=True), stars, kept, fit=False)
+    in_force = night.fit()[0].to_json()
     good, zeros = night.model, dict(night.zeros_in_force)
     # somebody bumps the encoder while 30 more are observed, and it comes back
     bumped = PointingRun({**more.columns, 'el_enc': more['el_enc'] + 9.0 * ARCSEC})
@@ -335,6 +336,14 @@ def test_a_fit_that_is_worse_does_not_replace_the_model_in_force():
     assert model.provenance['last_stamp_ns'] == 9 * 10**9
     assert report['refused'].startswith('this fit is not published: 40 rows')
     assert report['refused'] in report['notes']
+    # a calibration that was started again knows what is in force, and judges as this one did
+    again = session(block(8, 2, polaris=True), stars, kept, bumped, last, fit=False)
+    assert again.fit()[1].get('refused') is None
+    again = session(block(8, 2, polaris=True), stars, kept, bumped, last, fit=False)
+    again.take_up(PointingModel.from_json(in_force))
+    taken, told = again.fit()
+    assert told['refused'] == report['refused'] and taken.terms == model.terms
+    assert dict(again.zeros_in_force) == zeros
     # with good rows it does
     night = session(block(8, 2, polaris=True), stars, kept)
     night.add(more, 8 * 10**9)
