@@ -116,7 +116,8 @@ def test_a_calibration_that_was_started_anew_gets_all_rows_again(graph):
     assert night.tables[-1].width == 2
 
 
-def test_an_observer_started_anew_takes_its_night_from_the_calibration(graph):
+@pytest.mark.parametrize('late', [False, True])
+def test_an_observer_started_anew_takes_its_night_from_the_calibration(graph, late):
     sky = Instruments(graph)
     sky.frame = PowerOn(2, 2e9).frame
     first = Night(graph, 'polaris 5')
@@ -125,13 +126,17 @@ def test_an_observer_started_anew_takes_its_night_from_the_calibration(graph):
     graph.remove(first.node)
     sky.commands.clear()  # the encoder goes on to be read
     rows.columns['run'] = np.full(3, 7.0)  # as the night has numbered it
+    night = None
+    if late:  # who is discovered first is not told: here it is the instruments
+        camera, sky.miss = sky.miss, lambda *_: None
+        night = Night(graph, 'polaris 5')
+        graph.wait_for(lambda: sky.commands)
+        sky.miss = camera
+        sky.commands.clear()
     status, table = (graph.publisher(topic) for topic in (
         topics.CALIBRATION_STATUS, topics.CALIBRATION_TABLE))
     status.publish(convert.status(DiagnosticStatus.OK, 'calibration', '', observations=3))
-    # who is heard first is not told: here the calibration is
-    night = Night(graph, 'polaris 5', autostart=False)
-    graph.wait_for(lambda: night.node._has_rows)
-    assert graph.call('observe').success
+    night = night or Night(graph, 'polaris 5')
     graph.report('star_observer', 'the calibration to give back the rows of the night so far')
     table.publish(run_to_cloud(rows, convert.from_stamp(first.rows[2].header.stamp)))
     left = Progress('observing', 'polaris 5', 0, 3, 5, 3, 7, 0, 'polaris 5')
@@ -142,6 +147,24 @@ def test_an_observer_started_anew_takes_its_night_from_the_calibration(graph):
     got = cloud_to_run(night.tables[-1])
     np.testing.assert_array_equal(got['run'], 7.0)
     np.testing.assert_array_equal(got['encoder_start'], 2e9)
+
+
+def test_a_calibration_that_is_there_is_heard_before_the_plan_begins(graph):
+    sky = Instruments(graph)
+    status, _ = (graph.publisher(topic) for topic in (
+        topics.CALIBRATION_STATUS, topics.CALIBRATION_TABLE))
+    night = Night(graph, 'stars 1')
+    graph.report('star_observer', 'waiting for the calibration to say what it knows')
+    assert not sky.commands
+    status.publish(convert.status(DiagnosticStatus.OK, 'calibration', '', observations=0))
+    assert len(night.run()) == 1
+
+
+def test_a_calibration_that_says_nothing_does_not_hold_the_night_up(graph, monkeypatch):
+    monkeypatch.setattr('pointing_model.star_observer_node.SPEAKS_WITHIN', 0.2)
+    Instruments(graph)
+    graph.publisher(topics.CALIBRATION_TABLE)
+    assert len(Night(graph, 'stars 1').run()) == 1
 
 
 def test_a_service_that_refuses_ends_the_plan_with_its_reason(graph):

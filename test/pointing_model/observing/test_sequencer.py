@@ -316,6 +316,29 @@ def test_a_plan_goes_on_where_it_stood():
     assert [row['star'] for row in again.table.rows[:6]] == [row['star'][0] for row in bench.rows]
 
 
+def test_rows_that_turn_up_when_the_plan_has_begun_are_taken_before_a_row_is_made():
+    plan = 'home, stars 4'
+    bench = Bench(plan)
+    bench.homes()
+    bench.until(lambda: len(bench.rows) == 3)
+    again = Bench(plan)
+    again.homes()
+    again.until(lambda: len(again.commands) == 1)
+    again.lacks = ['the rows']
+    again.plan.rows_turned_up()
+    again.waits('the graph')
+    again.plan.take_up(bench.table.all(again=True), bench.table.newest, bench.plan.progress)
+    again.lacks = []
+    again.read(bench.stamp + SECOND, again.position)
+    assert again.run() == ('done', 'plan finished')
+    assert len(again.rows) == 1 and len({row['star'] for row in again.table.rows}) == 4
+    # with rows of its own, and when it is over, a plan is as it was
+    bench.plan.rows_turned_up()
+    assert bench.run() == ('done', 'plan finished') and len(bench.table) == 4
+    bench.plan.rows_turned_up()
+    assert not bench.plan.busy
+
+
 def test_stars_that_were_observed_before_are_not_observed_again():
     bench = Bench('stars 8')
     bench.until(lambda: len(bench.rows) == 5)
