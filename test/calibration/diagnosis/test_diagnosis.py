@@ -81,7 +81,7 @@ def test_the_fit_with_effects_is_exact():
 
 
 def test_clean_nights_stay_as_they_are():
-    found = [diagnose(night(100 + i, n=40), **FAST) for i in range(25)]
+    found = [diagnose(night(100 + i, n=40), **FAST) for i in range(15)]
     assert sum(r.verdict != 'none' for r in found) <= 1
     clean = next(r for r in found if r.verdict == 'none')
     assert clean.before == clean.after and clean.to_dict()['effects'] == []
@@ -90,7 +90,7 @@ def test_clean_nights_stay_as_they_are():
 
 def test_noise_that_grows_toward_the_horizon_is_no_effect():
     found = [diagnose(night(200 + i, n=40, noise=lambda rng, el: rng.normal(size=(2, len(el)))
-                            / np.sin(el)), **FAST).verdict for i in range(15)]
+                            / np.sin(el)), **FAST).verdict for i in range(10)]
     assert sum(v != 'none' for v in found) <= 1
 
 
@@ -164,7 +164,7 @@ def growing(size, by):
 
 
 def test_an_effect_that_grows_is_told_with_its_change():
-    for seed in range(4):
+    for seed in range(2):
         result = diagnose(night(600 + seed, effect=growing(6.0, 1.8)), **FAST)
         assert len(result.effects) == 2, names(result)
         whole, change = result.effects
@@ -184,7 +184,7 @@ def test_an_effect_that_grows_is_told_with_its_change():
     later = PointingRun({**fresh.columns, 'time': fresh['time'] + 2e6}, fresh.meta)
     assert np.array_equal(model.residuals(late), model.residuals(later))
     # what stays as it is has no change
-    for seed in range(4):
+    for seed in range(2):
         assert not any('changing' in name for name in names(
             diagnose(night(610 + seed, effect=growing(6.0, 0.0)), **FAST)))
 
@@ -308,7 +308,7 @@ def test_outliers_and_slips():
 def test_outliers_anywhere_are_no_slips(graduation):
     rng = np.random.default_rng(7)
     alarms = 0
-    for seed in range(60):
+    for seed in range(30):
         run = night(seed)
         rows = rng.choice(60, 4, replace=False)
         for axis, k in zip(rng.choice(['az_enc', 'el_enc'], 4), rows):
@@ -316,7 +316,7 @@ def test_outliers_anywhere_are_no_slips(graduation):
         run.meta['graduation'] = graduation
         obs = observations(run)
         alarms += bool(Work(obs, Base.parse('physical'), 0.01, curves=False).slips)
-    assert alarms <= 2  # of 60 at 1 %
+    assert alarms <= 1  # of 30 at 1 %
 
 
 def test_an_outlier_that_misses_speaks_against_slips():
@@ -407,6 +407,7 @@ def test_bad_input_is_refused():
 
 
 def test_same_seed_same_answer():
-    run = night(1, effect=backlash(6.0))
-    one, two = (diagnose(run, flips=499, folds=4).to_dict() for _ in range(2))
+    run = night(1, n=40, effect=backlash(8.0))
+    one, two = (diagnose(run, flips=199, folds=3).to_dict() for _ in range(2))
+    assert one['effects'] and one['after']['cv_rms_arcsec']
     assert one == two

@@ -114,10 +114,10 @@ def correlated(rho):
 
 
 def test_a_zero_that_wanders_is_no_effect_and_is_told():
-    found = [diagnose(night(300 + i, noise=correlated(0.9)), **FAST) for i in range(8)]
+    found = [diagnose(night(300 + i, noise=correlated(0.9)), **FAST) for i in range(5)]
     # if rows are taken to have no memory, most of these have effects
     assert sum(bool(r.effects) for r in found) <= 1
-    assert sum(r.verdict == 'wanders' for r in found) >= 7
+    assert sum(r.verdict == 'wanders' for r in found) >= 4
     told = next(r for r in found if r.wander and set(r.wander['axes']) == {'az', 'el'})
     for axis in told.wander['axes'].values():
         assert axis['sigma_arcsec'] > 0.3 and 0.0 < axis['moves_arcsec'] < 5.0
@@ -130,14 +130,14 @@ def test_a_zero_that_wanders_is_no_effect_and_is_told():
 
 
 def test_an_effect_not_of_time_is_found_beside_a_wander():
-    for seed in range(6):
+    for seed in range(4):
         result = diagnose(night(310 + seed, effect=oval_disc, noise=correlated(0.6)), **FAST)
         assert 'azimuth_encoder_2' in names(result)
 
 
 def test_what_repeats_each_other_counts_as_fewer():
     false, told = 0, 0
-    for seed in range(12):
+    for seed in range(8):
         once = night(330 + seed, n=30)
         two = np.repeat(np.arange(30), 2)
         run = PointingRun({k: v[two].copy() for k, v in once.columns.items()}, once.meta)
@@ -148,12 +148,12 @@ def test_what_repeats_each_other_counts_as_fewer():
         result = diagnose(run, **FAST)
         false += bool(result.effects)
         told += bool(result.wander) and 'share their error' in result.wander['text']
-    assert false <= 1 and told >= 5
+    assert false <= 1 and told >= 3
 
 
 def test_a_small_drift_is_not_told_from_a_wander():
     verdicts = [diagnose(night(350 + i, effect=lambda c: (
-        0.0, 3.0 * ARCSEC * (c['time'] - 1.7e9) / 3600.0)), **FAST) for i in range(5)]
+        0.0, 3.0 * ARCSEC * (c['time'] - 1.7e9) / 3600.0)), **FAST) for i in range(3)]
     assert all(r.verdict != 'none' for r in verdicts)
     wandering = [r for r in verdicts if r.verdict == 'wanders']
     assert wandering and all(
