@@ -41,13 +41,15 @@ def pytest_cmdline_main(config):
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    """Files with whole graphs first, then those with nodes: the last to end are short ones."""
+    """Files with whole graphs first, then those with nodes, of each kind the long ones first: the
+    last to end are short ones."""
     files = {}
     for item in items:
         needs = files.setdefault(item.path, set())
         needs.update(item.fixturenames)
-    items.sort(key=lambda item: ('cli' not in files[item.path],
-                                 'ros_domain' not in files[item.path]))
+    order = {path: ('cli' not in needs, 'ros_domain' not in needs, -path.stat().st_size)
+             for path, needs in files.items()}
+    items.sort(key=lambda item: order[item.path])
 
 
 @pytest.fixture(scope='session')
