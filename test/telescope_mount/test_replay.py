@@ -33,7 +33,8 @@ def test_marks_are_judged_again_and_other_harmonics_may_be_asked_for(other_night
     from msg_tools.convert import from_stamp
     from msg_tools.homing import cloud_to_homing, homing_to_cloud
     log = BagReader(other_night / 'bag')
-    wanted = ['/mount/observation', '/mount/incremental/homing', '/mount/zero']
+    wanted = ['/mount/observation', '/mount/incremental/homing', '/mount/zero',
+              '/mount/calibration/report']  # which says that there were harmonics
     with BagWriter(tmp_path / 'bag') as new:
         for topic in log.topics:
             if topic.name in wanted:
