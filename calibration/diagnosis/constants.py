@@ -62,6 +62,8 @@ MANY, FEW_PARTITIONS = 250, 3
 UNLIKE = 0.05
 #: nights simulated with a wander, of which 1 in 100 is as extreme as a p of 0.01
 NIGHTS = 199
+#: share of these nights that is taken as the tail
+TAIL = 0.2
 #: 2 ln of a likelihood ratio below which no effect is beyond a wander at a p of 0.01: what the
 #: largest passes in 1 of 100 simulated nights was 12.2 to 23.9 (71 wandering nights of 30 to 200
 #: rows)
