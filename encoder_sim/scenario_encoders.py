@@ -97,9 +97,9 @@ class Incremental(EncoderScale):
     mark_angle : float
         Nominal axis angle of the reference mark, rad.
     mark_scatter : float
-        1-sigma of where the mark is noticed, passage by passage, rad. Marks that are made into
-        the graduation and tied to a line are good to a count (Renishaw: repeatable to the
-        resolution); no figure was found for marks on a track of their own or magnetic ones.
+        1-sigma of where the mark is noticed, passage by passage, rad. One that is tied to a line
+        of the grating can be good to a count; no maker's figure was found, for these (Renishaw
+        calls that of its RESR rings "a repeatable home position") or for others.
     spurious_index : float
         Index pulses where there is no mark, by disturbances on its line, a second. The first one
         after power-on clears the counter as a mark would; a later one gives it the lie, which
@@ -235,8 +235,8 @@ class Absolute(EncoderScale):
         lens) where it is not telecentric.
     lamp_left : float
         Light of the lamp at the start of the night, relative to a new one. The infrared LED of an
-        encoder keeps more than 90 % for 30 years at its current (Avago, AV02-4387EN, fig. 14), a
-        bare one lost 25 % in 1400 h (SciTec, lifetime tests).
+        encoder keeps more than 90 % for 30 years at 80 degC (Avago, AV02-4387EN, fig. 14), a
+        bare one lost 25 % in 1400 h, most of them at 130 and 180 degC (SciTec, lifetime tests).
     lamp_halving : float
         A fault: time in which a dying lamp loses half of its light, s; 0: it does not.
     exposure : float
