@@ -26,15 +26,15 @@ def stamp_delays(params, seed, device, stamps):
 
     Returns
     -------
-    ndarray, shape (n,)
+    float or ndarray, shape (n,)
         s: white, with mean 0, and in a share of the messages an exponential delay on top.
     """
-    delay = np.zeros(len(stamps))
+    delay = 0.0
     if params.stamp_jitter > 0.0:
-        delay += params.stamp_jitter * keyed_noise.normal(seed, device, 'stamp jitter', stamps)
+        delay = params.stamp_jitter * keyed_noise.normal(seed, device, 'stamp jitter', stamps)
     if params.late_stamps > 0.0:
         late = keyed_noise.uniform(seed, device, 'late stamps', stamps) < params.late_stamps
-        delay -= late * params.late_by * np.log(
+        delay = delay - late * params.late_by * np.log(
             keyed_noise.uniform(seed, device, 'how late', stamps))
     return delay
 

@@ -17,6 +17,8 @@ _TURN = 2.0 * np.pi
 _MILLION = 1e6
 #: counts by which the mark may be off at a later passage: rounding, jitter, a breath of the pulse
 MARK_TOLERANCE = 10
+#: of the monitor of the supply, ns
+MONITOR_PERIOD = 10**9
 
 
 class Status(NamedTuple):
@@ -36,7 +38,7 @@ class Status(NamedTuple):
         pulse's nominal width; NaN without one. More than `MARK_TOLERANCE`: counts were lost, the
         mark moved, or one of both pulses was not of the mark.
     supply : float
-        As the monitor measured it at the last sample, V.
+        As its monitor measured it in the second of the last sample, V.
     power_on : int
         Number of this power-on.
     mark_supply, mark_temperature : float
@@ -108,7 +110,8 @@ class IncrementalEncoder:
         self._turn_counts = params.lines * params.interpolation
         self.count_angle = _TURN / self._turn_counts
         self._cycles = sorted(params.power_cycles)  # still to come
-        self._supply = self._monitor(params.supply, round(start * 1e9))
+        self._flicker = None, 0.0  # what a noise of the monitor belongs to, and it
+        self._supply = self._monitor(params.supply, int(start))
         self._clear()
 
     @property
@@ -178,12 +181,14 @@ class IncrementalEncoder:
             volts = volts + p.supply_ripple * np.sin(_TURN * p.ripple_frequency * seconds)
         return volts
 
-    def _monitor(self, volts, stamp):
-        """What the electronics measure of the supply at `stamp` (ns), V."""
+    def _monitor(self, volts, key):
+        """What the electronics measure of the supply, V, with the noise that belongs to `key`."""
         p, volts = self.params, float(volts)
         if p.voltmeter_noise > 0.0:
-            volts += p.voltmeter_noise * float(
-                keyed_noise.normal(self.seed, self._device, 'voltmeter', stamp))
+            if self._flicker[0] != key:
+                self._flicker = key, float(
+                    keyed_noise.normal(self.seed, self._device, 'voltmeter', key))
+            volts += p.voltmeter_noise * self._flicker[1]
         if p.voltmeter_step > 0.0:
             volts = p.voltmeter_step * round(volts / p.voltmeter_step)
         return volts
@@ -349,7 +354,7 @@ class IncrementalEncoder:
             stamps_seen = np.concatenate([[self._last[0]], stamps])
             angles_seen = np.concatenate([[self._last[1]], past])
         self._last = stamps[-1], past[-1]
-        self._supply = self._monitor(volts[-1], int(stamps[-1]))
+        self._supply = self._monitor(volts[-1], int(stamps[-1]) // MONITOR_PERIOD)
 
         lost = self._count_losses(stamps_seen, angles_seen) + self._lost
         passages, short = self._passages(
