@@ -92,7 +92,8 @@ class IncrementalEncoders(MountedDevice):
                               f'too short: {status.missed_marks}; pass it slower'))
             if status.miscounted:
                 found.append((DiagnosticStatus.WARN, f'{axis}: {status.mark_error:+.0f} counts '
-                              'off at the reference mark: lost counts, or the mark moved'))
+                              'off at the reference mark: lost counts, a mark that moved, or a '
+                              'false index pulse'))
         if not self._homed:
             found.append((DiagnosticStatus.WARN, 'no zero since power-on: call home'))
         return found
