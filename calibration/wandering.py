@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from msg_tools.units import ARCSEC
+from msg_tools.units import ARCSEC, wrap
 from pointing_model.following import AxisFollowing, Following, harmonic_columns
 
 from .step_scan import robust_fit, two_sided
@@ -41,8 +41,9 @@ _ODDS = 4.0
 _DISC = 10.0 * ARCSEC
 #: correlation of neighbours up to which it is noise; what remembers longer is a walk
 _SHORT = 0.65
-#: `Walk.lead` from where a walk is sure without the stars, ten to one; below they have to see it
-_SURE = 2.0 * np.log(10.0)
+#: `Walk.lead` from where a walk is sure without the stars, a hundred to one; below they have to
+#: see it
+_SURE = 2.0 * np.log(100.0)
 _SEEN = 0.99
 _CHANCE = Budget().false_alarm / 2.0  # two axes
 
@@ -107,9 +108,10 @@ def find_walk(apart, angle, run, rivals=(), limit=_CHANCE, least=0.0):
         return None
     y = _tame(apart, fixed, run)
     scale = max(np.std(y), least)
-    walk = np.minimum(*np.meshgrid(np.arange(n), np.arange(n))) + 1.0
-    walk *= run[:, None] == run[None, :]
-    ratio, probability = _restricted(y / scale, fixed, walk, least / scale)
+    walk, ratio, probability = min(
+        ((kernel, *_restricted(y / scale, fixed, kernel, least / scale))
+         for kernel in _kernels(angle, run)), key=lambda one: one[2])
+    probability *= 2.0
     if probability >= limit:
         return None
     lead = _lead(y, fixed, run, ratio, walk, least)
@@ -137,6 +139,18 @@ def find_walk(apart, angle, run, rivals=(), limit=_CHANCE, least=0.0):
     path = ratio * walk @ inverse @ left
     return Walk(probability, float(np.sqrt(ratio) * noise), float(noise), beta[-discs.shape[1]:],
                 path - members @ (members.T @ path / members.sum(axis=0)), lead)
+
+
+def _kernels(angle, run):
+    """What a walk of variance 1 a row makes of the rows, (n, n): two kinds.
+
+    A step with every row, as a zero does that moves with time; and one the larger, the farther
+    the axis has turned, as wrong counts make: they come with the counts.
+    """
+    for way in (np.ones(len(run)), np.abs(wrap(np.diff(angle, prepend=angle[:1])))):
+        if way.any():
+            far = np.cumsum(way / way.mean()) + 1.0
+            yield np.minimum(*np.meshgrid(far, far)) * (run[:, None] == run[None, :])
 
 
 def _tame(y, fixed, run):

@@ -88,7 +88,9 @@ def attributed(axis, found, night, sky):
     """
     trust = 0.5
     if sky is not None:
-        fit = robust_fit(np.column_stack([sky.fixed, night.on(axis, found.column)]), sky.abs)
+        full = np.column_stack([sky.fixed, night.on(axis, found.column)])
+        colour = colour_of(full, clipped(full, sky.abs), night.sequence_2, night.halves)
+        fit = robust_fit(colour.white(full), colour.white(sky.abs))
         against, variance = fit.value[-1], fit.covariance[-1, -1]
         # the absolute encoder stood still, or it moved by as much the other way
         trust = probabilities({

@@ -20,6 +20,9 @@ LEAST = 0.02 * ARCSEC
 _TRIED = np.arange(0.05, 0.96, 0.05)
 #: twice the logarithm of the likelihood ratio from which rows are correlated: 5 %, one-sided
 _CLAIMED = 2.71
+#: likewise: correlations within 90 % of the likeliest. The largest of them counts, for the
+#: candidate beside which it is estimated was chosen because it takes some of it away
+_SIGMA = 2.71
 
 
 class Colour(NamedTuple):
@@ -79,16 +82,14 @@ def colour_of(design, y, sequence, series=None, most=1.0):
     follows = np.concatenate([[False], sequence[1:] == sequence[:-1]])
     series = np.zeros(len(y), int) if series is None else series
     rho = np.zeros(len(y))
-    best = restricted_coloured(design, y, rho)
+    allowed = _TRIED[:np.searchsorted(_TRIED, most + 1e-9)]
     for number in np.unique(series):
-        mine, found = follows & (series == number), rho
-        least = best - _CLAIMED
-        for value in _TRIED[: np.searchsorted(_TRIED, most + 1e-9)]:
-            tried = np.where(mine, value, rho)
-            this = restricted_coloured(design, y, tried)
-            if this < least:
-                least, best, found = this, this, tried
-        rho = found
+        mine = follows & (series == number)
+        all_ = [restricted_coloured(design, y, np.where(mine, value, rho))
+                for value in (0.0, *allowed)]
+        if min(all_) < all_[0] - _CLAIMED:
+            near = np.flatnonzero(all_[1:] < min(all_) + _SIGMA)
+            rho = np.where(mine, allowed[near[-1]], rho)
     return Colour(rho)
 
 

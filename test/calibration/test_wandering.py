@@ -119,7 +119,7 @@ def test_noise_that_soon_forgets_is_no_walk():
         for k in range(1, len(apart)):
             apart[k] = 0.6 * apart[k - 1] + 0.8 * apart[k]
         walk = find_walk(apart, angle, run)
-        alarms += walk is not None and walk.lead > 2.0 * np.log(10.0)
+        alarms += walk is not None and walk.lead > 2.0 * np.log(100.0)
     assert alarms == 0
 
 
