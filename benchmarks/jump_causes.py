@@ -96,7 +96,7 @@ class Known:
         Of incremental - absolute and absolute - sky, rad^2.
     """
 
-    toll = 2.807  # two-sided 0.5 %, as `Budget.second`
+    toll = 2.576  # two-sided 1 %, as `Budget.second`
     #: (incremental - absolute, absolute - sky) of 1 rad by a cause
     ratios = {INCREMENTAL: (1.0, 0.0), ABSOLUTE: (-1.0, 1.0), ALIKE: (0.0, 1.0)}
 

@@ -13,11 +13,12 @@ import numpy as np
 from msg_tools.units import ARCSEC, wrap
 from pointing_model.following import AxisFollowing, Following, harmonic_columns
 
+from .restricted import restricted
 from .step_scan import robust_fit, two_sided
 from .witness_causes import ABSOLUTE, INCREMENTAL
 from .witness_jumps import jumps_of
 from .witness_night import SHORT, Found, Night
-from .witness_noise import colour_of, restricted, restricted_coloured
+from .witness_noise import colour_of, restricted_coloured
 from .witness_records import Budget
 
 #: variance of a step of the walk over that of the noise, tried
@@ -181,7 +182,8 @@ def _restricted(y, fixed, walk, least):
     """Ratio of the variances by restricted likelihood, and the chance of so much without a walk.
 
     By its likelihood ratio, half of which are zero without a walk (Self and Liang 1987; for a
-    random walk they are more, so this is on the safe side).
+    random walk they are more, so this is on the safe side). Two variances are all there is, so one
+    decomposition serves all ratios: `restricted`, in the walk's own coordinates.
     """
     q, _ = np.linalg.qr(fixed, mode='complete')
     free = q[:, np.linalg.matrix_rank(fixed):]
@@ -211,7 +213,7 @@ def _lead(y, fixed, run, ratio, walk, least):
     half = np.linalg.cholesky(np.eye(len(y)) + ratio * walk)
     columns = np.linalg.solve(half, np.column_stack([fixed, y]))
     return float(restricted_coloured(fixed, y, short, least)
-                 - restricted(columns, 2.0 * np.log(np.diag(half)).sum(), least))
+                 - restricted(columns, 2.0 * np.log(np.diag(half)).sum(), least)[0])
 
 
 def _bic(y, fixed, covariance, more, least):

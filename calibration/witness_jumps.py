@@ -63,6 +63,8 @@ def jumps_of(night, sky, events, budget):
     list of Jump
         Those of `events`, in their order, then those that only the sky shows.
     """
+    if sky is not None:
+        events = _retimed(night, sky, events, budget)
     found = [(axis, event.column) for axis, event in events]
     out = []
     for n, (axis, event) in enumerate(events):
@@ -78,6 +80,41 @@ def jumps_of(night, sky, events, budget):
         out.append(Jump(axis, said, found[n][1]))
     if sky is not None:
         out += _against_sky(night, sky, found, budget)
+    return out
+
+
+def _retimed(night, sky, events, budget):
+    """The events, small ones as a step where the sky has one.
+
+    A small difference of two large jumps is found beside its moment, or as a drift, which then
+    would take up the large one on the sky.
+    """
+    columns, about = night.moves(SEGMENT + 2)
+    steps = [n for n, (_, kind, _) in enumerate(about) if kind == 'step']
+    out = list(events)
+    for axis in (0, 1):
+        own = [n for n, (k, _) in enumerate(events) if k == axis]
+        if len(own) != 1 or not steps or events[own[0]][1].kind == 'wander':
+            continue
+        event = events[own[0]][1]
+        others = [night.on(k, e.column) for k, e in events if k != axis]
+        best = strongest(
+            np.column_stack([sky.fixed, *others]), sky.enc,
+            np.column_stack([night.on(axis, columns[:, n]) for n in steps]),
+            budget.false_alarm / 2.0, night.sequence_2, night.halves)
+        if best is None:
+            continue
+        run, _, time = about[steps[best.place]]
+        column = columns[:, steps[best.place]]
+        base = night.apart_base(axis)
+        y = clipped(np.column_stack([base, column, event.column]), night.apart[axis])
+        there, here = (robust_fit(np.column_stack([base, one]), y)
+                       for one in (event.column, column))
+        if here.residual @ here.residual - there.residual @ there.residual < (
+                _NEAR * there.noise**2):
+            out[own[0]] = axis, event._replace(
+                run=run, kind='step', time=time, column=column, amount=float(here.value[-1]),
+                sigma=float(np.sqrt(here.covariance[-1, -1])))
     return out
 
 

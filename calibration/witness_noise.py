@@ -1,9 +1,9 @@
 """Noise of a witness whose rows resemble their neighbours, made white; the scan for what moved.
 
 Seeing wanders and readings may: the noise is taken as AR(1) in the order of the rows, its
-correlation estimated from the night itself by restricted likelihood (Patterson and Thompson 1971,
-Biometrika 58, 545), beside all that is fitted and the best candidate, for a step is correlation
-too. What cannot be told from white noise counts as white.
+correlation estimated from the night itself by restricted likelihood, beside all that is fitted and
+the best candidate, for a step is correlation too. What cannot be told from white noise counts as
+white.
 """
 
 from typing import NamedTuple
@@ -12,6 +12,7 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 
+from .restricted import restricted
 from .step_scan import clipped, robust_fit, scan
 
 #: noise of a reading at least: a count of the incremental encoder (0.0686") / sqrt(12)
@@ -94,33 +95,9 @@ def colour_of(design, y, sequence, series=None, most=1.0):
 
 
 def restricted_coloured(design, y, rho, least=LEAST):
-    """`restricted` of rows with that correlation to the row before, (n,)."""
+    """`restricted` of rows with that correlation to the row before, (n,): its value."""
     return restricted(Colour(rho).white(np.column_stack([design, y])), np.log1p(-rho**2).sum(),
-                      least)
-
-
-def restricted(columns, log_det, least=LEAST):
-    """-2 ln L restricted, but for a constant, the variance by the rows themselves.
-
-    Parameters
-    ----------
-    columns : ndarray, shape (n, k + 1)
-        Whitened: the design, and behind it what it is fitted to.
-    log_det : float
-        Of the covariance they are whitened by, but for the variance.
-    least : float
-        1 sigma at least.
-    """
-    size = np.linalg.norm(columns[:, :-1], axis=0)
-    q, r = np.linalg.qr(columns[:, :-1] / np.where(size > 0.0, size, 1.0))
-    diagonal = np.abs(np.diag(r))
-    live = diagonal > 1e-6
-    left = columns[:, -1] - q[:, live] @ (q[:, live].T @ columns[:, -1])
-    free = max(len(left) - np.count_nonzero(live), 1)
-    square = left @ left
-    variance = max(square / free, least**2, 1e-300)
-    return (free * np.log(variance) + square / variance + log_det
-            + 2.0 * np.sum(np.log(diagonal[live] * size[:len(live)][live])))
+                      least)[0]
 
 
 class Strongest(NamedTuple):

@@ -108,7 +108,7 @@ class Budget(NamedTuple):
     #: power-on, against the sky, from power-on to power-on
     false_alarm: float = 0.005 / 3
     #: chance that a jump inside a power-on of one is called one of both
-    second: float = 0.005
+    second: float = 0.01
 
 
 USUAL = Budget()
