@@ -323,9 +323,10 @@ def wander_of(night, axis, events, budget, also=()):
     rows = np.flatnonzero(night.run >= 0.0)
     every = -(-len(rows) // _MOST) or 1
     some = rows[::every]
-    rivals = [(e.column[some], 1 if e.kind == 'drift' else 2) for e in events]
-    rivals += [(column[some], 1) for column in also]
-    rivals = rivals if len(rivals) == 1 else []
+    rivals = []
+    if len(events) <= 1:  # who steps twice wanders
+        rivals = [(e.column[some], 1 if e.kind == 'drift' else 2) for e in events]
+        rivals += [(column[some], 1) for column in also[:1]]
     walk = find_walk(
         night.apart[axis][some], night.rows[f'{SHORT[axis]}_enc'][some], night.stretch[some],
         rivals, budget.false_alarm / 2.0, 0.02 * ARCSEC)  # two axes
@@ -414,7 +415,8 @@ def wander_line(event, rows):
         In which it walked.
     """
     if event.moved != INCREMENTAL:
-        return (f'{event.axis}: {ABSOLUTE} wanders against the incremental one, by '
+        whose = '' if event.confidence >= _TRUST else ', or that against it: the stars do not tell'
+        return (f'{event.axis}: {ABSOLUTE} wanders against the incremental one{whose}, by '
                 f'{abs(event.amount) / ARCSEC:.2f} arcsec within {rows} rows (confidence '
                 f'{event.confidence:.2f}, by chance {event.probability:.1g})')
     heals = ('its zero follows the other' if event.confidence >= _TRUST else
