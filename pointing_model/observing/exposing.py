@@ -86,7 +86,9 @@ class Exposer:
             reading, rate = self._instruments.exposures.at('enc', stamp)
             enc = np.array(centred(*reading, *miss))
             second = self._second(stamp, miss, reading)
-            self._in_force.take_readings(self._instruments.run, enc, second)
+            second_on = self._instruments.absolute_power_on
+            self._in_force.take_readings(self._instruments.run, enc, second,
+                                         second_on.started if second_on else np.nan)
             if blind:
                 break
             demand = pointing.demand(np.array([stamp]), self._conditions())[0]
