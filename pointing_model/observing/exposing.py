@@ -109,14 +109,16 @@ class Exposer:
         return self._row(pointing, block, blind, stamp, miss, enc, second, rate)
 
     def _second(self, stamp, miss, first):
-        """Of the absolute encoder; NaN where it is not known or cannot be."""
+        """Of the absolute encoder; NaN, for each axis, where it is not known or cannot be."""
         try:
             reading, _ = self._instruments.exposures.at('abs', stamp)
         except ValueError:
             return np.full(2, np.nan)
         if not self._instruments.health.second(ABSOLUTE, reading, first):
             return np.full(2, np.nan)
-        return np.array(centred(*reading, *miss))
+        known = np.isfinite(reading)
+        # how an axis centres depends a little on where the other one is
+        return np.where(known, centred(*np.where(known, reading, first), *miss), np.nan)
 
     def _row(self, pointing, block, blind, stamp, miss, enc, second, rate):
         target, (site, air, *_) = pointing.target, self._conditions()

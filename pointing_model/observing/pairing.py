@@ -26,14 +26,14 @@ def interpolate(stamps, angles, stamp):
     Returns
     -------
     angles : ndarray, shape (2,)
-        Radians.
+        Radians; NaN where an axis gave none.
     rates : ndarray, shape (2,)
         rad/s.
 
     Raises
     ------
     ValueError
-        No reading on one side of `stamp`, or none that is finite.
+        No reading on one side of `stamp`.
     """
     stamps = np.asarray(stamps, dtype=np.int64)
     angles = np.asarray(angles, dtype=float).reshape(-1, 2)
@@ -43,8 +43,6 @@ def interpolate(stamps, angles, stamp):
     if i == 0 or i >= len(stamps):
         raise ValueError('no encoder readings on both sides of the exposure')
     low, high = angles[i - 1], angles[i]
-    if not np.isfinite([low, high]).all():
-        raise ValueError('encoder reading is not a number: home the encoder')
     span = float(stamps[i] - stamps[i - 1])
     step = np.array([wrap(high[0] - low[0]), high[1] - low[1]])
     return low + step * (float(stamp - stamps[i - 1]) / span), step / (span * 1e-9)
@@ -130,9 +128,16 @@ class Exposures:
         self._frames.append((stamp, x, y))
 
     def at(self, encoder, stamp):
-        """Angles and rates of an encoder at `stamp`; see `interpolate`."""
+        """Angles and rates of an encoder at `stamp`; see `interpolate`.
+
+        The absolute encoder may give one axis alone; without both of the incremental one no star
+        can be pointed at: ValueError.
+        """
         readings = self._readings[encoder]
-        return interpolate([s for s, _ in readings], [a for _, a in readings], stamp)
+        angles, rates = interpolate([s for s, _ in readings], [a for _, a in readings], stamp)
+        if encoder == 'enc' and not np.isfinite(angles).all():
+            raise ValueError('encoder reading is not a number: home the encoder')
+        return angles, rates
 
     def take(self, tolerance, refuse):
         """The next frame on the commanded track that has readings of both encoders around it.

@@ -52,6 +52,7 @@ class Bench:
         self.stamp, self.wall = START, 1000.0
         self.position = np.array([3.0, 0.8])
         self.error = np.zeros(2)  # of the encoder
+        self.second = tuple  # what the absolute encoder makes of angles
         self.miss = lambda number: (1e-6 * ARCSEC * number, 0.0)  # rad, None: no frame
         self.answers = {MOUNT, ABSOLUTE, CAMERA}
         self.site, self.lacks = DEFAULT_SITE, []
@@ -112,7 +113,7 @@ class Bench:
         if MOUNT in self.answers:
             self.instruments.take_incremental(stamp, tuple(angles + self.error), (0.0, 0.0))
         if ABSOLUTE in self.answers:
-            self.instruments.take_absolute(stamp, tuple(angles))
+            self.instruments.take_absolute(stamp, tuple(self.second(angles)))
 
     def tick(self):
         """What has been commanded is exposed, or a tenth of a second goes by."""

@@ -188,3 +188,14 @@ def test_a_frame_without_a_reading_is_refused_with_its_reason():
     bench.read = fails
     assert bench.run() == ('done', 'plan finished')
     assert bench.refused and 'home the encoder' in bench.refused[0]
+
+
+def test_a_dead_axis_of_the_absolute_encoder_does_not_take_the_other_with_it():
+    bench = Bench('stars 3')
+    bench.second = lambda angles: (angles[0], np.nan)
+    bench.miss = lambda number: (3.0 * ARCSEC, -4.0 * ARCSEC)
+    bench.run()
+    assert len(bench.rows) == 3 and not bench.refused
+    for row in bench.rows:
+        assert np.isnan(row['el_abs'][0])
+        assert wrap(row['az_abs'][0] - row['az_enc'][0]) == pytest.approx(0.0, abs=1e-9)

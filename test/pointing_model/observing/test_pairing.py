@@ -42,8 +42,10 @@ def test_too_few_or_unknown_readings_are_refused():
         interpolate([], [], NS)
     with pytest.raises(ValueError, match='both sides'):
         interpolate([NS], [[0.0, 0.0]], NS)
+    lost = exposures([1.5], angle=(1.0, np.nan))
     with pytest.raises(ValueError, match='home the encoder'):
-        interpolate([NS, NS + 2], [[0.0, 0.0], [np.nan, 0.0]], NS + 1)
+        lost.at('enc', NS + SECOND // 2)
+    np.testing.assert_array_equal(lost.at('abs', NS + SECOND // 2)[0], [1.0, np.nan])
 
 
 @pytest.mark.parametrize('el', [0.0, 45.0, 80.0, -30.0])
