@@ -298,14 +298,15 @@ def _write(folder, about, latest):
     }
     run = cloud_to_run(latest[topics.OBSERVATIONS.name])
     model = PointingModel.from_json(latest[topics.MODEL.name].data)
-    report['drive'] = drive_error(run, model, bool((report['judged'] or {}).get('taken_back')))
+    report['drive'] = drive_error(run, model, diagnosis['site_deg'],
+                                  bool((report['judged'] or {}).get('taken_back')))
     write_csv(run, folder / 'observations.csv')
     (folder / 'model.json').write_text(latest[topics.MODEL.name].data + '\n')
     (folder / 'diagnosis.json').write_text(json.dumps(diagnosis, indent=1) + '\n')
     return report
 
 
-def drive_error(run, model, taken_back=False):
+def drive_error(run, model, site_deg=None, taken_back=False):
     """How far the encoders stood from their demand when blind stars were exposed.
 
     A blind star is missed by what the model lacks and by what the drive left. Only the first
@@ -317,6 +318,8 @@ def drive_error(run, model, taken_back=False):
         All rows of the night.
     model : PointingModel
         Published last.
+    site_deg : tuple of float, optional
+        Latitude and longitude, for effects that follow the stars.
     taken_back : bool
         The blind stars before the change were pointed with it, not those after.
 
@@ -325,25 +328,32 @@ def drive_error(run, model, taken_back=False):
     dict or None
         ``rms_arcsec`` (radial), ``rms_x_arcsec``, ``rms_y_arcsec``, ``stars``, and
         ``missed_arcsec``, the radial RMS of the miss distances of the same stars. None where there
-        are no such rows, or the zero follows an encoder.
+        are no such rows, the zero follows an encoder, or an effect of the model is not known there.
     """
-    from msg_tools.units import ARCSEC
+    from msg_tools.units import ARCSEC, DEG
     from pointing_model.rms import rms
+    from pointing_model.run import PointingRun
     from pointing_model.zero import zeros_in_force
 
     zeros = zeros_in_force(model)
     told = all(name in run for name in ('check', 'block', 'miss_x', 'miss_y'))
     if not told or not zeros or model.provenance.get('zero_follows'):
         return None
-    rows = run.select((run['check'] == 1.0) & np.isfinite(run['miss_x']))
-    if not len(rows):
+    blind = (run['check'] == 1.0) & np.isfinite(run['miss_x'])
+    if not blind.any():
         return None
-    rows = rows.select(rows['block'] == (np.min if taken_back else np.max)(rows['block']))
-    miss = rows['miss_x'], rows['miss_y']
-    left = model.residuals(rows, zero=zeros.newest)
-    x, y = ((a - b) / ARCSEC for a, b in zip(left, miss))
+    blind &= run['block'] == (np.min if taken_back else np.max)(run['block'][blind])
+    if site_deg is not None:
+        site = dict(zip(('latitude', 'longitude'), np.multiply(site_deg, DEG).tolist()))
+        run = PointingRun(run.columns, {**run.meta, 'site': site})
+    # of the whole night: what an effect remembers lies before these rows
+    if any(rows[blind].any() for rows in model.unknown(run['az'], run['el'], run).values()):
+        return None
+    miss = run['miss_x'][blind], run['miss_y'][blind]
+    left = model.residuals(run, zero=zeros.newest)
+    x, y = ((a[blind] - b) / ARCSEC for a, b in zip(left, miss))
     return {'rms_arcsec': float(rms(x, y)), 'rms_x_arcsec': float(rms(x)),
-            'rms_y_arcsec': float(rms(y)), 'stars': len(rows),
+            'rms_y_arcsec': float(rms(y)), 'stars': int(blind.sum()),
             'missed_arcsec': float(rms(*miss) / ARCSEC)}
 
 
