@@ -15,6 +15,8 @@ from .device_params import DEVICE_PARAMS, MountedDevice
 from .geometry import FORWARD, MountGeometry, bent
 from .wind import WindLoad
 
+#: so few samples of an exposure are of axes that move evenly, or say no more
+SMOOTH = 3
 PARAMS = (
     *DEVICE_PARAMS, *SKY_PARAMS,
     Param('exposure_s', 1.0, 'length of an exposure; one follows the other [s]', 0.01, 3600.0),
@@ -66,10 +68,13 @@ class StarCamera(MountedDevice):
         middle = begin + (end - begin) // 2
         # differences of the stamps: as floats, nanoseconds since 1970 are too coarse
         since = (stamps - begin).astype(float)
-        moved = np.stack([wrap(angles[:, 0] - angles[0, 0]), angles[:, 1] - angles[0, 1]])
-        # an image is where the axes were on the mean
-        mean = np.trapezoid(moved, since) / since[-1]
-        az, el = angles[0][:, np.newaxis] + np.stack([moved[:, 0], mean, moved[:, -1]], axis=1)
+        at = np.array([0.0, float(middle - begin), float(end - begin)])
+        turned, raised = wrap(angles[:, 0] - angles[0, 0]), angles[:, 1]
+        az, el = (np.interp(at, since, moved) for moved in (turned, raised))
+        if len(since) > SMOOTH:
+            # an image is where the axes were on the mean
+            az[1], el[1] = (np.trapezoid(moved, since) / since[-1] for moved in (turned, raised))
+        az += angles[0, 0]
         moments = np.array([begin, middle, end])
         side = np.nan_to_num(sides[-1])
         frames = self._geometry.frames(
