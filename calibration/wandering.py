@@ -3,7 +3,8 @@
 Noise of the reading leaves every difference for itself; wrong counts stay, and the next ones are
 added. Both are fitted at once (a random walk and white noise, by maximum likelihood), beside what
 the discs do once and twice a turn, and the walk must explain more than chance, more than one step
-or one drift does, and more than finer harmonics of the angle. Who steps twice wanders.
+or one drift does, more than the side of approach (a coupling that winds up), and more than finer
+harmonics of the angle. Who steps twice wanders.
 """
 
 from typing import NamedTuple
@@ -11,6 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from msg_tools.units import ARCSEC, wrap
+from pointing_model.context import Context
+from pointing_model.effects.base import effect
+from pointing_model.effects.hysteresis import MEMORIES
 from pointing_model.following import AxisFollowing, Following, harmonic_columns
 
 from .restricted import restricted
@@ -75,7 +79,7 @@ class Walk(NamedTuple):
     lead: float = np.inf
 
 
-def find_walk(apart, angle, run, rivals=(), limit=_CHANCE, least=0.0):
+def find_walk(apart, angle, run, rivals=(), limit=_CHANCE, least=0.0, sides=()):
     """Whether differences walk at random.
 
     Parameters
@@ -92,11 +96,13 @@ def find_walk(apart, angle, run, rivals=(), limit=_CHANCE, least=0.0):
         Chance from which on it is no walk.
     least : float
         Noise of a difference at least, rad.
+    sides : sequence of ndarray, shape (n,)
+        By which side the axis came: each explains it otherwise, beside the rivals.
 
     Returns
     -------
     Walk or None
-        None where chance, the rivals or finer harmonics of the angle explain as much, and leave
+        None where chance, the rivals, the side of approach or finer harmonics of the angle explain as much, and leave
         nothing that walks.
     """
     n = len(apart)
@@ -121,6 +127,7 @@ def find_walk(apart, angle, run, rivals=(), limit=_CHANCE, least=0.0):
     curves = np.column_stack([fixed, *(column for column, _ in rivals)])
     others = [(curves, sum(cost for _, cost in rivals)),
               (np.column_stack([curves, harmonic_columns(angle, _FINER)]), 2 * len(_FINER))]
+    others += [(np.column_stack([curves, side]), others[0][1] + 1) for side in sides]
     best = _bic(y / scale, fixed, np.eye(n) + ratio * walk, 1, least / scale)
     for columns, cost in others:
         if n < columns.shape[1] + 8:
@@ -329,7 +336,8 @@ def wander_of(night, axis, events, budget, also=()):
         rivals += [(column[some], 1) for column in also[:1]]
     walk = find_walk(
         night.apart[axis][some], night.rows[f'{SHORT[axis]}_enc'][some], night.stretch[some],
-        rivals, budget.false_alarm / 2.0, 0.02 * ARCSEC)  # two axes
+        rivals, budget.false_alarm / 2.0, 0.02 * ARCSEC,  # two axes
+        [side[some] for side in _sides(night, axis)])
     if walk is None:
         return None
     walk = walk._replace(step=walk.step / np.sqrt(every))
@@ -339,6 +347,15 @@ def wander_of(night, axis, events, budget, also=()):
     found = Found(night.tonight[-1], 'wander', float(night.rows['time'][rows].mean()),
                   column / size, size, 0.0, 2.0 * walk.probability, _ODDS)
     return found, walk
+
+
+def _sides(night, axis):
+    """What a coupling that winds up, or play, does to the difference: a column for each memory."""
+    context, name = Context.of_run(night.rows), SHORT[axis]
+    play = [effect('hysteresis', axis=name, shape='1', memory_deg=memory)
+            for memory in (0.0, *MEMORIES)]
+    return [np.nan_to_num(np.broadcast_to(one.of(context)[0][axis], len(night.run)))
+            for one in play if all(context.get(need) is not None for need in one.requires)]
 
 
 def followed(rows, budget=None):

@@ -112,6 +112,23 @@ def test_the_stars_say_which_encoder_wanders():
     assert not followed(night(1, walk_of(1, 0.9, 28), stars=8, polaris=20))
 
 
+def test_a_coupling_that_winds_up_is_no_walk():
+    mistaken = told = beside = 0
+    for seed in range(4):
+        rng = np.random.default_rng(seed + 70)
+        # it comes from one side for some stars, then from the other
+        side = np.cumprod(np.where(rng.uniform(size=106) < 0.1, -1.0, 1.0))
+        for path in (0.0, walk_of(seed, 0.8)):
+            rows = night(seed, 3.0 * side + path, axis='az')
+            known = PointingRun({**rows.columns, 'approach_az': side, 'approach_el': 0.0 * side})
+            if np.ndim(path):
+                beside += list(followed(known).axes) == ['az']
+            else:
+                mistaken, told = mistaken + bool(followed(rows)), told + bool(followed(known))
+    assert mistaken >= 2 and told == 0  # where the side is not known; where it is
+    assert beside >= 3  # what walks beside it still does
+
+
 def test_noise_that_soon_forgets_is_no_walk():
     alarms = 0
     for seed in range(60):
