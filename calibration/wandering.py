@@ -102,8 +102,8 @@ def find_walk(apart, angle, run, rivals=(), limit=_CHANCE, least=0.0, sides=()):
     Returns
     -------
     Walk or None
-        None where chance, the rivals, the side of approach or finer harmonics of the angle explain as much, and leave
-        nothing that walks.
+        None where chance, the rivals, the side of approach or finer harmonics of the angle
+        explain as much, and leave nothing that walks.
     """
     n = len(apart)
     if n < _FEWEST:

@@ -8,6 +8,8 @@ from msg_tools.units import wrap
 
 #: readings older than the last by this are of a new simulation, ns
 CLOCK_JUMP = 1_000_000_000
+#: before and after an exposure, over which the rate of an axis is taken, ns
+_HALF = 500_000_000
 ENCODERS = ('enc', 'abs')
 
 
@@ -28,7 +30,7 @@ def interpolate(stamps, angles, stamp):
     angles : ndarray, shape (2,)
         Radians; NaN where an axis gave none.
     rates : ndarray, shape (2,)
-        rad/s.
+        Mean over the second about `stamp`, as far as there are readings, rad/s.
 
     Raises
     ------
@@ -45,7 +47,12 @@ def interpolate(stamps, angles, stamp):
     low, high = angles[i - 1], angles[i]
     span = float(stamps[i] - stamps[i - 1])
     step = np.array([wrap(high[0] - low[0]), high[1] - low[1]])
-    return low + step * (float(stamp - stamps[i - 1]) / span), step / (span * 1e-9)
+    # over a second: two readings a tenth of a second apart show a slip, not how the axis moves
+    first, last = np.searchsorted(stamps, [stamp - _HALF, stamp + _HALF + 1])
+    first, last = min(first, i - 1), max(last - 1, i)
+    way = np.array([wrap(angles[last, 0] - angles[first, 0]), angles[last, 1] - angles[first, 1]])
+    rate = way / (float(stamps[last] - stamps[first]) * 1e-9)
+    return low + step * (float(stamp - stamps[i - 1]) / span), rate
 
 
 def centred(az, el, miss_x, miss_y):
