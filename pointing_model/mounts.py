@@ -308,3 +308,14 @@ def parse_mount(text, latitude=None):
     if latitude is None:
         raise ValueError(f'a mount that is {kind} needs the latitude of its site')
     return Mount.equatorial(latitude, kind)
+
+
+def mount_text(mount):
+    """What `parse_mount` reads as the same mount, with the latitude of an equatorial one."""
+    if mount.kind != 'free':
+        return mount.kind
+    x, y, z = np.array(mount.frame)
+    azimuth, elevation = np.arctan2(z[0], z[1]), np.arctan2(z[2], np.hypot(z[0], z[1]))
+    plain = Mount.free(azimuth, elevation)
+    roll = np.arctan2(*(np.array(plain.frame)[:2] @ x)[::-1])
+    return 'free:' + ','.join(repr(float(v / DEG)) for v in (azimuth, elevation, roll))
