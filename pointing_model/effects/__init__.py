@@ -17,9 +17,10 @@ from .changing import changes
 from .curves import smooths
 from .drifts import steps
 from .graduation import PERIODS, declared_graduation, period_of
-from .pier import by_side
+from .pier import by_side, direct
 
-__all__ = ['PERIODS', 'Amount', 'Effect', 'changes', 'declared_graduation', 'dictionary', 'effect',
+__all__ = ['PERIODS', 'Amount', 'Effect', 'changes', 'declared_graduation', 'dictionary', 'direct',
+           'effect',
            'of_document', 'period_of', 'smooths', 'steps', 'to_document']
 
 _MODULES = [import_module(f'.{name}', __name__)

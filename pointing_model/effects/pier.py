@@ -65,9 +65,13 @@ def by_side(effects, context):
         return [], ('what differs by the side of the pier', against)
     terms = [effect('term', name=name, mount=mount.kind) for name in mount.names.physical]
     known = {e.name for e in terms}
-    direct = [e for e in effects if e.kind == 'effect' and e.driver in _DIRECTION
-              and e.scan is None and e.name not in known]
-    return [effect('by_side', of=to_document(e)) for e in terms + direct], None
+    others = [e for e in effects if direct(e) and e.name not in known]
+    return [effect('by_side', of=to_document(e)) for e in terms + others], None
+
+
+def direct(effect):
+    """Whether an effect follows nothing but the direction, and the side of the pier."""
+    return effect.kind == 'effect' and effect.driver in _DIRECTION and effect.scan is None
 
 
 @form
