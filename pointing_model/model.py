@@ -300,3 +300,9 @@ class PointingModel:
         """`model_document.load`."""
         from .model_document import load
         return load(path)
+
+    @staticmethod
+    def load_for_graph(path):
+        """As `load`; ValueError of a mount that the graph does not have."""
+        from .model_document import load_for_graph
+        return load_for_graph(path)

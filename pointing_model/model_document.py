@@ -247,6 +247,21 @@ def load(path):
         raise ValueError(f'{path}: {error}') from None
 
 
+def load_for_graph(path):
+    """`load`, for nodes that know alt-azimuth mounts alone.
+
+    Raises
+    ------
+    ValueError
+        As `load`, or the model is of another mount.
+    """
+    model = load(path)
+    if not model.mount.altaz:
+        raise ValueError(f'{path}: a model of a mount that is {model.mount.kind}; the night and '
+                         'its graph are of alt-azimuth mounts')
+    return model
+
+
 def _is_yaml(path):
     suffix = path.suffix.lower()
     if suffix not in ('.json', '.yaml', '.yml'):

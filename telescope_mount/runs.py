@@ -54,6 +54,9 @@ def load_run(path, azimuth_origin=None, *, site=None, weather=None, encoder=None
             path, azimuth_origin=azimuth_origin, site=site, weather=weather, encoder=encoder,
             mount=mount))
     else:
+        if mount is not None and mount != 'altaz':
+            raise ValueError(f'{path} is a log of a night with an alt-azimuth mount; leave out '
+                             '--mount')
         run = run_of_log(path)
         if site is not None:
             run.meta['site'] = site

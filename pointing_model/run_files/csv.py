@@ -6,7 +6,7 @@ import difflib
 import numpy as np
 
 from msg_tools.units import DEG
-from pointing_model.mounts import ALTAZ, KINDS, is_beyond, mount_text
+from pointing_model.mounts import ALTAZ, KINDS, is_beyond, mount_text, through_pole
 from pointing_model.run import COLUMNS, column_name
 
 from . import table
@@ -348,8 +348,10 @@ def write_csv(run, path):
     names = [name for name in COLUMNS if name in run]
     names += [name for name in run.columns if name not in COLUMNS]
     header, columns, mount = [], [], run.mount
+    places = {} if mount.altaz else dict(zip(  # of the sky; the readings tell the side
+        ('az', 'el'), through_pole(run['az'], run['el'], is_beyond(run['el']))))
     for name in names:
-        values = run[name]
+        values = places.get(name, run[name])
         unit = COLUMNS[name][1] if name in COLUMNS else 1.0
         header.append(column_name(name, mount.names))
         if not mount.altaz and name in ('miss_x', 'miss_y'):
