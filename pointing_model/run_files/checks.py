@@ -5,6 +5,8 @@ import numpy as np
 from msg_tools.units import DEG, wrap
 from pointing_model.run import COLUMNS, REQUIRED, PointingRun
 
+from .declared import standard_pressure
+from .solves import are_images, refuse_hours
 from .table import SPECIAL
 
 #: observed elevations outside are no observation (90.1: a star past the zenith)
@@ -184,11 +186,16 @@ def observe_places(path, table, site, weather, origin):
     if 'ra_deg' not in columns:
         return
     if not all(hasattr(site, name) for name in ('latitude', 'longitude', 'height')):
-        raise ValueError(f'{path}: ra_deg, dec_deg need the site (latitude, longitude, height)')
+        raise ValueError(f'{path}: ra_deg, dec_deg need the site (latitude, longitude, height): '
+                         'comments "# latitude_deg: ...", "# longitude_deg: ...", or the options')
     if not meta.get('time_is_utc', True):
         raise ValueError(f'{path}: ra_deg, dec_deg need time in UTC: ISO 8601, or seconds since '
                          '1970-01-01')
+    from pointing_model.plate_solved.frames import ICRS, to_icrs
+    from pointing_model.plate_solved.solved import Solved
     from pointing_model.sky import icrs_to_observed
+    declared, of_images = meta.pop('sky_frame', None), are_images(table)
+    frame = declared or ICRS
     ra, dec, time = (columns.pop('ra_deg'), columns.pop('dec_deg'), columns['time'])
     table.exclude(np.abs(dec) > np.pi / 2, 'dec_deg is beyond 90')
     ok = (table.reasons == 0) & np.isfinite(ra) & np.isfinite(dec) & np.isfinite(time)
@@ -196,18 +203,24 @@ def observe_places(path, table, site, weather, origin):
     if ok.any():
         try:
             air = _air(columns, ok, site, weather, meta)
-            az[ok], el[ok] = icrs_to_observed(ra[ok], dec[ok], time[ok], site, air)
+            icrs = to_icrs(ra[ok], dec[ok], frame, time[ok])
+            refuse_hours(path, *icrs, time[ok], site)
+            az[ok], el[ok] = icrs_to_observed(*icrs, time[ok], site, air)
+            meta['solved'] = Solved(table.lines[ok], ra[ok], dec[ok], time[ok], frame,
+                                    declared is not None, site, air, of_images)
         except ValueError as error:
-            raise ValueError(f'{path}: {error}') from None
+            said = str(error)
+            raise ValueError(said if said.startswith(str(path)) else f'{path}: {said}') from None
     columns['az'], columns['el'] = (np.pi - az if origin == 'S' else az), el
-    meta['notes'].append('az, el are observed places of ra_deg, dec_deg (ICRS, no proper motion)')
+    meta['notes'].append(f'az, el are observed places of ra_deg, dec_deg ({frame.text}, no proper '
+                         'motion)' + ('' if declared else '; no comment "# frame: ..." says so'))
 
 
 def _air(columns, rows, site, weather, meta):
     """Weather of each row: its own columns, else what was given, else a standard atmosphere."""
     from pointing_model.sky import Weather
     if weather is None:
-        pressure = 1013.25 * (1.0 - 2.25577e-5 * site.height) ** 5.25588
+        pressure = standard_pressure(site.height)
         weather = Weather(pressure_hpa=pressure, temperature_c=10.0)
         said = f'refraction for {pressure:.0f} hPa, 10 C (standard atmosphere at the site)'
     else:

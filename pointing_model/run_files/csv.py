@@ -7,7 +7,8 @@ import numpy as np
 
 from pointing_model.run import COLUMNS
 
-from . import table
+from . import solves, table
+from .declared import declarations
 from .table import Table, bad_cell, content, floats, is_number, same_width
 
 CSV_NAMES = {csv_name: name for name, (csv_name, _, _) in COLUMNS.items()}
@@ -74,7 +75,7 @@ def read_csv(path, lines, delimiter, encoder=None):
         # of a million rows, cells as text and rows that differ would take most of the memory
         texts += [hash('\0'.join(row)) for row in rows]
         blocks.append([np.array([cell.encode() for cell in cells]) for cells in zip(*rows)])
-    columns, meta = {}, {'format': 'csv', 'notes': []}
+    columns, meta = {}, {'format': 'csv', **declarations(path, lines)}
     for i, header_name in enumerate(header):
         cells = [cell.decode() for block in blocks for cell in block[i].tolist()]
         _take_column(path, numbers, header, header_name, cells, columns, meta)
@@ -118,6 +119,8 @@ def _take_column(path, numbers, header, header_name, cells, columns, meta):
         columns[name] = _approach(path, numbers, header_name, cells)
     elif name:
         columns[name] = floats(path, numbers, header_name, cells)
+    elif header_name in ('mount', 'telescope'):
+        solves.one_mount(path, numbers, header_name, cells)
     elif header_name in COLUMNS:
         meta['notes'].append(f'column {header_name!r} left out: its unit is unknown, the name is '
                              f'{COLUMNS[header_name][0]}')

@@ -5,7 +5,7 @@ from pathlib import Path
 from msg_tools.units import DEG
 from pointing_model.run import PointingRun
 
-from . import checks
+from . import checks, declared, solves
 from .csv import csv_delimiter, read_csv
 from .iram import looks_like_iram, read_iram
 from .mmt import looks_like_mmt, read_mmt
@@ -28,13 +28,15 @@ def read_run(path, *, azimuth_origin=None, site=None, weather=None, encoder=None
         (``ALTAZ``, format 4: observed azimuth and elevation, then those of the mount; also the
         short form with a line ``A``), a raw MMT night, or a pointing log of the IRAM 30 m. A
         CSV may give ``x_arcsec, y_arcsec`` (encoder - catalogue, on the sky) in place of the
-        encoder columns, and ``ra_deg, dec_deg, time`` (ICRS) in place of ``az_deg, el_deg``.
+        encoder columns, and ``ra_deg, dec_deg, time`` in place of ``az_deg, el_deg``, in the frame
+        and at the site that comments above the header row declare (docs/plate_solved.md).
     azimuth_origin : {'N', 'S'}, optional
         'N': azimuth 0 is north, 90 east. 'S': 0 is south, 90 east (azimuths are converted to
         180 deg - A). By default what a comment in a TPOINT file says, else 'N'.
     site : pointing_model.sky.Site, optional
-        Needed for ``ra_deg, dec_deg``. Kept as ``meta['site']`` in place of what the file
-        tells; ``meta['notes']`` says so if its latitude is another than the file's.
+        Needed for ``ra_deg, dec_deg`` of a file that declares none. Kept as ``meta['site']`` in
+        place of what the file tells; ``meta['notes']`` says so if its latitude is another than
+        the file's.
     weather : pointing_model.sky.Weather, optional
         For the refraction of ``ra_deg, dec_deg`` in rows without ``temperature_c`` and
         ``pressure_hpa``. By default a standard atmosphere at the site, 10 C.
@@ -86,9 +88,13 @@ def _read_run(path, azimuth_origin, site, weather, encoder):
         _compare_site(site, meta)
         meta['site'] = site
     checks.refuse_radians(path, table)
+    solves.take_sigma(table)
+    solves.flag_twice(table)
+    solves.flag_scales(table)
     checks.to_si(columns)
     checks.flag_numbers(table)
-    checks.observe_places(path, table, site, weather, meta['azimuth_origin'])
+    checks.observe_places(path, table, *declared.sky_of(path, table, site, weather),
+                          meta['azimuth_origin'])
     checks.blank_absurd(table)
     checks.read_offsets(table)
     if meta['azimuth_origin'] == 'S':

@@ -41,10 +41,7 @@ def add(commands):
     parser.add_argument('--save', type=Path, metavar='FILE',
                         help='write the model with what was found (.json, .yaml)')
     options.add(parser, 'encoder', 'azimuth-origin')
-    options.add(parser, 'latitude', help='of the site, for runs in right ascension')
-    options.add(parser, 'longitude', 'height')
-    parser.add_argument('--pressure', type=float, metavar='HPA',
-                        help='for runs in right ascension; 0: no refraction')
+    options.add_place(parser)
     options.add(parser, 'seed', default=0, help='of the resampling (default: 0)')
 
 
@@ -70,7 +67,7 @@ def _run(args):
                            (args.save, ('.json', '.yaml', '.yml'))):
         options.check_target(path, suffixes)
     place = {'azimuth_origin': args.azimuth_origin, 'graduation': args.graduation,
-             'drivers': args.driver, **_place(args)}
+             'drivers': args.driver, **options.place_of(args)}
     runs, empty = load_runs(args.runs, **place)
     held, empty_held = load_runs(args.holdout, **place) if args.holdout else (None, [])
     print_lines(console, 'note', [*empty, *empty_held])
@@ -101,23 +98,6 @@ def _write(args, found, console):
 def _hours(text):
     """Hours of a gap; none: 0."""
     return 0.0 if text == 'none' else float(text)
-
-
-def _place(args):
-    """Site and weather, where options give them."""
-    from dataclasses import replace
-
-    from msg_tools.units import DEG
-    from pointing_model.sky import DEFAULT_WEATHER, Site
-    out = {}
-    given = (args.latitude, args.longitude)
-    if any(v is not None for v in (*given, args.height)):
-        if None in given:
-            raise ValueError('a site needs --latitude and --longitude')
-        out['site'] = Site(args.latitude * DEG, args.longitude * DEG, args.height or 0.0)
-    if args.pressure is not None:
-        out['weather'] = replace(DEFAULT_WEATHER, pressure_hpa=args.pressure)
-    return out
 
 
 def show(found, console):

@@ -15,6 +15,7 @@ def add(commands):
     parser.add_argument('--terms', type=options.names, default='IA,IE,CA,NPAE,AN,AW,TF',
                         help='comma-separated (default: the seven physical terms)')
     options.add(parser, 'encoder', 'azimuth-origin')
+    options.add_place(parser)
     parser.add_argument('--run', dest='number', type=options.whole(-10**6, 10**6), metavar='N',
                         help='of several runs in the file (column run) the one of this number')
     options.add(parser, 'harmonics', 'harmonics-alone', 'harmonics-degree')
@@ -33,7 +34,8 @@ def run(args):
     from ..runs import load_run
     from .console import new_console, print_files, print_lines
     with naming_columns():
-        observed = _one_run(load_run(args.file, azimuth_origin=args.azimuth_origin), args)
+        observed = _one_run(load_run(args.file, azimuth_origin=args.azimuth_origin,
+                                     **options.place_of(args)), args)
     if f'az_{args.encoder}' not in observed:
         raise ValueError(f'{args.file} has no second encoder; leave out --encoder {args.encoder}')
     checked = check_columns(observed, args.encoder)

@@ -88,6 +88,37 @@ def harmonics_of(args):
     return given
 
 
+def add_place(parser):
+    """Add the site and the air of runs in right ascension."""
+    add(parser, 'latitude', help='of the site, for runs in right ascension')
+    add(parser, 'longitude', 'height')
+    parser.add_argument('--pressure', type=float, metavar='HPA',
+                        help='for runs in right ascension; 0: no refraction')
+
+
+def place_of(args):
+    """Site and weather as `load_run` takes them, where the options of `add_place` give them.
+
+    Raises
+    ------
+    ValueError
+        Only one of latitude and longitude, or a value out of range.
+    """
+    from dataclasses import replace
+
+    from msg_tools.units import DEG
+    from pointing_model.sky import DEFAULT_WEATHER, Site
+    out = {}
+    given = (args.latitude, args.longitude)
+    if any(v is not None for v in (*given, args.height)):
+        if None in given:
+            raise ValueError('a site needs --latitude and --longitude')
+        out['site'] = Site(args.latitude * DEG, args.longitude * DEG, args.height or 0.0)
+    if args.pressure is not None:
+        out['weather'] = replace(DEFAULT_WEATHER, pressure_hpa=args.pressure)
+    return out
+
+
 def sky_of(args):
     """The parameters of the sky that latitude, longitude and height set."""
     given = {'latitude_deg': args.latitude, 'longitude_deg': args.longitude,
