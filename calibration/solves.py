@@ -57,10 +57,13 @@ def judge_solves(run):
     meta = {name: v for name, v in run.meta.items() if name != 'solved'}
     meta['notes'] = list(meta.get('notes', ()))
     reasons = _false_rows(run, solved, meta['notes']) if len(run) >= FEW else {}
+    names = meta.get('row_names') or {}
     keep = np.array([i not in reasons for i in range(len(run))], bool)
     meta['excluded'] = sorted(
         [*meta.get('excluded', ()), *({'row': int(run.lines[i]), 'reason': text}
                                       for i, text in reasons.items())], key=lambda e: e['row'])
+    meta['excluded'] = [{**e, 'reason': f'{names[e["row"]]}: {e["reason"]}'}
+                        if e['row'] in names else e for e in meta['excluded']]
     meta['lines'] = run.lines[keep]
     run, solved = run.select(keep), solved.at(run.lines[keep])
     run.meta = meta

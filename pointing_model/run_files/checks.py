@@ -187,7 +187,7 @@ def observe_places(path, table, site, weather, origin):
         return
     if not all(hasattr(site, name) for name in ('latitude', 'longitude', 'height')):
         raise ValueError(f'{path}: ra_deg, dec_deg need the site (latitude, longitude, height): '
-                         'comments "# latitude_deg: ...", "# longitude_deg: ...", or the options')
+                         'comments "# latitude_deg: ...", "# longitude_deg: ...", or options')
     if not meta.get('time_is_utc', True):
         raise ValueError(f'{path}: ra_deg, dec_deg need time in UTC: ISO 8601, or seconds since '
                          '1970-01-01')

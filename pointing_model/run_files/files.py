@@ -3,10 +3,12 @@
 from pathlib import Path
 
 from msg_tools.units import DEG
+from pointing_model.plate_solved.mapping import looks_like_mapping
 from pointing_model.run import PointingRun
 
 from . import checks, declared, solves
 from .csv import csv_delimiter, read_csv
+from .images import read_images
 from .iram import looks_like_iram, read_iram
 from .mmt import looks_like_mmt, read_mmt
 from .table import read_lines
@@ -105,6 +107,8 @@ def _read_run(path, azimuth_origin, site, weather, encoder):
 
 
 def _read_table(path, encoder):
+    if looks_like_mapping(path) and path.is_file():
+        return read_images(path)
     lines = read_lines(path)
     if looks_like_mmt(lines):
         return read_mmt(path, lines)
