@@ -128,7 +128,8 @@ def load_mapping(path):
                              f'{near[0]}?')
     missing = [name for name in NEEDED if name not in columns]
     if missing:
-        near = difflib.get_close_matches(missing[0], [str(name) for name in columns], 1)
+        near = difflib.get_close_matches(missing[0], [
+            str(name) for name in columns if name not in NEEDED], 1)
         raise ValueError(f'{path}, keywords: no keyword for {", ".join(missing)}'
                          + (f' (closest: {near[0]})' if near else ''))
     patterns = told.get('images', PATTERNS)

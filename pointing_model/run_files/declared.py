@@ -16,7 +16,7 @@ NUMBERS = {
     'humidity': ('weather', 'humidity', 1.0, 0.0, 1.0),
     'wavelength_um': ('weather', 'wavelength_um', 1.0, 0.2, 1e6),
 }
-_KEYS = ('frame', *NUMBERS)
+_KEYS = ('frame', 'unsolved', *NUMBERS)
 _LINE = re.compile(r'#\s*([A-Za-z_]+)\s*[:=]\s*(\S.*?)\s*')
 
 
@@ -34,7 +34,8 @@ def declarations(path, lines):
     -------
     dict
         For ``meta``: ``sky_frame`` (a `Frame`), ``site`` and ``weather`` (dict, SI), as far as they
-        are declared; ``notes`` of keys that look like a mistyped one. Other comments are free.
+        are declared; ``notes`` of images that were not solved, and of keys that look like a
+        mistyped one. Other comments are free.
 
     Raises
     ------
@@ -61,6 +62,10 @@ def declarations(path, lines):
         if key in seen:
             raise ValueError(f'{where}: {key} is declared twice')
         seen.add(key)
+        if key == 'unsolved':
+            notes.append(f'{value[:80]} were not solved: those that were may be no fair sample '
+                         '(low, faint and trailed ones are missing)')
+            continue
         declare(out, key, value, where)
     return {**out, 'notes': notes}
 
