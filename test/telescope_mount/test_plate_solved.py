@@ -1,28 +1,24 @@
 """A night as plate-solved rows: the same terms as by miss distances, and what is wrong is named."""
 
-from types import SimpleNamespace
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from calibration.fit import fit_terms
-from encoder_sim.geometry import MountGeometry, azimuth_elevation, direction
-from encoder_sim.scenario import Mount
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
-from pointing_model.observing.pairing import centred
 from pointing_model.plate_solved.frames import parse_frame
 from pointing_model.run import PointingRun
 from pointing_model.run_files import iso_utc, write_csv
-from pointing_model.sky import Site, Weather, observed_place, observed_to_icrs
-from pointing_model.star_catalogue import load_catalogue
+from pointing_model.sky import icrs_to_observed
 from pointing_model.terms import PHYSICAL
 from telescope_mount.runs import load_run
 
-SITE = Site(34.3 * DEG, 109.0 * DEG, 500.0)
-START = 1_795_000_000.0  # 2026-11-18T15:06:40Z
-SOLID = Mount(ia=310 * ARCSEC, ie=-170 * ARCSEC, ca=46 * ARCSEC, npae=-23 * ARCSEC,
-              an=37 * ARCSEC, aw=-21 * ARCSEC, tf=15 * ARCSEC)
+sys.path.append(str(Path(__file__).resolve().parents[2] / 'benchmarks'))
+from plate_solved import HEAD, SITE, SOLID, columns_of, given_in, simulated, write
+
 KNOWN = PointingModel(dict(zip(PHYSICAL, np.array([310, -170, 46, -23, 37, -21, 15]) * ARCSEC)))
 
 
@@ -30,57 +26,6 @@ KNOWN = PointingModel(dict(zip(PHYSICAL, np.array([310, -170, 46, -23, 37, -21, 
 def night():
     """40 stars in four hours, by rotations: readings, miss distances, what is in the centre."""
     return simulated(40, 4.0)
-
-
-def simulated(count, hours, seed=5, beside=15.0, noise=1.0):
-    rng = np.random.default_rng(seed)
-    time = START + np.sort(rng.uniform(0.0, 3600.0 * hours, count))
-    pressure, temperature = rng.uniform(940, 960, count), np.linspace(12.0, 3.0, count)
-    air = Weather(pressure, temperature, 0.5, 0.55)
-    stars = load_catalogue(mag_limit=5.0)
-    up = observed_place(stars, START, SITE)[1] > 30 * DEG
-    stars = stars.select(rng.choice(np.flatnonzero(up), count, replace=False))
-    az, el = observed_place(stars, time, SITE, air)
-    high = el > 20 * DEG
-    az, el, time = az[high], el[high], time[high]
-    air = Weather(pressure[high], temperature[high], 0.5, 0.55)
-    # the axes point beside the star, and what the camera then says is taken out of the readings
-    axis_az = az + rng.normal(0.0, beside, len(az)) * ARCSEC / np.cos(el)
-    axis_el = el + rng.normal(0.0, beside, len(az)) * ARCSEC
-    bore = azimuth_elevation(MountGeometry(SOLID).frames(axis_az, axis_el)[:, 1])
-    noise = rng.normal(0.0, noise, (2, len(az))) * ARCSEC
-    noise[0] /= np.cos(el)
-    centre = star_centred(axis_az, axis_el, direction(az, el))
-    ra, dec = observed_to_icrs(*bore, time, SITE, air)
-    return SimpleNamespace(time=time, az=az, el=el, centred=centre + noise, ra=ra, dec=dec, air=air,
-                           read=np.stack((axis_az, axis_el)) + noise)
-
-
-def star_centred(az, el, star):
-    """Axis angles that put the star on the boresight, by miss distances until there is none."""
-    for _ in range(6):
-        seen = np.einsum('nij,nj->ni', MountGeometry(SOLID).frames(az, el), star)
-        right, forward, upward = seen.T
-        az, el = centred(az, el, right / forward, upward / forward)
-    assert np.hypot(right, upward).max() < 1e-6 * ARCSEC
-    return np.stack((az, el))
-
-
-HEAD = '# latitude_deg: 34.3\n# longitude_deg: 109.0\n# height_m: 500\n'
-
-
-def rows_of(night, **more):
-    return {'time': iso_utc(night.time), 'ra_deg': night.ra / DEG, 'dec_deg': night.dec / DEG,
-            'az_enc_deg': night.read[0] / DEG, 'el_enc_deg': night.read[1] / DEG,
-            'pressure_hpa': night.air.pressure_hpa, 'temperature_c': night.air.temperature_c,
-            **more}
-
-
-def write(path, columns, head=HEAD + '# frame: ICRS\n'):
-    lines = [','.join(columns)]
-    lines += [','.join(str(v) for v in row) for row in zip(*columns.values())]
-    path.write_text(head + '\n'.join(lines) + '\n')
-    return path
 
 
 def reasons(run):
@@ -97,7 +42,7 @@ def fitted_both_ways(night, folder):
     az, el = night.centred
     write_csv(PointingRun({'time': night.time, 'az': night.az, 'el': night.el, 'az_enc': az,
                            'el_enc': el}), folder / 'miss.csv')
-    write(folder / 'solved.csv', rows_of(night))
+    write(folder / 'solved.csv', columns_of(night))
     return [fit_terms(load_run(folder / name)) for name in ('miss.csv', 'solved.csv')]
 
 
@@ -116,10 +61,10 @@ def test_noise_acts_on_both_alike(night, tmp_path):
 
 
 def test_fit_and_diagnose_take_the_file(night, tmp_path, ended):
-    path = write(tmp_path / 'solved.csv', rows_of(night))
+    path = write(tmp_path / 'solved.csv', columns_of(night))
     code, out, err = ended('fit', path)
     assert code == 0 and 'IA' in out and f'{len(night.az)} of {len(night.az)} rows used' in out
-    bare = write(tmp_path / 'bare.csv', rows_of(night), '# frame: ICRS\n')
+    bare = write(tmp_path / 'bare.csv', columns_of(night), '# frame: ICRS\n')
     options = ('--latitude', 34.3, '--longitude', 109, '--height', 500)
     assert ended('fit', bare, *options)[1].splitlines()[:12] == out.splitlines()[:12]
     code, out, err = ended('diagnose', path)
@@ -129,7 +74,7 @@ def test_fit_and_diagnose_take_the_file(night, tmp_path, ended):
 # -------------------------------------------------------------------------------- rows that are not
 
 def test_a_false_solve_is_named(night, tmp_path):
-    columns = rows_of(night)
+    columns = columns_of(night)
     columns['ra_deg'] = columns['ra_deg'].copy()
     columns['ra_deg'][[3, 11]] += (40.0, 0.5)
     run = load_run(write(tmp_path / 'run.csv', columns))
@@ -142,7 +87,7 @@ def test_a_false_solve_is_named(night, tmp_path):
 
 def test_a_third_of_false_solves_is_told_apart(night, tmp_path):
     rng = np.random.default_rng(1)
-    columns = rows_of(night)
+    columns = columns_of(night)
     bad = rng.choice(len(night.az), len(night.az) // 4, replace=False)
     columns['ra_deg'], columns['dec_deg'] = columns['ra_deg'].copy(), columns['dec_deg'].copy()
     columns['ra_deg'][bad] = rng.uniform(columns['ra_deg'].min(), columns['ra_deg'].max(),
@@ -153,7 +98,7 @@ def test_a_third_of_false_solves_is_told_apart(night, tmp_path):
 
 
 def test_a_copied_solution_is_named(night, tmp_path):
-    columns = rows_of(night)
+    columns = columns_of(night)
     for name in ('ra_deg', 'dec_deg'):
         columns[name] = columns[name].copy()
         columns[name][7] = columns[name][6]
@@ -164,13 +109,12 @@ def test_a_copied_solution_is_named(night, tmp_path):
 def test_a_star_centred_again_is_no_copy(night, tmp_path):
     # a catalogue star twice: the same place, and the encoders follow
     columns = {name: np.concatenate((np.asarray(v), np.asarray(v)[:1]))
-               for name, v in rows_of(night).items()}
+               for name, v in columns_of(night).items()}
     again = simulated(40, 4.0)
     later = night.time[0] + 600.0
     columns['time'][-1] = iso_utc(np.array([later]))[0]
-    from pointing_model.sky import icrs_to_observed
     az, el = icrs_to_observed(night.ra[:1], night.dec[:1], later, SITE)
-    fitted = fit_terms(load_run(write(tmp_path / 'one.csv', rows_of(again)))).model
+    fitted = fit_terms(load_run(write(tmp_path / 'one.csv', columns_of(again)))).model
     az, el = fitted.sky_to_encoder(az, el)
     columns['az_enc_deg'][-1], columns['el_enc_deg'][-1] = az[0] / DEG, el[0] / DEG
     assert not reasons(load_run(write(tmp_path / 'run.csv', columns)))
@@ -182,7 +126,7 @@ def test_a_star_centred_again_is_no_copy(night, tmp_path):
 
 def test_a_second_solution_of_an_image_is_named(night, tmp_path):
     columns = {name: np.concatenate((np.asarray(v), np.asarray(v)[4:5]))
-               for name, v in rows_of(night).items()}
+               for name, v in columns_of(night).items()}
     columns['ra_deg'][-1] += 0.4 / 3600
     columns['sigma_arcsec'] = np.full(len(columns['time']), 0.3)
     columns['sigma_arcsec'][4] = 0.5
@@ -192,7 +136,7 @@ def test_a_second_solution_of_an_image_is_named(night, tmp_path):
 
 def test_a_flipped_scale_is_named(night, tmp_path):
     n = len(night.az)
-    columns = rows_of(night, scale_arcsec_px=np.full(n, 1.16), parity=np.full(n, -1))
+    columns = columns_of(night, scale_arcsec_px=np.full(n, 1.16), parity=np.full(n, -1))
     columns['scale_arcsec_px'][2], columns['scale_arcsec_px'][5] = 2.31, -1.16
     columns['parity'][9] = 1
     told = reasons(load_run(write(tmp_path / 'run.csv', columns)))
@@ -206,23 +150,9 @@ def test_a_flipped_scale_is_named(night, tmp_path):
 
 # ---------------------------------------------------------------------------------------- frame
 
-def given_in(night, text):
-    """The rows of the night in another frame, by turning the conversion round."""
-    from scipy.optimize import fsolve
-
-    from pointing_model.plate_solved.frames import to_icrs
-    frame = parse_frame(text)
-
-    def away(values):
-        ra, dec = to_icrs(*values.reshape(2, -1), frame, night.time)
-        return np.concatenate((np.sin(ra - night.ra) * np.cos(dec), dec - night.dec))
-    ra, dec = fsolve(away, np.concatenate((night.ra, night.dec)), xtol=1e-13).reshape(2, -1)
-    return rows_of(night, ra_deg=ra / DEG, dec_deg=dec / DEG)
-
-
 @pytest.mark.parametrize('true', ['of date', 'mean of date', 'B1950'])
 def test_a_frame_that_is_not_so_is_refused(night, tmp_path, true):
-    columns = given_in(night, true)
+    columns = columns_of(night, **given_in(night, parse_frame(true)))
     right = load_run(write(tmp_path / 'right.csv', columns, HEAD + f'# frame: {true}\n'))
     assert fit_terms(right).model.terms['AN'] == pytest.approx(SOLID.an, abs=1 * ARCSEC)
     with pytest.raises(ValueError, match=f'declare "# frame: {true}"') as error:
@@ -233,25 +163,25 @@ def test_a_frame_that_is_not_so_is_refused(night, tmp_path, true):
 
 
 def test_without_a_frame_the_rows_tell_it_or_nothing_is_fitted(night, tmp_path):
-    run = load_run(write(tmp_path / 'run.csv', rows_of(night), HEAD))
+    run = load_run(write(tmp_path / 'run.csv', columns_of(night), HEAD))
     assert noted(run, 'no frame is declared', 'ICRS it is')
-    few = {name: v[:6] for name, v in rows_of(night).items()}
+    few = {name: v[:6] for name, v in columns_of(night).items()}
     with pytest.raises(ValueError, match='no frame of ra_deg, dec_deg is declared, and 6 rows'):
         load_run(write(tmp_path / 'few.csv', few, HEAD))
     assert len(load_run(write(tmp_path / 'few.csv', few))) == 6
     short = simulated(14, 0.005)
     with pytest.raises(ValueError, match='the rows cannot tell it'):
-        load_run(write(tmp_path / 'short.csv', rows_of(short), HEAD))
+        load_run(write(tmp_path / 'short.csv', columns_of(short), HEAD))
 
 
 def test_hours_of_right_ascension_are_refused(night, tmp_path):
-    columns = rows_of(night, ra_deg=night.ra / DEG / 15.0)
+    columns = columns_of(night, ra_deg=night.ra / DEG / 15.0)
     with pytest.raises(ValueError, match='give degrees'):
         load_run(write(tmp_path / 'run.csv', columns))
 
 
 def test_a_clock_in_local_time_is_noted(night, tmp_path):
-    columns = rows_of(night, time=iso_utc(night.time + 3600.0))
+    columns = columns_of(night, time=iso_utc(night.time + 3600.0))
     run = load_run(write(tmp_path / 'run.csv', columns))
     assert noted(run, 'azimuth axis would lean', 'a clock that is not UTC')
 
@@ -264,7 +194,7 @@ def test_the_sigma_of_a_solution_weighs(night, tmp_path):
     sigma = np.where(np.arange(n) % 2, 0.3, 15.0)
     ra = night.ra + rng.normal(0, sigma) * ARCSEC / np.cos(night.dec)
     dec = night.dec + rng.normal(0, sigma) * ARCSEC
-    plain = rows_of(night, ra_deg=ra / DEG, dec_deg=dec / DEG)
+    plain = columns_of(night, ra_deg=ra / DEG, dec_deg=dec / DEG)
     weighed = load_run(write(tmp_path / 'run.csv', {**plain, 'sigma_arcsec': sigma}))
     assert noted(weighed, '0.3 to 15 arcsec', 'the scatter beyond it')
     # the mount's own noise of 1 arcsec comes beside, so that sharp images do not take the fit
@@ -298,12 +228,12 @@ def test_the_sigma_of_a_solution_weighs(night, tmp_path):
      ['row 26', "'B'", "before are of 'A'", 'split']),
 ])
 def test_bad_files_are_refused_in_one_line(night, tmp_path, refused, change, head, words):
-    line = refused('fit', write(tmp_path / 'run.csv', {**rows_of(night), **change}, head))
+    line = refused('fit', write(tmp_path / 'run.csv', {**columns_of(night), **change}, head))
     assert all(word in line for word in words), line
 
 
 def test_rows_that_are_no_numbers_are_left_out(night, tmp_path):
-    columns = rows_of(night)
+    columns = columns_of(night)
     columns['ra_deg'] = columns['ra_deg'].astype(object)
     columns['ra_deg'][[1, 2]] = ('nan', '')
     run = load_run(write(tmp_path / 'run.csv', columns, HEAD + '# frame: ICRS\n# frme: FK5\n'))

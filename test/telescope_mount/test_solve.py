@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +10,10 @@ import pytest
 
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.run_files import iso_utc, read_run
-from pointing_model.star_catalogue import load_catalogue
 from telescope_mount.solving import solvers
+
+sys.path.append(str(Path(__file__).resolve().parents[2] / 'benchmarks'))
+from plate_solved import draw
 
 fits = pytest.importorskip('astropy.io.fits', reason='needs astropy (./install.sh ros,test,images)')
 
@@ -222,30 +225,6 @@ INDEX = list(Path('/usr/share/astrometry').glob('index-tycho2-1[0-9]*'))
 real = pytest.mark.skipif(
     not (shutil.which('solve-field') and INDEX), reason='needs solve-field and index files '
     '(apt-get install astrometry.net astrometry-data-tycho2-10-19)')
-
-
-def draw(path, ra, dec, header, size=400, scale=60.0, roll=0.4, seed=0):
-    """An image of the catalogue's stars about a place (radians), as the eye sees the sky."""
-    rng = np.random.default_rng(seed)
-    stars = load_catalogue(mag_limit=8.0)
-    star_ra, star_dec = stars.at_j2000[:2]
-    toward = np.cos(star_dec) * np.cos(star_ra - ra)
-    depth = np.sin(dec) * np.sin(star_dec) + np.cos(dec) * toward
-    east = np.cos(star_dec) * np.sin(star_ra - ra) / depth
-    north = (np.cos(dec) * np.sin(star_dec) - np.sin(dec) * toward) / depth
-    x = (-east * np.cos(roll) + north * np.sin(roll)) / (scale * ARCSEC) + 0.5 * (size - 1)
-    y = (east * np.sin(roll) + north * np.cos(roll)) / (scale * ARCSEC) + 0.5 * (size - 1)
-    seen = (depth > 0) & (np.abs(x - size / 2) < size / 2) & (np.abs(y - size / 2) < size / 2)
-    image = rng.normal(100.0, 5.0, (size, size))
-    flux = 6e6 * 10 ** (-0.4 * stars.mag)
-    grid = np.arange(-6, 7)
-    for i in np.flatnonzero(seen):
-        col, row = int(round(x[i])), int(round(y[i]))
-        rows, cols = row + grid, col + grid
-        rows, cols = rows[(rows >= 0) & (rows < size)], cols[(cols >= 0) & (cols < size)]
-        spot = np.exp(-0.5 * ((rows[:, None] - y[i]) ** 2 + (cols - x[i]) ** 2) / 1.3**2)
-        image[np.ix_(rows, cols)] += flux[i] / (2 * np.pi * 1.3**2) * spot
-    fits.writeto(path, np.clip(image, 0, 6e4).astype(np.uint16), fits.Header(header))
 
 
 @real
