@@ -6,6 +6,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from msg_tools.units import ARCSEC, DEG, wrap
+from pointing_model.mounts import is_beyond
 from pointing_model.plate_solved.frames import B1950, ICRS, MEAN_OF_DATE, OF_DATE
 from pointing_model.run import PointingRun
 
@@ -116,21 +117,28 @@ def _from_the_others(run):
     sound = _of_one_mount(run)
     if sound is None or sound.sum() < FEW:
         return None, None
-    bare = PointingRun({name: run[name] for name in ('az', 'el', 'az_enc', 'el_enc')})
+    bare = _bare(run)
     try:
         model = fit_terms(bare.select(sound)).model
     except ValueError:
         return None, None
     x, y = bare.offsets()
     px, py = model.offsets(bare['az'], bare['el'])
-    dx, dy = _wrapped(x - px, bare['el']), y - py
+    dx, dy = _wrapped(x - px, bare['el']), wrap(y - py)
     noise = np.hypot(sigma_of(dx[sound]), sigma_of(dy[sound]))
     left = np.hypot(dx, dy)
     return np.where(np.isfinite(left), left, np.pi), float(noise)
 
 
+def _bare(run, **columns):
+    """Places and readings alone, `columns` in place of the run's; of the same mount."""
+    names = ('az', 'el', 'az_enc', 'el_enc')
+    return PointingRun({**{name: run[name] for name in names}, **columns}, {'mount': run.mount})
+
+
 def _wrapped(x, el):
-    reach = np.maximum(np.cos(el), 1e-6)
+    # through the pole the cosine is negative
+    reach = np.where(np.abs(np.cos(el)) > 1e-6, np.cos(el), 1e-6)
     return wrap(x / reach) * reach
 
 
@@ -250,9 +258,10 @@ def _fit_of(run, solved, frame, hours=False):
         ra = 15.0 * solved.ra
     try:
         az, el = solved.observed(frame, ra)
+        if not run.mount.altaz:
+            az, el = run.mount.axes_of(az, el, is_beyond(run['el']))
         # near the horizon a place of another frame may lie where refraction has no meaning
-        fitted = fit_terms(PointingRun({'az': az, 'el': el, 'az_enc': run['az_enc'],
-                                        'el_enc': run['el_enc']}))
+        fitted = fit_terms(_bare(run, az=az, el=el))
     except ValueError:
         return None
     noise = [max(float(sigma_of(v[np.isfinite(v)])), _LEAST_NOISE)
@@ -262,17 +271,19 @@ def _fit_of(run, solved, frame, hours=False):
 
 
 def _note_tilt(run):
-    """A note where the azimuth axis would lean as none does: a clock, a longitude or a frame."""
+    """A note where the first axis would lean as none does: a clock, a longitude or a frame."""
     try:
         terms = fit_terms(run).model.terms
     except ValueError:
         return
-    tilt = np.hypot(terms['AN'], terms['AW'])
+    names = run.mount.names
+    lean = {own: terms[own] for own, (same, _) in names.terms.items() if same in ('AN', 'AW')}
+    tilt = np.hypot(*lean.values())
     if tilt > _TILT:
+        said = ', '.join(f'{name} {value / DEG:+.1f}' for name, value in lean.items())
         run.meta['notes'].append(
-            f'the azimuth axis would lean {tilt / DEG:.1f} deg (AN {terms["AN"] / DEG:+.1f}, AW '
-            f'{terms["AW"] / DEG:+.1f}): a clock that is not UTC, or a wrong longitude or '
-            'latitude, looks the same')
+            f'the {names.axes[0]} axis would lean {tilt / DEG:.1f} deg ({said}): a clock that is not '
+            'UTC, or a wrong longitude or latitude, looks the same')
 
 
 # ---------------------------------------------------------------------------------------- sigma
@@ -292,7 +303,7 @@ def _with_noise(run):
     extra = np.zeros(2)
     for _ in range(2):
         try:
-            fitted = fit_terms(PointingRun(columns))
+            fitted = fit_terms(PointingRun(columns, {'mount': run.mount}))
         except ValueError:
             return run
         used = fitted.weights > 0.0

@@ -12,9 +12,11 @@ from typing import NamedTuple
 import erfa
 import numpy as np
 
-from msg_tools.units import DEG
+from msg_tools.units import DEG, wrap
 
 from .earth import earth_orientation, split_utc
+
+_SIDEREAL = 2.0 * np.pi / 86164.0905  # rad/s
 
 
 @dataclass(frozen=True)
@@ -194,6 +196,67 @@ def observed_to_icrs(az, el, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER):
     astrom = _in_air(_frame(time, site, None if az.ndim == 0 else az.size), weather)
     cirs = erfa.ufunc.atoiq(b'A', az, np.pi / 2.0 - el, astrom)
     return erfa.ufunc.aticq(*cirs, astrom)
+
+
+def apparent_to_observed(ra, dec, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER):
+    """Observed place of apparent places of date (true equator and equinox, geocentric).
+
+    Parameters
+    ----------
+    ra, dec : ndarray, shape (n,)
+        Radians.
+    time, site, weather
+        As for `icrs_to_observed`.
+
+    Returns
+    -------
+    az, el : ndarray
+        Radians.
+    """
+    time = np.broadcast_to(np.asarray(time, float), np.shape(ra))
+    astrom = _frame(time, site, np.size(ra))
+    return _observe((ra + _equation_of_origins(time), dec), astrom, weather)
+
+
+def sidereal_time(time, site=DEFAULT_SITE):
+    """Local apparent sidereal time, radians in [0, 2 pi).
+
+    Parameters
+    ----------
+    time : ndarray, shape (n,)
+        UTC, seconds since 1970-01-01.
+    site : Site
+    """
+    time = np.asarray(time, float)
+    return np.mod(_frame(time, site, None)['eral'] - _equation_of_origins(time), 2.0 * np.pi)
+
+
+def moment_of(lst, near, site=DEFAULT_SITE):
+    """The moment nearest to another at which a sidereal clock shows a time.
+
+    Parameters
+    ----------
+    lst : ndarray, shape (n,)
+        Local apparent sidereal time, radians.
+    near : ndarray, shape (n,), or float
+        UTC, seconds since 1970-01-01.
+    site : Site
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        UTC, seconds since 1970-01-01.
+    """
+    time = np.broadcast_to(np.asarray(near, float), np.shape(lst)).copy()
+    for _ in range(3):  # each leaves what the equation of the equinoxes does in between
+        time += wrap(lst - sidereal_time(time, site)) / _SIDEREAL
+    return time
+
+
+def _equation_of_origins(time):
+    utc = split_utc(np.asarray(time, float))
+    tai = erfa.ufunc.utctai(*utc)[:2]
+    return erfa.ufunc.eo06a(*erfa.ufunc.taitt(*tai)[:2])
 
 
 def _frame(time, site, count):

@@ -16,7 +16,7 @@ NUMBERS = {
     'humidity': ('weather', 'humidity', 1.0, 0.0, 1.0),
     'wavelength_um': ('weather', 'wavelength_um', 1.0, 0.2, 1e6),
 }
-_KEYS = ('frame', 'unsolved', *NUMBERS)
+_KEYS = ('frame', 'mount', 'unsolved', *NUMBERS)
 _LINE = re.compile(r'#\s*([A-Za-z_]+)\s*[:=]\s*(\S.*?)\s*')
 
 
@@ -33,9 +33,9 @@ def declarations(path, lines):
     Returns
     -------
     dict
-        For ``meta``: ``sky_frame`` (a `Frame`), ``site`` and ``weather`` (dict, SI), as far as they
-        are declared; ``notes`` of images that were not solved, and of keys that look like a
-        mistyped one. Other comments are free.
+        For ``meta``: ``mount_told``, ``sky_frame`` (a `Frame`), ``site`` and ``weather`` (dict,
+        SI), as far as they are declared; ``notes`` of images that were not solved, and of keys
+        that look like a mistyped one. Other comments are free.
 
     Raises
     ------
@@ -78,7 +78,7 @@ def declare(out, key, value, where):
     out : dict
         Gets ``frame``, or a part of ``site`` or ``weather``.
     key : str
-        ``frame``, or one of `NUMBERS`.
+        ``mount``, ``frame``, or one of `NUMBERS`.
     value : str or float
     where : str
         For messages.
@@ -88,6 +88,9 @@ def declare(out, key, value, where):
     ValueError
         As `declarations`.
     """
+    if key == 'mount':
+        out['mount_told'] = str(value)
+        return
     if key == 'frame':
         try:
             out['sky_frame'] = value if isinstance(value, Frame) else parse_frame(value)
@@ -102,43 +105,6 @@ def declare(out, key, value, where):
     if not low <= number <= high:
         raise ValueError(f'{where}: {key} {number:g} is outside {low:g} to {high:g}')
     out.setdefault(part, {})[name] = number * unit
-
-
-def sky_of(path, table, site=None, weather=None):
-    """Site and air for the places of a table: what is given, else what the file declares.
-
-    Parameters
-    ----------
-    path : Path
-        For messages.
-    table : Table
-    site : Site, optional
-    weather : Weather, optional
-
-    Returns
-    -------
-    site : Site or None
-    weather : Weather or None
-        None where neither tells.
-
-    Raises
-    ------
-    ValueError
-        The file declares only one of latitude and longitude.
-    """
-    if 'ra_deg' not in table.columns:
-        return site, weather
-    from pointing_model.sky import Site, Weather
-    told, air = table.meta.get('site') or {}, table.meta.get('weather') or {}
-    if site is None and told:
-        missing = [name for name in ('latitude', 'longitude') if name not in told]
-        if missing:
-            raise ValueError(f'{path} declares a site without {missing[0]}_deg')
-        site = Site(**told)
-    if weather is None and air and site is not None:
-        weather = Weather(**{'pressure_hpa': standard_pressure(site.height),
-                             'temperature_c': 10.0, **air})
-    return site, weather
 
 
 def standard_pressure(height):

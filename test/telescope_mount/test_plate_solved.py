@@ -221,7 +221,7 @@ def test_the_sigma_of_a_solution_weighs(night, tmp_path):
     ({}, HEAD + '# equinox: B1900\n', ['only B1950']),
     ({}, HEAD + '# frame: ICRS\n# equinox: 2000\n', ['frame is declared twice']),
     ({}, '# frame: ICRS\n', ['need the site']),
-    ({}, '# frame: ICRS\n# latitude_deg: 34\n', ['a site without longitude_deg']),
+    ({}, '# frame: ICRS\n# latitude_deg: 34\n', ['need the site']),
     ({}, '# frame: ICRS\n# latitude_deg: north\n', ["latitude_deg 'north' is not a number"]),
     ({}, '# frame: ICRS\n# latitude_deg: 134\n', ['latitude_deg 134 is outside']),
     ({'mount': ['A'] * 20 + ['B'] * 20}, HEAD + '# frame: ICRS\n',

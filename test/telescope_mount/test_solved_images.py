@@ -140,7 +140,7 @@ def test_false_images_are_named_by_file(folder):
     (('offset', 'ofset'), ["unknown key 'ofset'; did you mean offset?"]),
     (("'*.fits'", "'*.png'"), ['has no image *.png']),
     (('SITELAT', 'OBSLAT'), ['no image has the keywords of the site']),
-    (('latitude_deg: SITELAT, ', ''), ['a site without latitude_deg']),
+    (('latitude_deg: SITELAT, ', ''), ['need the site']),
     (('images:', 'frame: galactic\nimages:'), ["'galactic' is unknown"]),
     (('images:', 'boresight: 5\nimages:'), ['not a pixel']),
     (('images:', 'images: [\n'), ['line', 'not a YAML']),
