@@ -282,8 +282,8 @@ def _note_tilt(run):
     if tilt > _TILT:
         said = ', '.join(f'{name} {value / DEG:+.1f}' for name, value in lean.items())
         run.meta['notes'].append(
-            f'the {names.axes[0]} axis would lean {tilt / DEG:.1f} deg ({said}): a clock that is not '
-            'UTC, or a wrong longitude or latitude, looks the same')
+            f'the {names.axes[0]} axis would lean {tilt / DEG:.1f} deg ({said}): a clock that is '
+            'not UTC, or a wrong longitude or latitude, looks the same')
 
 
 # ---------------------------------------------------------------------------------------- sigma

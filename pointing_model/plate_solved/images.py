@@ -11,7 +11,7 @@ from .frames import Frame, parse_frame
 _SEXAGESIMAL = re.compile(r'([+-]?)(\d+)[: ](\d+)[: ](\d+(?:\.\d*)?)')
 _DAY = 86400.0
 _MJD_1970, _JD_1970 = 40587.0, 2440587.5
-_TEXT = ('star', 'mount', 'block', 'run')
+_TEXT = ('star', 'telescope', 'pier_side', 'block', 'run')
 
 
 class NotThere(ValueError):

@@ -1,23 +1,23 @@
 """Which keywords of an image are what: the small YAML beside a folder of images."""
 
 import difflib
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import yaml
 
-from pointing_model.run import COLUMNS
+from pointing_model.mounts import ALTAZ, KINDS, Names
+from pointing_model.run import COLUMNS, column_name
 
 from .frames import Frame, parse_frame
 
 #: moments of an exposure, as parts of it
 MOMENTS = {'start': 0.0, 'middle': 0.5, 'end': 1.0}
-NEEDED = ('time', 'az_enc_deg', 'el_enc_deg')
 SITE = ('latitude_deg', 'longitude_deg', 'height_m')
-_KEYS = ('images', 'keywords', 'site', 'time_is', 'encoders_at', 'frame', 'boresight')
+_KEYS = ('images', 'keywords', 'mount', 'site', 'time_is', 'encoders_at', 'frame', 'boresight')
 #: names of columns with a meaning that `keywords` may give
-KNOWN = (*(csv for csv, _, _ in COLUMNS.values()), 'exposure_s', 'sigma_arcsec', 'mount')
-_PLACES = ('az_deg', 'el_deg', 'ra_deg', 'dec_deg', 'scale_arcsec_px', 'parity')
+OTHERS = ('exposure_s', 'sigma_arcsec', 'telescope', 'pier_side')
+_PLACES = ('az_deg', 'el_deg', 'ra_deg', 'dec_deg', 'ha_deg', 'scale_arcsec_px', 'parity')
 PATTERNS = ('*.fits', '*.fit', '*.fts', '*.fits.gz', '*.fits.fz')
 
 
@@ -51,6 +51,10 @@ class Mapping:
     shift : float
         Part of the exposure from the moment that the time names to that at which the encoders
         were read.
+    names : mounts.Names
+        Of the axes whose readings are given.
+    mount : str or None
+        As `mounts.parse_mount` takes it.
     frame : Frame or None
         In place of what the images say.
     boresight : tuple of float, or None
@@ -62,9 +66,15 @@ class Mapping:
     columns: dict
     site: dict
     shift: float
+    names: Names = ALTAZ.names
+    mount: str | None = None
     frame: Frame | None = None
     boresight: tuple | None = None
-    notes: list = field(default_factory=list)
+
+    @property
+    def needed(self):
+        """Columns that an image must have."""
+        return ('time', *_readings(self.names))
 
     def images(self, folder=None):
         """Files of the images, sorted by name.
@@ -117,19 +127,22 @@ def load_mapping(path):
     _known(path, told, _KEYS, '')
     columns = {name: _keyword(path, f'keywords: {name}', value)
                for name, value in told['keywords'].items()}
+    names = next((kind for kind in KINDS.values() if _readings(kind)[0] in columns), ALTAZ.names)
+    known = (*(column_name(name, names) for name in COLUMNS), *OTHERS)
     for name in columns:
         if not isinstance(name, str) or not name:
             raise ValueError(f'{path}, keywords: {name!r} is not the name of a column')
         if name in _PLACES:
             raise ValueError(f'{path}, keywords: {name} comes from the solution of the image')
-        near = difflib.get_close_matches(name, KNOWN, 1, 0.85)
-        if name not in KNOWN and near:
+        near = difflib.get_close_matches(name, known, 1, 0.85)
+        if name not in known and near:
             raise ValueError(f'{path}, keywords: column {name!r} is unknown; did you mean '
                              f'{near[0]}?')
-    missing = [name for name in NEEDED if name not in columns]
+    needed = ('time', *_readings(names))
+    missing = [name for name in needed if name not in columns]
     if missing:
         near = difflib.get_close_matches(missing[0], [
-            str(name) for name in columns if name not in NEEDED], 1)
+            str(name) for name in columns if name not in needed], 1)
         raise ValueError(f'{path}, keywords: no keyword for {", ".join(missing)}'
                          + (f' (closest: {near[0]})' if near else ''))
     patterns = told.get('images', PATTERNS)
@@ -138,7 +151,8 @@ def load_mapping(path):
                                for p in patterns):
         raise ValueError(f'{path}, images: not a pattern of file names beside it')
     return Mapping(path, patterns, columns, _site(path, told.get('site')),
-                   _shift(path, told, columns), _frame(path, told.get('frame')),
+                   _shift(path, told, columns), names, _mount(path, told.get('mount')),
+                   _frame(path, told.get('frame')),
                    _boresight(path, told.get('boresight')))
 
 
@@ -195,6 +209,18 @@ def _shift(path, told, columns):
                          f'{told["time_is"]} while the encoders are read at the '
                          f'{told["encoders_at"]}')
     return shift
+
+
+def _readings(names):
+    """Columns of both encoders."""
+    return tuple(column_name(f'{axis}_enc', names) for axis in ('az', 'el'))
+
+
+def _mount(path, given):
+    if given is not None and not isinstance(given, str):
+        raise ValueError(f'{path}: mount {str(given)[:40]!r} is none: altaz, equatorial, german or '
+                         'free:AZ,EL (keywords: telescope is for a name)')
+    return given
 
 
 def _frame(path, given):

@@ -12,14 +12,14 @@ from pointing_model.plate_solved.images import (
     site_of,
     solution_of,
 )
-from pointing_model.plate_solved.mapping import NEEDED, load_mapping
+from pointing_model.plate_solved.mapping import load_mapping
+from pointing_model.run import COLUMNS, column_name
 
-from .csv import CSV_NAMES
 from .declared import declare
 from .table import Table, own_name
 
 _SITE_APART = 0.01  # deg: sites of two images
-_TEXT = ('star', 'block', 'run')
+_TEXT = ('star', 'block', 'run', 'pier_side')
 
 
 def read_images(path):
@@ -65,8 +65,11 @@ def read_images(path):
         declare(meta, name, value, str(path))
     one_mount_of(path, files, rows)
     _settle_frame(mapping, rows, reasons, meta)
-    columns = _columns(rows, meta)
-    table = Table(columns, np.arange(1, len(files) + 1), [file.name for file in files], meta)
+    if mapping.mount is not None:
+        meta['mount_told'] = mapping.mount
+    columns = _columns(rows, mapping, meta)
+    table = Table(columns, np.arange(1, len(files) + 1), [file.name for file in files], meta,
+                  names=mapping.names)
     for i, reason in enumerate(reasons):
         if reason:
             table.exclude(np.arange(len(files)) == i, reason)
@@ -78,7 +81,7 @@ def one_image(header, mapping, solve=True):
     row, missing = {}, []
     try:
         row, missing = row_of(header, mapping)
-        lacking = [name for name in NEEDED if name not in row]
+        lacking = [name for name in mapping.needed if name not in row]
         if lacking:
             return row, f'no keyword {", ".join(missing)} for {", ".join(lacking)}', missing
         if mapping.shift and 'exposure_s' not in row:
@@ -141,7 +144,7 @@ def one_mount_of(path, files, rows):
     """
     first = None
     for file, row in zip(files, rows):
-        mount = row.pop('mount', None)
+        mount = row.pop('telescope', None)
         if mount is None:
             continue
         first = first or (mount, file)
@@ -172,13 +175,15 @@ def _settle_frame(mapping, rows, reasons, meta):
         meta['sky_frame'] = usual
 
 
-def _columns(rows, meta):
+def _columns(rows, mapping, meta):
     """Columns by the names of a `Table`, in the file's units."""
     names = list(dict.fromkeys(name for row in rows for name in row if name != 'frame'))
-    columns = {}
-    for csv_name in [*names, *(n for n in ('ra_deg', 'dec_deg', *NEEDED) if n not in names)]:
+    needed, columns = ('ra_deg', 'dec_deg', *mapping.needed), {}
+    known = {**{column_name(name, mapping.names): name for name in COLUMNS},
+             **{name: name for name in (*needed[:2], 'pier_side')}}
+    for csv_name in [*names, *(n for n in needed if n not in names)]:
         values = [row.get(csv_name) for row in rows]
-        name = CSV_NAMES.get(csv_name)
+        name = known.get(csv_name)
         if name is None:
             name = csv_name if csv_name in ('scale_arcsec_px', 'parity', 'sigma_arcsec') \
                 else own_name(csv_name, names, meta['notes'])

@@ -16,8 +16,7 @@ from .solvers import NotSolved
 SOLVED, FAILED, HUNG = 'solved', 'not solved', 'hung'
 #: images in a row that a solver may hang on before nothing more is asked of it
 HANGS = 5
-_FIRST = ('star', 'time', 'ra_deg', 'dec_deg', 'az_enc_deg', 'el_enc_deg', 'sigma_arcsec',
-          'scale_arcsec_px', 'parity')
+_SOLUTION = ('ra_deg', 'dec_deg', 'sigma_arcsec', 'scale_arcsec_px', 'parity')
 
 
 class Journal:
@@ -116,7 +115,8 @@ def solve_folder(folder, mapping, solver, out, *, again=False, told=lambda text:
     finally:
         done = [(row, entry) for row, _, entry in rows.values() if entry is not None]
         if any(entry['status'] == SOLVED for _, entry in done):
-            _write(out, done, common_site(mapping.path, mapping, _headers(files)), len(files))
+            _write(out, done, mapping, common_site(mapping.path, mapping, _headers(files)),
+                   len(files))
     if not counts[SOLVED]:
         reason = next(entry.get('reason') for _, entry in done)
         raise ValueError(f'{folder}: none of {len(files)} images is solved ({files[0].name}: '
@@ -174,17 +174,20 @@ def _said(entry):
             f'{entry["scale_arcsec_px"]:.4g} arcsec a pixel')
 
 
-def _write(out, done, site, count):
+def _write(out, done, mapping, site, count):
     """The run of the images that are solved."""
-    solved = [({**row, **{n: v for n, v in entry.items() if n in _FIRST}}, entry)
+    solved = [({**row, **{n: v for n, v in entry.items() if n in _SOLUTION}}, entry)
               for row, entry in done if entry['status'] == SOLVED]
     rows = [row for row, _ in solved]
     frame = solved[0][1].get('frame', 'ICRS')
-    names = [name for name in _FIRST if any(name in row for row in rows)]
+    first = ('star', 'time', *_SOLUTION[:2], *mapping.needed[1:], *_SOLUTION[2:])
+    names = [name for name in first if any(name in row for row in rows)]
     names += [name for name in dict.fromkeys(n for row in rows for n in row) if name not in names]
     part = Path(f'{out}.part')
     with open(part, 'w', newline='', encoding='utf-8') as stream:
         stream.write(f'# frame: {frame}\n')
+        if mapping.mount is not None:
+            stream.write(f'# mount: {mapping.mount}\n')
         stream.writelines(f'# {name}: {value!r}\n' for name, value in site.items())
         if len(rows) < count:
             stream.write(f'# unsolved: {count - len(rows)} of {count} images\n')

@@ -9,15 +9,16 @@ import pytest
 from calibration.fit import fit_terms
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
+from pointing_model.mounts import parse_mount
 from pointing_model.plate_solved.frames import parse_frame
 from pointing_model.run import PointingRun
 from pointing_model.run_files import iso_utc, write_csv
-from pointing_model.sky import icrs_to_observed
+from pointing_model.sky import icrs_to_observed, observed_to_icrs
 from pointing_model.terms import PHYSICAL
 from telescope_mount.runs import load_run
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / 'benchmarks'))
-from plate_solved import HEAD, SITE, SOLID, columns_of, given_in, simulated, write
+from plate_solved import HEAD, SITE, SOLID, START, columns_of, given_in, simulated, write
 
 KNOWN = PointingModel(dict(zip(PHYSICAL, np.array([310, -170, 46, -23, 37, -21, 15]) * ARCSEC)))
 
@@ -239,3 +240,47 @@ def test_rows_that_are_no_numbers_are_left_out(night, tmp_path):
     run = load_run(write(tmp_path / 'run.csv', columns, HEAD + '# frame: ICRS\n# frme: FK5\n'))
     assert set(reasons(run).values()) == {'ra_deg is not a number'}
     assert noted(run, "'frme' not read; did you mean frame?")
+
+
+# ----------------------------------------------------------------------------- any other mount
+
+@pytest.fixture(scope='module')
+def german():
+    """Columns of 50 images of a German mount on both sides of the pier, and its model."""
+    rng = np.random.default_rng(8)
+    mount = parse_mount('german', SITE.latitude)
+    time = START + np.sort(rng.uniform(0, 4 * 3600.0, 50))
+    az, el = rng.uniform(0, 2 * np.pi, 50), rng.uniform(25, 75, 50) * DEG
+    ra, dec = observed_to_icrs(az, el, time, SITE)
+    beyond = rng.random(50) < 0.5
+    terms = dict(zip(mount.names.physical, np.array([310, -170, 46, -23, 37, -21, 15]) * ARCSEC))
+    model = PointingModel(terms, mount=mount)
+    first, second = model.sky_to_encoder(*mount.axes_of(az, el, beyond))
+    noise = rng.normal(0, 1, (2, 50)) * ARCSEC
+    return {'time': iso_utc(time), 'ra_deg': ra / DEG, 'dec_deg': dec / DEG,
+            'ha_enc_deg': (first + noise[0] / np.cos(second)) / DEG,
+            'dec_enc_deg': (second + noise[1]) / DEG, 'pressure_hpa': np.full(50, 955.0),
+            'temperature_c': np.full(50, 10.0)}, model
+
+
+GERMAN = HEAD + '# mount: german\n# frame: ICRS\n'
+
+
+def test_a_german_mount_is_fitted_on_both_sides(german, tmp_path):
+    columns, model = german
+    run = load_run(write(tmp_path / 'run.csv', columns, GERMAN))
+    assert noted(run, 'through the pole') and len(run) == 50
+    fitted = fit_terms(run)
+    z = (fitted.coefficients - list(model.terms.values())) / np.sqrt(np.diag(fitted.covariance))
+    assert fitted.names == tuple(model.terms) and np.abs(z).max() < 4.0
+
+
+def test_false_solves_and_frames_of_a_german_mount_are_named(german, tmp_path):
+    columns = {name: np.array(v) for name, v in german[0].items()}
+    columns['dec_deg'][4] += 3.0
+    for name in ('ra_deg', 'dec_deg'):
+        columns[name][30] = columns[name][29]
+    told = reasons(load_run(write(tmp_path / 'run.csv', columns, GERMAN)))
+    assert sorted(told) == [11, 37] and 'a false solve' in told[11] and 'copied' in told[37]
+    with pytest.raises(ValueError, match='the file says of date.*as ICRS the places leave'):
+        load_run(write(tmp_path / 'run.csv', german[0], GERMAN.replace('ICRS', 'of date')))

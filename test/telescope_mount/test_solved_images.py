@@ -6,9 +6,10 @@ import pytest
 from calibration.fit import fit_terms
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
+from pointing_model.mounts import parse_mount, through_pole
 from pointing_model.plate_solved.images import NotThere, frame_of, read_header, solution_of
 from pointing_model.run_files import iso_utc, read_run
-from pointing_model.sky import Site, observed_to_icrs
+from pointing_model.sky import Site, Weather, observed_to_icrs
 from pointing_model.terms import PHYSICAL
 from telescope_mount.runs import load_run
 
@@ -29,7 +30,7 @@ keywords:
   el_enc_deg: {keyword: ENC_EL, scale: 0.5, offset: 1.0}
   pressure_hpa: 950
   temperature_c: AMBTEMP
-  mount: TELESCOP
+  telescope: TELESCOP
 """
 
 
@@ -52,7 +53,6 @@ def folder(tmp_path):
     rng = np.random.default_rng(4)
     time = START + np.arange(24) * 600.0
     az, el = rng.uniform(0, 2 * np.pi, 24), rng.uniform(25, 75, 24) * DEG
-    from pointing_model.sky import Weather
     ra, dec = observed_to_icrs(az, el, time, SITE, Weather(950.0, 5.0))
     az_enc, el_enc = MOUNT.sky_to_encoder(az, el)
     for i in range(24):
@@ -136,7 +136,7 @@ def test_false_images_are_named_by_file(folder):
     (('  exposure_s: EXPTIME\n', ''), ['no keyword for exposure_s']),
     (('  az_enc_deg: ENC_AZ\n', ''), ['no keyword for az_enc_deg']),
     (('az_enc_deg: ENC_AZ', 'az_enc: ENC_AZ'), ['no keyword for az_enc_deg (closest: az_enc)']),
-    (('mount: TELESCOP', 'ra_deg: RA'), ['ra_deg comes from the solution']),
+    (('telescope: TELESCOP', 'ra_deg: RA'), ['ra_deg comes from the solution']),
     (('offset', 'ofset'), ["unknown key 'ofset'; did you mean offset?"]),
     (("'*.fits'", "'*.png'"), ['has no image *.png']),
     (('SITELAT', 'OBSLAT'), ['no image has the keywords of the site']),
@@ -197,3 +197,30 @@ def test_without_astropy_a_line_says_what_to_install(folder, refused, monkeypatc
     import sys
     monkeypatch.setitem(sys.modules, 'astropy', None)
     assert './install.sh ros,images' in refused('fit', folder / 'mount.yaml')
+
+
+def test_images_of_a_german_mount(tmp_path, refused):
+    rng = np.random.default_rng(6)
+    mount = parse_mount('german', SITE.latitude)
+    time, az = START + np.arange(24) * 600.0, rng.uniform(0, 2 * np.pi, 24)
+    el, west = rng.uniform(25, 75, 24) * DEG, rng.random(24) < 0.5
+    ra, dec = observed_to_icrs(az, el, time, SITE, Weather(950.0, 5.0))
+    model = PointingModel(dict(zip(mount.names.physical, MOUNT.terms.values())), mount=mount)
+    first, second = model.sky_to_encoder(*mount.axes_of(az, el, west))
+    # readings as places of the sky, and the side of the pier beside them
+    first, second = through_pole(first, second, west)
+    for i in range(24):
+        cards = header_of(ra[i], dec[i], time[i], 0.0, 0.0, HA=first[i] / DEG,
+                          DECENC=second[i] / DEG, PIERSIDE='WEST' if west[i] else 'EAST')
+        fits.writeto(tmp_path / f'img_{i:02d}.fits', np.zeros((48, 64), np.int16), cards)
+    text = YAML.replace('encoders_at: end', 'encoders_at: start\nmount: german').replace(
+        'az_enc_deg: ENC_AZ', 'ha_enc_deg: HA\n  pier_side: PIERSIDE')
+    (tmp_path / 'mount.yaml').write_text(text.replace(
+        'el_enc_deg: {keyword: ENC_EL, scale: 0.5, offset: 1.0}', 'dec_enc_deg: DECENC'))
+    run = load_run(tmp_path / 'mount.yaml')
+    assert len(run) == 24 and not reasons(run)
+    fitted = fit_terms(run).model.terms
+    for name, value in model.terms.items():
+        assert fitted[name] == pytest.approx(value, abs=0.02 * ARCSEC), name
+    (tmp_path / 'mount.yaml').write_text(text)
+    assert "'el_enc_deg' is unknown; did you mean dec_enc_deg?" in refused('fit', tmp_path / 'mount.yaml')
