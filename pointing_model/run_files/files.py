@@ -12,6 +12,7 @@ from .csv import csv_delimiter, read_csv
 from .images import read_images
 from .iram import looks_like_iram, read_iram
 from .mmt import looks_like_mmt, read_mmt
+from .mountwizzard import looks_like_mountwizzard, read_mountwizzard
 from .table import read_lines
 from .tpoint import looks_like_tpoint, read_tpoint
 from .unam import looks_like_unam, read_unam
@@ -156,6 +157,8 @@ def _read_table(path, encoder):
         return read_iram(path, lines)
     if looks_like_unam(lines):
         return read_unam(path, lines)
+    if looks_like_mountwizzard(lines):
+        return read_mountwizzard(path, lines)
     delimiter = csv_delimiter(lines)
     if delimiter:
         return read_csv(path, lines, delimiter, encoder)

@@ -223,4 +223,5 @@ def test_images_of_a_german_mount(tmp_path, refused):
     for name, value in model.terms.items():
         assert fitted[name] == pytest.approx(value, abs=0.02 * ARCSEC), name
     (tmp_path / 'mount.yaml').write_text(text)
-    assert "'el_enc_deg' is unknown; did you mean dec_enc_deg?" in refused('fit', tmp_path / 'mount.yaml')
+    line = refused('fit', tmp_path / 'mount.yaml')
+    assert "'el_enc_deg' is unknown; did you mean dec_enc_deg?" in line
