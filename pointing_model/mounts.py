@@ -32,11 +32,15 @@ class Names:
     Attributes
     ----------
     axes : tuple of str
-        For people.
+        Their angles, for people.
+    shafts : tuple of str
+        The axes themselves, for people.
     letters : tuple of str
         Of the angles in formulas.
     tpoint : tuple of str
-        Of the angles in names of TPOINT's generic terms.
+        In names of TPOINT's generic terms: of both angles, of what is left and right as a third
+        term of the geometry is (non-perpendicularity), and of left and right on the sky. Empty
+        where TPOINT has no such mount.
     columns : tuple of str
         In the names of columns in files: ``az_enc_deg``, ``ha_enc_deg``.
     terms : dict of str to (str, int)
@@ -47,6 +51,7 @@ class Names:
     """
 
     axes: tuple
+    shafts: tuple
     letters: tuple
     tpoint: tuple
     columns: tuple
@@ -81,6 +86,10 @@ class Names:
         """For people, of ``az`` (the first axis) or ``el`` (the second)."""
         return self.axes[axis != 'az']
 
+    def shaft(self, axis):
+        """As `word`, of the axis itself."""
+        return self.shafts[axis != 'az']
+
     def key(self, axis):
         """As `word`, in names."""
         return self.keys[axis != 'az']
@@ -94,13 +103,16 @@ def _terms(*names):
     return {name: (own, 1) for name, own in zip(names, CANONICAL)}
 
 
-_ALTAZ = Names(('azimuth', 'elevation'), ('A', 'E'), ('A', 'E'), ('az', 'el'),
-               _terms(*CANONICAL), (('anticlockwise', 'clockwise'), ('downward', 'upward')))
-_HADEC = Names(('hour angle', 'declination'), ('h', 'δ'), ('H', 'D'), ('ha', 'dec'),
+_ALTAZ = Names(('azimuth', 'elevation'), ('azimuth axis', 'elevation axis'), ('A', 'E'),
+               ('A', 'E', 'V', 'S'), ('az', 'el'), _terms(*CANONICAL),
+               (('anticlockwise', 'clockwise'), ('downward', 'upward')))
+_HADEC = Names(('hour angle', 'declination'), ('polar axis', 'declination axis'), ('h', 'δ'),
+               ('H', 'D', 'P', 'X'), ('ha', 'dec'),
                {**_terms('IH', 'ID', 'CH', 'NP'), 'MA': ('AW', -1), 'ME': ('AN', 1),
                 'TF': ('TF', 1)},
                (('eastward', 'westward'), ('southward', 'northward')))
-_FREE = Names(('first axis', 'second axis'), ('a', 'b'), ('1', '2'), ('axis1', 'axis2'),
+_FREE = Names(('first axis', 'second axis'), ('first axis', 'second axis'), ('a', 'b'), (),
+              ('axis1', 'axis2'),
               _terms('I1', 'I2', 'C1', 'N12', 'T1', 'T2', 'TF'),
               (('falling', 'rising'), ('falling', 'rising')))
 #: kind -> what its axes and terms are called. A German mount is an equatorial one that goes

@@ -190,8 +190,8 @@ _BY_KIND = {'altaz': TERMS, **{kind: {term.name: term for term in terms} for kin
 
 
 def terms_of(mount):
-    """All terms of a mount, name -> `Term`."""
-    return _BY_KIND[mount.kind]
+    """All terms of a mount, or of a kind of mount, name -> `Term`."""
+    return _BY_KIND[mount if isinstance(mount, str) else mount.kind]
 
 
 def known_terms(names, mount=ALTAZ):

@@ -275,6 +275,8 @@ def _keep_misplaced(table):
     lost = [i for i in np.flatnonzero(table.reasons != 0)
             if table.reasons[i].startswith(begins) or table.reasons[i].endswith(ends)]
     names = [name for pair in PAIRS if set(pair) <= set(table.columns) for name in pair]
+    if table.names is not ALTAZ.names:  # with the clock, which tells right ascensions
+        names += [name for name in ('lst_h', 'time') if name in table.columns]
     if lost:
         table.meta['misplaced'] = {name: table.columns[name][lost] for name in names}
 

@@ -104,10 +104,10 @@ def to_axes(path, table, mount):
     beyond = np.zeros(len(table.lines), bool)
     pairs = [pair for pair in PAIRS[1:] if set(pair) <= set(columns)]
     side = columns.pop('pier_side', None)
-    with np.errstate(invalid='ignore'):
+    with np.errstate(invalid='ignore', over='ignore'):
         reads = pairs[0][1] if pairs else None
-        if reads is not None and is_beyond(columns[reads]).any():
-            beyond = is_beyond(columns[reads])
+        if reads is not None and (is_beyond(columns[reads]) & (table.reasons == 0)).any():
+            beyond = is_beyond(columns[reads]) & (table.reasons == 0)
         elif side is not None:
             beyond = _through_the_pole(path, table, side)
             for az, el in pairs:
@@ -117,16 +117,24 @@ def to_axes(path, table, mount):
                     meta['notes'].append(f'{table.label(name)} left out: which side it is of is '
                                          'not told')
                     del columns[name]
+        turned = is_beyond(columns['el']) & (table.reasons == 0)
+        if turned.any() and not meta.get('from_horizon'):
+            meta['notes'].append(f'{table.label("el")} is beyond 90 in {int(turned.sum())} rows: '
+                                 'taken as that of the mount through the pole')
+            columns['az'], columns['el'] = through_pole(columns['az'], columns['el'], turned)
         if meta.pop('from_horizon', False):
             columns['az'], columns['el'] = mount.axes_of(columns['az'], columns['el'], beyond)
         else:
             columns['az'], columns['el'] = through_pole(columns['az'], columns['el'], beyond)
+        sound = table.reasons == 0  # what else the others hold is to be seen as it was written
         for az, el in pairs:
-            columns[az] = wrap(columns[az])
-            columns[el] = columns['el'] + wrap(columns[el] - columns['el'])
+            columns[az] = np.where(sound, wrap(columns[az]), columns[az])
+            columns[el] = np.where(sound, columns['el'] + wrap(columns[el] - columns['el']),
+                                   columns[el])
         if pairs:
             az = pairs[0][0]
-            columns['az'] = columns[az] + wrap(columns['az'] - columns[az])
+            columns['az'] = np.where(sound, columns[az] + wrap(columns['az'] - columns[az]),
+                                     columns['az'])
     for name in ('miss_x', 'miss_y', 'x_arcsec', 'y_arcsec'):
         if name in columns:  # on the sky; beyond the pole both axes grow the other way
             columns[name] = np.where(beyond, -columns[name], columns[name])
