@@ -44,6 +44,7 @@ def judge_solves(run):
     PointingRun
         False solves and copied solutions are in ``meta['excluded']``. Where the solutions have a
         sigma of their own, `sigma_x` and `sigma_y` are that and what the rows scatter beyond it.
+        ``meta['of_solves']`` says that this was done.
 
     Raises
     ------
@@ -57,6 +58,7 @@ def judge_solves(run):
     solved = solved.at(run.lines)
     meta = {name: v for name, v in run.meta.items() if name != 'solved'}
     meta['notes'] = list(meta.get('notes', ()))
+    meta['of_solves'] = True
     reasons = _false_rows(run, solved, meta['notes']) if len(run) >= FEW else {}
     names = meta.get('row_names') or {}
     keep = np.array([i not in reasons for i in range(len(run))], bool)
@@ -88,7 +90,7 @@ def _false_rows(run, solved, notes):
         notes.append(f'{int(far.sum())} of {len(run)} places are far from where the encoders '
                      'point: with so many none is left out for it')
         return {}
-    return {**{int(i): f'{_far(left[i])} from where the encoders point: a false solve'
+    return {**{int(i): f'{_far(left[i])} from where the encoders point: a false solve, or a slip'
                for i in np.flatnonzero(far)}, **copies}
 
 

@@ -284,3 +284,13 @@ def test_false_solves_and_frames_of_a_german_mount_are_named(german, tmp_path):
     assert sorted(told) == [11, 37] and 'a false solve' in told[11] and 'copied' in told[37]
     with pytest.raises(ValueError, match='the file says of date.*as ICRS the places leave'):
         load_run(write(tmp_path / 'run.csv', german[0], GERMAN.replace('ICRS', 'of date')))
+
+
+def test_what_is_played_to_the_graph_is_the_judged_run(night, tmp_path):
+    from telescope_mount.close_the_loop import _player, _sound_run
+    columns = columns_of(night)
+    columns['ra_deg'] = columns['ra_deg'].copy()
+    columns['ra_deg'][3] += 40.0
+    path = write(tmp_path / 'run.csv.in', columns)
+    played = load_run(_player(_sound_run(path, None), path, None, tmp_path)['file'])
+    assert len(played) == len(night.az) - 1 and not reasons(played)
