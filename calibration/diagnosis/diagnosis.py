@@ -127,7 +127,8 @@ def _in_memory(obs, base, alpha, rng, flips, folds, ways):
     fitted = work.fit(found.chosen, found.state)
     result = _assemble(work, found, chosen.stands, (base_fit, fitted), chance)
     if left is not None:
-        result.told_of_wander(wander_entry(left, problem))
+        words = dict(zip(('az', 'el'), obs.run.mount.names.axes))
+        result.told_of_wander(wander_entry(left, problem, words))
     if errors:
         for entry, gain in zip(result.effects[len(work.slips):], chosen.gains):
             entry.cv_gain_arcsec = float(gain)

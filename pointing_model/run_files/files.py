@@ -136,7 +136,7 @@ def _settle_mount(path, table, given):
             mount = parse_mount(mount or 'equatorial', latitude)
         except ValueError as error:
             raise ValueError(f'{path}: {error} (a line "# latitude_deg: 31.05" before the header, '
-                             'or --latitude)' if 'latitude' in str(error) else
+                             'or --mount with --latitude)' if 'latitude' in str(error) else
                              f'{path}: {error}') from None
     if mount.names is not table.names:
         first, second = mount.names.columns
