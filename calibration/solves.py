@@ -28,6 +28,8 @@ _BETTER, _LIKELIER, _TOLD = 1.25, 15.0, 10.0
 _LEAST_NOISE = 1e-4 * ARCSEC
 _TILT = 1.0 * DEG  # no azimuth axis leans so far
 _HOURS = 24.0 * DEG
+_ROWS = 3000  # that are fitted, evenly, of many
+_DIGITS = 1e4  # places a degree: coordinates that all are multiples may be equal by rounding
 
 
 def judge_solves(run):
@@ -101,6 +103,8 @@ def _copies(run, solved, left, far):
     the encoders point.
     """
     first, out = {}, {}
+    digits = np.degrees(solved.ra) * _DIGITS
+    unlike = solved.of_images and bool(np.any(np.abs(digits - np.rint(digits)) > 1e-3))
     for i, place in enumerate(zip(solved.ra.tolist(), solved.dec.tolist())):
         first.setdefault(place, []).append(i)
     for rows in first.values():
@@ -108,7 +112,7 @@ def _copies(run, solved, left, far):
             continue
         rows = sorted(rows, key=lambda i: left[i])
         for i in rows[1:]:
-            if far[i] or solved.of_images:
+            if far[i] or unlike:
                 out[i] = (f'the solution of row {run.lines[rows[0]]} copied, '
                           f'{_far(left[i])} from where the encoders point')
     return out
@@ -121,7 +125,7 @@ def _from_the_others(run):
         return None, None
     bare = _bare(run)
     try:
-        model = fit_terms(bare.select(sound)).model
+        model = fit_terms(_some(bare.select(sound))).model
     except ValueError:
         return None, None
     x, y = bare.offsets()
@@ -136,6 +140,13 @@ def _bare(run, **columns):
     """Places and readings alone, `columns` in place of the run's; of the same mount."""
     names = ('az', 'el', 'az_enc', 'el_enc')
     return PointingRun({**{name: run[name] for name in names}, **columns}, {'mount': run.mount})
+
+
+def _some(run):
+    """Some of very many rows, evenly."""
+    if len(run) <= _ROWS:
+        return run
+    return run.select(np.linspace(0, len(run) - 1, _ROWS).astype(int))
 
 
 def _wrapped(x, el):
@@ -216,8 +227,11 @@ def _check_frame(run, solved):
     where = run.meta.get('source', 'the run')
     if len(run) < FEW:
         if not solved.declared:
-            _undeclared(where, f'{len(run)} rows cannot tell it')
+            _undeclared(run, f'{len(run)} rows cannot tell it')
         return
+    if len(run) > _ROWS:
+        lines = run.lines[np.linspace(0, len(run) - 1, _ROWS).astype(int)]
+        run, solved = _some(run), solved.at(lines)
     taken, *others = [*(_fit_of(run, solved, frame) for frame in frames),
                       _fit_of(run, solved, solved.frame, hours=True)]
     others = sorted((fit for fit in others if fit is not None), key=lambda fit: fit.misfit)
@@ -232,23 +246,30 @@ def _check_frame(run, solved):
         raise ValueError(
             f'{where}: {said} {taken.what}, where the seven terms leave {taken.rms_arcsec:.1f} '
             f'arcsec; as {best.what} the places leave {best.rms_arcsec:.1f}. Nothing was '
-            f'concluded; {_advice(best)}')
+            f'concluded; {_advice(run, best)}')
     if not solved.declared:
         if -2 * len(run) * gain < _TOLD:
-            _undeclared(where, f'the rows cannot tell it: {taken.what} leaves '
+            _undeclared(run, f'the rows cannot tell it: {taken.what} leaves '
                         f'{taken.rms_arcsec:.1f} arcsec, {best.what} {best.rms_arcsec:.1f}')
         run.meta['notes'].append(
             f'no frame is declared; {taken.what} leaves {taken.rms_arcsec:.1f} arcsec, the next, '
             f'{best.what}, {best.rms_arcsec:.1f}: {taken.what} it is')
 
 
-def _advice(fit):
-    return 'give degrees' if fit.what == 'hours' else f'declare "# frame: {fit.what}" if so it is'
+def _advice(run, fit):
+    return 'give degrees' if fit.what == 'hours' else f'declare {_said(run, fit.what)} if so it is'
 
 
-def _undeclared(where, why):
-    raise ValueError(f'{where}: no frame of ra_deg, dec_deg is declared, and {why}; write '
-                     '"# frame: ICRS" (or J2000, of date, ...) above the header row')
+def _said(run, frame):
+    """How a file says its frame."""
+    return f'"frame: {frame}"' if run.meta.get('format') == 'images' else f'"# frame: {frame}"'
+
+
+def _undeclared(run, why):
+    where = 'in the YAML' if run.meta.get('format') == 'images' else 'above the header row'
+    raise ValueError(
+        f'{run.meta.get("source", "the run")}: no frame of ra_deg, dec_deg is declared, and {why}; '
+        f'write {_said(run, "ICRS")} (or J2000, of date, ...) {where}')
 
 
 def _fit_of(run, solved, frame, hours=False):
@@ -275,7 +296,7 @@ def _fit_of(run, solved, frame, hours=False):
 def _note_tilt(run):
     """A note where the first axis would lean as none does: a clock, a longitude or a frame."""
     try:
-        terms = fit_terms(run).model.terms
+        terms = fit_terms(_some(run)).model.terms
     except ValueError:
         return
     names = run.mount.names
@@ -299,21 +320,21 @@ def _with_noise(run):
     """
     if not run.meta.get('solver_sigma') or 'sigma_x' not in run or 'sigma_y' not in run:
         return run
-    told = run['sigma_x']
-    columns = dict(run.columns)
-    del columns['sigma_x'], columns['sigma_y']
-    extra = np.zeros(2)
+    some = _some(run)
+    told, bare = some['sigma_x'], _bare(some)
     for _ in range(2):
         try:
-            fitted = fit_terms(PointingRun(columns, {'mount': run.mount}))
+            fitted = fit_terms(bare)
         except ValueError:
             return run
         used = fitted.weights > 0.0
         inflate = np.sqrt(2.0 * used.sum() / max(2.0 * used.sum() - len(fitted.coefficients), 1.0))
         extra = [_extra(inflate * r[used], told[used])
                  for r in (fitted.residual_x, fitted.residual_y)]
-        for name, more in zip(('sigma_x', 'sigma_y'), extra):
-            columns[name] = np.hypot(told, more)
+        bare = _bare(some, **{name: np.hypot(told, more)
+                              for name, more in zip(('sigma_x', 'sigma_y'), extra)})
+    told = run['sigma_x']
+    columns = {name: np.hypot(told, more) for name, more in zip(('sigma_x', 'sigma_y'), extra)}
     out = PointingRun({**run.columns, **columns}, run.meta)
     out.meta['notes'] = [*run.meta['notes'], (
         f'solutions weigh by their own sigma ({told.min() / ARCSEC:.2g} to '

@@ -55,6 +55,9 @@ def flag_twice(table):
     known = np.abs([time, columns['az_enc'], columns['el_enc']]) < _LARGEST
     rows = np.flatnonzero((table.reasons == 0) & known.all(axis=0))
     order = rows[np.argsort(time[rows], kind='stable')]
+    # of many rows only those with a neighbour in time are looked at one by one
+    beside = np.diff(time[order], prepend=-np.inf, append=np.inf) <= _SAME_TIME
+    order = order[beside[:-1] | beside[1:]]
     sigma = columns.get('sigma_x', np.zeros(len(time)))
     kept = order[:1]
     moved = 0
