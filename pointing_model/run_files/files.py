@@ -9,6 +9,7 @@ from pointing_model.run import PointingRun
 
 from . import checks, places, solves
 from .csv import csv_delimiter, read_csv
+from .gpoint import looks_like_gpoint, read_gpoint
 from .images import read_images
 from .iram import looks_like_iram, read_iram
 from .mmt import looks_like_mmt, read_mmt
@@ -19,7 +20,8 @@ from .unam import looks_like_unam, read_unam
 
 _KINDS = ('a CSV file with a header row (az_deg, el_deg, az_enc_deg, el_enc_deg, ...), a TPOINT '
           'file (caption, ": ALTAZ" or ": EQUAT", latitude, rows), a raw MMT night (CAT:, '
-          'RAA:, TAA:), an IRAM log (# id ...) or a log of the UNAM control system')
+          'RAA:, TAA:), an IRAM log (# id ...), a log of the UNAM control system, a model of '
+          'MountWizzard4, input of gpoint, or the YAML of a folder of solved images')
 
 
 def read_run(path, *, azimuth_origin=None, site=None, weather=None, encoder=None, mount=None):
@@ -38,6 +40,8 @@ def read_run(path, *, azimuth_origin=None, site=None, weather=None, encoder=None
         Of equatorial mounts: CSV with ``ha_deg, dec_deg, ha_enc_deg, dec_enc_deg`` (or
         ``ra_deg, dec_deg, time`` and these readings), exports of TheSky and TPOINT with
         ``:EQUAT``, the short form with a line ``E``, the 12 columns of the UNAM control system.
+        Of solved images: models of MountWizzard4 (JSON), input of RTS2's gpoint, and the YAML of a
+        mount's keywords, beside FITS images with a WCS (docs/plate_solved.md).
     azimuth_origin : {'N', 'S'}, optional
         'N': azimuth 0 is north, 90 east. 'S': 0 is south, 90 east (azimuths are converted to
         180 deg - A). By default what a comment in a TPOINT file says, else 'N'.
@@ -157,6 +161,8 @@ def _read_table(path, encoder):
         return read_iram(path, lines)
     if looks_like_unam(lines):
         return read_unam(path, lines)
+    if looks_like_gpoint(lines):
+        return read_gpoint(path, lines)
     if looks_like_mountwizzard(lines):
         return read_mountwizzard(path, lines)
     delimiter = csv_delimiter(lines)
