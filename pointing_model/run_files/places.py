@@ -39,7 +39,7 @@ def observe_places(path, table, site, weather, origin, mount):
     from pointing_model.plate_solved.solved import Solved
     from pointing_model.sky import icrs_to_observed, moment_of
     declared, of_images = meta.pop('sky_frame', None), are_images(table)
-    frame = declared or ICRS
+    frame, by_fit = declared or ICRS, 'equinox' in meta
     ra, dec, time = (columns.pop('ra_deg'), columns.pop('dec_deg'), columns['time'])
     if 'lst_told' in columns:
         columns['lst_h'] = columns.pop('lst_told') * (12.0 / np.pi)
@@ -59,7 +59,7 @@ def observe_places(path, table, site, weather, origin, mount):
             icrs = to_icrs(ra[ok], dec[ok], frame, time[ok])
             refuse_hours(path, *icrs, time[ok], site)
             az[ok], el[ok] = icrs_to_observed(*icrs, time[ok], site, air)
-            if 'equinox' not in meta:
+            if not by_fit:
                 meta['solved'] = Solved(table.lines[ok], ra[ok], dec[ok], time[ok], frame,
                                         declared is not None, site, air, of_images)
             if meta.pop('equinox', 'J2000') is None:
@@ -70,6 +70,8 @@ def observe_places(path, table, site, weather, origin, mount):
             raise ValueError(said if said.startswith(str(path)) else f'{path}: {said}') from None
     columns['az'], columns['el'] = (np.pi - az if origin == 'S' else az), el
     meta['from_horizon'] = True
+    if by_fit:
+        return
     meta['notes'].append(f'az, el are observed places of ra_deg, dec_deg ({frame.text}, no proper '
                          'motion)' + ('' if declared else '; no comment "# frame: ..." says so'))
 

@@ -11,6 +11,7 @@ _SCALE = 0.03
 _LIKE = 0.005  # of scales of one other camera, or binning
 _HOURS = 24.0
 _LARGEST = 1e12
+_SIDEREAL = 239.3447  # s of UT a degree of sidereal time
 _FEW = 8
 SCALE, PARITY, SIGMA = 'scale_arcsec_px', 'parity', 'sigma_arcsec'
 
@@ -52,6 +53,8 @@ def flag_twice(table):
     if 'ra_deg' not in columns or not {'time', 'az_enc', 'el_enc'} <= set(columns):
         return
     time = columns['time']
+    if 'lst_told' in columns:  # the time is that of the day then
+        time = columns['lst_told'] * _SIDEREAL
     known = np.abs([time, columns['az_enc'], columns['el_enc']]) < _LARGEST
     rows = np.flatnonzero((table.reasons == 0) & known.all(axis=0))
     order = rows[np.argsort(time[rows], kind='stable')]

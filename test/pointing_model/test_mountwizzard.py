@@ -74,6 +74,12 @@ def test_points_that_are_no_rows_are_named(points, read):
     assert 'a false solve' in told[13] and 'mirrored' in told[15]
 
 
+def test_a_point_solved_twice_is_named(points, read):
+    points.append({**points[7], 'raJ2000S': points[7]['raJ2000S'] + 1e-5})
+    assert read(text(points)).meta['excluded'] == [
+        {'row': 41, 'reason': 'a second solution of the image of row 8'}]
+
+
 @pytest.mark.parametrize('change, words', [
     (lambda p: p[2].update(julianDate='yesterday'), ['julianDate', "'yesterday'"]),
     (lambda p: p[2].update(latitude=-20.0), ['several sites']),
