@@ -7,6 +7,7 @@ than a microsecond (``atciq``, ``atioq``). The celestial pole offsets, below 0.0
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import erfa
 import numpy as np
@@ -138,6 +139,65 @@ def icrs_to_observed(ra, dec, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER):
     return _observe(erfa.ufunc.atciq(ra, dec, 0.0, 0.0, 0.0, 0.0, astrom), astrom, weather)
 
 
+class Observed(NamedTuple):
+    """An observed direction, refracted, in both pairs of axes of an ideal mount; radians.
+
+    Attributes
+    ----------
+    az, el : float or ndarray
+        Azimuth from north through east, in [0, 2 pi), and elevation.
+    ha, dec : float or ndarray
+        The same direction about the pole of the site's latitude: hour angle, west positive, in
+        (-pi, pi], and declination.
+    """
+
+    az: np.ndarray
+    el: np.ndarray
+    ha: np.ndarray
+    dec: np.ndarray
+
+
+def observed_directions(ra, dec, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER):
+    """Observed directions of ICRS places at infinity, for mounts with any axes.
+
+    Parameters
+    ----------
+    ra, dec : float or ndarray
+        ICRS, radians.
+    time, site, weather
+        As for `observed_place`; `ra`, `dec` and `time` broadcast.
+
+    Returns
+    -------
+    Observed
+    """
+    ra, dec = np.broadcast_arrays(np.asarray(ra, float), np.asarray(dec, float))
+    astrom = _frame(time, site, None if ra.ndim == 0 else ra.size)
+    return _directions(erfa.ufunc.atciq(ra, dec, 0.0, 0.0, 0.0, 0.0, astrom), astrom, weather)
+
+
+def observed_to_icrs(az, el, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER):
+    """ICRS direction that is observed at a place: the inverse of `icrs_to_observed`.
+
+    Parameters
+    ----------
+    az, el : float or ndarray
+        Observed azimuth and elevation, radians.
+    time, site, weather
+        As for `observed_place`; `az`, `el` and `time` broadcast.
+
+    Returns
+    -------
+    ra, dec : float or ndarray
+        ICRS, radians, of an object at infinity; to 0.003" above 15 degrees (ERFA's inverse
+        refraction).
+    """
+    az, el = np.broadcast_arrays(np.asarray(az, float), np.asarray(el, float))
+    astrom = _in_air(_frame(time, site, None if az.ndim == 0 else az.size), weather)
+    cirs = erfa.ufunc.atoiq(b'A', az, np.pi / 2.0 - el, astrom)
+    return erfa.ufunc.aticq(*cirs, astrom)
+
+
 def apparent_to_observed(ra, dec, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER):
     """Observed place of apparent places of date (true equator and equinox, geocentric).
 
@@ -214,12 +274,20 @@ def _frame(time, site, count):
     return astrom[inverse.reshape(time.shape)]
 
 
-def _observe(cirs, astrom, weather):
+def _in_air(astrom, weather):
     refa, refb = erfa.ufunc.refco(weather.pressure_hpa, weather.temperature_c, weather.humidity,
                                   weather.wavelength_um)
     if np.ndim(refa) > astrom.ndim:
         astrom = np.broadcast_to(astrom, np.shape(refa))
     astrom = astrom.copy()
     astrom['refa'], astrom['refb'] = refa, refb
-    az, zenith_distance, *_ = erfa.ufunc.atioq(*cirs, astrom)
-    return az, np.pi / 2.0 - zenith_distance
+    return astrom
+
+
+def _directions(cirs, astrom, weather):
+    az, zenith_distance, ha, dec, _ = erfa.ufunc.atioq(*cirs, _in_air(astrom, weather))
+    return Observed(az, np.pi / 2.0 - zenith_distance, ha, dec)
+
+
+def _observe(cirs, astrom, weather):
+    return _directions(cirs, astrom, weather)[:2]

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
+from calibration.solves import judge_solves
 from msg_tools.bag import BagReader
 from msg_tools.bag.provenance import parameters_of
 from pointing_model.context import Context
@@ -50,9 +51,9 @@ def load_run(path, azimuth_origin=None, *, site=None, weather=None, encoder=None
     """
     path = Path(path)
     if not path.is_dir() and path.suffix != '.mcap':
-        run = _without_judges(read_run(
+        run = _without_judges(judge_solves(read_run(
             path, azimuth_origin=azimuth_origin, site=site, weather=weather, encoder=encoder,
-            mount=mount))
+            mount=mount)))
     else:
         if mount is not None and mount != 'altaz':
             raise ValueError(f'{path} is a log of a night with an alt-azimuth mount; leave out '

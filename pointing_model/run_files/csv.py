@@ -5,11 +5,11 @@ import difflib
 
 import numpy as np
 
-from msg_tools.units import DEG
 from pointing_model.mounts import ALTAZ, KINDS, is_beyond, mount_text, through_pole
 from pointing_model.run import COLUMNS, column_name
 
-from . import table
+from . import solves, table
+from .declared import NUMBERS, declarations
 from .table import Table, bad_cell, content, floats, is_number, same_width
 
 CSV_NAMES = {csv_name: name for name, (csv_name, _, _) in COLUMNS.items()}
@@ -21,8 +21,7 @@ _OTHERS = [(names, {**{name: name for name in table.SPECIAL if name != 'lst_told
                     'pier_side': 'pier_side'})
            for names in (KINDS['equatorial'], KINDS['free'])]
 _TEXT = ('star', 'block', 'run', 'pier_side')  # may hold names in place of numbers
-_SITE = {'latitude_deg': ('latitude', DEG), 'longitude_deg': ('longitude', DEG),
-         'height_m': ('height', 1.0)}
+_SITE = {key: (name, unit) for key, (part, name, unit, *_) in NUMBERS.items() if part == 'site'}
 _CLOCK = 1e8  # s: below, time counts from an arbitrary start
 _TOO_CLOSE = 0.05  # s on average: no mount goes from star to star so fast
 _CLOSE = 1.0
@@ -86,7 +85,7 @@ def read_csv(path, lines, delimiter, encoder=None):
         # of a million rows, cells as text and rows that differ would take most of the memory
         texts += [hash('\0'.join(row)) for row in rows]
         blocks.append([np.array([cell.encode() for cell in cells]) for cells in zip(*rows)])
-    columns, meta = {}, {'format': 'csv', 'notes': [], **_told(path, lines, body[0][0])}
+    columns, meta = {}, {'format': 'csv', **declarations(path, lines)}
     if {'az', 'el'} <= {by_header.get(name) for name in header if name in _HORIZON}:
         meta['from_horizon'] = True
     for i, header_name in enumerate(header):
@@ -110,23 +109,6 @@ def _names_of(header):
                 by_header.update(_HORIZON)
             return names, by_header
     return ALTAZ.names, CSV_NAMES
-
-
-def _told(path, lines, header):
-    """What comments before the header, ``# mount: german``, tell of mount and site."""
-    found = {}
-    for number, line in enumerate(lines[:header - 1], 1):
-        name, colon, value = line.lstrip('# ').partition(':')
-        name, value = name.strip().lower(), value.strip()
-        if not (line.startswith('#') and colon):
-            continue
-        if name == 'mount':
-            found['mount_told'] = value
-        elif name in _SITE:
-            if not is_number(value):
-                raise ValueError(f'{path}, row {number}: {name} {value[:40]!r} is not a number')
-            found.setdefault('site', {})[_SITE[name][0]] = float(value) * _SITE[name][1]
-    return found
 
 
 def _split(path, body, delimiter):
@@ -163,6 +145,8 @@ def _take_column(path, numbers, header, header_name, cells, columns, meta, by_he
         columns[name] = _approach(path, numbers, header_name, cells)
     elif name:
         columns[name] = floats(path, numbers, header_name, cells)
+    elif header_name in ('mount', 'telescope'):
+        solves.one_mount(path, numbers, header_name, cells)
     elif header_name in COLUMNS:
         meta['notes'].append(f'column {header_name!r} left out: its unit is unknown, the name is '
                              f'{COLUMNS[header_name][0]}')

@@ -4,19 +4,24 @@ from pathlib import Path
 
 from msg_tools.units import DEG
 from pointing_model.mounts import ALTAZ, KINDS, Mount, parse_mount
+from pointing_model.plate_solved.mapping import looks_like_mapping
 from pointing_model.run import PointingRun
 
-from . import checks, places
+from . import checks, places, solves
 from .csv import csv_delimiter, read_csv
+from .gpoint import looks_like_gpoint, read_gpoint
+from .images import read_images
 from .iram import looks_like_iram, read_iram
 from .mmt import looks_like_mmt, read_mmt
+from .mountwizzard import looks_like_mountwizzard, read_mountwizzard
 from .table import read_lines
 from .tpoint import looks_like_tpoint, read_tpoint
 from .unam import looks_like_unam, read_unam
 
 _KINDS = ('a CSV file with a header row (az_deg, el_deg, az_enc_deg, el_enc_deg, ...), a TPOINT '
           'file (caption, ": ALTAZ" or ": EQUAT", latitude, rows), a raw MMT night (CAT:, '
-          'RAA:, TAA:), an IRAM log (# id ...) or a log of the UNAM control system')
+          'RAA:, TAA:), an IRAM log (# id ...), a log of the UNAM control system, a model of '
+          'MountWizzard4, input of gpoint, or the YAML of a folder of solved images')
 
 
 def read_run(path, *, azimuth_origin=None, site=None, weather=None, encoder=None, mount=None):
@@ -30,16 +35,20 @@ def read_run(path, *, azimuth_origin=None, site=None, weather=None, encoder=None
         (``ALTAZ``, format 4: observed azimuth and elevation, then those of the mount; also the
         short form with a line ``A``), a raw MMT night, or a pointing log of the IRAM 30 m. A
         CSV may give ``x_arcsec, y_arcsec`` (encoder - catalogue, on the sky) in place of the
-        encoder columns, and ``ra_deg, dec_deg, time`` (ICRS) in place of ``az_deg, el_deg``.
+        encoder columns, and ``ra_deg, dec_deg, time`` in place of ``az_deg, el_deg``, in the frame
+        and at the site that comments above the header row declare (docs/plate_solved.md).
         Of equatorial mounts: CSV with ``ha_deg, dec_deg, ha_enc_deg, dec_enc_deg`` (or
         ``ra_deg, dec_deg, time`` and these readings), exports of TheSky and TPOINT with
         ``:EQUAT``, the short form with a line ``E``, the 12 columns of the UNAM control system.
+        Of solved images: models of MountWizzard4 (JSON), input of RTS2's gpoint, and the YAML of a
+        mount's keywords, beside FITS images with a WCS (docs/plate_solved.md).
     azimuth_origin : {'N', 'S'}, optional
         'N': azimuth 0 is north, 90 east. 'S': 0 is south, 90 east (azimuths are converted to
         180 deg - A). By default what a comment in a TPOINT file says, else 'N'.
     site : pointing_model.sky.Site, optional
-        Needed for ``ra_deg, dec_deg``. Kept as ``meta['site']`` in place of what the file
-        tells; ``meta['notes']`` says so if its latitude is another than the file's.
+        Needed for ``ra_deg, dec_deg`` of a file that declares none. Kept as ``meta['site']`` in
+        place of what the file tells; ``meta['notes']`` says so if its latitude is another than
+        the file's.
     weather : pointing_model.sky.Weather, optional
         For the refraction of ``ra_deg, dec_deg`` in rows without ``temperature_c`` and
         ``pressure_hpa``. By default a standard atmosphere at the site, 10 C.
@@ -95,6 +104,9 @@ def _read_run(path, azimuth_origin, site, weather, encoder, mount):
         meta['site'] = site
     mount = _settle_mount(path, table, mount)
     checks.refuse_radians(path, table)
+    solves.take_sigma(table)
+    solves.flag_twice(table)
+    solves.flag_scales(table)
     checks.to_si(columns)
     checks.flag_numbers(table)
     places.observe_places(path, table, site, weather, meta['azimuth_origin'], mount)
@@ -140,6 +152,8 @@ def _settle_mount(path, table, given):
 
 
 def _read_table(path, encoder):
+    if looks_like_mapping(path) and path.is_file():
+        return read_images(path)
     lines = read_lines(path)
     if looks_like_mmt(lines):
         return read_mmt(path, lines)
@@ -147,6 +161,10 @@ def _read_table(path, encoder):
         return read_iram(path, lines)
     if looks_like_unam(lines):
         return read_unam(path, lines)
+    if looks_like_gpoint(lines):
+        return read_gpoint(path, lines)
+    if looks_like_mountwizzard(lines):
+        return read_mountwizzard(path, lines)
     delimiter = csv_delimiter(lines)
     if delimiter:
         return read_csv(path, lines, delimiter, encoder)

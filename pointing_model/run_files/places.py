@@ -8,6 +8,8 @@ from pointing_model.run import column_name
 
 from . import equinox
 from .checks import PAIRS
+from .declared import standard_pressure
+from .solves import are_images, refuse_hours
 
 
 def observe_places(path, table, site, weather, origin, mount):
@@ -28,11 +30,16 @@ def observe_places(path, table, site, weather, origin, mount):
     told_longitude = site is not None or 'longitude' in (meta.get('site') or {})
     site = _whole_site(site, meta)
     if site is None:
-        raise ValueError(f'{path}: ra_deg, dec_deg need the site (latitude, longitude, height)')
+        raise ValueError(f'{path}: ra_deg, dec_deg need the site (latitude, longitude, height): '
+                         'comments "# latitude_deg: ...", "# longitude_deg: ...", or options')
     if not meta.get('time_is_utc', True):
         raise ValueError(f'{path}: ra_deg, dec_deg need time in UTC: ISO 8601, or seconds since '
                          '1970-01-01')
+    from pointing_model.plate_solved.frames import ICRS, to_icrs
+    from pointing_model.plate_solved.solved import Solved
     from pointing_model.sky import icrs_to_observed, moment_of
+    declared, of_images = meta.pop('sky_frame', None), are_images(table)
+    frame, by_fit = declared or ICRS, 'equinox' in meta
     ra, dec, time = (columns.pop('ra_deg'), columns.pop('dec_deg'), columns['time'])
     if 'lst_told' in columns:
         columns['lst_h'] = columns.pop('lst_told') * (12.0 / np.pi)
@@ -49,15 +56,24 @@ def observe_places(path, table, site, weather, origin, mount):
     if ok.any():
         try:
             air = _air(columns, ok, site, weather, meta)
-            az[ok], el[ok] = icrs_to_observed(ra[ok], dec[ok], time[ok], site, air)
+            icrs = to_icrs(ra[ok], dec[ok], frame, time[ok])
+            refuse_hours(path, *icrs, time[ok], site)
+            az[ok], el[ok] = icrs_to_observed(*icrs, time[ok], site, air)
+            if not by_fit:
+                meta['solved'] = Solved(table.lines[ok], ra[ok], dec[ok], time[ok], frame,
+                                        declared is not None, site, air, of_images)
             if meta.pop('equinox', 'J2000') is None:
                 az[ok], el[ok] = equinox.which_fits(
                     table, ok, (az[ok], el[ok]), (ra[ok], dec[ok], time[ok], site, air), mount)
         except ValueError as error:
-            raise ValueError(f'{path}: {error}') from None
+            said = str(error)
+            raise ValueError(said if said.startswith(str(path)) else f'{path}: {said}') from None
     columns['az'], columns['el'] = (np.pi - az if origin == 'S' else az), el
     meta['from_horizon'] = True
-    meta['notes'].append('az, el are observed places of ra_deg, dec_deg (ICRS, no proper motion)')
+    if by_fit:
+        return
+    meta['notes'].append(f'az, el are observed places of ra_deg, dec_deg ({frame.text}, no proper '
+                         'motion)' + ('' if declared else '; no comment "# frame: ..." says so'))
 
 
 def _whole_site(site, meta):
@@ -148,11 +164,11 @@ def _air(columns, rows, site, weather, meta):
     from pointing_model.sky import Weather
     told = meta.get('weather')
     if weather is None and told:
-        weather = Weather(**told)
+        weather = Weather(**{'pressure_hpa': standard_pressure(site.height), **told})
         said = (f'refraction for {weather.pressure_hpa:g} hPa, {weather.temperature_c:g} C, as the '
                 'file says')
     elif weather is None:
-        pressure = 1013.25 * (1.0 - 2.25577e-5 * site.height) ** 5.25588
+        pressure = standard_pressure(site.height)
         weather = Weather(pressure_hpa=pressure, temperature_c=10.0)
         said = f'refraction for {pressure:.0f} hPa, 10 C (standard atmosphere at the site)'
     else:

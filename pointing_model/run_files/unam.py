@@ -5,6 +5,7 @@ import re
 import numpy as np
 
 from pointing_model.mounts import KINDS
+from pointing_model.plate_solved.frames import ICRS
 
 from .table import Table, content, floats, parse_iso, same_width
 
@@ -69,7 +70,7 @@ def read_unam(path, lines):
         'lst_told': np.remainder(value['mount ha'] + value['mount ra'], 360.0),
         'az_enc': value['mount ha'], 'el_enc': value['mount dec'],
         'pier_side': np.where(beyond, -1, 1)}
-    meta = {'format': 'unam', 'mount_told': 'german', 'notes': [
+    meta = {'format': 'unam', 'mount_told': 'german', 'sky_frame': ICRS, 'notes': [
         'places are the solved ones, readings hour angle and declination of the mount; rotation '
         '180 is the side through the pole; the moment is told by the sidereal time of the mount']}
     return Table(columns, numbers, [' '.join(row) for row in cells], meta,
