@@ -30,9 +30,9 @@ _MODULES = [import_module(f'.{name}', __name__)
 #: follows. Of equal scores the first wins, so another order is another result.
 ORDER = ('term', 'terms', 'encoder', 'bearing_wobble', 'nod', 'line_of_sight',
          'elevation_axis_wobble', 'fork_cross_term', 'diurnal_aberration', 'bent_to_one_side',
-         'latitude', 'clock', 'annual_aberration', 'epoch_error', 'drift', 'hysteresis az', 'subdivision az',
-         'hysteresis el', 'subdivision el', 'proper_motion', 'latency', 'camera', 'proportional',
-         'run_zero')
+         'latitude', 'clock', 'annual_aberration', 'epoch_error', 'drift', 'hysteresis az',
+         'subdivision az', 'hysteresis el', 'subdivision el', 'proper_motion', 'latency', 'camera',
+         'proportional', 'run_zero')
 
 
 def dictionary(context, lacking=(), own=()):

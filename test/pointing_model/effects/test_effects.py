@@ -79,7 +79,8 @@ def test_the_dictionary_holds_what_is_asked_for():
     assert len(names) == len(effects)
     wanted = {
         'refraction', 'refraction_cube', 'second_flexure', 'annual_aberration',
-        'diurnal_aberration', 'bent_to_one_side', 'precession_or_epoch_error', 'proper_motion', 'latency',
+        'diurnal_aberration', 'bent_to_one_side', 'precession_or_epoch_error',
+        'proper_motion', 'latency',
         'camera_rotation', 'camera_scale', 'magnitude_equation_az', 'magnitude_equation_el',
         'pier_side_az', 'pier_side_el', 'azimuth_zero_per_run', 'elevation_zero_per_run',
         'humidity_pct_az', 'humidity_pct_el', 'clock_or_longitude', 'latitude',
