@@ -29,10 +29,10 @@ _MODULES = [import_module(f'.{name}', __name__)
 #: The dictionary's order, by form (and axis, where it is offered axis by axis); what is not here
 #: follows. Of equal scores the first wins, so another order is another result.
 ORDER = ('term', 'terms', 'encoder', 'bearing_wobble', 'nod', 'line_of_sight',
-         'elevation_axis_wobble', 'fork_cross_term', 'diurnal_aberration', 'latitude', 'clock',
-         'annual_aberration', 'epoch_error', 'drift', 'hysteresis az', 'subdivision az',
-         'hysteresis el', 'subdivision el', 'proper_motion', 'latency', 'camera', 'proportional',
-         'run_zero')
+         'elevation_axis_wobble', 'fork_cross_term', 'diurnal_aberration', 'bent_to_one_side',
+         'latitude', 'clock', 'annual_aberration', 'epoch_error', 'drift', 'hysteresis az',
+         'subdivision az', 'hysteresis el', 'subdivision el', 'proper_motion', 'latency', 'camera',
+         'proportional', 'run_zero')
 
 
 def dictionary(context, lacking=(), own=()):

@@ -13,7 +13,7 @@ _HALF = 500_000_000
 ENCODERS = ('enc', 'abs')
 
 
-def interpolate(stamps, angles, stamp):
+def interpolate(stamps, angles, stamp, beside=0):
     """The angles at `stamp`, between the readings beside it.
 
     Parameters
@@ -24,13 +24,15 @@ def interpolate(stamps, angles, stamp):
         Azimuth and elevation, rad.
     stamp : int
         Within the range of `stamps`.
+    beside : int
+        How long before and after it the rates are taken, ns; 0: between the two readings.
 
     Returns
     -------
     angles : ndarray, shape (2,)
         Radians; NaN where an axis gave none.
     rates : ndarray, shape (2,)
-        Mean over the second about `stamp`, as far as there are readings, rad/s.
+        rad/s.
 
     Raises
     ------
@@ -47,8 +49,7 @@ def interpolate(stamps, angles, stamp):
     low, high = angles[i - 1], angles[i]
     span = float(stamps[i] - stamps[i - 1])
     step = np.array([wrap(high[0] - low[0]), high[1] - low[1]])
-    # over a second: two readings a tenth of a second apart show a slip, not how the axis moves
-    first, last = np.searchsorted(stamps, [stamp - _HALF, stamp + _HALF + 1])
+    first, last = np.searchsorted(stamps, [stamp - beside, stamp + beside + 1])
     first, last = min(first, i - 1), max(last - 1, i)
     way = np.array([wrap(angles[last, 0] - angles[first, 0]), angles[last, 1] - angles[first, 1]])
     rate = way / (float(stamps[last] - stamps[first]) * 1e-9)
@@ -141,7 +142,9 @@ class Exposures:
         can be pointed at: ValueError.
         """
         readings = self._readings[encoder]
-        angles, rates = interpolate([s for s, _ in readings], [a for _, a in readings], stamp)
+        # two readings a tenth of a second apart show a slip, not how the axis moves
+        angles, rates = interpolate(
+            [s for s, _ in readings], [a for _, a in readings], stamp, _HALF)
         if encoder == 'enc' and not np.isfinite(angles).all():
             raise ValueError('encoder reading is not a number: home the encoder')
         return angles, rates

@@ -79,7 +79,8 @@ def test_the_dictionary_holds_what_is_asked_for():
     assert len(names) == len(effects)
     wanted = {
         'refraction', 'refraction_cube', 'second_flexure', 'annual_aberration',
-        'diurnal_aberration', 'precession_or_epoch_error', 'proper_motion', 'latency',
+        'diurnal_aberration', 'bent_to_one_side', 'precession_or_epoch_error',
+        'proper_motion', 'latency',
         'camera_rotation', 'camera_scale', 'magnitude_equation_az', 'magnitude_equation_el',
         'pier_side_az', 'pier_side_el', 'azimuth_zero_per_run', 'elevation_zero_per_run',
         'humidity_pct_az', 'humidity_pct_el', 'clock_or_longitude', 'latitude',
@@ -242,6 +243,11 @@ def test_annual_aberration_is_a_dipole_toward_the_velocity():
     moved = on_sky(np.arctan2(seen[0], seen[1]), np.arctan2(seen[2], np.hypot(*seen[:2])),
                    context.az, context.el)
     assert np.allclose(east * 1e-6, moved, atol=1e-10)
+    # the wind bends the tube to the north as to the east
+    columns = effect('bent_to_one_side').columns(context)
+    assert np.array_equal(columns[0], east)
+    assert np.allclose(columns[1], [-np.sin(context.az),
+                                    -np.sin(context.el) * np.cos(context.az)])
 
 
 def test_proper_motion_left_out():
