@@ -20,7 +20,12 @@ from msg_tools.homing import cloud_to_homing
 from msg_tools.units import DEG
 from pointing_model.effects import declared_graduation
 from pointing_model.model import PointingModel
-from pointing_model.observing.pairing import centred, interpolate
+from pointing_model.observing.pairing import (
+    RATE_OVER,
+    centred,
+    centred_second,
+    interpolate,
+)
 from pointing_model.run_messages import cloud_to_run
 from pointing_model.zero_message import joints_to_zero
 
@@ -236,38 +241,43 @@ class _Pairing:
             angles = self._around(readings, stamp)
             if miss is None or angles is None:
                 continue
-            try:
-                angle, rate = interpolate(*angles, stamp)
-            except ValueError:
-                angle, rate = np.full(2, np.nan), None
-            found[encoder] = np.array(centred(*angle, *miss)), rate
+            angle, rate = interpolate(*angles, stamp, RATE_OVER)
+            if encoder == 'enc':
+                read, found[encoder] = angle, np.array(centred(*angle, *miss))
+                # of logs from before it was taken over a second
+                rates = rate, interpolate(*angles, stamp)[1]
+            elif 'enc' in found:
+                found[encoder] = centred_second(angle, read, miss)
         if 'enc' not in found:
             self._check.unchecked.append(
                 f'observation of {_at(stamp)}: its exposure or its readings are not in the log')
             return
-        for encoder, (angle, rate) in found.items():
+        for encoder, angle in found.items():
             if f'az_{encoder}' in run:
                 logged = [run[f'{axis}_{encoder}'][0] for axis in ('az', 'el')]
                 self._check.compare(f'{encoder} of observation', logged, angle, _at(stamp))
-            if encoder == 'enc' and 'az_rate' in run and rate is not None:
-                self._check.compare('rate of observation', [
-                    run['az_rate'][0], run['el_rate'][0]], rate, _at(stamp))
+        if 'az_rate' in run:
+            logged = [run['az_rate'][0], run['el_rate'][0]]
+            rate = rates[1] if np.array_equal(logged, rates[1]) else rates[0]
+            self._check.compare('rate of observation', logged, rate, _at(stamp))
 
     def _around(self, readings, stamp):
-        """Stamps and angles of the readings beside `stamp`, or None."""
-        low = high = None
+        """Stamps and angles of the readings from a second before `stamp` to the next, or None."""
+        high, before = None, []
         for when, message in reversed(readings):
             if when >= stamp:
                 high = when, message
-            else:
-                low = when, message
+                continue
+            before.append((when, message))
+            if when < stamp - RATE_OVER:
                 break
-        if low is None or high is None:
+        if not before or high is None:
             return None
-        decoded = [self._log.decode(message) for _, message in (low, high)]
+        beside = [*before[::-1], high]
+        decoded = [self._log.decode(message) for _, message in beside]
         if None in decoded:
             return None
-        return [low[0], high[0]], [read_joints(data)[1] for data in decoded]
+        return [when for when, _ in beside], [read_joints(data)[1] for data in decoded]
 
 
 def _at(stamp):

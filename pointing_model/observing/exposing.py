@@ -8,7 +8,7 @@ import numpy as np
 from msg_tools.units import ARCSEC, wrap
 
 from .instruments import ABSOLUTE, CAMERA, MOUNT
-from .pairing import centred
+from .pairing import centred, centred_second
 from .pointing import Conditions, Pointing, track_to
 
 #: exposures without a star after which it is given up: one that was under way when the mount was
@@ -116,9 +116,7 @@ class Exposer:
             return np.full(2, np.nan)
         if not self._instruments.health.second(ABSOLUTE, reading, first):
             return np.full(2, np.nan)
-        known = np.isfinite(reading)
-        # how an axis centres depends a little on where the other one is
-        return np.where(known, centred(*np.where(known, reading, first), *miss), np.nan)
+        return centred_second(reading, first, miss)
 
     def _row(self, pointing, block, blind, stamp, miss, enc, second, rate):
         target, (site, air, *_) = pointing.target, self._conditions()

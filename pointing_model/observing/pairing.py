@@ -8,12 +8,13 @@ from msg_tools.units import wrap
 
 #: readings older than the last by this are of a new simulation, ns
 CLOCK_JUMP = 1_000_000_000
-#: before and after an exposure, over which the rate of an axis is taken, ns
-_HALF = 500_000_000
+#: before an exposure, over which the rate of an axis is taken, ns: two readings a tenth of a
+#: second apart show a slip, not how the axis moves
+RATE_OVER = 1_000_000_000
 ENCODERS = ('enc', 'abs')
 
 
-def interpolate(stamps, angles, stamp, beside=0):
+def interpolate(stamps, angles, stamp, before=0):
     """The angles at `stamp`, between the readings beside it.
 
     Parameters
@@ -24,8 +25,8 @@ def interpolate(stamps, angles, stamp, beside=0):
         Azimuth and elevation, rad.
     stamp : int
         Within the range of `stamps`.
-    beside : int
-        How long before and after it the rates are taken, ns; 0: between the two readings.
+    before : int
+        Rates are from that long before it (ns) to the next reading; 0: between the two readings.
 
     Returns
     -------
@@ -49,11 +50,39 @@ def interpolate(stamps, angles, stamp, beside=0):
     low, high = angles[i - 1], angles[i]
     span = float(stamps[i] - stamps[i - 1])
     step = np.array([wrap(high[0] - low[0]), high[1] - low[1]])
-    first, last = np.searchsorted(stamps, [stamp - beside, stamp + beside + 1])
-    first, last = min(first, i - 1), max(last - 1, i)
-    way = np.array([wrap(angles[last, 0] - angles[first, 0]), angles[last, 1] - angles[first, 1]])
-    rate = way / (float(stamps[last] - stamps[first]) * 1e-9)
+    first = min(int(np.searchsorted(stamps, stamp - before)), i - 1)
+    way = np.array([wrap(high[0] - angles[first, 0]), high[1] - angles[first, 1]])
+    rate = way / (float(stamps[i] - stamps[first]) * 1e-9)
     return low + step * (float(stamp - stamps[i - 1]) / span), rate
+
+
+def _since(readings, stamp):
+    """Stamps and angles of the newest readings, back to the last one before `stamp`."""
+    newest = []
+    for reading in reversed(readings):
+        newest.append(reading)
+        if reading[0] < stamp:
+            break
+    return [s for s, _ in reversed(newest)], [a for _, a in reversed(newest)]
+
+
+def centred_second(reading, first, miss):
+    """`centred` of the second encoder, each axis of which may be NaN.
+
+    How an axis centres depends a little on where the other one is: the `first` encoder's reading
+    will do.
+
+    Parameters
+    ----------
+    reading, first, miss : array_like, shape (2,)
+        Radians.
+
+    Returns
+    -------
+    ndarray, shape (2,)
+    """
+    known = np.isfinite(reading)
+    return np.where(known, centred(*np.where(known, reading, first), *miss), np.nan)
 
 
 def centred(az, el, miss_x, miss_y):
@@ -106,8 +135,6 @@ class Exposures:
         """
         self._track = start, times, track
         self._frames.clear()
-        for readings in self._readings.values():
-            readings.clear()
 
     def add_reading(self, encoder, stamp, angle):
         """Take a reading.
@@ -141,10 +168,8 @@ class Exposures:
         The absolute encoder may give one axis alone; without both of the incremental one no star
         can be pointed at: ValueError.
         """
-        readings = self._readings[encoder]
-        # two readings a tenth of a second apart show a slip, not how the axis moves
-        angles, rates = interpolate(
-            [s for s, _ in readings], [a for _, a in readings], stamp, _HALF)
+        stamps, read = _since(self._readings[encoder], stamp - RATE_OVER)
+        angles, rates = interpolate(stamps, read, stamp, RATE_OVER)
         if encoder == 'enc' and not np.isfinite(angles).all():
             raise ValueError('encoder reading is not a number: home the encoder')
         return angles, rates
