@@ -111,4 +111,4 @@ def _looks_like(text):
 ONSTEPX = Program(
     'onstepx', 'OnStepX', 'hjd1964/OnStepX, src/telescope/mount/coordinates/Align.hs.cpp', '.txt',
     _OWN.get, _column, tuple(key for key in _OWN if key in TERM_OF), _encoder, _write, _read,
-    _looks_like, None, 'whole arcseconds', ARCSEC)
+    _looks_like, None, 'whole arcseconds', whole=ARCSEC)

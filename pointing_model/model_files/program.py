@@ -43,6 +43,8 @@ class Program:
         How our model acts as the program does; None: neither, ours is fitted to it.
     digits : str
         What the file rounds to, for people.
+    plain : tuple of str
+        Terms whose coefficient is no angle.
     whole : float
         Coefficients are whole multiples of this, radians; 0: they are not rounded to speak of.
     otherwise : tuple of (str, callable)
@@ -62,6 +64,7 @@ class Program:
     looks_like: Callable
     geometry: str | None
     digits: str = ''
+    plain: tuple = ()
     whole: float = 0.0
     otherwise: tuple = ()
 

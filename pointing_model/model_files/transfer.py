@@ -1,6 +1,6 @@
 """A model into the terms of a program and back: what is held, what is refitted, what is lost."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -86,7 +86,7 @@ class Exported:
     text : str
         Of the file.
     terms : dict of str to float
-        As they stand in it, arcsec or plain numbers.
+        As they stand in it, radians or plain numbers: see `listed`.
     direct, loss : Loss
         With the terms taken over by name alone, and as they are in the file.
     refitted : bool
@@ -94,7 +94,8 @@ class Exported:
     added : list of str
         Terms of the program that the model does not have, taken to hold what it has beyond.
     left : list of str
-        Parts of the model that no term of the program is.
+        Parts of the model that no term of the program is. What follows more than the direction
+        counts as zero in the file, and in the loss as the run tells it.
     notes : list of str
     sky : str
         On which the losses are.
@@ -111,6 +112,11 @@ class Exported:
     notes: list
     sky: str
 
+    def listed(self):
+        """(name, value, unit) of each term, in arcsec but for plain numbers, whose unit is ''."""
+        return [(name, value, '') if name in self.program.plain
+                else (name, value / ARCSEC, 'arcsec') for name, value in self.terms.items()]
+
     @property
     def held(self):
         """Whether the program computes what the model does, to a thousandth of an arcsecond."""
@@ -118,7 +124,8 @@ class Exported:
 
     def to_dict(self):
         """JSON-ready."""
-        return {'program': self.program.name, 'held': self.held, 'terms': self.terms,
+        return {'program': self.program.name, 'held': self.held, 'terms': [
+                    dict(zip(('name', 'value', 'unit'), row)) for row in self.listed()],
                 'refitted': self.refitted, 'added': self.added, 'not_held': self.left,
                 'sky': self.sky, 'by_name': self.direct.to_dict(), 'loss': self.loss.to_dict(),
                 'notes': self.notes}
@@ -150,17 +157,20 @@ def export(model, program, sky=None, told='', facts=None):
     sky, target = sky.select(good), target[:, good]
     if not len(sky):
         raise ValueError('the model reaches none of the directions of this sky')
+    # which way the axes came, or how warm it was that night, is no matter of the direction
+    still = replace(model, effects=[e for e in model.effects if not e.effect.requires])
+    aim = np.stack(still.sky_to_encoder(sky.az, sky.el))
     values, sigma, left = of_model(model)
     values = {key: value for key, value in values.items()
               if value or key in TERM_OF and program.own(key) is not None}
     lacking = [key for key in values if program.own(key) is None]
     left += [_name_of(key) for key in lacking]
     taken = {key: value for key, value in values.items() if key not in lacking}
-    direct = loss_of(target, program, taken, sky)
+    direct, still_direct = (loss_of(to, program, taken, sky) for to in (target, aim))
     refitted, added = False, []
-    if left or not direct.largest <= HELD:
+    if not still_direct.largest <= HELD:
         refitted = True
-        taken, added = _refit(program, target, taken, sky, bool(left))
+        taken, added = _refit(program, aim, taken, sky, bool(lacking) or len(of_model(still)[2]))
     if program.whole:
         taken = _to_whole(program, taken, sky)
     terms, errors = {}, {}
