@@ -12,8 +12,10 @@ def add(commands):
         description='Read a pointing run (CSV, TPOINT, or a log of ours) and print the terms and '
         'the error before and after.')
     parser.add_argument('file', type=Path, metavar='RUN')
-    parser.add_argument('--terms', type=options.names, default='IA,IE,CA,NPAE,AN,AW,TF',
+    parser.add_argument('--terms', type=options.names,
                         help='comma-separated (default: the seven physical terms)')
+    parser.add_argument('--base', type=Path, metavar='MODEL', help='a model file, ours or of '
+                        'another program: its terms are fitted anew, its values shown beside')
     options.add(parser, 'encoder', 'azimuth-origin')
     parser.add_argument('--run', dest='number', type=options.whole(-10**6, 10**6), metavar='N',
                         help='of several runs in the file (column run) the one of this number')
@@ -25,6 +27,7 @@ def add(commands):
 def run(args):
     """Load, fit, print, write."""
     harmonics = options.harmonics_of(args)
+    base = _base(args)
     from calibration.check import external_check
     from calibration.diagnosis import check_columns, naming_columns
     from calibration.fit import fit_terms
@@ -37,6 +40,7 @@ def run(args):
     if f'az_{args.encoder}' not in observed:
         raise ValueError(f'{args.file} has no second encoder; leave out --encoder {args.encoder}')
     checked = check_columns(observed, args.encoder)
+    observed = base.taken_off(observed, args.encoder) if base else observed
     result = fit_terms(observed, args.terms, robust=not args.no_robust, encoder=args.encoder,
                        provenance={'source': str(args.file)})
     console = new_console()
@@ -50,10 +54,26 @@ def run(args):
     model = result.model
     if harmonics:
         model = _with_harmonics(observed, result, args, console)
-    print_lines(console, 'note', checked.notes)
+    if base:
+        console.print(base.table(model))
+        model = base.whole(model)
+    print_lines(console, 'note', [*(base.notes if base else ()), *checked.notes])
     if args.save:
         model.save(args.save)
         print_files(console, {'model': args.save})
+
+
+def _base(args):
+    """The model file that declares the terms, if one does; sets ``args.terms``."""
+    if args.base is None:
+        args.terms = args.terms or ('IA', 'IE', 'CA', 'NPAE', 'AN', 'AW', 'TF')
+        return None
+    if args.terms:
+        raise ValueError('--base and --terms both say which terms to fit; leave one out')
+    from ..base_model import BaseModel
+    base = BaseModel.read(args.base)
+    args.terms = base.terms
+    return base
 
 
 def _with_harmonics(observed, result, args, console):
