@@ -66,9 +66,10 @@ def run(args):
 def _base(args):
     """The model file that declares the terms, if one does; sets ``args.terms``."""
     if args.base is None:
-        args.terms = args.terms or ('IA', 'IE', 'CA', 'NPAE', 'AN', 'AW', 'TF')
+        if args.terms is None:
+            args.terms = ('IA', 'IE', 'CA', 'NPAE', 'AN', 'AW', 'TF')
         return None
-    if args.terms:
+    if args.terms is not None:
         raise ValueError('--base and --terms both say which terms to fit; leave one out')
     from ..base_model import BaseModel
     base = BaseModel.read(args.base)

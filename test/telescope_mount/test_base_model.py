@@ -56,7 +56,7 @@ def test_terms_are_fitted_anew_and_the_rest_is_held(ended, run, file, tmp_path):
     assert [e.effect.name for e in new.effects] == ['el cos 4E', 'el sin 4E']
     # without what is held, the harmonic stays in the residual
     ended('fit', run[0], '--terms', ','.join(new.terms), '--save', tmp_path / 'bare.json')
-    assert np.std(PointingModel.load(tmp_path / 'bare.json').residuals(run[1])[1]) > 2.0 * ARCSEC
+    assert np.std(PointingModel.load(tmp_path / 'bare.json').residuals(run[1])[1]) > 1.5 * ARCSEC
 
 
 def test_what_meets_a_graduation_is_the_reading_as_it_was(file, run):
