@@ -168,7 +168,8 @@ def export(model, program, sky=None, told='', facts=None):
     taken = {key: value for key, value in values.items() if key not in lacking}
     direct, still_direct = (loss_of(to, program, taken, sky) for to in (target, aim))
     refitted, added = False, []
-    if not still_direct.largest <= HELD:
+    # rotations in another order than ours are never ours by name alone
+    if program.geometry is None or not still_direct.largest <= HELD:
         refitted = True
         taken, added = _refit(program, aim, taken, sky, bool(lacking) or len(of_model(still)[2]))
     if program.whole:

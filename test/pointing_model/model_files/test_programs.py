@@ -189,10 +189,10 @@ def test_signs_of_rts2_are_those_of_its_formulae(tmp_path):
                             math.degrees(SKY.el[i]))
         assert math.radians(d_az) == pytest.approx(wrap(az[i] - SKY.az[i]), abs=1e-4 * ARCSEC)
         assert math.radians(d_el) == pytest.approx(el[i] - SKY.el[i], abs=1e-4 * ARCSEC)
-    # its own checks: one degree of ia, two extra lines, az from the south
+    # what its own checks expect of one degree of ia, two of ie and two extra lines
     path = tmp_path / 'check'
-    path.write_text('# test #2\nRTS2_ALTAZ 1.0d 0 0 0 0 -7200" 0\n# extras..\n'
-                    'AZ 0.05235987755982989 SiN el 2\nEL 0.06981317007977318 cos az 2')
+    path.write_text('# a check\n\nRTS2_ALTAZ 1d 0 0 0 0 -120m 0\nAZ 3d SiN el 2\n'
+                    'EL 14400" cos az 2\n')
     ours = read_model(path).model
     for az, el, expected in ((0, 45, (2, 51)), (90, 45, (92, 43)), (30, 15, (30.5, 19))):
         got = ours.sky_to_encoder(np.radians(az + 180.0), np.radians(el))
@@ -339,39 +339,39 @@ def test_what_follows_a_driver_is_left_out_and_counts_where_the_run_tells_it():
 
 # ------------------------------------------------------------------------------------- bad files
 
-TELMOD = """SDSS APO 2.5m Pointing Data 2023-10-27T09:05:38.1
-T  133   4.4968    0.000   0.0000
-  IA       +107.2715     4.90174
-  IE        +76.9396     1.10777
-&=HACA2      -4.9999
-&=HESA3CE3   +2.8811
-  NPAE       +3.5925     5.75764
-  TF       +213.1234     1.56244
+TELMOD = """A telescope with two instruments, 2026-02-03
+T   80   3.2500    0.000   0.0000
+  IA        +95.1250     3.10250
+  IE        +61.5000     1.00500
+&=HACA2      -4.2500
+&=HESA3CE3   +2.1250
+  NPAE       +3.0625     5.50000
+  TF       +180.2500     1.25000
 END
 """
 
 
-def test_a_model_file_of_tpoint_in_use_is_read(tmp_path):
+def test_a_model_file_of_tpoint_is_read(tmp_path):
     path = tmp_path / 'telmod.dat'
     path.write_text(TELMOD)
     got = read_model(path)
     assert got.program == 'tpoint' and got.notes == [
         'held fixed in TPOINT, taken as the others: HACA2, HESA3CE3']
     terms = {name: value / ARCSEC for name, value in got.model.terms.items()}
-    assert terms == pytest.approx({'IA': 107.2715, 'IE': -76.9396, 'HACA2': -4.9999,
-                                   'NPAE': 3.5925, 'TF': 213.1234})
-    assert got.model.covariance[0, 0] ** 0.5 / ARCSEC == pytest.approx(4.90174)
+    assert terms == pytest.approx({'IA': 95.125, 'IE': -61.5, 'HACA2': -4.25, 'NPAE': 3.0625,
+                                   'TF': 180.25})
+    assert got.model.covariance[0, 0] ** 0.5 / ARCSEC == pytest.approx(3.1025)
     again = export(got.model, PROGRAMS['tpoint'])
     assert again.held
     assert {n: round(v / ARCSEC, 4) for n, v in again.terms.items()} == {
-        'IA': 107.2715, 'IE': 76.9396, 'HACA2': -4.9999, 'NPAE': 3.5925, 'TF': 213.1234,
-        'HESA3CE3': 2.8811}
+        'IA': 95.125, 'IE': 61.5, 'HACA2': -4.25, 'NPAE': 3.0625, 'TF': 180.25,
+        'HESA3CE3': 2.125}
 
 
 @pytest.mark.parametrize('text, words', [
     (TELMOD.replace('NPAE ', 'XYZ  '), 'XYZ .row 7. is no term'),
-    (TELMOD.replace('+213.1234', 'nan'), 'TF is .nan., which is not finite'),
-    (TELMOD.replace('+213.1234', '+21,3'), 'which is no number'),
+    (TELMOD.replace('+180.2500', 'nan'), 'TF is .nan., which is not finite'),
+    (TELMOD.replace('+180.2500', '+21,3'), 'which is no number'),
     (TELMOD.replace('IA ', 'IH '), 'equatorial mount .IH.'),
     (TELMOD.replace('NPAE', 'IE  '), 'row 7: IE is there twice'),
     (TELMOD.replace('END\n', ''), 'without END'),
