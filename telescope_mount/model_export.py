@@ -35,10 +35,10 @@ class Written:
 
 def programs():
     """Names that ``--to`` takes."""
-    return ('tpoint', 'katpoint', 'rts2', 'spk', 'onstepx', 'table', MODEL)
+    return ('tpoint', 'katpoint', 'rts2', 'spk', 'indi', 'onstepx', 'table', MODEL)
 
 
-def export_model(source, path, to, *, sky=None, zero='none', **options):
+def export_model(source, path, to, *, sky=None, zero='none', site=None, **options):
     """Write a model as another program reads it.
 
     Parameters
@@ -53,6 +53,8 @@ def export_model(source, path, to, *, sky=None, zero='none', **options):
         model's effects there, and the loss is told on them. By default the sky above 20 degrees.
     zero : {'none', 'newest'} or number
         Which of the zeros that the model carries to add to its indices.
+    site : pair of float, optional
+        Latitude and longitude, radians; by default that of the run, if it tells. INDI needs it.
     **options
         For `telescope_mount.runs.load_run`.
 
@@ -90,6 +92,8 @@ def export_model(source, path, to, *, sky=None, zero='none', **options):
     if sky is not None:
         context, told, more = _sky_of(sky, model, options)
         facts |= more
+    if site is not None:
+        facts['site'] = site
     exported = export(model, PROGRAMS[to], context, told, facts)
     path.write_text(exported.text, encoding='utf-8')
     return Written(path, to, exported, [*notes, *exported.notes])
@@ -136,8 +140,11 @@ def _sky_of(path, model, options):
     x, y = model.residuals(run)
     # the median is the zero of the run, if it has another one than the model
     left = rms_arcsec(x - np.nanmedian(x), y - np.nanmedian(y))
-    return Context.of_run(run), f'the {len(run)} directions of {Path(path).name}', {
-        'observations': len(run), 'rms_arcsec': left.radial}
+    context = Context.of_run(run)
+    facts = {'observations': len(run), 'rms_arcsec': left.radial}
+    if None not in (context.latitude, context.longitude):
+        facts['site'] = context.latitude, context.longitude
+    return context, f'the {len(run)} directions of {Path(path).name}', facts
 
 
 def show(written, console):

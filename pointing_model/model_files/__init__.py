@@ -11,6 +11,7 @@ from pathlib import Path
 from pointing_model.model import PointingModel
 
 from . import table
+from .indi import INDI
 from .katpoint import KATPOINT
 from .onstepx import ONSTEPX
 from .program import Program
@@ -23,7 +24,8 @@ __all__ = ['PROGRAMS', 'Exported', 'Loss', 'ModelFile', 'Program', 'export', 'lo
            'read_model', 'table', 'uniform_sky']
 
 #: by name; in the order in which a file is looked at
-PROGRAMS = {program.name: program for program in (RTS2, SPK, ONSTEPX, KATPOINT, TPOINT)}
+PROGRAMS = {program.name: program for program in (
+    INDI, RTS2, SPK, ONSTEPX, KATPOINT, TPOINT)}
 _OURS = ('.json', '.yaml', '.yml')
 
 

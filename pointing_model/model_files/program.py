@@ -101,6 +101,8 @@ class Sheet:
         0 where it is not known.
     rms_arcsec : float
         Of the fit, 0 where it is not known.
+    site : pair of float, optional
+        Latitude and longitude, radians, north and east positive.
     """
 
     terms: dict
@@ -108,6 +110,7 @@ class Sheet:
     caption: str
     observations: int = 0
     rms_arcsec: float = 0.0
+    site: tuple | None = None
 
 
 def first_order(values, az, el):

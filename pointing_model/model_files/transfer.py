@@ -144,7 +144,7 @@ def export(model, program, sky=None, told='', facts=None):
     told : str
         What that sky is, for people.
     facts : dict, optional
-        ``caption``, ``observations``, ``rms_arcsec`` for the file.
+        Of `program.Sheet`, for the file.
 
     Returns
     -------
@@ -180,7 +180,7 @@ def export(model, program, sky=None, told='', facts=None):
             terms[name] = terms.get(name, 0.0) + share * value
             if key in sigma and not refitted:
                 errors[name] = abs(share) * sigma[key]
-    text = program.write(Sheet(terms, errors, **(facts or {'caption': 'telescope_mount'})))
+    text = program.write(Sheet(terms, errors, **{'caption': 'telescope_mount', **(facts or {})}))
     # what counts is what stands in the file, with its digits
     found = program.read('the exported file', text)
     read = _by_column(program, found.terms)

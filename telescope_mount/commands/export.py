@@ -44,6 +44,8 @@ def add(commands):
                         help='seconds since the first row or message, or UTC in ISO 8601')
     parser.add_argument('--end', metavar='TIME', help='likewise; the end is left out')
     options.add(parser, 'azimuth-origin')
+    options.add(parser, 'latitude', help='of the site; --to indi needs it')
+    options.add(parser, 'longitude')
 
 
 def run(args):
@@ -53,7 +55,8 @@ def run(args):
     if args.to:
         _run_model(args, console)
         return
-    _refuse(args, ('sky', 'zero', 'json'), 'is of models: say the program with --to')
+    _refuse(args, ('sky', 'zero', 'json', 'latitude', 'longitude'),
+            'is of models: say the program with --to')
     if args.topics:
         files, problems = export_topics(args.file, args.out, args.topics, form=args.format,
                                         start=args.start, end=args.end)
@@ -77,8 +80,16 @@ def _run_model(args, console):
     zero = args.zero or 'none'
     if zero not in ('none', 'newest') and not zero.lstrip('-').isdigit():
         raise ValueError(f'--zero {zero}: write newest, none or the number of a run')
+    place = (args.latitude, args.longitude)
+    if (place[0] is None) is not (place[1] is None):
+        raise ValueError('a site needs --latitude and --longitude')
+    if place[0] is not None:
+        from msg_tools.units import DEG
+        site = tuple(v * DEG for v in place)
+    else:
+        site = None
     written = model_export.export_model(args.file, args.out, args.to, sky=args.sky, zero=zero,
-                                        azimuth_origin=args.azimuth_origin)
+                                        site=site, azimuth_origin=args.azimuth_origin)
     model_export.show(written, console)
     if args.json:
         import json

@@ -39,10 +39,12 @@ def run(tmp_path):
     return tmp_path / 'run.csv'
 
 
-@pytest.mark.parametrize('to', ['tpoint', 'katpoint', 'rts2', 'spk', 'onstepx', 'table', 'model'])
+@pytest.mark.parametrize('to', ['tpoint', 'katpoint', 'rts2', 'spk', 'indi', 'onstepx', 'table',
+                                'model'])
 def test_a_file_that_reads_back(ended, model, tmp_path, to):
     out = tmp_path / ('out.yaml' if to == 'model' else 'out.dat')
-    code, said, err = ended('export', model[0], out, '--to', to, '--json', tmp_path / 'told.json')
+    code, said, err = ended('export', model[0], out, '--to', to, '--json', tmp_path / 'told.json',
+                            '--latitude', '31.5', '--longitude', '-110.9')
     assert code == 0 and not err
     assert '--zero newest adds it to the indices' in ' '.join(said.split())
     told = json.loads((tmp_path / 'told.json').read_text())
@@ -51,7 +53,8 @@ def test_a_file_that_reads_back(ended, model, tmp_path, to):
     az, el = np.linspace(0.0, 6.0, 50), np.linspace(0.4, 1.3, 50)
     one, other = (m.sky_to_encoder(az, el) for m in (bare, read_model(out).model))
     away = np.hypot(wrap(one[0] - other[0]) * np.cos(el), one[1] - other[1]).max() / ARCSEC
-    assert away < {'onstepx': 2.0, 'katpoint': 0.1, 'rts2': 0.1, 'spk': 0.01}.get(to, 1e-3)
+    assert away < {'onstepx': 2.0, 'katpoint': 0.1, 'rts2': 0.1, 'spk': 0.01, 'indi': 0.02}.get(
+        to, 1e-3)
     if to in ('table', 'model'):
         assert told['held'] and read_model(out).model.effects
     else:
@@ -94,6 +97,8 @@ def test_what_is_held_is_said_to_be(ended, tmp_path):
     (['out.mod', '--to', 'tpoint', '--start', '0'], '--start is of runs'),
     (['out.mod', '--to', 'tpoint', '--sky', 'model.json'], 'model.json'),
     (['nowhere/out.mod', '--to', 'tpoint'], 'no such folder'),
+    (['out.xml', '--to', 'indi'], 'give the site'),
+    (['out.xml', '--to', 'indi', '--latitude', '31'], 'needs --latitude and --longitude'),
     (['out.csv', '--zero', 'newest'], '--zero is of models: say the program with --to'),
 ])
 def test_bad_input_is_one_line(refused, model, tmp_path, monkeypatch, options, words):

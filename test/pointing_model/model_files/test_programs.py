@@ -2,7 +2,9 @@
 
 import math
 import re
+from xml.etree import ElementTree
 
+import erfa
 import numpy as np
 import pytest
 
@@ -238,6 +240,28 @@ def test_signs_of_onstepx_are_those_of_its_formulae():
     assert exported.loss.rms < 1.0 and not exported.held
 
 
+def test_indi_fits_the_model_back_from_its_points(tmp_path):
+    model = PointingModel({n: v for n, v in SEVEN.items() if n != 'NPAE'})
+    site = np.radians((31.5, -110.9))
+    exported = export(model, PROGRAMS['indi'], facts={'site': tuple(site)})
+    assert exported.loss.largest < 0.005 and exported.left == []
+    # what its plug-in would see, by its own formulae: hour angle, then azimuth and elevation
+    entry = ElementTree.fromstring(exported.text).find('.//DatabaseEntry')
+    cell = lambda name: float(entry.findtext(name))  # noqa: E731
+    sidereal = erfa.gst94(2400000.5, cell('ObservationJulianDate') - 2400000.5) + site[1]
+    az, el = erfa.hd2ae(sidereal - math.radians(15.0 * cell('RightAscension')),
+                        math.radians(cell('Declination')), site[0])
+    x, y, z = (cell(f'TelescopeDirectionVector{c}') for c in 'XYZ')
+    a, e = model.sky_to_encoder(az, el)
+    assert wrap(math.atan2(-y, x) - a) * math.cos(el) == pytest.approx(0.0, abs=0.1 * ARCSEC)
+    assert math.asin(z) == pytest.approx(e, abs=0.1 * ARCSEC)
+    again = export(back(tmp_path, exported).model, PROGRAMS['indi'], facts={'site': tuple(site)})
+    for name, value in again.terms.items():
+        assert value == pytest.approx(exported.terms[name], abs=1e-3 * ARCSEC)
+    with pytest.raises(ValueError, match='give the site'):
+        export(model, PROGRAMS['indi'])
+
+
 # ----------------------------------------------------------------------------------- round trips
 
 @pytest.mark.parametrize('name, geometry', [
@@ -388,6 +412,11 @@ def test_a_model_file_of_tpoint_is_read(tmp_path):
     ('pm.pvd = 10.0 * AS2R * cos(tare);', 'follows the target'),
     (':SX00,10#\n:SX07,5#', 'equatorial mount'),
     (':SX00,ten#', 'ax1Cor is .ten.'),
+    ('<INDIAlignmentDatabase><DatabaseEntries/></INDIAlignmentDatabase>', 'no Database'),
+    ("<INDIAlignmentDatabase><DatabaseReferenceLocation latitude='31' longitude='4'/>"
+     '<DatabaseEntry><ObservationJulianDate>2461041.5</ObservationJulianDate><RightAscension>nan'
+     '</RightAscension></DatabaseEntry></INDIAlignmentDatabase>', 'point 1: RightAscension'),
+    ('<INDIAlignmentDatabase>', 'is no XML'),
     ('name,value_arcsec\nIA,3\nZZ,4', 'row 3: ZZ is no term'),
     ('name,value_arcsec\nIA,inf', 'not finite'),
     ('name,value_arcsec\nID,1', 'equatorial mount'),
