@@ -83,7 +83,13 @@ def turned(model, context, zero=(0.0, 0.0), reverse=False):
     -------
     az, el : ndarray, shape (n,)
         Radians; NaN where the mount cannot look.
+
+    Raises
+    ------
+    ValueError
+        The model is of no alt-azimuth mount.
     """
+    refuse_other_mounts(model)
     az, el = context.az, context.el
     if not reverse:
         out = model.sky_to_encoder(az, el, context)
@@ -101,6 +107,14 @@ def turned(model, context, zero=(0.0, 0.0), reverse=False):
     context = context.at(az, el, **{'az_raw': az, 'el_raw': el, **{
         name: context.columns[name] for name in ('az_raw', 'el_raw') if name in context.columns}})
     return model.encoder_to_sky(az - zero[0], el - zero[1], context)
+
+
+def refuse_other_mounts(model):
+    """ValueError where a model says that it is of another mount than an alt-azimuth one."""
+    mount = getattr(model, 'mount', None)  # models of other mounts say what they are of
+    if mount is not None and not mount.altaz:
+        raise ValueError(f'this model is of another mount ({mount.kind}); directions and files of '
+                         'other programs are those of alt-azimuth mounts here')
 
 
 def zeros_of_rows(model, wanted=NEWEST, run=None):

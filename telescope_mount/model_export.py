@@ -69,6 +69,7 @@ def export_model(source, path, to, *, sky=None, zero='none', site=None, **option
     OSError
         One cannot be read or written.
     """
+    from pointing_model.apply import refuse_other_mounts
     from pointing_model.model_files import PROGRAMS, read_model, table
     source, path = Path(source), Path(path)
     if path.exists() and path.samefile(source):
@@ -78,6 +79,7 @@ def export_model(source, path, to, *, sky=None, zero='none', site=None, **option
         raise ValueError(f'{path}: a name ending in .json or .yaml is a model of ours (--to '
                          f'{MODEL}), and that of no other program')
     loaded = read_model(source)
+    refuse_other_mounts(loaded.model)
     model, said = _with_zero(loaded.model, zero)
     notes = [*loaded.notes, *said]
     if to == MODEL:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from msg_tools.units import ARCSEC, wrap
+from pointing_model.apply import refuse_other_mounts
 from pointing_model.context import Context
 from pointing_model.effects.product import RESULTS, written
 
@@ -149,7 +150,13 @@ def export(model, program, sky=None, told='', facts=None):
     Returns
     -------
     Exported
+
+    Raises
+    ------
+    ValueError
+        The model is of no alt-azimuth mount, or reaches none of the directions.
     """
+    refuse_other_mounts(model)
     if sky is None:
         sky, told = uniform_sky(), 'a uniform sky above 20 degrees'
     target = np.stack(model.sky_to_encoder(sky.az, sky.el, sky))
