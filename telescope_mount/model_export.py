@@ -190,4 +190,8 @@ def sentences(exported):
     if program.whole:
         lines.append(f'it takes {program.digits}')
     lines.append(f'loss: {loss.rms:.3f} arcsec RMS, at most {loss.largest:.3f}, {where}')
+    other = exported.elsewhere
+    if other is not None:
+        lines.append('of what follows the direction, on a uniform sky above 20 degrees: '
+                     f'{other.rms:.3f} arcsec RMS, at most {other.largest:.3f}')
     return lines

@@ -83,6 +83,9 @@ def read(path, text):
             word, _, value = line[1:].partition(':')
             if word.strip() == 'geometry':
                 geometry = value.strip()
+                if geometry not in ('rotation', 'first_order'):
+                    raise ValueError(f'{path}, row {number}: geometry {geometry!r} is neither '
+                                     'rotation nor first_order')
         elif line.strip():
             body.append((number, line))
     header, *rows = csv.reader(line for _, line in body)

@@ -90,6 +90,8 @@ class Exported:
         As they stand in it, radians or plain numbers: see `listed`.
     direct, loss : Loss
         With the terms taken over by name alone, and as they are in the file.
+    elsewhere : Loss or None
+        As `loss` on a uniform sky, of what follows the direction; None where that is the sky.
     refitted : bool
         Whether the values are of a refit.
     added : list of str
@@ -107,6 +109,7 @@ class Exported:
     terms: dict
     direct: Loss
     loss: Loss
+    elsewhere: Loss | None
     refitted: bool
     added: list
     left: list
@@ -129,6 +132,7 @@ class Exported:
                     dict(zip(('name', 'value', 'unit'), row)) for row in self.listed()],
                 'refitted': self.refitted, 'added': self.added, 'not_held': self.left,
                 'sky': self.sky, 'by_name': self.direct.to_dict(), 'loss': self.loss.to_dict(),
+                'elsewhere': self.elsewhere and self.elsewhere.to_dict(),
                 'notes': self.notes}
 
 
@@ -157,7 +161,8 @@ def export(model, program, sky=None, told='', facts=None):
         The model is of no alt-azimuth mount, or reaches none of the directions.
     """
     refuse_other_mounts(model)
-    if sky is None:
+    given = sky is not None
+    if not given:
         sky, told = uniform_sky(), 'a uniform sky above 20 degrees'
     target = np.stack(model.sky_to_encoder(sky.az, sky.el, sky))
     good = np.isfinite(target).all(axis=0)
@@ -191,13 +196,17 @@ def export(model, program, sky=None, told='', facts=None):
     # what counts is what stands in the file, with its digits
     found = program.read('the exported file', text)
     read = _by_column(program, found.terms)
-    loss = loss_of(target, program, read, sky)
+    loss, elsewhere = loss_of(target, program, read, sky), None
+    if given:
+        whole = uniform_sky()
+        elsewhere = loss_of(np.stack(still.sky_to_encoder(whole.az, whole.el)), program, read,
+                            whole)
     notes = list(found.notes)
     for who, encoder in program.otherwise:
         other = loss_of(target, encoder, read, sky)
         if other.largest > HELD:
             notes.append(f'{who}: off by {other.rms:.3f} arcsec RMS, at most {other.largest:.3f}')
-    return Exported(program, text, found.terms, direct, loss, refitted,
+    return Exported(program, text, found.terms, direct, loss, elsewhere, refitted,
                     [n for key in added for n, _ in program.own(key)], left, notes, told)
 
 

@@ -73,6 +73,9 @@ def test_the_loss_is_that_on_the_sky_of_the_run(ended, model, run, tmp_path):
     assert told['loss']['directions'] == 40
     assert told['loss']['rms_arcsec'] == pytest.approx(4.0, abs=0.01)
     assert 'on the 40 directions of run.csv' in said
+    # of the direction nothing is lost
+    assert told['elsewhere']['directions'] == 600 and told['elsewhere']['max_arcsec'] < 1e-3
+    assert 'on a uniform sky above 20 degrees: 0.000 arcsec RMS' in ' '.join(said.split())
     values = {row['name']: row['value'] for row in told['terms']}
     assert values['IA'] == pytest.approx(512.0, abs=0.1)
     assert values['IE'] == pytest.approx(81.0, abs=0.1)
