@@ -12,22 +12,21 @@ def add(commands):
         description='Read a pointing run (CSV, TPOINT, or a log of ours) and print the terms and '
         'the error before and after.')
     parser.add_argument('file', type=Path, metavar='RUN')
-    parser.add_argument('--terms', type=options.names,
+    parser.add_argument('--terms', type=options.names, default='IA,IE,CA,NPAE,AN,AW,TF',
                         help='comma-separated (default: the seven physical terms)')
-    parser.add_argument('--base', type=Path, metavar='MODEL', help='a model file, ours or of '
-                        'another program: its terms are fitted anew, its values shown beside')
     options.add(parser, 'encoder', 'azimuth-origin')
     parser.add_argument('--run', dest='number', type=options.whole(-10**6, 10**6), metavar='N',
                         help='of several runs in the file (column run) the one of this number')
     options.add(parser, 'harmonics', 'harmonics-alone', 'harmonics-degree')
     parser.add_argument('--no-robust', action='store_true', help='plain least squares')
+    parser.add_argument('--base', type=Path, metavar='MODEL', help='a model file, ours or of '
+                        'another program: its terms are fitted anew, its values shown beside')
     parser.add_argument('--save', type=Path, metavar='FILE', help='write the model (.json, .yaml)')
 
 
 def run(args):
     """Load, fit, print, write."""
     harmonics = options.harmonics_of(args)
-    base = _base(args)
     from calibration.check import external_check
     from calibration.diagnosis import check_columns, naming_columns
     from calibration.fit import fit_terms
@@ -40,7 +39,7 @@ def run(args):
     if f'az_{args.encoder}' not in observed:
         raise ValueError(f'{args.file} has no second encoder; leave out --encoder {args.encoder}')
     checked = check_columns(observed, args.encoder)
-    observed = base.taken_off(observed, args.encoder) if base else observed
+    base, observed = _base(args, observed)
     result = fit_terms(observed, args.terms, robust=not args.no_robust, encoder=args.encoder,
                        provenance={'source': str(args.file)})
     console = new_console()
@@ -54,27 +53,14 @@ def run(args):
     model = result.model
     if harmonics:
         model = _with_harmonics(observed, result, args, console)
+    print_lines(console, 'note', checked.notes)
     if base:
         console.print(base.table(model))
+        print_lines(console, 'note', base.notes)
         model = base.whole(model)
-    print_lines(console, 'note', [*(base.notes if base else ()), *checked.notes])
     if args.save:
         model.save(args.save)
         print_files(console, {'model': args.save})
-
-
-def _base(args):
-    """The model file that declares the terms, if one does; sets ``args.terms``."""
-    if args.base is None:
-        if args.terms is None:
-            args.terms = ('IA', 'IE', 'CA', 'NPAE', 'AN', 'AW', 'TF')
-        return None
-    if args.terms is not None:
-        raise ValueError('--base and --terms both say which terms to fit; leave one out')
-    from ..base_model import BaseModel
-    base = BaseModel.read(args.base)
-    args.terms = base.terms
-    return base
 
 
 def _with_harmonics(observed, result, args, console):
@@ -116,3 +102,18 @@ def _one_run(run, args):
                              'fitted as one, with one zero: take one with --run N, or diagnose, '
                              'which fits zeros to each']
     return run
+
+
+def _base(args, run):
+    """The model file that declares the terms, if one does, and the run without what it holds."""
+    if args.base is None:
+        return None, run
+    from pointing_model.terms import PHYSICAL
+
+    from ..base_model import BaseModel
+    mount = getattr(run, 'mount', None)  # runs of other mounts have their own names
+    if args.terms != (PHYSICAL if mount is None else mount.names.physical):
+        raise ValueError('--base and --terms both say which terms to fit; leave one out')
+    base = BaseModel.read(args.base)
+    args.terms = base.terms
+    return base, base.taken_off(run, args.encoder)
