@@ -3,10 +3,10 @@
     python benchmarks/absolute_encoder.py [--quick] [--pitch 48|60] [--only PART ...] [--seed N]
                                           [--json FILE]
 
-Parts: bound, ladder, cut, total, gross, faces, limits, speed, node. Full size takes some minutes of
-one core (100 000 frames for each kind in `gross`), --quick some seconds. All frames are rendered by
-`encoder_sim.ccd` with noise of 2 grey levels and rounding to 8 bits unless said, at random angles
-of a disc, at both scales that the paper's figures allow (48 and 60 pixels a bar).
+Parts: bound, ladder, cut, total, gross, faces, limits, focus, speed, node. Full size takes some
+minutes of one core (100 000 frames for each kind in `gross`), --quick some seconds. All frames are
+rendered by `encoder_sim.ccd` with noise of 2 grey levels and rounding to 8 bits unless said, at
+random angles of a disc, at both scales that the paper's figures allow (48 and 60 pixels a bar).
 
 The bound is the Cramer-Rao bound of the same image model: derivatives of the rendered image by
 the angle and by the unknown scale, contrast, ground level and shading (tilt and falloff of the
@@ -466,6 +466,41 @@ def part_limits(pitch, sizes, seed):
     return out
 
 
+#: a disc that swings by so much at either side of its focus, at one side of it, or is tilted, and a
+#: lamp with so much of its light: name and parameters
+IMAGES = (
+    *((f'run-out {um:g} um about the focus', {'runout': um * 1e-6}) for um in (20, 100, 200, 300)),
+    *((f'run-out {um:g} um from the focus on', {'runout': um * 1e-6, 'focus_error': um * 1e-6})
+      for um in (100, 150, 200)),
+    *((f'disc tilted by {deg:g} deg', {'tilt': np.deg2rad(deg)}) for deg in (0.1, 0.25, 0.5)),
+    *((f'lamp at {left:.0%}', {'lamp_left': left}) for left in (0.5, 0.2, 0.1, 0.07, 0.05)),
+)
+
+
+def part_focus(pitch, sizes, seed):
+    """Discs that leave the focus, and lamps that die; what one and two a turn leave."""
+    out = []
+    for name, flaw in IMAGES:
+        device = AbsoluteEncoder(replace(SCALES[pitch], **flaw), seed, 'azimuth')
+        n = sizes['ladder']
+        angles = np.random.default_rng(seed).uniform(0.0, _TURN, n)
+        readings = device.read(np.arange(n), angles)
+        good = np.isfinite(readings.angle)
+        error = wrap(readings.angle - angles)[good] / ARCSEC
+        gross = np.abs(error) >= 600.0
+        waves = np.stack([np.ones(good.sum()), *(
+            f(k * angles[good]) for k in (1, 2) for f in (np.cos, np.sin))], axis=1)
+        left, few = error, good.sum() < 10 * waves.shape[1]
+        if not few:
+            left = error - waves @ np.linalg.lstsq(waves[~gross], error[~gross], rcond=None)[0]
+        told = readings.sigma[good] / ARCSEC
+        out.append(row(
+            f'{name}: RMS beside one and two a turn', np.nan if few else rms(left[~gross]), '"',
+            note=f'{np.mean(~good):.1%} of {n} rejected, {gross.sum()} wrong by half a bar'
+            + ('' if few else f', sigma told {np.sqrt(np.mean(told**2)):.2f}"')))
+    return out
+
+
 # --- speed ----------------------------------------------------------------------------------------
 
 def time_all(candidates, rounds):
@@ -588,8 +623,8 @@ def row(name, value, unit, *, at_most=None, at_least=None, between=None, digits=
 
 
 PARTS = {'bound': part_bound, 'ladder': part_ladder, 'cut': part_cut, 'total': part_total,
-         'gross': part_gross, 'faces': part_faces, 'limits': part_limits, 'speed': part_speed,
-         'node': part_node}
+         'gross': part_gross, 'faces': part_faces, 'limits': part_limits, 'focus': part_focus,
+         'speed': part_speed, 'node': part_node}
 FULL = {'places': 200, 'repeats': 100, 'ladder': 2000, 'total': 10_000, 'gross': 100_000,
         'turns': 200, 'calls': 20, 'rounds': 25}
 QUICK = {'places': 60, 'repeats': 40, 'ladder': 256, 'total': 1024, 'gross': 6000,

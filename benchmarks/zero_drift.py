@@ -1,19 +1,14 @@
 """Many nights without ROS: the zero by Polaris against the true one, and the three witnesses.
 
     python benchmarks/zero_drift.py --nights 1000 --faults 200
-    python benchmarks/zero_drift.py --causes 200   # who moved in a jump: four causes
+    python benchmarks/zero_drift.py --causes       # who moved in a jump: see `jump_causes`
+    python benchmarks/zero_drift.py --quiet        # false alarms, also of noise that is not white
+    python benchmarks/zero_drift.py --causes --quiet --full    # 500 nights of each, 1000 quiet
 
 A pair of nights a seed, with a power-on each: 30 stars, 16 exposures of Polaris, 30 stars, star
 noise 1" an axis; mount, incremental encoder (scenario `default`: 20" of drift a power-on) and
 homing as `encoder_sim` simulates them, the absolute encoder as its disc, its drift and the noise of
 its reading. The first night is the reference of the second, in which the faults happen.
-
-With `--causes` no encoder moves at its power-on by more than the 0.3" that are usual for the
-absolute one, but for the jump: of the incremental encoder, of the absolute one, of both (unlike by
-5 sigma of their difference or more), or of the mount about the axis. It happens at the power-on, as
-`zero_drifts_arcsec` of the encoders makes it, or in the middle of the night, when nobody knows. One
-sigma is that of the witness: the noise of absolute encoder - sky, and at a power-on the 0.5" of
-what is usual.
 """
 
 import argparse
@@ -25,8 +20,6 @@ import numpy as np
 
 from calibration.fit import fit_terms
 from calibration.polaris_zero import zero_from_polaris
-from calibration.witness_causes import ABSOLUTE, ALIKE, BOTH, INCREMENTAL
-from calibration.witness_records import USUAL
 from calibration.witnesses import Homing, check_witnesses
 from encoder_sim import keyed_noise
 from encoder_sim.encoder_scale import ZeroDrift, disc_angle
@@ -76,6 +69,8 @@ def axes_on(geometry, az, el, **where):
 
 class Night:
     """A night at the scenario's mount, and what its encoders say."""
+
+    absolute_noise = ABSOLUTE_NOISE
 
     def __init__(self, scenario, seed, number):
         self.scenario, self.seed = scenario, seed
@@ -145,7 +140,8 @@ class Night:
             shown = disc_angle(angle, p.eccentricity, p.eccentricity_phase, 0.5 * p.diameter)
             out.append(shown + p.zero_offset + zero.at_power_on((self.number + 1) // 2)
                        + zero.later(stamps * 1e-9 - self.start, warmth)
-                       + ABSOLUTE_NOISE * keyed_noise.normal(self.seed, device, 'noise', stamps))
+                       + self.absolute_noise * keyed_noise.normal(self.seed, device, 'noise',
+                                                                  stamps))
         return np.array(out)
 
 
@@ -196,103 +192,6 @@ def one(reference_scenario, scenario, seed, with_zero):
     return report, [(zero.az - true[0], zero.sigma_az), (zero.el - true[1], zero.sigma_el)]
 
 
-def quiet(seed):
-    """The default scenario, its incremental encoders as quiet at a power-on as the absolute ones.
-
-    Returns the scenario and the changes of the zeros, {encoder: (2,)}, of the second night, rad.
-    """
-    rng = np.random.default_rng([seed, 2])
-    return load_scenario('default'), {
-        name: 0.3 * ARCSEC * rng.normal(size=2) for name in ('incremental', 'absolute')}
-
-
-def with_zeros(scenario, zeros):
-    """The scenario with these changes of the zeros at the second power-on."""
-    for name, values in zeros.items():
-        for axis, value in zip(AXES, values):
-            scenario = changed(scenario, f'{name}.{axis}', zero_drift=0.0,
-                               zero_drifts=(0.0, float(value)))
-    return scenario
-
-
-def jumps(cause, witness, apart, sigmas, rng):
-    """(incremental, absolute, mount) of a jump by `cause`, so many sigma of its witness, rad."""
-    size = rng.choice([-1.0, 1.0]) * sigmas * witness
-    if cause == BOTH:
-        # against each other, or to one side by as many sigma of their difference
-        if rng.random() < 0.5:
-            return size, -size, 0.0
-        return size + np.sign(size) * sigmas * apart, size, 0.0
-    return tuple(size * (cause == one) for one in (INCREMENTAL, ABSOLUTE, ALIKE))
-
-
-def pair(seed, axis, jump):
-    """A night and the one after it, at whose power-on the zeros of an axis, or the mount, jump."""
-    scenario, zeros = quiet(seed)
-    before = with_zeros(scenario, {name: np.zeros(2) for name in zeros})
-    for name, value in zip(('incremental', 'absolute'), jump):
-        zeros[name][axis] += value
-    after = with_zeros(scenario, zeros)
-    term = ('ia', 'ie')[axis]
-    after = changed(after, 'mount', **{term: getattr(after.mount, term) + jump[2]})
-    return Night(before, seed, 0).observe(), Night(after, seed, 1).observe()
-
-
-def one_jump(cause, inside, sigmas, size, seed):
-    """The cause that is named of a jump, and whether there was any alarm."""
-    rng = np.random.default_rng([seed, 3])
-    axis = int(rng.integers(2))
-    jump = jumps(cause, *size[axis], sigmas, rng)
-    earlier, rows = pair(seed, axis, (0.0, 0.0, 0.0) if inside else jump)
-    if inside:
-        since = int(rng.integers(20, len(rows) - 20))
-        for encoder, value in zip(('enc', 'abs'), jump):
-            rows[f'{("az", "el")[axis]}_{encoder}'][since:] += value + jump[2]
-    report = check_witnesses(rows, earlier, model=fit_terms(earlier).model)
-    said = report.changes[axis].cause
-    if inside:
-        found = [event.moved for event in report.events if event.axis == AXES[axis]]
-        said = found[0] if len(found) == 1 else f'{len(found)} events'
-    return said, bool(report.alarms)
-
-
-def sigma_of(first, count=20):
-    """1 sigma of absolute - sky and of incremental - absolute from night to night, (axis, 2), rad:
-    with what is usual of the encoders, and without; the median of nights without a jump."""
-    found = []
-    for seed in range(first, first + count):
-        earlier, rows = pair(seed, 0, (0.0, 0.0, 0.0))
-        changes = check_witnesses(rows, earlier, model=fit_terms(earlier).model).changes
-        found.append([[c.absolute_sigma, c.apart_sigma] for c in changes])
-    noise = np.median(found, axis=0)
-    return np.hypot(noise, USUAL.absolute * np.sqrt([1.0, 2.0])), noise
-
-
-def print_causes(count, first):
-    """A table: jump by, when, of how many sigma, how often it is named."""
-    sigma = sigma_of(first)
-    for when, rows in zip(('at a power-on', 'in the night'), sigma):
-        for axis, (witness, apart) in zip(AXES, rows / ARCSEC):
-            print(f'1 sigma {when}, {axis}: absolute encoder - sky {witness:.2f}", incremental - '
-                  f'absolute {apart:.2f}"')
-    print(f'{"jump of":22} {"when":12} {"sigma":>7} {"nights":>6} {"right":>7} {"alarm":>7}')
-    for inside in (False, True):
-        for cause in ('', INCREMENTAL, ABSOLUTE, BOTH, ALIKE):
-            for low, high in ((0.0, 0.0),) if not cause else ((5.0, 5.0), (5.0, 15.0)):
-                said, alarms = Counter(), 0
-                for seed in range(first, first + count):
-                    sigmas = np.random.default_rng([seed, 4]).uniform(low, high)
-                    name, alarm = one_jump(cause, inside, sigmas, sigma[inside], seed)
-                    said[name] += 1
-                    alarms += alarm
-                right = said[cause] / count if cause else sum(
-                    said[name] for name in ('nothing', '0 events')) / count
-                sizes = f'{low:g}' if low == high else f'{low:g}-{high:g}'
-                print(f'{cause or "nothing":22} {"in the night" if inside else "power-on":12} '
-                      f'{sizes:>7} {count:6} {right:7.1%} {alarms / count:7.1%}  '
-                      f'{dict(said.most_common(3))}', flush=True)
-
-
 def print_zero(figures):
     """Bias and spread of the zero."""
     values = np.array(figures) / ARCSEC  # (nights, axis, (error, sigma))
@@ -312,11 +211,19 @@ def main():
     parser.add_argument('--first', type=int, default=1)
     parser.add_argument('--only', default='', help='one fault, by the beginning of its name')
     parser.add_argument('--show', action='store_true', help='print the alarms of the first nights')
-    parser.add_argument('--causes', type=int, default=0, metavar='NIGHTS',
+    parser.add_argument('--causes', type=int, default=0, nargs='?', const=20, metavar='NIGHTS',
                         help='instead: so many nights with a jump of each cause')
+    parser.add_argument('--quiet', type=int, default=0, nargs='?', const=20, metavar='NIGHTS',
+                        help='instead: so many quiet nights of each kind of noise')
+    parser.add_argument('--full', action='store_true',
+                        help='--causes with 500 nights, --quiet with 1000')
     args = parser.parse_args()
-    if args.causes:
-        print_causes(args.causes, args.first)
+    if args.causes or args.quiet:
+        import jump_causes
+        if args.causes:
+            jump_causes.print_causes(500 if args.full else args.causes, args.first)
+        if args.quiet:
+            jump_causes.print_quiet(1000 if args.full else args.quiet, args.first)
         return
     default = load_scenario('default')
     rows = []

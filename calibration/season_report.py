@@ -79,8 +79,9 @@ def season_table(judged):
         tonight = [judged['tonight'][name] for name in AXES]
         row('tonight, before Polaris, arcsec',
             lambda _, t: _value(t['expected_arcsec'], t['sigma_arcsec']), tonight)
-        row('tonight, by Polaris, arcsec',
-            lambda _, t: _value(t['measured_arcsec'], t['measured_sigma_arcsec']), tonight)
+        if all(t['measured_arcsec'] is not None for t in tonight):
+            row('tonight, by Polaris, arcsec',
+                lambda _, t: _value(t['measured_arcsec'], t['measured_sigma_arcsec']), tonight)
     return out
 
 

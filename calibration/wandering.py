@@ -3,19 +3,26 @@
 Noise of the reading leaves every difference for itself; wrong counts stay, and the next ones are
 added. Both are fitted at once (a random walk and white noise, by maximum likelihood), beside what
 the discs do once and twice a turn, and the walk must explain more than chance, more than one step
-or one drift does, and more than finer harmonics of the angle. Who steps twice wanders.
+or one drift does, more than the side of approach (a coupling that winds up), and more than finer
+harmonics of the angle. Who steps twice wanders.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-from msg_tools.units import ARCSEC
+from msg_tools.units import ARCSEC, wrap
+from pointing_model.context import Context
+from pointing_model.effects.base import effect
+from pointing_model.effects.hysteresis import MEMORIES
 from pointing_model.following import AxisFollowing, Following, harmonic_columns
 
+from .restricted import restricted
 from .step_scan import robust_fit, two_sided
 from .witness_causes import ABSOLUTE, INCREMENTAL
+from .witness_jumps import jumps_of
 from .witness_night import SHORT, Found, Night
+from .witness_noise import colour_of, restricted_coloured
 from .witness_records import Budget
 
 #: variance of a step of the walk over that of the noise, tried
@@ -37,6 +44,12 @@ _TRUST = 0.9
 _ODDS = 4.0
 #: how far a disc may be off, 1 sigma of a harmonic, rad
 _DISC = 10.0 * ARCSEC
+#: correlation of neighbours up to which it is noise; what remembers longer is a walk
+_SHORT = 0.65
+#: `Walk.lead` from where a walk is sure without the stars, a hundred to one; below they have to
+#: see it
+_SURE = 2.0 * np.log(100.0)
+_SEEN = 0.99
 _CHANCE = Budget().false_alarm / 2.0  # two axes
 
 
@@ -53,6 +66,9 @@ class Walk(NamedTuple):
         What the discs do, rad.
     path : ndarray, shape (n,)
         The walk at each row, its mean taken off, rad.
+    lead : float
+        Twice the logarithm of its likelihood over that of noise that soon forgets; infinite where
+        no row resembles the one before.
     """
 
     probability: float
@@ -60,9 +76,10 @@ class Walk(NamedTuple):
     noise: float
     discs: np.ndarray
     path: np.ndarray
+    lead: float = np.inf
 
 
-def find_walk(apart, angle, run, rivals=(), limit=_CHANCE, least=0.0):
+def find_walk(apart, angle, run, rivals=(), limit=_CHANCE, least=0.0, sides=()):
     """Whether differences walk at random.
 
     Parameters
@@ -79,12 +96,14 @@ def find_walk(apart, angle, run, rivals=(), limit=_CHANCE, least=0.0):
         Chance from which on it is no walk.
     least : float
         Noise of a difference at least, rad.
+    sides : sequence of ndarray, shape (n,)
+        By which side the axis came: each explains it otherwise, beside the rivals.
 
     Returns
     -------
     Walk or None
-        None where chance, the rivals or finer harmonics of the angle explain as much, and leave
-        nothing that walks.
+        None where chance, the rivals, the side of approach or finer harmonics of the angle
+        explain as much, and leave nothing that walks.
     """
     n = len(apart)
     if n < _FEWEST:
@@ -96,14 +115,19 @@ def find_walk(apart, angle, run, rivals=(), limit=_CHANCE, least=0.0):
         return None
     y = _tame(apart, fixed, run)
     scale = max(np.std(y), least)
-    walk = np.minimum(*np.meshgrid(np.arange(n), np.arange(n))) + 1.0
-    walk *= run[:, None] == run[None, :]
-    ratio, probability = _restricted(y / scale, fixed, walk, least / scale)
+    walk, ratio, probability = min(
+        ((kernel, *_restricted(y / scale, fixed, kernel, least / scale))
+         for kernel in _kernels(angle, run)), key=lambda one: one[2])
+    probability *= 2.0
     if probability >= limit:
+        return None
+    lead = _lead(y, fixed, run, ratio, walk, least)
+    if lead <= 0.0:
         return None
     curves = np.column_stack([fixed, *(column for column, _ in rivals)])
     others = [(curves, sum(cost for _, cost in rivals)),
               (np.column_stack([curves, harmonic_columns(angle, _FINER)]), 2 * len(_FINER))]
+    others += [(np.column_stack([curves, side]), others[0][1] + 1) for side in sides]
     best = _bic(y / scale, fixed, np.eye(n) + ratio * walk, 1, least / scale)
     for columns, cost in others:
         if n < columns.shape[1] + 8:
@@ -122,7 +146,19 @@ def find_walk(apart, angle, run, rivals=(), limit=_CHANCE, least=0.0):
     left = y - fixed @ beta
     path = ratio * walk @ inverse @ left
     return Walk(probability, float(np.sqrt(ratio) * noise), float(noise), beta[-discs.shape[1]:],
-                path - members @ (members.T @ path / members.sum(axis=0)))
+                path - members @ (members.T @ path / members.sum(axis=0)), lead)
+
+
+def _kernels(angle, run):
+    """What a walk of variance 1 a row makes of the rows, (n, n): two kinds.
+
+    A step with every row, as a zero does that moves with time; and one the larger, the farther
+    the axis has turned, as wrong counts make: they come with the counts.
+    """
+    for way in (np.ones(len(run)), np.abs(wrap(np.diff(angle, prepend=angle[:1])))):
+        if way.any():
+            far = np.cumsum(way / way.mean()) + 1.0
+            yield np.minimum(*np.meshgrid(far, far)) * (run[:, None] == run[None, :])
 
 
 def _tame(y, fixed, run):
@@ -153,7 +189,8 @@ def _restricted(y, fixed, walk, least):
     """Ratio of the variances by restricted likelihood, and the chance of so much without a walk.
 
     By its likelihood ratio, half of which are zero without a walk (Self and Liang 1987; for a
-    random walk they are more, so this is on the safe side).
+    random walk they are more, so this is on the safe side). Two variances are all there is, so one
+    decomposition serves all ratios: `restricted`, in the walk's own coordinates.
     """
     q, _ = np.linalg.qr(fixed, mode='complete')
     free = q[:, np.linalg.matrix_rank(fixed):]
@@ -173,6 +210,17 @@ def _restricted(y, fixed, walk, least):
     if gain <= 0.0:
         return 0.0, 1.0
     return float(_RATIOS[best]), 0.5 * float(two_sided(np.sqrt(gain), 1e9))
+
+
+def _lead(y, fixed, run, ratio, walk, least):
+    """`Walk.lead`, by the restricted likelihoods of both beside the same columns."""
+    short = colour_of(fixed, y, run, most=_SHORT).rho
+    if not short.any():
+        return np.inf
+    half = np.linalg.cholesky(np.eye(len(y)) + ratio * walk)
+    columns = np.linalg.solve(half, np.column_stack([fixed, y]))
+    return float(restricted_coloured(fixed, y, short, least)
+                 - restricted(columns, 2.0 * np.log(np.diag(half)).sum(), least)[0])
 
 
 def _bic(y, fixed, covariance, more, least):
@@ -201,8 +249,69 @@ def _left(y, fixed, covariance):
 # --- of a night -----------------------------------------------------------------------------------
 
 
-def wander_events(night, axis, events, budget):
-    """A walk of an axis in place of its steps and drifts.
+class Moved(NamedTuple):
+    """What moved inside the power-ons of a night.
+
+    Attributes
+    ----------
+    events : list of (int, Found)
+        Axis, and what incremental - absolute shows.
+    walks : dict of int to Walk
+        By axis.
+    jumps : list of Jump
+        Who it was: first those of `events`, then those that only the sky shows.
+    sky : Sky or None
+    """
+
+    events: list
+    walks: dict
+    jumps: list
+    sky: object
+
+
+def moved_inside(night, model, budget, notes):
+    """Steps, drifts and walks inside power-ons.
+
+    Parameters
+    ----------
+    night : Night
+    model : PointingModel or None
+    budget : Budget
+    notes : list of str
+        Gets what could not be judged.
+
+    Returns
+    -------
+    Moved
+    """
+    events = [(axis, event) for axis in (0, 1) for event in night.apart_events(axis, budget)]
+    sky = night.sky(events, model, notes)
+    jumps = jumps_of(night, sky, events, budget)
+    walks = {}
+    for axis in (0, 1):
+        own = [event for k, event in events if k == axis]
+        # a step that the sky shows may be a small one of the difference
+        also = [jump.column for jump in jumps[len(events):] if jump.axis == axis]
+        walking = wander_of(night, axis, own, budget, also)
+        if walking is not None:
+            walks[axis] = walking
+    while walks:
+        told = [(axis, event) for axis in (0, 1) for event in (
+            [walks[axis][0]] if axis in walks else [e for k, e in events if k == axis])]
+        seen = night.sky(told, model, [])
+        found = jumps_of(night, seen, told, budget)
+        unsure = [axis for axis in walks if walks[axis][1].lead < _SURE and not any(
+            jump.axis == axis and jump.event.kind == 'wander' and jump.event.confidence > _SEEN
+            for jump in found)]
+        if not unsure:
+            return Moved(told, {axis: walk for axis, (_, walk) in walks.items()}, found, seen)
+        for axis in unsure:
+            del walks[axis]
+    return Moved(events, {}, jumps, sky)
+
+
+def wander_of(night, axis, events, budget, also=()):
+    """A walk of an axis, in place of its steps and drifts.
 
     Parameters
     ----------
@@ -211,30 +320,42 @@ def wander_events(night, axis, events, budget):
     events : list of Found
         Its steps and drifts.
     budget : Budget
+    also : sequence of ndarray, shape (n,)
+        Steps that the stars show at a moment of their own.
 
     Returns
     -------
-    events : list of Found
-        As given, or the walk alone.
-    walk : Walk or None
+    (Found, Walk) or None
     """
     rows = np.flatnonzero(night.run >= 0.0)
     every = -(-len(rows) // _MOST) or 1
     some = rows[::every]
-    rivals = events if len(events) == 1 else ()
+    rivals = []
+    if len(events) <= 1:  # who steps twice wanders
+        rivals = [(e.column[some], 1 if e.kind == 'drift' else 2) for e in events]
+        rivals += [(column[some], 1) for column in also[:1]]
     walk = find_walk(
-        night.apart[axis][some], night.rows[f'{SHORT[axis]}_enc'][some], night.run[some],
-        [(e.column[some], 1 if e.kind == 'drift' else 2) for e in rivals],
-        budget.false_alarm / 2.0, 0.02 * ARCSEC)  # two axes
+        night.apart[axis][some], night.rows[f'{SHORT[axis]}_enc'][some], night.stretch[some],
+        rivals, budget.false_alarm / 2.0, 0.02 * ARCSEC,  # two axes
+        [side[some] for side in _sides(night, axis)])
     if walk is None:
-        return events, None
+        return None
     walk = walk._replace(step=walk.step / np.sqrt(every))
     column = np.zeros(len(night.run))
     column[rows] = np.interp(rows, some, walk.path)
     size = float(np.ptp(walk.path))
     found = Found(night.tonight[-1], 'wander', float(night.rows['time'][rows].mean()),
                   column / size, size, 0.0, 2.0 * walk.probability, _ODDS)
-    return [found], walk
+    return found, walk
+
+
+def _sides(night, axis):
+    """What a coupling that winds up, or play, does to the difference: a column for each memory."""
+    context, name = Context.of_run(night.rows), SHORT[axis]
+    play = [effect('hysteresis', axis=name, shape='1', memory_deg=memory)
+            for memory in (0.0, *MEMORIES)]
+    return [np.nan_to_num(np.broadcast_to(one.of(context)[0][axis], len(night.run)))
+            for one in play if all(context.get(need) is not None for need in one.requires)]
 
 
 def followed(rows, budget=None):
@@ -256,32 +377,38 @@ def followed(rows, budget=None):
         return Following()
     budget = budget or Budget()
     night = Night(rows, None)
-    found = [wander_events(night, axis, night.apart_events(axis, budget), budget)
-             if len(night.run) else ([], None) for axis in (0, 1)]
-    walking = [axis for axis in (0, 1) if found[axis][1] is not None]
-    if not walking:
+    if not len(night.run):
         return Following()
-    events = [(axis, event) for axis in (0, 1) for event in found[axis][0]]
-    sky = night.sky(events, None, [])
+    found = moved_inside(night, None, budget, [])
     axes = {}
-    for axis in walking:
-        said = night.attributed(axis, found[axis][0][0], sky)
+    for axis, walk in found.walks.items():
+        said = next(jump.event for jump in found.jumps
+                    if jump.axis == axis and jump.event.kind == 'wander')
         if said.moved == INCREMENTAL and said.confidence >= _TRUST:
-            walk = found[axis][1]
+            references, starts = _references(night, axis, walk)
             axes[SHORT[axis]] = AxisFollowing(
-                walk.discs, _references(night, axis, walk), walk.noise, walk.step)
+                walk.discs, references, walk.noise, walk.step, starts)
     return Following(axes)
 
 
 def _references(night, axis, walk):
-    """Of each power-on, at Polaris where it was seen: there its zero was measured."""
+    """Of each power-on, and when that of the absolute encoder began.
+
+    At Polaris where it was seen: there its zero was measured. The absolute encoder's own power-on
+    may change what it reads: the newest with Polaris counts.
+    """
     smooth = night.apart[axis] - harmonic_columns(night.rows[f'{SHORT[axis]}_enc']) @ walk.discs
-    out = {}
+    began = night.rows['absolute_start']
+    references, starts = {}, {}
     for run in night.tonight:
         mine = night.run == run
         at = mine & night.polaris
-        out[int(run)] = float(np.median(smooth[at if at.any() else mine]))
-    return out
+        at = at if at.any() else mine
+        at &= night.stretch == night.stretch[at].max()
+        references[int(run)] = float(np.median(smooth[at]))
+        if np.isfinite(began[at]).any():
+            starts[int(run)] = float(began[at][np.isfinite(began[at])][-1])
+    return references, starts
 
 
 CAUSE = ('electromagnetic interference, a loose connector, dirt on the grating, or a zero that '
@@ -305,7 +432,8 @@ def wander_line(event, rows):
         In which it walked.
     """
     if event.moved != INCREMENTAL:
-        return (f'{event.axis}: {ABSOLUTE} wanders against the incremental one, by '
+        whose = '' if event.confidence >= _TRUST else ', or that against it: the stars do not tell'
+        return (f'{event.axis}: {ABSOLUTE} wanders against the incremental one{whose}, by '
                 f'{abs(event.amount) / ARCSEC:.2f} arcsec within {rows} rows (confidence '
                 f'{event.confidence:.2f}, by chance {event.probability:.1g})')
     heals = ('its zero follows the other' if event.confidence >= _TRUST else

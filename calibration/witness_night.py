@@ -7,6 +7,7 @@ import numpy as np
 
 from msg_tools.units import ARCSEC, wrap
 from pointing_model.context import Context
+from pointing_model.following import harmonic_columns
 from pointing_model.model import PointingModel
 from pointing_model.run import PointingRun
 from pointing_model.star_catalogue import POLARIS_HIP
@@ -14,15 +15,7 @@ from pointing_model.terms import design, mean_columns
 
 from .fit import fit_terms
 from .polaris_zero import zero_from_polaris
-from .step_scan import (
-    clipped,
-    evidence,
-    log_normal,
-    probabilities,
-    robust_fit,
-    scan,
-    two_sided,
-)
+from .step_scan import clipped, evidence, log_normal, probabilities, robust_fit, two_sided
 from .witness_causes import (
     ABSOLUTE,
     ALIKE,
@@ -33,7 +26,8 @@ from .witness_causes import (
     causes,
     likeliest,
 )
-from .witness_records import USUAL, Change, Event, Witness
+from .witness_noise import Colour, colour_of, inflation, strongest
+from .witness_records import Change, Witness
 
 AXES = ('azimuth', 'elevation')
 SHORT = ('az', 'el')
@@ -44,17 +38,15 @@ _OTHER_TERMS = ('CA', 'NPAE', 'AN', 'AW', 'TF')
 _FEWEST_STARS = 12
 #: rows on either side of a step. Two wild readings together at the end of 40 rows make a step in
 #: 29 % of the nights with 1 or 2, in 8 % with 3, in 1.5 % with 4, which is also later to see one
-_SEGMENT = 3
+SEGMENT = 3
 #: steps and drifts of an axis in a night; who has more has another trouble
 _MOST_EVENTS = 3
 #: prior of what both hypotheses hold alike, wider than any mount's terms: their evidence does not
 #: depend on it
 _ANYTHING = 3600.0 * ARCSEC
-#: noise of a reading at least: a count of the incremental encoder (0.0686") / sqrt(12)
-_LEAST = 0.02 * ARCSEC
 
 
-class _Sky(NamedTuple):
+class Sky(NamedTuple):
     """Encoder - model on the sky at the rows, and what a refit may change of it."""
 
     enc: np.ndarray  # (2n,): x of all rows, then y; no zero taken off
@@ -62,6 +54,21 @@ class _Sky(NamedTuple):
     terms: np.ndarray  # (2n, 5)
     fixed: np.ndarray  # (2n, k): the terms of each night, the zeros of each power-on
     noise: float
+
+
+class Memory(NamedTuple):
+    """Correlation of rows with the one before.
+
+    Attributes
+    ----------
+    apart : ndarray, shape (2,)
+        Of incremental - absolute, by axis.
+    seen : ndarray, shape (2, 2)
+        Against the sky, by axis; incremental and absolute encoder.
+    """
+
+    apart: np.ndarray
+    seen: np.ndarray
 
 
 class Night:
@@ -85,6 +92,10 @@ class Night:
         self.tonight = self.runs[self.runs >= 0.0]
         self.stretch = self.run + 0.01 * self._absolute_power_ons()
         self.polaris = rows['star'] == POLARIS_HIP
+        #: rows in a row, of one series and of two
+        self.sequence = np.searchsorted(self.runs, self.run)
+        self.sequence_2 = np.concatenate([self.sequence, self.sequence + len(self.runs)])
+        self.halves = np.repeat([0, 1], len(self.run))
         self.apart = np.stack([wrap(rows['az_enc'] - rows['az_abs']),
                                wrap(rows['el_enc'] - rows['el_abs'])])
         self.cos_el = np.cos(rows['el'])
@@ -105,7 +116,7 @@ class Night:
 
     # --- inside a power-on ------------------------------------------------------------------------
 
-    def _moves(self, shortest):
+    def moves(self, shortest):
         """Candidates: (columns (n, m), list of (run, kind, time)), for the power-ons of tonight."""
         columns, about = [], []
         for run in self.tonight:
@@ -123,26 +134,27 @@ class Night:
                 about.append((run, 'drift', times.mean()))
         return (np.column_stack(columns) if columns else np.empty((len(self.run), 0))), about
 
-    def _apart_base(self, axis):
-        """Columns of incremental - absolute: power-ons, and the eccentricity of both discs."""
-        angle = self.rows[SHORT[axis]]
+    def apart_base(self, axis):
+        """Columns of incremental - absolute: power-ons, and both discs, off their axis and tilted.
+        """
         return np.column_stack([*(self.member(run) for run in self.runs),
-                                np.cos(angle), np.sin(angle)])
+                                harmonic_columns(self.rows[SHORT[axis]])])
 
     def apart_events(self, axis, budget):
         """Steps and drifts of incremental - absolute, a list of `Found`."""
-        columns, about = self._moves(_SEGMENT)
-        base = self._apart_base(axis)
+        columns, about = self.moves(SEGMENT)
+        base = self.apart_base(axis)
         found = []
         if not about or len(self.run) <= base.shape[1] + _MOST_EVENTS + 1:
             return found
         while len(found) < _MOST_EVENTS:
             full = np.column_stack([base, *(event.column for event in found)])
-            best = _strongest(full, self.apart[axis], columns, budget.false_alarm / 2.0)  # two axes
+            best = strongest(full, self.apart[axis], columns, budget.false_alarm / 2.0,  # two axes
+                             self.sequence)
             if best is None:
                 return found
-            place, amount, sigma, p = best
-            found.append(Found(*about[place], columns[:, place], amount, sigma, p * 2.0))
+            found.append(Found(*about[best.place], columns[:, best.place], best.amount, best.sigma,
+                               best.probability * 2.0))
         return found
 
     def sky(self, events, model, notes):
@@ -164,10 +176,10 @@ class Night:
             replace(model, effects=self._shared_effects(model)).residuals(
                 self.rows, encoder='abs'))
         terms = np.concatenate(design(_OTHER_TERMS, self.rows['az'], self.rows['el']))
-        fixed = np.column_stack([self._of_nights(terms), self._zeros()])
-        moved = [self._on(axis, event.column) for axis, event in events]
+        fixed = np.column_stack([self._of_nights(terms), self._zeros(), self._discs()])
+        moved = [self.on(axis, event.column) for axis, event in events]
         noise = robust_fit(np.column_stack([fixed, *moved]), enc).noise
-        return _Sky(enc, second, terms, fixed, noise)
+        return Sky(enc, second, terms, fixed, noise)
 
     def _shared_effects(self, model):
         """Those of a model that the absolute encoder shows too.
@@ -194,107 +206,60 @@ class Night:
         parts = [terms * (tonight == which)[:, None] for which in (True, False)]
         return np.column_stack(parts if not tonight.all() else parts[:1])
 
-    def _on(self, axis, column):
+    def on(self, axis, column):
         """What a column of coordinate angles makes on the sky, shape (2n,)."""
         nothing = np.zeros(len(self.run))
         return np.concatenate(
             [column * self.cos_el, nothing] if axis == 0 else [nothing, column])
 
+    def _discs(self):
+        """What the disc of an encoder may show that the model lacks, the same on all nights."""
+        return np.column_stack([self.on(axis, column) for axis in (0, 1)
+                                for column in harmonic_columns(self.rows[SHORT[axis]]).T])
+
     def _zeros(self):
         return np.column_stack([
-            self._on(axis, self.member(run)) for run in self.runs for axis in (0, 1)])
-
-    def attributed(self, axis, found, sky, anomaly=USUAL.anomaly):
-        """Which encoder made a step or drift of incremental - absolute; of a step, or both."""
-        trust = 0.5
-        if sky is not None:
-            fit = robust_fit(np.column_stack([sky.fixed, self._on(axis, found.column)]), sky.abs)
-            against, variance = fit.value[-1], fit.covariance[-1, -1]
-            if found.kind == 'step':
-                said = causes(found.amount, found.sigma**2, against, variance, anomaly)
-                name, trust = likeliest(said, (INCREMENTAL, ABSOLUTE, BOTH))
-                if name == BOTH:
-                    return Event(
-                        AXES[axis], float(found.run), found.kind, float(found.time),
-                        float(found.amount + against), float(np.hypot(found.sigma, variance**0.5)),
-                        BOTH, trust, found.probability, float(against), float(variance**0.5))
-            # the absolute encoder stood still, or it moved by as much the other way
-            trust = probabilities({
-                INCREMENTAL: log_normal(against, variance) + np.log(found.odds),
-                ABSOLUTE: log_normal(against + found.amount, variance + found.sigma**2),
-            })[INCREMENTAL]
-        moved = INCREMENTAL if trust >= 0.5 else ABSOLUTE
-        sign = 1.0 if moved == INCREMENTAL else -1.0
-        return Event(AXES[axis], float(found.run), found.kind, float(found.time),
-                     sign * found.amount, found.sigma, moved,
-                     float(max(trust, 1.0 - trust)), found.probability)
-
-    def mount_events(self, sky, events, budget):
-        """Steps against the sky that both encoders share, or have a part of.
-
-        Returns
-        -------
-        found : list of Event
-        taken : set of int
-            Numbers of the `events` that are parts of these.
-        """
-        columns, about = self._moves(_SEGMENT + 2)
-        if not about:
-            return [], set()
-        full = np.column_stack(
-            [sky.fixed, *(self._on(axis, event.column) for axis, event in events)])
-        out, taken = [], set()
-        for axis in (0, 1):
-            on_sky = np.column_stack([self._on(axis, column) for column in columns.T])
-            best = _strongest(full, sky.enc, on_sky, budget.false_alarm / 2.0)
-            if best is not None:
-                place, amount, sigma, p = best
-                run, kind, time = about[place]
-                event = Event(AXES[axis], float(run), kind, float(time), amount, sigma, ALIKE,
-                              1.0 - p, 2.0 * p)
-                if kind == 'step':
-                    event, part = self._unlike(axis, event, columns[:, place], events, sky, budget)
-                    taken |= part
-                out.append(event)
-        return out, taken
-
-    def _unlike(self, axis, event, column, events, sky, budget):
-        """A step against the sky that the encoders show unlike, and its parts among the events.
-
-        A small difference of two large steps is found at its moment only, or some rows beside it.
-        """
-        steps = {n: found.column for n, (k, found) in enumerate(events)
-                 if k == axis and (found.kind, found.run) == ('step', event.run)}
-        others = [found.column for n, (k, found) in enumerate(events)
-                  if k == axis and n not in steps]
-        base = np.column_stack([self._apart_base(axis), *others])
-        y = clipped(np.column_stack([base, column, *steps.values()]), self.apart[axis])
-        part = set()
-        for n in steps:
-            kept = [steps[m] for m in steps if m != n]
-            there, here = (robust_fit(np.column_stack([base, *kept, one]), y)
-                           for one in (steps[n], column))
-            # within 3 sigma of its moment
-            if (here.residual @ here.residual - there.residual @ there.residual
-                    < 9.0 * there.noise**2):
-                part.add(n)
-        kept = [steps[n] for n in steps if n not in part]
-        fit = robust_fit(np.column_stack([base, *kept, column]), y)
-        apart, variance = fit.value[-1], fit.covariance[-1, -1]
-        against = robust_fit(np.column_stack([sky.fixed, self._on(axis, column)]), sky.abs)
-        second, second_variance = against.value[-1], against.covariance[-1, -1]
-        said = causes(apart, variance, second, second_variance, budget.anomaly)
-        name, trust = likeliest(said, (BOTH, ALIKE))
-        if name == ALIKE:
-            return event, set()
-        return replace(event, amount=float(apart + second), moved=BOTH, confidence=trust,
-                       sigma=float(np.sqrt(variance + second_variance)), second=float(second),
-                       second_sigma=float(np.sqrt(second_variance))), part
+            self.on(axis, self.member(run)) for run in self.runs for axis in (0, 1)])
 
     # --- from power-on to power-on ----------------------------------------------------------------
 
-    def witnesses(self):
-        """A `Witness` for each power-on with Polaris."""
+    def memory(self, sky, jumps):
+        """How much a row resembles the one before it.
+
+        Parameters
+        ----------
+        sky : Sky or None
+            None: by Polaris alone.
+        jumps : list of Jump
+
+        Returns
+        -------
+        Memory
+        """
+        columns = [[jump.column for jump in jumps if jump.axis == axis] for axis in (0, 1)]
+        bases = [np.column_stack([self.apart_base(axis), *columns[axis]]) for axis in (0, 1)]
+        apart = [colour_of(base, clipped(base, self.apart[axis]), self.sequence).most
+                 if len(base) > base.shape[1] + 2 else 0.0 for axis, base in enumerate(bases)]
+        seen = np.zeros((2, 2))
+        if sky is not None:
+            base = np.column_stack([sky.fixed, *(self.on(jump.axis, jump.column)
+                                                 for jump in jumps)])
+            for n, y in enumerate((sky.enc, sky.abs)):
+                rho = colour_of(base, clipped(base, y), self.sequence_2, self.halves).rho
+                seen[:, n] = rho.reshape(2, -1).max(axis=1)
+        else:
+            label = self.stretch[self.polaris]
+            base = (label[:, None] == np.unique(label)).astype(float)
+            if len(base) > base.shape[1] + 2:
+                rows = self.rows.select(self.polaris)
+                for axis, short in enumerate(SHORT):
+                    for n, encoder in enumerate(('enc', 'abs')):
+                        y = wrap(rows[f'{short}_{encoder}'] - rows[short])
+                        seen[axis, n] = colour_of(base, clipped(base, y), label).most
+        return Memory(np.array(apart), seen)
+
+    def witnesses(self, memory):
+        """A `Witness` for each power-on with Polaris; `memory` as of `Night.memory`."""
         out = []
         for run in np.unique(self.stretch):
             rows = self.stretch == run
@@ -305,12 +270,16 @@ class Night:
                      for encoder in ('enc', 'abs')]
             place = (float(np.arctan2(np.sin(part['az']).mean(), np.cos(part['az']).mean())),
                      float(part['el'].mean()))
-            apart = [self.apart_at(axis, rows, place[axis]) for axis in (0, 1)]
+            apart = [self.apart_at(axis, rows, place[axis], memory.apart[axis])
+                     for axis in (0, 1)]
+            count = min(zero.n for zero in zeros)
+            more = np.array([[inflation(rho, count) for rho in both] for both in memory.seen])
             out.append(Witness(
                 float(run), *place, *(zero.angles for zero in zeros),
-                np.array([self._shared(axis, rows & self.polaris, zeros) for axis in (0, 1)]),
+                np.array([self._shared(axis, rows & self.polaris, zeros)
+                          * np.sqrt(np.outer(more[axis], more[axis])) for axis in (0, 1)]),
                 np.array([value for value, _ in apart]), np.array([sigma for _, sigma in apart]),
-                min(zero.n for zero in zeros)))
+                max(int(count / more.max()), 2)))
         return out
 
     def _shared(self, axis, rows, zeros):
@@ -322,15 +291,20 @@ class Night:
         both = float(np.clip(both, -most, most))
         return np.array([[enc, both], [both, second]])
 
-    def apart_at(self, axis, rows, place):
-        """Incremental - absolute of a power-on at Polaris, by all its `rows`; and 1 sigma."""
+    def apart_at(self, axis, rows, place, rho):
+        """Incremental - absolute of a power-on at Polaris, by all its `rows`; and 1 sigma.
+
+        Of differences that resemble the one before by `rho`.
+        """
         angle = self.rows[SHORT[axis]][rows]
         columns = [np.ones(rows.sum())]
         at = [1.0]
         if np.count_nonzero(rows & ~self.polaris) >= _FEWEST_STARS:
             columns += [np.cos(angle), np.sin(angle)]
             at += [np.cos(place), np.sin(place)]
-        fit = robust_fit(np.column_stack(columns), self.apart[axis][rows])
+        colour = Colour(np.where(np.arange(rows.sum()) > 0, rho, 0.0))
+        fit = robust_fit(colour.white(np.column_stack(columns)),
+                         colour.white(self.apart[axis][rows]))
         return float(fit.value @ at), float(np.sqrt(at @ fit.covariance @ at))
 
     def change(self, axis, before, now, model, budget, tests, sky):
@@ -376,8 +350,8 @@ class Night:
             both = np.tile(rows, 2)
             after = (self.stretch == now.run).astype(float)
             later = np.tile(after, 2)[:, None]
-            zeros = [self._on(k, after) for k in (0, 1)]
-            fixed = np.column_stack([sky.terms, *(self._on(k, np.ones(len(rows)))
+            zeros = [self.on(k, after) for k in (0, 1)]
+            fixed = np.column_stack([sky.terms, *(self.on(k, np.ones(len(rows)))
                                                   for k in (0, 1)), *zeros])
             y = clipped(np.column_stack([fixed, sky.terms * later]), sky.abs)[both]
             # the other axis may have moved as well
@@ -407,19 +381,6 @@ class Found(NamedTuple):
     probability: float
     #: that the incremental encoder did it, before the stars are asked
     odds: float = 1.0
-
-
-def _strongest(design, y, candidates, limit):
-    """The candidate column that chance explains least: its place, amount, 1 sigma and chance.
-
-    None where the chance, of so many candidates, is not below `limit`.
-    """
-    p = scan(design, clipped(design, y), candidates, _LEAST).probability * candidates.shape[1]
-    best = int(np.argmin(p))
-    if p[best] >= limit:
-        return None
-    fit = robust_fit(np.column_stack([design, candidates[:, best]]), y)
-    return (best, float(fit.value[-1]), float(np.sqrt(fit.covariance[-1, -1])), float(p[best]))
 
 
 def _circle(before, now, model, term_sigma):

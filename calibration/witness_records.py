@@ -25,7 +25,7 @@ class Witness:
     apart, apart_sigma : ndarray, shape (2,)
         Incremental - absolute at that place, by all rows of the power-on, and 1 sigma, rad.
     exposures : int
-        Of Polaris.
+        Of Polaris; where they resemble the one before, as many as independent ones would do.
     """
 
     run: float
@@ -107,6 +107,8 @@ class Budget(NamedTuple):
     #: nights with an alarm by chance, by all tests of one of three kinds together: inside a
     #: power-on, against the sky, from power-on to power-on
     false_alarm: float = 0.005 / 3
+    #: chance that a jump inside a power-on of one is called one of both
+    second: float = 0.01
 
 
 USUAL = Budget()

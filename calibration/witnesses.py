@@ -21,7 +21,7 @@ import numpy as np
 
 from msg_tools.units import ARCSEC, wrap
 
-from .wandering import wander_events, wander_line
+from .wandering import moved_inside, wander_line
 from .witness_causes import ABSOLUTE, ALIKE, BOTH, INCREMENTAL, MOUNT
 from .witness_night import AXES, SHORT, Night
 from .witness_records import USUAL, Witness
@@ -177,17 +177,13 @@ def check_witnesses(rows, reference=None, *, model=None, homings=(), budget=USUA
             raise ValueError(f'witnesses: observations without column {name}')
     _hear_gaps(out, rows)
     night = Night(rows, reference)
-    events = [(axis, event) for axis in (0, 1) for event in wander_events(
-        night, axis, night.apart_events(axis, budget), budget)[0]]
-    sky = night.sky(events, model, out.notes)
-    out.events = [night.attributed(axis, event, sky, budget.anomaly) for axis, event in events]
-    if sky is not None:
-        shared, taken = night.mount_events(sky, events, budget)
-        out.events = [e for n, e in enumerate(out.events) if n not in taken] + shared
+    found = moved_inside(night, model, budget, out.notes)
+    out.events, sky = [jump.event for jump in found.jumps], found.sky
     out.alarms += [wander_line(event, int(np.count_nonzero(night.run >= 0.0)))
                    if event.kind == 'wander' else _event_line(event) for event in out.events]
 
-    witnesses = night.witnesses()
+    memory = night.memory(sky, found.jumps)
+    witnesses = night.witnesses(memory)
     if isinstance(reference, Witness):
         witnesses.insert(0, replace(reference, run=-1.0))
     pairs = [pair for pair in zip(witnesses, witnesses[1:]) if pair[1].run >= 0.0]
@@ -197,7 +193,7 @@ def check_witnesses(rows, reference=None, *, model=None, homings=(), budget=USUA
             out.changes.append(change)
             if change.alarm and not _told(change, out.events):
                 out.alarms.append(_change_line(change))
-    _uncalibrated(out, night, witnesses, budget)
+    _uncalibrated(out, night, witnesses, budget, memory)
     out.latest = witnesses[-1] if witnesses else None
     return out
 
@@ -237,7 +233,7 @@ def _hear_gaps(out, rows):
                                   f'observations{why} (confidence 1.00)')
 
 
-def _uncalibrated(out, night, witnesses, budget):
+def _uncalibrated(out, night, witnesses, budget, memory):
     """Power-ons of tonight after a calibrated one that have no zero of their own."""
     known = [w for w in witnesses if w.run >= 0.0]
     for run in night.tonight:
@@ -247,7 +243,8 @@ def _uncalibrated(out, night, witnesses, budget):
             continue
         since = _utc(night.rows['time'][rows][0])
         for axis in (0, 1):
-            value, sigma = night.apart_at(axis, rows, (before[-1].az, before[-1].el)[axis])
+            value, sigma = night.apart_at(axis, rows, (before[-1].az, before[-1].el)[axis],
+                                          memory.apart[axis])
             moved = wrap(value - before[-1].apart[axis])
             sigma = np.sqrt(sigma**2 + before[-1].apart_sigma[axis] ** 2 + budget.absolute**2)
             out.alarms.append(

@@ -248,7 +248,7 @@ def _axis(axis, found, line, used, names, enough, errors):
         'causes': [], 'alike': list(alike or trend),
         'std_arcsec': float(used.zeros[:, axis].std(ddof=1)) / ARCSEC if told else None,
         'measured_arcsec': float(np.sqrt(np.mean(used.sigmas[:, axis]**2))) / ARCSEC
-        if told else None,
+        if told and np.isfinite(used.sigmas[:, axis]).all() else None,
         'unexplained_arcsec': line.rms / ARCSEC if told else None,
     }
     if causes:

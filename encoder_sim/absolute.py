@@ -6,7 +6,8 @@ from encoder_reading.axis_reader import AxisReader, read_frames
 from encoder_reading.readings import Readings
 
 from .ccd import LinearCCD
-from .encoder_scale import ZeroDrift, disc_angle
+from .disturbance import stamp_delays
+from .encoder_scale import ZeroDrift, disc_angle, tilted_angle
 
 
 class AbsoluteEncoder:
@@ -28,7 +29,7 @@ class AbsoluteEncoder:
     """
 
     def __init__(self, params, seed, axis, start=0.0):
-        self.params, self.start = params, start
+        self.params, self.start, self._seed = params, start, seed
         device = f'absolute/{axis}'
         self._zero = ZeroDrift(params, seed, device)
         self.power_on, self._cycles = 1, np.sort(params.power_cycles)
@@ -54,12 +55,22 @@ class AbsoluteEncoder:
         """Disc angle at the middle of the row of a head."""
         p = self.params
         temperature = p.reference_temperature if temperature is None else temperature
-        past = angles - rates * p.latency
+        past = angles - rates * (
+            p.latency + stamp_delays(p, self._seed, 'absolute', stamps))
         opposite = np.pi * head
         shown = disc_angle(
             past, p.eccentricity, p.eccentricity_phase + opposite, 0.5 * p.diameter)
+        shown = tilted_angle(shown, p.tilt, p.tilt_phase)
         drift = self._zero.later(stamps * 1e-9 - self.start, temperature)
         return shown + opposite + p.zero_offset + self.zeros(stamps) + drift
+
+    def lamp(self, stamps):
+        """Light of the lamp at `stamps` (ns, shape (n,)), relative to a new one; None: as new."""
+        p = self.params
+        if p.lamp_left == 1.0 and p.lamp_halving == 0.0:
+            return None
+        fading = 1.0 / p.lamp_halving if p.lamp_halving else 0.0
+        return p.lamp_left * np.exp2(-fading * (stamps * 1e-9 - self.start))
 
     def frames(self, stamps, angles, rates=0.0, temperature=None):
         """What the CCDs see.
@@ -82,9 +93,9 @@ class AbsoluteEncoder:
         """
         stamps = np.atleast_1d(np.asarray(stamps, dtype=np.int64))
         angles = np.atleast_1d(np.asarray(angles, dtype=float))
-        rates = np.asarray(rates, dtype=float)
+        rates, lamp = np.asarray(rates, dtype=float), self.lamp(stamps)
         return np.array([
-            ccd.frames(stamps, self._shown(stamps, angles, rates, temperature, head), rates)
+            ccd.frames(stamps, self._shown(stamps, angles, rates, temperature, head), rates, lamp)
             for head, ccd in enumerate(self.heads)])
 
     def read(self, stamps, angles, rates=0.0, temperature=None):

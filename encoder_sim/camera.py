@@ -3,6 +3,7 @@
 from dataclasses import astuple, replace
 from typing import NamedTuple
 
+import erfa
 import numpy as np
 
 from msg_tools.units import DEG
@@ -12,6 +13,7 @@ from pointing_model.star_catalogue import load_catalogue
 
 from . import keyed_noise
 from .geometry import FORWARD, RIGHT, UP, direction
+from .seeing import WanderingRefraction, seeing_sigma
 
 #: a coarse place leaves out refraction, precession and aberration since the first exposure
 _MARGIN = 0.5 * DEG
@@ -51,19 +53,24 @@ class Camera:
         Start of the night, UTC s, from which the temperature changes.
     satellite : target.SatelliteTarget, optional
         One more light in the sky, bright enough to be seen.
+    exposure : float
+        Length of an exposure, s, for the noise.
     """
 
     def __init__(self, scenario, seed, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, start=0.0,
-                 satellite=None):
+                 satellite=None, exposure=1.0):
         self.params, self.clock_offset = scenario.camera, scenario.clock_offset
         self.seed, self.start, self.satellite = seed, start, satellite
         self.site, self.weather, self._true_air = site, weather, scenario.weather
+        self._seeing, self._exposure = scenario.seeing, exposure
         if scenario.site is not None:
             self.site = Site(*astuple(scenario.site))
         if scenario.weather is not None:
             air = scenario.weather
             self.weather = Weather(
                 air.pressure, air.temperature, air.humidity, air.wavelength * 1e6)
+        self._layers = WanderingRefraction(
+            scenario.layers, refraction_constant(self.weather), seed)
         self._stars = load_catalogue(self.params.mag_limit)
         self._coarse = None  # (time, unit vectors of all stars then)
 
@@ -90,13 +97,14 @@ class Camera:
         time = stamps * 1e-9 + self.clock_offset
         exposure, star = self._candidates(time, frames[:, FORWARD])
         if len(exposure):
-            exposure, star, place = self._in_field(time, frames, exposure, star)
+            exposure, star, place, height = self._in_field(time, frames, exposure, star)
             # brightest first, then the first candidate of each exposure
             order = np.lexsort((self._stars.mag[star], exposure))
             seen, first = np.unique(exposure[order], return_index=True)
             chosen = order[first]
             hip[seen], mag[seen] = self._stars.hip[star[chosen]], self._stars.mag[star[chosen]]
-            miss[seen] = self._measure(stamps[seen], place[chosen], mag[seen])
+            miss[seen] = self._measure(
+                stamps[seen], place[chosen], height[chosen], mag[seen])
         return Exposures(miss, hip, mag)
 
     def expose_satellite(self, stamps, frames):
@@ -118,8 +126,8 @@ class Camera:
             return miss
         time = stamps * 1e-9 + self.clock_offset
         place = self.satellite.place(time, self.site, self._air(time))
-        inside, tangent = self._on_chip(direction(*place), frames)
-        miss[inside] = self._measure(stamps[inside], tangent[inside])
+        inside, tangent = self._on_chip(self._seen(time, place), frames)
+        miss[inside] = self._measure(stamps[inside], tangent[inside], place[1][inside])
         return miss
 
     def _candidates(self, time, boresight):
@@ -145,12 +153,16 @@ class Camera:
         return exposure, np.concatenate([column for _, column in parts])
 
     def _in_field(self, time, frames, exposure, star):
-        """Candidates within the field, and their place in the tangent plane, rad."""
+        """Candidates within the field, their place in the tangent plane, elevation, rad."""
         moments = time[exposure]
         place = observed_place(
             self._stars.select(star), moments, self.site, self._air(moments))
-        inside, tangent = self._on_chip(direction(*place), frames[exposure])
-        return exposure[inside], star[inside], tangent[inside]
+        inside, tangent = self._on_chip(self._seen(moments, place), frames[exposure])
+        return exposure[inside], star[inside], tangent[inside], place[1][inside]
+
+    def _seen(self, moments, place):
+        """Directions (n, 3) through layers of the air that are not level."""
+        return self._layers.bent(moments - self.start, direction(*place))
 
     def _air(self, moments):
         if self._true_air is None:
@@ -167,14 +179,24 @@ class Camera:
         inside &= (towards[:, 2] > 0.0) & (seen[:, FORWARD] > 0.0)
         return inside, tangent
 
-    def _measure(self, stamps, place, mag=4.0):
+    def _measure(self, stamps, place, elevation, mag=4.0):
         """The camera's own scale, rotation, trail and noise."""
         p = self.params
         c, s = np.cos(p.rotation), np.sin(p.rotation)
         turned = place @ np.array([[c, s], [-s, c]])
         if p.trail:
             turned[:, 0] += p.trail * 10.0 ** (0.04 * (mag - 4.0))
-        noise = 0.0
-        if p.star_noise > 0.0:
-            noise = p.star_noise * keyed_noise.normal(self.seed, 'camera', 'star', stamps, 2)
+        noise, sigma = 0.0, p.star_noise
+        if self._seeing.fwhm > 0.0:
+            sigma = np.hypot(sigma, seeing_sigma(
+                self._seeing, elevation, mag, self._exposure,
+                1e-6 * self.weather.wavelength_um))[:, np.newaxis]
+        if np.any(sigma):
+            noise = sigma * keyed_noise.normal(self.seed, 'camera', 'star', stamps, 2)
         return (1.0 + p.scale_error) * turned + noise
+
+
+def refraction_constant(weather):
+    """Refraction at 45 deg of zenith distance, but for its cube, rad."""
+    return float(erfa.refco(weather.pressure_hpa, weather.temperature_c, weather.humidity,
+                            weather.wavelength_um)[0])

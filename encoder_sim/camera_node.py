@@ -12,8 +12,11 @@ from pointing_model.target import satellite_target
 
 from .camera import Camera
 from .device_params import DEVICE_PARAMS, MountedDevice
-from .geometry import MountGeometry
+from .geometry import FORWARD, MountGeometry, bent
+from .wind import WindLoad
 
+#: so few samples of an exposure are of axes that move evenly, or say no more
+SMOOTH = 3
 PARAMS = (
     *DEVICE_PARAMS, *SKY_PARAMS,
     Param('exposure_s', 1.0, 'length of an exposure; one follows the other [s]', 0.01, 3600.0),
@@ -31,14 +34,17 @@ class StarCamera(MountedDevice):
         super().__init__('camera', PARAMS, hardware_id='simulated camera', **kwargs)
         self._samples = []
         self._without = 0
-        self._geometry = MountGeometry(self.scenario.mount, self.start * 1e-9)
+        self._geometry = MountGeometry(
+            self.scenario.mount, self.start * 1e-9, self.value('seed'))
+        self._wind = WindLoad(self.scenario.wind, self.value('seed'))
         self._build()
         self._pub = self.publisher(topics.MISS_DISTANCE)
         self.subscribe(topics.TRUTH_JOINTS, self._on_truth)
 
     def _build(self):
         self._camera = Camera(self.scenario, self.value('seed'), *sky_of(self), self.start * 1e-9,
-                              satellite_target(self.value('satellite')))
+                              satellite_target(self.value('satellite')),
+                              self.value('exposure_s'))
 
     def parameters_changed(self, names):
         """The sky over another site, or through other air."""
@@ -61,15 +67,22 @@ class StarCamera(MountedDevice):
         begin, end = stamps[0], stamps[-1]
         middle = begin + (end - begin) // 2
         # differences of the stamps: as floats, nanoseconds since 1970 are too coarse
-        at = np.array([0.0, float(middle - begin), float(end - begin)])
         since = (stamps - begin).astype(float)
-        az = angles[0, 0] + np.interp(at, since, wrap(angles[:, 0] - angles[0, 0]))
-        el = np.interp(at, since, angles[:, 1])
+        at = np.array([0.0, float(middle - begin), float(end - begin)])
+        turned, raised = wrap(angles[:, 0] - angles[0, 0]), angles[:, 1]
+        az, el = (np.interp(at, since, moved) for moved in (turned, raised))
+        if len(since) > SMOOTH:
+            # an image is where the axes were on the mean
+            az[1], el[1] = (np.trapezoid(moved, since) / since[-1] for moved in (turned, raised))
+        az += angles[0, 0]
         moments = np.array([begin, middle, end])
         side = np.nan_to_num(sides[-1])
         frames = self._geometry.frames(
             az, el, time=moments * 1e-9, temperature=self.warmth(moments),
             approach_az=side[0], approach_el=side[1])
+        if self._wind.bends:
+            frames = bent(frames, self._wind.bend(
+                (moments - self.start) * 1e-9, frames[:, FORWARD], self.value('exposure_s')))
         seen = self._camera.expose(moments, frames)
         stars = seen.miss if len(set(seen.hip)) == 1 else np.full((3, 2), np.nan)
         # of what is in the field the one that stays on its pixels is the one followed

@@ -9,6 +9,7 @@ import numpy as np
 from encoder_reading.optics import INVERSION, along_track, blurred_bar, half_widths
 
 from . import keyed_noise
+from .defocus import Defocus
 
 _FINE = 64  # entries of the bar's profile a pixel
 _CHUNK = 64  # frames rendered at once, to bound the memory
@@ -58,7 +59,8 @@ class LinearCCD:
     Notes
     -----
     The light of the whole track is tabulated once, so that flaws of the disc cost nothing later;
-    a frame is a look into the table. Blur and dust are constant along the circle.
+    a frame is a look into the table. Of a disc that leaves the focus (`defocus`) there are tables
+    of several blurs, and a frame lies between two of them.
     """
 
     def __init__(self, params, disc, seed=0, device='absolute'):
@@ -70,6 +72,8 @@ class LinearCCD:
         self._steps = self._last / turn
         track = self._ground(device)
         self._smeared = None
+        self._defocus = Defocus(params, self._steps)
+        self._blurred = None if self._defocus.sharp else self._defocus.tables(track)
         offset = np.arange(params.pixels) - 0.5 * (params.pixels - 1)
         if params.mounting == 'reversed':
             offset = -offset
@@ -190,6 +194,8 @@ class LinearCCD:
         p = self.params
         angles = np.atleast_1d(np.asarray(angles, dtype=float))
         bars = self.disc.bars
+        if self._blurred is not None:
+            return self._out_of_focus(angles, np.asarray(rates)) * self._gain
         place = (angles / self.disc.bar_angle) % bars * (p.bar_pitch * self._steps)
         if p.exposure > 0.0:
             smear = np.abs(np.asarray(rates)) * p.exposure / self.disc.bar_angle * p.bar_pitch
@@ -216,6 +222,34 @@ class LinearCCD:
         grey += rise
         return grey
 
+    def _out_of_focus(self, angles, rates):
+        """The track as `light` wants it, at the height that it has where it is read."""
+        p, focus = self.params, self._defocus
+        height = focus.height(angles)
+        seen = angles + focus.shift(height)
+        lower, part = focus.between(height)
+        offset = self._offset / focus.growth(height)[:, np.newaxis]
+        way = np.broadcast_to(rates * p.exposure, angles.shape)
+        pixels = np.abs(way).max() / self.disc.bar_angle * p.bar_pitch
+        # the smear as the mean of looks so many pixels apart
+        looks = 1 if pixels <= 0.25 else math.ceil(2.0 * pixels)
+        grey = np.zeros(offset.shape, dtype=np.float32)
+        for look in range(looks):
+            at = seen + way * ((look + 0.5) / looks - 0.5)
+            place = (at / self.disc.bar_angle) * (p.bar_pitch * self._steps)
+            place = (place[:, np.newaxis] + offset) % self._last
+            entry = np.floor(place)
+            over = (place - entry).astype(np.float32)
+            # the remainder may be rounded up to a whole turn
+            entry = entry.astype(np.intp) % self._last
+            beside = (entry + 1) % self._last
+            for table, weight in ((lower, 1.0 - part), (lower + 1, part)):
+                if weight.any():
+                    row = np.minimum(table, len(self._blurred) - 1)[:, np.newaxis]
+                    one, other = self._blurred[row, entry], self._blurred[row, beside]
+                    grey += weight.astype(np.float32)[:, np.newaxis] * (one + over * (other - one))
+        return grey / np.float32(looks)
+
     def _smear(self, at, half):
         """Mean of the track over `half` steps to both sides."""
         if self._smeared is None:
@@ -236,7 +270,7 @@ class LinearCCD:
 
         return ((integral(at + half) - integral(at - half)) / (2.0 * half)).astype(np.float32)
 
-    def render(self, angles, noise=None, rates=0.0, dust=None):
+    def render(self, angles, noise=None, rates=0.0, dust=None, lamp=None):
         """Frames as the CCD delivers them.
 
         Parameters
@@ -249,6 +283,8 @@ class LinearCCD:
             Rate of the disc, rad/s.
         dust : ndarray, shape (n, k), optional
             Pixels where further blobs lie, frame by frame.
+        lamp : ndarray, shape (n,), optional
+            Its light in each frame, relative.
 
         Returns
         -------
@@ -263,6 +299,8 @@ class LinearCCD:
             grey = self.light(angles[rows], rates[rows])
             if dust is not None:
                 grey *= self.dust(dust[rows])
+            if lamp is not None:
+                grey *= lamp[rows, np.newaxis].astype(np.float32)
             if noise is not None:
                 grey += noise[rows] * self._sigma(grey)
             np.rint(grey, out=grey)
@@ -277,21 +315,21 @@ class LinearCCD:
             return np.float32(p.noise)
         return np.sqrt(p.noise**2 + np.maximum(grey, 0.0) * (255.0 / p.full_well))
 
-    def frames(self, stamps, angles, rates=0.0):
+    def frames(self, stamps, angles, rates=0.0, lamp=None):
         """Frames with the noise that belongs to their stamps.
 
         Parameters
         ----------
         stamps : array_like of int, shape (n,)
             ns.
-        angles, rates
+        angles, rates, lamp
             As for `render`.
         """
         p = self.params
         if p.noise == 0.0 and p.full_well == 0.0:
-            return self.render(angles, rates=rates)
+            return self.render(angles, rates=rates, lamp=lamp)
         noise = pixel_noise(self._seed, self._device, stamps, p.pixels)
-        return self.render(angles, noise, rates)
+        return self.render(angles, noise, rates, lamp=lamp)
 
 
 @lru_cache(maxsize=1)

@@ -13,6 +13,8 @@ import numpy as np
 
 from msg_tools.units import wrap
 
+from .slow_noise import ar_noise
+
 RIGHT, FORWARD, UP = 0, 1, 2
 
 
@@ -64,6 +66,11 @@ def azimuth_elevation(vectors):
     return np.arctan2(east, north) % (2.0 * np.pi), np.arctan2(up, np.hypot(east, north))
 
 
+def bent(frames, rotation):
+    """Frames (n, 3, 3) of the tube, as of `MountGeometry.frames`, turned by vectors (n, 3), rad."""
+    return frames @ np.swapaxes(_by_vector(rotation), -1, -2)
+
+
 class MountGeometry:
     """The mount's parts and how they are out of true.
 
@@ -72,11 +79,16 @@ class MountGeometry:
     mount : scenario.Mount
     start : float
         Start of the night, UTC s, from which the drifts count.
+    seed : int
+        Of what wanders.
     """
 
-    def __init__(self, mount, start=0.0):
+    def __init__(self, mount, start=0.0, seed=0):
         self.mount = mount
         self.start = start
+        self._slips = [
+            ar_noise(part.slip_time, seed, 'bearing', f'slip {i}') if part.slip > 0.0 else None
+            for i, part in enumerate(mount.runouts)]
 
     def _drifted(self, name, time, temperature):
         mount = self.mount
@@ -94,9 +106,9 @@ class MountGeometry:
         Parameters
         ----------
         az, el : ndarray, shape (n,)
-            Mechanical angles of the axes, rad.
+            Mechanical angles of the axes, rad; run-out counts their turns.
         time : float or ndarray, optional
-            UTC s, for drifts; without it there is none.
+            UTC s, for drifts and slip; without it there is none.
         temperature : float or ndarray, optional
             degC, for drifts with temperature; without it there is none.
         approach_az, approach_el : float or ndarray
@@ -122,8 +134,8 @@ class MountGeometry:
             raised = raised - mount.creep * np.mod(raised / mount.creep_period, 1.0)
 
         azimuth = _about(UP, -turned)
-        if mount.wobble or mount.bumps:
-            azimuth = azimuth @ self._bearing(turned)
+        if mount.wobble or mount.bumps or mount.runouts:
+            azimuth = azimuth @ self._bearing(turned, time)
         # up of the azimuth axis in ENU is leant towards east (-aw) and north (an)
         carried = _lean(-np.asarray(aw), an) @ azimuth @ _about(FORWARD, -mount.npae)
         tube = carried @ _about(RIGHT, raised) @ _about(UP, ca)
@@ -131,13 +143,18 @@ class MountGeometry:
             tube = self._sag(tube, tf) @ tube
         return np.swapaxes(tube, -1, -2)
 
-    def _bearing(self, turned):
+    def _bearing(self, turned, time):
         leans = {'forward': np.zeros_like(turned), 'left': np.zeros_like(turned)}
         for part in self.mount.wobble:
             leans[part.lean] += part.amplitude * np.cos(part.per_turn * turned - part.phase)
         for bump in self.mount.bumps:
             away = wrap(turned - bump.at)
             leans[bump.lean] += bump.amplitude * np.exp(-0.5 * (away / bump.width) ** 2)
+        for part, slip in zip(self.mount.runouts, self._slips):
+            phase = part.per_turn * turned - part.phase
+            if slip is not None and time is not None:
+                phase = phase + part.slip * slip.at(np.asarray(time) - self.start)
+            leans[part.lean] += part.amplitude * np.cos(phase)
         return _lean(-leans['left'], leans['forward'])
 
     @staticmethod

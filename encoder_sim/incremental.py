@@ -9,12 +9,16 @@ from typing import NamedTuple
 import numpy as np
 
 from . import keyed_noise
+from .disturbance import pulses, stamp_delays
 from .encoder_scale import ZeroDrift, disc_angle, tilted_angle
+from .quadrature import SineSignals
 
 _TURN = 2.0 * np.pi
 _MILLION = 1e6
 #: counts by which the mark may be off at a later passage: rounding, jitter, a breath of the pulse
 MARK_TOLERANCE = 10
+#: of the monitor of the supply, ns
+MONITOR_PERIOD = 10**9
 
 
 class Status(NamedTuple):
@@ -31,10 +35,10 @@ class Status(NamedTuple):
         Of the mark since then.
     mark_error : float
         Counts by which the counter was off at the last passage, against the first one and the
-        pulse's nominal width; NaN without one. More than `MARK_TOLERANCE`: counts were lost, or
-        the mark moved.
+        pulse's nominal width; NaN without one. More than `MARK_TOLERANCE`: counts were lost, the
+        mark moved, or one of both pulses was not of the mark.
     supply : float
-        V.
+        As its monitor measured it in the second of the last sample, V.
     power_on : int
         Number of this power-on.
     mark_supply, mark_temperature : float
@@ -58,14 +62,18 @@ class Status(NamedTuple):
 
 
 class _Passages(NamedTuple):
-    """Pulses met: number of the sample behind each, sense (-1, 1), axis angle of its near edge."""
+    """Pulses met: number of the sample behind each, sense (-1, 1), axis angle of its near edge.
+
+    And the rate of the axis there, rad/s.
+    """
 
     row: np.ndarray
     sense: np.ndarray
     angle: np.ndarray
+    rate: np.ndarray
 
 
-_NONE = _Passages(np.empty(0, dtype=int), np.empty(0), np.empty(0))
+_NONE = _Passages(np.empty(0, dtype=int), np.empty(0), np.empty(0), np.empty(0))
 #: the mark is nowhere else, whatever drifts
 _REACH = 0.2
 
@@ -98,10 +106,12 @@ class IncrementalEncoder:
         self.power_on, self.start = power_on, start
         self._device = f'incremental/{axis}'
         self._zero = ZeroDrift(params, seed, self._device)
+        self._signals = SineSignals(params)
         self._turn_counts = params.lines * params.interpolation
         self.count_angle = _TURN / self._turn_counts
         self._cycles = sorted(params.power_cycles)  # still to come
-        self._supply = params.supply
+        self._flicker = None, 0.0  # what a noise of the monitor belongs to, and it
+        self._supply = self._monitor(params.supply, int(start))
         self._clear()
 
     @property
@@ -118,7 +128,7 @@ class IncrementalEncoder:
     def status(self):
         """`Status` after the last sample."""
         return Status(self.homed, {0: '', 1: 'below', -1: 'above'}[self._sense], self._missed,
-                      self._passed, self._mark_error, float(self._supply), self.power_on,
+                      self._passed, self._mark_error, self._supply, self.power_on,
                       *self._measured)
 
     def power_cycle(self):
@@ -139,8 +149,8 @@ class IncrementalEncoder:
 
     # --- grating --------------------------------------------------------------------------------
 
-    def _shown(self, angle):
-        """Angle that the head's interpolator sees, rad."""
+    def _shown(self, angle, rate=0.0):
+        """Angle that the head's interpolator gives, rad."""
         p = self.params
         shown = disc_angle(
             angle, p.eccentricity, p.eccentricity_phase, 0.5 * p.diameter, p.heads
@@ -154,10 +164,10 @@ class IncrementalEncoder:
                 + p.subdivision_1 * np.cos(phase - p.subdivision_phase)
                 + p.subdivision_2 * np.cos(2.0 * phase - p.subdivision_phase)
             )
-        return shown
+        return shown if self._signals.ideal else self._signals.shown(shown, rate)
 
-    def _grating_count(self, angle, shift=0.0):
-        return np.floor((self._shown(angle) + shift) / self.count_angle)
+    def _grating_count(self, angle, rate=0.0, shift=0.0):
+        return np.floor((self._shown(angle, rate) + shift) / self.count_angle)
 
     # --- reference mark -------------------------------------------------------------------------
 
@@ -169,6 +179,18 @@ class IncrementalEncoder:
                 self.seed, 'incremental', 'supply', self.power_on))
         if p.supply_ripple > 0.0:
             volts = volts + p.supply_ripple * np.sin(_TURN * p.ripple_frequency * seconds)
+        return volts
+
+    def _monitor(self, volts, key):
+        """What the electronics measure of the supply, V, with the noise that belongs to `key`."""
+        p, volts = self.params, float(volts)
+        if p.voltmeter_noise > 0.0:
+            if self._flicker[0] != key:
+                self._flicker = key, float(
+                    keyed_noise.normal(self.seed, self._device, 'voltmeter', key))
+            volts += p.voltmeter_noise * self._flicker[1]
+        if p.voltmeter_step > 0.0:
+            volts = p.voltmeter_step * round(volts / p.voltmeter_step)
         return volts
 
     def _pulse(self, volts, temperature):
@@ -184,9 +206,30 @@ class IncrementalEncoder:
 
     def _passages(self, stamps, angles, volts, temperature):
         """`_Passages` that are noticed, and the rows behind those that are too short."""
-        p = self.params
-        if len(stamps) < 2 or self._far_from_mark(angles):
+        if len(stamps) < 2:
             return _NONE, _NONE.row
+        met, short = _NONE, _NONE.row
+        if not self._far_from_mark(angles):
+            met, short = self._met(stamps, angles, volts, temperature)
+        if self.params.spurious_index > 0.0:
+            met = _merged(met, self._spurious(stamps, angles))
+        return met, short
+
+    def _spurious(self, stamps, angles):
+        """`_Passages` where there is no mark: what a disturbance makes of the index signal."""
+        moments = pulses(self.seed, self._device, 'spurious index', self.params.spurious_index,
+                         int(stamps[0]), int(stamps[-1]))
+        row = np.searchsorted(stamps, moments)
+        span, step = np.diff(stamps)[row - 1] * 1e-9, np.diff(angles)[row - 1]
+        part = (moments - stamps[row - 1]) * 1e-9 / span
+        found = _Passages(row, np.where(step >= 0.0, 1.0, -1.0), angles[row - 1] + part * step,
+                          step / span)
+        known = np.isfinite(found.angle)
+        return _Passages(*(column[known] for column in found))
+
+    def _met(self, stamps, angles, volts, temperature):
+        """`_passages` of the mark itself."""
+        p = self.params
         before, after = angles[:-1], angles[1:]
         sense = np.where(after >= before, 1.0, -1.0)
         lower, width = (np.broadcast_to(v, before.shape) for v in self._pulse(volts, temperature))
@@ -196,11 +239,14 @@ class IncrementalEncoder:
         turns_before = np.floor(sense * (before - edge) / _TURN)
         turns_after = np.floor(sense * (after - edge) / _TURN)
         crossed = turns_after > turns_before
-        rate = np.abs(after - before) / np.maximum(np.diff(stamps) * 1e-9, 1e-12)
-        short = crossed & (rate * p.pulse_time > width)
+        rate = (after - before) / np.maximum(np.diff(stamps) * 1e-9, 1e-12)
+        short = crossed & (np.abs(rate) * p.pulse_time > width)
         rows = np.flatnonzero(crossed & ~short)
         place = edge[rows] + sense[rows] * _TURN * (turns_before[rows] + 1.0)
-        return _Passages(rows + 1, sense[rows], place), np.flatnonzero(short) + 1
+        if p.mark_scatter > 0.0:
+            place = place + p.mark_scatter * keyed_noise.normal(
+                self.seed, self._device, 'mark scatter', stamps[rows + 1])
+        return _Passages(rows + 1, sense[rows], place, rate[rows]), np.flatnonzero(short) + 1
 
     def _far_from_mark(self, angles):
         """Whether no passage is possible; most calls end here."""
@@ -218,8 +264,8 @@ class IncrementalEncoder:
         self._passed += len(passages.row)
         if len(passages.row) == 0:
             return
-        row, sense, angle = (column[-1] for column in passages)  # the status shows the last one
-        counts = self._grating_count(angle) - self._cleared_at - lost[row]
+        row, sense, angle, rate = (column[-1] for column in passages)  # the status has the last
+        counts = self._grating_count(angle, rate) - self._cleared_at - lost[row]
         sides = 0.5 * (self._sense - sense)  # 1: cleared from below, passed from above
         error = counts - sides * self.params.pulse_width / self.count_angle
         error -= self._turn_counts * np.rint(error / self._turn_counts)
@@ -231,12 +277,16 @@ class IncrementalEncoder:
         """Counts lost from the first sample up to each, shape (n,)."""
         p = self.params
         lost = np.zeros(len(stamps))
-        if not (p.max_count_rate or p.miscounts or p.losses):
+        if not (p.max_count_rate or p.miscounts or p.losses) and self._signals.ideal:
             return lost
         counts = np.nan_to_num(np.diff(angles) / self.count_angle)  # a bad sample loses none
         if p.max_count_rate > 0.0:
             excess = np.abs(counts) - p.max_count_rate * np.diff(stamps) * 1e-9
             lost[1:] = np.cumsum(np.sign(counts) * np.floor(np.maximum(excess, 0.0)))
+        if not self._signals.ideal:
+            rate = counts * self.count_angle / np.maximum(np.diff(stamps) * 1e-9, 1e-12)
+            lines = np.diff(np.floor(np.nan_to_num(angles) * (p.lines / _TURN)))
+            lost[1:] += p.interpolation * np.cumsum(lines * ~self._signals.counting(rate))
         if p.miscounts > 0.0:
             spread = np.sqrt(p.miscounts * np.abs(counts) / _MILLION)
             noise = keyed_noise.normal(self.seed, self._device, 'miscounts', stamps[1:])
@@ -274,19 +324,23 @@ class IncrementalEncoder:
             return np.empty(0)
         temperature = self.params.reference_temperature if temperature is None else temperature
         temperature = np.broadcast_to(np.asarray(temperature, dtype=float), angles.shape)
-        past = angles - np.asarray(rates) * self.params.latency
+        rates = np.broadcast_to(np.asarray(rates, dtype=float), angles.shape)
+        past = angles - rates * self.params.latency
         seconds = stamps * 1e-9 - self.start
+
+        def part(rows):
+            return self._count(stamps[rows], past[rows], rates[rows], temperature[rows])
 
         parts, begin = [], 0
         while self._cycles and seconds[-1] >= self._cycles[0]:
             end = int(np.searchsorted(seconds, self._cycles.pop(0)))
-            parts.append(self._count(stamps[begin:end], past[begin:end], temperature[begin:end]))
+            parts.append(part(slice(begin, end)))
             self.power_cycle()
             begin = end
-        parts.append(self._count(stamps[begin:], past[begin:], temperature[begin:]))
+        parts.append(part(slice(begin, None)))
         return np.concatenate(parts)
 
-    def _count(self, stamps, past, temperature):
+    def _count(self, stamps, past, rates, temperature):
         """`feed` while the power is on."""
         if len(stamps) == 0:
             return np.empty(0)
@@ -299,7 +353,8 @@ class IncrementalEncoder:
         if known:
             stamps_seen = np.concatenate([[self._last[0]], stamps])
             angles_seen = np.concatenate([[self._last[1]], past])
-        self._last, self._supply = (stamps[-1], past[-1]), volts[-1]
+        self._last = stamps[-1], past[-1]
+        self._supply = self._monitor(volts[-1], int(stamps[-1]) // MONITOR_PERIOD)
 
         lost = self._count_losses(stamps_seen, angles_seen) + self._lost
         passages, short = self._passages(
@@ -310,16 +365,15 @@ class IncrementalEncoder:
             hits = np.flatnonzero(self._clears(passages))
             if len(hits) == 0:
                 return np.full(len(stamps), np.nan)
-            row, self._sense, angle = (column[hits[0]] for column in passages)
-            self._cleared_at = float(self._grating_count(angle))
+            row, self._sense, angle, rate = (column[hits[0]] for column in passages)
+            self._cleared_at = float(self._grating_count(angle, rate))
             off = p.mark_angle - angle
             self.zero = float(off - _TURN * np.rint(off / _TURN))
             valid_from = row - known
-            self._measured = tuple(
-                float(values[valid_from] + noise * keyed_noise.normal(
-                    self.seed, self._device, name, int(stamps[valid_from])))
-                for name, values, noise in (('voltmeter', volts, p.voltmeter_noise),
-                                            ('thermometer', temperature, p.thermometer_noise)))
+            met = int(stamps[valid_from])
+            noise = float(keyed_noise.normal(self.seed, self._device, 'thermometer', met))
+            self._measured = (self._monitor(volts[valid_from], met),
+                              float(temperature[valid_from]) + p.thermometer_noise * noise)
             self._since = stamps[valid_from]
             lost = lost - lost[row]
             passages = _Passages(*(column[hits[0] + 1:] for column in passages))
@@ -327,17 +381,19 @@ class IncrementalEncoder:
         lost = lost[known:]
         self._lost = lost[-1]
 
-        counts = self._counter(stamps, past, temperature, volts) - self._cleared_at - lost
+        # a late stamp is none of the counter's business
+        read = past - rates * stamp_delays(p, self.seed, 'incremental', stamps)
+        counts = self._counter(stamps, read, rates, temperature, volts) - self._cleared_at - lost
         reading = p.mark_angle + counts * self.count_angle
         reading[:valid_from] = np.nan
         return reading
 
-    def _counter(self, stamps, past, temperature, volts):
+    def _counter(self, stamps, past, rates, temperature, volts):
         """Grating counts that the electronics read at `stamps`, none cleared, none lost."""
         p = self.params
         drift = (p.zero_offset + self._zero.later(stamps * 1e-9 - self.start, temperature)
                  + p.zero_supply * (volts - p.supply_nominal))
-        counts = self._grating_count(past, drift)
+        counts = self._grating_count(past, rates, drift)
         if p.jitter > 0.0:
             noise = keyed_noise.normal(self.seed, self._device, 'jitter', stamps)
             counts = counts + np.round(p.jitter * noise)
@@ -366,5 +422,12 @@ class IncrementalEncoder:
         past = angle - rate * (p.latency + np.array([p.rate_gate, 0.0]))
         temperature = p.reference_temperature if temperature is None else temperature
         counts = self._counter(
-            stamps, past, temperature, self._volts(stamps * 1e-9 - self.start))
+            stamps, past, rate, temperature, self._volts(stamps * 1e-9 - self.start))
         return float(np.diff(counts)[0]) * self.count_angle / p.rate_gate
+
+
+def _merged(*parts):
+    """All passages of `parts`, as they were met."""
+    row, sense, angle, rate = map(np.concatenate, zip(*parts))
+    order = np.lexsort((sense * angle, row))
+    return _Passages(row[order], sense[order], angle[order], rate[order])

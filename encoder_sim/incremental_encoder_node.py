@@ -13,6 +13,7 @@ from msg_tools.power_on import PowerOn, since
 from msg_tools.units import ARCSEC
 
 from .device_params import DEVICE_PARAMS, MAX_RATE, Decimator, MountedDevice
+from .drives import ShaftCouplings
 from .incremental import IncrementalEncoder
 
 
@@ -24,6 +25,7 @@ class IncrementalEncoders(MountedDevice):
                          hardware_id='simulated incremental encoder', **kwargs)
         self._stamp = self.start
         self._encoders = self.encoders(IncrementalEncoder, self.scenario.incremental)
+        self._couplings = ShaftCouplings(self.scenario.coupling)
         self._decimator = Decimator()
         self._homed = False
         self._pub = self.publisher(topics.INCREMENTAL)
@@ -37,7 +39,7 @@ class IncrementalEncoders(MountedDevice):
 
     def _on_truth(self, message):
         stamp, angles, rates = convert.read_joints(message)[:3]
-        self._stamp = stamp
+        self._stamp, angles = stamp, self._couplings.turn(angles)
         # every sample is counted, whether it is published or not
         seen = [(stamp, angle, rate, self.warmth(stamp)) for angle, rate in zip(angles, rates)]
         reading = [float(encoder.feed(*axis)[0]) for encoder, axis in zip(self._encoders, seen)]
@@ -92,7 +94,8 @@ class IncrementalEncoders(MountedDevice):
                               f'too short: {status.missed_marks}; pass it slower'))
             if status.miscounted:
                 found.append((DiagnosticStatus.WARN, f'{axis}: {status.mark_error:+.0f} counts '
-                              'off at the reference mark: lost counts, or the mark moved'))
+                              'off at the reference mark: lost counts, a mark that moved, or a '
+                              'false index pulse'))
         if not self._homed:
             found.append((DiagnosticStatus.WARN, 'no zero since power-on: call home'))
         return found

@@ -7,6 +7,8 @@ import numpy as np
 from msg_tools.units import DEG, wrap
 
 from .axes import AXES, MountAxes, Trajectory
+from .drives import Drives
+from .wind import WindLoad
 
 #: homing begins at least that far before the reference marks, and passes them for that long
 HOME_RUN_UP, HOME_SPAN = 0.5 * DEG, 4.0
@@ -17,10 +19,15 @@ SERVO_TIME = 0.2
 #: samples that may be under way to the encoder and back
 SENT = 10000
 STILL = [[0.0, 0.0]]
+#: true angles a second that an exposure needs where an axis does not move smoothly, Hz
+RESTLESS_RATE = 10.0
 
 
 class SimulatedMount:
     """Both drives of a mount, whose servo makes the incremental encoder read the demand.
+
+    What the servo does not take up, because it lags, the axis sticks or the wind blows, the encoder
+    reads as it is.
 
     Times are seconds since the start of the night, when the axes stand still, a little before
     their reference marks.
@@ -28,9 +35,11 @@ class SimulatedMount:
     Parameters
     ----------
     scenario : scenario.Scenario
+    seed : int
+        Of gusts and slips.
     """
 
-    def __init__(self, scenario):
+    def __init__(self, scenario, seed=0):
         encoders = scenario.incremental.azimuth, scenario.incremental.elevation
         self._marks = np.array([encoder.mark_angle for encoder in encoders])
         self._home_rate = np.array([encoder.home_rate for encoder in encoders])
@@ -38,6 +47,7 @@ class SimulatedMount:
             [1.0 if encoder.home_side == 'below' else -1.0 for encoder in encoders])
         self._axes = MountAxes(scenario.axes.azimuth, scenario.axes.elevation, 0.0,
                                self._marks - 2.0 * DEG)
+        self._drives, self._wind = Drives(scenario.drives, seed), WindLoad(scenario.wind, seed)
         # what the encoder reads too much; the servo turns the axes back by it
         self.servo = np.zeros(2)
         self._servo_time = None
@@ -63,11 +73,17 @@ class SimulatedMount:
     def truth(self, times):
         """True axis angles (n, 2) in rad and rates (n, 2) in rad/s at `times` (n,)."""
         angles, rates = self._axes.state(times)
-        angles = angles - self.servo
+        angles = (angles - self.servo - self._drives.lag(times, self._axes.state)
+                  + self._wind.turn(times, angles))
         self._sent.update(zip(np.rint(np.asarray(times) * 1e9).tolist(), angles))
         while len(self._sent) > SENT:
             self._sent.popitem(last=False)
         return angles, rates
+
+    @property
+    def sample_rate(self):
+        """Samples a second that show how the axes move while a star is exposed, Hz; 0: any."""
+        return RESTLESS_RATE if self._drives.stick or self._wind.turns else 0.0
 
     def approach(self, times):
         """Side from which each axis came, shape (n, 2): -1, 0, 1."""

@@ -42,7 +42,7 @@ class MountSimulator(MountNode):
         super().__init__('mount_simulator', PARAMS, hardware_id='simulated mount', **kwargs)
         self._start = parse_utc(self.value('start_time'))
         scenario = load_scenario(self.value('scenario'))
-        self._mount = SimulatedMount(scenario)
+        self._mount = SimulatedMount(scenario, self.value('seed'))
         # without weather of its own the air is what the observer believes
         self._air, self._warmth = scenario.weather, None
         self._live = self.value('time_scale') > 0.0
@@ -148,7 +148,8 @@ class MountSimulator(MountNode):
         if not closed:
             self._open_loop += 1
         span = self.value('exposure_s')
-        samples = max(1, round(span * self.value('sample_rate_hz')))
+        rate = max(self.value('sample_rate_hz'), self._mount.sample_rate)
+        samples = max(1, round(span * rate))
         # the servo's step after the last reading has died out before the shutter opens, and the
         # gap is longer than an exposure, so that it is none
         begin = settled + 1.5 * span

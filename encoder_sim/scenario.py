@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from . import keyed_noise
+from .scenario_disturbances import AirLayers, Coupling, Drive, Runout, Seeing, Wind
 from .scenario_encoders import Absolute, Incremental
 from .scenario_fields import both_axes, choice, number, optional, section, sections
 
@@ -85,6 +86,8 @@ class Mount:
         Azimuth bearing.
     bumps : tuple of Bump
         Azimuth track.
+    runouts : tuple of Runout
+        Azimuth bearing, what no turn repeats.
     creep, creep_period : float
         The tube creeps back against the elevation drive by up to `creep` (rad) as the axis turns
         through `creep_period` (rad), and then snaps back: a sawtooth.
@@ -105,6 +108,7 @@ class Mount:
     tf: float = number(0.0, 'arcsec', -3600.0, 3600.0)
     wobble: tuple = sections(Wobble)
     bumps: tuple = sections(Bump)
+    runouts: tuple = sections(Runout)
     creep: float = number(0.0, 'arcsec', -3600.0, 3600.0)
     creep_period: float = number(15.0, 'deg', 0.1, 360.0)
     backlash_azimuth: float = number(0.0, 'arcsec', 0.0, 3600.0)
@@ -223,6 +227,8 @@ class Scenario:
         True UTC - stamp, s.
     axes, incremental, absolute
         With an `azimuth` and an `elevation`.
+    drives, coupling
+        The same: the servos, and the couplings of the incremental encoders.
     site : TrueSite or None
         None: where the observer believes to be.
     weather : TrueWeather or None
@@ -239,6 +245,11 @@ class Scenario:
     site: TrueSite | None = optional(TrueSite)
     weather: TrueWeather | None = optional(TrueWeather)
     housing: Housing = section(Housing)
+    drives: object = both_axes(Drive)
+    coupling: object = both_axes(Coupling)
+    wind: Wind = section(Wind)
+    seeing: Seeing = section(Seeing)
+    layers: AirLayers = section(AirLayers)
 
     def temperature(self, time, start):
         """Temperature (degC) of mount and encoders at `time`, of a night begun at `start`."""

@@ -29,6 +29,12 @@ class EncoderScale:
         `reference_temperature`).
     latency : float
         The reading is that old when it gets its stamp, s.
+    stamp_jitter, late_stamps, late_by : float
+        1-sigma of the time between a reading and its stamp (s), the share of the messages that a
+        busy computer stamps later still, and the mean of that exponential delay (s). Both axes
+        are in one message and share them. A driver in hard real time has microseconds; a
+        USB-to-serial adapter holds a reading back by up to 16 ms unless told otherwise (FTDI,
+        application note AN232B-04); no measured distribution was found for a mount.
     power_cycles : tuple of float
         A fault: the power fails for a moment so many seconds after the start.
     """
@@ -43,6 +49,9 @@ class EncoderScale:
     zero_slope: float = number(0.0, 'arcsec_per_degc', -600.0, 600.0)
     reference_temperature: float = number(10.0, 'c', -60.0, 60.0)
     latency: float = number(0.0, 'ms', -1000.0, 1000.0)
+    stamp_jitter: float = number(0.0, 'ms', 0.0, 1000.0)
+    late_stamps: float = number(0.0, 'percent', 0.0, 100.0)
+    late_by: float = number(100.0, 'ms', 0.0, 10000.0)
     power_cycles: tuple = numbers('s', 0.0, 1e6)
 
 
@@ -72,8 +81,29 @@ class Incremental(EncoderScale):
         One reading head, or the mean of two opposite ones.
     subdivision_1, subdivision_2, subdivision_phase : float
         Error of the interpolation, once and twice a line (rad), and its phase (rad).
+    offset_cos, offset_sin : float
+        Direct voltage left on either signal of the grating, relative to its amplitude at rest.
+        The scope manual of Heidenhain (PWM 20, 2014) allows +-15 degrees of on-to-off ratio, 13 %,
+        and an amplitude ratio of 0.8 to 1.25 and a phase of 80 to 100 degrees; for encoders that
+        are interpolated finely 10 %, 0.9 to 1.1 and 85 to 95 degrees.
+    amplitude_mismatch : float
+        By how much the cosine is larger than the sine, relative to their mean.
+    quadrature_error : float
+        By how much the phase between both is more than a quarter of a line, rad.
+    bandwidth : float
+        At which the signals have fallen by 3 dB, Hz of lines; 0: none. The inputs of PWM 8 have
+        60 to 100 kHz, which no telescope reaches: 6 deg/s of paper 000's grating are 790 Hz. A
+        noise filter or a slow converter does.
     mark_angle : float
         Nominal axis angle of the reference mark, rad.
+    mark_scatter : float
+        1-sigma of where the mark is noticed, passage by passage, rad. One that is tied to a line
+        of the grating can be good to a count; no maker's figure was found, for these (Renishaw
+        calls that of its RESR rings "a repeatable home position") or for others.
+    spurious_index : float
+        Index pulses where there is no mark, by disturbances on its line, a second. The first one
+        after power-on clears the counter as a mark would; a later one gives it the lie, which
+        controllers call a broken index. No rates were found: it is a fault, not a property.
     pulse_width : float
         Width of the mark's signal at half its peak, rad. The counter is cleared at the near edge
         of the pulse, so from above that much further up than from below.
@@ -96,7 +126,10 @@ class Incremental(EncoderScale):
     supply_scatter : float
         1-sigma of the supply from one power-on to the next, the same on both axes, V.
     thermometer_noise, voltmeter_noise : float
-        1-sigma of what the electronics measure of temperature (degC) and supply (V) at the mark.
+        1-sigma of what the electronics measure of temperature (degC) and supply (V).
+    voltmeter_step : float
+        Resolution of the latter, V: 4 mV of a usual monitor of 12 bits (Texas Instruments,
+        INA219); 0: none.
     supply_ripple, ripple_frequency : float
         Amplitude (V) and frequency (Hz) of what the mains leave on it.
     max_count_rate : float
@@ -125,7 +158,14 @@ class Incremental(EncoderScale):
     subdivision_1: float = number(0.0, 'arcsec', 0.0, 60.0)
     subdivision_2: float = number(0.0, 'arcsec', 0.0, 60.0)
     subdivision_phase: float = number(0.0, 'deg', -360.0, 360.0)
+    offset_cos: float = number(0.0, 'percent', -200.0, 200.0)
+    offset_sin: float = number(0.0, 'percent', -200.0, 200.0)
+    amplitude_mismatch: float = number(0.0, 'percent', -150.0, 150.0)
+    quadrature_error: float = number(0.0, 'deg', -60.0, 60.0)
+    bandwidth: float = number(0.0, 'hz', 0.0, 1e9)
     mark_angle: float = number(180.0, 'deg', -360.0, 360.0)
+    mark_scatter: float = number(0.0, 'arcsec', 0.0, 600.0)
+    spurious_index: float = number(0.0, 'hz', 0.0, 1.0)
     pulse_width: float = number(0.0, 'arcsec', 0.0, 3600.0)
     threshold: float = number(50.0, 'percent', 1.0, 1000.0)
     signal_slope: float = number(0.0, 'percent_per_degc', -100.0, 100.0)
@@ -141,6 +181,7 @@ class Incremental(EncoderScale):
     supply_scatter: float = number(0.0, 'v', 0.0, 10.0)
     thermometer_noise: float = number(0.0, 'c', 0.0, 60.0)
     voltmeter_noise: float = number(0.0, 'v', 0.0, 10.0)
+    voltmeter_step: float = number(0.0, 'v', 0.0, 1.0)
     supply_ripple: float = number(0.0, 'v', 0.0, 10.0)
     ripple_frequency: float = number(100.0, 'hz', 0.01, 1e6)
     max_count_rate: float = number(0.0, 'mhz', 0.0, 1000.0)
@@ -173,6 +214,31 @@ class Absolute(EncoderScale):
         Whether the pixels run along the disc or against it, which the reader is not told.
     scale_error : float
         The image is that much larger, relative.
+    tilt, tilt_phase : float
+        Of the disc against the plane across the axis (rad), and the axis angle at which the line
+        of both planes lies at the head (rad). It reads tilt^2 / 4 twice a turn, and the track
+        leaves the focus once a turn by radius * sin(tilt): 0.1 deg are 0.16" and 69 um.
+    runout, runout_phase : float
+        Axial run-out of the track, to either side (m), and the disc angle at which it is nearest
+        to the optics (rad). ESO's encoders at La Silla are mounted to 20 um of axial stroke, with
+        0.20 +- 0.07 mm between head and disc (encoder manual, 3.1 to 3.2.1).
+    focus_error : float
+        Distance of the track from the focus in the mean of a turn, m.
+    defocus_slope : float
+        Blur that a distance from the focus adds in quadrature, 1-sigma, pixels/m. The default is
+        a numerical aperture of 0.2 at 4.8 um of the disc a pixel.
+    lean : float
+        Of the light along the track, against the axis, rad: so far out of the vertical the image
+        moves with the distance, 91" for 1 mm at 1 deg.
+    image_growth : float
+        By how much the image gets larger with the distance, relative, 1/m: 1 / (distance of the
+        lens) where it is not telecentric.
+    lamp_left : float
+        Light of the lamp at the start of the night, relative to a new one. The infrared LED of an
+        encoder keeps more than 90 % for 30 years at 80 degC (Avago, AV02-4387EN, fig. 14), a
+        bare one lost 25 % in 1400 h, most of them at 130 and 180 degC (SciTec, lifetime tests).
+    lamp_halving : float
+        A fault: time in which a dying lamp loses half of its light, s; 0: it does not.
     exposure : float
         Time during which a moving disc smears, s; the stamp is its middle.
     base, contrast : float
@@ -207,6 +273,16 @@ class Absolute(EncoderScale):
     bar_pitch: float = drawn(Design, 'bar_pitch')
     scale_error: float = number(0.0, 'percent', -0.5, 0.5)
     blur: float = drawn(Design, 'blur')
+    tilt: float = number(0.0, 'deg', 0.0, 5.0)
+    tilt_phase: float = number(0.0, 'deg', -360.0, 360.0)
+    runout: float = number(0.0, 'um', 0.0, 1000.0)
+    runout_phase: float = number(0.0, 'deg', -360.0, 360.0)
+    focus_error: float = number(0.0, 'um', -2000.0, 2000.0)
+    defocus_slope: float = number(0.02, 'px_per_um', 0.0, 1.0)
+    lean: float = number(0.0, 'deg', -45.0, 45.0)
+    image_growth: float = number(0.0, 'percent_per_mm', -10.0, 10.0)
+    lamp_left: float = number(100.0, 'percent', 0.0, 200.0)
+    lamp_halving: float = number(0.0, 'h', 0.0, 1e6)
     exposure: float = number(0.0, 'us', 0.0, 100000.0)
     base: float = number(91.0, '', 0.0, 250.0)
     contrast: float = number(88.0, '', 1.0, 250.0)

@@ -7,8 +7,9 @@ from msg_tools.units import ARCSEC, DEG
 _UNITS = {
     '': 1.0, 'percent': 0.01, 'px': 1.0, 'ke': 1e3,
     'deg': DEG, 'arcmin': 60.0 * ARCSEC, 'arcsec': ARCSEC, 'deg_s': DEG, 'deg_s2': DEG,
-    's': 1.0, 'ms': 1e-3, 'us': 1e-6, 'h': 3600.0, 'hour': 3600.0, 'hz': 1.0, 'mhz': 1e6,
-    'm': 1.0, 'mm': 1e-3, 'um': 1e-6,
+    's': 1.0, 'ms': 1e-3, 'us': 1e-6, 'min': 60.0, 'h': 3600.0, 'hour': 3600.0,
+    'hz': 1.0, 'mhz': 1e6,
+    'm': 1.0, 'mm': 1e-3, 'um': 1e-6, 'm_s': 1.0, 'per_s': 1.0,
     'c': 1.0, 'degc': 1.0, 'hpa': 1.0, 'v': 1.0,
 }
 

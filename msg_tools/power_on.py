@@ -6,6 +6,7 @@ and start together name a power-on, and only equality counts.
 """
 
 import re
+from math import nan
 from typing import NamedTuple
 
 _FRAME = re.compile(r'power_on_(-?\d+)@(\d+(?:\.\d+)?)')
@@ -40,3 +41,9 @@ def read_frame(frame):
     """The `PowerOn` that a ``frame_id`` tells; None where it tells none."""
     found = _FRAME.fullmatch(frame)
     return None if found is None else PowerOn(int(found[1]), float(found[2]))
+
+
+def start_of(frame):
+    """When the power-on began that a ``frame_id`` tells, UTC s; NaN where it tells none."""
+    told = read_frame(frame)
+    return nan if told is None else told.started

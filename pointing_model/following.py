@@ -45,15 +45,42 @@ class AxisFollowing:
         1 sigma of a difference: what following costs, rad.
     step : float
         1 sigma of what the counts wander on the way to a star, which is not known before, rad.
+    starts : dict of int to float
+        Power-on -> when that of the absolute encoder began in which the reference was taken,
+        UTC s; without those for which it did not tell.
     """
 
     discs: np.ndarray
     references: dict = field(default_factory=dict)
     noise: float = 0.0
     step: float = 0.0
+    starts: dict = field(default_factory=dict)
+
+    def stopped(self, run, start):
+        """Whether the absolute encoder is in another power-on than at the reference.
+
+        What it has become zero of since then nobody knows: it is not to be followed.
+
+        Parameters
+        ----------
+        run : float or ndarray, shape (n,)
+        start : float or ndarray, shape (n,)
+            When its power-on began, UTC s; NaN where it does not tell, and nothing has stopped.
+
+        Returns
+        -------
+        ndarray of bool
+        """
+        run, start = np.broadcast_arrays(np.asarray(run, float), np.asarray(start, float))
+        out = np.zeros(run.shape, bool)
+        for number, began in self.starts.items():
+            out |= (run == number) & np.isfinite(start) & (start != began)
+        return out
 
     def moved(self, run, incremental, absolute):
         """What the counts have wandered, rad; 0 in a power-on without a reference.
+
+        For an absolute encoder that is still in the power-on of that: see `stopped`.
 
         Parameters
         ----------
@@ -95,6 +122,12 @@ class Following:
                 out[i] = np.nan_to_num(self.axes[name].moved(run, incremental[i], absolute[i]))
         return out
 
+    def stopped(self, run, start):
+        """Whether any axis no longer follows; as of `AxisFollowing.stopped`."""
+        shape = np.broadcast_shapes(np.shape(run), np.shape(start))
+        return np.any([np.zeros(shape, bool), *(
+            axis.stopped(run, start) for axis in self.axes.values())], axis=0)
+
     def sigma(self):
         """What a zero that follows errs by for it, shape (2,), coordinate angles, rad."""
         return np.array([np.hypot(self.axes[name].noise, self.axes[name].step)
@@ -122,6 +155,7 @@ class Following:
         run = np.asarray(rows['run'], float)
         moved = self.moved(run, *readings)
         known = np.isfinite(readings).all(axis=(0, 1))
+        known &= ~self.stopped(run, rows.get('absolute_start', np.nan))
         place = np.where(known, np.arange(len(run)), -1)
         last = np.maximum.accumulate(place)
         before = np.concatenate([[-1], last[:-1]])
@@ -136,7 +170,8 @@ class Following:
         """JSON-ready, for a model's provenance."""
         return {WORDS[name]: {
             'follows': 'absolute encoder',
-            'reference': [{'run': int(run), 'difference_arcsec': float(value / ARCSEC)}
+            'reference': [{'run': int(run), 'difference_arcsec': float(value / ARCSEC),
+                           **({'absolute_start': axis.starts[run]} if run in axis.starts else {})}
                           for run, value in sorted(axis.references.items())],
             'discs_arcsec': dict(zip(_DISC_NAMES, (axis.discs / ARCSEC).tolist())),
             'noise_arcsec': axis.noise / ARCSEC, 'step_arcsec': axis.step / ARCSEC,
@@ -151,7 +186,9 @@ class Following:
                 np.array([told[word]['discs_arcsec'][n] for n in _DISC_NAMES], float) * ARCSEC,
                 {int(row['run']): row['difference_arcsec'] * ARCSEC
                  for row in told[word]['reference']},
-                told[word]['noise_arcsec'] * ARCSEC, told[word]['step_arcsec'] * ARCSEC)
+                told[word]['noise_arcsec'] * ARCSEC, told[word]['step_arcsec'] * ARCSEC,
+                {int(row['run']): float(row['absolute_start']) for row in told[word]['reference']
+                 if row.get('absolute_start') is not None})
                 for name, word in WORDS.items() if word in told})
         except (KeyError, TypeError, AttributeError):
             raise ValueError(f'{KEY} of the model is damaged: {told!r:.60}') from None
@@ -167,12 +204,16 @@ class Difference:
     ----------
     incremental, absolute : ndarray, shape (2,), or None
         The last pair, rad.
+    start : float
+        When the power-on began that this reading of the absolute encoder is of, UTC s; NaN where
+        it does not tell.
     """
 
     def __init__(self):
         self._readings = deque(maxlen=100)
         self._second = None
         self.incremental = self.absolute = None
+        self.start = np.nan
 
     def take_incremental(self, stamp, angles):
         """Take a reading (ns, rad)."""
@@ -181,9 +222,9 @@ class Difference:
         self._readings.append((stamp, angles))
         self._pair()
 
-    def take_absolute(self, stamp, angles):
-        """Take a reading (ns, rad)."""
-        self._second = stamp, angles
+    def take_absolute(self, stamp, angles, start=np.nan):
+        """Take a reading (ns, rad), and when its power-on began (UTC s)."""
+        self._second = stamp, angles, start
         self._pair()
 
     def _pair(self):
@@ -196,3 +237,4 @@ class Difference:
             return
         if np.all(np.abs(rate) < _SLOW):
             self.incremental, self.absolute = reading, np.array(self._second[1])
+            self.start = self._second[2]

@@ -233,7 +233,7 @@ class InForce:
         self.zero, self.zero_stamp = NO_ZERO, 0
         self.refused = self.refused_stamp = 0
         self.power_on = None
-        self._follows, self._apart = Following.of(model), None
+        self._follows, self._apart, self._stopped = Following.of(model), None, False
         self.thermometer = Thermometer()
         self._next_model = self._next_zero = None  # each waits for the other
 
@@ -251,7 +251,7 @@ class InForce:
 
     def _put_in_force(self, model, name, text):
         self.model, self.model_name, self.model_text = model, name, text
-        self._follows = Following.of(model)
+        self._follows, self._stopped = Following.of(model), False
         self.models += 1
         stamp = model.provenance.get('last_stamp_ns')
         self.model_stamp = stamp if isinstance(stamp, int) else 0
@@ -308,6 +308,9 @@ class InForce:
         if self._next_model is not None:
             out.append(f'model {self._next_model[1]} was not taken: its zero has not come, and '
                        f'that in force goes with {self.zero.model}')
+        if self.follows and self._stopped:
+            out.append('the zero no longer follows the absolute encoder, which was switched off '
+                       'and on since the reference: set it anew (calibrate_zero) and fit')
         return out
 
     def zero_is_of_model(self):
@@ -326,9 +329,15 @@ class InForce:
         """Whether the zero follows the absolute encoder: the model says so, and it is its zero."""
         return bool(self._follows) and self.zero_is_of_model()
 
-    def take_readings(self, run, incremental, absolute):
-        """Take what both encoders read at one moment, shape (2,) each, rad."""
-        if np.isfinite([incremental, absolute]).all():
+    def take_readings(self, run, incremental, absolute, start=np.nan):
+        """Take what both encoders read at one moment, shape (2,) each, rad.
+
+        `start` is when the absolute encoder's power-on began (UTC s; NaN where it does not tell).
+        Of another one than the reference's nothing is taken: the zero stays at what it had
+        followed to.
+        """
+        self._stopped = bool(self._follows.stopped(run, start)) if run is not None else False
+        if np.isfinite([incremental, absolute]).all() and not self._stopped:
             self._apart = run, incremental, absolute
 
     @property
@@ -348,10 +357,12 @@ class InForce:
         """What follows, for people; '' where nothing does."""
         if not self.follows:
             return ''
+        stopped = 'stopped, it was switched off and on: ' if self._stopped else ''
         if self._apart is None:
-            return 'no reading of both encoders yet: the zero stands still'
+            return (f'{stopped}the zero stands still' if stopped else
+                    'no reading of both encoders yet: the zero stands still')
         moved = dict(zip(AXES, self.zero_now - self.zero.angles))
-        return 'absolute encoder: ' + ', '.join(
+        return f'absolute encoder: {stopped}' + ', '.join(
             f'{WORDS[name]} by {moved[name] / ARCSEC:+.2f} arcsec' for name in self._follows.axes)
 
     def encoder(self, az, el, context=None):

@@ -8,6 +8,7 @@ from std_msgs.msg import String
 
 from msg_tools import convert, topics
 from msg_tools.node import MountNode, run_node
+from msg_tools.power_on import start_of
 from msg_tools.units import ARCSEC, wrap
 
 from .context import Context
@@ -52,13 +53,13 @@ class PointingCorrector(MountNode):
         self.subscribe(topics.INCREMENTAL, lambda message: self._on_reading(
             self._apart.take_incremental, message))
         self.subscribe(topics.ABSOLUTE, lambda message: self._on_reading(
-            self._apart.take_absolute, message))
+            self._apart.take_absolute, message, start_of(message.header.frame_id)))
 
-    def _on_reading(self, take, message):
-        take(*convert.read_joints(message)[:2])
+    def _on_reading(self, take, message, *start):
+        take(*convert.read_joints(message)[:2], *start)
         if self._apart.incremental is not None:
-            self._in_force.take_readings(
-                self._in_force.zero.run, self._apart.incremental, self._apart.absolute)
+            self._in_force.take_readings(self._in_force.zero.run, self._apart.incremental,
+                                         self._apart.absolute, self._apart.start)
 
     def _drivers(self, stamps, sky):
         """Time and temperature; how the axes will come, and the star, only the observer knows."""

@@ -59,6 +59,9 @@ INSTRUMENT_TOPICS = {MOUNT: topics.INCREMENTAL, ABSOLUTE: topics.ABSOLUTE,
                      CAMERA: topics.MISS_DISTANCE}
 #: wall seconds after which a publisher is one, whether its node has a name or not
 NAMED_AFTER = 30.0
+#: wall seconds in which a calibration that is there says what it knows: a latched message, that
+#: comes within a second of the match
+SPEAKS_WITHIN = 10.0
 LEVELS = {'failed': DiagnosticStatus.ERROR, 'waiting': DiagnosticStatus.WARN}
 
 
@@ -90,6 +93,7 @@ class StarObserver(MountNode):
         self._crowded = {}  # instrument with several publishers -> since when, wall s
         self._handover = self._given = None  # a night that an observer before has begun
         self._calibration_spoke = self._has_rows = False
+        self._calibration_since = None  # there and silent, wall s
         self.subscribe(topics.CALIBRATION_STATUS, self._on_calibration)
         self.subscribe(topics.CALIBRATION_TABLE, self._on_given_back)
         self._wanted_nodes = [name for name in self.value('wait_for_nodes') if name]
@@ -160,6 +164,8 @@ class StarObserver(MountNode):
         count = observations_taken(message)
         self._calibration_spoke, self._has_rows = True, count > 0
         self._handover = handover(message) or self._handover
+        if self._has_rows:
+            self._sequencer.rows_turned_up()
         self._take_up()
         self._sequencer.calibration_has(count)
 
@@ -251,9 +257,22 @@ class StarObserver(MountNode):
             if not (missing or self._calibration_spoke) and any(
                     status in self._reports[name][PUBLISHES] for name in self._wanted_nodes):
                 missing = ['the calibration to say what it knows']
+        elif self._calibration_is_silent():
+            missing = ['the calibration to say what it knows']
         if not missing and self._has_rows and not len(self._table):
             missing = ['the calibration to give back the rows of the night so far']
         return missing
+
+    def _calibration_is_silent(self):
+        """Whether one that could give a night back is there and has not spoken, for a time."""
+        if self._calibration_spoke or not self.count_publishers(
+                self.resolve_topic_name(topics.CALIBRATION_TABLE.name)):
+            self._calibration_since = None
+            return False
+        now = time.monotonic()
+        if self._calibration_since is None:
+            self._calibration_since = now
+        return now - self._calibration_since < SPEAKS_WITHIN
 
     def problems(self):
         """What holds the plan up."""

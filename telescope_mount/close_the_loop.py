@@ -1,7 +1,10 @@
 """The loop closed: a night, or a measured run, is fitted, diagnosed, amended and judged."""
 
 import json
+from fnmatch import fnmatchcase
 from functools import partial
+
+import numpy as np
 
 from calibration.diagnosis.rows_told import rows_of_reader
 from pointing_model.observing.plan import parse_plan
@@ -11,8 +14,12 @@ from .night import NightFailed, observe, prepare_folder
 
 FORMAT = 'telescope_mount/loop'
 VERSION = 1
-#: names of the scenarios that are made for it begin so
-PREFIX = 'loop_'
+#: the scenarios that are made for it
+ALL = 'loop_*'
+#: what is claimed of curves without a name, or of nothing
+_UNCLAIMED = ('unknown', 'none', 'wanders', 'undecided')
+#: something was claimed, and judges did not let it pass
+_REFUSED = ('withheld', 'taken_back')
 #: what the run player does, in the words of a plan
 _MEASURED_PLAN = 'fit, diagnose'
 
@@ -37,7 +44,7 @@ def loop_plan(stars, polaris, check):
             f'diagnose, check {check}, judge')
 
 
-def judgement(shows_as, effects):
+def judgement(shows_as, effects, verdict='', harmful=False):
     """Whether the diagnosis found what the scenario does.
 
     Parameters
@@ -46,12 +53,19 @@ def judgement(shows_as, effects):
         Beginnings of names of effects.
     effects : list of dict
         Of the diagnosis, with ``name``, ``alternatives`` and ``aliases``.
+    verdict : str
+        Of the diagnosis.
+    harmful : bool
+        As of `points_worse`.
 
     Returns
     -------
-    found : {'yes', 'in the set', 'in part', 'no'} or None
+    found : str or None
         'yes': every effect is there by its first name or one that is the same curve, and nothing
-        else; 'in the set': every one is among those reported together. None: not said.
+        else; 'in the set': every one is among those reported together; 'in part'; 'no'. Where
+        the scenario shows as no effect: 'rightly none'; 'unknown', something without a name;
+        'wrong', a cause was claimed; 'withheld', 'taken back', one was, and judges refused it.
+        'harmful' whatever was found. None: not said.
     false : list of str
         Effects that are none of those.
     """
@@ -65,8 +79,14 @@ def judgement(shows_as, effects):
     sets = [[*names, *e['alternatives']] for names, e in zip(first, effects)]
     false = [e['name'] for e, names in zip(effects, sets)
              if not any(among(wanted, names) for wanted in shows_as)]
+    if harmful:
+        return 'harmful', false
     if not shows_as:
-        return ('no' if effects else 'yes'), false
+        if verdict in _REFUSED:
+            return verdict.replace('_', ' '), false
+        if not effects:
+            return 'rightly none', false
+        return ('unknown' if verdict in _UNCLAIMED else 'wrong'), false
     named = [any(among(wanted, names) for names in first) for wanted in shows_as]
     there = [any(among(wanted, names) for names in sets) for wanted in shows_as]
     if all(named):
@@ -74,6 +94,26 @@ def judgement(shows_as, effects):
     if all(there):
         return 'in the set', false
     return ('in part' if any(there) else 'no'), false
+
+
+def points_worse(before, after):
+    """Whether blind stars after a change are missed by more than before, beyond noise.
+
+    Parameters
+    ----------
+    before, after : dict or None
+        Of `pointing_model.observing.sequencer.blind_summary`: other stars each.
+
+    Returns
+    -------
+    bool
+        The logarithm of the ratio is above 2 sigma; of an RMS over n stars, 2 n values, it has
+        sigma^2 = 1 / (4 n), so that 2 % of harmless changes look so.
+    """
+    if not (before and after and before['stars'] and after['stars']):
+        return False
+    sigma = np.sqrt(0.25 / before['stars'] + 0.25 / after['stars'])
+    return bool(after['rms_arcsec'] > before['rms_arcsec'] * np.exp(2.0 * sigma))
 
 
 def close_the_loop(out, *, scenario='', file=None, seed=1, stars=90, polaris=16, check=30,
@@ -143,20 +183,35 @@ def close_the_loop(out, *, scenario='', file=None, seed=1, stars=90, polaris=16,
     return _judge(folder, report, undeclared(folder / 'bag_truth'))
 
 
-def close_all(out, *, seed=1, progress=None, **options):
-    """`close_the_loop` with every scenario that is made for it, each in a folder of its own.
+def close_all(out, *, names=ALL, seed=1, progress=None, **options):
+    """`close_the_loop` with several scenarios, each in a folder of its own.
+
+    Parameters
+    ----------
+    out : Path
+        Folder for all that is written.
+    names : str
+        Which, such as ``mount_*``.
+    seed, progress, options
+        As of `close_the_loop`.
 
     Returns
     -------
     dict
         ``scenarios``: the report of each; one that failed has an ``error``.
+
+    Raises
+    ------
+    ValueError, OSError
+        No scenario of such a name, or bad input.
     """
     from .simulator import scenario_names
+    chosen = [name for name in scenario_names() if fnmatchcase(name, names)]
+    if not chosen:
+        raise ValueError(f'no scenario {names!r}: there are ' + ', '.join(scenario_names()))
     folder = prepare_folder(out)
     reports = []
-    for name in scenario_names():
-        if not name.startswith(PREFIX):
-            continue
+    for name in chosen:
         try:
             reports.append(close_the_loop(
                 folder / name, scenario=name, seed=seed,
@@ -218,6 +273,7 @@ def _player(run, file, azimuth_origin, folder):
 def _write(folder, about, latest):
     """diagnosis.json, model.json and observations.csv; the report so far."""
     from msg_tools import topics
+    from pointing_model.model import PointingModel
     from pointing_model.run_files import write_csv
     from pointing_model.run_messages import cloud_to_run
 
@@ -240,16 +296,75 @@ def _write(folder, about, latest):
             latest[topics.CALIBRATION_REPORT.name].data)['witnesses']['alarms'],
         'notes': diagnosis['notes'],
     }
-    write_csv(cloud_to_run(latest[topics.OBSERVATIONS.name]), folder / 'observations.csv')
+    run = cloud_to_run(latest[topics.OBSERVATIONS.name])
+    model = PointingModel.from_json(latest[topics.MODEL.name].data)
+    report['drive'] = drive_error(run, model, diagnosis['site_deg'],
+                                  bool((report['judged'] or {}).get('taken_back')))
+    write_csv(run, folder / 'observations.csv')
     (folder / 'model.json').write_text(latest[topics.MODEL.name].data + '\n')
     (folder / 'diagnosis.json').write_text(json.dumps(diagnosis, indent=1) + '\n')
     return report
 
 
+def drive_error(run, model, site_deg=None, taken_back=False):
+    """How far the encoders stood from their demand when blind stars were exposed.
+
+    A blind star is missed by what the model lacks and by what the drive left. Only the first
+    stands in the residual of its row, since that takes the encoder as it was read.
+
+    Parameters
+    ----------
+    run : PointingRun
+        All rows of the night.
+    model : PointingModel
+        Published last.
+    site_deg : tuple of float, optional
+        Latitude and longitude, for effects that follow the stars.
+    taken_back : bool
+        The blind stars before the change were pointed with it, not those after.
+
+    Returns
+    -------
+    dict or None
+        ``rms_arcsec`` (radial), ``rms_x_arcsec``, ``rms_y_arcsec``, ``stars``, and
+        ``missed_arcsec``, the radial RMS of the miss distances of the same stars. None where there
+        are no such rows, the zero follows an encoder, or an effect of the model is not known there.
+    """
+    from msg_tools.units import ARCSEC, DEG
+    from pointing_model.rms import rms
+    from pointing_model.run import PointingRun
+    from pointing_model.zero import zeros_in_force
+
+    zeros = zeros_in_force(model)
+    told = all(name in run for name in ('check', 'block', 'miss_x', 'miss_y'))
+    if not told or not zeros or model.provenance.get('zero_follows'):
+        return None
+    blind = (run['check'] == 1.0) & np.isfinite(run['miss_x'])
+    if not blind.any():
+        return None
+    blind &= run['block'] == (np.min if taken_back else np.max)(run['block'][blind])
+    if site_deg is not None:
+        site = dict(zip(('latitude', 'longitude'), np.multiply(site_deg, DEG).tolist()))
+        run = PointingRun(run.columns, {**run.meta, 'site': site})
+    # of the whole night: what an effect remembers lies before these rows
+    if any(rows[blind].any() for rows in model.unknown(run['az'], run['el'], run).values()):
+        return None
+    miss = run['miss_x'][blind], run['miss_y'][blind]
+    left = model.residuals(run, zero=zeros.newest)
+    x, y = ((a[blind] - b) / ARCSEC for a, b in zip(left, miss))
+    return {'rms_arcsec': float(rms(x, y)), 'rms_x_arcsec': float(rms(x)),
+            'rms_y_arcsec': float(rms(y)), 'stars': int(blind.sum()),
+            'missed_arcsec': float(rms(*miss) / ARCSEC)}
+
+
 def _judge(folder, report, told):
     """Add what the scenario did and whether it was found, and write report.json."""
     report['undeclared'] = told
-    report['found'], report['false'] = judgement(told and told['shows_as'], report['effects'])
+    judged = report['judged'] or {}
+    harmful = report['published'] and not judged.get('taken_back') and points_worse(
+        report['blind_before'], report['blind_after'])
+    report['found'], report['false'] = judgement(
+        told and told['shows_as'], report['effects'], report['verdict'], harmful)
     report['files'] = {name: str(folder / file) for name, file in (
         ('log', 'bag'), ('model', 'model.json'), ('observations', 'observations.csv'),
         ('report', 'report.json'), ('diagnosis', 'diagnosis.json'), ('page', 'diagnosis.html'))}

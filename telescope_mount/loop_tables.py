@@ -1,6 +1,13 @@
 """What `close-the-loop` prints."""
 
+from textwrap import shorten
+
 from calibration.tables import new_table
+
+#: characters of an alarm in the table of all
+_ALARM = 36
+#: part of the square of the misses from which on the drive is named
+_DRIVE = 0.25
 
 
 def _arcsec(value):
@@ -75,34 +82,55 @@ def loop_sentences(report):
                        + ', '.join(effect['aliases']))
     if report['judged'] is not None:
         out.append('fresh stars: ' + report['judged']['why'])
+    drive = report.get('drive')
+    if drive and drive['rms_arcsec'] ** 2 > _DRIVE * drive['missed_arcsec'] ** 2:
+        out.append(f'fresh stars: of {drive["missed_arcsec"]:.2f} arcsec that they were missed by, '
+                   f'{drive["rms_arcsec"]:.2f} is the drive (azimuth {drive["rms_x_arcsec"]:.2f}, '
+                   f'elevation {drive["rms_y_arcsec"]:.2f}): the encoders saw that the axes were '
+                   'not where they were sent; no model mends it, look at servo, friction and wind')
     told = report.get('undeclared')
     if told:
         out.append(f'the scenario: {told["what"]}')
         if report['found']:
             out.append(f'found: {report["found"]}'
-                       + (f'; besides: {", ".join(report["false"])}' if report['false'] else ''))
+                       + (f'; besides: {", ".join(report["false"])}' if _besides(report)
+                          else ''))
     return out + report['notes'] + [f'witnesses: {alarm}' for alarm in report['alarms']]
 
 
 def all_table(report):
     """One table of all scenarios; `report` of `close_the_loop.close_all`."""
+    names = ['scenario', 'verdict', 'effects added', 'found', 'before', 'after', 'floor']
+    alarms = any(row.get('alarms') for row in report['scenarios'])
     table = new_table('Miss distance of fresh stars pointed blind, radial RMS on the sky, arcsec',
-                      'scenario', 'verdict', 'effects added', 'found', 'before', 'after', 'floor')
+                      *names, *['alarms'] * alarms)
     # only the names may be broken, and nothing be cut
-    for column, width in zip(table.columns, (10, 10, 20, 8, 6, 5, 5)):
+    widths = (10, 10, 16 if alarms else 20, 8, 6, 5, 5, 14)
+    for column, width in zip(table.columns, widths):
         column.min_width = width
-    for column in (table.columns[0], table.columns[2], table.columns[3]):
-        column.no_wrap, column.overflow = False, 'fold'
+    for column in table.columns:
+        if column.header in ('scenario', 'effects added', 'found', 'alarms'):
+            column.no_wrap, column.overflow = False, 'fold'
     for row in report['scenarios']:
         if 'error' in row:
-            table.add_row(row['scenario'], 'failed', row['error'], '', '', '', '')
+            table.add_row(row['scenario'], 'failed', row['error'])
             continue
         found = row['found'] or ''
-        if row['false']:
+        if _besides(row):
             found += f', {len(row["false"])} besides'
         table.add_row(
             row['scenario'], row['verdict'], '\n'.join(row['applied']) or '–', found,
             _arcsec(row['blind_before'] and row['blind_before']['rms_arcsec']),
             _arcsec(row['blind_after'] and row['blind_after']['rms_arcsec']),
-            _arcsec(row['noise_floor_arcsec']))
+            _arcsec(row['noise_floor_arcsec']), *[_alarms(row)] * alarms)
     return table
+
+
+def _besides(report):
+    """Whether there are effects beside those that were to be found; else all of them are none."""
+    return report['false'] and report['found'] not in ('wrong', 'unknown')
+
+
+def _alarms(row):
+    """The beginning of each alarm of the witnesses: axis, witness, what it did."""
+    return '\n'.join(shorten(alarm, _ALARM, placeholder=' …') for alarm in row['alarms'])

@@ -41,13 +41,15 @@ def pytest_cmdline_main(config):
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    """Files with whole graphs first, then those with nodes: the last to end are short ones."""
+    """Files with whole graphs first, then those with nodes, of each kind the long ones first: the
+    last to end are short ones."""
     files = {}
     for item in items:
         needs = files.setdefault(item.path, set())
         needs.update(item.fixturenames)
-    items.sort(key=lambda item: ('cli' not in files[item.path],
-                                 'ros_domain' not in files[item.path]))
+    order = {path: ('cli' not in needs, 'ros_domain' not in needs, -path.stat().st_size)
+             for path, needs in files.items()}
+    items.sort(key=lambda item: order[item.path])
 
 
 @pytest.fixture(scope='session')
@@ -332,12 +334,22 @@ def only_line(code, out, err):
     return err.rstrip('\n')
 
 
+def _night_in(folder, cli, *more):
+    done = cli('night', '--out', folder / 'night', '--stars', 8, '--polaris', 4, '--seed', 3, *more)
+    assert done.returncode == 0, (done.stdout, done.stderr)
+    (folder / 'stdout').write_text(done.stdout)
+    (folder / 'stderr').write_text(done.stderr)
+
+
 @pytest.fixture(scope='session')
 def night(cli, once):
     """Folder of a short night: 8 stars, Polaris, power off and on, Polaris, 8 stars."""
-    def build(folder):
-        done = cli('night', '--out', folder / 'night', '--stars', 8, '--polaris', 4, '--seed', 3)
-        assert done.returncode == 0, (done.stdout, done.stderr)
-        (folder / 'stdout').write_text(done.stdout)
-        (folder / 'stderr').write_text(done.stderr)
-    return once('night', build) / 'night'
+    return once('night', lambda folder: _night_in(folder, cli)) / 'night'
+
+
+@pytest.fixture(scope='session')
+def other_night(cli, once):
+    """The same night, with the absolute encoder read from images and harmonics in the model."""
+    return once('other_night', lambda folder: _night_in(
+        folder, cli, '--absolute', 'frames', '--harmonics', 'printed',
+        '--harmonics-degree', 1)) / 'night'

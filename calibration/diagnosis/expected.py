@@ -1,7 +1,7 @@
 """The error to be expected on fresh stars, as an interval that can be wrong in the open."""
 
 import numpy as np
-from scipy.stats import f
+from scipy.special import fdtri
 
 from msg_tools.units import ARCSEC
 
@@ -69,7 +69,7 @@ def _error_of_mean(squares):
     without = np.log((sums.sum() - sums) / (n - counts))
     k = len(blocks)
     apart = (k - 1) / k * np.square(without - without.mean()).sum()
-    if apart * n > scatter * f.isf(0.05, k - 1, n):
+    if apart * n > scatter * fdtri(k - 1, n, 0.95):
         return np.sqrt(apart), k - 1
     return np.sqrt(scatter / n), n - 1
 

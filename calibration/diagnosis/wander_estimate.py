@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ..restricted import restricted
 from .constants import EIGEN
 from .wander import STEP, AxisWander, Part, factored, solved
 
@@ -140,22 +141,7 @@ def _likelihood(white, log_det, part):
             own[:, :, None] * rest[:, None, :], part.starts))
         taken, fitted = int(live.sum()), float(np.log(values[live]).sum())
         white = rest - np.einsum('nj,njk->nk', own, np.repeat(p, part.lengths, axis=0))
-    q, logs, count = _orthogonal(white[:, :-1])
-    left = white[:, -1] - q @ (q.T @ white[:, -1])
-    free = max(len(left) - taken - count, 1)
-    variance = max(float(left @ left) / free, 1e-300)
-    return free * np.log(variance) + log_det + fitted + logs, variance
-
-
-def _orthogonal(columns):
-    """Orthonormal columns, ln det of the normal matrix, and how many are determined."""
-    size = np.sqrt(np.einsum('ij,ij->j', columns, columns))
-    size = np.where(size > 0.0, size, 1.0)
-    q, r = np.linalg.qr(columns / size)
-    diagonal = np.abs(np.diag(r))
-    live = diagonal > 1e-6
-    logs = np.log(diagonal[live]) + np.log(size[:len(live)][live])
-    return q[:, live], 2.0 * float(logs.sum()), int(live.sum())
+    return restricted(white, log_det + fitted, taken=taken)
 
 
 def _climb(part, columns, memories, sizes, scale, null, angle, best):

@@ -6,7 +6,8 @@ from msg_tools.units import DEG
 
 from .base import AXES, SIDES, Effect, arcsec, effect, form, offer, single_rows
 
-_MEMORIES = (3.0, 10.0, 30.0)  # degrees
+#: after how many degrees of its way a side is complete, tried
+MEMORIES = (3.0, 10.0, 30.0)
 
 
 @form
@@ -60,7 +61,7 @@ def propose(context, lacking, own):
     for axis in AXES:
         against = single_rows(context, f'approach_{axis}', -1.0, 1.0)
         for driver, what, memories in (('approach', '', (0.0,)),
-                                       ('before', ' with memory', _MEMORIES)):
+                                       ('before', ' with memory', MEMORIES)):
             yield offer('hysteresis', f'{AXES[axis]} hysteresis{what}', context,
                         f'{driver}_{axis}', lambda _, axis=axis, memories=memories: [
                             effect('hysteresis', axis=axis, shape=shape, memory_deg=memory)

@@ -86,7 +86,9 @@ class Exposer:
             reading, rate = self._instruments.exposures.at('enc', stamp)
             enc = np.array(centred(*reading, *miss))
             second = self._second(stamp, miss, reading)
-            self._in_force.take_readings(self._instruments.run, enc, second)
+            second_on = self._instruments.absolute_power_on
+            self._in_force.take_readings(self._instruments.run, enc, second,
+                                         second_on.started if second_on else np.nan)
             if blind:
                 break
             demand = pointing.demand(np.array([stamp]), self._conditions())[0]
@@ -107,14 +109,16 @@ class Exposer:
         return self._row(pointing, block, blind, stamp, miss, enc, second, rate)
 
     def _second(self, stamp, miss, first):
-        """Of the absolute encoder; NaN where it is not known or cannot be."""
+        """Of the absolute encoder; NaN, for each axis, where it is not known or cannot be."""
         try:
             reading, _ = self._instruments.exposures.at('abs', stamp)
         except ValueError:
             return np.full(2, np.nan)
         if not self._instruments.health.second(ABSOLUTE, reading, first):
             return np.full(2, np.nan)
-        return np.array(centred(*reading, *miss))
+        known = np.isfinite(reading)
+        # how an axis centres depends a little on where the other one is
+        return np.where(known, centred(*np.where(known, reading, first), *miss), np.nan)
 
     def _row(self, pointing, block, blind, stamp, miss, enc, second, rate):
         target, (site, air, *_) = pointing.target, self._conditions()
@@ -165,28 +169,36 @@ class Exposer:
                     or not instruments.homed or instruments.stamp > track.end)
 
         yield answered
-        self._note_motion(track, before, found is not None)
+        off = self._note_motion(track, before, found is not None)
         if found is not None:
             self._waiting('')
             self.exposed = found[0]
         elif instruments.homed:
-            silent = ', '.join(instruments.unanswered(value('answer_timeout_s')))
-            self._waiting(f'an answer of {silent}' if silent else 'the mount to come on target')
+            wait = value('answer_timeout_s')
+            beside = off > value('on_target_arcsec') * ARCSEC
+            # whoever is told of a frame off target has answered
+            mute = instruments.silent(wait) if beside else instruments.unanswered(wait)
+            self._waiting(f'an answer of {", ".join(mute)}' if mute else
+                          f'the mount to come on target: {off / ARCSEC:.0f} arcsec off')
         return found
 
     def _note_motion(self, track, before, exposed):
-        """Whether the encoder follows what was commanded, as far as that can be told by now."""
+        """Whether the encoder follows what was commanded, as far as that can be told by now.
+
+        Returns how far off it is, rad; 0 where that cannot be told.
+        """
         instruments = self._instruments
         at = (instruments.stamp - track.start) * 1e-9
         stands = np.array_equal(instruments.here, before)
         # an axis that still slews is where it should be; one that has not begun is not
         told = exposed or instruments.stamp > track.end or (stands and at > BEGUN)
         if not instruments.homed or not told:
-            return
+            return 0.0
         demand = [np.interp(at, track.times, axis) for axis in track.angles.T]
         here = instruments.here
         distance = np.hypot(wrap(here[0] - demand[0]) * np.cos(demand[1]), here[1] - demand[1])
         instruments.health.follows(MOUNT, float(distance), not stands)
+        return float(distance)
 
     def _conditions(self):
         """Those of now; the thermometer's reading is that of before the last exposure."""

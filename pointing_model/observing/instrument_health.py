@@ -208,7 +208,8 @@ class InstrumentHealth:
         """
         reading, first = np.array(reading), np.array(first)
         before, self._pair = self._pair, (reading, first)
-        if before is not None and np.array_equal(before[0], reading) and (
+        if before is not None and np.isfinite(reading).any() and (
+                np.array_equal(before[0], reading, equal_nan=True)) and (
                 np.abs(first - before[1]).max() > OFF_TARGET):
             self._fault(name, 'frozen', 'the same reading as at the star before, to the last bit')
             return False

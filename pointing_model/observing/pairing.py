@@ -8,6 +8,8 @@ from msg_tools.units import wrap
 
 #: readings older than the last by this are of a new simulation, ns
 CLOCK_JUMP = 1_000_000_000
+#: before and after an exposure, over which the rate of an axis is taken, ns
+_HALF = 500_000_000
 ENCODERS = ('enc', 'abs')
 
 
@@ -26,14 +28,14 @@ def interpolate(stamps, angles, stamp):
     Returns
     -------
     angles : ndarray, shape (2,)
-        Radians.
+        Radians; NaN where an axis gave none.
     rates : ndarray, shape (2,)
-        rad/s.
+        Mean over the second about `stamp`, as far as there are readings, rad/s.
 
     Raises
     ------
     ValueError
-        No reading on one side of `stamp`, or none that is finite.
+        No reading on one side of `stamp`.
     """
     stamps = np.asarray(stamps, dtype=np.int64)
     angles = np.asarray(angles, dtype=float).reshape(-1, 2)
@@ -43,11 +45,14 @@ def interpolate(stamps, angles, stamp):
     if i == 0 or i >= len(stamps):
         raise ValueError('no encoder readings on both sides of the exposure')
     low, high = angles[i - 1], angles[i]
-    if not np.isfinite([low, high]).all():
-        raise ValueError('encoder reading is not a number: home the encoder')
     span = float(stamps[i] - stamps[i - 1])
     step = np.array([wrap(high[0] - low[0]), high[1] - low[1]])
-    return low + step * (float(stamp - stamps[i - 1]) / span), step / (span * 1e-9)
+    # over a second: two readings a tenth of a second apart show a slip, not how the axis moves
+    first, last = np.searchsorted(stamps, [stamp - _HALF, stamp + _HALF + 1])
+    first, last = min(first, i - 1), max(last - 1, i)
+    way = np.array([wrap(angles[last, 0] - angles[first, 0]), angles[last, 1] - angles[first, 1]])
+    rate = way / (float(stamps[last] - stamps[first]) * 1e-9)
+    return low + step * (float(stamp - stamps[i - 1]) / span), rate
 
 
 def centred(az, el, miss_x, miss_y):
@@ -130,9 +135,16 @@ class Exposures:
         self._frames.append((stamp, x, y))
 
     def at(self, encoder, stamp):
-        """Angles and rates of an encoder at `stamp`; see `interpolate`."""
+        """Angles and rates of an encoder at `stamp`; see `interpolate`.
+
+        The absolute encoder may give one axis alone; without both of the incremental one no star
+        can be pointed at: ValueError.
+        """
         readings = self._readings[encoder]
-        return interpolate([s for s, _ in readings], [a for _, a in readings], stamp)
+        angles, rates = interpolate([s for s, _ in readings], [a for _, a in readings], stamp)
+        if encoder == 'enc' and not np.isfinite(angles).all():
+            raise ValueError('encoder reading is not a number: home the encoder')
+        return angles, rates
 
     def take(self, tolerance, refuse):
         """The next frame on the commanded track that has readings of both encoders around it.

@@ -124,6 +124,21 @@ class Sequencer:
         self._calibrated = count
         self.advance()
 
+    def rows_turned_up(self):
+        """Somebody has rows of the night: a plan that has begun without any begins again.
+
+        Who is discovered first is not told, and the calibration may be the last. A plan that has
+        not yet given a row goes back to waiting for the graph, and so for the rows.
+        """
+        if not (self._steps.busy and self.begun) or len(self._table):
+            return
+        self._out.get_logger().info('the calibration has rows of the night so far: '
+                                    'the plan begins again, with them')
+        self.begun = False
+        self._progress = Progress()
+        self._steps = Steps(self._ended)
+        self.start(self._plan)
+
     def take_up(self, run, stamp, left):
         """Take the rows of the night so far, and where its plan stood, before a plan begins.
 

@@ -17,7 +17,8 @@ def add(commands):
                       help='a measured run: CSV, TPOINT, MMT, IRAM, or a log; judged on rows that '
                       'were kept out')
     what.add_argument('--scenario', help='instead: what is wrong with the simulated mount, a name '
-                      '(loop_*), a YAML file, or "all" for every loop_* of the package')
+                      '(loop_*, mount_*), a YAML file, a pattern such as "mount_*" for all of them '
+                      'in one table, or "all" for every loop_*')
     options.add_out(parser, 'loop', 'log, model, reports and page')
     options.add(parser, 'seed')
     parser.add_argument('--stars', type=options.whole(12, 5000), default=90,
@@ -39,7 +40,7 @@ def run(args):
     """Observe or take, diagnose, observe again, print, write."""
     from calibration.diagnosis.rows_told import expected_sentence, outlier_sentence, used_sentence
 
-    from ..close_the_loop import close_all, close_the_loop
+    from ..close_the_loop import ALL, close_all, close_the_loop
     from ..loop_tables import all_table, loop_sentences, loop_tables
     from .console import Progress, new_console, print_files, print_lines
     chosen = {
@@ -48,8 +49,9 @@ def run(args):
         'domain_number': args.domain}
     console = new_console()
     with Progress(console) as progress:
-        if args.scenario == 'all':
-            report = close_all(args.out, progress=progress, **chosen)
+        several = ALL if args.scenario == 'all' else args.scenario or ''
+        if set(several) & set('*?['):
+            report = close_all(args.out, names=several, progress=progress, **chosen)
         else:
             report = close_the_loop(
                 args.out, scenario=args.scenario or '', file=args.file,

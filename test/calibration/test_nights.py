@@ -95,9 +95,11 @@ def test_after_the_calibration_the_means_are_within_their_errors(nights):
         assert after['x_rms_arcsec'] < 0.95 * after['az_rms_arcsec']  # times cos E
 
 
-def test_predicted_errors_are_those_that_come_out():
+def test_predicted_errors_are_those_that_come_out(monkeypatch):
+    # what a diagnosis may expect takes most of the time of a fit, and nothing here asks for it
+    monkeypatch.setattr('calibration.session_diagnosis.expected_of_fit', lambda *args: None)
     chi = []
-    for seed in range(40):
+    for seed in range(30):
         series = NightSeries(2)
         for run in (-1, 1):
             series.add(night(run, seed, stars=12), run + 10)
@@ -106,7 +108,7 @@ def test_predicted_errors_are_those_that_come_out():
         after = report['nights'][0]['physical']['after']
         chi.append([after[f'{axis}_mean_arcsec'] / after[f'{axis}_sigma_arcsec']
                     for axis in ('az', 'el')])
-    # 40 values: their RMS is known to 11 %
+    # 30 values: their RMS is known to 13 %
     assert np.sqrt(np.mean(np.square(chi), axis=0)) == pytest.approx([1.0, 1.0], abs=0.35)
 
 

@@ -49,10 +49,17 @@ def session(*blocks, fit=True, **options):
     return out
 
 
-def test_the_effect_is_added_and_stars_that_nothing_has_seen_gain():
+@pytest.fixture(scope='module')
+def eccentric():
+    """A night with a disc off its axis and blind stars: its model before, itself, its diagnosis."""
     night = session(block(70, 1, eccentric=8.0), block(8, 2, eccentric=8.0, polaris=True),
                     block(25, 3, eccentric=8.0, check=1.0))
-    found = night.diagnose(site=SITE)
+    fitted = night.model
+    return fitted, night, night.diagnose(site=SITE)
+
+
+def test_the_effect_is_added_and_stars_that_nothing_has_seen_gain(eccentric):
+    _, night, found = eccentric
     assert found.document['verdict'] == 'identified'
     assert found.document['applied'] == ['azimuth_encoder_1']
     cos, sin = (found.model.effects[0].coefficients / ARCSEC)
@@ -64,14 +71,11 @@ def test_the_effect_is_added_and_stars_that_nothing_has_seen_gain():
     assert night.zeros_in_force == found.zeros
 
 
-def test_rows_kept_out_change_nothing_but_the_judgement():
-    rows = block(70, 1, eccentric=8.0), block(8, 2, eccentric=8.0, polaris=True)
+def test_rows_kept_out_change_nothing_but_the_judgement(eccentric):
+    fit_a, _, a = eccentric
     good, wild = (block(25, 3, eccentric=size, check=1.0) for size in (8.0, 400.0))
-    results = []
-    for kept in (good, wild):
-        night = session(*rows, kept)
-        results.append((night.model, night.diagnose(site=SITE)))
-    (fit_a, a), (fit_b, b) = results
+    night = session(block(70, 1, eccentric=8.0), block(8, 2, eccentric=8.0, polaris=True), wild)
+    fit_b, b = night.model, night.diagnose(site=SITE)
     assert fit_a.terms == fit_b.terms
     assert a.model.to_json() == b.model.to_json()
     assert a.zeros == b.zeros
@@ -294,11 +298,18 @@ def test_blind_stars_take_back_a_model_that_is_worse():
     assert night.judge(site=SITE).document['judged']['taken_back'] is False
 
 
-def test_blind_stars_leave_a_good_model_in_force():
+@pytest.fixture(scope='module')
+def amended():
+    """Rows of a night, a session with all but the last of them for one test, its diagnosis."""
     stars, first, later = after(block(70, 1, eccentric=8.0), block(15, 3, eccentric=8.0, check=1.),
                                 block(20, 4, eccentric=8.0, check=1.0))
-    night = session(stars, block(8, 2, eccentric=8.0, polaris=True), first)
-    amended = night.diagnose(site=SITE)
+    rows = stars, block(8, 2, eccentric=8.0, polaris=True), first, later
+    night = session(*rows[:3])
+    return rows, night, night.diagnose(site=SITE)
+
+
+def test_blind_stars_leave_a_good_model_in_force(amended):
+    (stars, *_, later), night, amended = amended
     night.add(later, 9 * 10**9)
     held = night.judge(site=SITE)
     assert held.document['judged']['why'].startswith('holds: 20 rows')
@@ -309,12 +320,9 @@ def test_blind_stars_leave_a_good_model_in_force():
         session(stars, fit=False).judge()
 
 
-def test_a_diagnosis_as_of_then_knows_no_later_rows():
-    stars, first, later = after(block(70, 1, eccentric=8.0), block(15, 3, eccentric=8.0, check=1.),
-                                block(20, 4, eccentric=8.0, check=1.0))
-    rows = stars, block(8, 2, eccentric=8.0, polaris=True), first
-    then = session(*rows).diagnose(site=SITE)
-    night = session(*rows, later)
+def test_a_diagnosis_as_of_then_knows_no_later_rows(amended):
+    rows, _, then = amended
+    night = session(*rows)
     again = night.diagnose(site=SITE, until=3 * 10**9)
     assert then.document == again.document
     assert then.model.terms == again.model.terms

@@ -71,7 +71,7 @@ def test_a_walk_is_found_and_followed_to_its_noise():
             left = walk.path / ARCSEC - (path - path.mean())
             assert np.sqrt(np.mean((left - left.mean()) ** 2)) < 0.6
             assert 0.15 < walk.step / ARCSEC < 0.8 and 0.1 < walk.noise / ARCSEC < 0.6
-    assert found >= 19
+    assert found >= 18
 
 
 @pytest.mark.parametrize('what', ['disc', 'finer', 'step', 'drift', 'spikes', 'power-on'])
@@ -110,6 +110,46 @@ def test_the_stars_say_which_encoder_wanders():
                                      if not k.endswith('_abs')}))
     # too few stars to tell
     assert not followed(night(1, walk_of(1, 0.9, 28), stars=8, polaris=20))
+
+
+def test_a_coupling_that_winds_up_is_no_walk():
+    mistaken = told = beside = 0
+    for seed in range(4):
+        rng = np.random.default_rng(seed + 70)
+        # it comes from one side for some stars, then from the other
+        side = np.cumprod(np.where(rng.uniform(size=106) < 0.1, -1.0, 1.0))
+        for path in (0.0, walk_of(seed, 0.8)):
+            rows = night(seed, 3.0 * side + path, axis='az')
+            known = PointingRun({**rows.columns, 'approach_az': side, 'approach_el': 0.0 * side})
+            if np.ndim(path):
+                beside += list(followed(known).axes) == ['az']
+            else:
+                mistaken, told = mistaken + bool(followed(rows)), told + bool(followed(known))
+    assert mistaken >= 2 and told == 0  # where the side is not known; where it is
+    assert beside >= 3  # what walks beside it still does
+
+
+def test_noise_that_soon_forgets_is_no_walk():
+    alarms = 0
+    for seed in range(60):
+        apart, angle, run = plain(106, seed)
+        for k in range(1, len(apart)):
+            apart[k] = 0.6 * apart[k - 1] + 0.8 * apart[k]
+        walk = find_walk(apart, angle, run)
+        alarms += walk is not None and walk.lead > 2.0 * np.log(100.0)
+    assert alarms == 0
+
+
+def test_the_reference_is_of_a_power_on_of_the_absolute_encoder():
+    rows = night(1, walk_of(1, 0.6, 166), kept=60)
+    start = np.where(np.arange(166) < 120, START, START + 1800.0)
+    cycled = PointingRun({**rows.columns, 'absolute_start': start})
+    cycled['el_abs'][120:] += 40.0 * ARCSEC
+    follows = followed(cycled)
+    assert list(follows.axes) == ['el'] and follows.axes['el'].starts == {1: START}
+    # seen again on Polaris since, it is followed from there
+    cycled['star'][150:] = POLARIS_HIP
+    assert followed(cycled).axes['el'].starts == {1: START + 1800.0}
 
 
 def test_the_reason_is_named():
@@ -155,11 +195,11 @@ def test_a_night_whose_counts_wander_points_as_a_quiet_one():
     assert not Following.of(plain_model)
 
 
-def test_an_alarm_that_the_amended_model_explains_is_taken_back():
+def test_a_disc_off_its_axis_that_the_model_lacks_is_no_alarm():
     rows = night(6, bent=lambda az: 9.0 * np.cos(az - 0.8), kept=20)
     told = session(rows)
     _, report = told.fit()
-    assert any('both or mount moved' in alarm for alarm in report['witnesses']['alarms'])
+    assert report['witnesses']['alarms'] == []
     found = told.diagnose()
     assert found.document['applied'] == ['azimuth_encoder_1']
     assert told.report['witnesses']['alarms'] == [] and told.report['verdict'] == 'identified'

@@ -168,6 +168,30 @@ def test_a_small_difference_of_two_large_jumps_is_found_with_them():
     assert named.count('both encoders') >= 5
 
 
+def causes_named(jump, seeds, since, short='el'):
+    """Causes that are named of a jump of (incremental, absolute), arcsec."""
+    out = []
+    for seed in seeds:
+        rows = night(seed)
+        columns = {name: values.copy() for name, values in rows.columns.items()}
+        for encoder, value in zip(('enc', 'abs'), jump):
+            columns[f'{short}_{encoder}'][since:] += value * ARCSEC
+        report = check_witnesses(PointingRun(columns), model=mount())
+        out.append([event.moved for event in report.events])
+    return out
+
+
+@pytest.mark.parametrize('cause, jump', [
+    # 0.35" of a reading: 0.08" of a step of the difference; 1": 0.25" of one against the sky
+    ('incremental encoder', (2.0, 0.0)), ('absolute encoder', (0.0, -2.0)),
+    ('both encoders', (2.0, -2.0)), ('both encoders', (2.45, 2.0)),
+    ('both or mount', (2.0, 2.0))])
+@pytest.mark.parametrize('since', [25, 50])
+def test_who_moved_at_a_moment_that_nobody_knows(cause, jump, since):
+    said = causes_named(jump, range(40, 46), since)
+    assert sum(one == [cause] for one in said) >= 5, said
+
+
 def cycled(rows, since=46):
     """The rows, with Polaris again behind a power-on of the absolute encoder alone."""
     other = night(7)

@@ -204,13 +204,20 @@ absolute:
     bar_shift: 0.2, heads: 2, mounting: reversed, geometry: tangent, bar_pitch_px: 60,
     scale_error_percent: 0.1, blur_px: 8, exposure_us: 200, shading_tilt_percent: 5,
     shading_falloff_percent: 10, pixel_nonuniformity_percent: 1, disc_dust: 5, ccd_dust: 1,
-    dust_size_px: 40, noise: 1.5, full_well_ke: 60, method: paper}
+    dust_size_px: 40, noise: 1.5, full_well_ke: 60, method: paper, tilt_deg: 0.1,
+    tilt_phase_deg: 10, runout_um: 20, runout_phase_deg: 30, focus_error_um: -5,
+    defocus_px_per_um: 0.03, lean_deg: 0.5, image_percent_per_mm: 2, lamp_left_percent: 80,
+    lamp_halving_h: 5, stamp_jitter_ms: 2, late_stamps_percent: 1, late_by_ms: 40}
 """)
     params = load_scenario(path).absolute.azimuth
     changed = {'bar_position_error': 0.5e-6, 'missing_bars': 0.02, 'shifted_bars': 0.03,
                'bar_shift': 0.2, 'scale_error': 0.001, 'exposure': 2e-4, 'shading_tilt': 0.05,
                'shading_falloff': 0.1, 'pixel_nonuniformity': 0.01, 'dust_size': 40.0,
-               'full_well': 60e3, 'bar_pitch': 60.0, 'blur': 8.0}
+               'full_well': 60e3, 'bar_pitch': 60.0, 'blur': 8.0, 'tilt': np.deg2rad(0.1),
+               'tilt_phase': np.deg2rad(10.0), 'runout': 20e-6, 'runout_phase': np.deg2rad(30.0),
+               'focus_error': -5e-6, 'defocus_slope': 3e4, 'lean': np.deg2rad(0.5),
+               'image_growth': 20.0, 'lamp_left': 0.8, 'lamp_halving': 18000.0,
+               'stamp_jitter': 2e-3, 'late_stamps': 0.01, 'late_by': 0.04}
     assert {name: getattr(params, name) for name in changed} == pytest.approx(changed)
     assert (params.heads, params.mounting, params.geometry, params.method) == (
         2, 'reversed', 'tangent', 'paper')

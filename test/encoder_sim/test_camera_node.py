@@ -151,3 +151,27 @@ def test_of_a_star_and_a_satellite_the_one_that_is_followed_is_measured(graph):
     # it moves 30 arcsec a second: seen, but smeared
     shutter.node.set_parameters([Parameter('smear_limit_arcsec', value=5.0)])
     assert np.isnan(shutter(stay)).all()
+
+
+def test_an_image_is_where_the_axes_were_on_the_mean(graph, few_stars):
+    shutter = Shutter(graph, scenario=few_stars)
+
+    def slipping(stamp):  # for most of the exposure 8 arcsec high, at its ends and middle not
+        part = (stamp - shutter.begin) / 1e9
+        high = 8.0 * ARCSEC * (part not in (0.0, 0.5, 1.0))
+        return place(SIRIUS, stamp) + [0.0, high]
+    miss = shutter(slipping, samples=17, step=62_500_000)
+    np.testing.assert_allclose(miss / ARCSEC, [0.0, -8.0 * 14 / 16], rtol=0, atol=0.05)
+
+
+def test_the_wind_bends_the_tube_unseen_by_the_axes(graph, tmp_path):
+    path = tmp_path / 'windy.yaml'
+    path.write_text('based_on: ideal\ncamera: {mag_limit: -1.0}\n'
+                    'wind: {speed_m_s: 10.0, origin_deg: 0.0, intensity_percent: 0.0, '
+                    'shelter_percent: 0.0, bending_arcsec: 20.0}\n')
+    shutter = Shutter(graph, scenario=str(path))
+    miss = shutter(lambda stamp: place(SIRIUS, stamp))
+    az, el = place(SIRIUS, shutter.begin)
+    # a wind from the north takes the boresight south, and the star is on the other side
+    wanted = 20.0 * np.array([-np.sin(az), -np.sin(el) * np.cos(az)])
+    np.testing.assert_allclose(miss / ARCSEC, wanted, rtol=0, atol=0.05)

@@ -86,6 +86,22 @@ def test_the_servo_makes_the_encoder_read_the_demand_not_the_axis(graph, driftin
     graph.report('mount_simulator', 'ok')
 
 
+def test_the_encoder_is_behind_by_the_twist_of_its_coupling_and_what_sticks_is_seen(
+        graph, tmp_path):
+    path = tmp_path / 'worn.yaml'
+    path.write_text('based_on: ideal\ncoupling: {azimuth: {wind_up_arcsec: 40.0}}\n'
+                    'drives: {elevation: {stick_arcsec: 1.0}}\n')
+    desk = Desk(graph, scenario=str(path), sample_rate_hz=1.0)
+    desk.home()
+    for az, sense in ((200.0, 1.0), (190.0, -1.0)):
+        desk.command(az, 60.0)
+        stamps, truth = desk.exposure(desk.truth)
+        reading = desk.exposure(desk.encoder)[1]
+        twist = (truth - reading)[:, 0] / ARCSEC
+        np.testing.assert_allclose(twist, 40.0 * sense, rtol=0, atol=0.1)
+        np.testing.assert_array_equal(np.diff(stamps), 100_000_000)  # restless: 10 Hz
+
+
 def test_an_exposure_has_its_length_and_its_samples(graph):
     desk = Desk(graph, exposure_s=4.0, sample_rate_hz=2.0)
     desk.home()

@@ -124,6 +124,35 @@ def test_a_zero_of_another_model_does_not_follow():
     np.testing.assert_allclose(now.zero_sigma / ARCSEC, 1.0)
 
 
+def test_a_power_on_of_the_absolute_encoder_stops_it():
+    follows = Following({'el': AxisFollowing(DISCS, {1: 8.0 * ARCSEC, 2: -3.0 * ARCSEC},
+                                             starts={1: 1000.5})})
+    np.testing.assert_array_equal(
+        follows.stopped([1, 1, 1, 2], [1000.5, 2000.0, np.nan, 2000.0]),
+        [False, True, False, False])
+    rows, moved = table([0, 0, 0, 0, 1])
+    rows = PointingRun({**rows.columns,
+                        'absolute_start': np.array([1000.5, 1000.5, 2000.0, 2000.0, 2000.0])})
+    # it has another zero from then on: what had been seen by then stays
+    rows['el_abs'][2:] += 60.0 * ARCSEC
+    off = (rows['el_enc'] - follows.corrected(rows)['el_enc']) / ARCSEC
+    np.testing.assert_allclose(off, moved[[0, 1, 1, 1, 1]] / ARCSEC, atol=1e-6)
+    again = Following.of(PointingModel({}, provenance={
+        KEY: json.loads(json.dumps(follows.document()))}))
+    assert again.axes['el'].starts == {1: 1000.5}
+
+    now = InForce(PointingModel({}, provenance={KEY: follows.document()}))
+    now.take_zero(1, RunZero(0.0, 0.0, np.eye(2) * ARCSEC**2, 1))
+    incremental, absolute, moved = readings()
+    now.take_readings(1, incremental[:, 0], absolute[:, 0], 1000.5)
+    assert now.complaints() == []
+    now.take_readings(1, incremental[:, 1], absolute[:, 1] + 60.0 * ARCSEC, 2000.0)
+    np.testing.assert_allclose(now.zero_now[1] / ARCSEC, moved[0] / ARCSEC, atol=1e-6)
+    assert now.following().startswith('absolute encoder: stopped, it was switched off and on')
+    (complaint,) = now.complaints()
+    assert 'no longer follows the absolute encoder' in complaint and 'calibrate_zero' in complaint
+
+
 def test_streams_of_both_encoders_are_paired_where_the_mount_is_slow():
     both = Difference()
     tick = 10**8

@@ -1,4 +1,4 @@
-"""The eleven nights of paper 000 through the graph, with few stars."""
+"""Nights of paper 000 through the graph, the first of eleven and with few stars."""
 
 import csv
 import json
@@ -10,13 +10,16 @@ from calibration.paper_table_1 import COLUMNS, PAPER_TABLE_1
 from msg_tools.bag import BagReader
 from pointing_model.observing.plan import parse_plan
 from pointing_model.run_files import read_run
-from telescope_mount.experiment import NIGHTS, experiment_plan
+from telescope_mount.experiment import SATELLITE_NIGHT, experiment_plan
+
+NIGHTS = SATELLITE_NIGHT + 1
 
 
 @pytest.fixture(scope='module')
 def experiment(cli, tmp_path_factory):
     folder = tmp_path_factory.mktemp('experiment') / 'out'
-    done = cli('experiment', '--out', folder, '--stars', 8, '--polaris', 4, '--satellite', 3)
+    done = cli('experiment', '--out', folder, '--nights', NIGHTS, '--stars', 8, '--polaris',
+               4, '--satellite', 3)
     assert done.returncode == 0, (done.stdout, done.stderr)
     assert done.stderr == ''
     (folder.parent / 'stdout').write_text(done.stdout)
@@ -67,7 +70,7 @@ def test_one_log_holds_all_nights(experiment):
     np.testing.assert_allclose(np.diff(evenings), 86400.0, atol=300.0)
     names = [message.topic for message in bag.messages()]
     assert names.count('/mount/observation') == len(rows)
-    assert names.count('/mount/zero') >= 13
+    assert names.count('/mount/zero') >= NIGHTS + 2
 
 
 def test_what_is_printed(experiment):

@@ -34,7 +34,7 @@ def test_nine_of_ten_effects_of_that_size_are_found():
     names = ('azimuth_encoder_1', 'elevation_nod_2', 'azimuth_zero_with_time',
              'elevation_hysteresis')
     found = half = 0
-    for i in range(100):
+    for i in range(60):
         problem, chance, rows = of(clean(rng), rng)
         name = names[i % len(names)]
         group = [e.name for e in problem.dictionary.effects].index(name)
@@ -46,7 +46,7 @@ def test_nine_of_ten_effects_of_that_size_are_found():
         found += bool(search(problem, 0.01, chance).chosen)
         problem.b = b + 0.5 * signal
         half += bool(search(problem, 0.01, chance).chosen)
-    assert 82 <= found <= 98 and half < 50  # 90 expected, 2.7 standard deviations
+    assert 48 <= found <= 59 and half < 30  # 54 expected, 2.6 standard deviations
 
 
 def test_noise_and_rows_tell_the_size():

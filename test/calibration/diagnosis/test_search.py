@@ -1,5 +1,8 @@
 """The search behind the diagnosis: its algebra, its chance level, no look at held-out rows."""
 
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -19,35 +22,14 @@ from calibration.diagnosis.scores import Bank
 from calibration.diagnosis.search import search
 from calibration.diagnosis.standing import standing
 from calibration.diagnosis.validation import nested
-from calibration.diagnosis.wander import AxisWander, Sequence, White, Whitened
-from calibration.diagnosis.wander_estimate import estimate
+from calibration.diagnosis.wander import White
 from msg_tools.units import ARCSEC
-from pointing_model.context import Context
-from pointing_model.effects import dictionary, effect, smooths, steps
-from pointing_model.terms import PHYSICAL, stacked_design
+from pointing_model.effects import effect
+from pointing_model.terms import stacked_design
 
+sys.path.append(str(Path(__file__).parent))
 
-def make_context(rng, n=60):
-    az = rng.uniform(0.0, 2.0 * np.pi, n)
-    el = np.arcsin(rng.uniform(0.34, 0.99, n))
-    columns = {
-        'time': 1.7e9 + np.cumsum(rng.uniform(60.0, 120.0, n)),
-        'temperature': rng.normal(8.0, 2.0, n), 'approach_az': rng.choice([-1.0, 1.0], n),
-        'approach_el': rng.choice([-1.0, 1.0], n), 'magnitude': rng.uniform(1.0, 6.0, n)}
-    return Context(az, el, columns)
-
-
-def make_problem(seed, n=60, signal=None, curves=False, noise=None):
-    rng = np.random.default_rng(seed)
-    context = make_context(rng, n)
-    e = rng.normal(size=(2, n)) if noise is None else noise(rng, context)
-    b = e * ARCSEC
-    if signal is not None:
-        b = b + signal(context)
-    effects = dictionary(context)[0] + steps(context)
-    return Problem(Columns(stacked_design(PHYSICAL, context.az, context.el)), b.ravel(), None,
-                   Bank(effects, context), Bank(smooths(context) if curves else [], context),
-                   Sequence.of(context, np.zeros(n, int)))
+from simulated import make_context, make_problem
 
 
 def index(problem, name):
@@ -260,64 +242,6 @@ def test_cross_validation_tells_gain_from_decoration():
                    Chance(60, 99, np.random.default_rng(3)), [folds])
     assert both.found.chosen == [good] and idle in [
         *both.found.dropped, *both.found.dropped_by_cv]
-
-
-def wandering_noise(sequence, variance, memory, rng):
-    gap = np.abs(sequence.position[:, None] - sequence.position)
-    root = np.linalg.cholesky(np.exp(-gap / memory) + 1e-9 * np.eye(len(gap)))
-    return np.sqrt(variance) * root @ rng.normal(size=len(gap))
-
-
-def test_rows_that_wander_are_whitened_exactly():
-    rng = np.random.default_rng(21)
-    context = make_context(rng, 40)
-    run = np.repeat([0, 1], 20)
-    sequence = Sequence.of(context, run)
-    root = rng.uniform(0.5, 2.0, 80)
-    root[5] = root[45] = 0.0
-    wander = AxisWander(2.0, 900.0, True), AxisWander(0.5, 300.0)
-    white = Whitened(root, sequence, wander)
-    gap = np.where(run[:, None] == run, np.abs(
-        context.get('time')[:, None] - context.get('time')), np.inf)
-    values, log_det = rng.normal(size=(3, 80)), 0.0
-    squares, spread = np.zeros(3), np.zeros(3)
-    for part, one, factor in ((slice(0, 40), wander[0], np.cos(context.el)),
-                              (slice(40, 80), wander[1], np.ones(40))):
-        keep = root[part] > 0.0
-        v = np.diag(1.0 / np.square(root[part][keep])) + (
-            one.variance * np.outer(factor, factor) * np.exp(-gap / one.memory))[keep][:, keep]
-        here = values[:, part][:, keep]
-        squares += np.einsum('ki,ij,kj->k', here, np.linalg.inv(v), here)
-        spread += np.einsum('ki,ij,kj->k', here, v, here)
-        log_det += np.linalg.slogdet(v)[1]
-    assert np.allclose(np.square(white(values)).sum(axis=1), squares)
-    assert np.allclose(np.square(white.spread(values)).sum(axis=1), spread)
-    assert white.log_det == pytest.approx(log_det)
-    kept = values * (root > 0.0)
-    assert np.allclose(white(white.coloured(kept)), kept)
-    assert np.allclose(white(values)[:, [5, 45]], 0.0)
-
-
-def test_a_wander_is_estimated_and_white_noise_is_left_white():
-    found, white = [], []
-    for seed in range(20):
-        problem = make_problem(400 + seed, 120)
-        sequence = problem.sequence
-        rng = np.random.default_rng(seed)
-        state = problem.plain.state([])
-        rows = problem.base.common
-        white.append(max(w.gain for w in estimate(
-            sequence, state.white.root, state.scale, rows, problem.b)))
-        b = problem.b.copy()
-        b[120:] += wandering_noise(sequence, 4.0 * ARCSEC**2, 1800.0, rng)
-        state = fit_state(problem.base, b)
-        found.append(estimate(sequence, state.white.root, state.scale, rows, b)[1])
-    # how far it moves in ten minutes; size and memory alone are hard to tell apart
-    moves = [np.sqrt(2.0 * w.variance * -np.expm1(-600.0 / w.memory)) / ARCSEC for w in found]
-    assert np.median(moves) == pytest.approx(
-        np.sqrt(8.0 * -np.expm1(-600.0 / 1800.0)), rel=0.2)
-    assert np.median([w.scale / ARCSEC for w in found]) == pytest.approx(1.0, rel=0.15)
-    assert min(w.gain for w in found) > 10.0 and np.median(white) < 3.0
 
 
 def test_new_runs_refit_their_own_terms_only():

@@ -37,13 +37,25 @@ def test_outside_the_readings_is_refused(stamp):
         interpolate([NS, NS + SECOND], np.zeros((2, 2)), stamp)
 
 
+def test_a_slip_beside_the_exposure_is_no_rate_of_the_axis():
+    stamps = NS + np.arange(41) * SECOND // 10
+    angles = np.stack([15.0 * ARCSEC * np.arange(41) / 10, np.zeros(41)], axis=1)
+    angles[21:, 0] += 3.0 * ARCSEC  # it sticks, and jumps
+    value, rate = interpolate(stamps, angles, NS + 205 * SECOND // 100)
+    assert value[0] / ARCSEC == pytest.approx(15.0 * 2.05 + 1.5)
+    assert rate[0] / ARCSEC == pytest.approx(15.0 + 3.0, rel=0.12)
+    assert interpolate(stamps, angles, NS + SECOND)[1][0] / ARCSEC == pytest.approx(15.0)
+
+
 def test_too_few_or_unknown_readings_are_refused():
     with pytest.raises(ValueError, match='both sides'):
         interpolate([], [], NS)
     with pytest.raises(ValueError, match='both sides'):
         interpolate([NS], [[0.0, 0.0]], NS)
+    lost = exposures([1.5], angle=(1.0, np.nan))
     with pytest.raises(ValueError, match='home the encoder'):
-        interpolate([NS, NS + 2], [[0.0, 0.0], [np.nan, 0.0]], NS + 1)
+        lost.at('enc', NS + SECOND // 2)
+    np.testing.assert_array_equal(lost.at('abs', NS + SECOND // 2)[0], [1.0, np.nan])
 
 
 @pytest.mark.parametrize('el', [0.0, 45.0, 80.0, -30.0])

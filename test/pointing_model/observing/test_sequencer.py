@@ -1,184 +1,18 @@
 """The plan on instruments and a clock of the test, without ROS."""
 
-import json
-import logging
-from types import SimpleNamespace
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from msg_tools.units import ARCSEC, DEG, wrap
-from pointing_model.following import KEY, AxisFollowing, Following
-from pointing_model.in_force import InForce
-from pointing_model.model import PointingModel
-from pointing_model.observing.instruments import ABSOLUTE, CAMERA, MOUNT, Instruments
-from pointing_model.observing.sequencer import Sequencer
-from pointing_model.observing.table import Table
 from pointing_model.sky import DEFAULT_SITE, DEFAULT_WEATHER, Site, observed_place
 from pointing_model.star_catalogue import POLARIS_HIP, load_catalogue
-from pointing_model.zero import RunZero
 
-START = 1_768_482_000_000_000_000  # 2026-01-15T13:00:00
-SECOND = 10**9
-#: of the exposure after its command: on a knot, where every way to interpolate agrees
-EXPOSURE = 20 * SECOND
-SETTINGS = {
-    'magnitude_limit': 3.5, 'star_seed': 1, 'min_elevation_deg': 20.0, 'max_elevation_deg': 85.0,
-    'recentre_arcsec': 60.0, 'on_target_arcsec': 30.0, 'slew_rate_deg_s': 4.0,
-    'answer_timeout_s': 5.0, 'satellite': '', 'satellite_interval_s': 90.0}
+sys.path.append(str(Path(__file__).parent))
 
-
-class Service:
-    """A service of the bench; it answers at once."""
-
-    srv_type = SimpleNamespace(Request=lambda: None)
-
-    def __init__(self, bench, verb):
-        self.bench, self.verb, self.srv_name = bench, verb, f'/mount/{verb}'
-
-    def service_is_ready(self):
-        return self.verb in self.bench.services
-
-    def call_async(self, request):
-        self.bench.calls.append(self.verb)
-        answer = self.bench.services[self.verb]()
-        return SimpleNamespace(
-            done=lambda: True, add_done_callback=lambda callback: callback(None),
-            result=lambda: SimpleNamespace(success=answer[0], message=answer[1]))
-
-
-class Bench:
-    """Mount, encoders, camera, clocks and the other side of every topic."""
-
-    def __init__(self, plan='', homed=True, **settings):
-        self.settings = SETTINGS | settings
-        self.stamp, self.wall = START, 1000.0
-        self.position = np.array([3.0, 0.8])
-        self.error = np.zeros(2)  # of the encoder
-        self.miss = lambda number: (1e-6 * ARCSEC * number, 0.0)  # rad, None: no frame
-        self.answers = {MOUNT, ABSOLUTE, CAMERA}
-        self.site, self.lacks = DEFAULT_SITE, []
-        self.services, self.calls = {}, []
-        self.commands, self.rows, self.tables, self.checks = [], [], [], []
-        self.statuses, self.refused, self.pending = [], [], None
-        self.instruments = Instruments(1, wall=lambda: self.wall)
-        self.in_force, self.table = InForce(), Table()
-        self.plan = Sequencer(self, self.instruments, self.in_force, self.table)
-        if homed:
-            self.read(self.stamp, self.position)
-        if plan:
-            self.plan.start(plan)
-
-    # what the sequencer asks for
-
-    def value(self, name):
-        return self.settings[name]
-
-    def sky(self):
-        return self.site, DEFAULT_WEATHER
-
-    def now(self):
-        return self.stamp
-
-    def waiting_for(self):
-        return self.lacks
-
-    def client(self, verb):
-        return Service(self, verb)
-
-    def get_logger(self):
-        return logging.getLogger('bench')
-
-    def refuse_frame(self, reason):
-        self.refused.append(reason)
-
-    def send_command(self, track):
-        self.commands.append(track)
-        self.pending = track
-
-    def send_row(self, run, stamp):
-        self.rows.append(run)
-
-    def send_table(self, run, stamp):
-        self.tables.append(run)
-
-    def send_checks(self, text):
-        self.checks.append(json.loads(text)['checks'])
-
-    def send_status(self, progress, text):
-        self.statuses.append((progress, text))
-
-    # the instruments
-
-    def read(self, stamp, angles):
-        self.stamp = stamp
-        if MOUNT in self.answers:
-            self.instruments.take_incremental(stamp, tuple(angles + self.error), (0.0, 0.0))
-        if ABSOLUTE in self.answers:
-            self.instruments.take_absolute(stamp, tuple(angles))
-
-    def tick(self):
-        """What has been commanded is exposed, or a tenth of a second goes by."""
-        track, self.pending = self.pending, None
-        if track is None:
-            self.wall += 0.1
-        else:
-            self.wall += 0.01
-            at = track.start + EXPOSURE
-            self.position = track.angles[1]
-            self.read(at - SECOND // 2, self.position)
-            miss = self.miss(len(self.commands))
-            if CAMERA in self.answers and miss is not None:
-                self.instruments.take_frame(at, *miss)
-            self.read(at + SECOND // 2, self.position)
-        self.plan.advance()
-
-    def until(self, condition, ticks=2000):
-        for _ in range(ticks):
-            if condition():
-                return self
-            self.tick()
-        raise AssertionError(f'{self.plan.progress}, {self.plan.text}')
-
-    def run(self):
-        """To the end of the plan; the state then, and its text."""
-        self.until(lambda: not self.plan.busy)
-        return self.plan.progress.state, self.plan.text
-
-    def waits(self, text):
-        return self.until(lambda: (self.plan.progress.state, self.plan.text) == ('waiting', text))
-
-    # the other nodes
-
-    def offers(self, verb, effect=lambda: None, answer=(True, 'done')):
-        def serve():
-            effect()
-            return answer
-        self.services[verb] = serve
-
-    def homes(self):
-        """A service that homes the encoder."""
-        def home():
-            self.error = np.zeros(2)
-            self.read(self.stamp + SECOND, self.position)
-        self.offers('home', home)
-
-    def calibrates(self):
-        self.plan.calibration_has(len(self.rows))
-
-    def takes_model(self, stamp, zeros=()):
-        self.in_force.take_model(PointingModel({'IA': 0.0}, provenance={
-            'last_stamp_ns': stamp, 'zeros_in_force': list(zeros)}).to_json())
-        self.plan.pointing_changed()
-
-    def takes_zero(self, stamp, *angles):
-        self.in_force.take_zero(stamp, RunZero(*angles))
-        self.plan.pointing_changed()
-
-
-def offset(run):
-    return np.array(run.offsets()).ravel() / ARCSEC
-
+from bench import EXPOSURE, SECOND, START, Bench, offset
 
 # --- stars --------------------------------------------------------------------------------------
 
@@ -208,100 +42,6 @@ def test_a_plan_is_done_and_its_rows_are_what_was_seen():
     assert states == sorted(states) and states[-1][1] == 3
 
 
-def test_a_star_far_off_is_centred_at_most_three_times():
-    bench = Bench('polaris 1')
-    off = np.array([150.0, -60.0])
-    bench.miss = lambda number: off * (1.0 if number == 1 else 0.45) * ARCSEC
-    bench.run()
-    assert len(bench.commands) == 3 and len(bench.rows) == 1
-    # each command goes on from where the star was found
-    polaris = load_catalogue(hip=[POLARIS_HIP])
-    for number, track in enumerate(bench.commands):
-        star = np.ravel(observed_place(polaris, track.start * 1e-9, DEFAULT_SITE, DEFAULT_WEATHER))
-        beside = track.angles[0] - star
-        np.testing.assert_allclose(
-            [wrap(beside[0]) * np.cos(star[1]) / ARCSEC, beside[1] / ARCSEC],
-            off * (0.0, 1.0, 1.45)[number], rtol=0, atol=0.5)
-
-
-def test_a_camera_that_does_not_see_the_mount_move_gives_no_row():
-    bench = Bench('stars 1, polaris 1')
-    bench.miss = lambda number: np.array([150.0, -60.0]) * ARCSEC * (number < 4)
-    bench.run()
-    assert len(bench.commands) == 4 and len(bench.rows) == 1
-    assert bench.plan.progress.lost == 1
-    assert bench.refused == ['a star that was centred is as far off as before']
-    # what it seemed to teach is forgotten
-    star = bench.rows[0]
-    assert abs(wrap(bench.commands[3].angles[1, 0] - star['az'][0])) < 2 * DEG
-    assert bench.instruments.health.alarms == [
-        'instrument camera: contradicts the commanded motion: a star 162 arcsec off was centred, '
-        'and is 162 arcsec off']
-
-
-def test_nothing_is_observed_while_two_publish_one_instrument():
-    bench = Bench('stars 2')
-    health = bench.instruments.health
-    bench.until(lambda: len(bench.rows) == 1)
-    health.publishers(CAMERA, ['/mount/camera', '/mount/other'])
-    bench.waits('an end: camera: published by /mount/camera and /mount/other; end all but one')
-    assert len(bench.rows) == 1
-    health.publishers(CAMERA, ['/mount/camera'])
-    assert bench.run() == ('done', 'plan finished')
-    assert len(bench.rows) == 2 and health.alarms == []
-
-
-def test_an_encoder_that_stays_where_it_was_is_named():
-    bench = Bench('stars 1')
-    bench.until(lambda: bench.commands)
-    bench.pending = None
-    bench.stamp = bench.commands[0].end + 50 * SECOND
-    for _ in range(2):
-        bench.read(bench.stamp, np.array([3.0, 0.8]))
-        bench.stamp += SECOND
-    bench.until(lambda: len(bench.commands) > 1)
-    alarm, = bench.instruments.health.alarms
-    assert alarm.startswith('instrument mount and incremental encoder: contradicts the commanded '
-                            'motion: its reading has not changed since the command')
-
-
-@pytest.mark.parametrize('changed, wanted', [(False, 40.0), (True, 0.0)])
-def test_what_was_learned_of_a_star_holds_until_a_new_zero(changed, wanted):
-    bench = Bench('polaris 1, power_cycle, polaris 1')
-    bench.miss = lambda number: (40.0 * ARCSEC, 0.0)
-    bench.waits('a server of /mount/power_cycle')
-    if changed:
-        bench.takes_zero(START, 0.0, 0.0)
-    bench.homes()
-    bench.offers('power_cycle')
-    bench.until(lambda: bench.plan.progress.block == 2)
-    bench.read(bench.stamp + SECOND, bench.position)
-    bench.until(lambda: len(bench.commands) == 2)
-    track = bench.commands[1]
-    star = np.ravel(observed_place(load_catalogue(hip=[POLARIS_HIP]), track.start * 1e-9,
-                                   DEFAULT_SITE, DEFAULT_WEATHER))
-    beside = wrap(track.angles[0, 0] - star[0]) * np.cos(star[1])
-    assert beside / ARCSEC == pytest.approx(wanted, abs=0.1)
-
-
-def test_a_star_that_is_not_there_is_given_up_after_three_blanks():
-    bench = Bench('stars 3')
-    bench.miss = lambda number: (np.nan, np.nan) if number in (2, 3, 4) else (0.0, 0.0)
-    assert bench.run() == ('done', 'plan finished')
-    assert len(bench.commands) == 5 and len(bench.rows) == 2
-    # three exposures of the same star, then the next
-    moves = [np.abs(np.diff([a.angles[0], b.angles[0]], axis=0)).max() > 1 * DEG
-             for a, b in zip(bench.commands, bench.commands[1:])]
-    assert moves == [True, False, False, True]
-    progress = bench.plan.progress
-    assert (progress.lost, progress.done, progress.total) == (1, 3, 3)
-    # one blank may have been under way at the command
-    once = Bench('stars 3')
-    once.miss = lambda number: (np.nan, np.nan) if number == 2 else (0.0, 0.0)
-    once.run()
-    assert len(once.rows) == 3 and once.plan.progress.lost == 0
-
-
 def test_stars_that_are_lost_count_over_all_steps():
     bench = Bench('stars 1, stars 1')
     bench.miss = lambda number: (np.nan, np.nan)
@@ -327,83 +67,6 @@ def test_a_check_does_not_profit_from_the_stars_before():
     bench.run()
     row, track = bench.rows[1], bench.commands[1]
     assert (track.angles[1, 1] - row['el'][0]) / ARCSEC == pytest.approx(0.0, abs=0.1)
-
-
-def test_a_blind_star_gets_what_the_counts_had_wandered_at_the_one_before():
-    follows = Following({'el': AxisFollowing(np.zeros(4), {1: 2.0 * ARCSEC})})
-    bench = Bench('check 3')
-    bench.in_force.take_model(PointingModel({'IA': 0.0}, provenance={
-        KEY: follows.document(),
-        'zeros_in_force': [{'run': 1, 'az_arcsec': 0.0, 'el_arcsec': 0.0}]}).to_json())
-    bench.in_force.take_zero(START, RunZero(0.0, 0.0, run=1))
-
-    def wanders(number):
-        bench.error = np.array([0.0, 5.0 * number + 2.0]) * ARCSEC
-        return 0.0, 0.0
-
-    bench.miss = wanders
-    # the counts have changed between the reading before and after the first exposure
-    bench.error = np.array([0.0, 2.0]) * ARCSEC
-    bench.run()
-    sent = [(track.angles[1, 1] - row['el'][0]) / ARCSEC
-            for track, row in zip(bench.commands, bench.rows)]
-    seen = [(row['el_enc'][0] - row['el_abs'][0]) / ARCSEC - 2.0 for row in bench.rows]
-    assert sent == pytest.approx([0.0, *seen[:2]], abs=0.1) and seen[1] > 5.0
-
-
-# --- instruments that are silent or slow ---------------------------------------------------------
-
-
-@pytest.mark.parametrize('mute, named', [
-    ({CAMERA}, CAMERA), ({ABSOLUTE}, ABSOLUTE),
-    ({MOUNT, ABSOLUTE, CAMERA}, f'{MOUNT}, {ABSOLUTE}, {CAMERA}')])
-def test_who_is_silent_is_named_and_asked_again(mute, named):
-    bench = Bench('polaris 1')
-    bench.answers -= mute
-    bench.waits(f'an answer of {named}')
-    assert bench.wall >= 1005.0 and len(bench.commands) == 2
-    assert bench.plan.progress.observations == 0
-    bench.answers |= mute
-    assert bench.run() == ('done', 'plan finished')
-    assert len(bench.rows) == 1
-    assert bench.statuses[-1][0].state == 'done'
-
-
-def test_the_time_of_an_answer_is_that_of_the_wall():
-    bench = Bench('polaris 1', answer_timeout_s=60.0)
-    bench.answers.remove(CAMERA)
-    bench.until(lambda: len(bench.commands) == 2)
-    assert bench.wall == pytest.approx(1060.0, abs=0.5)
-
-
-def test_a_mount_that_does_not_come_on_target_is_commanded_again():
-    bench = Bench('polaris 1')
-    bench.error = np.array([60.0, 60.0]) * ARCSEC
-    bench.until(lambda: len(bench.commands) == 1 and bench.pending is None)
-    # it answers for as long as the track is, but off the target
-    for _ in range(100):
-        if len(bench.commands) > 1:
-            break
-        bench.wall += 0.01
-        bench.read(bench.stamp + 2 * SECOND, bench.position)
-        bench.plan.advance()
-    assert bench.plan.text == 'the mount to come on target'
-    bench.error = np.zeros(2)
-    assert bench.run() == ('done', 'plan finished')
-
-
-def test_a_frame_without_a_reading_is_refused_with_its_reason():
-    bench = Bench('home, polaris 1')
-    bench.homes()
-    reads = bench.read
-
-    def fails(stamp, angles):
-        if len(bench.commands) == 1 and not bench.refused:
-            bench.error = np.full(2, np.nan)
-        reads(stamp, angles)
-    bench.read = fails
-    assert bench.run() == ('done', 'plan finished')
-    assert bench.refused and 'home the encoder' in bench.refused[0]
 
 
 # --- power --------------------------------------------------------------------------------------
@@ -651,6 +314,29 @@ def test_a_plan_goes_on_where_it_stood():
     again.plan.calibration_has(7)
     again.waits('the new model')
     assert [row['star'] for row in again.table.rows[:6]] == [row['star'][0] for row in bench.rows]
+
+
+def test_rows_that_turn_up_when_the_plan_has_begun_are_taken_before_a_row_is_made():
+    plan = 'home, stars 4'
+    bench = Bench(plan)
+    bench.homes()
+    bench.until(lambda: len(bench.rows) == 3)
+    again = Bench(plan)
+    again.homes()
+    again.until(lambda: len(again.commands) == 1)
+    again.lacks = ['the rows']
+    again.plan.rows_turned_up()
+    again.waits('the graph')
+    again.plan.take_up(bench.table.all(again=True), bench.table.newest, bench.plan.progress)
+    again.lacks = []
+    again.read(bench.stamp + SECOND, again.position)
+    assert again.run() == ('done', 'plan finished')
+    assert len(again.rows) == 1 and len({row['star'] for row in again.table.rows}) == 4
+    # with rows of its own, and when it is over, a plan is as it was
+    bench.plan.rows_turned_up()
+    assert bench.run() == ('done', 'plan finished') and len(bench.table) == 4
+    bench.plan.rows_turned_up()
+    assert not bench.plan.busy
 
 
 def test_stars_that_were_observed_before_are_not_observed_again():

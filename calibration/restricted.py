@@ -1,0 +1,44 @@
+"""The restricted likelihood (Patterson and Thompson 1971, Biometrika 58, 545) of whitened rows."""
+
+import numpy as np
+
+#: of a column that others do not explain, over its length: less is rounding
+_LIVE = 1e-6
+
+
+def restricted(columns, log_det, least=0.0, taken=0):
+    """-2 ln L restricted, the variance by the rows themselves.
+
+    Parameters
+    ----------
+    columns : ndarray, shape (n, k + 1)
+        Whitened: the design, and behind it what it is fitted to.
+    log_det : float
+        Of the covariance they are whitened by, but for the variance.
+    least : float
+        1 sigma at least.
+    taken : int
+        Numbers that were fitted before.
+
+    Returns
+    -------
+    value : float
+        But for a constant.
+    variance : float
+    """
+    design = columns[:, :-1]
+    size = np.sqrt(np.einsum('ij,ij->j', design, design))
+    size = np.where(size > 0.0, size, 1.0)
+    q, r = np.linalg.qr(design / size)
+    diagonal = np.abs(np.diag(r))
+    live = diagonal > _LIVE
+    q = q[:, live]
+    left = columns[:, -1] - q @ (q.T @ columns[:, -1])
+    free = max(len(left) - taken - int(live.sum()), 1)
+    square = float(left @ left)
+    variance = max(square / free, least**2, 1e-300)
+    logs = np.log(diagonal[live]) + np.log(size[:len(live)][live])
+    value = free * np.log(variance) + log_det + 2.0 * float(logs.sum())
+    if variance > square / free:
+        value += square / variance - free
+    return value, variance

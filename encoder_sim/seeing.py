@@ -1,0 +1,119 @@
+"""Turbulent air and few photons: the noise of a star's place, and refraction that wanders."""
+
+import numpy as np
+
+from msg_tools.units import ARCSEC, DEG
+
+from .slow_noise import ar_noise
+
+#: a Gaussian's full width at half its height, over sigma
+_FWHM = 2.0 * np.sqrt(2.0 * np.log(2.0))
+
+
+def airmass(elevation):
+    """Airmass at elevations (rad): F. Kasten and A. T. Young 1989, Appl. Opt. 28, 4735."""
+    degrees = np.maximum(np.asarray(elevation, dtype=float) / DEG, 0.0)
+    return 1.0 / (np.sin(degrees * DEG) + 0.50572 * (degrees + 6.07995) ** -1.6364)
+
+
+def motion_sigma(seeing, elevation, exposure, wavelength):
+    """1-sigma of the image motion on one axis.
+
+    Parameters
+    ----------
+    seeing : scenario_disturbances.Seeing
+    elevation : ndarray
+        rad.
+    exposure, wavelength : float
+        s, m.
+
+    Returns
+    -------
+    ndarray
+        rad.
+    """
+    # Fried's length at the zenith; r0^(-5/3) goes with the airmass, so the width with ^0.6
+    r0 = 0.98 * wavelength / seeing.fwhm
+    instant = 0.182 * (seeing.aperture / r0) ** (5.0 / 3.0) * (wavelength / seeing.aperture) ** 2
+    return np.sqrt(instant * airmass(elevation) / (1.0 + exposure / seeing.motion_time))
+
+
+def photon_sigma(seeing, elevation, mag, exposure):
+    """1-sigma of the centroid on one axis by the photons of star and sky; as `motion_sigma`.
+
+    Parameters
+    ----------
+    seeing, elevation, exposure
+        As for `motion_sigma`.
+    mag : ndarray
+        Of the star above the air.
+
+    Returns
+    -------
+    ndarray
+        rad: s / sqrt(N) sqrt(1 + 8 pi s^2 b / N), with N electrons of the star, b of the sky a
+        unit of solid angle, and s the width of the image.
+    """
+    if seeing.star_rate == 0.0:
+        return np.zeros(np.shape(elevation))
+    air = airmass(elevation)
+    width = seeing.fwhm * air**0.6 / _FWHM
+    first = seeing.star_rate * exposure
+    star = first * 10.0 ** (-0.4 * (mag + seeing.extinction * air))
+    sky = first * 10.0 ** (-0.4 * seeing.sky) / ARCSEC**2
+    return width / np.sqrt(star) * np.sqrt(1.0 + 8.0 * np.pi * width**2 * sky / star)
+
+
+def seeing_sigma(seeing, elevation, mag, exposure, wavelength):
+    """Both together; 0 without seeing. As `motion_sigma` and `photon_sigma`."""
+    if seeing.fwhm == 0.0:
+        return np.zeros(np.shape(elevation))
+    return np.hypot(motion_sigma(seeing, elevation, exposure, wavelength),
+                    photon_sigma(seeing, elevation, mag, exposure))
+
+
+class WanderingRefraction:
+    """Refraction about a normal of the air's layers that leans now here, now there.
+
+    Parameters
+    ----------
+    layers : scenario_disturbances.AirLayers
+    constant : float
+        Of the refraction: constant times tan z, rad.
+    seed : int
+    """
+
+    def __init__(self, layers, constant, seed):
+        self._size = layers.lean * constant
+        if self._size > 0.0:
+            self._lean = [ar_noise(layers.correlation_time, seed, 'air', side)
+                          for side in ('east', 'north')]
+
+    def bent(self, seconds, towards):
+        """Where stars are seen.
+
+        Parameters
+        ----------
+        seconds : ndarray, shape (n,)
+            Since the start of the night.
+        towards : ndarray, shape (n, 3)
+            Unit vectors east, north, up, where level layers would show them.
+
+        Returns
+        -------
+        ndarray, shape (n, 3)
+            Unit vectors. Refraction adds constant / cos z times the normal of the layers, across
+            the ray; here the change of that with the lean, to first order in it.
+        """
+        if self._size <= 0.0:
+            return towards
+        lean = np.zeros(towards.shape)
+        for axis, process in enumerate(self._lean):
+            lean[:, axis] = process.at(seconds)
+        up = np.maximum(towards[:, 2:], 0.02)
+        along = np.einsum('ni,ni->n', lean, towards)[:, np.newaxis]
+        # d of n / (n . s) for a normal n: lean / up - normal (lean . s) / up^2
+        shift = lean / up - np.array([0.0, 0.0, 1.0]) * along / up**2
+        shift -= towards * np.einsum('ni,ni->n', shift, towards)[:, np.newaxis]
+        bent = towards + self._size * shift
+        return bent / np.linalg.norm(bent, axis=1, keepdims=True)

@@ -1,0 +1,32 @@
+"""The command ``zeros``."""
+
+from pathlib import Path
+
+
+def add(commands):
+    """Add the parser."""
+    parser = commands.add_parser(
+        'zeros', help='what the measured zeros of power-ons follow: temperature, supply, ...',
+        description='Read zeros of power-ons, a row each (CSV: zero_az_arcsec, zero_el_arcsec, '
+        'temperature_c, supply_v, since_h, side, time), and print what they follow. A last row '
+        'without zeros is tonight: its zero is told in advance.')
+    parser.add_argument('file', type=Path, metavar='FILE')
+    parser.add_argument('--json', type=Path, metavar='FILE', help='write the verdict')
+
+
+def run(args):
+    """Read, test, print, write."""
+    import json
+
+    from calibration.season_file import judge_zeros
+    from calibration.season_report import season_lines, season_table
+
+    from .console import new_console, print_files
+    judged = judge_zeros(args.file)
+    console = new_console()
+    console.print(season_table(judged))
+    for line in season_lines(judged):
+        console.print(line, markup=False)
+    if args.json:
+        args.json.write_text(json.dumps(judged, indent=1) + '\n', encoding='utf-8')
+        print_files(console, {'verdict': args.json})

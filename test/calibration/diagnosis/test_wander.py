@@ -1,0 +1,161 @@
+"""A zero that wanders: whitened, estimated, told, and mistaken for no effect of the mount."""
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calibration.diagnosis import diagnose
+from calibration.diagnosis.linear import fit_state
+from calibration.diagnosis.wander import AxisWander, Sequence, Whitened
+from calibration.diagnosis.wander_estimate import estimate
+from calibration.diagnosis_page.plain_words import verdict_sentences
+from msg_tools.units import ARCSEC
+from pointing_model.run import PointingRun
+
+sys.path.append(str(Path(__file__).parent))
+
+from simulated import FAST, make_context, make_problem, names, night, oval_disc
+
+# --- its algebra ----------------------------------------------------------------------------------
+
+
+def wandering_noise(sequence, variance, memory, rng):
+    gap = np.abs(sequence.position[:, None] - sequence.position)
+    root = np.linalg.cholesky(np.exp(-gap / memory) + 1e-9 * np.eye(len(gap)))
+    return np.sqrt(variance) * root @ rng.normal(size=len(gap))
+
+
+def test_rows_that_wander_are_whitened_exactly():
+    rng = np.random.default_rng(21)
+    context = make_context(rng, 40)
+    run = np.repeat([0, 1], 20)
+    sequence = Sequence.of(context, run)
+    root = rng.uniform(0.5, 2.0, 80)
+    root[5] = root[45] = 0.0
+    wander = AxisWander(2.0, 900.0, True), AxisWander(0.5, 300.0)
+    white = Whitened(root, sequence, wander)
+    gap = np.where(run[:, None] == run, np.abs(
+        context.get('time')[:, None] - context.get('time')), np.inf)
+    values, log_det = rng.normal(size=(3, 80)), 0.0
+    squares, spread = np.zeros(3), np.zeros(3)
+    for part, one, factor in ((slice(0, 40), wander[0], np.cos(context.el)),
+                              (slice(40, 80), wander[1], np.ones(40))):
+        keep = root[part] > 0.0
+        v = np.diag(1.0 / np.square(root[part][keep])) + (
+            one.variance * np.outer(factor, factor) * np.exp(-gap / one.memory))[keep][:, keep]
+        here = values[:, part][:, keep]
+        squares += np.einsum('ki,ij,kj->k', here, np.linalg.inv(v), here)
+        spread += np.einsum('ki,ij,kj->k', here, v, here)
+        log_det += np.linalg.slogdet(v)[1]
+    assert np.allclose(np.square(white(values)).sum(axis=1), squares)
+    assert np.allclose(np.square(white.spread(values)).sum(axis=1), spread)
+    assert white.log_det == pytest.approx(log_det)
+    kept = values * (root > 0.0)
+    assert np.allclose(white(white.coloured(kept)), kept)
+    assert np.allclose(white(values)[:, [5, 45]], 0.0)
+
+
+def test_a_wander_is_estimated_and_white_noise_is_left_white():
+    found, white = [], []
+    for seed in range(20):
+        problem = make_problem(400 + seed, 120)
+        sequence = problem.sequence
+        rng = np.random.default_rng(seed)
+        state = problem.plain.state([])
+        rows = problem.base.common
+        white.append(max(w.gain for w in estimate(
+            sequence, state.white.root, state.scale, rows, problem.b)))
+        b = problem.b.copy()
+        b[120:] += wandering_noise(sequence, 4.0 * ARCSEC**2, 1800.0, rng)
+        state = fit_state(problem.base, b)
+        found.append(estimate(sequence, state.white.root, state.scale, rows, b)[1])
+    # how far it moves in ten minutes; size and memory alone are hard to tell apart
+    moves = [np.sqrt(2.0 * w.variance * -np.expm1(-600.0 / w.memory)) / ARCSEC for w in found]
+    assert np.median(moves) == pytest.approx(
+        np.sqrt(8.0 * -np.expm1(-600.0 / 1800.0)), rel=0.2)
+    assert np.median([w.scale / ARCSEC for w in found]) == pytest.approx(1.0, rel=0.15)
+    assert min(w.gain for w in found) > 10.0 and np.median(white) < 3.0
+
+
+# --- what the diagnosis says of it ---------------------------------------------------------------
+
+
+def nights_that_wander(seed, n=30, size=0.0):
+    """Five nights whose elevation zero walks at random; beside that, a backlash."""
+    rng = np.random.default_rng(seed)
+    return [night(40 + 10 * seed + i, n=n, effect=lambda c: (
+        0.5 * size * ARCSEC * c['approach_az'], np.cumsum(rng.normal(size=n)) * ARCSEC))
+        for i in range(5)]
+
+
+def test_what_the_rows_of_a_night_share_is_no_effect_of_the_mount():
+    result = diagnose(nights_that_wander(3), flips=299)
+    assert result.verdict == 'wanders' and not result.effects
+    assert result.wander['slow'] and set(result.wander['axes']) >= {'el'}
+    _, sentences = verdict_sentences(result.to_dict(), caution=result.caution)
+    assert not any('looks like noise' in s for s in sentences)
+    # what the mount has on all nights stays
+    result = diagnose(nights_that_wander(3, size=8.0), flips=299)
+    assert any('azimuth_hysteresis' in name for name in names(result))
+    assert result.after['cv_rms_arcsec'] < 0.8 * result.before['cv_rms_arcsec']
+
+
+def correlated(rho):
+    """Noise whose rows share `rho` with the row before."""
+    def noise(rng, el):
+        e = rng.normal(size=(2, len(el)))
+        for i in range(1, len(el)):
+            e[:, i] = rho * e[:, i - 1] + np.sqrt(1.0 - rho**2) * e[:, i]
+        return e
+    return noise
+
+
+def test_a_zero_that_wanders_is_no_effect_and_is_told():
+    found = [diagnose(night(300 + i, noise=correlated(0.9)), **FAST) for i in range(5)]
+    # if rows are taken to have no memory, most of these have effects
+    assert sum(bool(r.effects) for r in found) <= 1
+    assert sum(r.verdict == 'wanders' for r in found) >= 4
+    told = next(r for r in found if r.wander and set(r.wander['axes']) == {'az', 'el'})
+    for axis in told.wander['axes'].values():
+        assert axis['sigma_arcsec'] > 0.3 and 0.0 < axis['moves_arcsec'] < 5.0
+        assert axis['unit'] == 'hours' and 0.05 < axis['memory'] < 10.0
+    assert 'the zero wanders' in told.wander['text']
+    headline, sentences = verdict_sentences(told.to_dict())
+    assert 'wanders' in headline and 'its cause is not told' in sentences[0]
+    document = json.loads(json.dumps(told.to_dict()))
+    assert document['wander']['p'] <= 0.01
+
+
+def test_an_effect_not_of_time_is_found_beside_a_wander():
+    for seed in range(4):
+        result = diagnose(night(310 + seed, effect=oval_disc, noise=correlated(0.6)), **FAST)
+        assert 'azimuth_encoder_2' in names(result)
+
+
+def test_what_repeats_each_other_counts_as_fewer():
+    false, told = 0, 0
+    for seed in range(8):
+        once = night(330 + seed, n=30)
+        two = np.repeat(np.arange(30), 2)
+        run = PointingRun({k: v[two].copy() for k, v in once.columns.items()}, once.meta)
+        run.columns['time'] += np.tile([0.0, 8.0], 30)
+        e = 0.3 * ARCSEC * np.random.default_rng(seed).normal(size=(2, 60))
+        run.columns['az_enc'] += e[0] / np.cos(run['el'])
+        run.columns['el_enc'] += e[1]
+        result = diagnose(run, **FAST)
+        false += bool(result.effects)
+        told += bool(result.wander) and 'share their error' in result.wander['text']
+    assert false <= 1 and told >= 3
+
+
+def test_a_small_drift_is_not_told_from_a_wander():
+    verdicts = [diagnose(night(350 + i, effect=lambda c: (
+        0.0, 3.0 * ARCSEC * (c['time'] - 1.7e9) / 3600.0)), **FAST) for i in range(3)]
+    assert all(r.verdict != 'none' for r in verdicts)
+    wandering = [r for r in verdicts if r.verdict == 'wanders']
+    assert wandering and all(
+        any('with_time' in n or 'step' in n or 'temperature' in n for n in r.wander['like'])
+        for r in wandering)
