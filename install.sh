@@ -1,6 +1,6 @@
 #!/bin/sh
 # Makes .venv beside this file and installs telescope_mount into it, with the ROS wheels.
-#   ./install.sh [EXTRAS]     EXTRAS: ros (default), or ros,test or ros,test,bench
+#   ./install.sh [EXTRAS]     EXTRAS: ros (default), or ros,test or ros,test,bench; images: FITS
 # A second run changes nothing unless the requirements changed.
 set -eu
 cd "$(dirname "$0")"

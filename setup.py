@@ -64,10 +64,11 @@ setup(
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
         'test': [
             'pytest', 'pytest-xdist', 'ruff', 'setuptools<80', 'colcon-common-extensions',
-            'skyfield', 'skyfield-data', 'rosbags',
+            'skyfield', 'skyfield-data', 'rosbags', 'astropy>=6',
         ],
         'bench': ['katpoint==0.10.3'],
         'parquet': ['pyarrow'],
+        'images': ['astropy>=6'],
     },
     tests_require=['pytest'],
     zip_safe=True,

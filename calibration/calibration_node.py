@@ -82,7 +82,7 @@ class Calibration(MountNode):
         super().__init__('calibration', PARAMS, hardware_id='pointing model', **kwargs)
         reference = None
         if self.value('model_file'):
-            reference = PointingModel.load(self.value('model_file'))
+            reference = PointingModel.load_for_graph(self.value('model_file'))
         seed, age = self.value('split_seed'), self.value('reference_age')
         harmonics = choice_of({name: self.value(name) for name in (
             'harmonics', 'harmonics_alone', 'harmonics_degree', 'harmonics_rcond')})

@@ -11,6 +11,7 @@ from pointing_model import geometry as rotation
 from pointing_model.context import Context
 from pointing_model.harmonics import DEGREE, Harmonics, columns_of, names_of
 from pointing_model.model import PointingModel
+from pointing_model.mounts import ALTAZ
 from pointing_model.terms import PHYSICAL, known_terms, stacked_design
 from pointing_model.zero import NO_ZERO, RunZero, Zeros
 
@@ -27,7 +28,7 @@ RCOND = 1e-5
 #: degrees), 30 stars 0.5e-4 to 1.7e-4: what is below is for want of stars, not of independence.
 RCOND_HARMONICS = 1e-4
 
-_TURNING = {'CA', 'NPAE', 'AN', 'AW'}
+_LINEAR = ('IA', 'IE', 'TF')  # alone, of an alt-azimuth mount
 
 
 class LinearFit(NamedTuple):
@@ -40,7 +41,8 @@ class LinearFit(NamedTuple):
     rank: int
 
 
-def fit_first_order(az, el, x, y, names=PHYSICAL, sx=None, sy=None, *, rcond=RCOND):
+def fit_first_order(az, el, x, y, names=PHYSICAL, sx=None, sy=None, *, rcond=RCOND,
+                    mount=ALTAZ):
     """Linear least-squares fit of first-order terms to on-sky offsets.
 
     The bare fit, for many stars or many fits; `fit_terms` is the one with everything.
@@ -58,6 +60,8 @@ def fit_first_order(az, el, x, y, names=PHYSICAL, sx=None, sy=None, *, rcond=RCO
         covariance is scaled by the measured scatter of each axis.
     rcond : float
         Relative singular value below which a direction is left out.
+    mount : Mount, optional
+        Whose axes the places are of.
 
     Returns
     -------
@@ -72,7 +76,7 @@ def fit_first_order(az, el, x, y, names=PHYSICAL, sx=None, sy=None, *, rcond=RCO
     need_rows(n, len(names), sx is not None)
     if (sx is None) != (sy is None):
         raise ValueError('a sigma of one axis only; give sx and sy, or none')
-    rows = stacked_design(names, np.asarray(az), np.asarray(el))
+    rows = stacked_design(names, np.asarray(az), np.asarray(el), mount)
     b = np.concatenate((x, y))
     base = None
     if sx is not None:
@@ -85,7 +89,7 @@ def fit_first_order(az, el, x, y, names=PHYSICAL, sx=None, sy=None, *, rcond=RCO
     return LinearFit(solution.p, covariance, r[:n], r[n:], solution.rank)
 
 
-def fit_terms(run, names=PHYSICAL, *, held=None, robust=True, geometry=None, encoder='enc',
+def fit_terms(run, names=None, *, held=None, robust=True, geometry=None, encoder='enc',
               zero=NO_ZERO, run_zeros=False, rcond=RCOND, provenance=None):
     """Fit pointing terms to a run.
 
@@ -97,8 +101,8 @@ def fit_terms(run, names=PHYSICAL, *, held=None, robust=True, geometry=None, enc
     run : PointingRun
         The columns ``sigma_x`` and ``sigma_y`` weigh the rows if both are there; else all weigh
         the same. Rows with values that are not finite are left out and listed.
-    names : sequence of str
-        Terms to fit, of `terms.TERMS`.
+    names : sequence of str, optional
+        Terms to fit, of `terms.terms_of` the run's mount; by default its physical ones.
     held : PointingModel, or dict of str to float, optional
         What is known already and held fixed: a model with all that it has (terms, harmonics,
         effects), or values of terms, radians. It is in the model of the result, with the
@@ -132,32 +136,37 @@ def fit_terms(run, names=PHYSICAL, *, held=None, robust=True, geometry=None, enc
     ValueError
         Too few usable rows, an unknown term, geometry or encoder, or no convergence.
     """
-    names = tuple(names)
-    known_terms(names)
+    mount = run.mount
+    names = mount.names.physical if names is None else tuple(names)
+    known_terms(names, mount)
     if not names:
-        raise ValueError('no term to fit; name at least one, for instance IA')
-    base = held if isinstance(held, PointingModel) else _model_of(held, geometry or 'rotation')
+        raise ValueError('no term to fit; name at least one, for instance '
+                         f'{mount.names.index[0]}')
+    base = held if isinstance(held, PointingModel) else _model_of(held, geometry or 'rotation',
+                                                                  mount)
     if geometry not in (None, base.geometry):
         base = replace(base, geometry=geometry)
-    # IA, IE and TF alone are linear
-    linear = base.geometry == 'first_order' or not _TURNING & set(names)
+    turning = [own for name in names for own, _ in [mount.names.terms.get(name, ('IA', 1))]
+               if own not in _LINEAR or (own == 'TF' and not mount.altaz)]
+    linear = base.geometry == 'first_order' or not turning
     used = usable(run, encoder, zero)
     turned = {}
     if held is not None:
         if not linear:
-            turned = {n: v for n, v in base.terms.items() if n in rotation.GEOMETRIC}
+            turned = {n: v for n, v in base.terms.items() if n in mount.names.terms}
         used = _beyond(base, turned, used, run, encoder)
     az, el, n = used.az, used.el, len(used.rows)
     runs = np.unique(run['run'][used.rows]) if run_zeros else ()
-    terms, names = names, names + _names_of_zeros(runs)
+    terms, names = names, names + _names_of_zeros(runs, mount)
     observed = np.empty(2 * n)
     observed[:n] = wrap(used.az_enc - az) * np.cos(el)
     observed[n:] = used.el_enc - el
-    first_order = stacked_design(terms, az, el)
+    first_order = stacked_design(terms, az, el, mount)
     if len(names) > len(terms):
         first_order = np.vstack((first_order, _columns_of_zeros(run['run'][used.rows], runs, el)))
-    solved = gauss_newton(_linearisation(names, terms, turned, used, observed, first_order),
-                          first_order, used.sigmas, robust, rcond, linear)
+    solved = gauss_newton(
+        _linearisation(names, terms, turned, used, observed, first_order, mount),
+        first_order, used.sigmas, robust, rcond, linear)
 
     def make_model(p, covariance, facts):
         return _on_top(base, terms, p, covariance, facts)
@@ -169,9 +178,9 @@ def fit_terms(run, names=PHYSICAL, *, held=None, robust=True, geometry=None, enc
     return _with_run_zeros(result, runs, len(terms)) if run_zeros else result
 
 
-def _names_of_zeros(runs):
+def _names_of_zeros(runs, mount):
     """How far the zero of each run but the first lies from its, as coefficients."""
-    return tuple(f'{axis}[{number:g}]' for number in runs[1:] for axis in ('IA', 'IE'))
+    return tuple(f'{axis}[{number:g}]' for number in runs[1:] for axis in mount.names.index)
 
 
 def _columns_of_zeros(labels, runs, el):
@@ -191,13 +200,15 @@ def _with_run_zeros(result, runs, first):
         for number, (a, e) in zip(runs, np.vstack((np.zeros(2), shifts)))))
 
 
-def _model_of(values, geometry):
-    return PointingModel(values, geometry=geometry) if values else _nothing(geometry)
+def _model_of(values, geometry, mount):
+    if values:
+        return PointingModel(values, geometry=geometry, mount=mount)
+    return _nothing(geometry, mount)
 
 
 @functools.cache  # a fit of 30 stars takes 0.1 ms, and this 5 % of it
-def _nothing(geometry):
-    return PointingModel({}, geometry=geometry)
+def _nothing(geometry, mount):
+    return PointingModel({}, geometry=geometry, mount=mount)
 
 
 def _beyond(held, turned, used, run, encoder):
@@ -212,18 +223,18 @@ def _beyond(held, turned, used, run, encoder):
     ).only(np.isfinite(left) & np.isfinite(y), UNREACHABLE)
 
 
-def _linearisation(names, terms, turned, used, observed, first_order):
+def _linearisation(names, terms, turned, used, observed, first_order, mount):
     """``start(p) -> (residual, rows, feasible)`` about coefficients `p`, for `gauss_newton`."""
     az, el, n = used.az, used.el, len(used.rows)
     everywhere = np.ones(n, bool)
-    places = [i for i, name in enumerate(terms) if name in rotation.GEOMETRIC]
+    places = [i for i, name in enumerate(terms) if name in mount.names.terms]
 
     def start(p):
         if not turned and not p.any():
             return observed, first_order, everywhere
         fitted = {names[i]: turned.get(names[i], 0.0) + float(p[i]) for i in places}
         x, y, jacobian = rotation.offsets_and_jacobian(
-            az, el, {**turned, **fitted}, list(fitted))
+            az, el, {**turned, **fitted}, list(fitted), mount)
         rest = p.copy()
         rest[places] = 0.0
         residual = observed - rest @ first_order
@@ -247,7 +258,8 @@ def _on_top(held, terms, p, covariance, facts):
     k = len(terms)
     if not held.terms:
         return PointingModel(dict(zip(terms, p[:k].tolist())), covariance[:k, :k],
-                             held.harmonics, facts, held.geometry, held.effects)
+                             held.harmonics, facts, held.geometry, held.effects,
+                             held.mount)
     values = dict(held.terms)
     values.update({name: values[name] + v if name in values else v
                    for name, v in zip(terms, p[:k].tolist())})
@@ -257,7 +269,8 @@ def _on_top(held, terms, p, covariance, facts):
     places = [names.index(name) for name in terms]
     joint[places], joint[:, places] = 0.0, 0.0
     joint[np.ix_(places, places)] = covariance[:k, :k]
-    return PointingModel(values, joint, held.harmonics, facts, held.geometry, held.effects)
+    return PointingModel(values, joint, held.harmonics, facts, held.geometry, held.effects,
+                         held.mount)
 
 
 def fit_harmonics(run, interpretation='zenith', *, degree=DEGREE, held=None, after=None,
@@ -333,13 +346,14 @@ def fit_harmonics(run, interpretation='zenith', *, degree=DEGREE, held=None, aft
             covariance = _without_taken(covariance, solved, after, run, used)
         harmonics = Harmonics.of_degree(degree, interpretation, p[:k], covariance)
         if held is None:
-            return PointingModel({}, None, harmonics, facts)
+            return PointingModel({}, None, harmonics, facts, mount=run.mount)
         facts = {**facts, 'terms': held.provenance}
         return replace(held, harmonics=harmonics, provenance=facts)
 
-    result = make_result(run, names + _names_of_zeros(runs), used, solved, make_model, None, {
-        'method': f'harmonics, {interpretation} reading', 'degree': degree, 'encoder': encoder,
-        'rcond': rcond})
+    facts = {'method': f'harmonics, {interpretation} reading', 'degree': degree,
+             'encoder': encoder, 'rcond': rcond}
+    result = make_result(run, names + _names_of_zeros(runs, run.mount), used, solved, make_model,
+                         None, facts)
     if after is not None:
         result = replace(result, covariance=result.model.harmonics.covariance_of_coefficients)
     return _with_run_zeros(result, runs, k) if run_zeros else result
@@ -353,7 +367,7 @@ def _without_taken(covariance, solved, after, run, used):
     """
     terms = tuple(name for name in after.names if '[' not in name)
     labels = run['run'][used.rows] if len(after.names) > len(terms) else None
-    taken = stacked_design(terms, used.az, used.el)
+    taken = stacked_design(terms, used.az, used.el, run.mount)
     if labels is not None:
         taken = np.vstack((taken, _columns_of_zeros(labels, np.unique(labels), used.el)))
     weights = solved.base

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from msg_tools.units import wrap
 from pointing_model.run import PointingRun
 from pointing_model.star_catalogue import POLARIS_HIP
 from pointing_model.zero import NO_ZERO
@@ -119,6 +120,8 @@ def usable(run, encoder='enc', zero=NO_ZERO):
     zero_az, zero_el = zero.of_rows(run)
     columns[f'az_{encoder}'] = columns[f'az_{encoder}'] - zero_az
     columns[f'el_{encoder}'] = columns[f'el_{encoder}'] - zero_el
+    if not run.mount.altaz:  # either side of the half turn
+        columns[f'el_{encoder}'] = columns['el'] + wrap(columns[f'el_{encoder}'] - columns['el'])
     sigmas = None
     if 'sigma_x' in run and 'sigma_y' in run:
         sigmas = [np.asarray(run[name], float) for name in ('sigma_x', 'sigma_y')]

@@ -1,5 +1,6 @@
 """What people see of a calibration on the terminal: tables."""
 
+from pointing_model.effects.base import readable
 from pointing_model.rms import rms_arcsec
 
 from .diagnosis.rows_told import outlier_sentence, rows_of_fit, used_sentence
@@ -140,8 +141,8 @@ def fit_tables(run, result, encoder='enc', held_out=None):
     """
     told, fitted = rows_of_fit(run, result), result.rms_arcsec(rejected=False)
     used = run.select(result.weights > 0.0)
-    steps = new_table(
-        f'RMS on the sky, arcsec, {told.used} rows', 'correction', 'az', 'el', 'radial')
+    steps = new_table(f'RMS on the sky, arcsec, {told.used} rows', 'correction',
+                      *run.mount.names.columns, 'radial')
     steps.add_row(RAW, *_rms_cells(rms_arcsec(*used.offsets(encoder))._asdict()))
     steps.add_row(f'{len(result.names)} terms, on the rows fitted', *_rms_cells(fitted._asdict()))
     if held_out is not None:
@@ -166,6 +167,38 @@ def fit_tables(run, result, encoder='enc', held_out=None):
         lines.append(f'row {run.lines[row["row"]]} left out: {row["reason"]}')
     lines += [f'note: {note}' for note in run.meta.get('notes', [])]
     return [used_sentence(told.to_dict()), terms_table(result.term_rows()), steps, *lines]
+
+
+def predicting_tables(found, mount):
+    """The tables of a model chosen to predict.
+
+    Parameters
+    ----------
+    found : calibration.diagnosis.predicting.Predicting
+    mount : Mount
+
+    Returns
+    -------
+    list
+        As `fit_tables`.
+    """
+    rows = found.coefficients()
+    chosen = new_table(f'Chosen to predict, arcsec, beside {len(found.model.terms)} terms',
+                       'coefficient', 'in TPOINT', 'value', 'sigma')
+    for row in rows:
+        chosen.add_row(readable(row['name']), row['tpoint'] or '', f'{row["value_arcsec"]:+.2f}',
+                       f'{row["sigma_arcsec"]:.2f}')
+    errors = new_table(f'RMS on the sky, arcsec, all {found.rows} rows, outliers too', 'judged on',
+                       *mount.names.columns, 'radial')
+    errors.add_row('the rows fitted', *_rms_cells(found.fitted._asdict()))
+    if found.after:
+        for label, each in (('rows left out, the terms alone', found.before),
+                            ('rows left out, the choice repeated', found.after)):
+            errors.add_row(label, *_rms_cells({
+                key: sum(getattr(one, key) for one in each) / len(each)
+                for key in ('x', 'y', 'radial')}))
+    return [chosen, errors, 'chosen to predict: that a coefficient is here does not say that its '
+            'cause is real; what is beyond chance, diagnose tells']
 
 
 def _strong_correlations(result):

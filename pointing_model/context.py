@@ -7,6 +7,7 @@ import numpy as np
 
 from msg_tools.units import ARCSEC, wrap
 
+from .mounts import ALTAZ, is_beyond
 from .run import COLUMNS
 from .terms import Trig
 
@@ -69,6 +70,8 @@ class Context:
         Drivers by the names of `run.COLUMNS` (SI), and the user's own. NaN is unknown.
     latitude, longitude : float, optional
         Of the site, radians, north and east positive.
+    mount : Mount, optional
+        Whose axes the angles are of.
 
     Notes
     -----
@@ -77,14 +80,17 @@ class Context:
     the star's miss distance taken out), ``order`` (position of the row in its run, 0 to 1),
     ``travel_az``/``travel_el`` (from the row before, rad), ``before_az``/``before_el``
     (approach of the row before), ``az_rate``/``el_rate`` (sidereal, where the site's latitude is
-    known), ``pm_x``/``pm_y`` (proper motion on the sky of the Hipparcos star, arcsec a year).
+    known), ``pm_x``/``pm_y`` (proper motion on the sky of the Hipparcos star, arcsec a year),
+    ``pier_side`` (-1 through the pole, else 1; of mounts that go there), and the angles of the axes
+    by their names (``hour_angle``, ``declination``) beside azimuth and elevation.
     The row before is the one before in time where the time of all rows is known. `of_run` adds
     ``run_hours`` (since the first row of the same run, h): single rows do not tell it.
     """
 
-    def __init__(self, az, el, columns=None, latitude=None, longitude=None):
+    def __init__(self, az, el, columns=None, latitude=None, longitude=None, mount=ALTAZ):
         self.az, self.el = (np.atleast_1d(np.asarray(v, float)) for v in (az, el))
-        self.trig = Trig(self.az, self.el)
+        self.mount = mount
+        self.trig = Trig(self.az, self.el, mount)
         self.columns = dict(columns or {})
         self.latitude, self.longitude = latitude, longitude
         #: False where time counts from an arbitrary start, or the angles are no raw readings
@@ -92,7 +98,7 @@ class Context:
         #: lines in a turn by axis and kind, where they are declared, and own columns that are
         #: named as drivers
         self.graduation, self.drivers = {}, ()
-        self._derived = {'azimuth': self.az, 'elevation': self.el}
+        self._derived = dict(zip(mount.names.keys, (self.az, self.el)))
 
     @classmethod
     def of_run(cls, run, encoder='enc'):
@@ -112,7 +118,9 @@ class Context:
         site = run.meta.get('site') or {}
         place = {name: site.get(name) if isinstance(site, dict) else getattr(site, name, None)
                  for name in ('latitude', 'longitude')}
-        context = cls(az, el, columns, **place)
+        if place['latitude'] is None and run.mount.kind in ('equatorial', 'german'):
+            place['latitude'] = run.mount.latitude
+        context = cls(az, el, columns, **place, mount=run.mount)
         context.time_is_utc = run.meta.get('time_is_utc', True)
         context.raw_reading = run.meta.get('raw_reading', True)
         given = run.meta.get('graduation' if encoder == 'enc' else f'graduation_{encoder}')
@@ -133,7 +141,8 @@ class Context:
         kept = dict(self.columns)
         if 'time' in columns or 'run' in columns:
             kept.pop('run_hours', None)
-        return self._like(Context(az, el, {**kept, **columns}, self.latitude, self.longitude))
+        return self._like(Context(az, el, {**kept, **columns}, self.latitude, self.longitude,
+                                  self.mount))
 
     def select(self, rows):
         """Some rows (a mask, indices or a slice), with what they inherit from the one before.
@@ -146,7 +155,7 @@ class Context:
             self.get(name)
         columns = {n: v[rows] if np.ndim(v) else v for n, v in self.columns.items()}
         out = self._like(Context(self.az[rows], self.el[rows], columns, self.latitude,
-                                 self.longitude))
+                                 self.longitude, self.mount))
         out._derived = {n: None if v is None else v[rows] for n, v in self._derived.items()}
         return out
 
@@ -217,6 +226,17 @@ class Context:
         return value if np.isfinite(value).any() else None
 
     # ------------------------------------------------------------------------------- derived
+
+    def _derive_azimuth(self):
+        return self.mount.horizon_of(self.az, self.el)[0]
+
+    def _derive_elevation(self):
+        return self.mount.horizon_of(self.az, self.el)[1]
+
+    def _derive_pier_side(self):
+        if self.mount.altaz:
+            return None
+        return np.where(is_beyond(self.el), -1.0, 1.0)
 
     @cached_property
     def _sequence(self):
@@ -296,13 +316,26 @@ class Context:
         return self._from_before(lambda _, last: approach[last])
 
     def _derive_az_rate(self):
+        if not self.mount.altaz:
+            return self._sidereal_rate()[0]
         if self.latitude is None:
             return None
         t = self.trig
         return _SIDEREAL * (np.sin(self.latitude)
                             - np.cos(self.latitude) * t.cos_az * t.sin_el / t.cos_el)
 
+    def _sidereal_rate(self):
+        """Rates of both angles: the stars turn about the pole, as -(direction x pole)."""
+        if self.latitude is None:
+            return None, None
+        pole = np.array([[0.0], [np.cos(self.latitude)], [np.sin(self.latitude)]])
+        moves = -_SIDEREAL * np.cross(pole, self.direction(), axis=0)
+        x, y = (np.sum(moves * t, axis=0) for t in self.tangent())
+        return x / self.trig.cos_el, y
+
     def _derive_el_rate(self):
+        if not self.mount.altaz:
+            return self._sidereal_rate()[1]
         if self.latitude is None:
             return None
         return _SIDEREAL * np.cos(self.latitude) * self.trig.sin_az
@@ -328,13 +361,17 @@ class Context:
                          [0 * one, c * one, s * one]])
 
     def tangent(self):
-        """East-north-up unit vectors toward growing azimuth and elevation, each shape (3, n)."""
+        """East-north-up unit vectors toward growing angles of the axes, each shape (3, n)."""
+        if not self.mount.altaz:
+            return self.mount.tangents(self.az, self.el)
         t = self.trig
         return (np.array([t.cos_az, -t.sin_az, 0.0 * t.az]),
                 np.array([-t.sin_el * t.sin_az, -t.sin_el * t.cos_az, t.cos_el]))
 
     def direction(self):
         """East-north-up unit vectors of the catalogue place, shape (3, n)."""
+        if not self.mount.altaz:
+            return self.mount.direction(self.az, self.el)
         t = self.trig
         return np.array([t.cos_el * t.sin_az, t.cos_el * t.cos_az, t.sin_el])
 

@@ -8,6 +8,7 @@ from msg_tools.units import ARCSEC
 
 from .context import Context
 from .effects import Effect, of_document, to_document
+from .mounts import ALTAZ
 
 
 @dataclass(frozen=True)
@@ -88,7 +89,7 @@ class FittedEffect:
                    np.array([v['sigma_arcsec'] for v in values], float) * ARCSEC)
 
 
-def as_context(context, az, el):
+def as_context(context, az, el, mount=ALTAZ):
     """A `Context` at (az, el), from a Context, a dict of drivers, a PointingRun or None.
 
     Parameters
@@ -96,9 +97,11 @@ def as_context(context, az, el):
     context : Context, dict, PointingRun or None
     az, el : ndarray, shape (n,)
         Radians.
+    mount : Mount, optional
+        Whose axes they are of, where the context does not tell.
     """
     if context is None or isinstance(context, dict):
-        return Context(az, el, context)
+        return Context(az, el, context, mount=mount)
     if not isinstance(context, Context):
         context = Context.of_run(context)
     return context.at(az, el)

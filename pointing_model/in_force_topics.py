@@ -27,7 +27,7 @@ def in_force_of(node, changed=lambda topic: None):
     InForce
     """
     file = node.value(MODEL_FILE.name)
-    now = InForce(PointingModel.load(file) if file else None)
+    now = InForce(PointingModel.load_for_graph(file) if file else None)
 
     def on_temperature(message):
         now.thermometer.take(*convert.read_temperature(message))

@@ -10,6 +10,7 @@ from . import geometry as rotation
 from .context import Context
 from .fitted_effects import as_context, total
 from .harmonics import Harmonics
+from .mounts import ALTAZ, Mount
 from .terms import Trig, design, known_terms
 from .zero import NO_ZERO
 
@@ -30,7 +31,8 @@ class PointingModel:
     Parameters
     ----------
     terms : dict of str to float
-        Coefficients in radians by the names of `terms.TERMS`, in the order of `covariance`.
+        Coefficients in radians by the names of `terms.terms_of` the mount, in the order of
+        `covariance`.
     covariance : ndarray, shape (k, k), optional
         Of the terms, radians^2; zero if omitted.
     harmonics : Harmonics, optional
@@ -38,10 +40,13 @@ class PointingModel:
     provenance : dict, optional
         Where the model came from; anything that JSON can hold.
     geometry : {'rotation', 'first_order'}
-        Whether the geometric terms (IA IE CA NPAE AN AW TF) act as exact rotations or as their
-        first-order columns. All others, the harmonics and the effects add their columns at the
-        catalogue place.
+        Whether the geometric terms (IA IE CA NPAE AN AW TF, or what the mount has for them) act
+        as exact rotations or as their first-order columns. All others, the harmonics and the
+        effects add their columns at the catalogue place.
     effects : sequence of FittedEffect, optional
+    mount : Mount, optional
+        Whose axes these are. All angles of the methods are of them: `Mount.axes_of` gives them
+        for a place of the horizon, on either side of the pier.
 
     Raises
     ------
@@ -55,9 +60,10 @@ class PointingModel:
     provenance: dict = field(default_factory=dict)
     geometry: str = 'rotation'
     effects: tuple = ()
+    mount: Mount = ALTAZ
 
     def __post_init__(self):
-        known_terms(self.terms)
+        known_terms(self.terms, self.mount)
         object.__setattr__(self, 'effects', tuple(self.effects))
         if self.geometry not in ('rotation', 'first_order'):
             raise ValueError(
@@ -81,14 +87,14 @@ class PointingModel:
         """Coefficients of the rotations, and those that add their columns."""
         if self.geometry == 'first_order':
             return {}, self.terms
-        turned = {n: v for n, v in self.terms.items() if n in rotation.GEOMETRIC}
+        turned = {n: v for n, v in self.terms.items() if n in self.mount.names.terms}
         return turned, {n: v for n, v in self.terms.items() if n not in turned}
 
     def _added(self, az, el, columns):
         """What is added to the encoder angles beyond the rotations, on the sky."""
-        trig = Trig(az, el)
+        trig = Trig(az, el, self.mount)
         x, y = 0.0, 0.0
-        for term in known_terms(columns):
+        for term in known_terms(columns, self.mount):
             of = term.of(trig)
             x, y = x + columns[term.name] * of[0], y + columns[term.name] * of[1]
         if self.harmonics is not None:
@@ -100,7 +106,7 @@ class PointingModel:
         """What the effects add, on the sky; the angles without them stand for the reading."""
         shape = (2, *np.shape(az))
         az, el, az_enc, el_enc = (np.ravel(v) for v in (az, el, az_enc, el_enc))
-        context = as_context(context, az, el)
+        context = as_context(context, az, el, self.mount)
         if {'az_enc', 'el_enc', 'az_raw', 'el_raw'} & set(context.columns):
             return total(self.effects, context).reshape(shape)
         # the mount will read what this very model says: each round divides the error by
@@ -131,7 +137,7 @@ class PointingModel:
             Name of the effect -> rows in which it counts as zero; only those with such rows.
         """
         az, el = np.broadcast_arrays(np.atleast_1d(az), np.atleast_1d(el))
-        context = as_context(context, az, el)
+        context = as_context(context, az, el, self.mount)
         # the reading is predicted where it is not given
         context = context.at(az, el, **{f'{axis}_enc': value for axis, value in
                                         (('az', az), ('el', el))
@@ -158,7 +164,7 @@ class PointingModel:
         """
         az, el = np.broadcast_arrays(np.asarray(az, float), np.asarray(el, float))
         turned, columns = self._split()
-        az_enc, el_enc = rotation.sky_to_encoder(az, el, turned)
+        az_enc, el_enc = rotation.sky_to_encoder(az, el, turned, self.mount)
         if columns or self.harmonics is not None:
             x, y = self._added(az, el, columns)
             az_enc, el_enc = az_enc + x / np.cos(el), el_enc + y
@@ -193,10 +199,11 @@ class PointingModel:
                 x, y = self._added(az, el, columns)
                 if self.effects:
                     flat = np.ravel(az), np.ravel(el)
-                    dx, dy = total(self.effects, as_context(context, *flat).at(*flat, **reading))
+                    known = as_context(context, *flat, self.mount).at(*flat, **reading)
+                    dx, dy = total(self.effects, known)
                     x, y = x + dx.reshape(np.shape(az)), y + dy.reshape(np.shape(az))
                 return x / np.cos(el), y
-        return rotation.encoder_to_sky(az_enc, el_enc, turned, added)
+        return rotation.encoder_to_sky(az_enc, el_enc, turned, added, self.mount)
 
     def offsets(self, az, el, context=None):
         """Encoder - catalogue, on the sky.
@@ -236,14 +243,14 @@ class PointingModel:
         """
         shape = np.broadcast_shapes(np.shape(az), np.shape(el))
         az, el = (np.broadcast_to(v, shape).ravel() for v in (az, el))
-        columns = np.stack(design(tuple(self.terms), az, el), axis=1)  # (n, 2, k)
+        columns = np.stack(design(tuple(self.terms), az, el, self.mount), axis=1)  # (n, 2, k)
         variance = columns @ self.covariance @ columns.transpose(0, 2, 1)
         x, y = variance[:, 0, 0], variance[:, 1, 1]
         if self.harmonics is not None:
             hx, hy = self.harmonics.variance(az, el)
             x, y = x + hx, y + hy
         for fitted in self.effects:
-            ex, ey = fitted.variance(as_context(context, az, el))
+            ex, ey = fitted.variance(as_context(context, az, el, self.mount))
             x, y = x + ex, y + ey
         return tuple(np.sqrt(np.maximum(v, 0.0)).reshape(shape) for v in (x, y))
 
@@ -293,3 +300,9 @@ class PointingModel:
         """`model_document.load`."""
         from .model_document import load
         return load(path)
+
+    @staticmethod
+    def load_for_graph(path):
+        """As `load`; ValueError of a mount that the graph does not have."""
+        from .model_document import load_for_graph
+        return load_for_graph(path)

@@ -12,10 +12,12 @@ from .fitted_effects import FittedEffect
 from .following import KEY as FOLLOWS
 from .harmonics import Harmonics
 from .model import PointingModel
+from .mounts import ALTAZ, Mount
 
 FORMAT = 'telescope_mount/pointing_model'
 VERSION = 2
 _PLAIN_VERSION = 1  # without effects: as ever, so that older programs read it
+_MOUNT_VERSION = 3  # of other mounts than alt-azimuth ones: programs that know none refuse it
 #: `identity` where nothing is corrected
 NO_MODEL = 'none'
 _INTERPRETATION = 'reading'  # the key that `Harmonics.interpretation` has had in files ever since
@@ -24,6 +26,12 @@ _NAMED = 'coefficients'  # A0 .. B12
 _CONVENTION = (
     'offset = encoder - catalogue; azimuth from north through east, elevation from the horizon; '
     'on the sky x = dA cos E, y = dE; terms in TPOINT names (IE has the opposite sign there)'
+)
+_CONVENTION_OF_AXES = (
+    'offset = encoder - catalogue in the angles a, b of the axes ({}); a grows clockwise seen from '
+    'the pole of the first axis, b from the equator to the pole and beyond it on the other side of '
+    'the pier; on the sky x = da cos b, y = db; frame: the axes x, y, z as east, north, up; terms '
+    'in TPOINT names (the index terms and those of the axes have the opposite sign there)'
 )
 
 
@@ -45,6 +53,7 @@ def to_json(model):
         'format': FORMAT,
         'version': VERSION if model.effects else _PLAIN_VERSION,
         'convention': _CONVENTION,
+        **_mount_document(model.mount),
         'geometry': model.geometry,
         'terms': [
             {'name': name, 'value_arcsec': value / ARCSEC, 'sigma_arcsec': float(s)}
@@ -66,6 +75,15 @@ def to_json(model):
     if model.effects:
         document['effects'] = [e.document() for e in model.effects]
     return json.dumps(document, indent=1)
+
+
+def _mount_document(mount):
+    """What the document has of another mount than an alt-azimuth one."""
+    if mount.altaz:
+        return {}
+    return {'version': _MOUNT_VERSION,
+            'convention': _CONVENTION_OF_AXES.format(', '.join(mount.names.axes)),
+            'mount': {'kind': mount.kind, 'frame': [list(axis) for axis in mount.frame]}}
 
 
 def from_json(text):
@@ -108,6 +126,8 @@ def identity(text):
     """
     document = json.loads(text) if text else {}
     acting = {key: document.get(key) for key in ('geometry', 'terms', 'harmonics', 'effects')}
+    if 'mount' in document:
+        acting['mount'] = document['mount']
     if acting['harmonics']:
         acting['harmonics'] = {key: value for key, value in acting['harmonics'].items()
                                if key not in ('degree', _NAMED)}
@@ -123,10 +143,11 @@ def from_document(document):
     """Read the parsed document (see `from_json`)."""
     if not isinstance(document, dict) or document.get('format') != FORMAT:
         raise ValueError(f'not a pointing model: the document has no format {FORMAT!r}')
-    if document.get('version') not in (_PLAIN_VERSION, VERSION):
+    if document.get('version') not in (_PLAIN_VERSION, VERSION, _MOUNT_VERSION):
         raise ValueError(
             f'pointing model of version {document.get("version")!r}, this program reads '
-            f'version {_PLAIN_VERSION} and {VERSION}; update the program or fit the run again')
+            f'version {_PLAIN_VERSION} to {_MOUNT_VERSION}; update the program or fit the run '
+            'again')
     try:
         rows = document['terms']
         terms = {row['name']: float(row['value_arcsec']) * ARCSEC for row in rows}
@@ -148,12 +169,14 @@ def from_document(document):
         if not isinstance(provenance, dict):
             raise ValueError('provenance is not an object')
         geometry = document['geometry']
+        told = document.get('mount')
+        mount = ALTAZ if told is None else Mount(told['kind'], told['frame'])
         effects = [FittedEffect.from_document(row) for row in document.get('effects') or ()]
     except KeyError as error:
         raise ValueError(f'pointing model document without {error}') from None
     except (TypeError, ValueError, AttributeError) as error:
         raise ValueError(f'pointing model document is damaged: {error}') from None
-    return PointingModel(terms, covariance, harmonics, provenance, geometry, effects)
+    return PointingModel(terms, covariance, harmonics, provenance, geometry, effects, mount)
 
 
 def _check_named(rows, harmonics):
@@ -222,6 +245,21 @@ def load(path):
         return from_document(document)
     except ValueError as error:
         raise ValueError(f'{path}: {error}') from None
+
+
+def load_for_graph(path):
+    """`load`, for nodes that know alt-azimuth mounts alone.
+
+    Raises
+    ------
+    ValueError
+        As `load`, or the model is of another mount.
+    """
+    model = load(path)
+    if not model.mount.altaz:
+        raise ValueError(f'{path}: a model of a mount that is {model.mount.kind}; the night and '
+                         'its graph are of alt-azimuth mounts')
+    return model
 
 
 def _is_yaml(path):

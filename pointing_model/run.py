@@ -6,7 +6,11 @@ import numpy as np
 
 from msg_tools.units import ARCSEC, DEG, wrap
 
-#: name in memory (SI) -> (name in a CSV file, CSV unit in SI, what it is)
+from .mounts import ALTAZ
+
+#: name in memory (SI) -> (name in a CSV file, CSV unit in SI, what it is). ``az`` and ``el`` are
+#: the first and the second axis: of an alt-azimuth mount, whose names in files are here, azimuth
+#: and elevation; of another see `column_name`
 COLUMNS = {
     'time': ('time', 1.0, 'UTC, seconds since 1970-01-01'),
     'run': ('run', 1.0, 'number of the night or of the power-on'),
@@ -41,6 +45,21 @@ COLUMNS = {
 REQUIRED = ('az', 'el', 'az_enc', 'el_enc')
 
 
+def column_name(name, names=ALTAZ.names):
+    """Name of a column in a CSV file of a mount: ``az_enc`` is ``ha_enc_deg`` in equatorial ones.
+
+    Parameters
+    ----------
+    name : str
+        Of `COLUMNS`; others are returned as they are.
+    names : mounts.Names
+    """
+    if name not in COLUMNS:
+        return name
+    own = dict(zip(('az', 'el'), names.columns))
+    return '_'.join(own.get(part, part) for part in COLUMNS[name][0].split('_'))
+
+
 @dataclass
 class PointingRun:
     """Columns of equal length, one row an observation.
@@ -54,9 +73,11 @@ class PointingRun:
         Where the run came from (``source``), its ``site``, what was left out (``excluded``, a
         list of ``{'row', 'reason'}``) and remarks for the reader (``notes``, a list of str).
         ``time_is_utc`` False: time counts from an arbitrary start. ``raw_reading`` False: the
-        encoder angles are not what the encoders read. ``graduation`` (``graduation_abs``): lines
-        in a turn of the encoders, see `effects.declared_graduation`. ``drivers``: names of own
-        columns that are causes though their names do not say so.
+        encoder angles are not what the encoders read. ``mount``: a `mounts.Mount`; without it
+        the mount is an alt-azimuth one. ``az, el`` and ``az_enc, el_enc`` are angles of its axes,
+        catalogue places on the side of the pier that it was on. ``graduation``
+        (``graduation_abs``): lines in a turn of the encoders, see `effects.declared_graduation`.
+        ``drivers``: names of own columns that are causes though their names do not say so.
 
     Raises
     ------
@@ -91,6 +112,11 @@ class PointingRun:
         if name in self.columns:
             return self.columns[name]
         return np.full(len(self), default)
+
+    @property
+    def mount(self):
+        """The `mounts.Mount` whose axes the angles are of."""
+        return self.meta.get('mount', ALTAZ)
 
     @property
     def lines(self):
@@ -142,11 +168,13 @@ class PointingRun:
         Returns
         -------
         x, y : ndarray, shape (n,)
-            delta-A cos E and delta-E, radians (paper 000, eq. 2, put on the sky).
+            delta-A cos E and delta-E, radians (paper 000, eq. 2, put on the sky); of rows
+            through the pole both are reversed on the sky.
         """
         az, el = self['az'], self['el']
         dx = wrap(self[f'az_{encoder}'] - az) * np.cos(el)
-        return dx, self[f'el_{encoder}'] - el
+        dy = self[f'el_{encoder}'] - el
+        return dx, dy if self.mount.altaz else wrap(dy)
 
     @classmethod
     def concatenate(cls, runs):

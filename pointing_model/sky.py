@@ -7,13 +7,16 @@ than a microsecond (``atciq``, ``atioq``). The celestial pole offsets, below 0.0
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import erfa
 import numpy as np
 
-from msg_tools.units import DEG
+from msg_tools.units import DEG, wrap
 
 from .earth import earth_orientation, split_utc
+
+_SIDEREAL = 2.0 * np.pi / 86164.0905  # rad/s
 
 
 @dataclass(frozen=True)
@@ -136,6 +139,126 @@ def icrs_to_observed(ra, dec, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER):
     return _observe(erfa.ufunc.atciq(ra, dec, 0.0, 0.0, 0.0, 0.0, astrom), astrom, weather)
 
 
+class Observed(NamedTuple):
+    """An observed direction, refracted, in both pairs of axes of an ideal mount; radians.
+
+    Attributes
+    ----------
+    az, el : float or ndarray
+        Azimuth from north through east, in [0, 2 pi), and elevation.
+    ha, dec : float or ndarray
+        The same direction about the pole of the site's latitude: hour angle, west positive, in
+        (-pi, pi], and declination.
+    """
+
+    az: np.ndarray
+    el: np.ndarray
+    ha: np.ndarray
+    dec: np.ndarray
+
+
+def observed_directions(ra, dec, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER):
+    """Observed directions of ICRS places at infinity, for mounts with any axes.
+
+    Parameters
+    ----------
+    ra, dec : float or ndarray
+        ICRS, radians.
+    time, site, weather
+        As for `observed_place`; `ra`, `dec` and `time` broadcast.
+
+    Returns
+    -------
+    Observed
+    """
+    ra, dec = np.broadcast_arrays(np.asarray(ra, float), np.asarray(dec, float))
+    astrom = _frame(time, site, None if ra.ndim == 0 else ra.size)
+    return _directions(erfa.ufunc.atciq(ra, dec, 0.0, 0.0, 0.0, 0.0, astrom), astrom, weather)
+
+
+def observed_to_icrs(az, el, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER):
+    """ICRS direction that is observed at a place: the inverse of `icrs_to_observed`.
+
+    Parameters
+    ----------
+    az, el : float or ndarray
+        Observed azimuth and elevation, radians.
+    time, site, weather
+        As for `observed_place`; `az`, `el` and `time` broadcast.
+
+    Returns
+    -------
+    ra, dec : float or ndarray
+        ICRS, radians, of an object at infinity; to 0.003" above 15 degrees (ERFA's inverse
+        refraction).
+    """
+    az, el = np.broadcast_arrays(np.asarray(az, float), np.asarray(el, float))
+    astrom = _in_air(_frame(time, site, None if az.ndim == 0 else az.size), weather)
+    cirs = erfa.ufunc.atoiq(b'A', az, np.pi / 2.0 - el, astrom)
+    return erfa.ufunc.aticq(*cirs, astrom)
+
+
+def apparent_to_observed(ra, dec, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER):
+    """Observed place of apparent places of date (true equator and equinox, geocentric).
+
+    Parameters
+    ----------
+    ra, dec : ndarray, shape (n,)
+        Radians.
+    time, site, weather
+        As for `icrs_to_observed`.
+
+    Returns
+    -------
+    az, el : ndarray
+        Radians.
+    """
+    time = np.broadcast_to(np.asarray(time, float), np.shape(ra))
+    astrom = _frame(time, site, np.size(ra))
+    return _observe((ra + _equation_of_origins(time), dec), astrom, weather)
+
+
+def sidereal_time(time, site=DEFAULT_SITE):
+    """Local apparent sidereal time, radians in [0, 2 pi).
+
+    Parameters
+    ----------
+    time : ndarray, shape (n,)
+        UTC, seconds since 1970-01-01.
+    site : Site
+    """
+    time = np.asarray(time, float)
+    return np.mod(_frame(time, site, None)['eral'] - _equation_of_origins(time), 2.0 * np.pi)
+
+
+def moment_of(lst, near, site=DEFAULT_SITE):
+    """The moment nearest to another at which a sidereal clock shows a time.
+
+    Parameters
+    ----------
+    lst : ndarray, shape (n,)
+        Local apparent sidereal time, radians.
+    near : ndarray, shape (n,), or float
+        UTC, seconds since 1970-01-01.
+    site : Site
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        UTC, seconds since 1970-01-01.
+    """
+    time = np.broadcast_to(np.asarray(near, float), np.shape(lst)).copy()
+    for _ in range(3):  # each leaves what the equation of the equinoxes does in between
+        time += wrap(lst - sidereal_time(time, site)) / _SIDEREAL
+    return time
+
+
+def _equation_of_origins(time):
+    utc = split_utc(np.asarray(time, float))
+    tai = erfa.ufunc.utctai(*utc)[:2]
+    return erfa.ufunc.eo06a(*erfa.ufunc.taitt(*tai)[:2])
+
+
 def _frame(time, site, count):
     """ERFA's astrom for each time, computed once for each distinct one; with no refraction."""
     time = np.asarray(time, float)
@@ -151,12 +274,20 @@ def _frame(time, site, count):
     return astrom[inverse.reshape(time.shape)]
 
 
-def _observe(cirs, astrom, weather):
+def _in_air(astrom, weather):
     refa, refb = erfa.ufunc.refco(weather.pressure_hpa, weather.temperature_c, weather.humidity,
                                   weather.wavelength_um)
     if np.ndim(refa) > astrom.ndim:
         astrom = np.broadcast_to(astrom, np.shape(refa))
     astrom = astrom.copy()
     astrom['refa'], astrom['refb'] = refa, refb
-    az, zenith_distance, *_ = erfa.ufunc.atioq(*cirs, astrom)
-    return az, np.pi / 2.0 - zenith_distance
+    return astrom
+
+
+def _directions(cirs, astrom, weather):
+    az, zenith_distance, ha, dec, _ = erfa.ufunc.atioq(*cirs, _in_air(astrom, weather))
+    return Observed(az, np.pi / 2.0 - zenith_distance, ha, dec)
+
+
+def _observe(cirs, astrom, weather):
+    return _directions(cirs, astrom, weather)[:2]

@@ -1,14 +1,18 @@
-"""First-order pointing terms of an alt-az mount, by the names that the field uses (TPOINT).
+"""First-order pointing terms of a mount, by the names that the field uses (TPOINT).
 
 A term is a pair of design columns (x, y): what a coefficient of one radian adds to
-encoder - catalogue, on the sky, x = delta-A cos E and y = delta-E, with A (from north through
-east) and E of the catalogue place.
+encoder - catalogue, on the sky, x = delta-A cos E and y = delta-E, with the axis angles A and E of
+the catalogue place (see `mounts`; of an alt-azimuth mount azimuth from north through east, and
+elevation). Terms of the axes have the same columns in every mount, under its own names; those of
+gravity and refraction lift toward the zenith, wherever that is for the axes.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+
+from .mounts import ALTAZ, KINDS
 
 #: A column that is zero everywhere; the fit tells it by identity and skips it.
 ZERO = 0.0
@@ -20,15 +24,35 @@ class Trig:
     Parameters
     ----------
     az, el : float or ndarray
-        Catalogue place, radians.
+        Catalogue place by the axes of the mount, radians.
+    mount : Mount, optional
     """
 
-    __slots__ = ('az', 'el', 'sin_az', 'cos_az', 'sin_el', 'cos_el')
+    __slots__ = ('az', 'el', 'sin_az', 'cos_az', 'sin_el', 'cos_el', 'mount', '_zenith')
 
-    def __init__(self, az, el):
-        self.az, self.el = az, el
+    def __init__(self, az, el, mount=ALTAZ):
+        self.az, self.el, self.mount = az, el, mount
         self.sin_az, self.cos_az = np.sin(az), np.cos(az)
         self.sin_el, self.cos_el = np.sin(el), np.cos(el)
+        self._zenith = self if mount.altaz else None
+
+    @property
+    def zenith(self):
+        """Of azimuth and elevation, whatever the axes are."""
+        if self._zenith is None:
+            self._zenith = Trig(*self.mount.horizon_of(self.az, self.el))
+        return self._zenith
+
+    def lifted(self, by):
+        """Pair (x, y) of what lifts the line of sight toward the zenith by so much."""
+        if self.mount.altaz:
+            return ZERO, by
+        x, y, z = self.mount.zenith
+        up = (x * self.cos_az - y * self.sin_az,
+              z * self.cos_el - self.sin_el * (x * self.sin_az + y * self.cos_az))
+        # of length cos E; at the zenith itself there is no such direction
+        by = by / np.maximum(np.hypot(*up), 1e-12)
+        return by * up[0], by * up[1]
 
 
 @dataclass(frozen=True)
@@ -70,11 +94,11 @@ TERMS = {row[0]: Term(*row) for row in (
      lambda t: (t.sin_az * t.sin_el, t.cos_az)),
     ('AW', 'azimuth axis leans west', '(cos A sin E, -sin A)', 1,
      lambda t: (t.cos_az * t.sin_el, -t.sin_az)),
-    ('TF', 'tube flexure, cos E', '(0, cos E)', 1, lambda t: (ZERO, t.cos_el)),
+    ('TF', 'tube flexure, cos E', '(0, cos E)', 1, lambda t: t.lifted(t.zenith.cos_el)),
     ('TX', 'flexure or refraction constant, cot E', '(0, cot E)', 1,
-     lambda t: (ZERO, t.cos_el / t.sin_el)),
+     lambda t: t.lifted(t.zenith.cos_el / t.zenith.sin_el)),
     ('TX3', 'third order of the refraction, cot^3 E', '(0, cot^3 E)', None,
-     lambda t: (ZERO, (t.cos_el / t.sin_el) ** 3)),
+     lambda t: t.lifted((t.zenith.cos_el / t.zenith.sin_el) ** 3)),
     ('ECES', 'elevation encoder centring, sin E', '(0, sin E)', -1, lambda t: (ZERO, t.sin_el)),
     ('HECE2', 'elevation, cos 2E', '(0, cos 2E)', -1, lambda t: (ZERO, np.cos(2 * t.el))),
     ('HESE2', 'elevation, sin 2E', '(0, sin 2E)', -1, lambda t: (ZERO, np.sin(2 * t.el))),
@@ -97,18 +121,86 @@ TERMS = {row[0]: Term(*row) for row in (
 )}
 
 #: The geometry of an alt-az mount and Hooke's law flexure.
-PHYSICAL = ('IA', 'IE', 'CA', 'NPAE', 'AN', 'AW', 'TF')
+PHYSICAL = ALTAZ.names.physical
 
 #: The usual six of telescopes with well squared axes.
-STANDARD6 = ('IA', 'IE', 'CA', 'AN', 'AW', 'TF')
+STANDARD6 = ALTAZ.names.standard6
 
 
-def known_terms(names):
+def _same(name, own, doc, formula, tpoint_sign, sign=1):
+    """A term of another mount with the columns of an alt-az one, in its axes."""
+    of = TERMS[own].of
+    if sign > 0:
+        return Term(name, doc, formula, tpoint_sign, of)
+    return Term(name, doc, formula, tpoint_sign, lambda t: tuple(-v for v in of(t)))
+
+
+def _rotations(kind, docs):
+    """The geometric terms of a kind of mount; their columns follow from the geometry."""
+    out = []
+    for (name, (own, sign)), (doc, formula, tpoint_sign) in zip(KINDS[kind].terms.items(), docs):
+        out.append(_same(name, own, doc, formula, tpoint_sign, sign))
+    return out
+
+
+_UP = 'upward'  # of a formula: toward the zenith
+_ZENITH = [
+    _same('TX', 'TX', TERMS['TX'].doc, f'cot E {_UP}', 1),
+    _same('TX3', 'TX3', TERMS['TX3'].doc, f'cot^3 E {_UP}', None),
+    Term('HZCZ', 'second flexure, sin E', f'sin E {_UP}', 1,
+         lambda t: t.lifted(t.zenith.sin_el))]
+#: the signs: TPOINT's corrections take the encoder to the star in hour angle and declination, and
+#: those of gravity there point down
+_HADEC = [*_rotations('equatorial', (
+    ('hour angle index', '(cos δ, 0)', -1), ('declination index', '(0, 1)', -1),
+    ('collimation, the line of sight not square to the declination axis', '(1, 0)', -1),
+    ('declination axis not perpendicular to the polar axis', '(sin δ, 0)', -1),
+    ('polar axis leans west (of the pole, seen from below)', '(-cos h sin δ, sin h)', -1),
+    ('polar axis leans to the meridian: too high in the north', '(sin h sin δ, cos h)', -1),
+    ('tube flexure, cos E', f'cos E {_UP}', 1))), *_ZENITH,
+    Term('FO', 'fork flexure', '(0, cos h)', -1, lambda t: (ZERO, t.cos_az)),
+    Term('DAF', 'declination axis or its cantilever bends', '(-sin E, 0)', -1,
+         lambda t: (-t.zenith.sin_el, ZERO)),
+    *(_same(name, own, doc, formula, -1) for name, own, doc, formula in (
+        ('HCEC', 'ACEC', 'hour angle encoder centring, cos h', '(cos h cos δ, 0)'),
+        ('HCES', 'ACES', 'hour angle encoder centring, sin h', '(sin h cos δ, 0)'),
+        ('DCES', 'ECES', 'declination encoder centring, sin δ', '(0, sin δ)'),
+        ('HHCH2', 'HACA2', 'hour angle encoder, cos 2h', '(cos 2h cos δ, 0)'),
+        ('HHSH2', 'HASA2', 'hour angle encoder, sin 2h', '(sin 2h cos δ, 0)'),
+        ('HDCD2', 'HECE2', 'declination, cos 2δ', '(0, cos 2δ)'),
+        ('HDSD2', 'HESE2', 'declination, sin 2δ', '(0, sin 2δ)'),
+        ('HDCH', 'HECA', 'declination nod, cos h', '(0, cos h)'),
+        ('HDSH', 'HESA', 'declination nod, sin h', '(0, sin h)'),
+        ('HDCH2', 'HECA2', 'declination nod, cos 2h', '(0, cos 2h)'),
+        ('HDSH2', 'HESA2', 'declination nod, sin 2h', '(0, sin 2h)'),
+        ('HPCH2', 'HVCA2', 'polar axis wobble, cos 2h', '(cos 2h sin δ, 0)'),
+        ('HPSH2', 'HVSA2', 'polar axis wobble, sin 2h', '(sin 2h sin δ, 0)'))),
+    Term('DCEC', 'declination encoder centring, cos δ', '(0, cos δ)', -1,
+         lambda t: (ZERO, t.cos_el))]
+_FREE = [*_rotations('free', (
+    ('index of the first axis', '(cos b, 0)', None),
+    ('index of the second axis', '(0, 1)', None),
+    ('collimation, positive where the line of sight is left of the tube', '(1, 0)', None),
+    ('second axis not perpendicular to the first, its right end high', '(sin b, 0)', None),
+    ('first axis leans to its angle 0', '(sin a sin b, cos a)', None),
+    ('first axis leans to its angle -90 degrees', '(cos a sin b, -sin a)', None),
+    ('tube flexure, cos E', f'cos E {_UP}', None))), *_ZENITH]
+_BY_KIND = {'altaz': TERMS, **{kind: {term.name: term for term in terms} for kind, terms in (
+    ('equatorial', _HADEC), ('german', _HADEC), ('free', _FREE))}}
+
+
+def terms_of(mount):
+    """All terms of a mount, or of a kind of mount, name -> `Term`."""
+    return _BY_KIND[mount if isinstance(mount, str) else mount.kind]
+
+
+def known_terms(names, mount=ALTAZ):
     """The `Term` of each name.
 
     Parameters
     ----------
     names : iterable of str
+    mount : Mount, optional
 
     Returns
     -------
@@ -119,18 +211,19 @@ def known_terms(names):
     ValueError
         A name is unknown or given twice.
     """
-    names = tuple(names)
-    unknown = [name for name in names if name not in TERMS]
+    names, known = tuple(names), terms_of(mount)
+    unknown = [name for name in names if name not in known]
     if unknown:
         raise ValueError(
-            f'unknown pointing term {", ".join(map(str, unknown))}; choose from {", ".join(TERMS)}'
-        )
+            f'unknown pointing term {", ".join(map(str, unknown))}'
+            + ('' if mount.altaz else f' of a mount that is {mount.kind}')
+            + f'; choose from {", ".join(known)}')
     if len(set(names)) < len(names):
         raise ValueError(f'a pointing term is named twice in {", ".join(names)}; name it once')
-    return [TERMS[name] for name in names]
+    return [known[name] for name in names]
 
 
-def stacked_design(names, az, el):
+def stacked_design(names, az, el, mount=ALTAZ):
     """The design of both axes in one array, a row a term: x of all stars, then y of all stars.
 
     Contiguous rows make the products of the fit fast.
@@ -139,7 +232,8 @@ def stacked_design(names, az, el):
     ----------
     names : sequence of str, length k
     az, el : ndarray, shape (n,)
-        Catalogue place, radians.
+        Catalogue place by the axes of the mount, radians.
+    mount : Mount, optional
 
     Returns
     -------
@@ -150,9 +244,9 @@ def stacked_design(names, az, el):
     ValueError
         A name is unknown or given twice.
     """
-    terms = known_terms(names)
+    terms = known_terms(names, mount)
     n = len(az)
-    trig = Trig(az, el)
+    trig = Trig(az, el, mount)
     out = np.zeros((len(terms), 2 * n))
     for x_row, y_row, term in zip(out[:, :n], out[:, n:], terms):
         x, y = term.of(trig)
@@ -163,14 +257,15 @@ def stacked_design(names, az, el):
     return out
 
 
-def design(names, az, el):
+def design(names, az, el, mount=ALTAZ):
     """First-order design matrices.
 
     Parameters
     ----------
     names : sequence of str, length k
     az, el : ndarray, shape (n,)
-        Catalogue place, radians.
+        Catalogue place by the axes of the mount, radians.
+    mount : Mount, optional
 
     Returns
     -------
@@ -183,23 +278,24 @@ def design(names, az, el):
         A name is unknown or given twice.
     """
     az, el = np.broadcast_arrays(np.atleast_1d(az), np.atleast_1d(el))
-    both = stacked_design(names, az, el)
+    both = stacked_design(names, az, el, mount)
     return both[:, : len(az)].T, both[:, len(az):].T
 
 
-def mean_columns(names, az, el):
+def mean_columns(names, az, el, mount=ALTAZ):
     """Mean over some rows of the derivatives of the encoder angles, as of Polaris' exposures.
 
     Parameters
     ----------
     names : sequence of str, length k
     az, el : ndarray, shape (n,)
-        Catalogue place, radians.
+        Catalogue place by the axes of the mount, radians.
+    mount : Mount, optional
 
     Returns
     -------
     ndarray, shape (2, k)
         Of azimuth (the coordinate angle, not on the sky) and elevation, for unit coefficients.
     """
-    x, y = design(names, az, el)
+    x, y = design(names, az, el, mount)
     return np.stack((np.mean(x / np.cos(el)[:, None], axis=0), np.mean(y, axis=0)))

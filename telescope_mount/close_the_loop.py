@@ -96,21 +96,28 @@ def judgement(shows_as, effects, verdict='', harmful=False):
     return ('in part' if any(there) else 'no'), false
 
 
-def points_worse(before, after):
+def points_worse(before, after, judged=None):
     """Whether blind stars after a change are missed by more than before, beyond noise.
 
     Parameters
     ----------
     before, after : dict or None
         Of `pointing_model.observing.sequencer.blind_summary`: other stars each.
+    judged : dict, optional
+        Both models on the stars of `after`, with ``radial`` where there were enough: what has
+        become worse there for both is the night, and not the change.
 
     Returns
     -------
     bool
         The logarithm of the ratio is above 2 sigma; of an RMS over n stars, 2 n values, it has
-        sigma^2 = 1 / (4 n), so that 2 % of harmless changes look so.
+        sigma^2 = 1 / (4 n), so that 2 % of harmless changes look so. On the same stars the change
+        makes the RMS larger by 5 % at least.
     """
     if not (before and after and before['stars'] and after['stars']):
+        return False
+    same = (judged or {}).get('radial')
+    if same and same['after_arcsec'] < 1.05 * same['before_arcsec']:
         return False
     sigma = np.sqrt(0.25 / before['stars'] + 0.25 / after['stars'])
     return bool(after['rms_arcsec'] > before['rms_arcsec'] * np.exp(2.0 * sigma))
@@ -263,7 +270,7 @@ def _site_of(run, sky):
 
 def _player(run, file, azimuth_origin, folder):
     """Parameters of the run player: a file that it can read, written if need be."""
-    if file.is_dir() or file.suffix == '.mcap':
+    if file.is_dir() or file.suffix == '.mcap' or run.meta.get('of_solves'):
         from pointing_model.run_files import write_csv
         file, azimuth_origin = folder / 'run.csv', None
         write_csv(run, file)
@@ -362,7 +369,7 @@ def _judge(folder, report, told):
     report['undeclared'] = told
     judged = report['judged'] or {}
     harmful = report['published'] and not judged.get('taken_back') and points_worse(
-        report['blind_before'], report['blind_after'])
+        report['blind_before'], report['blind_after'], judged)
     report['found'], report['false'] = judgement(
         told and told['shows_as'], report['effects'], report['verdict'], harmful)
     report['files'] = {name: str(folder / file) for name, file in (

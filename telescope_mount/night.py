@@ -77,7 +77,7 @@ def run_night(out, *, stars=30, polaris=16, reference=None, cycle='incremental',
     parse_plan(plan)
     if reference is not None:
         from pointing_model.model import PointingModel
-        PointingModel.load(reference)
+        PointingModel.load_for_graph(reference)
     folder = prepare_folder(out)
     specs = night_graph(
         bag=str(folder / 'bag'), plan=plan,

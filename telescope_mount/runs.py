@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
+from calibration.solves import judge_solves
 from msg_tools.bag import BagReader
 from msg_tools.bag.provenance import parameters_of
 from pointing_model.context import Context
@@ -12,7 +13,7 @@ from pointing_model.run_files import NoObservations, read_run, swap_encoders
 
 
 def load_run(path, azimuth_origin=None, *, site=None, weather=None, encoder=None,
-             graduation=None, drivers=()):
+             graduation=None, drivers=(), mount=None):
     """Read a pointing run from a file of any kind that `read_run` takes, or from a log.
 
     Rows that are there to judge by (``check`` not 0) are left out, and a note says so.
@@ -34,6 +35,8 @@ def load_run(path, azimuth_origin=None, *, site=None, weather=None, encoder=None
         `pointing_model.effects.declared_graduation`.
     drivers : sequence of str, optional
         Columns of the file that may be a cause, though their names do not say so.
+    mount : str or Mount, optional
+        Of a file, in place of what it tells; see `pointing_model.mounts.parse_mount`.
 
     Returns
     -------
@@ -48,9 +51,13 @@ def load_run(path, azimuth_origin=None, *, site=None, weather=None, encoder=None
     """
     path = Path(path)
     if not path.is_dir() and path.suffix != '.mcap':
-        run = _without_judges(read_run(
-            path, azimuth_origin=azimuth_origin, site=site, weather=weather, encoder=encoder))
+        run = _without_judges(judge_solves(read_run(
+            path, azimuth_origin=azimuth_origin, site=site, weather=weather, encoder=encoder,
+            mount=mount)))
     else:
+        if mount is not None and mount != 'altaz':
+            raise ValueError(f'{path} is a log of a night with an alt-azimuth mount; leave out '
+                             '--mount')
         run = run_of_log(path)
         if site is not None:
             run.meta['site'] = site

@@ -281,12 +281,12 @@ def _session(log, parameters, reference, seed, rows):
     seed = seed if seed is not None else parameters.get('split_seed', 1)
     model = None
     if reference is not None:
-        model = PointingModel.load(reference)
+        model = PointingModel.load_for_graph(reference)
     elif parameters.get('model_file'):
         if any(a.name == 'reference_model.json' for a in log.attachments):
             model = PointingModel.from_json(log.read_attachment('reference_model.json').decode())
         elif Path(parameters['model_file']).is_file():
-            model = PointingModel.load(parameters['model_file'])
+            model = PointingModel.load_for_graph(parameters['model_file'])
         else:
             raise ValueError(f'the night had the reference model {parameters["model_file"]}, '
                              'which is not there: give it with --reference')

@@ -14,14 +14,15 @@ from pointing_model.context import Context
 from pointing_model.effects import period_of
 from pointing_model.effects.base import AXES
 from pointing_model.harmonics import basis, sky_factor
+from pointing_model.mounts import ALTAZ
 from pointing_model.run import PointingRun
-from pointing_model.terms import PHYSICAL, STANDARD6, known_terms, stacked_design
+from pointing_model.terms import known_terms, stacked_design
 
 from .linear import Columns
 
 _FARTHEST = 30  # bars or lines that a slip goes, at most
 _DRAWS = 19999  # outliers anywhere, behind the chance of slips
-_SETS = {'physical': PHYSICAL, 'standard6': STANDARD6, 'index': ('IA', 'IE')}
+_SETS = ('physical', 'standard6', 'index')  # of `mounts.Names`
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,7 @@ class Base:
     interpretation: str = 'zenith'
 
     @classmethod
-    def parse(cls, text, own=()):
+    def parse(cls, text, own=(), mount=ALTAZ):
         """From ``physical``, ``standard6``, ``index``, ``sh13``, ``sh1``..``sh4``, names of terms.
 
         Parameters
@@ -55,6 +56,8 @@ class Base:
             ``sh4p``: with the paper's E as printed, else it is the zenith distance.
         own : sequence of str
             Terms that each run fits for itself.
+        mount : Mount, optional
+            Whose terms they are.
 
         Raises
         ------
@@ -68,9 +71,10 @@ class Base:
                 interpretation = 'printed' if harmonics.group(2) else 'zenith'
                 degree = 4 if harmonics.group(1) == '13' else int(harmonics.group(1))
             else:
-                terms += [t for t in _SETS.get(part, (part,)) if t not in terms]
-        known_terms(terms)
-        known_terms(own)
+                several = getattr(mount.names, part) if part in _SETS else (part,)
+                terms += [t for t in several if t not in terms]
+        known_terms(terms, mount)
+        known_terms(own, mount)
         return cls(tuple(terms), degree, tuple(own), interpretation)
 
     @property
@@ -100,16 +104,17 @@ class Base:
         Columns
         """
         common = tuple(t for t in self.terms if t not in self.own)
-        rows = [stacked_design(common, context.az, context.el)]
+        az, el, mount = context.az, context.el, context.mount
+        rows = [stacked_design(common, az, el, mount)]
         count = self.harmonic_count
         if count:
-            functions = basis(context.az, context.el, self.interpretation)[:, :count].T
+            functions = basis(az, el, self.interpretation)[:, :count].T
             nothing = np.zeros_like(functions)
-            rows += [np.hstack((functions * sky_factor(context.el, self.interpretation), nothing)),
+            rows += [np.hstack((functions * sky_factor(el, self.interpretation), nothing)),
                      np.hstack((nothing, functions))]
         if not self.own:
             return Columns(np.vstack(rows))
-        return Columns(np.vstack(rows), stacked_design(self.own, context.az, context.el), run)
+        return Columns(np.vstack(rows), stacked_design(self.own, az, el, mount), run)
 
 
 @dataclass
@@ -170,6 +175,11 @@ class Observations:
         return {'row': int(self.lines[i]), 'source': self.sources[i], 'reason': reason}
 
 
+def mount_of(runs):
+    """The mount of a run, or of the first of several."""
+    return (runs if isinstance(runs, PointingRun) else runs[0]).mount
+
+
 def observations(runs, encoder='enc'):
     """Join runs and leave out what cannot be used, with the reason.
 
@@ -190,6 +200,10 @@ def observations(runs, encoder='enc'):
     runs = [runs] if isinstance(runs, PointingRun) else list(runs)
     if not runs:
         raise ValueError('no pointing run to diagnose; give at least one')
+    if len({r.mount for r in runs}) > 1:
+        raise ValueError('the runs are of different mounts ('
+                         + ', '.join(sorted({r.mount.kind for r in runs}))
+                         + '; or of one kind at two latitudes): diagnose each mount alone')
     notes = [note for r in runs for note in r.meta.get('notes', ())]
     excluded = [{**e, 'source': r.meta.get('source')} for r in runs
                 for e in r.meta.get('excluded', ())]
@@ -267,7 +281,8 @@ def linearised(obs, base):
         Radians.
     feasible : ndarray of bool, shape (n,)
     """
-    geometric = tuple(t for t in base.terms if t in rotation.GEOMETRIC)
+    names = obs.run.mount.names
+    geometric = tuple(t for t in base.terms if t in names.terms)
     if not geometric:
         return {}, obs.observed, np.ones(len(obs), bool)
     start = dict.fromkeys(geometric, 0.0)
@@ -277,7 +292,7 @@ def linearised(obs, base):
         # directions that do not determine the rotations: from the indices alone
         obs.notes.append('the directions do not determine all terms of the base: only '
                          'predictions there have a meaning')
-        few = tuple(t for t in ('IA', 'IE') if t in geometric)
+        few = tuple(t for t in names.index if t in geometric)
         if few:
             start.update(fit_terms(obs.run, few, encoder=obs.encoder).model.terms)
     left, feasible = after_rotation(obs, start)
@@ -286,7 +301,7 @@ def linearised(obs, base):
 
 def after_rotation(obs, start):
     """Offsets beyond the exact rotations, shape (2n,), and where the mount can look."""
-    x, y = rotation.offsets(obs.context.az, obs.context.el, start)
+    x, y = rotation.offsets(obs.context.az, obs.context.el, start, obs.context.mount)
     feasible = np.isfinite(x) & np.isfinite(y)
     left = obs.observed - np.nan_to_num(np.concatenate((x, y)))
     return left, feasible
@@ -322,7 +337,7 @@ def decode_slips(obs, state, alpha):
     noise = state.scale[:, None] / given
     gross = np.abs(raw / noise) > GROSS
     raw[0] /= obs.context.trig.cos_el
-    noise[0] /= obs.context.trig.cos_el
+    noise[0] /= np.abs(obs.context.trig.cos_el)
     noise = np.hypot(noise, 0.2 * ARCSEC)
     out, taken = [], np.zeros((2, n), bool)
     for kind, axis, i in tests:

@@ -9,29 +9,38 @@ score passes what chance gives to the best of all candidates.
 import numpy as np
 
 from msg_tools.units import ARCSEC
+from pointing_model.mounts import KINDS
 
 from .chance import ChanceTest, normal_score
 from .constants import DICTIONARY_SHARE, LIVE
 
 #: how often an effect of the size that is told would have been found
 POWER = 0.9
-#: effects that are told: name, in words, factor on the coefficient's length, unit
-_TOLD = (
-    ('azimuth_encoder_1', 'an azimuth encoder wrong once per turn', 1.0, 'arcsec'),
-    ('line_of_sight_2', 'a line of sight that swings twice per turn', 1.0, 'arcsec'),
-    ('elevation_nod_2', 'a nod twice per turn', 1.0, 'arcsec'),
-    ('refraction', 'a refraction constant wrong', 1.0, 'arcsec'),
-    *((f'{axis}_zero_with_{driver}', f'an {axis} zero that drifts', 1.0, f'arcsec{unit}')
-      for driver, unit in (('time', '/h'), ('run_hours', '/h'), ('order', '/run'))
-      for axis in ('azimuth', 'elevation')),
-    # the coefficient is half the difference of both sides
-    ('azimuth_hysteresis_cosE', 'a backlash of the azimuth axis', 2.0, 'arcsec'),
-    ('elevation_hysteresis', 'a backlash of the elevation axis', 2.0, 'arcsec'),
-    ('azimuth_encoder_2', 'an azimuth encoder wrong twice per turn', 1.0, 'arcsec'),
-    ('elevation_encoder_2', 'an elevation encoder wrong twice per turn', 1.0, 'arcsec'),
-    *((f'{axis}_zero_with_temperature', f'an {axis} zero that follows the temperature', 1.0,
-       'arcsec/K') for axis in ('azimuth', 'elevation')),
-)
+
+
+def _of_axes(names):
+    """Effects that are told: name, in words, factor on the coefficient's length, unit."""
+    first, second = names.keys
+    a, b = (f'a{"n" * (word[0] in "aeh")} {word}' for word in names.axes)
+    return (
+        (f'{first}_encoder_1', f'{a} encoder wrong once per turn', 1.0, 'arcsec'),
+        ('line_of_sight_2', 'a line of sight that swings twice per turn', 1.0, 'arcsec'),
+        (f'{second}_nod_2', 'a nod twice per turn', 1.0, 'arcsec'),
+        ('refraction', 'a refraction constant wrong', 1.0, 'arcsec'),
+        *((f'{axis}_zero_with_{driver}', f'{word} zero that drifts', 1.0, f'arcsec{unit}')
+          for driver, unit in (('time', '/h'), ('run_hours', '/h'), ('order', '/run'))
+          for axis, word in ((first, a), (second, b))),
+        # the coefficient is half the difference of both sides
+        (f'{first}_hysteresis_cosE', f'a backlash of the {names.shafts[0]}', 2.0, 'arcsec'),
+        (f'{second}_hysteresis', f'a backlash of the {names.shafts[1]}', 2.0, 'arcsec'),
+        (f'{first}_encoder_2', f'{a} encoder wrong twice per turn', 1.0, 'arcsec'),
+        (f'{second}_encoder_2', f'{b} encoder wrong twice per turn', 1.0, 'arcsec'),
+        *((f'{axis}_zero_with_temperature', f'{word} zero that follows the temperature', 1.0,
+           'arcsec/K') for axis, word in ((first, a), (second, b))))
+
+
+#: the names of the axes say of which mount an effect is
+_TOLD = dict.fromkeys(row for names in KINDS.values() for row in _of_axes(names))
 #: phases of two columns that belong together, shape (k, 2)
 _PHASES = np.array([[np.cos(a), np.sin(a)] for a in (np.arange(48) + 0.5) * np.pi / 48])
 _SURE = 1e4  # lambda^2 of what no run overlooks

@@ -6,7 +6,7 @@ from calibration.robust import BISQUARE
 from pointing_model.effects import effect
 from pointing_model.effects.drifts import places_of_steps
 
-from .base import Base, observations
+from .base import Base, mount_of, observations
 from .chance import Chance
 from .choosing import choose, settled
 from .constants import FLIPS, FOLDS, SET_WIDTH, STREAMED_FROM
@@ -83,7 +83,7 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
     hours = None
     if not isinstance(base, Base):
         runs, own_terms, hours = arrange(runs, base, own_terms, sessions, encoder)
-        base = Base.parse(base, own_terms)
+        base = Base.parse(base, own_terms, mount_of(runs))
     obs = observations(runs, encoder)
     if obs.context.left_out():
         obs.notes.append('no drivers, for they may be outcomes of a measurement and not causes: '
@@ -99,7 +99,7 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
     result.notes += checked.notes
     if holdout is not None:
         holdout = holdout if hours is None else split(holdout, hours)
-        judge_on(holdout, result, own_terms or ('IA', 'IE'), encoder)
+        judge_on(holdout, result, own_terms or obs.run.mount.names.index, encoder)
     return result
 
 
@@ -127,7 +127,8 @@ def _in_memory(obs, base, alpha, rng, flips, folds, ways):
     fitted = work.fit(found.chosen, found.state)
     result = _assemble(work, found, chosen.stands, (base_fit, fitted), chance)
     if left is not None:
-        result.told_of_wander(wander_entry(left, problem))
+        words = dict(zip(('az', 'el'), obs.run.mount.names.axes))
+        result.told_of_wander(wander_entry(left, problem, words))
     if errors:
         for entry, gain in zip(result.effects[len(work.slips):], chosen.gains):
             entry.cv_gain_arcsec = float(gain)

@@ -6,19 +6,21 @@ each divided by what its offsets on the sky gain from a unit of the columns as w
 """
 
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import PurePath
 
 import numpy as np
 
 from calibration.fit import fit_first_order, fit_terms
-from calibration.robust import sigma_of
 from msg_tools.units import ARCSEC, DEG, wrap
+from pointing_model.context import Context
+from pointing_model.mounts import is_beyond, through_pole
 from pointing_model.run import PointingRun
 from pointing_model.run_files import NoUsableRow
-from pointing_model.terms import PHYSICAL
 
+from .misfit import misfit, scatter
 from .readings import MIRRORED, SOUTH, Reading, double_readings, single_readings
+from .usual_effects import USUAL
 
 #: arcsec, robust and radial. Beyond it no terms describe a run as written: of 73 measured runs one
 #: leaves 37, the next 13; a loose mount of an amateur 90.
@@ -33,21 +35,19 @@ MOST_LEFT_OUT = 1.0 / 3.0
 #: bad night (1.7 times; the effects below do so too). With zenith distances in both pairs 67 of 70
 #: runs of three telescopes are told; the other three have 2, 15 and 46 rows.
 _BETTER, _LIKELIER = 1.25, 15.0
-#: the same where common effects are fitted too (`_EFFECTS`)
+#: the same where common effects are fitted too (`USUAL`)
 _BETTER_WITH_EFFECTS, _LIKELIER_WITH_EFFECTS = 1.15, 10.0
-#: common effects, of which the run as written may have any `_MOST_EFFECTS` in place of a mistake
-_EFFECTS = (('ECES',), ('TX',), ('HECE2', 'HESE2'), ('ACEC', 'ACES'), ('HACA2', 'HASA2'),
-            ('HECA', 'HESA'), ('HECA2', 'HESA2'), ('HVCA2', 'HVSA2'))
+#: of `USUAL` the run as written may have so many in place of a mistake
 _MOST_EFFECTS = 2
 #: times the best misfit, or log-likelihood, within which two readings cannot be told apart
 _ALIKE, _AS_LIKELY = 1.05, 3.0
-_TAU = 3.0  # standard deviations, from where a residual counts no more
 _NEAR = 3.0  # times the best misfit in first order, of readings of a run that fits as written
 _TRIED = 16  # readings with two mistakes, of many that are alike at first sight
 _ROWS = 600  # that are tried, evenly: more tell nothing else
 _FEW = 6  # rows that fits of seven terms begin with
 _STEEPEST = 20.0 * DEG  # terms beyond, but for the zeros, belong to no mount
 _LIMITS = (-5.0 * DEG, 90.1 * DEG)
+_SIDEREAL = 2.0 * np.pi / 86164.0905  # rad/s
 _DAY = 18.0  # hours that azimuths in hours span
 _ZENITH = 89.0 * DEG  # no run has most of its rows beyond
 _FIELD = 2.0 * DEG  # a run within it tells nothing of its columns
@@ -139,6 +139,7 @@ class _Fit:
     misfit: float
     zero: float
     terms: tuple
+    names: object
 
     @property
     def rms_arcsec(self):
@@ -146,7 +147,7 @@ class _Fit:
 
     @property
     def text(self):
-        return self.reading.text(self.zero)
+        return self.reading.text(self.zero, self.names)
 
     def better_than(self, other):
         """How many times, and by which log-likelihood (of both axes)."""
@@ -182,6 +183,27 @@ class _Columns:
         finite = np.flatnonzero(np.isfinite(np.sum(columns, axis=0)))
         finite = finite[_evenly(len(finite), _ROWS)]
         self.columns, self.label = [c[finite] for c in columns], label[finite]
+        self.mount, self.lst = run.mount, None
+        self.physical, self.effects = run.mount.names.physical, USUAL[run.mount.kind]
+        if not self.mount.altaz:
+            self._as_written(run, kept, left, finite)
+
+    def _as_written(self, run, kept, left, finite):
+        """Places of the catalogue as they are on the sky, and the clock where there is one."""
+        az, el, az_enc, el_enc = self.columns
+        self.columns = [*through_pole(az, el, is_beyond(el)), az_enc, el_enc]
+        lst = Context.of_run(run).get('lst') if len(run) else None
+        lost = run.meta.get('misplaced') or {}
+        names = [name for name in ('lst_h', 'time') if name in run or (not len(run)
+                                                                       and name in lost)]
+        if not names:
+            return
+        unit = np.pi / 12.0 if names[0] == 'lst_h' else _SIDEREAL
+        if lst is None or len(left):
+            lst = unit * np.asarray(run.get(names[0]), float)
+        rest = unit * np.asarray(lost.get(names[0], np.full(len(left), np.nan)), float)
+        lst = np.concatenate((lst[kept], rest[left]))[finite]
+        self.lst = lst if np.isfinite(lst).all() else None
 
     def judged(self):
         """`Checked`; raises MistakenColumns."""
@@ -192,12 +214,12 @@ class _Columns:
         if written is None or written.rms_arcsec > ABSURD or far:
             self._explain(written, far)
             return Checked()
-        south = abs(np.remainder(written.zero, 2.0 * np.pi) - np.pi) < SOUTH
-        others = self._fits([r for r in single_readings(self.held) if r != MIRRORED], _NEAR)
+        south = self.mount.altaz and abs(np.remainder(written.zero, 2.0 * np.pi) - np.pi) < SOUTH
+        others = self._fits([r for r in self._single() if r != MIRRORED], _NEAR)
         if south:
             self._refuse(written, [self._fit(Reading())])
         # the mirror image of a mount is one, to the last digit: no fit is needed
-        out, alike = Checked(), [] if self.held else [MIRRORED.text()]
+        out, alike = Checked(), [] if self.held else [MIRRORED.text(names=self.mount.names)]
         for other in others:
             times, likelier = other.better_than(written)
             if times > _BETTER and likelier > _LIKELIER and other.rms_arcsec < _FITS[1]:
@@ -212,6 +234,9 @@ class _Columns:
                 alike.append(other.text)
         out.alike = alike
         return out
+
+    def _single(self):
+        return single_readings(self.held, self.mount, self.lst is not None)
 
     def _in_a_field(self):
         """Whether the catalogue places are as good as one place, however they are read."""
@@ -244,28 +269,41 @@ class _Columns:
                 return False
             if 'radians' in names and widest > 2.0 * np.pi * DEG:
                 return False
+            if not self._says_something(names):
+                return False
             if 'hours' in names:
                 hours = (el if 'swapped' in names else az) / DEG
                 if hours.max() > 24.5 or hours.min() < -12.5:
                     return False
         return True
 
+    def _says_something(self, names):
+        """Whether a reading of the side of the pier is another one than that as written."""
+        az, _, az_enc, el_enc = self.columns
+        beyond = is_beyond(el_enc)
+        return not ('ascension' in names and 'hours' in names
+                    or 'unturned' in names and not beyond.any()
+                    or 'folded' in names and not (np.cos(az_enc - az) < 0.0).any()
+                    or 'sideless' in names and (beyond.any() or self.mount.kind != 'german'))
+
     def _fills_the_day(self, reading):
         """Whether azimuths run over 0 to 24, as no dome's slit does, and are read as hours."""
         az = self.columns[0] / DEG
-        return ('hours' in reading.catalogue and 'swapped' not in reading.catalogue
-                and az.min() >= 0.0 and np.ptp(az) > _DAY)
+        return (self.mount.altaz and 'hours' in reading.catalogue
+                and 'swapped' not in reading.catalogue and az.min() >= 0.0 and np.ptp(az) > _DAY)
 
     def _places(self, reading, centred):
         """Usable places of a reading, the azimuth zero taken off, and the log of its gain."""
         with np.errstate(invalid='ignore', over='ignore', divide='ignore'):
-            p = reading.places(*self.columns, held=self.held)
-            good = np.isfinite(p.az_enc + p.el_enc) & (p.el >= _LIMITS[0]) & (p.el <= _LIMITS[1])
+            p = reading.places(*self.columns, held=self.held, lst=self.lst)
+            p = self._by_axes(p)
+            high = self.mount.horizon_of(p.az, p.el)[1]
+            good = np.isfinite(p.az_enc + p.el_enc) & (high >= _LIMITS[0]) & (high <= _LIMITS[1])
         if good.sum() < _FEW or good.mean() < 1.0 - MOST_LEFT_OUT:
             return None
         az, el, az_enc, el_enc, gain = (
             v[good] for v in (p.az, p.el, p.az_enc, p.el_enc, p.gain))
-        if np.median(el) > _ZENITH:
+        if np.median(high[good]) > _ZENITH:
             return None
         zero = 0.0
         if centred:
@@ -276,25 +314,33 @@ class _Columns:
         return (az, el, az_enc, el_enc, self.label[good]), zero, float(
             np.mean(np.log(np.maximum(gain, 1e-9))))
 
+    def _by_axes(self, p):
+        """Places as angles of the axes, each on the side that its reading is on."""
+        if self.mount.altaz:
+            return p
+        az, el = through_pole(p.az, p.el, is_beyond(p.el_enc))
+        return replace(p, az=az, el=el, az_enc=az + wrap(p.az_enc - az),
+                       el_enc=el + wrap(p.el_enc - el))
+
     @staticmethod
     def _zeros_taken_off(places, _, gain):
         """Misfit with nothing but the zeros fitted."""
         az, el, az_enc, el_enc, _ = places
         x, y = (az_enc - az) * np.cos(el), el_enc - el
-        return _misfit([_scatter(v - np.median(v), 1.0) for v in (x, y)], gain)
+        return misfit([scatter(v - np.median(v), 1.0) for v in (x, y)], gain)
 
-    @staticmethod
-    def _first_order(places, _, gain):
+    def _first_order(self, places, _, gain):
         """Misfit with the terms fitted in first order, not robustly."""
         az, el, az_enc, el_enc, _ = places
         x, y = (az_enc - az) * np.cos(el), el_enc - el
         try:
-            fitted = fit_first_order(az, el, x, y)
+            fitted = fit_first_order(az, el, x, y, self.physical, mount=self.mount)
         except (ValueError, np.linalg.LinAlgError):
             return -np.inf
-        return _misfit([_scatter(v, 1.0) for v in (fitted.residual_x, fitted.residual_y)], gain)
+        return misfit([scatter(v, 1.0) for v in (fitted.residual_x, fitted.residual_y)], gain)
 
-    def _fit(self, reading, centred=True, terms=PHYSICAL):
+    def _fit(self, reading, centred=True, terms=None):
+        terms, index = terms or self.physical, self.mount.names.index
         found = self._places(reading, centred)
         if found is None:
             return None
@@ -305,34 +351,35 @@ class _Columns:
         if 2 * n < count + 4:
             several, count = False, len(terms)
         if 2 * n < count + 4:
-            terms, count = ('IA', 'IE'), 2
+            terms, count = index, 2
         columns = dict(zip(('az', 'el', 'az_enc', 'el_enc'), angles))
         if several:
             columns['run'] = label
         try:
             with np.errstate(all='ignore'):
-                fitted = fit_terms(PointingRun(columns), terms, run_zeros=several)
+                fitted = fit_terms(PointingRun(columns, {'mount': self.mount}), terms,
+                                   run_zeros=several)
         except (ValueError, np.linalg.LinAlgError):
             return None
-        if any(abs(v) > _STEEPEST for t, v in fitted.model.terms.items() if t not in ('IA', 'IE')):
+        if any(abs(v) > _STEEPEST for t, v in fitted.model.terms.items() if t not in index):
             return None
         dof = np.sqrt(2.0 * n / (2.0 * n - count))
-        sigma = np.array([_scatter(r[np.isfinite(r)], dof)
+        sigma = np.array([scatter(r[np.isfinite(r)], dof)
                           for r in (fitted.residual_x, fitted.residual_y)])
         if not np.isfinite(sigma).all():
             return None
-        return _Fit(reading, places, sigma, _misfit(sigma, gain),
-                    zero + fitted.model.terms['IA'], terms)
+        return _Fit(reading, places, sigma, misfit(sigma, gain),
+                    zero + fitted.model.terms[index[0]], terms, self.mount.names)
 
     def _needed(self, other, written):
         """Whether common effects in place of the other reading do not fit as well.
 
         Either some in the run as written, against none in the other, or all in both.
         """
-        terms, amended = PHYSICAL, written
+        terms, amended = self.physical, written
         for _ in range(_MOST_EFFECTS):
             fits = [fit for fit in (self._fit(Reading(), False, terms + group)
-                                    for group in _EFFECTS if group[0] not in terms)
+                                    for group in self.effects if group[0] not in terms)
                     if fit is not None]
             if fits:
                 amended = min([amended, *fits], key=lambda fit: fit.misfit)
@@ -340,15 +387,16 @@ class _Columns:
         if _far_better(other, amended):
             return True
         most = (2 * len(written.places[0]) - 8) * 2 // 3
-        terms = PHYSICAL
-        for group in _EFFECTS:
+        terms = self.physical
+        for group in self.effects:
             terms += group if len(terms + group) <= most else ()
         fits = [self._fit(Reading(), False, terms), self._fit(other.reading, True, terms)]
         return None not in fits and _far_better(fits[1], fits[0])
 
     def _explain(self, written, far):
         """Refuse what does not fit as written; return where its rows fit but are too few."""
-        fits = self._fits([Reading(), *single_readings(self.held), *double_readings(self.held)])
+        fits = self._fits([Reading(), *self._single(), *double_readings(
+            self.held, self.mount, self.lst is not None)])
         fits = _alike([fit for fit in fits if _FITS[0] < fit.rms_arcsec < _FITS[1]])
         if fits or not far or written is None or written.rms_arcsec > ABSURD:
             self._refuse(written, fits)
@@ -391,21 +439,6 @@ def _alike(fits):
 
 def _evenly(count, most):
     return np.arange(count) if count <= most else np.linspace(0, count - 1, most).astype(int)
-
-
-def _scatter(values, dof):
-    """Robust noise with little noise of its own: root mean square, of large ones 3 times the MAD
-    (a tau scale, Yohai and Zamar 1988)."""
-    if not len(values):
-        return np.nan
-    middle = max(float(sigma_of(values)), 1e-5 * ARCSEC)
-    bounded = np.minimum(np.square(values / middle), _TAU**2)
-    return max(middle * dof * float(np.sqrt(np.mean(bounded))), 1e-4 * ARCSEC)
-
-
-def _misfit(sigma, gain):
-    """Mean logarithm of the noise of both axes, in units of the columns as written."""
-    return 0.5 * (np.log(sigma[0] * sigma[1]) - gain)
 
 
 def _size(arcsec):

@@ -11,6 +11,7 @@ import numpy as np
 
 from msg_tools.units import DEG
 from pointing_model.context import Context
+from pointing_model.mounts import is_beyond
 
 from .linear import solve
 
@@ -36,7 +37,8 @@ def propose(problem, obs, base, found, stands):
     Returns
     -------
     list of dict
-        ``az_deg``, ``el_deg``, ``approach_az``, ``approach_el`` (0: either), ``last_move_deg``
+        ``az_deg``, ``el_deg`` (of the horizon; of a mount with two sides of the pier
+        ``through_pole``), ``approach_az``, ``approach_el`` (0: either), ``last_move_deg``
         (of both axes, against the move before; None: any), ``after_hours`` (since the last row;
         None: at any time), ``separates`` (two names), and ``separation_before``,
         ``separation_after`` (expected delta BIC between them, all proposals so far included).
@@ -66,11 +68,15 @@ def _grid(obs):
     short : ndarray of bool
         Reached by a move of `_SHORT` back on the one before.
     """
-    low = max(15.0 * DEG, float(obs.context.el.min()))
-    high = min(88.0 * DEG, max(float(obs.context.el.max()), low + 0.1))
-    az, el, s_az, s_el, later, short = (v.ravel() for v in np.meshgrid(
-        np.arange(0.0, 360.0, 15.0) * DEG, np.linspace(low, high, 9), [-1.0, 1.0], [-1.0, 1.0],
-        _LATER, [False, True], indexing='ij'))
+    mount, above = obs.context.mount, obs.context.get('elevation')
+    low = max(15.0 * DEG, float(above.min()))
+    high = min(88.0 * DEG, max(float(above.max()), low + 0.1))
+    beyond = np.unique(is_beyond(obs.context.el)) if not mount.altaz else [False]
+    side, az, el, s_az, s_el, later, short = (v.ravel() for v in np.meshgrid(
+        beyond, np.arange(0.0, 360.0, 15.0) * DEG, np.linspace(low, high, 9), [-1.0, 1.0],
+        [-1.0, 1.0], _LATER, [False, True], indexing='ij'))
+    if not mount.altaz:
+        az, el = mount.axes_of(az, el, side)
     columns = {'approach_az': s_az, 'approach_el': s_el, 'az_enc': az, 'el_enc': el}
     known = obs.context.columns
     time = obs.context.get('time')
@@ -89,7 +95,7 @@ def _grid(obs):
     for axis in ('az', 'el'):
         columns[f'travel_{axis}'] = np.where(short, _SHORT, np.inf)
         columns[f'before_{axis}'] = -columns[f'approach_{axis}']
-    context = Context(az, el, columns, obs.context.latitude, obs.context.longitude)
+    context = Context(az, el, columns, obs.context.latitude, obs.context.longitude, mount)
     context.raw_reading = obs.context.raw_reading
     return context, later, short
 
@@ -138,9 +144,9 @@ def _separate(problem, obs, base, found, pair, others, grid):
         for v in views:
             v.add(j)
         after = min(v.separation() for v in views)
+        place = [round(float(context.get(name)[j] / DEG), 6) for name in ('azimuth', 'elevation')]
         proposals.append({
-            'az_deg': round(float(context.az[j] / DEG), 6),
-            'el_deg': round(float(context.el[j] / DEG), 6),
+            'az_deg': place[0], 'el_deg': place[1], **_side(context, j),
             'approach_az': int(context.columns['approach_az'][j]) if by_az else 0,
             'approach_el': int(context.columns['approach_el'][j]) if by_el else 0,
             'last_move_deg': float(_SHORT / DEG) if by_move and short[j] else None,
@@ -148,6 +154,11 @@ def _separate(problem, obs, base, found, pair, others, grid):
             'separates': [e.name for e in pair],
             'separation_before': float(before), 'separation_after': float(after)})
     return proposals
+
+
+def _side(context, j):
+    """Of a mount that goes through the pole, whether it has to there."""
+    return {} if context.mount.altaz else {'through_pole': bool(is_beyond(context.el[j]))}
 
 
 def _matters(gain, j):

@@ -28,7 +28,7 @@ def expected_of_terms(run, base='physical', seed=0):
     dict or None
         None where the rows do not determine the terms and a residual.
     """
-    rng, base = np.random.default_rng(seed), Base.parse(base)
+    rng, base = np.random.default_rng(seed), Base.parse(base, (), run.mount)
     try:
         obs = observations(run)
     except ValueError:  # too few rows, or what is in them

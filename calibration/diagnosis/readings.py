@@ -6,21 +6,33 @@ from itertools import combinations
 import numpy as np
 
 from msg_tools.units import DEG
+from pointing_model.mounts import ALTAZ, is_beyond, through_pole
 
 _CATALOGUE, _ENCODERS, _BOTH = 'of the catalogue', 'of the encoders', 'of catalogue and encoders'
-#: what one pair of columns may be, in the order in which it is set right: text, and
-#: (az, el) as written -> (az, el); how many times an angle of each is larger than written
+#: what one pair of columns may be, in the order in which it is set right: text (of the angles of
+#: the axes), and (az, el) as written -> (az, el); how many times an angle of each is larger than
+#: written
 _MISTAKES = {
-    'arcseconds': ('azimuth and elevation {} in arcseconds',
+    'arcseconds': ('{a} and {e} {of} in arcseconds',
                    lambda a, e: (a / 3600.0, e / 3600.0), (1.0 / 3600.0, 1.0 / 3600.0)),
-    'radians': ('azimuth and elevation {} in radians', lambda a, e: (a / DEG, e / DEG),
+    'radians': ('{a} and {e} {of} in radians', lambda a, e: (a / DEG, e / DEG),
                 (1.0 / DEG, 1.0 / DEG)),
-    'swapped': ('azimuth and elevation {} exchanged', lambda a, e: (e, a), (1.0, 1.0)),
-    'hours': ('azimuth {} in hours', lambda a, e: (15.0 * a, e), (15.0, 1.0)),
-    'reversed': ('azimuth {} counted the other way', lambda a, e: (-a, e), (1.0, 1.0)),
-    'zenith': ('zenith distance in place of the elevation {}',
+    'swapped': ('{a} and {e} {of} exchanged', lambda a, e: (e, a), (1.0, 1.0)),
+    'hours': ('{a} {of} in hours', lambda a, e: (15.0 * a, e), (15.0, 1.0)),
+    'reversed': ('{a} {of} counted the other way', lambda a, e: (-a, e), (1.0, 1.0)),
+    'zenith': ('{d} in place of the {e} {of}',
                lambda a, e: (a, 0.5 * np.pi - e), (1.0, 1.0)),
+    # of mounts that go through the pole
+    'unturned': ('{e} {of} beyond 90 degrees with the {a} of the star, not 180 degrees on',
+                 lambda a, e: (np.where(is_beyond(e), a + np.pi, a), e), (1.0, 1.0)),
+    'folded': ('{e} {of} folded back to below 90 degrees where the {a} is 180 degrees on, through '
+               'the pole', None, (1.0, 1.0)),
+    'sideless': ('{e} {of} folded back to below 90 degrees with the {a} of the star, where stars '
+                 'east of the meridian are observed through the pole', None, (1.0, 1.0)),
+    # of equatorial ones
+    'ascension': ('right ascension in place of the {a} {of}', None, (1.0, 1.0)),
 }
+_OF_PAIRS = ('arcseconds', 'radians', 'swapped', 'hours', 'reversed', 'zenith')
 #: what the columns of the encoders may hold -> factor to radians, whether x is on the sky
 _OFFSETS = {
     f'{name}{where}, {sign}': (factor * direction, bool(where))
@@ -79,7 +91,7 @@ class Reading:
         return (len(set(self.catalogue) | set(self.encoders)) + bool(self.offsets)
                 + self.exchanged)
 
-    def places(self, az, el, az_enc, el_enc, held=False):
+    def places(self, az, el, az_enc, el_enc, held=False, lst=None):
         """The columns set right.
 
         Parameters
@@ -89,11 +101,15 @@ class Reading:
         held : bool
             The file has offsets on the sky in place of encoder angles, and they stay: a mistake
             is then one of the catalogue.
+        lst : ndarray, shape (n,), optional
+            Sidereal time, radians, with a zero of its own.
 
         Returns
         -------
         Places
         """
+        if 'ascension' in (*self.catalogue, *self.encoders):
+            az, az_enc = self._from_ascension(az, az_enc, el_enc, lst)
         if held:
             x, y = np.remainder(az_enc - az + np.pi, 2.0 * np.pi) - np.pi, el_enc - el
             x = x * np.cos(el)
@@ -110,22 +126,42 @@ class Reading:
             el_enc = el + unit * el_enc
         else:
             az_enc, el_enc, scale = _set_right(az_enc, el_enc, self.encoders)
+            if 'folded' in self.encoders:
+                el_enc = np.where(np.cos(az_enc - az) < 0.0, np.pi - el_enc, el_enc)
+            if 'sideless' in self.encoders:
+                az_enc, el_enc = through_pole(az_enc, el_enc, np.sin(az) < 0.0)
         return Places(az, el, az_enc, el_enc, scale * np.abs(reach) * np.ones(len(az)))
 
-    def text(self, zero=0.0):
+    def _from_ascension(self, az, az_enc, el_enc, lst):
+        """Hour angles of both pairs, with the clock's zero where the other pair has them."""
+        both = [lst - az if 'ascension' in self.catalogue else az,
+                lst - az_enc if 'ascension' in self.encoders else az_enc]
+        away = both[1] - both[0] - np.where(is_beyond(el_enc), np.pi, 0.0)
+        if 'ascension' in self.catalogue and 'ascension' in self.encoders:
+            return both
+        zero = np.angle(np.exp(1j * away).mean())
+        if 'ascension' in self.catalogue:
+            return both[0] + zero, both[1]
+        return both[0], both[1] - zero
+
+    def text(self, zero=0.0, names=ALTAZ.names):
         """For people.
 
         Parameters
         ----------
         zero : float
             Azimuth zero that the fit gave, radians.
+        names : mounts.Names
         """
-        south = abs(np.remainder(zero, 2.0 * np.pi) - np.pi) < SOUTH
+        of_azimuths = names is ALTAZ.names
+        words = {'a': names.axes[0], 'e': names.axes[1],
+                 'd': 'zenith distance' if of_azimuths else 'polar distance'}
+        south = of_azimuths and abs(np.remainder(zero, 2.0 * np.pi) - np.pi) < SOUTH
         parts, reversed_here = [], False
         for name in dict.fromkeys((*self.catalogue, *self.encoders)):
             where = (_BOTH if name in self.catalogue and name in self.encoders
                      else _CATALOGUE if name in self.catalogue else _ENCODERS)
-            said = _MISTAKES[name][0].format(where)
+            said = _MISTAKES[name][0].format(of=where, **words)
             if name == 'reversed' and where != _BOTH:
                 reversed_here = True
                 if south:
@@ -139,10 +175,11 @@ class Reading:
             parts.append('azimuth of one of the two pairs counted from the south')
         if not parts:
             turn = np.degrees(np.remainder(zero + np.pi, 2.0 * np.pi) - np.pi)
-            return f'an azimuth zero of {turn:.1f} deg taken off'
+            return f'an {words["a"]} zero of {turn:.1f} deg taken off'
         return ', and '.join(parts)
 
 
+_EQUATORIAL = ('equatorial', 'german')
 #: of a mount that is its mirror image
 MIRRORED = Reading(('reversed',), ('reversed',))
 #: an azimuth zero this near to half a turn is one of the south, radians
@@ -153,7 +190,8 @@ def _set_right(a, e, mistakes):
     scale = 1.0
     for name in mistakes:
         _, work, gains = _MISTAKES[name]
-        a, e = work(a, e)
+        if work is not None:
+            a, e = work(a, e)
         scale *= gains[0] * gains[1]
     return a, e, scale
 
@@ -174,26 +212,32 @@ def _joined(*readings):
                      for pair in ('catalogue', 'encoders')), one.offsets or other.offsets)
 
 
-def single_readings(held=False):
+def single_readings(held=False, mount=ALTAZ, lst=False):
     """Every reading with one mistake.
 
     Parameters
     ----------
     held : bool
         As of `Reading.places`.
+    mount : Mount
+    lst : bool
+        Whether the sidereal time is known.
 
     Returns
     -------
     list of Reading
     """
     if held:
-        return [Reading((name,)) for name in _MISTAKES]
-    out = [Reading(*pairs) for name in _MISTAKES
-           for pairs in (((name,), ()), ((), (name,)), ((name,), (name,)))]
+        return [Reading((name,)) for name in _OF_PAIRS]
+    pairs = (*_OF_PAIRS, *(['ascension'] if lst and mount.kind in _EQUATORIAL else []))
+    out = [Reading(*pair) for name in pairs
+           for pair in (((name,), ()), ((), (name,)), ((name,), (name,)))]
+    if not mount.altaz:
+        out += [Reading((), (name,)) for name in ('unturned', 'folded', 'sideless')]
     return [*out, *(Reading(offsets=name) for name in _OFFSETS), Reading(exchanged=True)]
 
 
-def double_readings(held=False):
+def double_readings(held=False, mount=ALTAZ, lst=False):
     """Every reading with two mistakes of different kinds, as `single_readings`."""
-    pairs = (_joined(a, b) for a, b in combinations(single_readings(held), 2))
+    pairs = (_joined(a, b) for a, b in combinations(single_readings(held, mount, lst), 2))
     return [reading for reading in pairs if reading is not None]

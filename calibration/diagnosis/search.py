@@ -26,7 +26,7 @@ from .scores import best_of
 _SWEEPS = 2  # second looks at all choices: the second sees what the first has changed
 
 
-def _affordable(problem, state, size):
+def affordable(problem, state, size):
     return 2 * problem.n - len(state.basis) - size >= ROWS_PER_COLUMN * size + 2
 
 
@@ -73,7 +73,7 @@ def _forward(problem, plain, found, alpha, chance, given_up):
             continue
         found.chosen.append(Choice(g))
         found.state = plain.state(found.chosen, found.state.weights)
-        _second_look(plain, found, without)
+        second_look(plain, found, without)
         blocked, found.wandering = [], []
         # an addition that the second look takes back would go on for ever
         if frozenset(found.chosen) in seen:
@@ -116,10 +116,10 @@ def _beyond_chance(problem, state, alpha, chance, without):
         if other == g or chance.p(state, scores, other, alpha) > alpha:
             return None
         g = other
-    return g if _affordable(problem, state, len(problem.dictionary.of(g))) else None
+    return g if affordable(problem, state, len(problem.dictionary.of(g))) else None
 
 
-def _second_look(problem, found, without=()):
+def second_look(problem, found, without=()):
     """Offer every choice all candidates again, with the others in; drop what does not pay."""
     for _ in range(_SWEEPS):
         changed = False
@@ -159,7 +159,7 @@ def _add_change(problem, plain, found, alpha, chance, given_up):
     scores = bank.score(found.state)
     while len(without) < len(bank):
         g, gain = best_of(scores, without)
-        if gain <= 0.0 or chance.p(found.state, scores, g, alpha) > alpha or not _affordable(
+        if gain <= 0.0 or chance.p(found.state, scores, g, alpha) > alpha or not affordable(
                 problem, found.state, len(bank.of(g))):
             return False
         lost = _blocked(problem, found, bank, g, alpha, chance)
@@ -190,7 +190,7 @@ def _add_curve(problem, plain, found, alpha, chance, given_up):
         without += list(lost)
     found.chosen = [*beside.chosen, Choice(g, True)]
     found.state = plain.state(found.chosen, found.state.weights)
-    _second_look(plain, found, [c.group for c in given_up if c.plain])
+    second_look(plain, found, [c.group for c in given_up if c.plain])
     return True
 
 
@@ -203,7 +203,7 @@ def _curve_beside(problem, found, alpha, chance, without):
     # of curves, the one that chance explains least: BIC would rather have half of a shape
     z = ChanceTest(found.state, scores, g).all
     g = int(np.argmax(np.where(scores.delta_bic > 0.0, z, -np.inf)))
-    if chance.p(found.state, scores, g, alpha) > alpha or not _affordable(
+    if chance.p(found.state, scores, g, alpha) > alpha or not affordable(
             problem, found.state, len(problem.curves.of(g))):
         return []
     return [(float(scores.delta_bic[g]), g, tuple(range(len(found.chosen))))]

@@ -13,7 +13,7 @@ import numpy as np
 
 from pointing_model.run import PointingRun
 
-from .base import Base, linearised, observations
+from .base import Base, linearised, mount_of, observations
 from .constants import DISTINCT, EIGEN, LIVE
 from .linear import fit_state, orthonormal
 
@@ -22,7 +22,6 @@ GAPS = (3.0, 6.0, 12.0)
 #: what is tried beside the zeros, together: where the camera sits, how the axis leans, how the
 #: tube and the axes stand
 _MOVING = (('CA',), ('AN', 'AW'), ('TF',), ('NPAE',))
-_ZEROS = ('IA', 'IE')
 #: stretches that each session is divided in, to leave one out; a shorter session is not judged
 _PARTS, _LONG_ENOUGH = 3, 9
 #: rows that the question is put to, at most
@@ -123,7 +122,7 @@ def arrange(runs, base='physical', own_terms=None, sessions=None, encoder='enc')
         parts = [_noted(run, f'{len(np.unique(run["run"]))} sessions, at gaps of more than '
                         f'{gap:g} h: zeros of their own explain the rows better (--sessions 0 '
                         'takes them as one)') if 'run' in run else run for run in parts]
-    if own_terms is None and set(own) - set(_ZEROS):
+    if own_terms is None and set(own) - set(mount_of(runs).names.index):
         parts[0] = _noted(parts[0], f'each session has its own {", ".join(own)}: they move from '
                           'session to session (--own says otherwise)', '')
     return Arranged(parts, own, gap or sessions)
@@ -145,7 +144,7 @@ def _count(runs):
 def _default(runs, own_terms):
     if own_terms is not None:
         return tuple(own_terms)
-    return _ZEROS if _count(runs) > 1 else ()
+    return mount_of(runs).names.index if _count(runs) > 1 else ()
 
 
 def _split(runs, hours):
@@ -174,11 +173,13 @@ class _Trial:
         self._base, self._encoder = base, encoder
         obs = self._observations(runs)
         self._context, self._n = obs.context, len(obs)
-        self._terms = Base.parse(base).terms
+        self._mount = obs.run.mount
+        self._terms = Base.parse(base, (), self._mount).terms
         self._order = np.arange(self._n) if obs.context.get('time') is None \
             else np.argsort(np.argsort(obs.context.get('time'), kind='stable'))
-        self._left = linearised(obs, Base.parse(base))[1]
-        columns = Base.parse(base, _ZEROS).columns(obs.context, obs.label)
+        self._left = linearised(obs, Base.parse(base, (), self._mount))[1]
+        columns = Base.parse(base, self._mount.names.index, self._mount).columns(
+            obs.context, obs.label)
         state = fit_state(columns, self._left, obs.inverse_sigma)
         given = 1.0 if obs.inverse_sigma is None else obs.inverse_sigma
         self._root = given * np.concatenate([np.sqrt(state.weights) / s for s in state.scale])
@@ -209,7 +210,10 @@ class _Trial:
             return (*self._score((), label), own_terms or ())
         if own_terms is not None:
             return (*self._score(tuple(own_terms), label), tuple(own_terms))
-        own, groups = _ZEROS, [g for g in _MOVING if set(g) <= set(self._terms)]
+        names = self._mount.names
+        own = names.index
+        groups = [g for g in (tuple(map(names.named, group)) for group in _MOVING)
+                  if set(g) <= set(self._terms)]
         bic, left_out = self._score(own, label)
         while groups:
             tried = [(*self._score(own + group, label), group) for group in groups]
@@ -223,7 +227,7 @@ class _Trial:
 
     def _score(self, own, label):
         """k ln n - 2 ln L, with noise of its own for each axis, and the RMS of rows left out."""
-        columns = Base.parse(self._base, own).columns(self._context, label)
+        columns = Base.parse(self._base, own, self._mount).columns(self._context, label)
         live = int(self._live.sum())
         residual, count = self._fit(columns, label, self._root)
         if 2 * live < count + 4:

@@ -11,7 +11,6 @@ import numpy as np
 from calibration.robust import GROSS
 from msg_tools.units import ARCSEC
 from pointing_model.effects import dictionary
-from pointing_model.terms import PHYSICAL
 
 from .base import after_rotation, linearised
 from .chance import normal_score
@@ -61,7 +60,7 @@ def diagnose_streamed(obs, base, alpha, rng, limit):
                          f'{len(runs)} runs; diagnose fewer runs, or none with terms of its own '
                          "(--own '')")
     effects, untestable = dictionary(
-        obs.context, [t for t in PHYSICAL if t not in base.terms], base.own)
+        obs.context, [t for t in obs.run.mount.names.physical if t not in base.terms], base.own)
     effects = [e for e in effects if e.form != 'run_zero' or not base.own]
     data = _Data(obs, base, runs, effects)
     sums = data.sums()

@@ -129,13 +129,15 @@ def _after(sequence, one, root, raw, count, rng):
     return np.square(drawn).mean(axis=1) * np.mean(np.square(on_sky))
 
 
-def wander_entry(found, problem):
+def wander_entry(found, problem, words=AXES):
     """JSON-ready entry of a result.
 
     Parameters
     ----------
     found : Unexplained
     problem : Problem
+    words : dict
+        ``az``, ``el``: what the angles of the axes are called.
 
     Returns
     -------
@@ -159,7 +161,7 @@ def wander_entry(found, problem):
                       'unit': 'hours' if timed else 'rows', 'moves_arcsec': float(moves),
                       'angle': one.angle}
         slow |= one.memory > usual
-        parts.append(f'in {AXES[name]} by {moves:.2f}\u2033 (RMS) within '
+        parts.append(f'in {words[name]} by {moves:.2f}\u2033 (RMS) within '
                      + ('an hour' if timed else 'ten rows'))
     like = list(dict.fromkeys(c.effect(problem).name for c in found.like))
     if slow:

@@ -315,6 +315,6 @@ def _refit(obs, model, own_terms):
     # the effects by the drivers of the whole run: a row may have one from the row before
     b = obs.observed - np.nan_to_num(np.concatenate(replace(model, effects=()).offsets(az, el))) \
         - np.concatenate(total(model.effects, obs.context))
-    own = stacked_design(tuple(own_terms), az, el)
+    own = stacked_design(tuple(own_terms), az, el, obs.run.mount)
     columns = Columns(own[:0], own, obs.label)
     return fit_state(columns, b, obs.inverse_sigma, final=True)

@@ -276,7 +276,8 @@ class Part:
         self.gap = gap
         self._scale = 1.0 / sequence.cos_el[self.rows] if angle else np.ones(len(self.rows))
         self.white = np.square(self._scale / root[self.rows])
-        self.log_scale = 2.0 * float(np.log(self._scale).sum())
+        # (of either sign: beyond the pole an angle moves a star the other way)
+        self.log_scale = 2.0 * float(np.log(np.abs(self._scale)).sum())
 
     def phi(self, memory):
         """Correlation with the row before."""

@@ -5,13 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from msg_tools.units import ARCSEC
-from pointing_model import geometry as rotation
 from pointing_model.effects import dictionary, effect, smooths, steps
-from pointing_model.effects.base import AXES
 from pointing_model.fitted_effects import FittedEffect
 from pointing_model.harmonics import COUNT, Harmonics
 from pointing_model.model import PointingModel
-from pointing_model.terms import PHYSICAL
 
 from .base import after_rotation, decode_slips, linearised
 from .problem import Changes, Problem
@@ -29,9 +26,10 @@ class Work:
                              'coefficients and a residual; observe more or fit fewer terms')
         self.obs, self.base = obs, base
         self.start, left, feasible = linearised(obs, base)
+        names = obs.context.mount.names
         effects, self.untestable = dictionary(
-            obs.context, [t for t in PHYSICAL if t not in base.terms], base.own)
-        if base.own and {'IA', 'IE'} <= set(base.own):
+            obs.context, [t for t in names.physical if t not in base.terms], base.own)
+        if base.own and set(names.index) <= set(base.own):
             effects = [e for e in effects if e.form != 'run_zero']
         self.problem = Problem(columns, left, obs.inverse_sigma, None, None,
                                Sequence.of(obs.context, obs.label))
@@ -43,20 +41,21 @@ class Work:
 
     def _slips(self, alpha):
         """Correct whole bars and lines; they are known amounts."""
-        out = []
+        out, names = [], self.obs.context.mount.names
         for axis, graduation, rows, multiples, p in decode_slips(
                 self.obs, self.problem.state([]), alpha):
             e = effect('decode_slip', axis=axis, rows=self.obs.run['row'][rows].tolist(),
                        multiples=multiples.tolist(), graduation=graduation,
-                       lines=self.obs.context.graduation[axis][graduation])
+                       lines=self.obs.context.graduation[axis][graduation],
+                       mount=self.obs.context.mount.kind)
             fitted = FittedEffect(e, np.array([ARCSEC]), np.zeros(1))
             x, y = fitted.offsets(self.obs.context)
             self.obs.observed = self.obs.observed - np.concatenate((x, y))
             self.problem.b = self.problem.b - np.concatenate((x, y))
             out.append((fitted, p))
             self.obs.notes.append(
-                f'the {AXES[axis]} encoder was read whole {graduation} beside the true place, and '
-                'set right, in ' + ', '.join(f'row {self.obs.lines[r]} ({m:+d})'
+                f'the {names.word(axis)} encoder was read whole {graduation} beside the true '
+                'place, and set right, in ' + ', '.join(f'row {self.obs.lines[r]} ({m:+d})'
                                              for r, m in zip(rows, multiples)))
         return out
 
@@ -69,7 +68,7 @@ class Work:
         """
         design = self.problem.design(chosen)
         common = [t for t in self.base.terms if t not in self.base.own]
-        geometric = [i for i, t in enumerate(common) if t in rotation.GEOMETRIC]
+        geometric = [i for i, t in enumerate(common) if t in self.obs.context.mount.names.terms]
         solve = design.solver(state.white)
         start, left = dict(self.start), self.problem.b
         for _ in range(4):
@@ -150,4 +149,4 @@ def made_model(obs, base, fitted, effects):
     texts = {str(obs.runs[r]): {t: (v + fitted.start.get(t, 0.0)) / ARCSEC
                                 for t, v in terms.items()} for r, terms in run_terms.items()}
     return PointingModel({t: values[t] for t in [*fitted.common, *base.own]}, covariance,
-                         harmonics, facts, 'rotation', found), texts
+                         harmonics, facts, 'rotation', found, obs.run.mount), texts

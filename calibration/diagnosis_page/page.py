@@ -69,7 +69,7 @@ def render(view):
             note='Observations that would best tell the members of the set apart.'),
         page.section('What these observations cannot show', page.untestable(view.untestable)),
         page.section('Notes on the data', _list(view.notes)),
-        '<footer>All offsets are encoder − catalogue, azimuth times cos elevation, in seconds of '
+        f'<footer>All offsets are encoder − catalogue, {_offsets(view)}, in seconds of '
         'arc on the sky (arcsec, ″). RMS values are radial unless an axis is named.</footer>',
     ]
     return ('<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"/>'
@@ -111,7 +111,7 @@ def _verdict(view):
     return (f'<section class="verdict {kind}"><span class="badge">'
             f'{clean(_VERDICTS.get(verdict, verdict))}</span><h2>{clean(headline)}</h2>'
             f'{_list(sentences)}<div class="numbers-row">{"".join(cards)}</div></section>'
-            + page.section('Error before and after', page.gain_bars(document)))
+            + page.section('Error before and after', page.gain_bars(document, view.axes)))
 
 
 def _effects(view):
@@ -130,3 +130,8 @@ def _effects(view):
 def _list(texts):
     items = ''.join(f'<li>{clean(text)}</li>' for text in texts)
     return f'<ul>{items}</ul>' if items else ''
+
+
+def _offsets(view):
+    first, second = (name.partition(' × ')[0] for name in view.axes)
+    return f'{first} times cos {second}'

@@ -11,10 +11,9 @@ from pointing_model.rms import rms
 
 from .svg_plot import MAX_ARROWS, MAX_NAMED, Panel, SkyMap, clean, limit_of, svg, text, thin, ticks
 
-AXES = (('azimuth × cos E', 0), ('elevation', 1))
 _MEASURES = (('holdout_rms_arcsec', 'held out'), ('cv_rms_arcsec', 'cross-validated'),
-             ('rms_arcsec', 'rows fitted'), ('rms_x_arcsec', 'rows fitted, azimuth × cos E'),
-             ('rms_y_arcsec', 'rows fitted, elevation'))
+             ('rms_arcsec', 'rows fitted'), ('rms_x_arcsec', 'rows fitted, {}'),
+             ('rms_y_arcsec', 'rows fitted, {}'))
 
 
 def section(title, *parts, note=''):
@@ -67,10 +66,12 @@ def probability(p):
 
 # ------------------------------------------------------------------------------ before and after
 
-def gain_bars(document):
+def gain_bars(document, axes=('azimuth × cos E', 'elevation')):
     """Bars of the error before and after, each measure, with the noise floor."""
     before, after = document['before'], document['after']
-    rows = [(label, before.get(key), after.get(key)) for key, label in _MEASURES
+    words = dict(zip(('rms_x_arcsec', 'rms_y_arcsec'), axes))
+    rows = [(label.format(words.get(key)), before.get(key), after.get(key))
+            for key, label in _MEASURES
             if before.get(key) is not None or after.get(key) is not None]
     if not rows:
         return ''
@@ -119,8 +120,9 @@ def sky_maps(view):
         sky = SkyMap(400, lowest)
         radial = rms(*values[:, used])
         x, y = values[:, drawn]
-        names = [f'{view.names[i]}: {number(a, 2, True)}″ azimuth × cos E, {number(b, 2, True)}″ '
-                 'elevation' for i, a, b in zip(drawn, x, y)]
+        names = [f'{view.names[i]}: {number(a, 2, True)}″ {view.axes[0]}, {number(b, 2, True)}″ '
+                 f'{view.axes[1]}' for i, a, b in zip(drawn, x, y)]
+        x, y = view.on_horizon(x, y, drawn)
         sky.arrows(view.az[drawn], view.el[drawn], x, y, scale, title.lower(), names)
         sky.parts.append(f'<path class="{title.lower()} key" d="M12 388h{unit * scale:.1f}"/>'
                          + text(12, 382, f'{unit:g}″', anchor='start'))
@@ -136,7 +138,7 @@ def sky_maps(view):
 def histograms(view):
     """Residuals of each axis before and after, same bins."""
     out = []
-    for title, axis in AXES:
+    for axis, title in enumerate(view.axes):
         before, after = (v[axis][view.used] for v in (view.before, view.after))
         limit = limit_of(before, after)
         edges, counts, (wide, sigma) = histogram(before, after, limit)
@@ -191,7 +193,7 @@ def driver_figure(view, driver):
     """Both axes against one driver: before with the fit drawn in, after below."""
     out = []
     x, used = _spread(driver), view.used
-    for title, axis in AXES:
+    for axis, title in enumerate(view.axes):
         before, after = view.before[axis], view.after[axis]
         limit = limit_of(before[used], after[used])
         top = _panel(driver, 24, 120, limit, '', 'before [arcsec]', title)
@@ -230,7 +232,7 @@ def effect_figure(view, effect):
         return ''
     x, used = _spread(driver), view.used
     out = []
-    for title, axis in AXES:
+    for axis, title in enumerate(view.axes):
         fitted = effect.fitted[axis]
         if not np.any(np.abs(fitted[used]) > 1e-9):
             continue

@@ -12,6 +12,7 @@ from calibration.diagnosis.summary import beyond_base, correlations, effect_offs
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.effects import Amount
 from pointing_model.effects.base import SIDES, arcsec, readable
+from pointing_model.mounts import ALTAZ
 
 _LEVELS = {name: {**sides, 0: 'unknown'} for name, sides in SIDES.items()}
 _LABELS = {
@@ -146,6 +147,16 @@ class View:
     run_terms: dict = field(default_factory=dict)
     set_width: float = SET_WIDTH
     caution: str = ''
+    #: what x and y are, for people
+    axes: tuple = ('azimuth × cos E', 'elevation')
+    #: components toward azimuth and elevation of x and y, shape (2, 2, n); None: the same
+    turned: np.ndarray | None = None
+
+    def on_horizon(self, x, y, rows):
+        """Residuals of some rows toward growing azimuth and elevation."""
+        if self.turned is None:
+            return x, y
+        return tuple(one[0, rows] * x + one[1, rows] * y for one in self.turned)
 
     @property
     def changed(self):
@@ -171,13 +182,35 @@ def view_of(diagnosis):
     names, matrix = correlations(diagnosis)
     return View(
         document={**document, 'excluded': diagnosis.excluded},
-        az=context.az, el=context.el, before=diagnosis.residual_before / ARCSEC,
+        az=context.get('azimuth'), el=context.get('elevation'),
+        before=diagnosis.residual_before / ARCSEC,
         after=diagnosis.residual_after / ARCSEC, used=diagnosis.weights > 0.0,
         names=RowNames(obs), drivers=_drivers(diagnosis, effects), effects=effects,
-        ranking=diagnosis.ranking, terms=_terms(diagnosis), correlated=_coefficients(names),
-        correlations=matrix, sources=_sources(obs), notes=_notes(diagnosis),
+        ranking=_in_words(diagnosis.ranking, context.mount), terms=_terms(diagnosis),
+        correlated=_coefficients(names), correlations=matrix, sources=_sources(obs),
+        notes=_notes(diagnosis),
         untestable=[*diagnosis.untestable, *((text, ALIKE) for text in diagnosis.columns_alike)],
-        run_terms=diagnosis.run_terms, caution=diagnosis.caution)
+        run_terms=diagnosis.run_terms, caution=diagnosis.caution, **_axes_of(context))
+
+
+def _in_words(rows, mount):
+    """Candidates with the axis that they act on in words."""
+    if mount.altaz:
+        return rows
+    words = dict(zip(('az', 'el'), mount.names.axes))
+    return [{**row, 'axes': words.get(row['axes'], row['axes'])} for row in rows]
+
+
+def _axes_of(context):
+    """What the axes are called, and how they stand to the horizon."""
+    mount = context.mount
+    if mount.altaz:
+        return {}
+    first, second = mount.names.axes
+    horizon = ALTAZ.tangents(context.get('azimuth'), context.get('elevation'))
+    return {'axes': (f'{first} × cos {mount.names.letters[1]}', second),
+            'turned': np.array([[np.sum(own * toward, axis=0) for own in context.tangent()]
+                                for toward in horizon])}
 
 
 def effect_sentences(diagnosis):
@@ -262,6 +295,8 @@ def driver_of(context, name):
         levels = {k: v for k, v in _LEVELS[name].items() if (known == k).any()}
         return Driver(name, _LABELS[name][0], values, levels)
     label, unit = _LABELS.get('pm_x' if name == 'star' else name, (name, 1.0))
+    if name in context.mount.names.keys and name not in _LABELS:
+        label, unit = f'{name.replace("_", " ")} [°]', DEG
     if name == 'azimuth':
         values = np.mod(values, 2.0 * np.pi)
     return Driver(name, label, values / unit)
@@ -286,6 +321,7 @@ def _drivers(diagnosis, effects):
     """Drivers for the figures: those of the effects first, then what is known."""
     context = diagnosis.observations.context
     names = [e.driver.name for e in effects if e.driver is not None and e.driver.plain]
+    names += context.mount.names.keys
     names += [n for n in _ALWAYS if not (n == 'order' and context.get('time') is not None)]
     names += context.extra()
     out = (driver_of(context, name) for name in dict.fromkeys(names))

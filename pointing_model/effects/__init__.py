@@ -12,13 +12,15 @@ Hipparcos-2 (proper motion); first-order geometry otherwise.
 from importlib import import_module
 from pkgutil import iter_modules
 
-from .base import Amount, Effect, effect, of_document, to_document
+from .base import Amount, Effect, effect, of_document, of_mount, to_document
 from .changing import changes
 from .curves import smooths
 from .drifts import steps
 from .graduation import PERIODS, declared_graduation, period_of
+from .pier import by_side, direct
 
-__all__ = ['PERIODS', 'Amount', 'Effect', 'changes', 'declared_graduation', 'dictionary', 'effect',
+__all__ = ['PERIODS', 'Amount', 'Effect', 'changes', 'declared_graduation', 'dictionary', 'direct',
+           'effect',
            'of_document', 'period_of', 'smooths', 'steps', 'to_document']
 
 _MODULES = [import_module(f'.{name}', __name__)
@@ -41,7 +43,7 @@ def dictionary(context, lacking=(), own=()):
     context : Context
         Of the run.
     lacking : sequence of str, optional
-        Names in `terms.TERMS` of terms that the declared model does not have: candidates too.
+        Names of terms of the mount that the declared model does not have: candidates too.
     own : sequence of str, optional
         Terms that each run fits for itself.
 
@@ -55,8 +57,12 @@ def dictionary(context, lacking=(), own=()):
     offers = [o for module in _MODULES if hasattr(module, 'propose')
               for o in module.propose(context, tuple(lacking), tuple(own))]
     offers.sort(key=_place)
-    return ([e for o in offers for e in o.effects],
-            [(o.what, o.reason) for o in offers if o.reason])
+    untestable = [(o.what, o.reason) for o in offers if o.reason]
+    effects = of_mount([e for o in offers for e in o.effects], context.mount)
+    if context.mount.altaz:
+        return effects, untestable
+    sided, reason = by_side(effects, context)
+    return effects + sided, untestable + ([reason] if reason else [])
 
 
 def _place(offer):

@@ -2,15 +2,24 @@
 
 import numpy as np
 
-from .base import AXES, Effect, Offer, arcsec, effect, form, on_axis, times
+from pointing_model.mounts import KINDS
+
+from .base import Effect, Offer, arcsec, effect, form, on_axis, times
+
+
+def _tpoint(names, text):
+    """Names of generic terms: 1, 2, v and s stand for what `mounts.Names.tpoint` has."""
+    if not names.tpoint:
+        return None
+    return text.translate(str.maketrans('12vs', ''.join(names.tpoint)))
 
 
 @form
-def _encoder(axis, order):
+def _encoder(axis, order, mount='altaz'):
     """Harmonic of an encoder, `order` a turn."""
-    k = int(order)
+    k, names = int(order), KINDS[mount]
     az = axis == 'az'
-    letter = 'A' if az else 'E'
+    letter = names.letter(axis)
 
     def of(c):
         angle = k * (c.az if az else c.el)
@@ -25,72 +34,91 @@ def _encoder(axis, order):
               'the coupling between axis and encoder, and the disc for dirt'))
 
     def say(amount):
-        head = f'The {AXES[axis]} encoder is wrong '
+        head = f'The {names.word(axis)} encoder is wrong '
         if amount.rms is not None and amount.rms < 0.2 * amount.size:
             return f'{head}{times(order)}: {short}'  # most of it other terms would take up
         return f'{head}by up to {arcsec(amount.size)}, {times(order)}: {short}'
 
     # source: geometry of a disc off its axis, or tilted; neither paper has it
-    return Effect(f'{AXES[axis]}_encoder_{k}', f'{AXES[axis]} {cause}: {k} a turn',
-                  f'cos {k}{letter}, sin {k}{letter} on the {AXES[axis]} angle'
-                  + (' (on the sky x cos E)' if az else ''),
-                  AXES[axis], axis, ('cos', 'sin'), of, say, look_at,
-                  tpoint=f'{letter}CEC {letter}CES' if k == 1 else
-                  f'H{letter}C{letter}{k} H{letter}S{letter}{k}')
+    number = '1' if az else '2'
+    return Effect(f'{names.key(axis)}_encoder_{k}', f'{names.word(axis)} {cause}: {k} a turn',
+                  f'cos {k}{letter}, sin {k}{letter} on the {names.word(axis)} angle'
+                  + (f' (on the sky x cos {names.letter("el")})' if az else ''),
+                  names.key(axis), axis, ('cos', 'sin'), of, say, look_at,
+                  tpoint=_tpoint(names, f'{number}CEC {number}CES') if k == 1 else
+                  _of_order(names, f'H{number}C{number}# H{number}S{number}#', k))
+
+
+def _of_order(names, text, k):
+    """`_tpoint` of generic terms of an order, which is not written if it is 1."""
+    found = _tpoint(names, text)
+    return found and found.replace('#', '' if k == 1 else str(k))
 
 
 @form
-def _bearing_wobble(order):
-    k = int(order)
+def _bearing_wobble(order, mount='altaz'):
+    k, names = int(order), KINDS[mount]
+    a, e = names.letters
 
     def of(c):
         ca, sa, se = np.cos(k * c.az), np.sin(k * c.az), c.trig.sin_el
         return [(0.0, ca), (0.0, sa), (se * ca, 0.0), (se * sa, 0.0)]
 
-    return Effect(f'azimuth_bearing_wobble_{k}',
-                  f'azimuth axis wobbles {k} a turn: bearing or track not flat',
-                  f'(0, cos {k}A), (0, sin {k}A), (sin E cos {k}A, 0), (sin E sin {k}A, 0)',
-                  'azimuth', 'both', ('el_cos', 'el_sin', 'az_cos', 'az_sin'), of,
-                  lambda amount: f'The azimuth axis wobbles by up to {arcsec(amount.size)}, '
+    shaft = names.shaft('az')
+    return Effect(f'{names.key("az")}_bearing_wobble_{k}',
+                  f'{shaft} wobbles {k} a turn: bearing or track not flat',
+                  f'(0, cos {k}{a}), (0, sin {k}{a}), (sin {e} cos {k}{a}, 0), '
+                  f'(sin {e} sin {k}{a}, 0)',
+                  names.key('az'), 'both', ('el_cos', 'el_sin', 'az_cos', 'az_sin'), of,
+                  lambda amount: f'The {shaft} wobbles by up to {arcsec(amount.size)}, '
                   f'{times(order)}: a bearing or track that is not flat',
-                  'flatness of the azimuth bearing or track, with a level on the fork',
-                  tpoint='HECA HESA HVCA HVSA' if k == 1 else f'HECA{k} HESA{k} HVCA{k} HVSA{k}')
+                  'flatness of the azimuth bearing or track, with a level on the fork'
+                  if mount == 'altaz' else f'both bearings of the {shaft}',
+                  tpoint=_of_order(names, 'H2C1# H2S1# HvC1# HvS1#', k))
 
 
 @form
-def _nod(order):
-    k = int(order)
-    return Effect(f'elevation_nod_{k}', f'the mount nods {k} a turn of azimuth',
-                  f'(0, cos {k}A), (0, sin {k}A)', 'azimuth', 'el', ('cos', 'sin'),
+def _nod(order, mount='altaz'):
+    k, names = int(order), KINDS[mount]
+    a = names.letter('az')
+    return Effect(f'{names.key("el")}_nod_{k}', f'the mount nods {k} a turn of {names.word("az")}',
+                  f'(0, cos {k}{a}), (0, sin {k}{a})', names.key('az'), 'el', ('cos', 'sin'),
                   lambda c: [(0.0, np.cos(k * c.az)), (0.0, np.sin(k * c.az))],
-                  lambda amount: f'The mount nods by {arcsec(amount.size)} in elevation, '
-                  f'{times(order)} of the azimuth axis',
-                  'wheels or pads under the azimuth axis, and the base under the fork',
-                  tpoint='HECA HESA' if k == 1 else f'HECA{k} HESA{k}')
+                  lambda amount: f'The mount nods by {arcsec(amount.size)} in {names.word("el")}, '
+                  f'{times(order)} of the {names.shaft("az")}',
+                  'wheels or pads under the azimuth axis, and the base under the fork'
+                  if mount == 'altaz' else f'bearings of the {names.shaft("az")}, and what it '
+                  'carries: fork, or counterweight',
+                  tpoint=_of_order(names, 'H2C1# H2S1#', k))
 
 
 @form
-def _line_of_sight(order):
+def _line_of_sight(order, mount='altaz'):
     """Collimation that goes round with the azimuth: TPOINT's harmonics of the left-right error."""
-    k = int(order)
+    k, names = int(order), KINDS[mount]
+    a, word, shaft = names.letter('az'), names.word('az'), names.shaft('az')
     return Effect(f'line_of_sight_{k}', f'the line of sight swings left and right {k} a turn of '
-                  'azimuth', f'(cos {k}A, 0), (sin {k}A, 0)', 'azimuth', 'az', ('cos', 'sin'),
+                  f'{word}', f'(cos {k}{a}, 0), (sin {k}{a}, 0)', names.key('az'), 'az',
+                  ('cos', 'sin'),
                   lambda c: [(np.cos(k * c.az), 0.0), (np.sin(k * c.az), 0.0)],
                   lambda amount: f'The line of sight swings {arcsec(amount.size)} left and right, '
-                  f'{times(order)} of the azimuth axis, at any elevation',
-                  'what turns with the azimuth and holds the beam: a Nasmyth mirror or the cabin, '
-                  'the fork that twists on an uneven track, cables',
-                  tpoint=f'HSCA{k} HSSA{k}')
+                  f'{times(order)} of the {shaft}, at any {names.word("el")}',
+                  f'what turns with the {word} and holds the beam: a Nasmyth mirror or the cabin, '
+                  'the fork that twists on an uneven track, cables' if mount == 'altaz' else
+                  f'what turns with the {shaft} and bends under its weight: fork, saddle, cables',
+                  tpoint=_of_order(names, 'HsC1# HsS1#', k))
 
 
 @form
-def _elevation_axis_wobble(order):
-    k = int(order)
-    return Effect(f'elevation_axis_wobble_{k}', f'elevation axis wobbles {k} a turn',
-                  f'(sin E cos {k}E, 0), (sin E sin {k}E, 0)', 'elevation', 'az', ('cos', 'sin'),
+def _elevation_axis_wobble(order, mount='altaz'):
+    k, names = int(order), KINDS[mount]
+    e, shaft = names.letter('el'), names.shaft('el')
+    return Effect(f'{shaft.replace(" ", "_")}_wobble_{k}', f'{shaft} wobbles {k} a turn',
+                  f'(sin {e} cos {k}{e}, 0), (sin {e} sin {k}{e}, 0)', names.key('el'), 'az',
+                  ('cos', 'sin'),
                   lambda c: [(c.trig.sin_el * np.cos(k * c.el), 0.0),
                              (c.trig.sin_el * np.sin(k * c.el), 0.0)],
-                  look_at='run-out of both elevation bearings')
+                  look_at=f'run-out of both {names.word("el")} bearings')
 
 
 def propose(context, lacking, own):
@@ -100,12 +128,15 @@ def propose(context, lacking, own):
                                 for order in range(1, highest + 1)])
     # constant parts of a wobble of the elevation axis: over a sky of less than a quarter turn it
     # would pass for them
-    alike = [name for name in ('CA', 'NPAE') if name in lacking]
+    alike = [name for name in map(context.mount.names.named, ('CA', 'NPAE')) if name in lacking]
     against = {'elevation_axis_wobble': 'it looks like terms that the model lacks: '
                + ', '.join(alike)} if alike else {}
     # once a turn (cos A, 0) is nearly a disc off its centre with a wobble of the azimuth axis
+    # (of an alt-azimuth mount; elsewhere gravity goes round with the axis)
     for name, lowest, highest in (('bearing_wobble', 1, 3), ('nod', 1, 6),
-                                  ('line_of_sight', 2, 4), ('elevation_axis_wobble', 1, 2)):
+                                  ('line_of_sight', 2 if context.mount.altaz else 1, 4),
+                                  ('elevation_axis_wobble', 1, 2)):
         yield Offer(name, [] if name in against else [
             effect(name, order=order) for order in range(lowest, highest + 1)],
-            name.replace('_', ' '), against.get(name))
+            f'{context.mount.names.shaft("el")} wobble' if name in against
+            else name.replace('_', ' '), against.get(name))

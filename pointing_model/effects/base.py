@@ -9,6 +9,11 @@ middle of the run that it was found in.
 A new effect is a function with `form` that builds it, and a line in its module's
 ``propose(context, lacking, own)``, which yields an `Offer` that says when it may be tried:
 nothing outside that module.
+
+What an axis does has the same columns in every mount, by the angles of its axes; what gravity, the
+air and the stars do is turned into them by `Trig.lifted` and `Context.tangent`. A form with the
+parameter ``mount`` (a key of `mounts.KINDS`) is called by the names of the axes there; `dictionary`
+fills it in.
 """
 
 import re
@@ -17,6 +22,8 @@ from dataclasses import dataclass, field
 from inspect import Parameter, signature
 
 import numpy as np
+
+from pointing_model.mounts import KINDS
 
 AXES = {'az': 'azimuth', 'el': 'elevation'}
 _SIDE = 3  # rows on each side, below which a driver of two levels is carried by single rows
@@ -158,15 +165,19 @@ class Effect:
 # ---------------------------------------------------------------------------------- the registry
 
 _FORMS = {}
+_MOUNT, _USUAL = 'mount', 'altaz'  # which is not written down
 
 
 def form(build):
     """Register a function that builds an `Effect` from parameters, under its name."""
     name = build.__name__.lstrip('_')
     named = [(p.name, p.default) for p in signature(build).parameters.values()
-             if p.kind is not Parameter.VAR_KEYWORD]
+             if p.kind is not Parameter.VAR_KEYWORD and p.name != _MOUNT]
+    by_mount = _MOUNT in signature(build).parameters
 
     def made(**parameters):
+        if not by_mount or parameters.get(_MOUNT) == _USUAL:
+            parameters.pop(_MOUNT, None)
         out = build(**parameters)
         # nobody else has it yet; `replace` would make it twice, and there are hundreds in a run
         object.__setattr__(out, 'form', name)
@@ -202,6 +213,23 @@ def effect(form, **parameters):
         return build(**parameters)
     except (TypeError, KeyError, IndexError) as error:
         raise ValueError(f'effect {form} with wrong parameters {parameters}: {error}') from None
+
+
+def of_mount(effects, mount):
+    """Effects under the names that they have at a mount.
+
+    Parameters
+    ----------
+    effects : list of Effect
+    mount : Mount
+
+    Returns
+    -------
+    list of Effect
+    """
+    if mount.altaz:
+        return effects
+    return [effect(e.form, **{**e.parameters, _MOUNT: mount.kind}) for e in effects]
 
 
 def to_document(effect):
@@ -288,8 +316,9 @@ def on_axis(axis, value, cos_el):
 #: drivers in words, where their name is not the word
 _DRIVER_WORDS = {'order': 'order of the rows', 'run_hours': 'time since the start of the run'}
 #: last motion of an axis in words
-SIDES = {'approach_az': {-1: 'anticlockwise', 1: 'clockwise'},
-         'approach_el': {-1: 'downward', 1: 'upward'}}
+SIDES = {f'approach_{axis}': dict(zip((-1, 1), words))
+         for axis, words in zip(AXES, KINDS[_USUAL].sides)}
+_ANGLES = {key for names in KINDS.values() for key in names.keys}
 _TIMES = {1: 'once', 2: 'twice'}
 
 
@@ -308,7 +337,7 @@ def times(order):
 
 def driver_word(name):
     """A driver in words."""
-    return _DRIVER_WORDS.get(name, name)
+    return _DRIVER_WORDS.get(name, name.replace('_', ' ') if name in _ANGLES else name)
 
 
 def readable(name):

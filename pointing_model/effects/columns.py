@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from pointing_model.mounts import KINDS
+
 from .base import AXES, Effect, arcsec, effect, form, offer, on_axis, single_rows
 from .drifts import about, progress
 
@@ -14,8 +16,10 @@ _CAUSES = {
 
 
 @form
-def _proportional(axis, driver, origin=0.0, scale=1.0, pattern='sky', within=None):
+def _proportional(axis, driver, origin=0.0, scale=1.0, pattern='sky', within=None,
+                  mount='altaz'):
     """Offset on the sky, or of an axis' angle, proportional to a driver (held within `within`)."""
+    names = KINDS[mount]
     sky = pattern == 'sky'
 
     def of(c):
@@ -26,21 +30,22 @@ def _proportional(axis, driver, origin=0.0, scale=1.0, pattern='sky', within=Non
         value = amount.values[0]
         if driver == 'magnitude':
             return (f'Faint stars are centred {arcsec(value, True)} a magnitude beside bright ones '
-                    f'in {AXES[axis]}')
+                    f'in {names.word(axis)}')
         if driver == 'pier_side':
-            return (f'The {AXES[axis]} axis is off by another amount on the other side of the '
+            return (f'The {names.shaft(axis)} is off by another amount on the other side of the '
                     'pier')
         if amount.span is not None:
             value = value * (amount.span[1] - amount.span[0]) / scale
-        return (f'The {AXES[axis]} error follows the column {driver} of the file: '
+        return (f'The {names.word(axis)} error follows the column {driver} of the file: '
                 f'{arcsec(value, True)} from its lowest to its highest value')
 
     cause, look_at = _CAUSES.get(driver, (f'follows the column {driver} of the file',
                                           'what this column measures'))
     name = 'magnitude_equation' if driver == 'magnitude' else driver
     return Effect(f'{name}_{axis}' + ('' if sky or axis == 'el' else '_angle'),
-                  f'{cause} ({AXES[axis]})', ('' if sky or axis == 'el' else 'cos E x ') + driver,
-                  driver, axis, ('slope',), of, say, look_at,
+                  f'{cause} ({names.word(axis)})',
+                  ('' if sky or axis == 'el' else f'cos {names.letter("el")} x ') + driver, driver,
+                  axis, ('slope',), of, say, look_at,
                   f'arcsec/({scale:.4g} {driver})' if scale != 1.0 else f'arcsec/{driver}',
                   requires=(driver,))
 
@@ -48,6 +53,8 @@ def _proportional(axis, driver, origin=0.0, scale=1.0, pattern='sky', within=Non
 def propose(context, lacking, own):
     """Where the column is known and varies; a side of the pier in more than single rows."""
     for driver in _CAUSES:
+        if driver == 'pier_side' and not context.mount.altaz:
+            continue  # see `pier`
         yield offer('proportional', driver, context, driver, lambda v, driver=driver: [
             effect('proportional', axis=axis, **about(driver, 1.0, v)) for axis in AXES
         ], _single_side(context) if driver == 'pier_side' else None)

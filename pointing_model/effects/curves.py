@@ -2,15 +2,20 @@
 
 import numpy as np
 
-from .base import AXES, Effect, driver_word, effect, form
+from pointing_model.mounts import KINDS
+
+from .base import Effect, driver_word, effect, form, of_mount
 
 _TURN = 2.0 * np.pi
 #: drivers that are given waves and bumps; air, stars and columns of the file get splines only
-_WAVY = ('azimuth', 'elevation', 'time', 'order')
+_WAVY = (*(key for names in KINDS.values() for key in names.keys), 'time', 'order')
+_SECOND = {names.keys[1] for names in KINDS.values()}
+#: always known
+_DIRECTION = {key for names in KINDS.values() for key in names.keys}
 
 
 @form
-def _smooth(axis, driver, shape, factor='1', within=None, **numbers):
+def _smooth(axis, driver, shape, factor='1', within=None, mount='altaz', **numbers):
     """A curve of one driver for what no physical effect explains.
 
     ``shape``: 'fourier' (``orders``, ``period``), 'spline' (``knots``: a natural cubic one),
@@ -38,15 +43,16 @@ def _smooth(axis, driver, shape, factor='1', within=None, **numbers):
         tail += f'_overtones_{len(numbers["orders"])}' if len(numbers['orders']) > 1 else ''
     else:
         tail = f'{shape}_{count // 2 if series else count}' if count > 1 else shape
+    word = KINDS[mount].word(axis)
     scan = shape if shape in ('bump', 'sawtooth') else 'wave' if wave else None
     return Effect(f'smooth_of_{driver}_{axis}_{tail}' + ('_cosE' if factor == 'cosE' else ''),
-                  f'unknown cause: the {AXES[axis]} error follows the {driver_word(driver)} '
+                  f'unknown cause: the {word} error follows the {driver_word(driver)} '
                   f'({shape})', f'{shape} of {driver}' + (' x cos E' if factor == 'cosE' else ''),
                   driver, axis, tuple(f'{shape[0]}{i + 1}' for i in range(count)), of,
-                  lambda _: f'The {AXES[axis]} error follows the {driver_word(driver)} in a way '
+                  lambda _: f'The {word} error follows the {driver_word(driver)} in a way '
                   'that no known effect explains; a curve is added in its place',
                   f'what else changes with the {driver_word(driver)}',
-                  requires=() if driver in ('azimuth', 'elevation') else (driver,), kind='smooth',
+                  requires=() if driver in _DIRECTION else (driver,), kind='smooth',
                   # a bump and a sawtooth have a place and a width
                   scan=scan, scanned=1 if wave else 2)
 
@@ -86,9 +92,10 @@ def _natural_spline(u, knots):
 def smooths(context):
     """Curves of each driver and axis, for what the dictionary does not explain.
 
-    The drivers are azimuth, elevation, time or order, for several nights the hours since the
-    start of each run, temperature, magnitude, the user's own. The curves are Fourier series
-    (azimuth, one turn), natural splines, single waves and single bumps scanned in place and width.
+    The drivers are the angles of the axes, elevation, time or order, for several nights the hours
+    since the start of each run, temperature, magnitude, the user's own. The curves are Fourier
+    series (of the first axis, one turn), natural splines, single waves and single bumps scanned in
+    place and width.
 
     Parameters
     ----------
@@ -100,7 +107,10 @@ def smooths(context):
         None of the order of the rows for several runs: a place in one is none in another.
     """
     clock = 'time' if context.get('time') is not None else 'order'
-    drivers = ['azimuth', 'elevation', clock,
+    first, second = context.mount.names.keys
+    # gravity follows the elevation, whatever the axes are
+    above = () if context.mount.altaz else ('elevation',)
+    drivers = [first, second, *above, clock,
                *(['run_hours'] if context.several_nights() else []),
                'temperature', 'magnitude', *context.extra()]
     run = context.get('run')
@@ -111,12 +121,11 @@ def smooths(context):
         if reason or len(np.unique(values)) < 12 or (driver == 'order' and several):
             continue
         for axis, factor in (('az', 'cosE'), ('az', '1'), ('el', '1')):
-            out += _smooths_of(axis, driver, factor, values)
-    return out
+            out += _smooths_of(axis, driver, factor, values, driver == first)
+    return of_mount(out, context.mount)
 
 
-def _smooths_of(axis, driver, factor, values):
-    closed = driver == 'azimuth'
+def _smooths_of(axis, driver, factor, values, closed):
     low, high = float(values.min()), float(values.max())
     period = _TURN if closed else high - low
     out = []
@@ -139,7 +148,7 @@ def _smooths_of(axis, driver, factor, values):
                 add('spline', knots=knots.tolist())
         if driver not in _WAVY:
             return out
-        if driver == 'elevation' and (axis == 'el' or factor == 'cosE'):
+        if driver in _SECOND and (axis == 'el' or factor == 'cosE'):
             for order in np.arange(1.5, 6.1, 0.25):
                 for start in np.arange(8.0) / 8.0 * period / order:
                     add('sawtooth', start=float(low + start), period=float(period / order))

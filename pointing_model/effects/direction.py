@@ -1,6 +1,7 @@
 """What follows the direction alone and has a term: refraction, flexure, terms left out."""
 
-from pointing_model.terms import TERMS, ZERO, Trig
+from pointing_model.mounts import KINDS
+from pointing_model.terms import ZERO, Trig, terms_of
 
 from .base import Effect, Offer, effect, form
 
@@ -23,42 +24,79 @@ _TERM_EFFECTS = {
 }
 
 
+#: of mounts that are no alt-azimuth ones: what bends toward the zenith is no error of an axis
+_ELSEWHERE = {
+    **{name: _TERM_EFFECTS[name] for name in ('refraction', 'refraction_cube')},
+    'second_flexure': (
+        'HZCZ', 'second flexure of the tube', 'sin E upward',
+        'The tube bends with the sine of the elevation',
+        'bolts of the mirror cell and of the camera'),
+    'fork_flexure': (
+        'FO', 'fork or saddle bends under its weight', '(0, cos h)',
+        'The fork bends: the declination is off with the cosine of the hour angle',
+        'stiffness of the fork or saddle, and of the polar axis'),
+    'declination_axis_flexure': (
+        'DAF', 'declination axis bends under the tube and the counterweight', '(-sin E, 0)',
+        'The declination axis bends under what it carries: the higher the star, the farther it is '
+        'to one side', 'stiffness of the declination axis and its bearings; the counterweight'),
+}
+
+
+def _named(kind):
+    table = _TERM_EFFECTS if kind == 'altaz' else _ELSEWHERE
+    return {name: row for name, row in table.items() if row[0] in terms_of(kind)}
+
+
 @form
-def _terms(name):
-    term, cause, formula, sentence, look_at = _TERM_EFFECTS[name]
-    return Effect(name, cause, formula, 'elevation', 'el', (term,),
-                  lambda c: [TERMS[term].of(c.trig)], lambda _: sentence, look_at,
-                  tpoint=term if TERMS[term].tpoint_sign else None)
-
-
-#: of these the dictionary has the same columns under another name
-_NAMED = tuple(term for term, *_ in _TERM_EFFECTS.values())
+def _terms(name, mount='altaz'):
+    term, cause, formula, sentence, look_at = _named(mount)[name]
+    known = terms_of(mount)[term]
+    plain = mount == 'altaz'
+    return Effect(name, cause, formula if plain else known.formula,
+                  'hour_angle' if name == 'fork_flexure' else 'elevation',
+                  'el' if plain or name == 'fork_flexure' else 'both', (term,),
+                  lambda c: [known.of(c.trig)], lambda _: sentence, look_at,
+                  tpoint=term if known.tpoint_sign else None)
 
 
 @form
-def _term(name):
-    """A term of `terms.TERMS` that the declared model does not have, in first order."""
-    term = TERMS[name]
-    x, y = term.of(Trig(1.0, 0.5))
-    axes = 'el' if x is ZERO else 'az' if y is ZERO else 'both'
+def _term(name, mount='altaz'):
+    """A term of `terms.terms_of` a mount that the declared model does not have, in first order."""
+    term, names = terms_of(mount)[name], KINDS[mount]
+    own = names.terms.get(name, ('', 1))[0]
+    if mount == 'altaz':
+        x, y = term.of(Trig(1.0, 0.5))
+        axes = 'el' if x is ZERO else 'az' if y is ZERO else 'both'
+        driver = 'azimuth' if 'A' in term.formula else 'elevation'
+    else:
+        axes = {'IA': 'az', 'IE': 'el', 'CA': 'az', 'NPAE': 'az'}.get(own, 'both')
+        driver = names.key('az' if own in ('AN', 'AW') else 'el') if own != 'TF' else 'elevation'
     return Effect(name, term.doc + (', or the latitude is wrong' if name == 'AN' else ''),
-                  term.formula, 'azimuth' if 'A' in term.formula else 'elevation', axes, (name,),
+                  term.formula, driver, axes, (name,),
                   lambda c: [term.of(c.trig)],
                   look_at='whether the declared model should have this term (--base)',
                   tpoint=name if term.tpoint_sign else None)
 
 
 @form
-def _fork_cross_term():
-    return Effect('fork_cross_term', 'fork bends: flexure that turns with the azimuth',
-                  '(0, sin E cos A), (0, sin E sin A)', 'azimuth', 'el', ('cos', 'sin'),
+def _fork_cross_term(mount='altaz'):
+    names = KINDS[mount]
+    a, e = names.letters
+    return Effect('fork_cross_term', f'fork bends: flexure that turns with the {names.word("az")}',
+                  f'(0, sin {e} cos {a}), (0, sin {e} sin {a})', names.key('az'), 'el',
+                  ('cos', 'sin'),
                   lambda c: [(0.0, c.trig.sin_el * c.trig.cos_az),
                              (0.0, c.trig.sin_el * c.trig.sin_az)],
-                  look_at='stiffness of the fork and its joint with the azimuth bearing')
+                  look_at=f'stiffness of the fork and its joint with the {names.word("az")} '
+                  'bearing')
 
 
 def propose(context, lacking, own):
     """Terms that the declared model may lack; whatever it is, the directions are known."""
-    yield Offer('term', [effect('term', name=name) for name in lacking if name not in _NAMED])
-    yield Offer('terms', [effect('terms', name=name) for name in _TERM_EFFECTS])
+    named = _named(context.mount.kind)
+    # of these the dictionary has the same columns under another name
+    alike = [term for term, *_ in named.values()]
+    yield Offer('term', [effect('term', name=name, mount=context.mount.kind) for name in lacking
+                         if name not in alike])
+    yield Offer('terms', [effect('terms', name=name, mount=context.mount.kind) for name in named])
     yield Offer('fork_cross_term', [effect('fork_cross_term')])

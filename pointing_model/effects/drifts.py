@@ -2,20 +2,29 @@
 
 import numpy as np
 
-from pointing_model.terms import TERMS
+from pointing_model.mounts import KINDS
+from pointing_model.terms import terms_of
 
-from .base import AXES, Effect, Offer, arcsec, driver_word, effect, form, offer, on_axis
+from .base import AXES, Effect, Offer, arcsec, driver_word, effect, form, of_mount, offer, on_axis
 
 _HOUR = 3600.0
 _ZERO_TERM = {'az': 'IA', 'el': 'IE'}
-#: what may drift: in a name, where it acts, in a sentence
-_MOVING = {
-    'IA': ('azimuth zero', 'az', 'The zero of the azimuth axis'),
-    'IE': ('elevation zero', 'el', 'The zero of the elevation axis'),
-    'CA': ('collimation', 'az', 'The collimation'),
-    'TF': ('flexure', 'el', 'The bending of the tube'),
-    'tilt': ('tilt of the azimuth axis', 'both', 'The tilt of the azimuth axis'),
-}
+#: what may drift
+_MOVING = ('IA', 'IE', 'CA', 'TF', 'tilt')
+
+
+def _moving(of, names):
+    """What drifts: in a name, where it acts, in a sentence."""
+    first, second = names.shafts
+    return {
+        'IA': (f'{names.word("az")} zero', 'az', f'The zero of the {first}'),
+        'IE': (f'{names.word("el")} zero', 'el', f'The zero of the {second}'),
+        'CA': ('collimation', 'az', 'The collimation'),
+        'TF': ('flexure', 'el' if names is KINDS['altaz'] else 'both', 'The bending of the tube'),
+        'tilt': (f'tilt of the {first}', 'both', f'The tilt of the {first}'),
+    }[of]
+
+
 SYMBOLS = {'time': 't', 'temperature': 'T', 'order': 'n', 'run_hours': '(t - start of the run)'}
 UNITS = {'time': '/h', 'run_hours': '/h', 'temperature': '/K', 'order': '/run'}
 _EACH = {'time': 'an hour', 'run_hours': 'an hour in each run', 'temperature': 'a degree',
@@ -24,15 +33,19 @@ _LONG = 96.0 * _HOUR  # from here on a drift is told by the day
 
 
 @form
-def _drift(of, driver, power=1, origin=0.0, scale=1.0, within=None):
-    """A term x ((driver - origin) / scale)^power; the driver is held at the ends of `within`."""
-    what, axes, words = _MOVING[of]
-    names = ('AN', 'AW') if of == 'tilt' else (of,)
+def _drift(of, driver, power=1, origin=0.0, scale=1.0, within=None, mount='altaz'):
+    """A term x ((driver - origin) / scale)^power; the driver is held at the ends of `within`.
+
+    `of`: its name at an alt-azimuth mount.
+    """
+    what, axes, words = _moving(of, KINDS[mount])
+    terms = terms_of(mount)
+    names = tuple(map(KINDS[mount].named, ('AN', 'AW') if of == 'tilt' else (of,)))
     square = power == 2
 
     def columns(c):
         u = progress(c, driver, origin, scale, within) ** power
-        return [(x * u, y * u) for x, y in (TERMS[n].of(c.trig) for n in names)]
+        return [(x * u, y * u) for x, y in (terms[n].of(c.trig) for n in names)]
 
     def say(amount):
         range_ = None if amount.span is None else amount.span[1] - amount.span[0]
@@ -53,7 +66,7 @@ def _drift(of, driver, power=1, origin=0.0, scale=1.0, within=None):
         return text
 
     # source: paper 000, drift of the zero
-    return Effect(f'{what.replace(" of the azimuth axis", "").replace(" ", "_")}_with_{driver}'
+    return Effect(f'{what.partition(" of the ")[0].replace(" ", "_")}_with_{driver}'
                   + ('_squared' if square else ''),
                   f'{what} moves with {driver_word(driver)}'
                   + (', quadratically' if square else ''),
@@ -65,15 +78,20 @@ def _drift(of, driver, power=1, origin=0.0, scale=1.0, within=None):
 
 
 @form
-def _step(axis, at, driver='time'):
+def _step(axis, at, driver='time', mount='altaz'):
     """A zero that jumps where the driver passes `at`."""
+    names = KINDS[mount]
+
     def say(amount):
         when = f' at {amount.clock(at)}' if amount.clock and driver == 'time' else ''
-        return f'The zero of the {AXES[axis]} axis jumped by {arcsec(amount.values[0], True)}{when}'
+        return (f'The zero of the {names.shaft(axis)} jumped by '
+                f'{arcsec(amount.values[0], True)}{when}')
 
     # source: paper 000, reference mark
-    return Effect(f'{AXES[axis]}_zero_step', f'{AXES[axis]} zero jumps once: lost counts, a slip, '
-                  'a reference mark found anew', f'{_ZERO_TERM[axis]} x H({driver} - tau)',
+    return Effect(f'{names.key(axis)}_zero_step',
+                  f'{names.word(axis)} zero jumps once: lost counts, a slip, '
+                  'a reference mark found anew',
+                  f'{names.named(_ZERO_TERM[axis])} x H({driver} - tau)',
                   driver, axis, ('step',),
                   lambda c: [on_axis(axis, np.where(np.isnan(c.get(driver)), np.nan,
                                                     1.0 * (c.get(driver) >= at)), c.trig.cos_el)],
@@ -83,15 +101,16 @@ def _step(axis, at, driver='time'):
 
 
 @form
-def _run_zero(axis, runs):
+def _run_zero(axis, runs, mount='altaz'):
+    names = KINDS[mount]
     # source: paper 000, Table 1
-    return Effect(f'{AXES[axis]}_zero_per_run',
-                  f'{AXES[axis]} zero of its own in each run or power-on',
-                  f'{_ZERO_TERM[axis]} in each run but the first', 'run', axis,
+    return Effect(f'{names.key(axis)}_zero_per_run',
+                  f'{names.word(axis)} zero of its own in each run or power-on',
+                  f'{names.named(_ZERO_TERM[axis])} in each run but the first', 'run', axis,
                   tuple(f'run {r:g}' for r in runs[1:]),
                   lambda c: [on_axis(axis, 1.0 * (c.get('run') == r), c.trig.cos_el)
                              for r in runs[1:]],
-                  lambda amount: f'The zero of the {AXES[axis]} axis differs from run to run, by '
+                  lambda amount: f'The zero of the {names.shaft(axis)} differs from run to run, by '
                   f'up to {arcsec(np.ptp(np.append(amount.values, 0.0)))}',
                   'how the reference mark is found after a power-on: speed, side, temperature',
                   requires=('run',))
@@ -141,10 +160,11 @@ def propose(context, lacking, own):
     """
     time, unit = clock(context)
     several = context.several_nights()
+    moved = [context.mount.names.terms.get(name, (name, 1))[0] for name in own]
     yield offer('drift', 'drift in time', context, time, lambda v: [
         e for e in _drifts(time, unit, v) if not (
             several and time == 'time' and e.parameters['power'] == 1
-            and e.parameters['of'] in own)])
+            and e.parameters['of'] in moved)])
     if several:
         yield offer('drift', 'drift since the start of each run', context, 'run_hours',
                     lambda v: _drifts('run_hours', 1.0, v))
@@ -175,7 +195,8 @@ def steps(context, limit=32):
     between = places_of_steps(context, driver)
     if len(between) > limit:
         between = between[np.linspace(0, len(between) - 1, limit).round().astype(int)]
-    return [effect('step', axis=axis, at=float(t), driver=driver) for axis in AXES for t in between]
+    return of_mount([effect('step', axis=axis, at=float(t), driver=driver)
+                     for axis in AXES for t in between], context.mount)
 
 
 def places_of_steps(context, driver):

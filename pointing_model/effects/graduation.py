@@ -3,6 +3,7 @@
 import numpy as np
 
 from msg_tools.units import ARCSEC
+from pointing_model.mounts import KINDS
 
 from .base import AXES, Effect, Offer, arcsec, effect, form, on_axis
 
@@ -68,8 +69,9 @@ def period_of(graduation, lines=None):
 
 
 @form
-def _subdivision(axis, graduation, order, lines=None):
+def _subdivision(axis, graduation, order, lines=None, mount='altaz'):
     """Interpolation error within a line of the grating or a bar of the disc."""
+    names = KINDS[mount]
     k, period = int(order), period_of(graduation, lines)
     reading = f'reading_{axis}'
 
@@ -85,19 +87,21 @@ def _subdivision(axis, graduation, order, lines=None):
 
     size = f'({period / ARCSEC:.6g}")'
     # source: paper 000, 400-fold interpolation; paper 001, eq. 12
-    return Effect(f'{AXES[axis]}_subdivision_{graduation}_{k}',
-                  f'{AXES[axis]} encoder divides {_ONE[graduation]} {size} unevenly, {k} in each',
+    return Effect(f'{names.key(axis)}_subdivision_{graduation}_{k}',
+                  f'{names.word(axis)} encoder divides {_ONE[graduation]} {size} unevenly, '
+                  f'{k} in each',
                   f'cos, sin of 2 pi {k} reading / period', reading, axis, ('cos', 'sin'), of,
-                  lambda amount: f'The {AXES[axis]} encoder divides {_EACH[graduation]} unevenly, '
-                  f'by up to {arcsec(amount.size)}',
+                  lambda amount: f'The {names.word(axis)} encoder divides {_EACH[graduation]} '
+                  f'unevenly, by up to {arcsec(amount.size)}',
                   'offset, amplitude and phase of its sine and cosine signals' if graduation ==
                   'grating' else 'focus and illumination of the reading head',
                   requires=(reading,), figure=place)
 
 
 @form
-def _decode_slip(axis, rows, multiples, graduation, lines=None):
+def _decode_slip(axis, rows, multiples, graduation, lines=None, mount='altaz'):
     """Whole bars or lines too many in single rows: known amounts, nothing to predict."""
+    names = KINDS[mount]
     step = period_of(graduation, lines)
 
     def of(c):
@@ -107,12 +111,12 @@ def _decode_slip(axis, rows, multiples, graduation, lines=None):
         return [on_axis(axis, value, c.trig.cos_el)]
 
     # source: paper 001, eq. 12
-    return Effect(f'{AXES[axis]}_decode_slip_{graduation}',
-                  f'{AXES[axis]} encoder decoded whole {graduation} beside the true place in '
+    return Effect(f'{names.key(axis)}_decode_slip_{graduation}',
+                  f'{names.word(axis)} encoder decoded whole {graduation} beside the true place in '
                   f'{len(rows)} rows', f'multiples of {step / ARCSEC:.4f}"', 'row', axis,
                   ('part',), of,
-                  lambda _: f'The {AXES[axis]} encoder was read whole {_ALL[graduation]} beside '
-                  f'the true place in {len(rows)} rows',
+                  lambda _: f'The {names.word(axis)} encoder was read whole {_ALL[graduation]} '
+                  f'beside the true place in {len(rows)} rows',
                   'the images of these rows: dirt on the disc, exposure, blur',
                   kind='known')
 
@@ -123,20 +127,21 @@ def propose(context, lacking, own):
     Of an encoder whose graduation is declared, that; of another, those of both papers.
     """
     for axis in AXES:
-        what = f'{AXES[axis]} encoder subdivision'
+        word = context.mount.names.word(axis)
+        what = f'{word} encoder subdivision'
         values, reason = context.span(f'reading_{axis}')
         if reason:
             yield Offer('subdivision', [], what, reason, axis)
             continue
         place = context.az if axis == 'az' else context.el
         for graduation, lines in (context.graduation.get(axis) or dict.fromkeys(PERIODS)).items():
-            against = _not_spread(axis, graduation, place, values, period_of(graduation, lines))
+            against = _not_spread(word, graduation, place, values, period_of(graduation, lines))
             yield Offer('subdivision', [] if against else [
                 effect('subdivision', axis=axis, graduation=graduation, order=order, lines=lines)
                 for order in (1, 2)], f'{what} ({graduation})', against, axis)
 
 
-def _not_spread(axis, graduation, place, reading, period):
+def _not_spread(word, graduation, place, reading, period):
     """Why a subdivision cannot be seen: where the reading moves through the period by its own
     error alone, that would be taken for its cause."""
     words = _ALL[graduation]
@@ -147,6 +152,6 @@ def _not_spread(axis, graduation, place, reading, period):
     turn = np.sort(np.mod(reading, 2.0 * np.pi))
     last = np.append(turn, turn + 2.0 * np.pi)[count - 1:][:len(turn)]
     if np.min(last - turn) <= 1.5 * period:
-        return (f'{count} of {len(reading)} readings of {AXES[axis]} lie within 1.5 {words}, '
+        return (f'{count} of {len(reading)} readings of {word} lie within 1.5 {words}, '
                 'where their noise alone moves them')
     return None

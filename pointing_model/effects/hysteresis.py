@@ -3,16 +3,18 @@
 import numpy as np
 
 from msg_tools.units import DEG
+from pointing_model.mounts import KINDS
 
-from .base import AXES, SIDES, Effect, arcsec, effect, form, offer, single_rows
+from .base import AXES, Effect, arcsec, effect, form, offer, single_rows
 
 #: after how many degrees of its way a side is complete, tried
 MEMORIES = (3.0, 10.0, 30.0)
 
 
 @form
-def _hysteresis(axis, shape='1', memory_deg=0.0):
+def _hysteresis(axis, shape='1', memory_deg=0.0, mount='altaz'):
     """Offset by the direction of approach, times 1 or cos E, reached after some degrees."""
+    names = KINDS[mount]
     length = memory_deg * DEG
     requires = (f'approach_{axis}',)
     if length:
@@ -31,25 +33,27 @@ def _hysteresis(axis, shape='1', memory_deg=0.0):
 
     def say(amount):
         value = amount.values[0]
-        sides = SIDES[f'approach_{axis}']
-        more, less = (sides[1], sides[-1]) if value > 0 else (sides[-1], sides[1])
-        where = {('az', '1'): ' across the line of sight', ('el', 'cosE'): ' at the horizon'}.get(
+        falling, rising = names.sides[axis != 'az']
+        more, less = (rising, falling) if value > 0 else (falling, rising)
+        at_end = ' at the horizon' if mount == 'altaz' else f' at {names.word("el")} 0'
+        where = {('az', '1'): ' across the line of sight', ('el', 'cosE'): at_end}.get(
             (axis, shape), '')
-        return (f'The {AXES[axis]} axis reads {arcsec(2 * abs(value))} more{where} when the last '
+        return (f'The {names.shaft(axis)} reads {arcsec(2 * abs(value))} more{where} when the last '
                 f'motion was {more} than when it was {less}: backlash or hysteresis')
 
     tail = '_cosE' if shape == 'cosE' else ''
     place = {('az', '1'): ' across the line of sight', ('az', 'cosE'): '',
-             ('el', '1'): '', ('el', 'cosE'): ', as the weight of the tube acts'}[axis, shape]
-    return Effect(f'{AXES[axis]}_hysteresis{tail}'
+             ('el', '1'): '', ('el', 'cosE'): ', as the weight of the tube acts'
+             if mount == 'altaz' else f', with the cosine of the {names.word("el")}'}[axis, shape]
+    return Effect(f'{names.key(axis)}_hysteresis{tail}'
                   + (f'_memory_{memory_deg:g}deg' if length else ''),
-                  f'{AXES[axis]} reads differently by the side of approach (backlash){place}'
+                  f'{names.word(axis)} reads differently by the side of approach (backlash){place}'
                   + (f', reached within {memory_deg:g} degrees' if length else ''),
                   f'sign(approach{", fading over some degrees" if length else ""})'
                   + (' x cos E' if shape == 'cosE' else ''),
                   f'approach_{axis}', axis, ('half_difference',), of, say,
-                  f'preload of the {AXES[axis]} drive, its gear, and the coupling of the encoder; '
-                  'until then approach stars from one side',
+                  f'preload of the {names.word(axis)} drive, its gear, and the coupling of the '
+                  'encoder; until then approach stars from one side',
                   requires=requires,
                   # how many degrees it takes to be complete makes no other cause
                   mechanism=f'hysteresis of {axis}, {shape}',

@@ -32,7 +32,7 @@ def _diurnal_aberration():
     return Effect('diurnal_aberration',
                   'diurnal aberration left out of the star places (0.32" cos latitude)',
                   '(cos A, -sin E sin A)', 'azimuth', 'both', ('east',),
-                  lambda c: [(c.trig.cos_az, -c.trig.sin_el * c.trig.sin_az)],
+                  lambda c: [_displaced(c, np.array([[1.0], [0.0], [0.0]]))],
                   lambda _: 'The star places lack the diurnal aberration (0.3″)', _STARS)
 
 
@@ -61,13 +61,15 @@ def _proper_motion():
 
 
 @form
-def _clock(latitude):
+def _clock(latitude, mount='altaz'):
+    alias = {'altaz': 'IA + AW', 'free': ''}.get(mount, 'IH')
     pole = np.array([[0.0], [np.cos(latitude)], [np.sin(latitude)]])
     return Effect('clock_or_longitude', 'clock, UT1 or longitude wrong (15" a second of time)',
                   'rotation about the pole', 'azimuth', 'both', ('hour_angle',),
                   lambda c: [_displaced(c, -np.cross(pole, c.direction(), axis=0))], look_at=_CLOCK,
-                  alias='clock and longitude are exactly IA + AW: no pointing run can tell them '
-                        'from these terms')
+                  alias=f'clock and longitude are exactly {alias}: no pointing run can tell them '
+                        f'from {"these terms" if mount == "altaz" else "this term"}'
+                        if alias else None)
 
 
 @form
@@ -78,7 +80,9 @@ def _latitude():
 
 
 @form
-def _latency():
+def _latency(mount='altaz'):
+    exactly = 'IA + AW' if mount == 'altaz' else 'IH'
+
     def say(amount):
         word = 'late' if amount.values[0] > 0 else 'early'
         return f'Angles are read or stamped {abs(amount.values[0]):.3f} s too {word}'
@@ -89,14 +93,15 @@ def _latency():
                               c.get('el_rate') / ARCSEC)], say,
                   'where the time stamp is taken: at the latch of the encoder, or after the bus',
                   unit='s', requires=('az_rate', 'el_rate'),
-                  alias='at sidereal rate latency is exactly a clock error, IA + AW: only '
-                        'satellites or slews show it')
+                  alias=f'at sidereal rate latency is exactly a clock error, {exactly}: only '
+                        'satellites or slews show it' if mount != 'free' else None)
 
 
 def propose(context, lacking, own):
     """What needs the site, the sidereal time, catalogue stars or rates."""
     yield Offer('diurnal_aberration', [effect('diurnal_aberration')])
-    if 'AN' not in lacking:  # the same columns
+    # the same columns; the axes of another mount know nothing of it
+    if context.mount.altaz and 'AN' not in lacking:
         yield Offer('latitude', [effect('latitude')])
     if context.latitude is None:
         yield Offer('clock', [], 'clock_or_longitude', 'the latitude of the site is not known')

@@ -1,15 +1,16 @@
-"""From the table of a file to a sound run: places, readings, exclusions, approach."""
+"""From the table of a file to a sound run: units, exclusions, approach."""
 
 import numpy as np
 
 from msg_tools.units import DEG, wrap
+from pointing_model.mounts import ALTAZ
 from pointing_model.run import COLUMNS, REQUIRED, PointingRun
 
 from .table import SPECIAL
 
 #: observed elevations outside are no observation (90.1: a star past the zenith)
 ELEVATION_LIMITS = (-5.0, 90.1)
-_PAIRS = (('az', 'el'), ('az_enc', 'el_enc'), ('az_abs', 'el_abs'))
+PAIRS = (('az', 'el'), ('az_enc', 'el_enc'), ('az_abs', 'el_abs'))
 _TURNS = 10  # an angle beyond is no angle in degrees
 _TURN = 2.0 * np.pi
 _QUARTER = ELEVATION_LIMITS[1] * DEG
@@ -36,11 +37,6 @@ class NoUsableRow(ValueError):
         self.run = run
 
 
-def label(name):
-    """Name of a column in a file."""
-    return COLUMNS[name][0] if name in COLUMNS else name
-
-
 def refuse_radians(path, table):
     """Refuse angles that look like radians; leave out single rows that do.
 
@@ -51,8 +47,8 @@ def refuse_radians(path, table):
         the readings say so too: see `_azimuth_in_radians`.
     """
     columns, small = table.columns, []
-    sound = table.reasons == 0
-    for pair in _PAIRS:
+    sound, of_horizon = table.reasons == 0, table.names is ALTAZ.names
+    for pair in PAIRS:
         if not set(pair) <= set(columns):
             continue
         az, el = (columns[name] for name in pair)
@@ -62,15 +58,17 @@ def refuse_radians(path, table):
         both = np.maximum(np.abs(az), np.abs(el))
         highest = np.abs(el[used]).max()
         if both[used].max() <= _TURN and highest <= _QUARTER:
-            _radians(path, pair, both[used].max())
+            _radians(path, table, pair, both[used].max())
+        if not of_horizon:
+            continue  # hour angles and declinations near zero are the middle of the sky
         if used.sum() >= 3 and highest <= _QUARTER and np.ptp(el[used]) > 0.05:
-            _radians(path, pair[1:], highest)
+            _radians(path, table, pair[1:], highest)
         if (used.sum() >= 8 and np.ptp(az[used]) > 4.0 and az[used].min() >= 0.0
                 and az[used].max() <= _TURN and np.ptp(el[used]) > 15.0):
             if _azimuth_in_radians(columns, pair, used):
-                _radians(path, pair[:1], az[used].max())
-            table.meta['notes'].append(f'{label(pair[0])} never exceeds {az[used].max():.3g}: '
-                                       'taken as degrees')
+                _radians(path, table, pair[:1], az[used].max())
+            table.meta['notes'].append(f'{table.label(pair[0])} never exceeds '
+                                       f'{az[used].max():.3g}: taken as degrees')
         small.append(used & (both <= _TURN) & (np.abs(el) <= _QUARTER))
     if small:
         table.exclude(np.all(small, axis=0), 'all angles below 2 pi: they look like radians')
@@ -81,7 +79,7 @@ def _are_offsets(columns, pair, used):
 
     Small offsets in place of readings are no radians: these would follow the elevation.
     """
-    if pair == _PAIRS[0] or not set(_PAIRS[0]) <= set(columns):
+    if pair == PAIRS[0] or not set(PAIRS[0]) <= set(columns):
         return False
     place, reading = columns['el'][used], columns[pair[1]][used]
     known = np.isfinite(place)
@@ -103,9 +101,9 @@ def _azimuth_in_radians(columns, pair, used):
     Their scatter is that of the offsets in elevation, give or take a few: in radians it reads 57
     times smaller. Beside azimuths in degrees it is that of the sky.
     """
-    other = _PAIRS[1] if pair == _PAIRS[0] else _PAIRS[0]
-    if pair == _PAIRS[0] and not set(other) <= set(columns):
-        other = _PAIRS[2]
+    other = PAIRS[1] if pair == PAIRS[0] else PAIRS[0]
+    if pair == PAIRS[0] and not set(other) <= set(columns):
+        other = PAIRS[2]
     if not set(other) <= set(columns):
         return False
     away = [columns[b][used] - columns[a][used] for a, b in zip(pair, other)]
@@ -117,8 +115,8 @@ def _azimuth_in_radians(columns, pair, used):
     return bool(az > 20.0 or az <= el * np.sqrt(DEG))
 
 
-def _radians(path, pair, largest):
-    names = ', '.join(label(name) for name in pair)
+def _radians(path, table, pair, largest):
+    names = ', '.join(map(table.label, pair))
     raise ValueError(f'{path}: {names} never exceed {largest:.3g}: they look like radians; give '
                      'degrees')
 
@@ -140,14 +138,14 @@ def flag_numbers(table):
         if values.dtype.kind != 'f':
             continue
         if name in needed:
-            table.exclude(np.isnan(values), f'{label(name)} is not a number')
-        table.exclude(np.isinf(values), f'{label(name)} is infinite')
+            table.exclude(np.isnan(values), f'{table.label(name)} is not a number')
+        table.exclude(np.isinf(values), f'{table.label(name)} is infinite')
         if name in ('sigma_x', 'sigma_y'):
-            table.exclude(~(values > 0.0), f'{label(name)} is not positive')
-        if name in sum(_PAIRS, ()) or name in ('ra_deg', 'dec_deg'):
+            table.exclude(~(values > 0.0), f'{table.label(name)} is not positive')
+        if name in sum(PAIRS, ()) or name in ('ra_deg', 'dec_deg'):
             with np.errstate(invalid='ignore'):
                 table.exclude(np.abs(values) > _TURNS * _TURN,
-                              f'{label(name)} is beyond {_TURNS} turns')
+                              f'{table.label(name)} is beyond {_TURNS} turns')
 
 
 def blank_absurd(table):
@@ -162,7 +160,7 @@ def blank_absurd(table):
         absurd = (table.reasons == 0) & np.isfinite(values) & ((values < low) | (values > high))
         if not absurd.any():
             continue
-        said = f'{label(name)} is outside {low:g} to {high:g} {unit}'.strip()
+        said = f'{table.label(name)} is outside {low:g} to {high:g} {unit}'.strip()
         if name in SPECIAL or name in ('sigma_x', 'sigma_y'):
             table.exclude(absurd, said)
             continue
@@ -172,87 +170,10 @@ def blank_absurd(table):
                                    f'{table.lines[i]} ({values[i]:g}): taken as not measured')
 
 
-def observe_places(path, table, site, weather, origin):
-    """`az`, `el` of the rows from `ra`, `dec`, `time`, in the file's sense of azimuth.
-
-    Raises
-    ------
-    ValueError
-        No site, a time that is not UTC, weather out of range.
-    """
-    columns, meta = table.columns, table.meta
-    if 'ra_deg' not in columns:
-        return
-    if not all(hasattr(site, name) for name in ('latitude', 'longitude', 'height')):
-        raise ValueError(f'{path}: ra_deg, dec_deg need the site (latitude, longitude, height)')
-    if not meta.get('time_is_utc', True):
-        raise ValueError(f'{path}: ra_deg, dec_deg need time in UTC: ISO 8601, or seconds since '
-                         '1970-01-01')
-    from pointing_model.sky import icrs_to_observed
-    ra, dec, time = (columns.pop('ra_deg'), columns.pop('dec_deg'), columns['time'])
-    table.exclude(np.abs(dec) > np.pi / 2, 'dec_deg is beyond 90')
-    ok = (table.reasons == 0) & np.isfinite(ra) & np.isfinite(dec) & np.isfinite(time)
-    az, el = np.full((2, len(ra)), np.nan)
-    if ok.any():
-        try:
-            air = _air(columns, ok, site, weather, meta)
-            az[ok], el[ok] = icrs_to_observed(ra[ok], dec[ok], time[ok], site, air)
-        except ValueError as error:
-            raise ValueError(f'{path}: {error}') from None
-    columns['az'], columns['el'] = (np.pi - az if origin == 'S' else az), el
-    meta['notes'].append('az, el are observed places of ra_deg, dec_deg (ICRS, no proper motion)')
-
-
-def _air(columns, rows, site, weather, meta):
-    """Weather of each row: its own columns, else what was given, else a standard atmosphere."""
-    from pointing_model.sky import Weather
-    if weather is None:
-        pressure = 1013.25 * (1.0 - 2.25577e-5 * site.height) ** 5.25588
-        weather = Weather(pressure_hpa=pressure, temperature_c=10.0)
-        said = f'refraction for {pressure:.0f} hPa, 10 C (standard atmosphere at the site)'
-    else:
-        said = f'refraction for {weather.pressure_hpa:g} hPa, {weather.temperature_c:g} C'
-    own = {}
-    for name, column in (('pressure_hpa', 'pressure'), ('temperature_c', 'temperature')):
-        values = columns.get(column, np.full(len(rows), np.nan))[rows]
-        own[name] = np.where(np.isfinite(values), values, getattr(weather, name))
-        if np.isfinite(values).any():
-            said += f', in its place {label(column)} where the file has it'
-    meta['notes'].append(said)
-    return Weather(humidity=weather.humidity, wavelength_um=weather.wavelength_um, **own)
-
-
-def read_offsets(table):
-    """Encoder angles from offsets on the sky `x_arcsec`, `y_arcsec`, encoder - catalogue."""
-    columns = table.columns
-    if 'x_arcsec' not in columns:
-        return
-    x, y = columns.pop('x_arcsec'), columns.pop('y_arcsec')
-    reach = np.cos(columns['el'])
-    with np.errstate(invalid='ignore', divide='ignore', over='ignore'):
-        table.exclude(np.abs(x) >= np.pi * reach,
-                      'x_arcsec is more than half a turn of azimuth, so near the zenith')
-        columns['az_enc'] = columns['az'] + np.where(table.reasons == 0, x / reach, 0.0)
-        columns['el_enc'] = columns['el'] + y
-    table.meta['raw_reading'] = False
-    table.meta['notes'].append('encoder angles are catalogue plus offset: what the encoders read '
-                               'is not in the file')
-
-
-def from_south(columns):
-    """Azimuth 0 south, 90 east to 0 north, 90 east: the sense of azimuth turns round."""
-    for name in ('az', 'az_enc', 'az_abs', 'az_raw'):
-        if name in columns:
-            columns[name] = np.pi - columns[name]
-    for name in ('az_rate', 'approach_az', 'miss_x'):
-        if name in columns:
-            columns[name] = -columns[name]
-
-
-def flag_rows(table):
+def flag_rows(table, mount):
     """Leave out rows below or beyond the sky, and copies of an earlier row."""
     low, high = ELEVATION_LIMITS
-    el = table.columns['el']
+    el = mount.horizon_of(table.columns['az'], table.columns['el'])[1]
     with np.errstate(invalid='ignore'):
         table.exclude((el < low * DEG) | (el > high * DEG),
                       f'elevation outside {low:g}..{high:g} deg')
@@ -353,7 +274,9 @@ def _keep_misplaced(table):
     begins, ends = _NO_PLACE
     lost = [i for i in np.flatnonzero(table.reasons != 0)
             if table.reasons[i].startswith(begins) or table.reasons[i].endswith(ends)]
-    names = [name for pair in _PAIRS if set(pair) <= set(table.columns) for name in pair]
+    names = [name for pair in PAIRS if set(pair) <= set(table.columns) for name in pair]
+    if table.names is not ALTAZ.names:  # with the clock, which tells right ascensions
+        names += [name for name in ('lst_h', 'time') if name in table.columns]
     if lost:
         table.meta['misplaced'] = {name: table.columns[name][lost] for name in names}
 
@@ -387,10 +310,10 @@ def finish(path, table):
         values = values[keep]
         missing = int(np.isnan(values).sum()) if values.dtype.kind == 'f' else 0
         if missing == len(values) and name not in REQUIRED:
-            table.meta['notes'].append(f'{label(name)} left out: it is empty')
+            table.meta['notes'].append(f'{table.label(name)} left out: it is empty')
             continue
         if missing:
-            table.meta['notes'].append(f'{label(name)} is empty in {missing} of {len(values)} '
-                                       'rows')
+            table.meta['notes'].append(f'{table.label(name)} is empty in {missing} of '
+                                       f'{len(values)} rows')
         columns[name] = values
     return columns

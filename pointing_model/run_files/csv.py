@@ -5,14 +5,23 @@ import difflib
 
 import numpy as np
 
-from pointing_model.run import COLUMNS
+from pointing_model.mounts import ALTAZ, KINDS, is_beyond, mount_text, through_pole
+from pointing_model.run import COLUMNS, column_name
 
-from . import table
+from . import solves, table
+from .declared import NUMBERS, declarations
 from .table import Table, bad_cell, content, floats, is_number, same_width
 
 CSV_NAMES = {csv_name: name for name, (csv_name, _, _) in COLUMNS.items()}
-CSV_NAMES.update({name: name for name in table.SPECIAL})
-_TEXT = ('star', 'block', 'run')  # may hold names in place of numbers
+CSV_NAMES.update({name: name for name in table.SPECIAL if name != 'lst_told'})
+#: of other mounts: their columns, those of a place of the horizon, and the side of the pier
+_HORIZON = {'az_deg': 'az', 'el_deg': 'el'}
+_OTHERS = [(names, {**{name: name for name in table.SPECIAL if name != 'lst_told'},
+                    **{column_name(name, names): name for name in COLUMNS},
+                    'pier_side': 'pier_side'})
+           for names in (KINDS['equatorial'], KINDS['free'])]
+_TEXT = ('star', 'block', 'run', 'pier_side')  # may hold names in place of numbers
+_SITE = {key: (name, unit) for key, (part, name, unit, *_) in NUMBERS.items() if part == 'site'}
 _CLOCK = 1e8  # s: below, time counts from an arbitrary start
 _TOO_CLOSE = 0.05  # s on average: no mount goes from star to star so fast
 _CLOSE = 1.0
@@ -29,7 +38,8 @@ def csv_delimiter(lines):
         names = [cell.strip().strip('"') for cell in first.split(delimiter)]
         if len(names) < 2 or any(is_number(name) for name in names):
             continue
-        known = any(name in CSV_NAMES for name in names)
+        known = any(name in own for name in names for own in (CSV_NAMES, _OTHERS[0][1],
+                                                              _OTHERS[1][1]))
         alike = len(top) > 1 and top[1][1].count(delimiter) == len(names) - 1 > 2
         if known or alike:
             return delimiter
@@ -63,7 +73,8 @@ def read_csv(path, lines, delimiter, encoder=None):
     twice = [name for name in header if name and header.count(name) > 1]
     if twice:
         raise ValueError(f'{path}: column {twice[0]!r} is there twice')
-    _require(path, header, encoder)
+    names, by_header = _names_of(header)
+    _require(path, header, encoder, names)
     if len(body) == 1:
         raise table.NoObservations(f'{path} has a header row but no observations')
     blocks, texts = [], []
@@ -74,14 +85,30 @@ def read_csv(path, lines, delimiter, encoder=None):
         # of a million rows, cells as text and rows that differ would take most of the memory
         texts += [hash('\0'.join(row)) for row in rows]
         blocks.append([np.array([cell.encode() for cell in cells]) for cells in zip(*rows)])
-    columns, meta = {}, {'format': 'csv', 'notes': []}
+    columns, meta = {}, {'format': 'csv', **declarations(path, lines)}
+    if {'az', 'el'} <= {by_header.get(name) for name in header if name in _HORIZON}:
+        meta['from_horizon'] = True
     for i, header_name in enumerate(header):
         cells = [cell.decode() for block in blocks for cell in block[i].tolist()]
-        _take_column(path, numbers, header, header_name, cells, columns, meta)
+        _take_column(path, numbers, header, header_name, cells, columns, meta, by_header)
     _one_source(columns, meta)
     commented = [number for number, line in enumerate(lines, 1) if number > body[0][0]
                  and line.startswith('#') and _is_row(line[1:], delimiter, len(header))]
-    return Table(columns, numbers, texts, meta, commented=commented)
+    return Table(columns, numbers, texts, meta, commented=commented, names=names)
+
+
+def _names_of(header):
+    """Whose axes the columns are of, and name in the header -> name in memory."""
+    for names, by_header in _OTHERS:
+        first = names.columns[0]
+        if {f'{first}_deg', f'{first}_enc_deg', f'{first}_abs_deg'} & set(header):
+            by_header = dict(by_header)
+            if 'ra_deg' in header:  # a declination among the stars, not the axis'
+                by_header['dec_deg'] = 'dec_deg'
+            if f'{first}_deg' not in header:
+                by_header.update(_HORIZON)
+            return names, by_header
+    return ALTAZ.names, CSV_NAMES
 
 
 def _split(path, body, delimiter):
@@ -106,8 +133,8 @@ def _is_row(line, delimiter, width):
     return len(cells) == width and sum(is_number(cell) for cell in cells) >= 4
 
 
-def _take_column(path, numbers, header, header_name, cells, columns, meta):
-    name = CSV_NAMES.get(header_name)
+def _take_column(path, numbers, header, header_name, cells, columns, meta, by_header):
+    name = by_header.get(header_name)
     if name == 'time':
         columns['time'] = _time(path, numbers, cells, meta)
     elif name == 'run':
@@ -118,6 +145,8 @@ def _take_column(path, numbers, header, header_name, cells, columns, meta):
         columns[name] = _approach(path, numbers, header_name, cells)
     elif name:
         columns[name] = floats(path, numbers, header_name, cells)
+    elif header_name in ('mount', 'telescope'):
+        solves.one_mount(path, numbers, header_name, cells)
     elif header_name in COLUMNS:
         meta['notes'].append(f'column {header_name!r} left out: its unit is unknown, the name is '
                              f'{COLUMNS[header_name][0]}')
@@ -147,14 +176,16 @@ def _one_source(columns, meta):
                 meta['notes'].append(f'{name} left out: az_deg, el_deg are taken')
 
 
-def _require(path, header, encoder):
+def _require(path, header, encoder, names):
     pair = 'abs' if encoder == 'abs' else 'enc'
-    readings = [f'az_{pair}_deg', f'el_{pair}_deg']
+    readings = [column_name(f'{axis}_{pair}', names) for axis in ('az', 'el')]
     if pair == 'enc' and {'x_arcsec', 'y_arcsec'} & set(header) and not set(readings) <= set(
             header):
         readings = ['x_arcsec', 'y_arcsec']
-    places = ['az_deg', 'el_deg']
-    if {'ra_deg', 'dec_deg'} & set(header) and not set(places) <= set(header):
+    places = [column_name(axis, names) for axis in ('az', 'el')]
+    if names is not ALTAZ.names and set(_HORIZON) <= set(header):
+        places = list(_HORIZON)
+    if {'ra_deg', *({'dec_deg'} - set(places))} & set(header) and not set(places) <= set(header):
         places = ['ra_deg', 'dec_deg', 'time']
     required = places + readings
     missing = [name for name in required if name not in header]
@@ -165,8 +196,9 @@ def _require(path, header, encoder):
         near = difflib.get_close_matches(name, [h for h in header if h not in required], 1, 0.4)
         said.append(f'{name} (closest: {near[0][:40]})' if near else name)
     hint = ''
-    if pair != 'abs' and {'az_abs_deg', 'el_abs_deg'} <= set(header):
-        hint = "; encoder 'abs' reads az_abs_deg, el_abs_deg in their place"
+    second = [column_name(f'{axis}_abs', names) for axis in ('az', 'el')]
+    if pair != 'abs' and set(second) <= set(header):
+        hint = f"; encoder 'abs' reads {', '.join(second)} in their place"
     there = ', '.join(h[:40] for h in header[:40])
     raise ValueError(f'{path}: no column {", ".join(said)}; the file has {there}{hint}')
 
@@ -292,17 +324,22 @@ def write_csv(run, path):
 
     Notes
     -----
-    Columns in the order of `COLUMNS`, then the user's own; numbers with all their digits;
+    Of another mount than an alt-azimuth one comments before the header tell which. Columns in the
+    order of `COLUMNS`, then the user's own; numbers with all their digits;
     unknown (NaN) is an empty cell; time is ISO 8601 UTC, or seconds where the run's
     ``meta['time_is_utc']`` is False. The rest of ``meta`` is not written.
     """
     names = [name for name in COLUMNS if name in run]
     names += [name for name in run.columns if name not in COLUMNS]
-    header, columns = [], []
+    header, columns, mount = [], [], run.mount
+    places = {} if mount.altaz else dict(zip(  # of the sky; the readings tell the side
+        ('az', 'el'), through_pole(run['az'], run['el'], is_beyond(run['el']))))
     for name in names:
-        values = run[name]
-        csv_name, unit, _ = COLUMNS.get(name, (name, 1.0, ''))
-        header.append(csv_name)
+        values = places.get(name, run[name])
+        unit = COLUMNS[name][1] if name in COLUMNS else 1.0
+        header.append(column_name(name, mount.names))
+        if not mount.altaz and name in ('miss_x', 'miss_y'):
+            values = np.where(is_beyond(run['el']), -values, values)
         if name == 'time' and run.meta.get('time_is_utc', True):
             columns.append(iso_utc(np.asarray(values, dtype=float)))
         elif values.dtype.kind in 'fc':
@@ -316,6 +353,22 @@ def write_csv(run, path):
     # a row that begins with the comment sign would be lost
     quoting = csv.QUOTE_NONNUMERIC if any(t.startswith('#') for t in texts) else csv.QUOTE_MINIMAL
     with open(path, 'w', newline='', encoding='utf-8') as stream:
+        stream.writelines(f'# {line}\n' for line in _told_of(run))
         writer = csv.writer(stream, lineterminator='\n', quoting=quoting)
         writer.writerow(header)
         writer.writerows(zip(*columns))
+
+
+def _told_of(run):
+    """Comments by which `read_csv` knows mount and site."""
+    mount = run.mount
+    if mount.altaz:
+        return []
+    site = run.meta.get('site') or {}
+    place = {name: site.get(name) if isinstance(site, dict) else getattr(site, name, None)
+             for name, _ in _SITE.values()}
+    if mount.kind != 'free':
+        place['latitude'] = mount.latitude
+    said = [f'{key}: {place[name] / unit!r}' for key, (name, unit) in _SITE.items()
+            if place[name] is not None]
+    return [f'mount: {mount_text(mount)}', *said]

@@ -3,21 +3,28 @@
 from pathlib import Path
 
 from msg_tools.units import DEG
+from pointing_model.mounts import ALTAZ, KINDS, Mount, parse_mount
+from pointing_model.plate_solved.mapping import looks_like_mapping
 from pointing_model.run import PointingRun
 
-from . import checks
+from . import checks, places, solves
 from .csv import csv_delimiter, read_csv
+from .gpoint import looks_like_gpoint, read_gpoint
+from .images import read_images
 from .iram import looks_like_iram, read_iram
 from .mmt import looks_like_mmt, read_mmt
+from .mountwizzard import looks_like_mountwizzard, read_mountwizzard
 from .table import read_lines
 from .tpoint import looks_like_tpoint, read_tpoint
+from .unam import looks_like_unam, read_unam
 
 _KINDS = ('a CSV file with a header row (az_deg, el_deg, az_enc_deg, el_enc_deg, ...), a TPOINT '
-          'file (caption, ": ALTAZ", latitude, rows of 4 numbers), a raw MMT night (CAT:, '
-          'RAA:, TAA:) or an IRAM log (# id ...)')
+          'file (caption, ": ALTAZ" or ": EQUAT", latitude, rows), a raw MMT night (CAT:, '
+          'RAA:, TAA:), an IRAM log (# id ...), a log of the UNAM control system, a model of '
+          'MountWizzard4, input of gpoint, or the YAML of a folder of solved images')
 
 
-def read_run(path, *, azimuth_origin=None, site=None, weather=None, encoder=None):
+def read_run(path, *, azimuth_origin=None, site=None, weather=None, encoder=None, mount=None):
     """Read a pointing run; the kind of file is told from its content.
 
     Parameters
@@ -28,26 +35,36 @@ def read_run(path, *, azimuth_origin=None, site=None, weather=None, encoder=None
         (``ALTAZ``, format 4: observed azimuth and elevation, then those of the mount; also the
         short form with a line ``A``), a raw MMT night, or a pointing log of the IRAM 30 m. A
         CSV may give ``x_arcsec, y_arcsec`` (encoder - catalogue, on the sky) in place of the
-        encoder columns, and ``ra_deg, dec_deg, time`` (ICRS) in place of ``az_deg, el_deg``.
+        encoder columns, and ``ra_deg, dec_deg, time`` in place of ``az_deg, el_deg``, in the frame
+        and at the site that comments above the header row declare (docs/plate_solved.md).
+        Of equatorial mounts: CSV with ``ha_deg, dec_deg, ha_enc_deg, dec_enc_deg`` (or
+        ``ra_deg, dec_deg, time`` and these readings), exports of TheSky and TPOINT with
+        ``:EQUAT``, the short form with a line ``E``, the 12 columns of the UNAM control system.
+        Of solved images: models of MountWizzard4 (JSON), input of RTS2's gpoint, and the YAML of a
+        mount's keywords, beside FITS images with a WCS (docs/plate_solved.md).
     azimuth_origin : {'N', 'S'}, optional
         'N': azimuth 0 is north, 90 east. 'S': 0 is south, 90 east (azimuths are converted to
         180 deg - A). By default what a comment in a TPOINT file says, else 'N'.
     site : pointing_model.sky.Site, optional
-        Needed for ``ra_deg, dec_deg``. Kept as ``meta['site']`` in place of what the file
-        tells; ``meta['notes']`` says so if its latitude is another than the file's.
+        Needed for ``ra_deg, dec_deg`` of a file that declares none. Kept as ``meta['site']`` in
+        place of what the file tells; ``meta['notes']`` says so if its latitude is another than
+        the file's.
     weather : pointing_model.sky.Weather, optional
         For the refraction of ``ra_deg, dec_deg`` in rows without ``temperature_c`` and
         ``pressure_hpa``. By default a standard atmosphere at the site, 10 C.
     encoder : {'enc', 'abs'}, optional
         'abs' takes the second encoder for the first, and the first for the second.
+    mount : str or Mount, optional
+        In place of what the file tells, see `mounts.parse_mount`.
 
     Returns
     -------
     PointingRun
-        Angles in radians, azimuth from north through east. ``meta``: ``source``, ``format``,
-        ``azimuth_origin``, ``site``, ``excluded`` (``row`` is the line in the file), ``lines``
-        (of the rows that are kept, shape (n,)) and ``notes``; TPOINT also ``caption``, ``date``
-        and ``weather`` where they are given.
+        Angles in radians, azimuth from north through east; of another mount those of its axes,
+        each row on its side of the pier. ``meta``: ``mount`` if it is no alt-azimuth one,
+        ``source``, ``format``, ``azimuth_origin``, ``site``, ``excluded`` (``row`` is the line in
+        the file), ``lines`` (of the rows that are kept, shape (n,)) and ``notes``; TPOINT also
+        ``caption``, ``date`` and ``weather`` where they are given.
         ``time_is_utc`` is False where ``time`` counts from an arbitrary start, ``raw_reading``
         False where the encoder angles are not what the encoders read.
 
@@ -66,7 +83,7 @@ def read_run(path, *, azimuth_origin=None, site=None, weather=None, encoder=None
     if encoder not in (None, 'enc', 'abs'):
         raise ValueError(f"encoder {encoder!r} is neither 'enc' nor 'abs'")
     try:
-        return _read_run(path, azimuth_origin, site, weather, encoder)
+        return _read_run(path, azimuth_origin, site, weather, encoder, mount)
     except ValueError as error:
         # names and cells of a foreign file may hold anything
         text = ''.join(c if c.isprintable() else '?' for c in str(error))
@@ -75,35 +92,79 @@ def read_run(path, *, azimuth_origin=None, site=None, weather=None, encoder=None
         raise said from None
 
 
-def _read_run(path, azimuth_origin, site, weather, encoder):
+def _read_run(path, azimuth_origin, site, weather, encoder, mount):
     table = _read_table(path, encoder)
     columns, meta = table.columns, {'source': str(path), **table.meta}
     table.meta = meta
     if encoder == 'abs':
         swap_encoders(path, columns, meta)
-    _settle_origin(azimuth_origin, meta)
+    _settle_origin(azimuth_origin, meta, table.names is ALTAZ.names)
     if site is not None:
         _compare_site(site, meta)
         meta['site'] = site
+    mount = _settle_mount(path, table, mount)
     checks.refuse_radians(path, table)
+    solves.take_sigma(table)
+    solves.flag_twice(table)
+    solves.flag_scales(table)
     checks.to_si(columns)
     checks.flag_numbers(table)
-    checks.observe_places(path, table, site, weather, meta['azimuth_origin'])
+    places.observe_places(path, table, site, weather, meta['azimuth_origin'], mount)
     checks.blank_absurd(table)
-    checks.read_offsets(table)
+    if mount.altaz:
+        meta.pop('from_horizon', None)
+    else:
+        places.to_axes(path, table, mount)
+    places.read_offsets(table)
     if meta['azimuth_origin'] == 'S':
-        checks.from_south(columns)
-    checks.flag_rows(table)
+        places.from_south(columns)
+    checks.flag_rows(table, mount)
     checks.derive_approach(table)
     return PointingRun(checks.finish(path, table), meta)
 
 
+def _settle_mount(path, table, given):
+    """The mount, of what is given, of what the file tells, or by the names of its columns."""
+    meta = table.meta
+    told = meta.pop('mount_told', None)
+    mount = given or told
+    if mount is None and table.names is ALTAZ.names:
+        return ALTAZ
+    if not isinstance(mount, Mount):
+        place = meta.get('site') or {}
+        latitude = place.get('latitude') if isinstance(place, dict) else place.latitude
+        if mount is None and table.names is not KINDS['equatorial']:
+            raise ValueError(f'{path}: the mount of the columns axis1, axis2 is not told: give a '
+                             'line "# mount: free:AZ,EL", or --mount')
+        try:
+            mount = parse_mount(mount or 'equatorial', latitude)
+        except ValueError as error:
+            raise ValueError(f'{path}: {error} (a line "# latitude_deg: 31.05" before the header, '
+                             'or --mount with --latitude)' if 'latitude' in str(error) else
+                             f'{path}: {error}') from None
+    if mount.names is not table.names:
+        first, second = mount.names.columns
+        raise ValueError(f'{path}: the columns are of {" and ".join(table.names.axes)}; those of a '
+                         f'mount that is {mount.kind} are {first}_enc_deg, {second}_enc_deg')
+    if not mount.altaz:
+        meta['mount'] = mount
+    return mount
+
+
 def _read_table(path, encoder):
+    if looks_like_mapping(path) and path.is_file():
+        return read_images(path)
     lines = read_lines(path)
     if looks_like_mmt(lines):
         return read_mmt(path, lines)
     if looks_like_iram(lines):
         return read_iram(path, lines)
+    if looks_like_unam(lines):
+        return read_unam(path, lines)
+    if looks_like_gpoint(lines):
+        return read_gpoint(path, lines)
+    if looks_like_mountwizzard(lines):
+        return read_mountwizzard(path, lines)
     delimiter = csv_delimiter(lines)
     if delimiter:
         return read_csv(path, lines, delimiter, encoder)
@@ -136,9 +197,12 @@ def swap_encoders(path, columns, meta):
     meta['notes'].append('the second (absolute) encoder was read in place of the first')
 
 
-def _settle_origin(given, meta):
+def _settle_origin(given, meta, of_azimuths):
     told = meta.pop('told_origin', None)
     meta['azimuth_origin'] = given or told or 'N'
+    if not of_azimuths:
+        meta['azimuth_origin'] = 'N'
+        return
     if told and given and told != given:
         meta['notes'].append(f'the file says that azimuth 0 is {told}, it was read with {given}')
     elif meta['format'] == 'tpoint' and not (told or given):

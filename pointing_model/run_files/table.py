@@ -6,15 +6,18 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.run import COLUMNS
+from pointing_model.mounts import ALTAZ, KINDS, Names
+from pointing_model.run import COLUMNS, column_name
 
 #: what a file may give in place of `az, el` and of the encoder's angles, and its unit in SI;
 #: kept under the file's name, which no column of the user's own can have
-SPECIAL = {'ra_deg': DEG, 'dec_deg': DEG, 'x_arcsec': ARCSEC, 'y_arcsec': ARCSEC}
+SPECIAL = {'ra_deg': DEG, 'dec_deg': DEG, 'x_arcsec': ARCSEC, 'y_arcsec': ARCSEC,
+           'lst_told': DEG}
 #: what a diagnosis makes itself: see `pointing_model.context.Context`
 DERIVED = frozenset((
     'azimuth', 'elevation', 'row', 'ra', 'dec', 'lst', 'order', 'pm_x', 'pm_y', 'reading_az',
-    'reading_el', 'travel_az', 'travel_el', 'before_az', 'before_el', 'run_hours'))
+    'reading_el', 'travel_az', 'travel_el', 'before_az', 'before_el', 'run_hours',
+    *(key for kind in KINDS.values() for key in kind.keys)))
 _HOURS_OF_A_DAY = 24.0
 _RADIANS = 6.3  # a little more than a turn
 _BLOCK = 5000  # times that are read together
@@ -44,6 +47,8 @@ class Table:
         Why a row is left out, 0 where it is not.
     commented : list of int
         Lines that hold an observation behind a comment sign.
+    names : mounts.Names
+        Of the axes, in the names of its columns.
     """
 
     columns: dict
@@ -52,6 +57,11 @@ class Table:
     meta: dict
     reasons: np.ndarray = None
     commented: list = field(default_factory=list)
+    names: Names = ALTAZ.names
+
+    def label(self, name):
+        """Name of a column in the file."""
+        return column_name(name, self.names)
 
     def __post_init__(self):
         if self.reasons is None:

@@ -1,4 +1,4 @@
-"""Pointing runs in TPOINT format 4, and the short form of the same."""
+"""Pointing runs in TPOINT format 4, its form of equatorial mounts, and the short forms."""
 
 import re
 
@@ -7,8 +7,10 @@ import numpy as np
 from msg_tools.units import DEG
 from pointing_model.run import REQUIRED
 
+from .equatorial import read_exported, read_short
 from .table import NoObservations, Table, content, floats, is_number, same_width
 
+_SHORT = 'EQUATORIAL, SHORT'  # no option of a file
 _ANGLES = ('observed azimuth', 'observed elevation', 'mount azimuth', 'mount elevation')
 
 
@@ -40,7 +42,7 @@ def read_tpoint(path, lines):
     Raises
     ------
     ValueError
-        An equatorial mount, another format, no latitude, a cell that is no number.
+        Another format, no latitude, a cell that is no number.
     """
     comments = ' '.join(line for line in lines if line.lstrip().startswith('!'))
     # the first mention counts: a comment may go on about what another program does
@@ -58,9 +60,11 @@ def read_tpoint(path, lines):
     options = [line[1:].strip().upper() for _, line in body if line.startswith(':')]
     body = [(number, line) for number, line in body if not line.startswith(':')]
     if body and body[0][1].upper() in ('A', 'E'):
-        options.append('ALTAZ' if body.pop(0)[1].upper() == 'A' else 'EQUATORIAL')
-    if 'ALTAZ' not in [word for option in options for word in option.split()]:
-        raise ValueError(f'{path}: no option ": ALTAZ"; runs of equatorial mounts are not read')
+        options.append('ALTAZ' if body.pop(0)[1].upper() == 'A' else _SHORT)
+    words = [word for option in options if option != _SHORT for word in option.split()]
+    exported, short = any(word.startswith('EQUAT') for word in words), _SHORT in options
+    if not (exported or short or 'ALTAZ' in words):
+        raise ValueError(f'{path}: no option ": ALTAZ" or ": EQUAT" says which mount it is of')
     if not body:
         raise ValueError(f'{path} ends before the line with the latitude')
     i = next((i for i, (_, line) in enumerate(body) if not line.startswith('#')), 0)
@@ -69,6 +73,11 @@ def read_tpoint(path, lines):
     _run_parameters(path, begin, parameters, meta)
     if not body:
         raise NoObservations(f'{path} has a header but no observations')
+    if exported or short:
+        body = [(number, line) for number, line in body if not line.startswith('#')]
+        if not body:
+            raise NoObservations(f'{path} has a header but no observations')
+        return (read_exported if exported else read_short)(path, body, meta)
     rotator = any(option.startswith('ROT') for option in options)
     width = len(next((line for _, line in body if not line.startswith('#')), body[0][1]).split())
     body = [(number, line) for number, line in body
@@ -150,3 +159,5 @@ def _run_parameters(path, number, line, meta):
         meta['site']['height'] = values[8]
     if len(values) >= 10:
         meta['weather']['humidity'] = values[9]
+    if len(values) >= 11:
+        meta['weather']['wavelength_um'] = values[10]

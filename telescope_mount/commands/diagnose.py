@@ -42,10 +42,9 @@ def add(commands):
     parser.add_argument('--save', type=Path, metavar='FILE',
                         help='write the model with what was found (.json, .yaml)')
     options.add(parser, 'encoder', 'azimuth-origin')
-    options.add(parser, 'latitude', help='of the site, for runs in right ascension')
-    options.add(parser, 'longitude', 'height')
-    parser.add_argument('--pressure', type=float, metavar='HPA',
-                        help='for runs in right ascension; 0: no refraction')
+    options.add(parser, 'latitude', help='of the site, for runs in right ascension and of '
+                'equatorial mounts')
+    options.add(parser, 'longitude', 'height', 'pressure', 'temperature', 'mount')
     options.add(parser, 'seed', default=0, help='of the resampling (default: 0)')
 
 
@@ -71,7 +70,7 @@ def _run(args):
                            (args.save, ('.json', '.yaml', '.yml'))):
         options.check_target(path, suffixes)
     place = {'azimuth_origin': args.azimuth_origin, 'graduation': args.graduation,
-             'drivers': args.driver, **_place(args)}
+             'drivers': args.driver, **options.place_of(args)}
     runs, empty = load_runs(args.runs, **place)
     held, empty_held = load_runs(args.holdout, **place) if args.holdout else (None, [])
     print_lines(console, 'note', [*empty, *empty_held])
@@ -127,30 +126,14 @@ def _hours(text):
     return 0.0 if text == 'none' else float(text)
 
 
-def _place(args):
-    """Site and weather, where options give them."""
-    from dataclasses import replace
-
-    from msg_tools.units import DEG
-    from pointing_model.sky import DEFAULT_WEATHER, Site
-    out = {}
-    given = (args.latitude, args.longitude)
-    if any(v is not None for v in (*given, args.height)):
-        if None in given:
-            raise ValueError('a site needs --latitude and --longitude')
-        out['site'] = Site(args.latitude * DEG, args.longitude * DEG, args.height or 0.0)
-    if args.pressure is not None:
-        out['weather'] = replace(DEFAULT_WEATHER, pressure_hpa=args.pressure)
-    return out
-
-
 def show(found, console):
     """The verdict in words, the error before and after, the effects, what was left out."""
     from calibration.diagnosis.rows_told import expected_sentence, used_sentence
     from calibration.diagnosis_page.plain_words import readable, verdict_sentences
     from calibration.diagnosis_page.view import effect_sentences
     from calibration.tables import new_table
-    document = found.to_dict()
+    document, names = found.to_dict(), found.observations.run.mount.names
+    first, second = names.columns
     headline, sentences = verdict_sentences(document, effect_sentences(found), limit=20,
                                             caution=found.caution)
     console.print(used_sentence(document), markup=False)
@@ -159,7 +142,8 @@ def show(found, console):
         console.print(f'  {sentence}', markup=False)
     console.print()
     errors = new_table(f'RMS on the sky, arcsec, {document["observations"]} observations',
-                       'judged on', 'before: az', 'el', 'radial', 'after: az', 'el', 'radial')
+                       'judged on', f'before: {first}', second, 'radial', f'after: {first}', second,
+                       'radial')
     before, after = document['before'], document['after']
     errors.add_row('the rows fitted', *(_number(part[key]) for part in (before, after)
                                         for key in ('rms_x_arcsec', 'rms_y_arcsec', 'rms_arcsec')))
@@ -186,7 +170,8 @@ def show(found, console):
     if found.effects:
         effects = new_table('Effects', 'effect', 'on', 'driver', 'p', 'ΔBIC', 'gain, arcsec')
         for effect in document['effects']:
-            effects.add_row(readable(effect['name']), effect['axes'], effect['driver'],
+            acts = {'az': first, 'el': second}.get(effect['axes'], effect['axes'])
+            effects.add_row(readable(effect['name']), acts, effect['driver'],
                             _number(effect['p_family'], 4), _number(effect['delta_bic'], 1),
                             _number(effect['cv_gain_arcsec']))
         console.print(effects)
@@ -202,15 +187,16 @@ def show(found, console):
         print_lines(console, 'note', ['read otherwise the columns fit as well, which no fit can '
                                       'tell: ' + '; '.join(found.columns_alike)])
     for item in document['next_observations'][:6]:
-        console.print(_proposal(item), markup=False)
+        console.print(_proposal(item, names), markup=False)
 
 
-def _proposal(item):
+def _proposal(item, names):
     from calibration.diagnosis_page.plain_words import readable
     place = f'azimuth {item["az_deg"]:.0f}°, elevation {item["el_deg"]:.0f}°'
     sides = [{-1: f'{axis} falling', 1: f'{axis} rising'}[item[key]]
-             for key, axis in (('approach_az', 'azimuth'), ('approach_el', 'elevation'))
-             if item[key]]
+             for key, axis in zip(('approach_az', 'approach_el'), names.axes) if item[key]]
+    if item.get('through_pole'):
+        place += ', through the pole'
     if sides:
         place += ', approached with ' + ' and '.join(sides)
     if item['last_move_deg']:

@@ -12,9 +12,14 @@ def add(commands):
         description='Read a pointing run (CSV, TPOINT, or a log of ours) and print the terms and '
         'the error before and after.')
     parser.add_argument('file', type=Path, metavar='RUN')
-    parser.add_argument('--terms', type=options.names, default='IA,IE,CA,NPAE,AN,AW,TF',
-                        help='comma-separated (default: the seven physical terms)')
-    options.add(parser, 'encoder', 'azimuth-origin')
+    parser.add_argument('--terms', type=options.names, help='comma-separated (default: the seven '
+                        'physical terms of the mount)')
+    options.add(parser, 'encoder', 'azimuth-origin', 'mount')
+    options.add(parser, 'latitude', help='of the site, for runs in right ascension and of '
+                'equatorial mounts')
+    options.add(parser, 'longitude', 'height', 'pressure', 'temperature')
+    parser.add_argument('--predict', action='store_true', help='add effects of the direction that '
+                        'predict stars left out, without a claim that they are causes')
     parser.add_argument('--run', dest='number', type=options.whole(-10**6, 10**6), metavar='N',
                         help='of several runs in the file (column run) the one of this number')
     options.add(parser, 'harmonics', 'harmonics-alone', 'harmonics-degree')
@@ -27,6 +32,9 @@ def add(commands):
 def run(args):
     """Load, fit, print, write."""
     harmonics = options.harmonics_of(args)
+    if args.predict and (harmonics or args.no_robust):
+        raise ValueError('--predict chooses on its own, robustly: leave out '
+                         + ('--harmonics' if harmonics else '--no-robust'))
     from calibration.check import external_check
     from calibration.diagnosis import check_columns, naming_columns
     from calibration.fit import fit_terms
@@ -35,7 +43,10 @@ def run(args):
     from ..runs import load_run
     from .console import new_console, print_files, print_lines
     with naming_columns():
-        observed = _one_run(load_run(args.file, azimuth_origin=args.azimuth_origin), args)
+        observed = _one_run(load_run(args.file, azimuth_origin=args.azimuth_origin,
+                                     **options.place_of(args)), args)
+    if args.terms is None:
+        args.terms = observed.mount.names.physical
     if f'az_{args.encoder}' not in observed:
         raise ValueError(f'{args.file} has no second encoder; leave out --encoder {args.encoder}')
     checked = check_columns(observed, args.encoder)
@@ -53,6 +64,8 @@ def run(args):
     model = result.model
     if harmonics:
         model = _with_harmonics(observed, result, args, console)
+    if args.predict:
+        model = _to_predict(observed, args, console)
     print_lines(console, 'note', checked.notes)
     if base:
         console.print(base.table(model))
@@ -61,6 +74,16 @@ def run(args):
     if args.save:
         model.save(args.save)
         print_files(console, {'model': args.save})
+
+
+def _to_predict(observed, args, console):
+    """Choose a model that predicts, print it and its error on rows left out; the model."""
+    from calibration.diagnosis.predicting import choose_to_predict
+    from calibration.tables import predicting_tables
+    found = choose_to_predict(observed, '+'.join(args.terms), encoder=args.encoder)
+    for table in predicting_tables(found, observed.mount):
+        console.print(table)
+    return found.model
 
 
 def _with_harmonics(observed, result, args, console):

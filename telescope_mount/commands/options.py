@@ -48,6 +48,12 @@ SHARED = {
     'encoder': {'choices': ('enc', 'abs'), 'default': 'enc',
                 'help': 'which pair of encoder columns (default: enc)'},
     'azimuth-origin': {'choices': ('N', 'S'), 'help': 'where azimuth 0 is in a TPOINT file'},
+    'mount': {'metavar': 'KIND', 'help': 'altaz, equatorial, german, or free:AZ,EL[,ROLL] (where '
+              'the first axis points, degrees), in place of what the file tells'},
+    'pressure': {'type': real(0.0, 1200.0, 'hPa'), 'metavar': 'HPA',
+                 'help': 'for runs in right ascension; 0: no refraction'},
+    'temperature': {'type': real(-90.0, 60.0, 'degrees Celsius'), 'metavar': 'C',
+                    'help': 'for runs in right ascension'},
     'harmonics': {'choices': ('none', 'zenith', 'printed'), 'default': 'none',
                   'help': "paper 000's spherical harmonics in the model, by how their E is read: "
                   'zenith distance, or as printed (default: none)'},
@@ -86,6 +92,36 @@ def harmonics_of(args):
              'harmonics_degree': args.harmonics_degree}
     choice_of(given)
     return given
+
+
+def place_of(args):
+    """Site, weather and mount for reading a run, where options give them.
+
+    Raises
+    ------
+    ValueError
+        A site without its latitude or longitude.
+    """
+    from dataclasses import replace
+
+    from msg_tools.units import DEG
+    from pointing_model.sky import DEFAULT_WEATHER, Site
+    out = {}
+    if args.mount is not None:
+        out['mount'] = args.mount
+    if args.latitude is not None and args.longitude is not None:
+        out['site'] = Site(args.latitude * DEG, args.longitude * DEG, args.height or 0.0)
+    elif args.latitude is not None and args.height is None and args.mount is not None:
+        out['site'] = {'latitude': args.latitude * DEG}  # the axes of an equatorial mount
+    elif any(v is not None for v in (args.latitude, args.longitude, args.height)):
+        raise ValueError('a site needs --latitude and --longitude (an equatorial mount alone '
+                         '--mount and --latitude)')
+    given = {name: value for name, value in (('pressure_hpa', args.pressure),
+                                             ('temperature_c', args.temperature))
+             if value is not None}
+    if given:
+        out['weather'] = replace(DEFAULT_WEATHER, **given)
+    return out
 
 
 def sky_of(args):

@@ -264,6 +264,9 @@ def test_worse_beyond_noise():
     assert points_worse(blind(1.0), blind(1.4)) and not points_worse(blind(1.0), blind(1.2))
     assert not points_worse(blind(1.0, 5), blind(1.4, 5))
     assert not points_worse(None, blind(9.0)) and not points_worse(blind(None, 0), blind(9.0))
+    for same, worse in ((4.54, False), (5.4, True)):  # the wind has risen; the model is to blame
+        judged = {'radial': {'before_arcsec': 4.5, 'after_arcsec': same}}
+        assert points_worse(blind(3.0), blind(4.5), judged) == worse
     rng = np.random.default_rng(3)
     before, after = np.sqrt(np.mean(rng.normal(size=(2, 4000, 30, 2)) ** 2, axis=(2, 3)))
     assert np.mean([points_worse(blind(a), blind(b)) for a, b in zip(before, after)]) < 0.035

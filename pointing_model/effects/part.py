@@ -1,0 +1,27 @@
+"""Some coefficients of an effect alone: what only has to predict need not have the others."""
+
+from .base import Effect, effect, form, of_document, to_document
+
+
+@form
+def _part(of, keep):
+    """An effect (its document) with the coefficients `keep` (their places) only."""
+    whole = of_document(of)
+    names = tuple(whole.coefficient_names[i] for i in keep)
+    tpoint = (whole.tpoint or '').split()
+    tpoint = ' '.join(tpoint[i] for i in keep) if len(tpoint) == len(whole.coefficient_names) \
+        else None
+
+    return Effect(f'{whole.name}_{"_".join(names)}', f'{whole.cause} ({", ".join(names)} only)',
+                  whole.formula, whole.driver, whole.axes, names,
+                  lambda c: [tuple(column) for column in whole.columns(c)[list(keep)]],
+                  look_at=whole.look_at, unit=whole.unit, tpoint=tpoint, requires=whole.requires,
+                  kind=whole.kind)
+
+
+def parts(whole):
+    """Each coefficient of an effect as an effect of its own."""
+    if len(whole.coefficient_names) == 1:
+        return [whole]
+    return [effect('part', of=to_document(whole), keep=[i])
+            for i in range(len(whole.coefficient_names))]

@@ -1,0 +1,111 @@
+"""The side of the pier: another amount of an effect on each of the two ways to a direction.
+
+Of mounts that go through the pole. What an axis does has one formula on both sides, and what of it
+is reversed on the sky follows from the geometry; here are what turns over with the tube, and what
+hangs on the other end of the axis then.
+"""
+
+from pointing_model.mounts import KINDS
+
+from .base import Effect, Offer, effect, form, of_document, readable, single_rows, to_document
+
+_DIRECTION = {key for names in KINDS.values() for key in names.keys}
+_DEGREES = (1, 2)
+
+
+@form
+def _by_side(of):
+    """An effect (its document), with the other sign through the pole."""
+    whole = of_document(of)
+    tpoint = whole.tpoint
+
+    def columns(c):
+        return whole.columns(c) * c.get('pier_side')
+
+    def say(amount):
+        text = f'{readable(whole.name)}, another amount on each side of the pier'
+        if whole.unit == 'arcsec':
+            text += f': {2.0 * amount.size:.1f}\u2033 apart'
+        return text[:1].upper() + text[1:]
+
+    return Effect(f'{whole.name}_by_side', f'{whole.cause}; it differs by the side of the pier',
+                  f'({whole.formula}) x side', whole.driver, whole.axes, whole.coefficient_names,
+                  columns, say,
+                  f'{whole.look_at}; and what shifts when the tube goes over: mirror cell, '
+                  'focuser, counterweight',
+                  whole.unit, tpoint=tpoint and ' '.join(f'{name} by side'
+                                                         for name in tpoint.split()),
+                  requires=(*whole.requires, 'pier_side'))
+
+
+def by_side(effects, context):
+    """Effects of the direction, and the terms of the geometry, as what differs by side.
+
+    Parameters
+    ----------
+    effects : list of Effect
+        Of the dictionary of this mount.
+    context : Context
+
+    Returns
+    -------
+    effects : list of Effect
+    reason : (str, str) or None
+        Why they cannot be tested.
+    """
+    mount = context.mount
+    index, sight, skew = mount.names.physical[1:4]
+    against = context.span('pier_side')[1]
+    if against:
+        return [], ('what differs by the side of the pier',
+                    f'all rows are on one side of the pier: what is constant there is {index}, '
+                    f'{sight} and {skew}, and on the other side they have the opposite sign')
+    against = single_rows(context, 'pier_side', -1.0, 1.0)
+    if against:
+        return [], ('what differs by the side of the pier', against)
+    terms = [effect('term', name=name, mount=mount.kind) for name in mount.names.physical]
+    known = {e.name for e in terms}
+    others = [e for e in effects if direct(e) and e.name not in known]
+    return [effect('by_side', of=to_document(e)) for e in terms + others], None
+
+
+def direct(effect):
+    """Whether an effect follows nothing but the direction, and the side of the pier."""
+    return effect.kind == 'effect' and effect.driver in _DIRECTION and effect.scan is None
+
+
+@form
+def _polynomial(result, of, power, mount='equatorial'):
+    """TPOINT's polynomials: P, the result (H, D, or X: left and right on the sky), the angle."""
+    names = KINDS[mount]
+    k = int(power)
+    word, angle = ('az' if result != 'el' else 'el'), of
+    letter = names.tpoint and {'az': names.tpoint[0], 'el': names.tpoint[1],
+                               'sky': names.tpoint[3]}[result]
+    name = f'P{letter}{names.tpoint[of == "el"]}{k if k > 1 else ""}' if letter else None
+
+    def columns(c):
+        u = (c.az if angle == 'az' else c.el) ** k
+        return [(u * c.trig.cos_el, 0.0) if result == 'az' else (u, 0.0) if result == 'sky'
+                else (0.0, u)]
+
+    where = f'{names.word(word)}{" on the sky" if result == "sky" else ""}'
+    return Effect(f'{names.key(word)}{"_on_sky" if result == "sky" else ""}_grows_with_'
+                  f'{names.key(of)}' + ('_squared' if k == 2 else ''),
+                  f'{where} error grows with the {names.word(of)}'
+                  + (', quadratically' if k == 2 else ''),
+                  f'{names.letter(of)}{"^2" if k == 2 else ""} in {where}', names.key(of),
+                  word, ('slope',), columns,
+                  lambda _: f'The {where} error grows with the {names.word(of)}',
+                  f'the scale of the {names.word(word)} encoder, and what bends as the '
+                  f'{names.shaft(of)} turns', 'arcsec/rad' + ('^2' if k == 2 else ''),
+                  tpoint=name)
+
+
+def propose(context, lacking, own):
+    """Polynomials, of mounts that are no alt-azimuth ones."""
+    if context.mount.altaz:
+        return
+    yield Offer('polynomial', [
+        effect('polynomial', result=result, of=of, power=power, mount=context.mount.kind)
+        for result in ('az', 'sky', 'el') for of in ('az', 'el') for power in _DEGREES])

@@ -1,0 +1,333 @@
+"""Mounts: how two axes stand to the horizon, and the names of what is wrong with them.
+
+The axis frame is a rotation of the local horizon (east, north, up). Its z is the pole of the first
+axis, and angles of the first axis grow clockwise as seen from there, from y over x: azimuth from
+north through east, and hour angle from the meridian through west. The second angle goes from the
+equator of the frame to its pole. So every mount is the same mount in another frame::
+
+    direction = (cos e sin a, cos e cos a, sin e) in the axis frame
+
+A direction is reached in two ways, (a, e) and, through the pole, (a + 180 deg, 180 deg - e): the
+two sides of the pier. Catalogue places of a run are the axis angles of a perfect mount *on the
+side that it was on*, so second angles beyond 90 degrees are ordinary. What an axis does then has
+one formula on both sides, and what changes its sign on the sky follows from the geometry; what
+gravity or the sky does is turned from the horizon into the axes, see `Mount.toward`.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from msg_tools.units import DEG, wrap
+
+#: the terms of the rotations, by the names that an alt-azimuth mount has for them
+CANONICAL = ('IA', 'IE', 'CA', 'NPAE', 'AN', 'AW', 'TF')
+_HORIZON = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+
+@dataclass(frozen=True)
+class Names:
+    """What the axes of a kind of mount and its terms are called.
+
+    Attributes
+    ----------
+    axes : tuple of str
+        Their angles, for people.
+    shafts : tuple of str
+        The axes themselves, for people.
+    letters : tuple of str
+        Of the angles in formulas.
+    tpoint : tuple of str
+        In names of TPOINT's generic terms: of both angles, of what is left and right as a third
+        term of the geometry is (non-perpendicularity), and of left and right on the sky. Empty
+        where TPOINT has no such mount.
+    columns : tuple of str
+        In the names of columns in files: ``az_enc_deg``, ``ha_enc_deg``.
+    terms : dict of str to (str, int)
+        Name of each geometric term -> that of the same rotation of an alt-azimuth mount, and its
+        sign there: MA leans the pole to the x of the frame (west), AW away from it.
+    sides : tuple of tuple of str
+        Words for a falling and a rising angle, of each axis.
+    """
+
+    axes: tuple
+    shafts: tuple
+    letters: tuple
+    tpoint: tuple
+    columns: tuple
+    terms: dict
+    sides: tuple
+
+    @property
+    def keys(self):
+        """Of the axes, in names of effects and drivers."""
+        return tuple(axis.replace(' ', '_') for axis in self.axes)
+
+    @property
+    def physical(self):
+        """The geometry and Hooke's law flexure."""
+        return tuple(self.terms)
+
+    @property
+    def standard6(self):
+        """The usual six, of telescopes with well squared axes."""
+        return tuple(name for name, (own, _) in self.terms.items() if own != 'NPAE')
+
+    @property
+    def index(self):
+        """The zeros of both axes."""
+        return self.physical[:2]
+
+    def named(self, canonical):
+        """Name here of a term of `CANONICAL`."""
+        return next(name for name, (own, _) in self.terms.items() if own == canonical)
+
+    def word(self, axis):
+        """For people, of ``az`` (the first axis) or ``el`` (the second)."""
+        return self.axes[axis != 'az']
+
+    def shaft(self, axis):
+        """As `word`, of the axis itself."""
+        return self.shafts[axis != 'az']
+
+    def key(self, axis):
+        """As `word`, in names."""
+        return self.keys[axis != 'az']
+
+    def letter(self, axis):
+        """As `word`, in formulas."""
+        return self.letters[axis != 'az']
+
+
+def _terms(*names):
+    return {name: (own, 1) for name, own in zip(names, CANONICAL)}
+
+
+_ALTAZ = Names(('azimuth', 'elevation'), ('azimuth axis', 'elevation axis'), ('A', 'E'),
+               ('A', 'E', 'V', 'S'), ('az', 'el'), _terms(*CANONICAL),
+               (('anticlockwise', 'clockwise'), ('downward', 'upward')))
+_HADEC = Names(('hour angle', 'declination'), ('polar axis', 'declination axis'), ('h', 'δ'),
+               ('H', 'D', 'P', 'X'), ('ha', 'dec'),
+               {**_terms('IH', 'ID', 'CH', 'NP'), 'MA': ('AW', -1), 'ME': ('AN', 1),
+                'TF': ('TF', 1)},
+               (('eastward', 'westward'), ('southward', 'northward')))
+_FREE = Names(('first axis', 'second axis'), ('first axis', 'second axis'), ('a', 'b'), (),
+              ('axis1', 'axis2'),
+              _terms('I1', 'I2', 'C1', 'N12', 'T1', 'T2', 'TF'),
+              (('falling', 'rising'), ('falling', 'rising')))
+#: kind -> what its axes and terms are called. A German mount is an equatorial one that goes
+#: through the pole to change its side; the geometry is the same
+KINDS = {'altaz': _ALTAZ, 'equatorial': _HADEC, 'german': _HADEC, 'free': _FREE}
+
+
+@dataclass(frozen=True)
+class Mount:
+    """A kind of mount and how its axes stand to the horizon.
+
+    Parameters
+    ----------
+    kind : str
+        Of `KINDS`.
+    frame : tuple of tuple of float
+        The axes x, y, z of its frame, each as (east, north, up): a rotation.
+
+    Raises
+    ------
+    ValueError
+        Unknown kind, or the frame is no rotation.
+    """
+
+    kind: str = 'altaz'
+    frame: tuple = _HORIZON
+
+    def __post_init__(self):
+        if self.kind not in KINDS:
+            raise ValueError(f'unknown mount {self.kind!r}; choose from {", ".join(KINDS)}')
+        matrix = np.asarray(self.frame, float)
+        if matrix.shape != (3, 3) or not np.allclose(matrix @ matrix.T, np.eye(3), atol=1e-9) \
+                or np.linalg.det(matrix) < 0.0:
+            raise ValueError('the frame of a mount is no rotation of the horizon')
+        object.__setattr__(self, 'frame', tuple(map(tuple, matrix.tolist())))
+
+    @classmethod
+    def equatorial(cls, latitude, kind='equatorial'):
+        """An equatorial mount: its pole is the celestial one, hour angle 0 the meridian.
+
+        Parameters
+        ----------
+        latitude : float
+            Radians, north positive.
+        kind : {'equatorial', 'german'}
+        """
+        return cls._of_pole(kind, 0.0, latitude, 0.0)
+
+    @classmethod
+    def free(cls, azimuth, elevation, roll=0.0):
+        """A mount by where its first axis points.
+
+        Parameters
+        ----------
+        azimuth, elevation : float
+            Of the pole of the first axis, radians: of an alt-alt mount with the axis from south
+            to north 0, 0.
+        roll : float
+            First angle, clockwise about the pole, of the highest point of the frame's equator.
+        """
+        return cls._of_pole('free', azimuth, elevation, roll)
+
+    @classmethod
+    def _of_pole(cls, kind, azimuth, elevation, roll):
+        s, c = np.sin(azimuth), np.cos(azimuth)
+        z = np.array([np.cos(elevation) * s, np.cos(elevation) * c, np.sin(elevation)])
+        y = np.array([-np.sin(elevation) * s, -np.sin(elevation) * c, np.cos(elevation)])
+        x = np.cross(y, z)
+        turn = np.cos(roll), np.sin(roll)
+        return cls(kind, (turn[0] * x + turn[1] * y, turn[0] * y - turn[1] * x, z))
+
+    @property
+    def names(self):
+        """Its `Names`."""
+        return KINDS[self.kind]
+
+    @property
+    def altaz(self):
+        """Whether the axis frame is the horizon, and nothing is beyond the pole."""
+        return self.kind == 'altaz'
+
+    @property
+    def latitude(self):
+        """Elevation of the pole of the first axis, radians; of an equatorial mount the latitude."""
+        return float(np.arcsin(np.clip(self.frame[2][2], -1.0, 1.0)))
+
+    @property
+    def zenith(self):
+        """Components of the zenith in the axis frame."""
+        return tuple(axis[2] for axis in self.frame)
+
+    def axes_of(self, az, el, beyond=False):
+        """Axis angles at which a perfect mount looks at a place of the horizon.
+
+        Parameters
+        ----------
+        az, el : float or ndarray
+            Azimuth from north through east and elevation, radians.
+        beyond : bool or ndarray of bool
+            Whether it looks there through the pole.
+
+        Returns
+        -------
+        first, second : ndarray
+            Radians, both in -pi to pi.
+        """
+        place = np.array([np.cos(el) * np.sin(az), np.cos(el) * np.cos(az),
+                          np.sin(el) * np.ones_like(az)])
+        x, y, z = np.tensordot(np.array(self.frame), place, 1)
+        return through_pole(np.arctan2(x, y), np.arctan2(z, np.hypot(x, y)), beyond)
+
+    def horizon_of(self, first, second):
+        """Azimuth (0 to 2 pi) and elevation at which a perfect mount looks.
+
+        Parameters
+        ----------
+        first, second : float or ndarray
+            Axis angles, radians; the second may be beyond the pole.
+        """
+        if self.altaz:
+            return first, second
+        east, north, up = self.direction(first, second)
+        return np.mod(np.arctan2(east, north), 2.0 * np.pi), np.arctan2(up, np.hypot(east, north))
+
+    def direction(self, first, second):
+        """East, north and up of a direction, shape (3, ...)."""
+        place = np.array([np.cos(second) * np.sin(first), np.cos(second) * np.cos(first),
+                          np.sin(second) * np.ones_like(first)])
+        return place if self.altaz else np.tensordot(np.array(self.frame).T, place, 1)
+
+    def tangents(self, first, second):
+        """Unit vectors (east, north, up) along which the angles grow, each shape (3, ...).
+
+        Beyond the pole both are reversed on the sky, as the images are.
+        """
+        s, c = np.sin(first), np.cos(first)
+        both = (np.array([c, -s, 0.0 * first]),
+                np.array([-np.sin(second) * s, -np.sin(second) * c, np.cos(second)]))
+        if self.altaz:
+            return both
+        frame = np.array(self.frame).T
+        return tuple(np.tensordot(frame, one, 1) for one in both)
+
+
+#: azimuth from north through east, elevation
+ALTAZ = Mount()
+
+
+def through_pole(first, second, beyond):
+    """Axis angles of the same direction, through the pole where `beyond`.
+
+    Parameters
+    ----------
+    first, second : float or ndarray
+        Radians.
+    beyond : bool or ndarray of bool
+
+    Returns
+    -------
+    first, second : ndarray
+        Where `beyond`: first + pi, pi - second; each in -pi to pi there.
+    """
+    return (np.where(beyond, wrap(first + np.pi), first),
+            np.where(beyond, wrap(np.pi - second), second))
+
+
+def is_beyond(second):
+    """Whether a second angle is one through the pole."""
+    return np.cos(second) < 0.0
+
+
+def parse_mount(text, latitude=None):
+    """A mount by its kind, and what else it takes.
+
+    Parameters
+    ----------
+    text : str
+        ``altaz``, ``equatorial`` (or ``fork``, ``horseshoe``), ``german``; ``free:0,0`` or
+        ``free:0,0,90``: azimuth and elevation of the pole of the first axis, and its roll, deg.
+    latitude : float, optional
+        Radians; needed for equatorial mounts.
+
+    Raises
+    ------
+    ValueError
+        One line: what is wrong.
+    """
+    kind, _, numbers = text.strip().lower().partition(':')
+    kind = {'fork': 'equatorial', 'horseshoe': 'equatorial', 'gem': 'german',
+            'alt-az': 'altaz'}.get(kind, kind)
+    if kind not in KINDS:
+        raise ValueError(f'unknown mount {text!r}; choose from altaz, equatorial, german, '
+                         'free:AZ,EL[,ROLL] (degrees)')
+    if kind == 'free':
+        try:
+            angles = [float(part) * DEG for part in numbers.split(',')]
+        except ValueError:
+            angles = []
+        if len(angles) not in (2, 3) or not np.all(np.isfinite(angles)):
+            raise ValueError(f'mount {text!r}: give where its first axis points as '
+                             'free:AZ,EL or free:AZ,EL,ROLL, in degrees')
+        return Mount.free(*angles)
+    if kind == 'altaz':
+        return ALTAZ
+    if latitude is None:
+        raise ValueError(f'a mount that is {kind} needs the latitude of its site')
+    return Mount.equatorial(latitude, kind)
+
+
+def mount_text(mount):
+    """What `parse_mount` reads as the same mount, with the latitude of an equatorial one."""
+    if mount.kind != 'free':
+        return mount.kind
+    x, y, z = np.array(mount.frame)
+    azimuth, elevation = np.arctan2(z[0], z[1]), np.arctan2(z[2], np.hypot(z[0], z[1]))
+    plain = Mount.free(azimuth, elevation)
+    roll = np.arctan2(*(np.array(plain.frame)[:2] @ x)[::-1])
+    return 'free:' + ','.join(repr(float(v / DEG)) for v in (azimuth, elevation, roll))

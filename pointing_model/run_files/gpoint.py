@@ -1,0 +1,128 @@
+"""Pointing runs of RTS2, as its gpoint reads them."""
+
+import re
+
+import numpy as np
+
+from msg_tools.units import DEG
+from pointing_model.mounts import ALTAZ, KINDS
+
+from .declared import declarations
+from .table import YEAR_1900, YEAR_2100, NoObservations, Table, floats, is_number, same_width
+
+_SITE = re.compile(r'#\s*(observatory|gem|altaz|altaz-manual)\s+(\S+)\s+(\S+)\s+(\S+)\s*')
+_TOP = 30  # lines in which the site is
+#: name or number, JD or MJD, sidereal time, mount's angles, counts of the axes, true angles
+_NAMES = ('observation', 'JD', 'LST', 'RA-MNT', 'DEC-MNT', 'AXRA', 'AXDEC', 'RA-TRUE', 'DEC-TRUE')
+_NAMES_ALTAZ = ('observation', 'JD', 'LST', 'AZ-MNT', 'ALT-MNT', 'AXAZ', 'AXALT', 'AZ-TRUE',
+                'ALT-TRUE')
+_DAY, _JD_1970, _MJD_1970 = 86400.0, 2440587.5, 40587.0
+_JD = 2.4e6  # no modified Julian date is as large
+
+
+def looks_like_gpoint(lines):
+    """Whether a comment at the top names the kind of mount and the site."""
+    return any(_site(line) for line in lines[:_TOP])
+
+
+def _site(line):
+    found = _SITE.fullmatch(line.strip())
+    return found if found and all(map(is_number, found.groups()[1:])) else None
+
+
+def read_gpoint(path, lines):
+    """RTS2 gpoint input: a comment with mount and site, then rows of 9 columns.
+
+    Of a German mount (``# gem`` or ``# observatory``, longitude, latitude, height): the mount's
+    right ascension and declination in the angles of its axes, beyond 90 degrees through the pole,
+    and those of the image's centre by its WCS. Of an alt-azimuth mount (``# altaz``): azimuth and
+    altitude of both; RTS2 counts azimuth from south through west. Angles in degrees. A comment
+    ``# frame: of date`` says so of the true places (default: told by the rows).
+
+    Parameters
+    ----------
+    path : Path
+        For messages.
+    lines : list of str
+
+    Returns
+    -------
+    Table
+
+    Raises
+    ------
+    ValueError
+        ``altaz-manual`` (which way its offsets count is told nowhere), two sites, another number
+        of columns, a cell that is no number, a date outside 1900 to 2100.
+    """
+    heads = [(number, found) for number, line in enumerate(lines, 1) for found in [_site(line)]
+             if found]
+    kind, *place = heads[0][1].groups()
+    for number, found in heads[1:]:
+        if found.groups() != heads[0][1].groups():
+            raise ValueError(f'{path}, row {number}: another mount or site than in row '
+                             f'{heads[0][0]}: a run is of one mount')
+    if kind == 'altaz-manual':
+        raise ValueError(f'{path}, row {heads[0][0]}: altaz-manual is not read: which way its '
+                         'offsets count is told nowhere; give a CSV file')
+    longitude, latitude, height = map(float, place)
+    if not (abs(latitude) <= 90.0 and -180.0 <= longitude <= 360.0
+            and -500.0 <= height <= 10000.0):
+        raise ValueError(f'{path}, row {heads[0][0]}: longitude, latitude (degrees), height (m) '
+                         f'{" ".join(place)[:60]!r} are out of range')
+    told = declarations(path, lines)
+    meta = {'format': 'gpoint', **told, 'site': {
+        'latitude': latitude * DEG, 'longitude': longitude * DEG, 'height': height}}
+    altaz = kind == 'altaz'
+    names = _NAMES_ALTAZ if altaz else _NAMES
+    body = [(number, line.split()) for number, line in enumerate(lines, 1)
+            if line.strip() and not line.lstrip().startswith('#')]
+    if not body:
+        raise NoObservations(f'{path} has a header but no observations')
+    numbers, cells = np.array([number for number, _ in body]), [row for _, row in body]
+    same_width(path, numbers, cells, len(names), 'columns', f'{len(names)} are read')
+    values = {name: floats(path, numbers, name, column)
+              for name, column in zip(names[1:], list(zip(*cells))[1:])}
+    columns = {'star': np.array([row[0] for row in cells]),
+               'time': _time(path, numbers, values['JD'])}
+    meta['notes'].append(f'{names[5]}, {names[6]} left out: counts of an unknown size')
+    if altaz:
+        for name, given in zip(('az', 'el', 'az_enc', 'el_enc'),
+                               ('AZ-TRUE', 'ALT-TRUE', 'AZ-MNT', 'ALT-MNT')):
+            columns[name] = values[given]
+        columns['az'] = columns['az'] + 180.0
+        columns['az_enc'] = columns['az_enc'] + 180.0
+        columns['lst_h'] = values['LST'] / 15.0
+        meta['notes'].append('azimuth turned by 180 degrees: RTS2 counts from south through west; '
+                             'AZ-TRUE, ALT-TRUE are taken as observed')
+    else:
+        hour_angle = values['LST'] - values['RA-MNT']
+        columns |= {
+            'ra_deg': values['RA-TRUE'], 'dec_deg': values['DEC-TRUE'], 'lst_told': values['LST'],
+            'az_enc': (hour_angle + 180.0) % 360.0 - 180.0,
+            'el_enc': (values['DEC-MNT'] + 180.0) % 360.0 - 180.0}
+        meta |= {'clock_tells': True, 'mount_told': 'german'}
+        meta['notes'].append('time: of the sidereal clock')
+    return Table(columns, numbers, [' '.join(row) for row in cells], meta,
+                 commented=_unsolved(lines, len(names)),
+                 names=ALTAZ.names if altaz else KINDS['equatorial'])
+
+
+def _unsolved(lines, width):
+    """Lines of images without a WCS, which RTS2 writes behind a comment sign."""
+    out = []
+    for number, line in enumerate(lines, 1):
+        words = line.lstrip('# ').split() if line.lstrip().startswith('#') else []
+        if len(words) == width and all(map(is_number, words[1:])):
+            out.append(number)
+    return out
+
+
+def _time(path, numbers, dates):
+    seconds = (dates - np.where(dates > _JD, _JD_1970, _MJD_1970)) * _DAY
+    bad = (seconds < YEAR_1900) | (seconds > YEAR_2100)
+    if bad.any():
+        i = int(np.argmax(bad))
+        raise ValueError(f'{path}, row {numbers[i]}, column JD: {dates[i]:g} is outside 1900 to '
+                         '2100 as Julian date and as modified one')
+    return seconds

@@ -1,0 +1,210 @@
+"""From the columns of a file to catalogue places and readings by the axes of the mount."""
+
+import numpy as np
+
+from msg_tools.units import wrap
+from pointing_model.mounts import is_beyond, through_pole
+from pointing_model.run import column_name
+
+from . import equinox
+from .checks import PAIRS
+from .declared import standard_pressure
+from .solves import are_images, refuse_hours
+
+
+def observe_places(path, table, site, weather, origin, mount):
+    """`az`, `el` of the rows from `ra`, `dec`, `time`, in the file's sense of azimuth.
+
+    Of a mount that is no alt-azimuth one they are azimuth and elevation too, until `to_axes`.
+    Where the file has a sidereal clock (``lst_told``, radians) that tells the moment, and ``time``
+    only the day.
+
+    Raises
+    ------
+    ValueError
+        No site, a time that is not UTC, weather out of range.
+    """
+    columns, meta = table.columns, table.meta
+    if 'ra_deg' not in columns:
+        return
+    told_longitude = site is not None or 'longitude' in (meta.get('site') or {})
+    site = _whole_site(site, meta)
+    if site is None:
+        raise ValueError(f'{path}: ra_deg, dec_deg need the site (latitude, longitude, height): '
+                         'comments "# latitude_deg: ...", "# longitude_deg: ...", or options')
+    if not meta.get('time_is_utc', True):
+        raise ValueError(f'{path}: ra_deg, dec_deg need time in UTC: ISO 8601, or seconds since '
+                         '1970-01-01')
+    from pointing_model.plate_solved.frames import ICRS, to_icrs
+    from pointing_model.plate_solved.solved import Solved
+    from pointing_model.sky import icrs_to_observed, moment_of
+    declared, of_images = meta.pop('sky_frame', None), are_images(table)
+    frame, by_fit = declared or ICRS, 'equinox' in meta
+    ra, dec, time = (columns.pop('ra_deg'), columns.pop('dec_deg'), columns['time'])
+    if 'lst_told' in columns:
+        columns['lst_h'] = columns.pop('lst_told') * (12.0 / np.pi)
+        known = np.isfinite(columns['lst_h'] + time)
+        time = np.where(known, 0.0, np.nan)
+        time[known] = moment_of(columns['lst_h'][known] * (np.pi / 12.0),
+                                columns['time'][known], site)
+        columns['time'] = time
+        if not told_longitude:  # the clock tells the day, and what comes after what
+            meta['time_is_utc'] = False
+    table.exclude(np.abs(dec) > np.pi / 2, 'dec_deg is beyond 90')
+    ok = (table.reasons == 0) & np.isfinite(ra) & np.isfinite(dec) & np.isfinite(time)
+    az, el = np.full((2, len(ra)), np.nan)
+    if ok.any():
+        try:
+            air = _air(columns, ok, site, weather, meta)
+            icrs = to_icrs(ra[ok], dec[ok], frame, time[ok])
+            refuse_hours(path, *icrs, time[ok], site)
+            az[ok], el[ok] = icrs_to_observed(*icrs, time[ok], site, air)
+            if not by_fit:
+                meta['solved'] = Solved(table.lines[ok], ra[ok], dec[ok], time[ok], frame,
+                                        declared is not None, site, air, of_images)
+            if meta.pop('equinox', 'J2000') is None:
+                az[ok], el[ok] = equinox.which_fits(
+                    table, ok, (az[ok], el[ok]), (ra[ok], dec[ok], time[ok], site, air), mount)
+        except ValueError as error:
+            said = str(error)
+            raise ValueError(said if said.startswith(str(path)) else f'{path}: {said}') from None
+    columns['az'], columns['el'] = (np.pi - az if origin == 'S' else az), el
+    meta['from_horizon'] = True
+    if by_fit:
+        return
+    meta['notes'].append(f'az, el are observed places of ra_deg, dec_deg ({frame.text}, no proper '
+                         'motion)' + ('' if declared else '; no comment "# frame: ..." says so'))
+
+
+def _whole_site(site, meta):
+    """The site with everything that a place of the sky needs; None where it is not told."""
+    if all(hasattr(site, name) for name in ('latitude', 'longitude', 'height')):
+        return site
+    told = meta.get('site') or {}
+    if site is not None or 'latitude' not in told:
+        return None
+    if 'longitude' not in told and not meta.get('clock_tells'):
+        return None
+    from pointing_model.sky import Site
+    # with a sidereal clock the longitude only says which moment of the day it is
+    return Site(told['latitude'], told.get('longitude', 0.0), told.get('height', 0.0))
+
+
+def to_axes(path, table, mount):
+    """Catalogue places and readings as angles of the mount's axes, each row on its side.
+
+    A reading beyond the pole says on which side the mount was; else the column ``pier_side`` does
+    (``west``, -1, or 1 of 0 and 1: through the pole, as ASCOM has it), and readings are then
+    places of the sky. Without either nothing is through the pole.
+
+    Raises
+    ------
+    ValueError
+        ``pier_side`` has other values.
+    """
+    columns, meta = table.columns, table.meta
+    beyond = np.zeros(len(table.lines), bool)
+    pairs = [pair for pair in PAIRS[1:] if set(pair) <= set(columns)]
+    side = columns.pop('pier_side', None)
+    with np.errstate(invalid='ignore', over='ignore'):
+        reads = pairs[0][1] if pairs else None
+        if reads is not None and (is_beyond(columns[reads]) & (table.reasons == 0)).any():
+            beyond = is_beyond(columns[reads]) & (table.reasons == 0)
+        elif side is not None:
+            beyond = _through_the_pole(path, table, side)
+            for az, el in pairs:
+                columns[az], columns[el] = through_pole(columns[az], columns[el], beyond)
+            for name in ('az_raw', 'el_raw'):
+                if name in columns:
+                    meta['notes'].append(f'{table.label(name)} left out: which side it is of is '
+                                         'not told')
+                    del columns[name]
+        turned = is_beyond(columns['el']) & (table.reasons == 0)
+        if turned.any() and not meta.get('from_horizon'):
+            meta['notes'].append(f'{table.label("el")} is beyond 90 in {int(turned.sum())} rows: '
+                                 'taken as that of the mount through the pole')
+            columns['az'], columns['el'] = through_pole(columns['az'], columns['el'], turned)
+        if meta.pop('from_horizon', False):
+            columns['az'], columns['el'] = mount.axes_of(columns['az'], columns['el'], beyond)
+        else:
+            columns['az'], columns['el'] = through_pole(columns['az'], columns['el'], beyond)
+        sound = table.reasons == 0  # what else the others hold is to be seen as it was written
+        for az, el in pairs:
+            columns[az] = np.where(sound, wrap(columns[az]), columns[az])
+            columns[el] = np.where(sound, columns['el'] + wrap(columns[el] - columns['el']),
+                                   columns[el])
+        if pairs:
+            az = pairs[0][0]
+            columns['az'] = np.where(sound, columns[az] + wrap(columns['az'] - columns[az]),
+                                     columns['az'])
+    for name in ('miss_x', 'miss_y', 'x_arcsec', 'y_arcsec'):
+        if name in columns:  # on the sky; beyond the pole both axes grow the other way
+            columns[name] = np.where(beyond, -columns[name], columns[name])
+    if beyond.any():
+        meta['notes'].append(f'{int(beyond.sum())} of {len(beyond)} rows are through the pole, on '
+                             'the other side of the pier')
+
+
+def _through_the_pole(path, table, side):
+    values = [str(v).strip().lower() for v in side.tolist()]
+    known = {v for v in values if v not in ('', 'nan')}
+    numbers = {v: float(v) for v in known if v.replace('-', '').replace('.', '').isdigit()}
+    if known <= {'east', 'west', 'e', 'w'}:
+        return np.array([v.startswith('w') for v in values])
+    if len(numbers) == len(known) and set(numbers.values()) <= {-1.0, 1.0}:
+        return np.array([numbers.get(v, 1.0) < 0.0 for v in values])
+    if len(numbers) == len(known) and set(numbers.values()) <= {0.0, 1.0}:
+        return np.array([numbers.get(v, 0.0) > 0.0 for v in values])
+    raise ValueError(f'{path}: pier_side holds {", ".join(sorted(known)[:4])}; give east or west '
+                     '(west: through the pole), 1 or -1, or 0 or 1')
+
+
+def _air(columns, rows, site, weather, meta):
+    """Weather of each row: its own columns, else what was given, else a standard atmosphere."""
+    from pointing_model.sky import Weather
+    told = meta.get('weather')
+    if weather is None and told:
+        weather = Weather(**{'pressure_hpa': standard_pressure(site.height), **told})
+        said = (f'refraction for {weather.pressure_hpa:g} hPa, {weather.temperature_c:g} C, as the '
+                'file says')
+    elif weather is None:
+        pressure = standard_pressure(site.height)
+        weather = Weather(pressure_hpa=pressure, temperature_c=10.0)
+        said = f'refraction for {pressure:.0f} hPa, 10 C (standard atmosphere at the site)'
+    else:
+        said = f'refraction for {weather.pressure_hpa:g} hPa, {weather.temperature_c:g} C'
+    own = {}
+    for name, column in (('pressure_hpa', 'pressure'), ('temperature_c', 'temperature')):
+        values = columns.get(column, np.full(len(rows), np.nan))[rows]
+        own[name] = np.where(np.isfinite(values), values, getattr(weather, name))
+        if np.isfinite(values).any():
+            said += f', in its place {column_name(column)} where the file has it'
+    meta['notes'].append(said)
+    return Weather(humidity=weather.humidity, wavelength_um=weather.wavelength_um, **own)
+
+
+def read_offsets(table):
+    """Encoder angles from offsets on the sky `x_arcsec`, `y_arcsec`, encoder - catalogue."""
+    columns = table.columns
+    if 'x_arcsec' not in columns:
+        return
+    x, y = columns.pop('x_arcsec'), columns.pop('y_arcsec')
+    reach = np.cos(columns['el'])
+    with np.errstate(invalid='ignore', divide='ignore', over='ignore'):
+        table.exclude(np.abs(x) >= np.pi * reach,
+                      'x_arcsec is more than half a turn of azimuth, so near the zenith')
+        columns['az_enc'] = columns['az'] + np.where(table.reasons == 0, x / reach, 0.0)
+        columns['el_enc'] = columns['el'] + y
+    table.meta['raw_reading'] = False
+    table.meta['notes'].append('encoder angles are catalogue plus offset: what the encoders read '
+                               'is not in the file')
+
+
+def from_south(columns):
+    """Azimuth 0 south, 90 east to 0 north, 90 east: the sense of azimuth turns round."""
+    for name in ('az', 'az_enc', 'az_abs', 'az_raw'):
+        if name in columns:
+            columns[name] = np.pi - columns[name]
+    for name in ('az_rate', 'approach_az', 'miss_x'):
+        if name in columns:
+            columns[name] = -columns[name]

@@ -1,0 +1,53 @@
+"""The command ``solve``: a folder of images into a pointing run."""
+
+from pathlib import Path
+
+from . import options
+
+
+def add(commands):
+    """Add the parser."""
+    parser = commands.add_parser(
+        'solve', help='solve a folder of images with an installed plate solver',
+        description='Run a plate solver (solve-field of astrometry.net, or astap) over the FITS '
+        'images of a folder and write a pointing run that fit and diagnose read. What is solved is '
+        'not solved again: after an interruption give the same command.')
+    parser.add_argument('folder', type=Path, metavar='FOLDER')
+    parser.add_argument('--mount', type=Path, metavar='FILE.yaml', help='which keywords of the '
+                        'images are what (default: FOLDER/mount.yaml)')
+    parser.add_argument('--out', type=Path, metavar='FILE.csv',
+                        help='the run (default: FOLDER/solved.csv)')
+    parser.add_argument('--solver', metavar='NAME', help='solve-field, astap, or the path of one '
+                        '(default: the first that is installed)')
+    parser.add_argument('--timeout', type=options.real(1.0, 36000.0, 's'), default=120.0,
+                        metavar='S', help='for one image (default: 120)')
+    parser.add_argument('--scale', nargs=2, type=options.real(1e-3, 3600.0, 'arcsec'),
+                        metavar=('LOW', 'HIGH'), help='arcsec a pixel: makes a solver faster, '
+                        'and surer')
+    parser.add_argument('--again', action='store_true',
+                        help='try images that were not solved once more')
+
+
+def run(args):
+    """Solve, tell of each image, count."""
+    from pointing_model.plate_solved.mapping import load_mapping
+
+    from ..solving.folder import FAILED, HUNG, SOLVED, solve_folder
+    from ..solving.solvers import find_solver
+    from .console import new_console, print_files
+    if not args.folder.is_dir():
+        raise ValueError(f'{args.folder} is no folder of images')
+    if args.scale and args.scale[0] > args.scale[1]:
+        raise ValueError('--scale: the first is the lower one')
+    out = args.out or args.folder / 'solved.csv'
+    options.check_target(out, ('.csv',))
+    mapping = load_mapping(args.mount or args.folder / 'mount.yaml')
+    solver = find_solver(args.solver, args.timeout, tuple(args.scale) if args.scale else None)
+    console = new_console()
+    counts = solve_folder(args.folder, mapping, solver, out, again=args.again,
+                          told=lambda text: console.print(text, markup=False))
+    total = sum(counts.values())
+    console.print(f'{counts[SOLVED]} of {total} images solved, {counts[FAILED]} not, on '
+                  f'{counts[HUNG]} the solver hung')
+    print_files(console, {'run': out})
+    return 0 if counts[SOLVED] == total else 1

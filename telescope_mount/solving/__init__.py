@@ -1,0 +1,1 @@
+"""A plate solver over a folder of images."""

@@ -1,0 +1,227 @@
+"""Runs from FITS images with a WCS, by the keywords that a small YAML maps."""
+
+import numpy as np
+import pytest
+
+from calibration.fit import fit_terms
+from msg_tools.units import ARCSEC, DEG
+from pointing_model.model import PointingModel
+from pointing_model.mounts import parse_mount, through_pole
+from pointing_model.plate_solved.images import NotThere, frame_of, read_header, solution_of
+from pointing_model.run_files import iso_utc, read_run
+from pointing_model.sky import Site, Weather, observed_to_icrs
+from pointing_model.terms import PHYSICAL
+from telescope_mount.runs import load_run
+
+fits = pytest.importorskip('astropy.io.fits', reason='needs astropy (./install.sh ros,test,images)')
+
+SITE = Site(34.3 * DEG, 109.0 * DEG, 500.0)
+MOUNT = PointingModel(dict(zip(PHYSICAL, np.array([310, -170, 46, -23, 37, -21, 15]) * ARCSEC)))
+START = 1_795_000_000.0
+YAML = """\
+images: '*.fits'
+site: {latitude_deg: SITELAT, longitude_deg: 109.0, height_m: 500}
+time_is: start
+encoders_at: end
+keywords:
+  time: DATE-OBS
+  exposure_s: EXPTIME
+  az_enc_deg: ENC_AZ
+  el_enc_deg: {keyword: ENC_EL, scale: 0.5, offset: 1.0}
+  pressure_hpa: 950
+  temperature_c: AMBTEMP
+  telescope: TELESCOP
+"""
+
+
+def header_of(ra, dec, begin, az_enc, el_enc, scale=1.2, roll=0.3, parity=-1, **more):
+    cd = scale / 3600 * np.array([[parity * np.cos(roll), np.sin(roll)],
+                                  [-parity * np.sin(roll), np.cos(roll)]])
+    # the reference pixel is not the centre: the centre is computed
+    return fits.Header({
+        'CTYPE1': 'RA---TAN', 'CTYPE2': 'DEC--TAN', 'CRPIX1': 32.5, 'CRPIX2': 24.5,
+        'CRVAL1': ra / DEG, 'CRVAL2': dec / DEG, 'CD1_1': cd[0, 0], 'CD1_2': cd[0, 1],
+        'CD2_1': cd[1, 0], 'CD2_2': cd[1, 1], 'RADESYS': 'ICRS',
+        'DATE-OBS': iso_utc(np.array([begin]))[0].rstrip('Z')[:-3], 'EXPTIME': 20.0,
+        'ENC_AZ': az_enc / DEG, 'ENC_EL': 2.0 * (el_enc / DEG - 1.0), 'AMBTEMP': 5.0,
+        'TELESCOP': 'one', 'SITELAT': '+34:18:00.0', **more})
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """24 images without pixels that matter, and their YAML."""
+    rng = np.random.default_rng(4)
+    time = START + np.arange(24) * 600.0
+    az, el = rng.uniform(0, 2 * np.pi, 24), rng.uniform(25, 75, 24) * DEG
+    ra, dec = observed_to_icrs(az, el, time, SITE, Weather(950.0, 5.0))
+    az_enc, el_enc = MOUNT.sky_to_encoder(az, el)
+    for i in range(24):
+        header = header_of(ra[i], dec[i], time[i] - 20.0, az_enc[i], el_enc[i])
+        fits.writeto(tmp_path / f'img_{i:02d}.fits', np.zeros((48, 64), np.int16), header)
+    (tmp_path / 'mount.yaml').write_text(YAML)
+    return tmp_path
+
+
+def change(folder, number, drop=(), **cards):
+    path = folder / f'img_{number:02d}.fits'
+    data, header = fits.getdata(path, header=True)
+    for name in drop:
+        del header[name]
+    header.update({name.replace('_O', '-O'): value for name, value in cards.items()})
+    fits.writeto(path, data, header, overwrite=True)
+
+
+def reasons(run):
+    return {row['row']: row['reason'] for row in run.meta['excluded']}
+
+
+def test_images_are_a_run(folder, ended):
+    run = load_run(folder / 'mount.yaml')
+    assert len(run) == 24 and not reasons(run)
+    fitted = fit_terms(run).model.terms
+    for name, value in MOUNT.terms.items():
+        assert fitted[name] == pytest.approx(value, abs=0.02 * ARCSEC), name
+    code, out, err = ended('export', folder / 'mount.yaml', folder / 'run.csv')
+    assert code == 0 and err == '' and len(read_run(folder / 'run.csv')) == 24
+
+
+def test_the_moment_of_the_encoders_counts(folder):
+    text = YAML.replace('encoders_at: end', 'encoders_at: start')
+    (folder / 'mount.yaml').write_text(text)
+    early = fit_terms(load_run(folder / 'mount.yaml'), robust=False)
+    # 20 s are 300" of hour angle: an azimuth zero and a tilt, as a clock is
+    assert abs(early.model.terms['AW'] - MOUNT.terms['AW']) / ARCSEC == pytest.approx(
+        300 * np.cos(SITE.latitude), abs=2)
+
+
+def test_what_an_image_lacks_is_named(folder):
+    change(folder, 2, ('CTYPE1',))
+    change(folder, 4, CRVAL1=float('1e3'), CTYPE1='GLON-TAN', CTYPE2='GLAT-TAN')
+    change(folder, 5, EQUINOX=1875.0, RADESYS='FK5')
+    change(folder, 6, RADESYS='FK4')
+    change(folder, 7, ('ENC_AZ',))
+    change(folder, 8, ENC_AZ='moving')
+    change(folder, 9, DATE_OBS='last night')
+    change(folder, 10, TIMESYS='TAI')
+    change(folder, 11, CD1_1=0.0, CD1_2=0.0)
+    (folder / 'img_12.fits').write_bytes(b'no image')
+    told = reasons(load_run(folder / 'mount.yaml'))
+    for row, words in {
+            3: 'img_02.fits: no WCS', 5: 'GLON-TAN', 6: 'outside 1900 to 2100', 7: 'is B1950, of',
+            8: 'no keyword ENC_AZ for az_enc_deg', 9: "ENC_AZ is 'moving'",
+            10: "'last night' is no time", 11: 'TIMESYS is TAI', 12: 'its WCS',
+            13: 'not a FITS image'}.items():
+        assert words in told.pop(row)
+    assert not told
+
+
+def test_false_images_are_named_by_file(folder):
+    data, header = fits.getdata(folder / 'img_03.fits', header=True)
+    for name in ('CRVAL1', 'CRVAL2', 'CD1_1', 'CD1_2', 'CD2_1', 'CD2_2'):
+        change(folder, 9, **{name: header[name]})
+    change(folder, 14, CD1_1=1e-4, CD2_2=1e-4)
+    (folder / 'img_99.fits').write_bytes((folder / 'img_20.fits').read_bytes())
+    told = reasons(load_run(folder / 'mount.yaml'))
+    assert sorted(told) == [10, 15, 25]
+    assert told[10].startswith('img_09.fits: the solution of row 4 copied')
+    assert 'img_14.fits: the scale' in told[15] and 'a second solution' in told[25]
+
+
+@pytest.mark.parametrize('change_of, words', [
+    (('ENC_AZ', 'ENC-AZ'), ['keyword ENC-AZ is in none of 24 images', 'closest: ENC_AZ']),
+    (('keywords:', 'keyword:'), ['no section "keywords:"']),
+    (('time_is:', 'time_iz:'), ["unknown key 'time_iz'; did you mean time_is?"]),
+    (('encoders_at: end\n', ''), ['encoders_at is not said: start, middle or end']),
+    (('at: end', 'at: dusk'), ["encoders_at 'dusk' is unknown"]),
+    (('  exposure_s: EXPTIME\n', ''), ['no keyword for exposure_s']),
+    (('  az_enc_deg: ENC_AZ\n', ''), ['no keyword for az_enc_deg']),
+    (('az_enc_deg: ENC_AZ', 'az_enc: ENC_AZ'), ['no keyword for az_enc_deg (closest: az_enc)']),
+    (('telescope: TELESCOP', 'ra_deg: RA'), ['ra_deg comes from the solution']),
+    (('offset', 'ofset'), ["unknown key 'ofset'; did you mean offset?"]),
+    (("'*.fits'", "'*.png'"), ['has no image *.png']),
+    (('SITELAT', 'OBSLAT'), ['no image has the keywords of the site']),
+    (('latitude_deg: SITELAT, ', ''), ['need the site']),
+    (('images:', 'frame: galactic\nimages:'), ["'galactic' is unknown"]),
+    (('images:', 'boresight: 5\nimages:'), ['not a pixel']),
+    (('images:', 'images: [\n'), ['line', 'not a YAML']),
+])
+def test_a_mapping_that_does_not_fit_is_one_line(folder, refused, change_of, words):
+    assert change_of[0] in YAML
+    (folder / 'mount.yaml').write_text(YAML.replace(*change_of, 1))
+    line = refused('fit', folder / 'mount.yaml')
+    assert all(word in line for word in words), line
+
+
+def test_images_of_two_mounts_or_sites_are_refused(folder, refused):
+    change(folder, 7, TELESCOP='other')
+    assert "img_07.fits is of mount 'other'" in refused('fit', folder / 'mount.yaml')
+    change(folder, 7, TELESCOP='one', SITELAT=12.0)
+    assert 'img_07.fits is of another site' in refused('fit', folder / 'mount.yaml')
+
+
+def test_images_that_are_not_solved_are_refused(folder, refused):
+    for i in range(24):
+        change(folder, i, ('CTYPE1', 'CTYPE2'))
+    assert 'none of 24 rows can be used (row 1: no WCS' in refused('fit', folder / 'mount.yaml')
+
+
+@pytest.mark.parametrize('cards, said', [
+    ({}, None), ({'EQUINOX': 2000.0}, 'ICRS'), ({'EQUINOX': 1950.0}, 'B1950'),
+    ({'EQUINOX': 2024.5}, 'J2024.5'), ({'RADESYS': 'FK5', 'EQUINOX': 2000.0}, 'ICRS'),
+    ({'RADECSYS': 'FK4'}, 'B1950'), ({'RADESYS': 'GAPPT'}, 'of date'), ({'EPOCH': 2000.0}, 'ICRS')])
+def test_frames_of_headers(cards, said):
+    frame = frame_of(fits.Header(cards))
+    assert (frame.text if frame else None) == said
+
+
+@pytest.mark.parametrize('cards', [{'EQUINOX': 'NaN'}, {'RADESYS': 'FK4-NO-E'},
+                                   {'EQUINOX': 'J20'}, {'RADESYS': 'HIPPARCOS'}])
+def test_odd_equinoxes_are_told(cards):
+    with pytest.raises(NotThere, match='EQUINOX'):
+        frame_of(fits.Header(cards))
+
+
+def test_the_boresight_is_a_pixel_or_the_middle(folder):
+    header = read_header(folder / 'img_00.fits')
+    middle, corner = solution_of(header), solution_of(header, (1.0, 1.0))
+    # the reference pixel of these is their middle: 64 x 48 pixels
+    assert middle.ra_deg == pytest.approx(header['CRVAL1'], abs=1e-9)
+    assert middle.dec_deg == pytest.approx(header['CRVAL2'], abs=1e-9)
+    away = np.hypot((corner.ra_deg - middle.ra_deg) * np.cos(middle.dec_deg * DEG),
+                    corner.dec_deg - middle.dec_deg) * 3600
+    assert away == pytest.approx(1.2 * np.hypot(31.5, 23.5), rel=1e-3)
+    assert middle.scale_arcsec_px == pytest.approx(1.2) and middle.parity == -1
+
+
+def test_without_astropy_a_line_says_what_to_install(folder, refused, monkeypatch):
+    import sys
+    monkeypatch.setitem(sys.modules, 'astropy', None)
+    assert './install.sh ros,images' in refused('fit', folder / 'mount.yaml')
+
+
+def test_images_of_a_german_mount(tmp_path, refused):
+    rng = np.random.default_rng(6)
+    mount = parse_mount('german', SITE.latitude)
+    time, az = START + np.arange(24) * 600.0, rng.uniform(0, 2 * np.pi, 24)
+    el, west = rng.uniform(25, 75, 24) * DEG, rng.random(24) < 0.5
+    ra, dec = observed_to_icrs(az, el, time, SITE, Weather(950.0, 5.0))
+    model = PointingModel(dict(zip(mount.names.physical, MOUNT.terms.values())), mount=mount)
+    first, second = model.sky_to_encoder(*mount.axes_of(az, el, west))
+    # readings as places of the sky, and the side of the pier beside them
+    first, second = through_pole(first, second, west)
+    for i in range(24):
+        cards = header_of(ra[i], dec[i], time[i], 0.0, 0.0, HA=first[i] / DEG,
+                          DECENC=second[i] / DEG, PIERSIDE='WEST' if west[i] else 'EAST')
+        fits.writeto(tmp_path / f'img_{i:02d}.fits', np.zeros((48, 64), np.int16), cards)
+    text = YAML.replace('encoders_at: end', 'encoders_at: start\nmount: german').replace(
+        'az_enc_deg: ENC_AZ', 'ha_enc_deg: HA\n  pier_side: PIERSIDE')
+    (tmp_path / 'mount.yaml').write_text(text.replace(
+        'el_enc_deg: {keyword: ENC_EL, scale: 0.5, offset: 1.0}', 'dec_enc_deg: DECENC'))
+    run = load_run(tmp_path / 'mount.yaml')
+    assert len(run) == 24 and not reasons(run)
+    fitted = fit_terms(run).model.terms
+    for name, value in model.terms.items():
+        assert fitted[name] == pytest.approx(value, abs=0.02 * ARCSEC), name
+    (tmp_path / 'mount.yaml').write_text(text)
+    line = refused('fit', tmp_path / 'mount.yaml')
+    assert "'el_enc_deg' is unknown; did you mean dec_enc_deg?" in line
