@@ -27,7 +27,8 @@ def apply(model, az_deg, el_deg, *, reverse=False, zero=NEWEST, latitude_deg=Non
         A path: a model file of ours, or of a program that `model_files.read_model` reads.
     az_deg, el_deg : float or array_like, shape (n,)
         Observed place, degrees, azimuth from north through east; with `reverse` what the
-        encoders read.
+        encoders read. Of other mounts the angles of its axes, as hour angle and declination
+        (beyond 90 degrees through the pole).
     reverse : bool
     zero : {'newest', 'none'} or number
         Of the zeros that the model carries from its night, if any: that of the newest power-on, of
@@ -61,7 +62,7 @@ def apply(model, az_deg, el_deg, *, reverse=False, zero=NEWEST, latitude_deg=Non
         columns[key] = np.broadcast_to(np.asarray(value), az.shape).ravel()
         columns[key] = columns[key] * unit if unit != 1.0 else columns[key]
     place = [None if v is None else v * DEG for v in (latitude_deg, longitude_deg)]
-    context = Context(az.ravel(), el.ravel(), columns, *place)
+    context = Context(az.ravel(), el.ravel(), columns, *place, mount=model.mount)
     zeros = zeros_of_rows(model, zero, columns.get('run'))[0]
     out = turned(model, context, zeros, reverse)
     return tuple(v.reshape(az.shape) / DEG for v in out)
@@ -83,13 +84,7 @@ def turned(model, context, zero=(0.0, 0.0), reverse=False):
     -------
     az, el : ndarray, shape (n,)
         Radians; NaN where the mount cannot look.
-
-    Raises
-    ------
-    ValueError
-        The model is of no alt-azimuth mount.
     """
-    refuse_other_mounts(model)
     az, el = context.az, context.el
     if not reverse:
         out = model.sky_to_encoder(az, el, context)
@@ -107,14 +102,6 @@ def turned(model, context, zero=(0.0, 0.0), reverse=False):
     context = context.at(az, el, **{'az_raw': az, 'el_raw': el, **{
         name: context.columns[name] for name in ('az_raw', 'el_raw') if name in context.columns}})
     return model.encoder_to_sky(az - zero[0], el - zero[1], context)
-
-
-def refuse_other_mounts(model):
-    """ValueError where a model says that it is of another mount than an alt-azimuth one."""
-    mount = getattr(model, 'mount', None)  # models of other mounts say what they are of
-    if mount is not None and not mount.altaz:
-        raise ValueError(f'this model is of another mount ({mount.kind}); directions and files of '
-                         'other programs are those of alt-azimuth mounts here')
 
 
 def zeros_of_rows(model, wanted=NEWEST, run=None):

@@ -25,10 +25,25 @@ class BaseModel:
     notes: list
 
     @classmethod
-    def read(cls, path):
-        """Read a file of ours or of another program; ValueError where it declares no term."""
+    def read(cls, path, mount):
+        """Read a file of ours or of another program.
+
+        Parameters
+        ----------
+        path : str or Path
+        mount : Mount
+            Of the run.
+
+        Raises
+        ------
+        ValueError
+            It is no such file, declares no term, or is of another mount.
+        """
         from pointing_model.model_files import read_model
-        loaded = read_model(path)
+        loaded = read_model(path, mount)
+        if loaded.model.mount != mount:
+            raise ValueError(f'{path} is a model of another mount ({loaded.model.mount.kind}) than '
+                             f'the run ({mount.kind}), or of another latitude')
         if not loaded.model.terms:
             raise ValueError(f'{path} has no term to fit anew')
         out = cls(Path(path), loaded.model, list(loaded.notes))

@@ -38,7 +38,8 @@ def programs():
     return ('tpoint', 'katpoint', 'rts2', 'spk', 'indi', 'onstepx', 'table', MODEL)
 
 
-def export_model(source, path, to, *, sky=None, zero='none', site=None, **options):
+def export_model(source, path, to, *, sky=None, zero='none', site=None, mount=None,
+                 **options):
     """Write a model as another program reads it.
 
     Parameters
@@ -55,6 +56,8 @@ def export_model(source, path, to, *, sky=None, zero='none', site=None, **option
         Which of the zeros that the model carries to add to its indices.
     site : pair of float, optional
         Latitude and longitude, radians; by default that of the run, if it tells. INDI needs it.
+    mount : Mount, optional
+        That a file of another program is of; by default an alt-azimuth one.
     **options
         For `telescope_mount.runs.load_run`.
 
@@ -69,8 +72,8 @@ def export_model(source, path, to, *, sky=None, zero='none', site=None, **option
     OSError
         One cannot be read or written.
     """
-    from pointing_model.apply import refuse_other_mounts
     from pointing_model.model_files import PROGRAMS, read_model, table
+    from pointing_model.mounts import ALTAZ
     source, path = Path(source), Path(path)
     if path.exists() and path.samefile(source):
         raise ValueError(f'{path} would be written over the model it is made from')
@@ -78,8 +81,7 @@ def export_model(source, path, to, *, sky=None, zero='none', site=None, **option
     if ours is not (to == MODEL):
         raise ValueError(f'{path}: a name ending in .json or .yaml is a model of ours (--to '
                          f'{MODEL}), and that of no other program')
-    loaded = read_model(source)
-    refuse_other_mounts(loaded.model)
+    loaded = read_model(source, mount or ALTAZ)
     model, said = _with_zero(loaded.model, zero)
     notes = [*loaded.notes, *said]
     if to == MODEL:
@@ -92,7 +94,7 @@ def export_model(source, path, to, *, sky=None, zero='none', site=None, **option
     from pointing_model.model_files import export
     context, told = None, ''
     if sky is not None:
-        context, told, more = _sky_of(sky, model, options)
+        context, told, more = _sky_of(sky, model, {**options, 'mount': mount})
         facts |= more
     if site is not None:
         facts['site'] = site
@@ -119,7 +121,7 @@ def _with_zero(model, wanted):
                        '--zero newest adds it to the indices']
     covariance = model.covariance
     terms = {**model.terms}
-    for name, value in (('IA', az), ('IE', el)):
+    for name, value in zip(model.mount.names.index, (az, el)):
         if name not in terms:
             covariance = np.pad(covariance, (0, 1))
         terms[name] = terms.get(name, 0.0) + value
@@ -139,6 +141,9 @@ def _sky_of(path, model, options):
 
     from .runs import load_run
     run = load_run(path, **options)
+    if run.mount != model.mount:
+        raise ValueError(f'{path} is a run of another mount ({run.mount.kind}) than the model '
+                         f'({model.mount.kind}), or of another latitude')
     x, y = model.residuals(run)
     # the median is the zero of the run, if it has another one than the model
     left = rms_arcsec(x - np.nanmedian(x), y - np.nanmedian(y))

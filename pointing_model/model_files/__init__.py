@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from pointing_model.model import PointingModel
+from pointing_model.mounts import ALTAZ
 
 from . import table
 from .indi import INDI
@@ -18,7 +19,7 @@ from .program import Program
 from .rts2 import RTS2
 from .spk import SPK
 from .tpoint import TPOINT
-from .transfer import Exported, Loss, export, imported, loss_of, uniform_sky
+from .transfer import Exported, Loss, export, imported, loss_of, of_mount, uniform_sky
 
 __all__ = ['PROGRAMS', 'Exported', 'Loss', 'ModelFile', 'Program', 'export', 'loss_of',
            'read_model', 'table', 'uniform_sky']
@@ -47,12 +48,14 @@ class ModelFile:
     notes: list = field(default_factory=list)
 
 
-def read_model(path):
+def read_model(path, mount=ALTAZ):
     """Read a model file of ours or of another program, told by its content.
 
     Parameters
     ----------
     path : str or Path
+    mount : Mount, optional
+        That the model is of; a file of ours knows its own.
 
     Returns
     -------
@@ -67,15 +70,20 @@ def read_model(path):
     """
     path = Path(path)
     if path.suffix.lower() in _OURS:
-        return ModelFile(PointingModel.load(path), 'telescope_mount')
+        model = PointingModel.load(path)
+        if not mount.altaz and model.mount != mount:
+            raise ValueError(f'{path} is a model of another mount ({model.mount.kind}) than the '
+                             f'one that is meant ({mount.kind}), or of another latitude')
+        return ModelFile(model, 'telescope_mount')
     data = path.read_bytes()
     if not data.strip():
         raise ValueError(f'{path} is empty')
     text = data.decode('utf-8-sig', errors='replace').replace('\r\n', '\n')
     if table.looks_like(text):
-        return ModelFile(table.read(path, text), table.NAME)
+        return ModelFile(table.read(path, text, mount), table.NAME)
     for program in PROGRAMS.values():
         if program.looks_like(text):
+            program = of_mount(program, mount)
             found = program.read(path, text)
             model, loss = imported(program, found, path)
             notes = list(found.notes)

@@ -2,14 +2,16 @@
 
 A column is a tuple ``(result, factors)``: what it moves (`effects.product.RESULTS`) and the product
 of functions that it is, each factor (function, ``'A'`` or ``'E'``, number), A from north through
-east. ``('AN', ())`` and ``('AW', ())`` are the two tilts, which act on both axes at once. Values
-are encoder - catalogue.
+east. ``('AN', ())`` and ``('AW', ())`` are the two tilts, which act on both axes at once. Of other
+mounts than alt-azimuth ones a column is a term of theirs, ``('MA', ())``. Values are encoder -
+catalogue.
 """
 
 import numpy as np
 
 from pointing_model.effects.product import RESULTS, value_of
-from pointing_model.terms import TERMS, Trig
+from pointing_model.mounts import ALTAZ
+from pointing_model.terms import TERMS, Trig, terms_of
 
 
 def _f(*factors):
@@ -43,7 +45,7 @@ OF_TERM = _terms()
 TERM_OF = {key: name for name, key in OF_TERM.items()}
 
 
-def on_sky(key, az, el):
+def on_sky(key, az, el, mount=ALTAZ):
     """What a unit of a column moves on the sky.
 
     Parameters
@@ -51,16 +53,19 @@ def on_sky(key, az, el):
     key : tuple
         A column.
     az, el : ndarray, shape (n,)
-        Catalogue place, radians.
+        Catalogue place by the axes of the mount, radians.
+    mount : Mount, optional
 
     Returns
     -------
     ndarray, shape (2, n)
         x = delta-A cos E and y = delta-E.
     """
-    trig = Trig(az, el)
+    trig = Trig(az, el, mount)
     out = np.zeros((2, len(az)))
-    if key in TERM_OF:
+    if not mount.altaz:
+        out[0], out[1] = terms_of(mount)[key[0]].of(trig)
+    elif key in TERM_OF:
         out[0], out[1] = TERMS[TERM_OF[key]].of(trig)
     else:
         result, factors = key
@@ -68,11 +73,11 @@ def on_sky(key, az, el):
     return out
 
 
-def summed(values, az, el):
+def summed(values, az, el, mount=ALTAZ):
     """Sum of columns, shape (2, n), of a dict column -> value."""
     out = np.zeros((2, len(az)))
     for key, value in values.items():
-        out += value * on_sky(key, az, el)
+        out += value * on_sky(key, az, el, mount)
     return out
 
 
@@ -155,13 +160,16 @@ def of_model(model):
         values[key] = values.get(key, 0.0) + value
     errors = np.sqrt(np.maximum(np.diag(model.covariance), 0.0))
     for (name, value), error in zip(model.terms.items(), errors):
-        if name in OF_TERM:
+        if not model.mount.altaz:
+            take((name, ()), value)
+            sigma[name, ()] = float(error)
+        elif name in OF_TERM:
             take(OF_TERM[name], value)
             sigma[OF_TERM[name]] = float(error)
         else:
             left.append(name)
     for fitted in model.effects:
-        parts = _of_effect(fitted.effect)
+        parts = _of_effect(fitted.effect) if model.mount.altaz else None
         if parts is None:
             needs = ', '.join(fitted.effect.requires)
             left.append(fitted.effect.name + (f' (follows {needs})' if needs else ''))
@@ -172,9 +180,9 @@ def of_model(model):
                 if len(part) == 1:
                     sigma.setdefault(key, float(error))
     if model.harmonics is not None:
-        series = _of_harmonics(model.harmonics)
+        series = _of_harmonics(model.harmonics) if model.mount.altaz else None
         if series is None:
-            left.append('harmonics, E read as printed')
+            left.append(f'harmonics ({model.harmonics.interpretation})')
         else:
             for key, value in series:
                 take(key, value)

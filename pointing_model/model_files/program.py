@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from pointing_model.model import PointingModel
+from pointing_model.mounts import ALTAZ, Mount
 
 from .columns import summed
 
@@ -49,6 +50,10 @@ class Program:
         Coefficients are whole multiples of this, radians; 0: they are not rounded to speak of.
     otherwise : tuple of (str, callable)
         Others that read the same file, in words, and what they compute, as `encoder`.
+    mount : Mount
+        Whose axes the angles of `encoder` are.
+    for_mount : callable, optional
+        Mount -> the same program with the terms of that mount; None: it has none of others.
     """
 
     name: str
@@ -67,6 +72,8 @@ class Program:
     plain: tuple = ()
     whole: float = 0.0
     otherwise: tuple = ()
+    mount: Mount = ALTAZ
+    for_mount: Callable | None = None
 
 
 @dataclass
@@ -113,27 +120,27 @@ class Sheet:
     site: tuple | None = None
 
 
-def first_order(values, az, el):
+def first_order(values, az, el, mount=ALTAZ):
     """Encoder angles of a sum of columns at the catalogue place."""
-    x, y = summed(values, az, el)
+    x, y = summed(values, az, el, mount)
     return az + x / np.cos(el), el + y
 
 
-def first_order_at_encoder(values, az, el):
+def first_order_at_encoder(values, az, el, mount=ALTAZ):
     """As `first_order`, with the columns taken where the encoders stand."""
     a, e = np.asarray(az, float), np.asarray(el, float)
     for _ in range(20):  # each shrinks the error by the terms' size
-        x, y = summed(values, a, e)
+        x, y = summed(values, a, e, mount)
         a, e = az + x / np.cos(e), el + y
     return a, e
 
 
-def rotations(values, az, el):
+def rotations(values, az, el, mount=ALTAZ):
     """Encoder angles of a sum of columns whose geometric ones are rotations."""
-    return model_of(values, {}, 'rotation').sky_to_encoder(az, el)
+    return model_of(values, {}, 'rotation', mount=mount).sky_to_encoder(az, el)
 
 
-def model_of(values, sigma, geometry, provenance=None):
+def model_of(values, sigma, geometry, provenance=None, mount=ALTAZ):
     """Our model of a sum of columns.
 
     Parameters
@@ -142,6 +149,7 @@ def model_of(values, sigma, geometry, provenance=None):
         By column, radians.
     geometry : {'rotation', 'first_order'}
     provenance : dict, optional
+    mount : Mount, optional
 
     Returns
     -------
@@ -152,6 +160,9 @@ def model_of(values, sigma, geometry, provenance=None):
     from pointing_model.fitted_effects import FittedEffect
 
     from .columns import TERM_OF
+    if not mount.altaz:
+        return PointingModel({key[0]: value for key, value in values.items()}, np.diag(np.square(
+            [sigma.get(key, 0.0) for key in values])), None, provenance or {}, geometry, (), mount)
     terms = {TERM_OF[key]: value for key, value in values.items() if key in TERM_OF}
     errors = [sigma.get(key, 0.0) for key in values if key in TERM_OF]
     effects = [FittedEffect(effect('product', result=key[0], factors=[list(f) for f in key[1]]),
@@ -182,5 +193,6 @@ def refuse_equatorial(path, names):
     """ValueError where terms are of an equatorial mount."""
     found = [name for name in names if EQUATORIAL.fullmatch(name)]
     if found:
-        raise ValueError(f'{path} is a model of an equatorial mount ({", ".join(found[:8])}); '
-                         'these runs and models are of alt-azimuth mounts')
+        raise ValueError(f'{path} is a model of an equatorial mount ({", ".join(found[:8])}), and '
+                         'not of an alt-azimuth one; if the mount is one, say so (--mount, '
+                         '--latitude)')

@@ -7,8 +7,10 @@ in the west (the example of its manual shows it), A - 180 degrees.
 """
 
 import re
+from dataclasses import replace
 
 from msg_tools.units import ARCSEC, DEG
+from pointing_model.mounts import ALTAZ
 
 from .columns import OF_TERM, column
 from .program import Found, Program, first_order, number_of
@@ -17,6 +19,10 @@ from .program import Found, Program, first_order, number_of
 _LINE = {'ia': ('IA', -1), 'tn': ('AN', -1), 'te': ('AW', 1), 'npae': ('NPAE', -1),
          'npoa': ('CA', 1), 'ie': ('IE', -1), 'tf': ('TF', 1)}
 _OF = {OF_TERM[name]: (own, sign) for own, (name, sign) in _LINE.items()}
+#: of an equatorial mount, RTS2_GEM (RTS2_MODEL of its C++); declinations beyond 90 degrees are
+#: those of a tube that went through the pole
+_GEM = {'id': ('ID', 1), 'me': ('ME', 1), 'ma': ('MA', 1), 'tf': ('TF', -1), 'ih': ('IH', 1),
+        'ch': ('CH', 1), 'np': ('NP', 1), 'daf': ('DAF', -1), 'fo': ('FO', 1)}
 _AXES = {'az': 'az', 'el': 'el', 'alt': 'el'}
 _PAIRS = {'sincos': ('sin', 'cos'), 'coscos': ('cos', 'cos'), 'sinsin': ('sin', 'sin')}
 _SINGLE = ('sin', 'cos', 'tan', 'cot', 'abssin', 'abscos', 'sinh', 'cosh', 'tanh')
@@ -108,6 +114,25 @@ def _write(sheet):
     return '\n'.join(rows) + '\n'
 
 
+def _write_gem(sheet):
+    # its C++ takes any name but RTS2_ALTAZ, its Python both
+    return f'# {sheet.caption}\nRTS2_MODEL ' + ' '.join(
+        f'{sheet.terms.get(name, 0.0) / ARCSEC:.7f}"' for name in _GEM) + '\n'
+
+
+def _for_mount(mount):
+    """gpoint of an equatorial mount: nine terms, in first order."""
+    if mount.kind not in ('equatorial', 'german'):
+        raise ValueError(f'RTS2 has no models of a mount that is {mount.kind}')
+    of = {name: (own, float(sign)) for own, (name, sign) in _GEM.items()}
+    return replace(
+        RTS2, own=lambda key: [of[key[0]]] if key[0] in of else None,
+        column=lambda name: [((_GEM[name][0], ()), float(_GEM[name][1]))],
+        candidates=tuple((name, ()) for name in of), mount=mount, write=_write_gem,
+        encoder=lambda values, az, el: first_order(values, az, el, mount),
+        read=lambda path, text: _read(path, text, mount))
+
+
 def _looks_like(text):
     return bool(re.search(r'^\s*RTS2_(ALTAZ|MODEL|GEM)\b', text, re.MULTILINE))
 
@@ -117,23 +142,31 @@ def _angle(path, line, name, word):
     return number_of(path, line, name, word if unit == 1.0 else word[:-1]) * unit
 
 
-def _read(path, text):
+def _read(path, text, mount=ALTAZ):
     found, head = Found({}), None
+    line_of = _LINE if mount.altaz else _GEM
     for number, line in enumerate(text.splitlines(), 1):
         words = line.split()
         if not words or line.startswith('#'):
             continue
         if head is None:
             head = words[0]
-            if head in ('RTS2_MODEL', 'RTS2_GEM'):
-                raise ValueError(f'{path} is a model of an equatorial mount ({head}); these runs '
-                                 'and models are of alt-azimuth mounts')
-            if head != 'RTS2_ALTAZ' or len(words) != 8:
-                raise ValueError(f'{path}, row {number}: expected RTS2_ALTAZ and seven numbers, '
-                                 f'found {line[:60]!r}')
-            for name, word in zip(_LINE, words[1:]):
+            gem = head in ('RTS2_MODEL', 'RTS2_GEM')
+            if gem and mount.altaz:
+                raise ValueError(f'{path} is a model of an equatorial mount ({head}), and not of '
+                                 'an alt-azimuth one; if the mount is one, say so (--mount, '
+                                 '--latitude)')
+            if head == 'RTS2_ALTAZ' and not mount.altaz:
+                raise ValueError(f'{path} is a model of an alt-azimuth mount, and the mount is '
+                                 f'{mount.kind}')
+            if not (gem or head == 'RTS2_ALTAZ') or len(words) != 1 + len(line_of):
+                raise ValueError(f'{path}, row {number}: expected RTS2_ALTAZ and seven numbers, or '
+                                 f'RTS2_MODEL and nine, found {line[:60]!r}')
+            for name, word in zip(line_of, words[1:]):
                 found.terms[name] = _angle(path, number, name, word)
             continue
+        if not mount.altaz:
+            raise ValueError(f'{path}, row {number}: extra terms of equatorial mounts are not read')
         name, value = _extra(path, number, words)
         if name in found.terms:
             raise ValueError(f'{path}, row {number}: {name} is there twice')
@@ -172,4 +205,4 @@ def _extra(path, number, words):
 RTS2 = Program(
     'rts2', 'RTS2 gpoint', 'RTS2/rts2, lib/rts2tel/gpointmodel.cpp and python/rts2/gpoint.py',
     '.model', _own, _column, _candidates(), first_order, _write, _read, _looks_like, 'first_order',
-    '1e-7 arcsec')
+    '1e-7 arcsec', for_mount=_for_mount)

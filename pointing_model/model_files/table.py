@@ -15,7 +15,8 @@ from msg_tools.units import ARCSEC
 from pointing_model.fitted_effects import FittedEffect
 from pointing_model.harmonics import Harmonics
 from pointing_model.model import PointingModel
-from pointing_model.terms import TERMS
+from pointing_model.mounts import ALTAZ
+from pointing_model.terms import terms_of
 
 from .program import number_of, refuse_equatorial
 
@@ -34,7 +35,7 @@ def write(model, caption):
     errors = np.sqrt(np.maximum(np.diag(model.covariance), 0.0))
     for (name, value), error in zip(model.terms.items(), errors):
         rows.writerow(['term', name, repr(value / ARCSEC), repr(float(error) / ARCSEC),
-                       TERMS[name].formula, '', ''])
+                       terms_of(model.mount)[name].formula, '', ''])
     h = model.harmonics
     if h is not None:
         for name, (value, error) in h.coefficients.items():
@@ -58,7 +59,7 @@ def looks_like(text):
     return 'value_arcsec' in names and 'name' in names
 
 
-def read(path, text):
+def read(path, text, mount=ALTAZ):
     """The model of a table.
 
     Parameters
@@ -66,6 +67,7 @@ def read(path, text):
     path : Path or str
         For messages.
     text : str
+    mount : Mount, optional
 
     Returns
     -------
@@ -100,10 +102,11 @@ def read(path, text):
         value = number_of(path, number, name, row['value_arcsec']) * ARCSEC
         error = number_of(path, number, f'sigma of {name}', row.get('sigma_arcsec') or '0') * ARCSEC
         if part == 'term':
-            if name not in TERMS:
-                refuse_equatorial(path, [name])
+            if name not in terms_of(mount):
+                if mount.altaz:
+                    refuse_equatorial(path, [name])
                 raise ValueError(f'{path}, row {number}: {name} is no term that is known here; '
-                                 f'known are {", ".join(TERMS)}')
+                                 f'known are {", ".join(terms_of(mount))}')
             if name in terms:
                 raise ValueError(f'{path}, row {number}: {name} is there twice')
             terms[name] = value
@@ -117,7 +120,7 @@ def read(path, text):
                              'effect')
     return PointingModel(terms, np.diag(np.square(errors)), _harmonics(path, series),
                          {'source': str(path), 'program': NAME}, geometry,
-                         [_effect(path, made, rows) for made, rows in effects.items()])
+                         [_effect(path, made, rows) for made, rows in effects.items()], mount)
 
 
 def _harmonics(path, series):

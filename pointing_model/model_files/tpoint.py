@@ -12,11 +12,14 @@ itself.
 """
 
 import re
+from dataclasses import replace
 from math import comb
 
 import numpy as np
 
 from msg_tools.units import ARCSEC
+from pointing_model.mounts import ALTAZ
+from pointing_model.terms import terms_of
 
 from .columns import OF_TERM, column, summed
 from .program import (
@@ -161,7 +164,7 @@ def _looks_like(text):
         for word in words)
 
 
-def _read(path, text):
+def _read(path, text, of=columns_of, mount=ALTAZ):
     lines = [(i, line.rstrip()) for i, line in enumerate(text.splitlines(), 1)
              if line.strip() and not line.lstrip().startswith(('!', '#'))]
     framed = len(lines) >= 2 and _METHOD.fullmatch(lines[1][1].strip())
@@ -184,12 +187,14 @@ def _read(path, text):
             found.sigma[name] = abs(number_of(path, number, f'sigma of {name}', sigma)) * ARCSEC
         if '=' in flags:
             fixed.append(name)
-    refuse_equatorial(path, [name for name in names if columns_of(name) is None])
-    unknown = [f'{name} (row {names[name]})' for name in names if columns_of(name) is None]
+    if mount.altaz:
+        refuse_equatorial(path, [name for name in names if of(name) is None])
+    unknown = [f'{name} (row {names[name]})' for name in names if of(name) is None]
     if unknown:
+        known = f'{", ".join(_NAMED)}, ECEC, harmonics as HASA2, HECA, HVSA2, HESA3CE3 ' \
+            'and polynomials as PZZ1' if mount.altaz else ', '.join(_signs(mount))
         raise ValueError(f'{path}: {", ".join(unknown)} is no term that is known here; known are '
-                         f'{", ".join(_NAMED)}, ECEC, harmonics as HASA2, HECA, HVSA2, HESA3CE3 '
-                         'and polynomials as PZZ1')
+                         + known)
     if not names:
         raise ValueError(f'{path} holds no term')
     if framed and not ended:
@@ -197,6 +202,31 @@ def _read(path, text):
     if fixed:
         found.notes.append('held fixed in TPOINT, taken as the others: ' + ', '.join(fixed))
     return found
+
+
+def _signs(mount):
+    """TPOINT's name of each term of another mount -> our coefficient for a unit of TPOINT's."""
+    return {name: float(term.tpoint_sign) for name, term in terms_of(mount).items()
+            if term.tpoint_sign}
+
+
+def _for_mount(mount):
+    """TPOINT of an equatorial mount: its dictionary of terms, on either side of the pier."""
+    signs = _signs(mount)
+
+    def own(key):
+        return [(key[0], signs[key[0]])] if key[0] in signs else None
+
+    def of(name):
+        return [((name, ()), signs[name])] if name in signs else None
+    if not signs:
+        raise ValueError(f'TPOINT has no names for a mount that is {mount.kind}')
+    return replace(
+        TPOINT, own=own, column=of, candidates=tuple((name, ()) for name in signs), mount=mount,
+        encoder=lambda values, az, el: rotations(values, az, el, mount),
+        read=lambda path, text: _read(path, text, of, mount), otherwise=(
+            ('read to first order at the encoder angles',
+             lambda values, az, el: first_order_at_encoder(values, az, el, mount)),))
 
 
 def _kernel(values, az, el):
@@ -213,4 +243,4 @@ TPOINT = Program(
     '1e-4 arcsec', otherwise=(
         ('read to first order at the encoder angles (pytelpoint and others)',
          first_order_at_encoder),
-        ('read by the rotations of SPK and TCSpk', _kernel)))
+        ('read by the rotations of SPK and TCSpk', _kernel)), for_mount=_for_mount)

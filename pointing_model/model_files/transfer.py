@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from msg_tools.units import ARCSEC, wrap
-from pointing_model.apply import refuse_other_mounts
 from pointing_model.context import Context
 from pointing_model.effects.product import RESULTS, written
+from pointing_model.mounts import ALTAZ, through_pole
 
 from .columns import OF_TERM, TERM_OF, of_model, on_sky
 from .program import Program, Sheet, model_of, rotations
@@ -39,16 +39,24 @@ class Loss:
                 'directions': self.directions, 'not_reached': self.unseen}
 
 
-def uniform_sky(count=600):
-    """Directions spread evenly over the sky above 20 degrees, as a Context."""
+def uniform_sky(count=600, mount=ALTAZ):
+    """Directions spread evenly over the sky above 20 degrees, as a Context of the axes.
+
+    Of a German mount every other one is seen through the pole.
+    """
     i = np.arange(count)
     height = np.sin(_LOWEST) + (1.0 - np.sin(_LOWEST)) * (i + 0.5) / count
-    return Context(np.mod(i * np.pi * (3.0 - np.sqrt(5.0)), 2.0 * np.pi), np.arcsin(height))
+    az, el = np.mod(i * np.pi * (3.0 - np.sqrt(5.0)), 2.0 * np.pi), np.arcsin(height)
+    if mount.altaz:
+        return Context(az, el)
+    ha, dec = mount.axes_of(az, el)
+    # both sides of the pier, where the mount goes through the pole
+    return Context(*through_pole(ha, dec, (i % 2 == 1) & (mount.kind == 'german')), mount=mount)
 
 
 def apart(one, other, el):
     """On-sky difference of two pairs of encoder angles, shape (2, n)."""
-    return np.stack([wrap(one[0] - other[0]) * np.cos(el), one[1] - other[1]])
+    return np.stack([wrap(one[0] - other[0]) * np.cos(el), wrap(one[1] - other[1])])
 
 
 def loss_of(target, program, values, sky):
@@ -158,12 +166,11 @@ def export(model, program, sky=None, told='', facts=None):
     Raises
     ------
     ValueError
-        The model is of no alt-azimuth mount, or reaches none of the directions.
+        The program has no terms of the model's mount, or the model reaches no direction.
     """
-    refuse_other_mounts(model)
-    given = sky is not None
+    program, given = of_mount(program, model.mount), sky is not None
     if not given:
-        sky, told = uniform_sky(), 'a uniform sky above 20 degrees'
+        sky, told = uniform_sky(mount=model.mount), 'a uniform sky above 20 degrees'
     target = np.stack(model.sky_to_encoder(sky.az, sky.el, sky))
     good = np.isfinite(target).all(axis=0)
     sky, target = sky.select(good), target[:, good]
@@ -173,8 +180,8 @@ def export(model, program, sky=None, told='', facts=None):
     still = replace(model, effects=[e for e in model.effects if not e.effect.requires])
     aim = np.stack(still.sky_to_encoder(sky.az, sky.el))
     values, sigma, left = of_model(model)
-    values = {key: value for key, value in values.items()
-              if value or key in TERM_OF and program.own(key) is not None}
+    values = {key: value for key, value in values.items() if value or (
+              key in TERM_OF or not model.mount.altaz) and program.own(key) is not None}
     lacking = [key for key in values if program.own(key) is None]
     left += [_name_of(key) for key in lacking]
     taken = {key: value for key, value in values.items() if key not in lacking}
@@ -198,7 +205,7 @@ def export(model, program, sky=None, told='', facts=None):
     read = _by_column(program, found.terms)
     loss, elsewhere = loss_of(target, program, read, sky), None
     if given:
-        whole = uniform_sky()
+        whole = uniform_sky(mount=model.mount)
         elsewhere = loss_of(np.stack(still.sky_to_encoder(whole.az, whole.el)), program, read,
                             whole)
     notes = list(found.notes)
@@ -210,7 +217,19 @@ def export(model, program, sky=None, told='', facts=None):
                     [n for key in added for n, _ in program.own(key)], left, notes, told)
 
 
+def of_mount(program, mount):
+    """The program with the terms of a mount; ValueError where it has none."""
+    if mount.altaz:
+        return program
+    if program.for_mount is None:
+        raise ValueError(f'models of {program.title} are read and written of alt-azimuth mounts '
+                         f'alone, and this one is of another ({mount.kind})')
+    return program.for_mount(mount)
+
+
 def _name_of(key):
+    if key[0] not in RESULTS:
+        return key[0]
     return TERM_OF.get(key) or f'{written(key[1])} {RESULTS[key[0]][1]}'
 
 
@@ -228,19 +247,21 @@ def _refit(program, target, start, sky, more):
     With `more`, where parts of the model have no column there, the program's other columns are
     taken as far as they pay; what second order leaves of rotations is not dressed up so.
     """
-    keys = [*start, *(OF_TERM[n] for n in ('IA', 'IE') if OF_TERM[n] not in start)]
+    index = [OF_TERM[n] for n in ('IA', 'IE')] if program.mount.altaz else [
+        (n, ()) for n in program.mount.names.index]
+    keys = [*start, *(key for key in index if key not in start)]
     keys = [key for key in keys if program.own(key) is not None]
     begun = list(keys)
     values = _solved(program, target, {key: start.get(key, 0.0) for key in keys}, sky)
-    pool = {key: np.ravel(on_sky(key, sky.az, sky.el)) for key in program.candidates
+    pool = {key: np.ravel(on_sky(key, sky.az, sky.el, program.mount)) for key in program.candidates
             if more and key not in keys}
     while pool:
         left = np.ravel(apart(target, program.encoder(values, sky.az, sky.el), sky.el))
         rms = np.sqrt(2.0 * np.mean(left**2)) / ARCSEC
         if not rms > _ENOUGH:
             break
-        base = np.linalg.qr(np.stack([np.ravel(on_sky(k, sky.az, sky.el)) for k in keys], axis=1)
-                            )[0]
+        base = np.linalg.qr(np.stack([np.ravel(on_sky(k, sky.az, sky.el, program.mount))
+                                      for k in keys], axis=1))[0]
         left = left - base @ (base.T @ left)
         best, gain = None, 0.0
         for key, column in pool.items():
@@ -263,7 +284,8 @@ def _solved(program, target, start, sky):
     """Gauss-Newton with first-order columns: each step shrinks the rest by the terms' size."""
     values = dict(start)
     keys = list(values)
-    columns = np.stack([np.ravel(on_sky(key, sky.az, sky.el)) for key in keys], axis=1)
+    columns = np.stack([np.ravel(on_sky(key, sky.az, sky.el, program.mount)) for key in keys],
+                       axis=1)
     size = np.linalg.norm(columns, axis=0)
     for _ in range(_STEPS):
         left = np.ravel(apart(target, program.encoder(values, sky.az, sky.el), sky.el))
@@ -312,7 +334,7 @@ def imported(program, found, source=''):
             sigma[key] = float(np.hypot(sigma.get(key, 0.0), share * error))
     provenance = {'source': str(source), 'program': program.name}
     if program.geometry:
-        return model_of(values, sigma, program.geometry, provenance), None
+        return model_of(values, sigma, program.geometry, provenance, program.mount), None
     # neither rotations nor first order of ours: the nearest of ours
     sky = uniform_sky()
     target = np.stack(program.encoder(values, sky.az, sky.el))

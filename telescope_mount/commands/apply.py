@@ -30,12 +30,15 @@ def add(commands):
                         'model carries from its night: newest (default; rows with a column run '
                         'take that of their run), none, or the number of a run')
     options.add(parser, 'latitude', 'longitude')
+    options.add(parser, 'mount', help='that a model of another program is of: equatorial, german '
+                '(with --latitude), free:AZ,EL[,ROLL]; its columns are then ha_deg, dec_deg ...')
 
 
 def run(args):
     """Read, turn, write, say what was not known."""
     from pointing_model.apply import NEWEST, NO_ZEROS
     from pointing_model.model_files import read_model
+    from pointing_model.mounts import ALTAZ
 
     from .console import print_lines
     options.check_target(args.out)
@@ -45,7 +48,7 @@ def run(args):
         except ValueError:
             raise ValueError(f'--zero {args.zero}: write newest, none or the number of a '
                              'run') from None
-    loaded = read_model(args.model)
+    loaded = read_model(args.model, options.mount_of(args) or ALTAZ)
     header, rows, delimiter, notes = _apply(loaded.model, args)
     if args.out:
         with open(args.out, 'w', newline='', encoding='utf-8') as stream:
@@ -64,14 +67,17 @@ def _apply(model, args):
     from msg_tools.units import DEG
     from pointing_model.apply import turned, zeros_of_rows
     from pointing_model.context import Context
+    from pointing_model.run import column_name
     name, header, rows, lines, delimiter = _table(args.file)
     cells = dict(zip(header, zip(*rows) if rows else [()] * len(header)))
-    pair = ('az_enc_deg', 'el_enc_deg') if args.reverse else ('az_deg', 'el_deg')
-    columns, notes = _drivers(name, lines, cells, pair, args)
+    places, readings = ([column_name(f'{axis}{part}', model.mount.names) for axis in ('az', 'el')]
+                        for part in ('', '_enc'))
+    pair = readings if args.reverse else places
+    columns, notes = _drivers(name, lines, cells, pair, places, args)
     az, el = (_angles(name, lines, column, cells) for column in pair)
-    _check(name, lines, pair, az, el, args.reverse)
+    _check(name, lines, pair, az, el, args.reverse or not model.mount.altaz)
     place = [None if v is None else v * DEG for v in (args.latitude, args.longitude)]
-    context = Context(az * DEG, el * DEG, columns, *place)
+    context = Context(az * DEG, el * DEG, columns, *place, mount=model.mount)
     zero, applied = zeros_of_rows(model, args.zero, columns.get('run'))
     out = np.stack(turned(model, context, zero, args.reverse)) / DEG
     notes += [*_said_of_zeros(model, applied, columns.get('run'), args.zero), *_unknown(
@@ -81,7 +87,7 @@ def _apply(model, args):
         notes.append(f'the mount cannot look there, nearer to its zenith than its axes allow: '
                      f'cells left empty in row{"s" * int(bad.sum() > 1)} '
                      + _listed(np.asarray(lines)[bad]))
-    names = ('az_deg', 'el_deg') if args.reverse else ('az_enc_deg', 'el_enc_deg')
+    names = places if args.reverse else readings
     if set(names) & set(header):
         names = tuple(f'{n.removesuffix("_deg")}_model_deg' for n in names)
         notes.append(f'the file has angles of that side already: those of the model are in '
@@ -134,22 +140,22 @@ def _angles(name, lines, column, cells):
     return values
 
 
-def _check(name, lines, pair, az, el, reverse):
+def _check(name, lines, pair, az, el, beyond):
     """Refuse what is no direction in degrees."""
     import numpy as np
-    highest = 180.0 if reverse else 90.0  # a tube past the zenith
-    bad = (el < -90.0) | (el > highest)
+    # a tube past the zenith or through the pole
+    bad = (el < (-180.0 if beyond else -90.0)) | (el > (180.0 if beyond else 90.0))
     if bad.any():
         i = int(np.argmax(bad))
-        raise ValueError(f'{name}, row {lines[i]}, column {pair[1]}: {el[i]:g} is no elevation in '
-                         'degrees')
+        raise ValueError(f'{name}, row {lines[i]}, column {pair[1]}: {el[i]:g} is no such '
+                         'angle in degrees')
     if len(el) >= 3 and np.abs(el).max() <= 1.6 and np.abs(az).max() <= 6.3 and np.ptp(el) > 0.05:
         raise ValueError(f'{name}: {pair[0]}, {pair[1]} never exceed '
                          f'{max(np.abs(az).max(), np.abs(el).max()):.3g}: they look like radians; '
                          'give degrees')
 
 
-def _drivers(name, lines, cells, pair, args):
+def _drivers(name, lines, cells, pair, places, args):
     """What the effects may follow, in SI by the names in memory; remarks."""
     import numpy as np
 
@@ -167,7 +173,7 @@ def _drivers(name, lines, cells, pair, args):
     cells = {**cells, **{key: [value] * len(lines) for key, value in given.items()}}
     out, notes = {}, []
     for column, values in cells.items():
-        if column in pair or column in ('az_deg', 'el_deg') or not column:
+        if column in pair or column in places or not column:
             continue
         known = CSV_NAMES.get(column)
         where = 'the options' if column in given else name

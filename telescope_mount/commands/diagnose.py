@@ -74,7 +74,7 @@ def _run(args):
     runs, empty = load_runs(args.runs, **place)
     held, empty_held = load_runs(args.holdout, **place) if args.holdout else (None, [])
     print_lines(console, 'note', [*empty, *empty_held])
-    base = _base_file(args.base)
+    base = _base_file(args.base, runs[0].mount)
     if base:
         runs, held = ([base.taken_off(run, args.encoder) for run in each] if each else each
                       for each in (runs, held))
@@ -93,18 +93,18 @@ def _write_json(path, document):
     path.write_text(json.dumps(document, indent=1) + '\n', encoding='utf-8')
 
 
-def _base_file(text):
+def _base_file(text, mount):
     """The model file that declares the base, if ``--base`` names one."""
     if '/' not in text and not Path(text).suffix:
         from calibration.diagnosis.base import Base
         try:
-            Base.parse(text)
+            Base.parse(text, mount=mount)
             return None
         except ValueError:
             if not Path(text).is_file():
                 raise
     from ..base_model import BaseModel
-    return BaseModel.read(text)
+    return BaseModel.read(text, mount)
 
 
 def _write(args, found, console, base=None):

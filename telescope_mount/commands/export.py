@@ -46,6 +46,8 @@ def add(commands):
     options.add(parser, 'azimuth-origin')
     options.add(parser, 'latitude', help='of the site; --to indi needs it')
     options.add(parser, 'longitude')
+    options.add(parser, 'mount', help='that a model of another program is of: equatorial, german '
+                '(with --latitude), free:AZ,EL[,ROLL]')
 
 
 def run(args):
@@ -55,7 +57,7 @@ def run(args):
     if args.to:
         _run_model(args, console)
         return
-    _refuse(args, ('sky', 'zero', 'json', 'latitude', 'longitude'),
+    _refuse(args, ('sky', 'zero', 'json', 'latitude', 'longitude', 'mount'),
             'is of models: say the program with --to')
     if args.topics:
         files, problems = export_topics(args.file, args.out, args.topics, form=args.format,
@@ -81,15 +83,14 @@ def _run_model(args, console):
     if zero not in ('none', 'newest') and not zero.lstrip('-').isdigit():
         raise ValueError(f'--zero {zero}: write newest, none or the number of a run')
     place = (args.latitude, args.longitude)
-    if (place[0] is None) is not (place[1] is None):
+    mount, site = options.mount_of(args), None
+    if (place[0] is None) is not (place[1] is None) and not args.mount:
         raise ValueError('a site needs --latitude and --longitude')
-    if place[0] is not None:
+    if None not in place:
         from msg_tools.units import DEG
         site = tuple(v * DEG for v in place)
-    else:
-        site = None
     written = model_export.export_model(args.file, args.out, args.to, sky=args.sky, zero=zero,
-                                        site=site, azimuth_origin=args.azimuth_origin)
+                                        site=site, mount=mount, azimuth_origin=args.azimuth_origin)
     model_export.show(written, console)
     if args.json:
         import json

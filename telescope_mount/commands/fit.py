@@ -131,12 +131,9 @@ def _base(args, run):
     """The model file that declares the terms, if one does, and the run without what it holds."""
     if args.base is None:
         return None, run
-    from pointing_model.terms import PHYSICAL
-
     from ..base_model import BaseModel
-    mount = getattr(run, 'mount', None)  # runs of other mounts have their own names
-    if args.terms != (PHYSICAL if mount is None else mount.names.physical):
+    if args.terms != run.mount.names.physical:
         raise ValueError('--base and --terms both say which terms to fit; leave one out')
-    base = BaseModel.read(args.base)
+    base = BaseModel.read(args.base, run.mount)
     args.terms = base.terms
     return base, base.taken_off(run, args.encoder)

@@ -9,7 +9,6 @@ from pointing_model.context import Context
 from pointing_model.effects import effect
 from pointing_model.fitted_effects import FittedEffect
 from pointing_model.model import PointingModel
-from pointing_model.model_files import PROGRAMS, export
 
 TERMS = {'IA': 412.0 * ARCSEC, 'CA': 25.0 * ARCSEC, 'AN': 30.0 * ARCSEC, 'TF': 15.0 * ARCSEC}
 ZEROS = [{'run': 1, 'az_arcsec': 100.0, 'el_arcsec': -50.0},
@@ -68,15 +67,3 @@ def test_where_the_mount_cannot_look_is_nan():
     model = PointingModel({'CA': 3600.0 * ARCSEC})
     az, el = turned(model, Context([0.0, 1.0], np.radians([89.5, 45.0])))
     assert np.isnan(az[0]) and np.isfinite(el[1])
-
-
-def test_a_model_of_another_mount_is_refused():
-    class Fork:
-        kind, altaz = 'equatorial', False
-
-    model = PointingModel(TERMS)
-    object.__setattr__(model, 'mount', Fork())
-    with pytest.raises(ValueError, match='another mount .equatorial.'):
-        apply(model, AZ, EL)
-    with pytest.raises(ValueError, match='another mount .equatorial.'):
-        export(model, PROGRAMS['tpoint'])

@@ -107,3 +107,44 @@ def test_what_is_held_is_said_to_be(ended, tmp_path):
 def test_bad_input_is_one_line(refused, model, tmp_path, monkeypatch, options, words):
     monkeypatch.chdir(tmp_path)
     assert words in refused('export', 'model.json', *options)
+
+
+def test_a_german_mount_from_the_fit_to_the_encoders(ended, refused, tmp_path):
+    """Fit with TPOINT's terms, export, apply and back, on both sides of the pier."""
+    from pointing_model.model_files import uniform_sky
+    from pointing_model.mounts import Mount
+    mount = Mount.equatorial(np.radians(33.3), 'german')
+    terms = {'IH': 212.0, 'ID': -131.0, 'CH': 44.0, 'NP': -18.0, 'MA': 30.0, 'ME': -64.0}
+    model = PointingModel({n: v * ARCSEC for n, v in terms.items()}, mount=mount)
+    sky = uniform_sky(80, mount)
+    ha_enc, dec_enc = model.sky_to_encoder(sky.az, sky.el)
+    rng = np.random.default_rng(2)
+    write_csv(PointingRun({'az': sky.az, 'el': sky.el, 'az_enc': ha_enc + rng.normal(
+        size=80) * ARCSEC, 'el_enc': dec_enc + rng.normal(size=80) * ARCSEC}, {'mount': mount}),
+        tmp_path / 'run.csv')
+    here = ['--mount', 'german', '--latitude', '33.3']
+    (tmp_path / 'tcs.mod').write_text('caption\nT 9 1.0 0.0 0.0\n' + ''.join(
+        f'  {name:8}+1.0000 0.1\n' for name in terms) + 'END\n')
+    code, said, err = ended('fit', tmp_path / 'run.csv', *here, '--base', tmp_path / 'tcs.mod',
+                            '--save', tmp_path / 'new.json')
+    assert code == 0, err
+    new = PointingModel.load(tmp_path / 'new.json')
+    assert new.mount == mount and {n: v / ARCSEC for n, v in new.terms.items()} == pytest.approx(
+        terms, abs=2.5)
+    code, said, err = ended('export', tmp_path / 'new.json', tmp_path / 'new.mod', '--to',
+                            'tpoint', '--sky', tmp_path / 'run.csv')
+    assert code == 0, err
+    said = ' '.join(said.split())
+    assert 'TPOINT computes what the model does' in said and 'directions of run.csv' in said
+    (tmp_path / 'in.csv').write_text('ha_deg,dec_deg\n-20,30\n160,150\n')
+    code, out, err = ended('apply', tmp_path / 'new.mod', tmp_path / 'in.csv', *here)
+    assert code == 0 and out.splitlines()[0] == 'ha_deg,dec_deg,ha_enc_deg,dec_enc_deg'
+    expected = new.sky_to_encoder(np.radians([-20.0, 160.0]), np.radians([30.0, 150.0]))
+    got = np.array([[float(c) for c in line.split(',')[2:]] for line in out.splitlines()[1:]])
+    np.testing.assert_allclose(np.radians(got.T), expected, atol=0.001 * ARCSEC)
+    (tmp_path / 'there.csv').write_text(out)
+    code, out, err = ended('apply', tmp_path / 'new.mod', tmp_path / 'there.csv', '--reverse',
+                           *here)
+    back = np.array([[float(c) for c in line.split(',')[4:]] for line in out.splitlines()[1:]])
+    np.testing.assert_allclose(back, [[-20.0, 30.0], [160.0, 150.0]], atol=1e-9)
+    assert 'say so (--mount' in refused('apply', tmp_path / 'new.mod', tmp_path / 'in.csv')
