@@ -7,10 +7,12 @@ mount before its indices.
 """
 
 import re
+from dataclasses import replace
 
 import numpy as np
 
 from msg_tools.units import ARCSEC, DEG
+from pointing_model.mounts import ALTAZ
 
 from .columns import OF_TERM, TERM_OF, column, summed
 from .program import Found, Program, number_of
@@ -30,6 +32,10 @@ _OWN = {key: [(name, float(sign))] for name, (key, sign) in _TERMS.items()}
 for _name, (_result, _angle) in _WAVES.items():
     for _f in ('cos', 'sin'):
         _OWN.setdefault(column(_result, (_f, _angle, 1)), [(f'{_name} {_f}', 1.0)])
+#: of an equatorial mount; dfCor is the fork's. What it is of a German one, a flexure of the
+#: declination axis that lifts the declination, no term of ours is
+_EQUATORIAL = {'ax1Cor': ('IH', -1), 'ax2Cor': ('ID', 1), 'altCor': ('ME', 1), 'azmCor': ('MA', 1),
+               'doCor': ('CH', 1), 'pdCor': ('NP', -1), 'dfCor': ('FO', 1), 'tfCor': ('TF', -1)}
 _INDEX = tuple(OF_TERM[name] for name in ('IA', 'IE'))
 
 
@@ -42,13 +48,13 @@ def _column(name):
     return [(column(result, (f, angle, 1)), 1.0)]
 
 
-def _encoder(values, az, el):
-    moved = {key: value for key, value in values.items() if key not in _INDEX}
+def _encoder(values, az, el, mount=ALTAZ, index=_INDEX):
+    moved = {key: value for key, value in values.items() if key not in index}
     a, e = np.asarray(az, float), np.asarray(el, float)
     for _ in range(3):  # as there
-        x, y = summed(moved, a, e)
+        x, y = summed(moved, a, e, mount)
         a, e = az + x / np.cos(e), el + y
-    return a + values.get(_INDEX[0], 0.0), e + values.get(_INDEX[1], 0.0)
+    return a + values.get(index[0], 0.0), e + values.get(index[1], 0.0)
 
 
 def _write(sheet):
@@ -104,6 +110,29 @@ def _read(path, text):
     return Found(out, {}, notes)
 
 
+def _for_mount(mount):
+    """OnStepX of an equatorial mount, on both sides of the pier."""
+    if mount.kind not in ('equatorial', 'german'):
+        raise ValueError(f'OnStepX has no models of a mount that is {mount.kind}')
+    terms = {name: row for name, row in _EQUATORIAL.items()
+             if name != 'dfCor' or mount.kind == 'equatorial'}
+    own = {(term, ()): [(name, float(sign))] for name, (term, sign) in terms.items()}
+    index = tuple((name, ()) for name in mount.names.index)
+
+    def read(path, text):
+        found = _read(path, text)
+        unknown = [name for name, value in found.terms.items() if value and name not in terms]
+        if unknown:
+            raise ValueError(f'{path}: {", ".join(unknown)} is not read of a mount that is '
+                             f'{mount.kind}')
+        found.terms = {name: value for name, value in found.terms.items() if name in terms}
+        return found
+    return replace(
+        ONSTEPX, own=own.get, candidates=tuple(own), mount=mount, read=read,
+        column=lambda name: [((terms[name][0], ()), float(terms[name][1]))],
+        encoder=lambda values, az, el: _encoder(values, az, el, mount, index))
+
+
 def _looks_like(text):
     return bool(re.search(r'^:SX0\w,', text, re.MULTILINE))
 
@@ -111,4 +140,4 @@ def _looks_like(text):
 ONSTEPX = Program(
     'onstepx', 'OnStepX', 'hjd1964/OnStepX, src/telescope/mount/coordinates/Align.hs.cpp', '.txt',
     _OWN.get, _column, tuple(key for key in _OWN if key in TERM_OF), _encoder, _write, _read,
-    _looks_like, None, 'whole arcseconds', whole=ARCSEC)
+    _looks_like, None, 'whole arcseconds', whole=ARCSEC, for_mount=_for_mount)

@@ -300,7 +300,7 @@ def _solved(program, target, start, sky):
 def _to_whole(program, values, sky):
     """Values rounded one after the other, each with the others moved to make up for it."""
     free = dict(values)
-    columns = {key: np.ravel(on_sky(key, sky.az, sky.el)) for key in free}
+    columns = {key: np.ravel(on_sky(key, sky.az, sky.el, program.mount)) for key in free}
     out = {}
     for key in sorted(free, key=lambda k: -np.linalg.norm(columns[k])):
         value = free.pop(key)
@@ -336,11 +336,10 @@ def imported(program, found, source=''):
     if program.geometry:
         return model_of(values, sigma, program.geometry, provenance, program.mount), None
     # neither rotations nor first order of ours: the nearest of ours
-    sky = uniform_sky()
+    sky = uniform_sky(mount=program.mount)
     target = np.stack(program.encoder(values, sky.az, sky.el))
-    values = _solved(_OURS, target, values, sky)
-    return model_of(values, sigma, 'rotation', provenance), loss_of(target, _OURS, values, sky)
-
-
-_OURS = Program('ours', '', '', '', lambda key: [('', 1.0)], None, (), rotations, None, None, None,
-                'rotation')
+    ours = replace(program, geometry='rotation', encoder=lambda values, az, el: rotations(
+        values, az, el, program.mount))
+    values = _solved(ours, target, values, sky)
+    return model_of(values, sigma, 'rotation', provenance, program.mount), loss_of(
+        target, ours, values, sky)

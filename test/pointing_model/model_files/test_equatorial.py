@@ -1,6 +1,7 @@
-"""Models of equatorial mounts for TPOINT and RTS2, and back: signs, sides of the pier."""
+"""Models of equatorial mounts for other programs, and back: signs, sides of the pier."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -97,6 +98,54 @@ def test_signs_of_rts2_are_those_of_its_formulae(mount):
         assert wrap(got[1][i] - sky.el[i]) == pytest.approx(d_dec, abs=1e-5 * ARCSEC)
 
 
+@pytest.mark.parametrize('mount', [FORK, GERMAN], ids=['fork', 'german'])
+def test_spks_rotations_are_ours_on_both_sides_of_the_pier(mount):
+    """Another geometry, by the author of TPOINT: each term alone, large, is the same rotation."""
+    for name in SEVEN:
+        size = 15.0 if name == 'TF' else 1800.0  # where along its way the droop is taken
+        exported = export(PointingModel({name: size * ARCSEC}, mount=mount), PROGRAMS['spk'])
+        assert exported.direct.largest < (0.05 if name == 'TF' else 1e-6), name
+    exported = export(PointingModel(SEVEN, mount=mount), PROGRAMS['spk'])
+    assert exported.loss.rms < 0.01 and exported.left == []
+
+
+def goto(text, ha, dec, side):
+    """What OnStepX makes of a place and a side of the pier, radians: its published formulae."""
+    c = {n: int(v) * ARCSEC for n, v in re.findall(r':SX0(\w),(-?\d+)#', text)}
+    ax1, ax2, alt, azm, do, pd, ff, tf = (c[n] for n in '01234568')
+    sp, cp = math.sin(PHI), math.cos(PHI)
+    a1, a2 = ha, dec
+    for _ in range(3):
+        t1 = (alt * math.sin(a1) - azm * math.cos(a1)) * math.tan(a2) + side * (
+            do / math.cos(a2) - pd * math.tan(a2)) + tf * cp * math.sin(a1) / math.cos(a2)
+        t2 = azm * math.sin(a1) + (alt + ff) * math.cos(a1) + tf * (
+            cp * math.cos(a1) * math.sin(a2) - sp * math.cos(a2))
+        a1, a2 = ha + t1, dec + t2
+    a1, a2 = a1 - ax1, a2 + side * ax2
+    return (a1, a2) if side > 0 else (a1 + math.pi, math.pi - a2)
+
+
+@pytest.mark.parametrize('mount', [FORK, GERMAN], ids=['fork', 'german'])
+def test_signs_of_onstepx_are_those_of_its_formulae(tmp_path, mount):
+    terms = {**SEVEN, **({'FO': 20.0 * ARCSEC} if mount is FORK else {})}
+    exported = export(PointingModel(terms, geometry='first_order', mount=mount),
+                      PROGRAMS['onstepx'])
+    assert exported.loss.rms < 1.0 and exported.left == []
+    path = tmp_path / 'onstep.txt'
+    path.write_text(exported.text)
+    sky = uniform_sky(100, mount)
+    got = read_model(path, mount).model.sky_to_encoder(sky.az, sky.el)
+    there = np.empty((2, 100))
+    for i, (ha, dec) in enumerate(zip(sky.az, sky.el)):
+        beyond = math.cos(dec) < 0.0
+        place = (ha - math.pi, math.pi - dec) if beyond else (ha, dec)
+        there[:, i] = goto(exported.text, *place, -1.0 if beyond else 1.0)
+    low = np.abs(np.cos(sky.el)) > 0.3  # near the pole the second order is not ours
+    assert apart([g[low] for g in got], there[:, low], sky.el[low]) < 0.3
+    again = export(read_model(path, mount).model, PROGRAMS['onstepx'])
+    assert again.text.splitlines()[1:] == exported.text.splitlines()[1:]
+
+
 def test_rotations_for_rts2_are_refitted_and_the_loss_is_told():
     exported = export(PointingModel(NINE, mount=GERMAN), PROGRAMS['rts2'])
     assert exported.refitted and not exported.held and exported.left == []
@@ -121,7 +170,8 @@ def test_what_is_of_another_mount_is_one_line(tmp_path):
     for text, words in (('RTS2_ALTAZ 1 2 3 4 5 6 7', 'of an alt-azimuth mount'),
                         ('RTS2_GEM 1" 2"', 'RTS2_MODEL and nine'),
                         ('c\nT 3 1.0 0.0 0.0\n  IA  3.0 1.0\nEND\n', 'IA .row 3. is no term'),
-                        (':SX00,3#', 'alt-azimuth mounts alone')):
+                        ('0.1 0 0.2', 'alt-azimuth mounts alone'),
+                        (':SX00,3#\n:SX06,9#', 'dfCor is not read')):
         path.write_text(text)
         with pytest.raises(ValueError, match=words):
             read_model(path, GERMAN)
