@@ -54,8 +54,8 @@ def export_model(source, path, to, *, sky=None, zero='none', site=None, mount=No
         model's effects there, and the loss is told on them. By default the sky above 20 degrees.
     zero : {'none', 'newest'} or number
         Which of the zeros that the model carries to add to its indices.
-    site : pair of float, optional
-        Latitude and longitude, radians; by default that of the run, if it tells. INDI needs it.
+    site : pointing_model.sky.Site, or dict with ``latitude``, optional
+        By default that of the run, if it tells. INDI needs it.
     mount : Mount, optional
         That a file of another program is of; by default an alt-azimuth one.
     **options
@@ -94,10 +94,10 @@ def export_model(source, path, to, *, sky=None, zero='none', site=None, mount=No
     from pointing_model.model_files import export
     context, told = None, ''
     if sky is not None:
-        context, told, more = _sky_of(sky, model, {**options, 'mount': mount})
+        context, told, more = _sky_of(sky, model, {**options, 'mount': mount, 'site': site})
         facts |= more
-    if site is not None:
-        facts['site'] = site
+    if hasattr(site, 'longitude'):
+        facts['site'] = site.latitude, site.longitude
     exported = export(model, PROGRAMS[to], context, told, facts)
     path.write_text(exported.text, encoding='utf-8')
     return Written(path, to, exported, [*notes, *exported.notes])

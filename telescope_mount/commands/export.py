@@ -44,10 +44,11 @@ def add(commands):
                         help='seconds since the first row or message, or UTC in ISO 8601')
     parser.add_argument('--end', metavar='TIME', help='likewise; the end is left out')
     options.add(parser, 'azimuth-origin')
-    options.add(parser, 'latitude', help='of the site; --to indi needs it')
-    options.add(parser, 'longitude')
-    options.add(parser, 'mount', help='that a model of another program is of: equatorial, german '
-                '(with --latitude), free:AZ,EL[,ROLL]')
+    options.add(parser, 'latitude', help='of the site, for runs in right ascension, for models '
+                'and runs of equatorial mounts, and for --to indi')
+    options.add(parser, 'longitude', 'height', 'pressure', 'temperature')
+    options.add(parser, 'mount', help='that a run, or a model of another program, is of: '
+                'equatorial, german (with --latitude), free:AZ,EL[,ROLL]')
 
 
 def run(args):
@@ -57,8 +58,7 @@ def run(args):
     if args.to:
         _run_model(args, console)
         return
-    _refuse(args, ('sky', 'zero', 'json', 'latitude', 'longitude', 'mount'),
-            'is of models: say the program with --to')
+    _refuse(args, ('sky', 'zero', 'json'), 'is of models: say the program with --to')
     if args.topics:
         files, problems = export_topics(args.file, args.out, args.topics, form=args.format,
                                         start=args.start, end=args.end)
@@ -67,7 +67,7 @@ def run(args):
             console.print(f'{rows} messages: {path}')
         return
     written = export_run(args.file, args.out, azimuth_origin=args.azimuth_origin,
-                         start=args.start, end=args.end)
+                         start=args.start, end=args.end, **options.place_of(args))
     for row in written.meta['excluded']:
         console.print(f'row {row["row"]} left out: {row["reason"]}')
     print_lines(console, 'note', written.meta['notes'])
@@ -82,15 +82,9 @@ def _run_model(args, console):
     zero = args.zero or 'none'
     if zero not in ('none', 'newest') and not zero.lstrip('-').isdigit():
         raise ValueError(f'--zero {zero}: write newest, none or the number of a run')
-    place = (args.latitude, args.longitude)
-    mount, site = options.mount_of(args), None
-    if (place[0] is None) is not (place[1] is None) and not args.mount:
-        raise ValueError('a site needs --latitude and --longitude')
-    if None not in place:
-        from msg_tools.units import DEG
-        site = tuple(v * DEG for v in place)
+    place = options.place_of(args) | {'mount': options.mount_of(args)}
     written = model_export.export_model(args.file, args.out, args.to, sky=args.sky, zero=zero,
-                                        site=site, mount=mount, azimuth_origin=args.azimuth_origin)
+                                        azimuth_origin=args.azimuth_origin, **place)
     model_export.show(written, console)
     if args.json:
         import json
