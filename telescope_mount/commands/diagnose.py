@@ -20,7 +20,8 @@ def add(commands):
     parser.add_argument('runs', nargs='+', type=Path, metavar='RUN',
                         help='pointing runs of one mount: logs, CSV, TPOINT, MMT or IRAM files')
     parser.add_argument('--base', default='physical', metavar='MODEL',
-                        help=f'what the model has already: {BASES} (default: physical)')
+                        help=f'what the model has already: {BASES} (default: physical); or a '
+                        'model file, ours or of another program, whose terms are fitted anew')
     parser.add_argument('--own', type=options.names, metavar='TERMS', help='terms that each run '
                         'or session fits for itself (default: of several, IA,IE and what pays)')
     parser.add_argument('--sessions', type=_hours, metavar='HOURS',
@@ -73,10 +74,18 @@ def _run(args):
     runs, empty = load_runs(args.runs, **place)
     held, empty_held = load_runs(args.holdout, **place) if args.holdout else (None, [])
     print_lines(console, 'note', [*empty, *empty_held])
-    found = diagnose(runs, args.base, args.alpha, holdout=held, own_terms=args.own,
-                     encoder=args.encoder, seed=args.seed, sessions=args.sessions)
+    base = _base_file(args.base, runs[0].mount)
+    if base:
+        runs, held = ([base.taken_off(run, args.encoder) for run in each] if each else each
+                      for each in (runs, held))
+    found = diagnose(runs, '+'.join(base.terms) if base else args.base, args.alpha, holdout=held,
+                     own_terms=args.own, encoder=args.encoder, seed=args.seed,
+                     sessions=args.sessions)
     show(found, console)
-    _write(args, found, console)
+    if base:
+        console.print(base.table(found.model))
+        print_lines(console, 'note', base.notes)
+    _write(args, found, console, base)
     return 2 if found.verdict == 'refused' else 0
 
 
@@ -84,16 +93,31 @@ def _write_json(path, document):
     path.write_text(json.dumps(document, indent=1) + '\n', encoding='utf-8')
 
 
-def _write(args, found, console):
+def _base_file(text, mount):
+    """The model file that declares the base, if ``--base`` names one."""
+    if '/' not in text and not Path(text).suffix:
+        from calibration.diagnosis.base import Base
+        try:
+            Base.parse(text, mount=mount)
+            return None
+        except ValueError:
+            if not Path(text).is_file():
+                raise
+    from ..base_model import BaseModel
+    return BaseModel.read(text, mount)
+
+
+def _write(args, found, console, base=None):
     if args.json:
-        _write_json(args.json, found.to_dict())
+        _write_json(args.json, found.to_dict() | (
+            {'base_model': base.compared(found.model)} if base else {}))
         print_files(console, {'result': args.json})
     if args.report:
         from calibration.diagnosis_page.page import write_report
         write_report(found, args.report)
         print_files(console, {'page': args.report})
     if args.save:
-        found.model.save(args.save)
+        (base.whole(found.model) if base else found.model).save(args.save)
         print_files(console, {'model': args.save})
 
 

@@ -1,4 +1,4 @@
-"""The command ``export``: a log as tables that any program reads."""
+"""The command ``export``: logs, runs and models as files that other programs read."""
 
 import csv
 import math
@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from datetime import datetime, timezone
 from pathlib import Path
 
+from .. import model_export
 from . import options
 
 #: an array with more elements than this is no table column each: its length is written
@@ -17,12 +18,24 @@ _BATCH = 5000
 def add(commands):
     """Add the parser."""
     parser = commands.add_parser(
-        'export', help='write the observations of a log, or any topic, as CSV or Parquet',
+        'export', help='write the observations of a log, or any topic, as CSV or Parquet; a '
+        'model for another program',
         description='Write a pointing run (a log of ours, or any file that fit reads) as a CSV '
-        'that fit reads again; or with --topics the messages of a log, a table a topic.')
-    parser.add_argument('file', type=Path, metavar='RUN')
+        'that fit reads again; with --topics the messages of a log, a table a topic; with --to a '
+        'model as another program reads it.')
+    parser.add_argument('file', type=Path, metavar='RUN', help='with --to a model')
     parser.add_argument('out', type=Path, metavar='OUT',
                         help='file, .csv or .parquet; with --topics a folder')
+    parser.add_argument('--to', choices=model_export.programs(), metavar='PROGRAM',
+                        help='the program that shall read the model: '
+                        + ', '.join(model_export.programs()))
+    parser.add_argument('--sky', type=Path, metavar='RUN', help='what the program cannot hold is '
+                        'refitted and told on the directions of this run (default: a uniform sky '
+                        'above 20 degrees)')
+    parser.add_argument('--zero', metavar='WHICH', help='of the zeros that the model carries: add '
+                        'newest, or that of the run of this number, to its indices (default: none)')
+    parser.add_argument('--json', type=Path, metavar='FILE', help='with --to: write what is held '
+                        'and lost')
     parser.add_argument('--topics', type=options.names, metavar='NAMES',
                         help='comma-separated topics of a log, by full name or its end')
     parser.add_argument('--format', choices=('csv', 'parquet'), default='csv',
@@ -31,12 +44,21 @@ def add(commands):
                         help='seconds since the first row or message, or UTC in ISO 8601')
     parser.add_argument('--end', metavar='TIME', help='likewise; the end is left out')
     options.add(parser, 'azimuth-origin')
+    options.add(parser, 'latitude', help='of the site, for runs in right ascension, for models '
+                'and runs of equatorial mounts, and for --to indi')
+    options.add(parser, 'longitude', 'height', 'pressure', 'temperature')
+    options.add(parser, 'mount', help='that a run, or a model of another program, is of: '
+                'equatorial, german (with --latitude), free:AZ,EL[,ROLL]')
 
 
 def run(args):
     """Read, write, say what was left out."""
     from .console import new_console, print_lines
     console = new_console()
+    if args.to:
+        _run_model(args, console)
+        return
+    _refuse(args, ('sky', 'zero', 'json'), 'is of models: say the program with --to')
     if args.topics:
         files, problems = export_topics(args.file, args.out, args.topics, form=args.format,
                                         start=args.start, end=args.end)
@@ -45,11 +67,34 @@ def run(args):
             console.print(f'{rows} messages: {path}')
         return
     written = export_run(args.file, args.out, azimuth_origin=args.azimuth_origin,
-                         start=args.start, end=args.end)
+                         start=args.start, end=args.end, **options.place_of(args))
     for row in written.meta['excluded']:
         console.print(f'row {row["row"]} left out: {row["reason"]}')
     print_lines(console, 'note', written.meta['notes'])
     console.print(f'{len(written)} observations: {args.out}')
+
+
+def _run_model(args, console):
+    """Write a model for another program, say what it holds."""
+    _refuse(args, ('topics', 'start', 'end'), 'is of runs, and --to of models')
+    for path in (args.out, args.json):
+        options.check_target(path)
+    zero = args.zero or 'none'
+    if zero not in ('none', 'newest') and not zero.lstrip('-').isdigit():
+        raise ValueError(f'--zero {zero}: write newest, none or the number of a run')
+    place = options.place_of(args) | {'mount': options.mount_of(args)}
+    written = model_export.export_model(args.file, args.out, args.to, sky=args.sky, zero=zero,
+                                        azimuth_origin=args.azimuth_origin, **place)
+    model_export.show(written, console)
+    if args.json:
+        import json
+        args.json.write_text(json.dumps(written.to_dict(), indent=1) + '\n', encoding='utf-8')
+
+
+def _refuse(args, names, why):
+    for name in names:
+        if getattr(args, name) is not None:
+            raise ValueError(f'--{name} {why}')
 
 
 def export_run(source, path, *, start=None, end=None, **options):

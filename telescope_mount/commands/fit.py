@@ -24,6 +24,8 @@ def add(commands):
                         help='of several runs in the file (column run) the one of this number')
     options.add(parser, 'harmonics', 'harmonics-alone', 'harmonics-degree')
     parser.add_argument('--no-robust', action='store_true', help='plain least squares')
+    parser.add_argument('--base', type=Path, metavar='MODEL', help='a model file, ours or of '
+                        'another program: its terms are fitted anew, its values shown beside')
     parser.add_argument('--save', type=Path, metavar='FILE', help='write the model (.json, .yaml)')
 
 
@@ -48,6 +50,7 @@ def run(args):
     if f'az_{args.encoder}' not in observed:
         raise ValueError(f'{args.file} has no second encoder; leave out --encoder {args.encoder}')
     checked = check_columns(observed, args.encoder)
+    base, observed = _base(args, observed)
     result = fit_terms(observed, args.terms, robust=not args.no_robust, encoder=args.encoder,
                        provenance={'source': str(args.file)})
     console = new_console()
@@ -64,6 +67,10 @@ def run(args):
     if args.predict:
         model = _to_predict(observed, args, console)
     print_lines(console, 'note', checked.notes)
+    if base:
+        console.print(base.table(model))
+        print_lines(console, 'note', base.notes)
+        model = base.whole(model)
     if args.save:
         model.save(args.save)
         print_files(console, {'model': args.save})
@@ -118,3 +125,15 @@ def _one_run(run, args):
                              'fitted as one, with one zero: take one with --run N, or diagnose, '
                              'which fits zeros to each']
     return run
+
+
+def _base(args, run):
+    """The model file that declares the terms, if one does, and the run without what it holds."""
+    if args.base is None:
+        return None, run
+    from ..base_model import BaseModel
+    if args.terms != run.mount.names.physical:
+        raise ValueError('--base and --terms both say which terms to fit; leave one out')
+    base = BaseModel.read(args.base, run.mount)
+    args.terms = base.terms
+    return base, base.taken_off(run, args.encoder)

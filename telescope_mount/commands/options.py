@@ -94,6 +94,15 @@ def harmonics_of(args):
     return given
 
 
+def mount_of(args):
+    """The mount that --mount and --latitude say, or None."""
+    if args.mount is None:
+        return None
+    from msg_tools.units import DEG
+    from pointing_model.mounts import parse_mount
+    return parse_mount(args.mount, None if args.latitude is None else args.latitude * DEG)
+
+
 def place_of(args):
     """Site, weather and mount for reading a run, where options give them.
 

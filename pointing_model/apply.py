@@ -1,0 +1,150 @@
+"""A model on directions: columns of degrees in, columns of degrees out."""
+
+from pathlib import Path
+
+import numpy as np
+
+from msg_tools.units import ARCSEC, DEG
+
+from .context import Context
+from .run import COLUMNS
+from .zero import NO_ZERO, zeros_in_force
+
+#: name in a file -> (name in memory, its unit in SI)
+_DRIVERS = {csv_name: (name, unit) for name, (csv_name, unit, _) in COLUMNS.items()}
+#: zeros by name, in place of the number of a run
+NEWEST, NO_ZEROS = 'newest', 'none'
+_ROUNDS, _SETTLED = 100, 1e-7 * ARCSEC
+
+
+def apply(model, az_deg, el_deg, *, reverse=False, zero=NEWEST, latitude_deg=None,
+          longitude_deg=None, **drivers):
+    """Encoder angles at which the mount looks at directions, or back.
+
+    Parameters
+    ----------
+    model : PointingModel, str or Path
+        A path: a model file of ours, or of a program that `model_files.read_model` reads.
+    az_deg, el_deg : float or array_like, shape (n,)
+        Observed place, degrees, azimuth from north through east; with `reverse` what the
+        encoders read. Of other mounts the angles of its axes, as hour angle and declination
+        (beyond 90 degrees through the pole).
+    reverse : bool
+    zero : {'newest', 'none'} or number
+        Of the zeros that the model carries from its night, if any: that of the newest power-on, of
+        the run of this number, or none. A driver ``run`` takes for each row that of its run.
+    latitude_deg, longitude_deg : float, optional
+        Of the site, for effects that follow the sidereal time.
+    **drivers : float or array_like, shape (n,)
+        What effects of the model follow, by the names and units of a CSV: ``temperature_c=4.5``,
+        ``time`` (UTC, seconds since 1970), ``approach_az``, ... An effect whose driver is not
+        given counts as zero; `PointingModel.unknown` tells which.
+
+    Returns
+    -------
+    az_deg, el_deg : ndarray, shape (n,)
+        Degrees, azimuth on the branch nearest to the one given; NaN where the mount cannot look.
+
+    Raises
+    ------
+    ValueError
+        No such zero, a file that holds no model, or drivers of another length.
+    OSError
+        The file cannot be read.
+    """
+    if isinstance(model, str | Path):
+        from .model_files import read_model
+        model = read_model(model).model
+    az, el = np.broadcast_arrays(*(np.asarray(v, float) * DEG for v in (az_deg, el_deg)))
+    columns = {}
+    for name, value in drivers.items():
+        key, unit = _DRIVERS.get(name, (name, 1.0))
+        columns[key] = np.broadcast_to(np.asarray(value), az.shape).ravel()
+        columns[key] = columns[key] * unit if unit != 1.0 else columns[key]
+    place = [None if v is None else v * DEG for v in (latitude_deg, longitude_deg)]
+    context = Context(az.ravel(), el.ravel(), columns, *place, mount=model.mount)
+    zeros = zeros_of_rows(model, zero, columns.get('run'))[0]
+    out = turned(model, context, zeros, reverse)
+    return tuple(v.reshape(az.shape) / DEG for v in out)
+
+
+def turned(model, context, zero=(0.0, 0.0), reverse=False):
+    """Directions of a context to encoder angles, or back.
+
+    Parameters
+    ----------
+    model : PointingModel
+    context : Context
+        Of n rows; with `reverse` its directions are what the encoders read.
+    zero : pair of float or of ndarray, shape (n,)
+        What the encoders read too much, azimuth and elevation, radians.
+    reverse : bool
+
+    Returns
+    -------
+    az, el : ndarray, shape (n,)
+        Radians; NaN where the mount cannot look.
+    """
+    az, el = context.az, context.el
+    if not reverse:
+        out = model.sky_to_encoder(az, el, context)
+        if model.by_reading and not {'az_enc', 'el_enc', 'az_raw', 'el_raw'} & set(
+                context.columns):
+            # the graduation is met at what will be read, with the zero in it; each round divides
+            # the error by period / (2 pi amplitude)
+            for _ in range(_ROUNDS):
+                last, out = out, model.sky_to_encoder(az, el, context.at(
+                    az, el, az_raw=out[0] + zero[0], el_raw=out[1] + zero[1]))
+                if np.nanmax(np.abs(np.subtract(out, last)), initial=0.0) < _SETTLED:
+                    break
+        return out[0] + zero[0], out[1] + zero[1]
+    # a graduation is met at what was read, with the zero in it
+    context = context.at(az, el, **{'az_raw': az, 'el_raw': el, **{
+        name: context.columns[name] for name in ('az_raw', 'el_raw') if name in context.columns}})
+    return model.encoder_to_sky(az - zero[0], el - zero[1], context)
+
+
+def zeros_of_rows(model, wanted=NEWEST, run=None):
+    """The zeros to apply, of those that a model carries.
+
+    Parameters
+    ----------
+    model : PointingModel
+    wanted : {'newest', 'none'} or number
+        See `apply`.
+    run : ndarray, shape (n,), optional
+        Number of the run of each row; goes before 'newest'.
+
+    Returns
+    -------
+    zero : pair of float or of ndarray, shape (n,)
+        Azimuth and elevation, radians.
+    applied : list of RunZero
+        Which these are.
+
+    Raises
+    ------
+    ValueError
+        The model has no zero of that run.
+    """
+    known = zeros_in_force(model)
+    if wanted == NO_ZEROS:
+        return (0.0, 0.0), []
+    if wanted != NEWEST:
+        number = float(wanted)
+        if number not in known:
+            there = ', '.join(f'{n:g}' for n in known) or 'none'
+            raise ValueError(f'the model carries no zero of run {number:g}; it has: {there}')
+        return (known[number].az, known[number].el), [known[number]]
+    if not known:
+        return (NO_ZERO.az, NO_ZERO.el), []
+    if run is None:
+        return (known.newest.az, known.newest.el), [known.newest]
+    numbers = np.asarray(run, float)
+    missing = sorted(set(numbers.tolist()) - set(map(float, known)))
+    if missing:
+        there = ', '.join(f'{n:g}' for n in known)
+        raise ValueError(f'the model carries no zero of run {missing[0]:g} (it has: {there}); '
+                         'leave the column run out, or say --zero newest, none or a number')
+    zeros = np.array([known[n].angles for n in numbers.tolist()]).reshape(len(numbers), 2)
+    return tuple(zeros.T), [known[n] for n in sorted(set(numbers.tolist()))]

@@ -1,0 +1,96 @@
+"""Models that other programs read and write: theirs as ours, ours as theirs.
+
+A file for each program: its terms, signs and units, what it computes, its file. What they share
+(which columns a model is made of, what a program cannot hold and how much that is) stands in
+`columns` and `transfer`.
+"""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from pointing_model.model import PointingModel
+from pointing_model.mounts import ALTAZ
+
+from . import table
+from .indi import INDI
+from .katpoint import KATPOINT
+from .onstepx import ONSTEPX
+from .program import Program
+from .rts2 import RTS2
+from .spk import SPK
+from .tpoint import TPOINT
+from .transfer import Exported, Loss, export, imported, loss_of, of_mount, uniform_sky
+
+__all__ = ['PROGRAMS', 'Exported', 'Loss', 'ModelFile', 'Program', 'export', 'loss_of',
+           'read_model', 'table', 'uniform_sky']
+
+#: by name; in the order in which a file is looked at
+PROGRAMS = {program.name: program for program in (
+    INDI, RTS2, SPK, ONSTEPX, KATPOINT, TPOINT)}
+_OURS = ('.json', '.yaml', '.yml')
+
+
+@dataclass
+class ModelFile:
+    """A model that was read.
+
+    Attributes
+    ----------
+    model : PointingModel
+    program : str
+        ``telescope_mount``, ``table`` or a name of `PROGRAMS`.
+    notes : list of str
+        What a reader should know.
+    """
+
+    model: PointingModel
+    program: str
+    notes: list = field(default_factory=list)
+
+
+def read_model(path, mount=ALTAZ):
+    """Read a model file of ours or of another program, told by its content.
+
+    Parameters
+    ----------
+    path : str or Path
+    mount : Mount, optional
+        That the model is of; a file of ours knows its own.
+
+    Returns
+    -------
+    ModelFile
+
+    Raises
+    ------
+    ValueError
+        One line: unknown terms, numbers that are not finite, another mount, or no such file.
+    OSError
+        The file cannot be read.
+    """
+    path = Path(path)
+    if path.suffix.lower() in _OURS:
+        model = PointingModel.load(path)
+        if not mount.altaz and model.mount != mount:
+            raise ValueError(f'{path} is a model of another mount ({model.mount.kind}) than the '
+                             f'one that is meant ({mount.kind}), or of another latitude')
+        return ModelFile(model, 'telescope_mount')
+    data = path.read_bytes()
+    if not data.strip():
+        raise ValueError(f'{path} is empty')
+    text = data.decode('utf-8-sig', errors='replace').replace('\r\n', '\n')
+    if table.looks_like(text):
+        return ModelFile(table.read(path, text, mount), table.NAME)
+    for program in PROGRAMS.values():
+        if program.looks_like(text):
+            program = of_mount(program, mount)
+            found = program.read(path, text)
+            model, loss = imported(program, found, path)
+            notes = list(found.notes)
+            if loss is not None and loss.largest > 1e-3:
+                notes.append(f'{program.title} computes it otherwise by {loss.rms:.3f} arcsec RMS, '
+                             f'at most {loss.largest:.3f}, on a uniform sky above 20 degrees')
+            return ModelFile(model, program.name, notes)
+    raise ValueError(f'{path} is no model file: expected ours (.json, .yaml), a table with name '
+                     'and value_arcsec, or one of ' + ', '.join(
+                         p.title for p in PROGRAMS.values()))

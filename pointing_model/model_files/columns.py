@@ -1,0 +1,189 @@
+"""Columns by which the terms of programs are compared, whatever each program calls them.
+
+A column is a tuple ``(result, factors)``: what it moves (`effects.product.RESULTS`) and the product
+of functions that it is, each factor (function, ``'A'`` or ``'E'``, number), A from north through
+east. ``('AN', ())`` and ``('AW', ())`` are the two tilts, which act on both axes at once. Of other
+mounts than alt-azimuth ones a column is a term of theirs, ``('MA', ())``. Values are encoder -
+catalogue.
+"""
+
+import numpy as np
+
+from pointing_model.effects.product import RESULTS, value_of
+from pointing_model.mounts import ALTAZ
+from pointing_model.terms import TERMS, Trig, terms_of
+
+
+def _f(*factors):
+    return tuple(sorted(factors, key=lambda f: (f[1], f[0], f[2])))
+
+
+def column(result, *factors):
+    """The column of these factors; constants and their order do not matter."""
+    return result, _f(*factors)
+
+
+def _terms():
+    sin, cos = (lambda a, k=1: ('sin', a, k)), (lambda a, k=1: ('cos', a, k))
+    return {
+        'IA': column('az'), 'IE': column('el'), 'CA': column('lr'), 'NPAE': column('np'),
+        'AN': ('AN', ()), 'AW': ('AW', ()), 'TF': column('el', cos('E')),
+        'TX': column('el', ('cot', 'E', 1)), 'TX3': column('el', ('cot_power', 'E', 3)),
+        'ECES': column('el', sin('E')), 'HECE2': column('el', cos('E', 2)),
+        'HESE2': column('el', sin('E', 2)), 'ACEC': column('az', cos('A')),
+        'ACES': column('az', sin('A')), 'HACA2': column('az', cos('A', 2)),
+        'HASA2': column('az', sin('A', 2)), 'HECA': column('el', cos('A')),
+        'HESA': column('el', sin('A')), 'HECA2': column('el', cos('A', 2)),
+        'HESA2': column('el', sin('A', 2)), 'HVCA2': column('np', cos('A', 2)),
+        'HVSA2': column('np', sin('A', 2)),
+    }
+
+
+#: column of each term of ours that has one
+OF_TERM = _terms()
+#: and back
+TERM_OF = {key: name for name, key in OF_TERM.items()}
+
+
+def on_sky(key, az, el, mount=ALTAZ):
+    """What a unit of a column moves on the sky.
+
+    Parameters
+    ----------
+    key : tuple
+        A column.
+    az, el : ndarray, shape (n,)
+        Catalogue place by the axes of the mount, radians.
+    mount : Mount, optional
+
+    Returns
+    -------
+    ndarray, shape (2, n)
+        x = delta-A cos E and y = delta-E.
+    """
+    trig = Trig(az, el, mount)
+    out = np.zeros((2, len(az)))
+    if not mount.altaz:
+        out[0], out[1] = terms_of(mount)[key[0]].of(trig)
+    elif key in TERM_OF:
+        out[0], out[1] = TERMS[TERM_OF[key]].of(trig)
+    else:
+        result, factors = key
+        out[0], out[1] = RESULTS[result][0](trig, value_of(factors, az, el))
+    return out
+
+
+def summed(values, az, el, mount=ALTAZ):
+    """Sum of columns, shape (2, n), of a dict column -> value."""
+    out = np.zeros((2, len(az)))
+    for key, value in values.items():
+        out += value * on_sky(key, az, el, mount)
+    return out
+
+
+# ---------------------------------------------------------------------------- a model in columns
+
+def _pair(result, angle, k):
+    return [[(column(result, ('cos', angle, k)), 1.0)], [(column(result, ('sin', angle, k)), 1.0)]]
+
+
+def _of_effect(effect):
+    """For each coefficient its (column, factor)s; None where it has none."""
+    p = effect.parameters
+    order = p.get('order')
+    if effect.form == 'encoder' and p['axis'] in ('az', 'el'):
+        return _pair(p['axis'], 'A' if p['axis'] == 'az' else 'E', int(order))
+    if effect.form == 'bearing_wobble':
+        return _pair('el', 'A', int(order)) + _pair('np', 'A', int(order))
+    if effect.form == 'nod':
+        return _pair('el', 'A', int(order))
+    if effect.form == 'line_of_sight':
+        return _pair('lr', 'A', int(order))
+    if effect.form == 'elevation_axis_wobble':
+        return _pair('np', 'E', int(order))
+    if effect.form == 'fork_cross_term':
+        return [[(column('el', ('sin', 'E', 1), (f, 'A', 1)), 1.0)] for f in ('cos', 'sin')]
+    if effect.form in ('term', 'terms') and effect.coefficient_names[0] in OF_TERM:
+        return [[(OF_TERM[effect.coefficient_names[0]], 1.0)]]
+    if effect.form == 'latitude':
+        return [[(OF_TERM['AN'], 1.0)]]
+    if effect.form == 'diurnal_aberration':
+        return [[(column('lr', ('cos', 'A', 1)), 1.0),
+                 (column('el', ('sin', 'E', 1), ('sin', 'A', 1)), -1.0)]]
+    if effect.form == 'product':
+        return [[(column(p['result'], *map(tuple, p['factors'])), 1.0)]]
+    return None
+
+
+def _of_harmonics(harmonics):
+    """(column, value)s of the series of paper 000, as products of sines and cosines."""
+    # in zenith distance the azimuth series is on the sky; as printed it has cot E and no limit
+    if harmonics.interpretation != 'zenith':
+        return None
+    grid = np.linspace(-np.pi, np.pi, 64, endpoint=False)
+    waves = [(), *(((f, 'E', k),) for k in range(1, 6) for f in ('cos', 'sin'))]
+    table = np.stack([value_of(w, grid, grid) for w in waves], axis=1)
+    out = []
+    for result, series in (('lr', harmonics.coef_x), ('el', harmonics.coef_y)):
+        for i, value in enumerate(series):
+            # 1, c, then cos A s, sin A s, c c and so on: see `harmonics.basis`
+            if i == 0 or i % 3 == 1:
+                turn, curve = (), np.sin(grid) ** ((i + 2) // 3)
+            else:
+                turn = (('cos' if i % 3 == 2 else 'sin', 'A', 1),)
+                curve = np.cos(grid) * np.sin(grid) ** ((i - 2) // 3)
+            for wave, share in zip(waves, np.linalg.lstsq(table, curve, rcond=None)[0]):
+                if abs(share) > 1e-12:
+                    out.append((column(result, *turn, *wave), share * value))
+    return out
+
+
+def of_model(model):
+    """A model as a sum of columns, as far as it is one.
+
+    Parameters
+    ----------
+    model : PointingModel
+
+    Returns
+    -------
+    values : dict of tuple to float
+        Column -> value, radians.
+    sigma : dict of tuple to float
+        Standard errors of those that are a term of their own.
+    left : list of str
+        Parts that are no sum of such columns.
+    """
+    values, sigma, left = {}, {}, []
+
+    def take(key, value):
+        values[key] = values.get(key, 0.0) + value
+    errors = np.sqrt(np.maximum(np.diag(model.covariance), 0.0))
+    for (name, value), error in zip(model.terms.items(), errors):
+        if not model.mount.altaz:
+            take((name, ()), value)
+            sigma[name, ()] = float(error)
+        elif name in OF_TERM:
+            take(OF_TERM[name], value)
+            sigma[OF_TERM[name]] = float(error)
+        else:
+            left.append(name)
+    for fitted in model.effects:
+        parts = _of_effect(fitted.effect) if model.mount.altaz else None
+        if parts is None:
+            needs = ', '.join(fitted.effect.requires)
+            left.append(fitted.effect.name + (f' (follows {needs})' if needs else ''))
+            continue
+        for value, error, part in zip(fitted.coefficients, fitted.sigma, parts):
+            for key, share in part:
+                take(key, share * value)
+                if len(part) == 1:
+                    sigma.setdefault(key, float(error))
+    if model.harmonics is not None:
+        series = _of_harmonics(model.harmonics) if model.mount.altaz else None
+        if series is None:
+            left.append(f'harmonics ({model.harmonics.interpretation})')
+        else:
+            for key, value in series:
+                take(key, value)
+    return values, sigma, left

@@ -1,0 +1,143 @@
+"""The align model of OnStepX (hjd1964/OnStepX, src/telescope/mount/coordinates/Align.hs.cpp).
+
+Set by the commands ``:SX0n,value#`` in whole arcseconds (phases in whole degrees) and made active
+by ``:SX09,2#`` (src/telescope/mount/goto/Goto.command.cpp); ``:AW#`` keeps it. Of an alt-azimuth
+mount, encoder - catalogue, azimuth from north through east, to first order in the angles of the
+mount before its indices.
+"""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+
+from msg_tools.units import ARCSEC, DEG
+from pointing_model.mounts import ALTAZ
+
+from .columns import OF_TERM, TERM_OF, column, summed
+from .program import Found, Program, number_of
+
+_WAVES = {'hca': ('az', 'A'), 'dca': ('el', 'E')}
+#: number of the command -> its name there
+_COMMANDS = {'0': 'ax1Cor', '1': 'ax2Cor', '2': 'altCor', '3': 'azmCor', '4': 'doCor',
+             '5': 'pdCor', '6': 'dfCor', '8': 'tfCor', 'a': 'hcp', 'b': 'hca', 'c': 'dcp',
+             'd': 'dca'}
+#: name -> our column, and its coefficient for a unit of ours
+_TERMS = {'ax1Cor': (OF_TERM['IA'], -1), 'ax2Cor': (OF_TERM['IE'], 1),
+          'altCor': (OF_TERM['AN'], 1), 'azmCor': (OF_TERM['AW'], -1),
+          'doCor': (OF_TERM['CA'], 1), 'pdCor': (OF_TERM['NPAE'], -1),
+          'dfCor': (OF_TERM['HECA'], 1), 'tfCor': (OF_TERM['TF'], -1)}
+_OWN = {key: [(name, float(sign))] for name, (key, sign) in _TERMS.items()}
+# amplitude and phase, by cosine and sine until they are written; elevation's cosine is tfCor
+for _name, (_result, _angle) in _WAVES.items():
+    for _f in ('cos', 'sin'):
+        _OWN.setdefault(column(_result, (_f, _angle, 1)), [(f'{_name} {_f}', 1.0)])
+#: of an equatorial mount; dfCor is the fork's. What it is of a German one, a flexure of the
+#: declination axis that lifts the declination, no term of ours is
+_EQUATORIAL = {'ax1Cor': ('IH', -1), 'ax2Cor': ('ID', 1), 'altCor': ('ME', 1), 'azmCor': ('MA', 1),
+               'doCor': ('CH', 1), 'pdCor': ('NP', -1), 'dfCor': ('FO', 1), 'tfCor': ('TF', -1)}
+_INDEX = tuple(OF_TERM[name] for name in ('IA', 'IE'))
+
+
+def _column(name):
+    if name in _TERMS:
+        key, sign = _TERMS[name]
+        return [(key, float(sign))]
+    wave, f = name.split(' ')
+    result, angle = _WAVES[wave]
+    return [(column(result, (f, angle, 1)), 1.0)]
+
+
+def _encoder(values, az, el, mount=ALTAZ, index=_INDEX):
+    moved = {key: value for key, value in values.items() if key not in index}
+    a, e = np.asarray(az, float), np.asarray(el, float)
+    for _ in range(3):  # as there
+        x, y = summed(moved, a, e, mount)
+        a, e = az + x / np.cos(e), el + y
+    return a + values.get(index[0], 0.0), e + values.get(index[1], 0.0)
+
+
+def _write(sheet):
+    terms = dict(sheet.terms)
+    rows = [f'# {sheet.caption}']
+    numbers = {name: n for n, name in _COMMANDS.items()}
+    for wave, phase in (('hca', 'hcp'), ('dca', 'dcp')):
+        cos, sin = (terms.pop(f'{wave} {f}', 0.0) for f in ('cos', 'sin'))
+        # c cos u + s sin u = size cos(u + phase)
+        terms[wave], terms[phase] = np.hypot(cos, sin), np.arctan2(-sin, cos) if cos or sin else 0.0
+    for name, number in numbers.items():
+        unit = DEG if name in ('hcp', 'dcp') else ARCSEC
+        value = int(np.rint(terms.get(name, 0.0) / unit))
+        rows.append(f':SX0{number},{value}#')
+    return '\n'.join([*rows, ':SX09,2#']) + '\n'
+
+
+_ROW = re.compile(r':SX0(\w),([^#]*)#')
+
+
+def _read(path, text):
+    given, notes = {}, []
+    for number, line in enumerate(text.splitlines(), 1):
+        line = line.strip()
+        if not line.startswith(':'):
+            continue
+        match = _ROW.fullmatch(line)
+        if not match:
+            raise ValueError(f'{path}, row {number}: {line[:40]!r} is no command :SX0n,value#')
+        if match[1] == '9':
+            continue
+        if match[1] == '7':
+            if number_of(path, number, 'dfCor', match[2]):
+                raise ValueError(f'{path} is a model of an equatorial mount (:SX07, flexure of the '
+                                 'declination axis); these models are of alt-azimuth mounts')
+            continue
+        if match[1] not in _COMMANDS:
+            raise ValueError(f'{path}, row {number}: :SX0{match[1]} sets no coefficient')
+        name = _COMMANDS[match[1]]
+        if name in given:
+            raise ValueError(f'{path}, row {number}: {name} is there twice')
+        given[name] = number_of(path, number, name, match[2])
+    if not given:
+        raise ValueError(f'{path} holds no command :SX0n,value#')
+    out = {name: value * ARCSEC for name, value in given.items() if name in _TERMS}
+    for wave, phase in (('hca', 'hcp'), ('dca', 'dcp')):
+        size, angle = given.get(wave, 0.0) * ARCSEC, given.get(phase, 0.0) * DEG
+        if size:
+            for f, value in (('cos', size * np.cos(angle)), ('sin', -size * np.sin(angle))):
+                key = column(_WAVES[wave][0], (f, _WAVES[wave][1], 1))
+                for name, share in _OWN[key]:
+                    out[name] = out.get(name, 0.0) + share * value
+    return Found(out, {}, notes)
+
+
+def _for_mount(mount):
+    """OnStepX of an equatorial mount, on both sides of the pier."""
+    if mount.kind not in ('equatorial', 'german'):
+        raise ValueError(f'OnStepX has no models of a mount that is {mount.kind}')
+    terms = {name: row for name, row in _EQUATORIAL.items()
+             if name != 'dfCor' or mount.kind == 'equatorial'}
+    own = {(term, ()): [(name, float(sign))] for name, (term, sign) in terms.items()}
+    index = tuple((name, ()) for name in mount.names.index)
+
+    def read(path, text):
+        found = _read(path, text)
+        unknown = [name for name, value in found.terms.items() if value and name not in terms]
+        if unknown:
+            raise ValueError(f'{path}: {", ".join(unknown)} is not read of a mount that is '
+                             f'{mount.kind}')
+        found.terms = {name: value for name, value in found.terms.items() if name in terms}
+        return found
+    return replace(
+        ONSTEPX, own=own.get, candidates=tuple(own), mount=mount, read=read,
+        column=lambda name: [((terms[name][0], ()), float(terms[name][1]))],
+        encoder=lambda values, az, el: _encoder(values, az, el, mount, index))
+
+
+def _looks_like(text):
+    return bool(re.search(r'^:SX0\w,', text, re.MULTILINE))
+
+
+ONSTEPX = Program(
+    'onstepx', 'OnStepX', 'hjd1964/OnStepX, src/telescope/mount/coordinates/Align.hs.cpp', '.txt',
+    _OWN.get, _column, tuple(key for key in _OWN if key in TERM_OF), _encoder, _write, _read,
+    _looks_like, None, 'whole arcseconds', whole=ARCSEC, for_mount=_for_mount)

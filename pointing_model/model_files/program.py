@@ -1,0 +1,198 @@
+"""What a program is here, and what reading its files has in common."""
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from pointing_model.model import PointingModel
+from pointing_model.mounts import ALTAZ, Mount
+
+from .columns import summed
+
+
+@dataclass(frozen=True)
+class Program:
+    """A program that reads models.
+
+    Attributes
+    ----------
+    name : str
+        As in ``--to``.
+    title, reference : str
+        For people; where its formulas stand.
+    suffix : str
+        Of its files, by custom.
+    own : callable
+        column -> list of (the program's name of the term, its coefficient for a unit of ours), or
+        None where it has none.
+    column : callable
+        The program's name -> list of (column, our value for a unit of theirs).
+    candidates : tuple
+        Columns that a refit may take beside those of the model.
+    encoder : callable
+        ``(values, az, el)``, values by column -> what the program computes, encoder azimuth and
+        elevation, radians.
+    write : callable
+        ``(Sheet)`` -> text of the file.
+    read : callable
+        ``(path, text)`` -> `Found`.
+    looks_like : callable
+        Text -> whether it is such a file.
+    geometry : {'rotation', 'first_order', None}
+        How our model acts as the program does; None: neither, ours is fitted to it.
+    digits : str
+        What the file rounds to, for people.
+    plain : tuple of str
+        Terms whose coefficient is no angle.
+    whole : float
+        Coefficients are whole multiples of this, radians; 0: they are not rounded to speak of.
+    otherwise : tuple of (str, callable)
+        Others that read the same file, in words, and what they compute, as `encoder`.
+    mount : Mount
+        Whose axes the angles of `encoder` are.
+    for_mount : callable, optional
+        Mount -> the same program with the terms of that mount; None: it has none of others.
+    """
+
+    name: str
+    title: str
+    reference: str
+    suffix: str
+    own: Callable
+    column: Callable
+    candidates: tuple
+    encoder: Callable
+    write: Callable
+    read: Callable
+    looks_like: Callable
+    geometry: str | None
+    digits: str = ''
+    plain: tuple = ()
+    whole: float = 0.0
+    otherwise: tuple = ()
+    mount: Mount = ALTAZ
+    for_mount: Callable | None = None
+
+
+@dataclass
+class Found:
+    """What stands in a file.
+
+    Attributes
+    ----------
+    terms : dict of str to float
+        In the program's names, radians (plain numbers where the program has no angle).
+    sigma : dict of str to float
+        Where the file tells.
+    notes : list of str
+    """
+
+    terms: dict
+    sigma: dict = field(default_factory=dict)
+    notes: list = field(default_factory=list)
+
+
+@dataclass
+class Sheet:
+    """What a file is written from.
+
+    Attributes
+    ----------
+    terms, sigma : dict of str to float
+        In the program's names, radians.
+    caption : str
+        One line.
+    observations : int
+        0 where it is not known.
+    rms_arcsec : float
+        Of the fit, 0 where it is not known.
+    site : pair of float, optional
+        Latitude and longitude, radians, north and east positive.
+    """
+
+    terms: dict
+    sigma: dict
+    caption: str
+    observations: int = 0
+    rms_arcsec: float = 0.0
+    site: tuple | None = None
+
+
+def first_order(values, az, el, mount=ALTAZ):
+    """Encoder angles of a sum of columns at the catalogue place."""
+    x, y = summed(values, az, el, mount)
+    return az + x / np.cos(el), el + y
+
+
+def first_order_at_encoder(values, az, el, mount=ALTAZ):
+    """As `first_order`, with the columns taken where the encoders stand."""
+    a, e = np.asarray(az, float), np.asarray(el, float)
+    for _ in range(20):  # each shrinks the error by the terms' size
+        x, y = summed(values, a, e, mount)
+        a, e = az + x / np.cos(e), el + y
+    return a, e
+
+
+def rotations(values, az, el, mount=ALTAZ):
+    """Encoder angles of a sum of columns whose geometric ones are rotations."""
+    return model_of(values, {}, 'rotation', mount=mount).sky_to_encoder(az, el)
+
+
+def model_of(values, sigma, geometry, provenance=None, mount=ALTAZ):
+    """Our model of a sum of columns.
+
+    Parameters
+    ----------
+    values, sigma : dict of tuple to float
+        By column, radians.
+    geometry : {'rotation', 'first_order'}
+    provenance : dict, optional
+    mount : Mount, optional
+
+    Returns
+    -------
+    PointingModel
+        Columns that are no term of ours are effects of it.
+    """
+    from pointing_model.effects import effect
+    from pointing_model.fitted_effects import FittedEffect
+
+    from .columns import TERM_OF
+    if not mount.altaz:
+        return PointingModel({key[0]: value for key, value in values.items()}, np.diag(np.square(
+            [sigma.get(key, 0.0) for key in values])), None, provenance or {}, geometry, (), mount)
+    terms = {TERM_OF[key]: value for key, value in values.items() if key in TERM_OF}
+    errors = [sigma.get(key, 0.0) for key in values if key in TERM_OF]
+    effects = [FittedEffect(effect('product', result=key[0], factors=[list(f) for f in key[1]]),
+                            [value], [sigma.get(key, 0.0)])
+               for key, value in values.items() if key not in TERM_OF]
+    return PointingModel(terms, np.diag(np.square(errors)), None, provenance or {}, geometry,
+                         effects)
+
+
+# ------------------------------------------------------------------------------- reading of files
+
+EQUATORIAL = re.compile(r'I[HD]|CH|NP|M[AE]|FO|DA[FB]|[HD]CE[CS]|P[HDX]\w+|H[HDXP][SC]\w+')
+
+
+def number_of(path, line, name, text):
+    """A finite number; ValueError with file and line where it is none."""
+    try:
+        value = float(text)
+    except ValueError:
+        raise ValueError(f'{path}, row {line}: {name} is {text[:40]!r}, which is no '
+                         'number') from None
+    if not np.isfinite(value):
+        raise ValueError(f'{path}, row {line}: {name} is {text[:40]!r}, which is not finite')
+    return value
+
+
+def refuse_equatorial(path, names):
+    """ValueError where terms are of an equatorial mount."""
+    found = [name for name in names if EQUATORIAL.fullmatch(name)]
+    if found:
+        raise ValueError(f'{path} is a model of an equatorial mount ({", ".join(found[:8])}), and '
+                         'not of an alt-azimuth one; if the mount is one, say so (--mount, '
+                         '--latitude)')

@@ -1,0 +1,169 @@
+"""The pointing model of SPK, the kernel that INDI's SPK plug-in runs (indilib libs/alignment/spk).
+
+Seven coefficients of `spkPM`, exact rotations (P. T. Wallace 2002, SPIE 4848, 125), written as the
+C assignments of its demonstrations, radians by AS2R. INDI's plug-in has no file for them: it fits
+six of them (no NP) to its synchronisation points; its VD is times cos E, as TF is; in SPK as
+published VD is an angle, to be given as TF cos E at each target.
+"""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+
+from msg_tools.units import ARCSEC
+from pointing_model.mounts import ALTAZ, is_beyond
+
+from .columns import OF_TERM
+from .program import Found, Program, number_of
+
+#: member of spkPM -> our term and SPK's coefficient for a unit of ours
+_MEMBERS = {'pia': ('IA', 1), 'pib': ('IE', -1), 'pvd': ('TF', 1), 'pca': ('CA', 1),
+            'pnp': ('NPAE', 1), 'paw': ('AW', 1), 'pan': ('AN', 1)}
+#: of an equatorial mount, whose roll is the hour angle backwards
+_EQUATORIAL = {'pia': ('IH', 1), 'pib': ('ID', -1), 'pvd': ('TF', 1), 'pca': ('CH', 1),
+               'pnp': ('NP', 1), 'paw': ('MA', 1), 'pan': ('ME', -1)}
+_SAID = {'pia': 'IA', 'pib': 'IE', 'pvd': 'TF: times cos E', 'pca': 'CA', 'pnp': 'NPAE',
+         'paw': 'AW', 'pan': 'AN'}
+_OWN = {OF_TERM[name]: [(own, float(sign))] for own, (name, sign) in _MEMBERS.items()}
+_PASSES = 4  # each shrinks the error of where the droop is taken by the terms' size
+
+
+def _about_y(angle):
+    s, c = np.sin(angle), np.cos(angle)
+    return np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])
+
+
+def _attitude(mount, an, aw):
+    """From south, east, up to the mount: the colatitude, then -AN about y, then AW about x."""
+    s, c = np.sin(aw), np.cos(aw)
+    about_x = np.array([[1.0, 0.0, 0.0], [0.0, c, s], [0.0, -s, c]])
+    nominal = np.eye(3) if mount.altaz else _about_y(mount.latitude - 0.5 * np.pi)
+    return about_x @ _about_y(-an) @ nominal
+
+
+def _vector(roll, pitch):
+    return np.stack([np.cos(pitch) * np.cos(roll), np.cos(pitch) * np.sin(roll), np.sin(pitch)])
+
+
+def _angles(v):
+    return np.arctan2(v[1], v[0]), np.arctan2(v[2], np.hypot(v[0], v[1]))
+
+
+def _posture(aim, tel, sn, cn, side=1.0):
+    """Roll and pitch that bring the telescope vector onto the aim; side -1: through the pole."""
+    lean = np.arctan2(tel[2], tel[0])
+    s = aim[2] + sn * tel[1]
+    with np.errstate(invalid='ignore'):  # nearer to the pole than the axes allow
+        c = np.sqrt(aim[0]**2 + aim[1]**2 - tel[1] * (2.0 * aim[2] * sn + tel[1]) - sn**2)
+    pitch = np.arctan2(s, side * c) - lean
+    sb, cb = np.sin(pitch), np.cos(pitch)
+    x = cb * tel[0] - sb * tel[2]
+    y = sn * sb * tel[0] + cn * tel[1] + sn * cb * tel[2]
+    return np.arctan2(aim[1] * x - aim[0] * y, x * aim[0] + y * aim[1]), pitch
+
+
+def _drooped(roll, pitch, mount, tel, p, sn, cn, side=1.0):
+    """The telescope vector with the droop at a posture."""
+    shape = np.shape(roll)
+    az, el = _angles(mount.T @ _vector(roll, pitch))
+    raised = mount @ _vector(az, el + p['pvd'] * np.cos(el))
+    a, b = _posture(raised, [np.broadcast_to(v, shape) for v in tel], sn, cn, side)
+    sa, ca, sb, cb = np.sin(a), np.cos(a), np.sin(b), np.cos(b)
+    # where the drooped direction is from that posture: turned back by roll, lean and pitch
+    v = _vector(roll, pitch)
+    x, y, z = ca * v[0] + sa * v[1], -sa * v[0] + ca * v[1], v[2]
+    y, z = cn * y - sn * z, sn * y + cn * z
+    x, z = cb * x + sb * z, -sb * x + cb * z
+    r2 = tel[0]**2 + tel[1]**2
+    r = np.sqrt(r2)
+    w = x * tel[0] + y * tel[1]
+    d = (w + z * tel[2]) * r
+    xi, eta = (y * tel[0] - x * tel[1]) / d, (z * r2 - tel[2] * w) / d
+    f = np.sqrt(1.0 + xi**2 + eta**2)
+    return np.stack([(tel[0] - xi * tel[1]) / f, (tel[1] + xi * tel[0]) / f, eta / f])
+
+
+def _encoder(values, az, el, mount=ALTAZ, own=_OWN):
+    p = dict.fromkeys(_MEMBERS, 0.0)
+    for key, value in values.items():
+        for name, share in own[key]:
+            p[name] += share * value
+    attitude = _attitude(mount, p['pan'], p['paw'])
+    sn, cn = np.sin(p['pnp']), np.cos(p['pnp'])
+    plain = np.array([np.cos(p['pca']), np.sin(p['pca']), 0.0])
+    az, el = np.asarray(az, float), np.asarray(el, float)
+    azimuth, elevation = mount.horizon_of(az, el)
+    aim = attitude @ _vector(np.pi - azimuth, elevation)
+    side = np.where(is_beyond(el), -1.0, 1.0)
+    turn = np.pi if mount.altaz else 0.0  # roll is this minus the azimuth or the hour angle
+    roll, pitch = turn - az, el
+    for _ in range(_PASSES):
+        tel = _drooped(roll, pitch, attitude, plain, p, sn, cn, side)
+        roll, pitch = _posture(aim, tel, sn, cn, side)
+    out = turn - roll + p['pia']
+    pitch = el + np.mod(pitch - el + np.pi, 2.0 * np.pi) - np.pi
+    return az + np.mod(out - az + np.pi, 2.0 * np.pi) - np.pi, pitch - p['pib']
+
+
+def _write(sheet):
+    rows = [f'/* {sheet.caption.replace("*/", "* /")} */', '/* spkPM pm; arcseconds by AS2R */']
+    for name, said in _SAID.items():
+        rows.append(f'   pm.{name} = {sheet.terms.get(name, 0.0) / ARCSEC:14.7f} * AS2R;'
+                    f'  /* {said} */')
+    return '\n'.join([*rows, '   pm.ga = 0.0;', '   pm.gb = 0.0;']) + '\n'
+
+
+_ROW = re.compile(r'\s*pm(?:\.|->)(\w+)\s*=\s*([^;*\s]+)\s*(\*\s*AS2R)?\s*(\*[^;]*)?;.*')
+
+
+def _read(path, text):
+    found = Found({})
+    for number, line in enumerate(text.splitlines(), 1):
+        match = _ROW.fullmatch(line)
+        if not match:
+            if re.match(r'\s*pm(\.|->)', line):
+                raise ValueError(f'{path}, row {number}: {line.strip()[:60]!r} is no assignment of '
+                                 'a number')
+            continue
+        name, value, arcsec, more = match.groups()
+        value = number_of(path, number, name, value) * (ARCSEC if arcsec else 1.0)
+        if name in ('ga', 'gb'):
+            if value:
+                found.notes.append(f'{name} is of the guider: left out')
+            continue
+        if name not in _MEMBERS:
+            raise ValueError(f'{path}, row {number}: {name} is no member of spkPM; known are '
+                             f'{", ".join(_MEMBERS)}')
+        if more:
+            raise ValueError(f'{path}, row {number}: {line.strip()[:60]!r} follows the target; '
+                             'give the coefficient alone (TF for pvd)')
+        if name in found.terms:
+            raise ValueError(f'{path}, row {number}: {name} is there twice')
+        found.terms[name] = value
+    if not found.terms:
+        raise ValueError(f'{path} holds no coefficient of spkPM')
+    return found
+
+
+def _for_mount(mount):
+    """SPK of an equatorial mount, on both sides of the pier."""
+    if mount.kind not in ('equatorial', 'german'):
+        raise ValueError(f'SPK has no models of a mount that is {mount.kind}')
+    own = {(name, ()): [(member, float(sign))] for member, (name, sign) in _EQUATORIAL.items()}
+    return replace(
+        SPK, own=own.get, candidates=tuple(own), mount=mount,
+        column=lambda member: [((_EQUATORIAL[member][0], ()), float(_EQUATORIAL[member][1]))],
+        encoder=lambda values, az, el: _encoder(values, az, el, mount, own))
+
+
+def _looks_like(text):
+    return bool(re.search(r'^\s*pm(\.|->)p\w\w\s*=', text, re.MULTILINE))
+
+
+SPK = Program(
+    'spk', 'SPK (INDI)',
+    'P. T. Wallace 2002, SPIE 4848, 125; indilib/indi, libs/alignment/spk/vtel.c', '.c',
+    _OWN.get, lambda name: [(OF_TERM[_MEMBERS[name][0]], float(_MEMBERS[name][1]))],
+    tuple(_OWN), _encoder, _write, _read, _looks_like, None, '1e-7 arcsec',
+    for_mount=_for_mount)

@@ -1,0 +1,151 @@
+"""The plain table: every coefficient of a model with its formula, as CSV that is read back.
+
+Columns ``part, name, value_arcsec, sigma_arcsec, formula``; rows of effects also name what they
+follow, and carry what they are made of as JSON, so that nothing of the model is lost but the
+correlations of its errors. Remarks begin with ``#``; ``# geometry: rotation`` counts.
+"""
+
+import csv
+import io
+import json
+
+import numpy as np
+
+from msg_tools.units import ARCSEC
+from pointing_model.fitted_effects import FittedEffect
+from pointing_model.harmonics import Harmonics
+from pointing_model.model import PointingModel
+from pointing_model.mounts import ALTAZ
+from pointing_model.terms import terms_of
+
+from .program import number_of, refuse_equatorial
+
+NAME, SUFFIX = 'table', '.csv'
+_HEADER = ('part', 'name', 'value_arcsec', 'sigma_arcsec', 'formula', 'follows', 'made_of')
+
+
+def write(model, caption):
+    """The table of a model, as text."""
+    out = io.StringIO()
+    out.write(f'# {caption}\n# geometry: {model.geometry}\n'
+              '# encoder - catalogue; (x, y): x = dA cos E and y = dE on the sky; A from north '
+              'through east\n')
+    rows = csv.writer(out, lineterminator='\n')
+    rows.writerow(_HEADER)
+    errors = np.sqrt(np.maximum(np.diag(model.covariance), 0.0))
+    for (name, value), error in zip(model.terms.items(), errors):
+        rows.writerow(['term', name, repr(value / ARCSEC), repr(float(error) / ARCSEC),
+                       terms_of(model.mount)[name].formula, '', ''])
+    h = model.harmonics
+    if h is not None:
+        for name, (value, error) in h.coefficients.items():
+            rows.writerow(['harmonic', name, repr(float(value / ARCSEC)),
+                           repr(float(error / ARCSEC)), f'paper 000, E read as {h.interpretation}',
+                           '', h.interpretation])
+    for fitted in model.effects:
+        e = fitted.effect
+        made = json.dumps({'name': e.name, 'family': e.form, 'parameters': e.parameters})
+        for name, value, error in zip(e.coefficient_names, fitted.coefficients, fitted.sigma):
+            rows.writerow(['effect', name, repr(float(value / ARCSEC)),
+                           repr(float(error / ARCSEC)), e.formula, ', '.join(e.requires), made])
+    return out.getvalue()
+
+
+def looks_like(text):
+    """Whether it is such a table."""
+    top = next((line for line in text.splitlines() if line.strip() and not line.startswith('#')),
+               '')
+    names = [cell.strip() for cell in top.split(',')]
+    return 'value_arcsec' in names and 'name' in names
+
+
+def read(path, text, mount=ALTAZ):
+    """The model of a table.
+
+    Parameters
+    ----------
+    path : Path or str
+        For messages.
+    text : str
+    mount : Mount, optional
+
+    Returns
+    -------
+    PointingModel
+
+    Raises
+    ------
+    ValueError
+        Unknown terms, numbers that are not finite, rows that do not fit.
+    """
+    geometry = 'rotation'
+    body = []
+    for number, line in enumerate(text.splitlines(), 1):
+        if line.startswith('#'):
+            word, _, value = line[1:].partition(':')
+            if word.strip() == 'geometry':
+                geometry = value.strip()
+                if geometry not in ('rotation', 'first_order'):
+                    raise ValueError(f'{path}, row {number}: geometry {geometry!r} is neither '
+                                     'rotation nor first_order')
+        elif line.strip():
+            body.append((number, line))
+    header, *rows = csv.reader(line for _, line in body)
+    header = [cell.strip() for cell in header]
+    terms, errors, series, effects = {}, [], {}, {}
+    for (number, _), cells in zip(body[1:], rows):
+        if len(cells) != len(header):
+            raise ValueError(f'{path}, row {number}: {len(cells)} cells, but the header has '
+                             f'{len(header)}')
+        row = dict(zip(header, (cell.strip() for cell in cells)))
+        name, part = row['name'], row.get('part') or 'term'
+        value = number_of(path, number, name, row['value_arcsec']) * ARCSEC
+        error = number_of(path, number, f'sigma of {name}', row.get('sigma_arcsec') or '0') * ARCSEC
+        if part == 'term':
+            if name not in terms_of(mount):
+                if mount.altaz:
+                    refuse_equatorial(path, [name])
+                raise ValueError(f'{path}, row {number}: {name} is no term that is known here; '
+                                 f'known are {", ".join(terms_of(mount))}')
+            if name in terms:
+                raise ValueError(f'{path}, row {number}: {name} is there twice')
+            terms[name] = value
+            errors.append(error)
+        elif part == 'harmonic':
+            series[name] = value, error, row.get('made_of') or 'zenith'
+        elif part == 'effect':
+            effects.setdefault(row.get('made_of', ''), []).append((number, name, value, error))
+        else:
+            raise ValueError(f'{path}, row {number}: part {part!r} is none of term, harmonic, '
+                             'effect')
+    return PointingModel(terms, np.diag(np.square(errors)), _harmonics(path, series),
+                         {'source': str(path), 'program': NAME}, geometry,
+                         [_effect(path, made, rows) for made, rows in effects.items()], mount)
+
+
+def _harmonics(path, series):
+    if not series:
+        return None
+    from pointing_model.harmonics import COUNT
+    values, errors = np.zeros((2, COUNT)), np.zeros((2, COUNT))
+    for name, (value, error, _) in series.items():
+        try:
+            place = 'AB'.index(name[:1]), int(name[1:])
+            values[place], errors[place] = value, error
+        except (ValueError, IndexError):
+            raise ValueError(f'{path}: {name} is no coefficient of the harmonics (A0 to '
+                             f'B{COUNT - 1})') from None
+    kind = next(iter(series.values()))[2]
+    return Harmonics(kind, *values, np.diag(np.square(errors.ravel())))
+
+
+def _effect(path, made, rows):
+    number = rows[0][0]
+    try:
+        document = json.loads(made)
+        return FittedEffect.from_document({**document, 'coefficients': [
+            {'name': name, 'value_arcsec': value / ARCSEC, 'sigma_arcsec': error / ARCSEC}
+            for _, name, value, error in rows]})
+    except (ValueError, KeyError, TypeError) as error:
+        raise ValueError(f'{path}, row {number}: not an effect that is known here: '
+                         f'{error}') from None

@@ -1,0 +1,345 @@
+"""A model into the terms of a program and back: what is held, what is refitted, what is lost."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from msg_tools.units import ARCSEC, wrap
+from pointing_model.context import Context
+from pointing_model.effects.product import RESULTS, written
+from pointing_model.mounts import ALTAZ, through_pole
+
+from .columns import OF_TERM, TERM_OF, of_model, on_sky
+from .program import Program, Sheet, model_of, rotations
+
+#: a loss below is none, arcsec
+HELD = 1e-3
+#: a refit goes on to further terms of the program until this is left, arcsec RMS ...
+_ENOUGH = 0.01
+#: ... or the best of them takes less than this part of the RMS
+_PAYS = 0.03
+#: a column of which less is left beside the others is not determined on this sky
+_DETERMINED = 1e-3
+_STEPS = 20
+_LOWEST = np.radians(20.0)
+
+
+@dataclass(frozen=True)
+class Loss:
+    """How far two models are apart on a sky, arcsec on the sky."""
+
+    rms: float
+    largest: float
+    directions: int
+    unseen: int = 0
+
+    def to_dict(self):
+        """JSON-ready."""
+        return {'rms_arcsec': self.rms, 'max_arcsec': self.largest,
+                'directions': self.directions, 'not_reached': self.unseen}
+
+
+def uniform_sky(count=600, mount=ALTAZ):
+    """Directions spread evenly over the sky above 20 degrees, as a Context of the axes.
+
+    Of a German mount every other one is seen through the pole.
+    """
+    i = np.arange(count)
+    height = np.sin(_LOWEST) + (1.0 - np.sin(_LOWEST)) * (i + 0.5) / count
+    az, el = np.mod(i * np.pi * (3.0 - np.sqrt(5.0)), 2.0 * np.pi), np.arcsin(height)
+    if mount.altaz:
+        return Context(az, el)
+    ha, dec = mount.axes_of(az, el)
+    # both sides of the pier, where the mount goes through the pole
+    return Context(*through_pole(ha, dec, (i % 2 == 1) & (mount.kind == 'german')), mount=mount)
+
+
+def apart(one, other, el):
+    """On-sky difference of two pairs of encoder angles, shape (2, n)."""
+    return np.stack([wrap(one[0] - other[0]) * np.cos(el), wrap(one[1] - other[1])])
+
+
+def loss_of(target, program, values, sky):
+    """How far a program with these values is from encoder angles.
+
+    Parameters
+    ----------
+    target : ndarray, shape (2, n)
+        Encoder angles, radians.
+    program : Program or callable
+        The callable as `Program.encoder`.
+    values : dict
+    sky : Context
+
+    Returns
+    -------
+    Loss
+    """
+    encoder = program.encoder if isinstance(program, Program) else program
+    left = apart(target, encoder(values, sky.az, sky.el), sky.el) / ARCSEC
+    good = np.isfinite(left).all(axis=0)
+    size = np.hypot(*left[:, good])
+    if not good.any():
+        return Loss(float('nan'), float('nan'), 0, len(sky))
+    return Loss(float(np.sqrt(np.mean(size**2))), float(size.max()), int(good.sum()),
+                int((~good).sum()))
+
+
+@dataclass
+class Exported:
+    """A model in a program's terms.
+
+    Attributes
+    ----------
+    program : Program
+    text : str
+        Of the file.
+    terms : dict of str to float
+        As they stand in it, radians or plain numbers: see `listed`.
+    direct, loss : Loss
+        With the terms taken over by name alone, and as they are in the file.
+    elsewhere : Loss or None
+        As `loss` on a uniform sky, of what follows the direction; None where that is the sky.
+    refitted : bool
+        Whether the values are of a refit.
+    added : list of str
+        Terms of the program that the model does not have, taken to hold what it has beyond.
+    left : list of str
+        Parts of the model that no term of the program is. What follows more than the direction
+        counts as zero in the file, and in the loss as the run tells it.
+    notes : list of str
+    sky : str
+        On which the losses are.
+    """
+
+    program: Program
+    text: str
+    terms: dict
+    direct: Loss
+    loss: Loss
+    elsewhere: Loss | None
+    refitted: bool
+    added: list
+    left: list
+    notes: list
+    sky: str
+
+    def listed(self):
+        """(name, value, unit) of each term, in arcsec but for plain numbers, whose unit is ''."""
+        return [(name, value, '') if name in self.program.plain
+                else (name, value / ARCSEC, 'arcsec') for name, value in self.terms.items()]
+
+    @property
+    def held(self):
+        """Whether the program computes what the model does, to a thousandth of an arcsecond."""
+        return not self.left and self.loss.largest <= HELD
+
+    def to_dict(self):
+        """JSON-ready."""
+        return {'program': self.program.name, 'held': self.held, 'terms': [
+                    dict(zip(('name', 'value', 'unit'), row)) for row in self.listed()],
+                'refitted': self.refitted, 'added': self.added, 'not_held': self.left,
+                'sky': self.sky, 'by_name': self.direct.to_dict(), 'loss': self.loss.to_dict(),
+                'elsewhere': self.elsewhere and self.elsewhere.to_dict(),
+                'notes': self.notes}
+
+
+def export(model, program, sky=None, told='', facts=None):
+    """A model in the terms of a program, refitted where it has to be.
+
+    Parameters
+    ----------
+    model : PointingModel
+    program : Program
+    sky : Context, optional
+        The directions of a run, with what drives the model's effects there; by default
+        `uniform_sky`.
+    told : str
+        What that sky is, for people.
+    facts : dict, optional
+        Of `program.Sheet`, for the file.
+
+    Returns
+    -------
+    Exported
+
+    Raises
+    ------
+    ValueError
+        The program has no terms of the model's mount, or the model reaches no direction.
+    """
+    program, given = of_mount(program, model.mount), sky is not None
+    if not given:
+        sky, told = uniform_sky(mount=model.mount), 'a uniform sky above 20 degrees'
+    target = np.stack(model.sky_to_encoder(sky.az, sky.el, sky))
+    good = np.isfinite(target).all(axis=0)
+    sky, target = sky.select(good), target[:, good]
+    if not len(sky):
+        raise ValueError('the model reaches none of the directions of this sky')
+    # which way the axes came, or how warm it was that night, is no matter of the direction
+    still = replace(model, effects=[e for e in model.effects if not e.effect.requires])
+    aim = np.stack(still.sky_to_encoder(sky.az, sky.el))
+    values, sigma, left = of_model(model)
+    values = {key: value for key, value in values.items() if value or (
+              key in TERM_OF or not model.mount.altaz) and program.own(key) is not None}
+    lacking = [key for key in values if program.own(key) is None]
+    left += [_name_of(key) for key in lacking]
+    taken = {key: value for key, value in values.items() if key not in lacking}
+    direct, still_direct = (loss_of(to, program, taken, sky) for to in (target, aim))
+    refitted, added = False, []
+    # rotations in another order than ours are never ours by name alone
+    if program.geometry is None or not still_direct.largest <= HELD:
+        refitted = True
+        taken, added = _refit(program, aim, taken, sky, bool(lacking) or len(of_model(still)[2]))
+    if program.whole:
+        taken = _to_whole(program, taken, sky)
+    terms, errors = {}, {}
+    for key, value in taken.items():
+        for name, share in program.own(key):
+            terms[name] = terms.get(name, 0.0) + share * value
+            if key in sigma and not refitted:
+                errors[name] = abs(share) * sigma[key]
+    text = program.write(Sheet(terms, errors, **{'caption': 'telescope_mount', **(facts or {})}))
+    # what counts is what stands in the file, with its digits
+    found = program.read('the exported file', text)
+    read = _by_column(program, found.terms)
+    loss, elsewhere = loss_of(target, program, read, sky), None
+    if given:
+        whole = uniform_sky(mount=model.mount)
+        elsewhere = loss_of(np.stack(still.sky_to_encoder(whole.az, whole.el)), program, read,
+                            whole)
+    notes = list(found.notes)
+    for who, encoder in program.otherwise:
+        other = loss_of(target, encoder, read, sky)
+        if other.largest > HELD:
+            notes.append(f'{who}: off by {other.rms:.3f} arcsec RMS, at most {other.largest:.3f}')
+    return Exported(program, text, found.terms, direct, loss, elsewhere, refitted,
+                    [n for key in added for n, _ in program.own(key)], left, notes, told)
+
+
+def of_mount(program, mount):
+    """The program with the terms of a mount; ValueError where it has none."""
+    if mount.altaz:
+        return program
+    if program.for_mount is None:
+        raise ValueError(f'models of {program.title} are read and written of alt-azimuth mounts '
+                         f'alone, and this one is of another ({mount.kind})')
+    return program.for_mount(mount)
+
+
+def _name_of(key):
+    if key[0] not in RESULTS:
+        return key[0]
+    return TERM_OF.get(key) or f'{written(key[1])} {RESULTS[key[0]][1]}'
+
+
+def _by_column(program, terms):
+    out = {}
+    for name, value in terms.items():
+        for key, share in program.column(name):
+            out[key] = out.get(key, 0.0) + share * value
+    return out
+
+
+def _refit(program, target, start, sky, more):
+    """Values of the program's columns nearest to encoder angles, and which were taken besides.
+
+    With `more`, where parts of the model have no column there, the program's other columns are
+    taken as far as they pay; what second order leaves of rotations is not dressed up so.
+    """
+    index = [OF_TERM[n] for n in ('IA', 'IE')] if program.mount.altaz else [
+        (n, ()) for n in program.mount.names.index]
+    keys = [*start, *(key for key in index if key not in start)]
+    keys = [key for key in keys if program.own(key) is not None]
+    begun = list(keys)
+    values = _solved(program, target, {key: start.get(key, 0.0) for key in keys}, sky)
+    pool = {key: np.ravel(on_sky(key, sky.az, sky.el, program.mount)) for key in program.candidates
+            if more and key not in keys}
+    while pool:
+        left = np.ravel(apart(target, program.encoder(values, sky.az, sky.el), sky.el))
+        rms = np.sqrt(2.0 * np.mean(left**2)) / ARCSEC
+        if not rms > _ENOUGH:
+            break
+        base = np.linalg.qr(np.stack([np.ravel(on_sky(k, sky.az, sky.el, program.mount))
+                                      for k in keys], axis=1))[0]
+        left = left - base @ (base.T @ left)
+        best, gain = None, 0.0
+        for key, column in pool.items():
+            beside = column - base @ (base.T @ column)
+            size = np.linalg.norm(beside)
+            if size > _DETERMINED * np.linalg.norm(column):
+                took = (beside @ left / size) ** 2
+                if took > gain:
+                    best, gain = key, took
+        whole = left @ left
+        if best is None or np.sqrt(max(whole - gain, 0.0)) > (1.0 - _PAYS) * np.sqrt(whole):
+            break
+        del pool[best]
+        keys.append(best)
+        values = _solved(program, target, {**values, best: 0.0}, sky)
+    return values, [key for key in keys if key not in begun]
+
+
+def _solved(program, target, start, sky):
+    """Gauss-Newton with first-order columns: each step shrinks the rest by the terms' size."""
+    values = dict(start)
+    keys = list(values)
+    columns = np.stack([np.ravel(on_sky(key, sky.az, sky.el, program.mount)) for key in keys],
+                       axis=1)
+    size = np.linalg.norm(columns, axis=0)
+    for _ in range(_STEPS):
+        left = np.ravel(apart(target, program.encoder(values, sky.az, sky.el), sky.el))
+        good = np.isfinite(left)
+        step = np.linalg.lstsq((columns / size)[good], left[good], rcond=1e-6)[0] / size
+        values = {key: value + d for (key, value), d in zip(values.items(), step)}
+        if np.abs(step * size).max() < 1e-7 * ARCSEC * np.sqrt(len(left)):
+            break
+    return values
+
+
+def _to_whole(program, values, sky):
+    """Values rounded one after the other, each with the others moved to make up for it."""
+    free = dict(values)
+    columns = {key: np.ravel(on_sky(key, sky.az, sky.el, program.mount)) for key in free}
+    out = {}
+    for key in sorted(free, key=lambda k: -np.linalg.norm(columns[k])):
+        value = free.pop(key)
+        out[key] = np.rint(value / program.whole) * program.whole
+        if free:
+            rest = np.stack([columns[k] for k in free], axis=1)
+            moved = np.linalg.lstsq(rest, (value - out[key]) * columns[key], rcond=1e-6)[0]
+            free = {k: v + d for (k, v), d in zip(free.items(), moved)}
+    return out
+
+
+def imported(program, found, source=''):
+    """Our model of what stands in a file.
+
+    Parameters
+    ----------
+    program : Program
+    found : Found
+    source : str
+
+    Returns
+    -------
+    model : PointingModel
+    loss : Loss or None
+        Of ours to what the program computes, where ours had to be fitted to it.
+    """
+    values = _by_column(program, found.terms)
+    sigma = {}
+    for name, error in found.sigma.items():
+        for key, share in program.column(name):
+            sigma[key] = float(np.hypot(sigma.get(key, 0.0), share * error))
+    provenance = {'source': str(source), 'program': program.name}
+    if program.geometry:
+        return model_of(values, sigma, program.geometry, provenance, program.mount), None
+    # neither rotations nor first order of ours: the nearest of ours
+    sky = uniform_sky(mount=program.mount)
+    target = np.stack(program.encoder(values, sky.az, sky.el))
+    ours = replace(program, geometry='rotation', encoder=lambda values, az, el: rotations(
+        values, az, el, program.mount))
+    values = _solved(ours, target, values, sky)
+    return model_of(values, sigma, 'rotation', provenance, program.mount), loss_of(
+        target, ours, values, sky)

@@ -1,0 +1,154 @@
+"""A model file as the base of a fit: its terms are fitted anew, what else it has is held."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+
+@dataclass(frozen=True)
+class BaseModel:
+    """What a fit starts from, as a model file declares it.
+
+    The terms are fitted to the run, and their values in the file are shown beside. Harmonics and
+    effects that came with them, which no list of terms can declare, are held as they are: taken
+    off the readings, and in the model again that is saved.
+
+    Attributes
+    ----------
+    path : Path
+    model : PointingModel
+        As it was read.
+    notes : list of str
+    """
+
+    path: Path
+    model: object
+    notes: list
+
+    @classmethod
+    def read(cls, path, mount):
+        """Read a file of ours or of another program.
+
+        Parameters
+        ----------
+        path : str or Path
+        mount : Mount
+            Of the run.
+
+        Raises
+        ------
+        ValueError
+            It is no such file, declares no term, or is of another mount.
+        """
+        from pointing_model.model_files import read_model
+        loaded = read_model(path, mount)
+        if loaded.model.mount != mount:
+            raise ValueError(f'{path} is a model of another mount ({loaded.model.mount.kind}) than '
+                             f'the run ({mount.kind}), or of another latitude')
+        if not loaded.model.terms:
+            raise ValueError(f'{path} has no term to fit anew')
+        out = cls(Path(path), loaded.model, list(loaded.notes))
+        if out.held is not None:
+            out.notes.append(f'held as {path} has it, not fitted anew: {", ".join(out._held())}')
+        return out
+
+    @property
+    def terms(self):
+        """Names of the declared terms."""
+        return tuple(self.model.terms)
+
+    @property
+    def held(self):
+        """The model of what is held, or None."""
+        if not self.model.effects and self.model.harmonics is None:
+            return None
+        return replace(self.model, terms={}, covariance=None, geometry='rotation',
+                       provenance={'source': str(self.path)})
+
+    def _held(self):
+        series = [] if self.model.harmonics is None else ['harmonics']
+        return [*series, *(e.effect.name for e in self.model.effects)]
+
+    def taken_off(self, run, encoder='enc'):
+        """The run with what is held taken off its readings.
+
+        Parameters
+        ----------
+        run : PointingRun
+        encoder : {'enc', 'abs'}
+
+        Returns
+        -------
+        PointingRun
+        """
+        held = self.held
+        if held is None:
+            return run
+        import numpy as np
+
+        from pointing_model.context import Context
+        from pointing_model.run import PointingRun
+        context = Context.of_run(run, encoder)
+        x, y = held.offsets(run['az'], run['el'], context)
+        columns = dict(run.columns)
+        az, el = f'az_{encoder}', f'el_{encoder}'
+        # what meets a graduation is the reading as it was
+        for axis in ('az', 'el'):
+            reading = context.get(f'reading_{axis}')
+            if encoder == 'enc' and reading is not None:
+                columns.setdefault(f'{axis}_raw', reading)
+        columns[az] = columns[az] - x / np.cos(run['el'])
+        columns[el] = columns[el] - y
+        return PointingRun(columns, run.meta)
+
+    def whole(self, model):
+        """A model that was fitted to runs of `taken_off`, with what is held."""
+        held = self.held
+        if held is None:
+            return model
+        if held.harmonics is not None and model.harmonics is not None:
+            raise ValueError(f'{self.path} has harmonics, and others were fitted: leave one out')
+        return replace(model, harmonics=model.harmonics or held.harmonics,
+                       effects=(*model.effects, *held.effects))
+
+    def compared(self, model):
+        """The terms as the file has them and as they were fitted.
+
+        Parameters
+        ----------
+        model : PointingModel
+
+        Returns
+        -------
+        dict
+            JSON-ready, arcsec: ``terms`` (``here_arcsec`` None where it was not fitted;
+            ``in_sigma`` of both errors, where the file tells its own) and ``held``.
+        """
+        import numpy as np
+
+        from msg_tools.units import ARCSEC
+        sigma = dict(zip(model.terms, np.sqrt(np.maximum(np.diag(model.covariance), 0.0))))
+        errors = dict(zip(self.terms, np.sqrt(np.maximum(np.diag(self.model.covariance), 0.0))))
+        rows = []
+        for name, there in self.model.terms.items():
+            row = {'name': name, 'there_arcsec': there / ARCSEC, 'here_arcsec': None,
+                   'sigma_arcsec': None, 'in_sigma': None}
+            if name in model.terms:
+                error = float(np.hypot(sigma[name], errors[name]))
+                row |= {'here_arcsec': model.terms[name] / ARCSEC,
+                        'sigma_arcsec': float(sigma[name]) / ARCSEC,
+                        'in_sigma': (model.terms[name] - there) / error if error > 0.0 else None}
+            rows.append(row)
+        return {'file': str(self.path), 'terms': rows, 'held': self._held()}
+
+    def table(self, model):
+        """`compared` for the console."""
+        from calibration.tables import new_table
+        out = new_table(f'Terms of {self.path.name} and of this run, arcsec', 'term', 'there',
+                        'here', 'sigma', 'here - there', 'in sigma')
+        for row in self.compared(model)['terms']:
+            there, here, sigma, many = (row[k] for k in (
+                'there_arcsec', 'here_arcsec', 'sigma_arcsec', 'in_sigma'))
+            out.add_row(row['name'], f'{there:+.2f}', *(['-'] * 4 if here is None else [
+                f'{here:+.2f}', f'{sigma:.2f}', f'{here - there:+.2f}',
+                '-' if many is None else f'{many:+.1f}']))
+        return out

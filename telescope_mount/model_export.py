@@ -1,0 +1,202 @@
+"""A model for another program: the file, what it holds, and what is lost on the sky of a run."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+#: ``--to``: our own document besides
+MODEL = 'model'
+
+
+@dataclass
+class Written:
+    """What was written.
+
+    Attributes
+    ----------
+    path : Path
+    program : str
+    exported : pointing_model.model_files.Exported or None
+        None where nothing can be lost: our own document, and the table.
+    notes : list of str
+    """
+
+    path: Path
+    program: str
+    exported: object
+    notes: list
+
+    def to_dict(self):
+        """JSON-ready."""
+        if self.exported is None:
+            return {'program': self.program, 'held': True, 'file': str(self.path),
+                    'notes': self.notes}
+        return {**self.exported.to_dict(), 'file': str(self.path), 'notes': self.notes}
+
+
+def programs():
+    """Names that ``--to`` takes."""
+    return ('tpoint', 'katpoint', 'rts2', 'spk', 'indi', 'onstepx', 'table', MODEL)
+
+
+def export_model(source, path, to, *, sky=None, zero='none', site=None, mount=None,
+                 **options):
+    """Write a model as another program reads it.
+
+    Parameters
+    ----------
+    source : str or Path
+        Any file that `pointing_model.model_files.read_model` reads.
+    path : str or Path
+    to : str
+        Of `programs`.
+    sky : str or Path, optional
+        A run: what the program cannot hold is refitted on its directions, with what drives the
+        model's effects there, and the loss is told on them. By default the sky above 20 degrees.
+    zero : {'none', 'newest'} or number
+        Which of the zeros that the model carries to add to its indices.
+    site : pointing_model.sky.Site, or dict with ``latitude``, optional
+        By default that of the run, if it tells. INDI needs it.
+    mount : Mount, optional
+        That a file of another program is of; by default an alt-azimuth one.
+    **options
+        For `telescope_mount.runs.load_run`.
+
+    Returns
+    -------
+    Written
+
+    Raises
+    ------
+    ValueError
+        `source` is no model, `path` is the same file or has a name that reads as another kind.
+    OSError
+        One cannot be read or written.
+    """
+    from pointing_model.model_files import PROGRAMS, read_model, table
+    from pointing_model.mounts import ALTAZ
+    source, path = Path(source), Path(path)
+    if path.exists() and path.samefile(source):
+        raise ValueError(f'{path} would be written over the model it is made from')
+    ours = path.suffix.lower() in ('.json', '.yaml', '.yml')
+    if ours is not (to == MODEL):
+        raise ValueError(f'{path}: a name ending in .json or .yaml is a model of ours (--to '
+                         f'{MODEL}), and that of no other program')
+    loaded = read_model(source, mount or ALTAZ)
+    model, said = _with_zero(loaded.model, zero)
+    notes = [*loaded.notes, *said]
+    if to == MODEL:
+        model.save(path)
+        return Written(path, to, None, notes)
+    facts = {'caption': f'telescope_mount, {source.name}'}
+    if to == table.NAME:
+        path.write_text(table.write(model, facts['caption']), encoding='utf-8')
+        return Written(path, to, None, notes)
+    from pointing_model.model_files import export
+    context, told = None, ''
+    if sky is not None:
+        context, told, more = _sky_of(sky, model, {**options, 'mount': mount, 'site': site})
+        facts |= more
+    if hasattr(site, 'longitude'):
+        facts['site'] = site.latitude, site.longitude
+    exported = export(model, PROGRAMS[to], context, told, facts)
+    path.write_text(exported.text, encoding='utf-8')
+    return Written(path, to, exported, [*notes, *exported.notes])
+
+
+def _with_zero(model, wanted):
+    """The model with a zero in its indices, and what is said of it."""
+    import numpy as np
+
+    from msg_tools.units import ARCSEC
+    from pointing_model.apply import zeros_of_rows
+    from pointing_model.zero import zeros_in_force
+    (az, el), applied = zeros_of_rows(model, wanted)
+    known = zeros_in_force(model)
+    if not applied:
+        if not known:
+            return model, []
+        newest = known.newest
+        return model, [f'the zero of the power-on is not in the file (run {newest.run:g}: azimuth '
+                       f'{newest.az / ARCSEC:+.2f}, elevation {newest.el / ARCSEC:+.2f} arcsec); '
+                       '--zero newest adds it to the indices']
+    covariance = model.covariance
+    terms = {**model.terms}
+    for name, value in zip(model.mount.names.index, (az, el)):
+        if name not in terms:
+            covariance = np.pad(covariance, (0, 1))
+        terms[name] = terms.get(name, 0.0) + value
+    # the indices have it now, so the model carries none
+    provenance = {k: v for k, v in model.provenance.items() if k != 'zeros_in_force'}
+    return replace(model, terms=terms, covariance=covariance, provenance=provenance), [
+        f'the zero of run {applied[0].run:g} is in the indices: azimuth {az / ARCSEC:+.2f}, '
+        f'elevation {el / ARCSEC:+.2f} arcsec']
+
+
+def _sky_of(path, model, options):
+    """Context of a run's rows, what it is in words, and what the file may tell of the run."""
+    import numpy as np
+
+    from pointing_model.context import Context
+    from pointing_model.rms import rms_arcsec
+
+    from .runs import load_run
+    run = load_run(path, **options)
+    if run.mount != model.mount:
+        raise ValueError(f'{path} is a run of another mount ({run.mount.kind}) than the model '
+                         f'({model.mount.kind}), or of another latitude')
+    x, y = model.residuals(run)
+    # the median is the zero of the run, if it has another one than the model
+    left = rms_arcsec(x - np.nanmedian(x), y - np.nanmedian(y))
+    context = Context.of_run(run)
+    facts = {'observations': len(run), 'rms_arcsec': left.radial}
+    if None not in (context.latitude, context.longitude):
+        facts['site'] = context.latitude, context.longitude
+    return context, f'the {len(run)} directions of {Path(path).name}', facts
+
+
+def show(written, console):
+    """The terms as they stand in the file, and what is lost."""
+    from calibration.tables import new_table
+
+    from .commands.console import print_files, print_lines
+    exported = written.exported
+    if exported is not None:
+        program = exported.program
+        table = new_table(f'Terms of {program.title}', 'term', 'value', 'unit')
+        for name, value, unit in exported.listed():
+            table.add_row(name, f'{value:+.4f}' if unit else f'{value:+.6g}', unit)
+        console.print(table)
+        for line in sentences(exported):
+            console.print(line, markup=False)
+        if program.name == 'katpoint':
+            from pointing_model.model_files.katpoint import description
+            console.print(f'description: {description(exported.terms)}', markup=False,
+                          soft_wrap=True)
+    print_lines(console, 'note', written.notes)
+    print_files(console, {written.program: written.path})
+
+
+def sentences(exported):
+    """What a program holds of a model, in words."""
+    program, loss, direct = exported.program, exported.loss, exported.direct
+    where = f'on {exported.sky}'
+    if exported.held:
+        return [f'{program.title} computes what the model does, to {max(loss.largest, 1e-4):.4f} '
+                f'arcsec at most {where}']
+    lines = []
+    if exported.left:
+        lines.append(f'{program.title} has no term for: {"; ".join(exported.left)}')
+    if exported.refitted:
+        lines.append('refitted in its terms: taken over by name alone they would be off by '
+                     f'{direct.rms:.3f} arcsec RMS, at most {direct.largest:.3f}')
+    if exported.added:
+        lines.append(f'further terms of it that took up what they could: '
+                     f'{", ".join(exported.added)}')
+    if program.whole:
+        lines.append(f'it takes {program.digits}')
+    lines.append(f'loss: {loss.rms:.3f} arcsec RMS, at most {loss.largest:.3f}, {where}')
+    other = exported.elsewhere
+    if other is not None:
+        lines.append('of what follows the direction, on a uniform sky above 20 degrees: '
+                     f'{other.rms:.3f} arcsec RMS, at most {other.largest:.3f}')
+    return lines

@@ -1,0 +1,109 @@
+"""The command ``apply``: columns in, columns out."""
+
+import csv
+import io
+
+import numpy as np
+import pytest
+
+from msg_tools.units import ARCSEC, DEG
+from pointing_model.effects import effect
+from pointing_model.fitted_effects import FittedEffect
+from pointing_model.model import PointingModel
+
+TERMS = {'IA': 412.0 * ARCSEC, 'CA': 25.0 * ARCSEC, 'AN': 30.0 * ARCSEC, 'TF': 15.0 * ARCSEC}
+ZEROS = [{'run': 1, 'az_arcsec': 100.0, 'el_arcsec': -50.0},
+         {'run': 2, 'az_arcsec': 110.0, 'el_arcsec': -40.0}]
+
+
+@pytest.fixture
+def model(tmp_path):
+    drift = FittedEffect(effect('drift', of='IA', driver='temperature', origin=4.0, scale=1.0,
+                                within=[0.0, 8.0]), [5.0 * ARCSEC])
+    made = PointingModel(TERMS, effects=[drift], provenance={'zeros_in_force': ZEROS})
+    made.save(tmp_path / 'model.json')
+    return tmp_path / 'model.json', made
+
+
+def table(text):
+    return list(csv.DictReader(io.StringIO(text)))
+
+
+def test_there_and_back_with_the_columns_of_the_file(ended, model, tmp_path):
+    path, made = model
+    given = tmp_path / 'in.csv'
+    given.write_text('# asked tonight\nname,az_deg,el_deg,temperature_c\n'
+                     'Vega,120.5,45.25,6\nDeneb,300,70,4\n')
+    code, out, err = ended('apply', path, given)
+    assert code == 0
+    rows = table(out)
+    assert list(rows[0]) == ['name', 'az_deg', 'el_deg', 'temperature_c', 'az_enc_deg',
+                             'el_enc_deg']
+    assert rows[0]['name'] == 'Vega' and rows[0]['az_deg'] == '120.5'
+    az, el = made.sky_to_encoder(np.array([120.5, 300.0]) * DEG, np.array([45.25, 70.0]) * DEG,
+                                 {'temperature': np.array([6.0, 4.0])})
+    got = np.array([[float(r['az_enc_deg']), float(r['el_enc_deg'])] for r in rows])
+    np.testing.assert_allclose(got[:, 0], az / DEG + 110.0 / 3600.0, atol=1e-12)
+    np.testing.assert_allclose(got[:, 1], el / DEG - 40.0 / 3600.0, atol=1e-12)
+    assert err == ('note: zero applied, run 2: azimuth +110.00, elevation -40.00 arcsec\n')
+    there = tmp_path / 'there.csv'
+    there.write_text(out)
+    assert ended('apply', path, there, '--reverse', '--out', tmp_path / 'back.csv')[:2] == (0, '')
+    back = table((tmp_path / 'back.csv').read_text())
+    for one, row in zip(back, rows):
+        assert float(one['az_model_deg']) == pytest.approx(float(row['az_deg']), abs=1e-9 / 3600)
+        assert float(one['el_model_deg']) == pytest.approx(float(row['el_deg']), abs=1e-9 / 3600)
+
+
+def test_what_is_not_known_is_said_once(ended, model, tmp_path):
+    given = tmp_path / 'in.csv'
+    given.write_text('az_deg;el_deg;run;temperature_c\n10;45;1;\n20;50;2;5\n30;60;2;\n')
+    code, out, err = ended('apply', model[0], given)
+    assert code == 0 and len(out.splitlines()) == 4 and ';' in out
+    assert 'run 1: azimuth +100.00' in err and 'run 2: azimuth +110.00' in err
+    (line,) = [line for line in err.splitlines() if 'counts as zero' in line]
+    assert 'in 2 of 3 rows: temperature is not known' in line
+    code, out, err = ended('apply', model[0], given, '--set', 'temperature_c=5', '--zero', 'none')
+    assert 'counts as zero' not in err and 'not applied' in err
+
+
+def test_the_standard_input_and_models_of_other_programs(ended, tmp_path, monkeypatch):
+    path = tmp_path / 'tcs.model'
+    path.write_text('RTS2_ALTAZ -36" 0 0 0 0 18" 0\n')
+    monkeypatch.setattr('sys.stdin', io.StringIO('az_deg,el_deg\n10,45\n'))
+    code, out, err = ended('apply', path)
+    assert code == 0 and err == ''
+    row, = table(out)
+    assert float(row['az_enc_deg']) == pytest.approx(10.01)
+    assert float(row['el_enc_deg']) == pytest.approx(44.995)
+
+
+@pytest.mark.parametrize('text, options, words', [
+    ('az_deg,el\n1,2\n', [], 'no column el_deg; the file has az_deg, el'),
+    ('az_deg,el_deg\n1,2\n3,x\n', [], "row 3, column el_deg: 'x' is not a number"),
+    ('az_deg,el_deg\n1,2\n3,nan\n', [], "row 3, column el_deg: 'nan' is no angle"),
+    ('az_deg,el_deg\n1,\n', [], "column el_deg: 'empty' is no angle"),
+    ('az_deg,el_deg\n1,95\n', [], '95 is no such angle'),
+    ('az_deg,el_deg\n1,0.2\n2,0.5\n3,1.2\n', [], 'look like radians'),
+    ('az_deg,el_deg\n1,2,3\n', [], 'row 2: 3 cells, but the header has 2'),
+    ('az_deg,az_deg,el_deg\n1,2,3\n', [], "'az_deg' is there twice"),
+    ('', [], 'is empty'),
+    ('az_deg,el_deg\n1,2\n', ['--zero', '7'], 'no zero of run 7; it has: 1, 2'),
+    ('az_deg,el_deg\n1,2\n', ['--zero', 'last'], 'write newest, none or the number'),
+    ('az_deg,el_deg\n1,2\n', ['--set', 'temperature_c'], 'write COLUMN=VALUE'),
+    ('az_deg,el_deg\n1,2\n', ['--time', 'soon'], 'neither ISO 8601'),
+    ('az_deg,el_deg,run\n1,2,5\n', [], 'no zero of run 5'),
+])
+def test_bad_input_is_one_line(refused, model, tmp_path, text, options, words):
+    given = tmp_path / 'in.csv'
+    given.write_text(text)
+    assert words in refused('apply', model[0], given, *options)
+
+
+def test_directions_out_of_reach_are_said(ended, tmp_path):
+    PointingModel({'CA': 3600.0 * ARCSEC}).save(tmp_path / 'm.yaml')
+    given = tmp_path / 'in.csv'
+    given.write_text('az_deg,el_deg\n1,45\n2,89.9\n')
+    code, out, err = ended('apply', tmp_path / 'm.yaml', given)
+    assert code == 0 and out.splitlines()[2] == '2,89.9,,'
+    assert 'cells left empty in row 3' in err
