@@ -110,7 +110,7 @@ _HADEC = Names(('hour angle', 'declination'), ('polar axis', 'declination axis')
                ('H', 'D', 'P', 'X'), ('ha', 'dec'),
                {**_terms('IH', 'ID', 'CH', 'NP'), 'MA': ('AW', -1), 'ME': ('AN', 1),
                 'TF': ('TF', 1)},
-               (('eastward', 'westward'), ('southward', 'northward')))
+               (('eastward', 'westward'), ('toward smaller readings', 'toward larger readings')))
 _FREE = Names(('first axis', 'second axis'), ('first axis', 'second axis'), ('a', 'b'), (),
               ('axis1', 'axis2'),
               _terms('I1', 'I2', 'C1', 'N12', 'T1', 'T2', 'TF'),

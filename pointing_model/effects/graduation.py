@@ -12,6 +12,8 @@ _TURN = 2.0 * np.pi
 _LINES = {'grating': 47200, 'bars': 1080}
 #: their periods, radians
 PERIODS = {name: _TURN / lines for name, lines in _LINES.items()}
+#: axes by the names of their columns in files
+_BY_COLUMN = {column: axis for names in KINDS.values() for axis, column in zip(AXES, names.columns)}
 _FEWEST, _MOST = 16, 10**7  # lines in a turn that a graduation may have
 _ONE = {'grating': 'a line of the grating', 'bars': 'a bar of the disc'}
 _EACH = {'grating': 'each line of its grating', 'bars': 'each bar of its disc'}
@@ -46,6 +48,7 @@ def declared_graduation(given):
             value = [(name, kind, lines) for kind, lines in value.items()]
         else:
             axis, _, kind = name.rpartition('.')
+            axis = _BY_COLUMN.get(axis, axis)
             value = [(one, kind, value) for one in ([axis] if axis else AXES)]
         for axis, kind, lines in value:
             if axis not in AXES or kind not in _LINES:
