@@ -295,6 +295,19 @@ def cli(ros_domain, tmp_path_factory):
     return run
 
 
+@pytest.fixture(scope='session', autouse=True)
+def few_partitions():
+    """Cross-validation over few partitions, in this process: a third of the time.
+
+    What is chosen hardly depends on them, and how sure the figure is `benchmarks/` show.
+    """
+    from calibration.diagnosis import validation
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(validation, 'PARTITIONS', 3)
+        patch.setattr(validation, 'MOST_PARTITIONS', 4)
+        yield
+
+
 @pytest.fixture
 def ended(capsys):
     """``ended(*args)``: run ``telescope-mount`` in this process; (code, stdout, stderr)."""

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.diagnosis import diagnose
+from calibration.diagnosis import constants, diagnose, validation
 from calibration.diagnosis.base import Base, observations
 from calibration.diagnosis.work import Work
 from calibration.diagnosis_page.page import render
@@ -404,6 +404,15 @@ def test_bad_input_is_refused():
         diagnose(night(1), alpha=1.0)
     with pytest.raises(ValueError, match='no pointing run'):
         observations([])
+
+
+def test_the_cross_validated_figure_is_a_mean_of_ten_partitions(monkeypatch):
+    monkeypatch.setattr(validation, 'PARTITIONS', constants.PARTITIONS)
+    monkeypatch.setattr(validation, 'MOST_PARTITIONS', constants.MOST_PARTITIONS)
+    after = diagnose(night(1, n=40, effect=backlash(8.0)), flips=199, folds=2).after
+    spread = after['cv_spread']
+    assert 10 <= spread['partitions'] <= constants.MOST_PARTITIONS
+    assert spread['min_arcsec'] < after['cv_rms_arcsec'] < spread['max_arcsec']
 
 
 def test_same_seed_same_answer():
