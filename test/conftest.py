@@ -26,15 +26,16 @@ MOST_WORKERS = 8  # the slowest file takes an eighth of all
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_cmdline_main(config):
-    """A process for each core, a file at a time, if pytest-xdist is there and more is asked for
-    than a file. In no option of pyproject.toml: a machine with ROS may lack pytest-xdist."""
+    """A process for each core and one more (a test of nodes waits, too), a file at a time, if
+    pytest-xdist is there and more is asked for than a file. In no option of pyproject.toml: a
+    machine with ROS may lack pytest-xdist."""
     if WORKER:
         return
     option = config.option
     asked = [path.split('::')[0] for path in config.args]
     if getattr(option, 'numprocesses', 0) is None and option.dist == 'no' and not (
             len(set(asked)) == 1 and asked[0].endswith('.py')):
-        option.numprocesses, option.maxprocesses = 'logical', option.maxprocesses or MOST_WORKERS
+        option.numprocesses = min((os.cpu_count() or 1) + 1, option.maxprocesses or MOST_WORKERS)
         option.dist = 'loadfile'
         option.loadscopereorder = False  # see below
 
