@@ -177,7 +177,8 @@ def _by_runs(by_count, chosen):
     if out.after['radial'] > out.before['radial']:
         cut = min(int(np.argmin([one.after['radial'] for one in by_count])), chosen)
         out = replace(by_count[cut], cut=cut, caution=_NOT_REPEATED if cut < chosen else '')
-    out.caution = out.caution or _worse('rows', out.before, out.after)
+    surely = _surely(by_count[0].left_out**2, out.left_out**2)
+    out.caution = out.caution or _worse('rows', out.before, out.after, surely)
     return out
 
 
@@ -187,8 +188,12 @@ def _by_rows(by_count, stretches, keep, chosen):
     counts = range(max(len(by_count), len(squares)))
     rows = [_first(by_count, k) for k in counts]
     apart = [_rms(_first(squares, k), keep) for k in counts]
-    worse = [_worse('stretches of time', before, stretch) or _worse('rows', row.before, row.after)
-             for row, stretch in zip(rows, apart)]
+    worse = [
+        _worse('stretches of time', before, apart[k],
+               _surely(squares[0][:, keep], _first(squares, k)[:, keep]))
+        or _worse('rows', rows[k].before, rows[k].after,
+                  _surely(rows[0].left_out[:, keep]**2, rows[k].left_out[:, keep]**2))
+        for k in counts]
     count, cut, caution = counts[-1], None, worse[-1]
     if worse[-1]:
         sound = [k for k in counts if not worse[k]] or [0]
@@ -207,12 +212,23 @@ def _unsure(parts, keep):
     return every.std(ddof=1) > SPREAD * np.sqrt(len(every)) * every.mean()
 
 
-def _worse(what, before, after):
-    """A sentence, where the whole or an axis is predicted worse."""
+def _worse(what, before, after, surely):
+    """A sentence, where the whole is predicted worse, or an axis of those in `surely`."""
     for axis, words in _IN.items():
-        if after[axis] > before[axis] * (1.0 if axis == 'radial' else 1.0 + _WORSE):
+        if after[axis] > before[axis] * (1.0 if axis == 'radial' else 1.0 + _WORSE) and (
+                axis == 'radial' or axis in surely):
             return _CAUTION.format(what, before[axis], after[axis], words)
     return ''
+
+
+def _surely(before, after):
+    """Axes that squares, shape (2, n), of the same rows show worse by more than their scatter.
+
+    Of 40 rows an axis that an effect does not touch differs by 3 % by chance.
+    """
+    more = after - before
+    scatter = more.std(axis=1, ddof=1) / np.sqrt(more.shape[1])
+    return {axis for axis, worse in zip('xy', more.mean(axis=1) > scatter) if worse}
 
 
 def _rms(squares, keep):

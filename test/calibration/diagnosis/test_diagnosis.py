@@ -9,6 +9,7 @@ import pytest
 
 from calibration.diagnosis import constants, diagnose, validation
 from calibration.diagnosis.base import Base, observations
+from calibration.diagnosis.validation import _surely, _worse
 from calibration.diagnosis.work import Work
 from calibration.diagnosis_page.page import render
 from calibration.diagnosis_page.view import view_of
@@ -404,6 +405,23 @@ def test_bad_input_is_refused():
         diagnose(night(1), alpha=1.0)
     with pytest.raises(ValueError, match='no pointing run'):
         observations([])
+
+
+def test_an_axis_is_worse_only_beyond_the_scatter_of_its_rows():
+    rng = np.random.default_rng(4)
+    n, refused = 40, 0
+    for _ in range(200):
+        before = rng.normal(size=(2, n))
+        # nothing is done to y but another fit of the terms
+        after = before + 0.25 * rng.normal(size=(2, n)) * [[0.0], [1.0]]
+        refused += 'y' in _surely(before**2, after**2)
+    assert refused < 0.5 * 200
+    worse = _surely(before**2, (1.4 * before)**2)
+    assert worse == {'x', 'y'}
+    figures = {'radial': 5.0, 'x': 4.5, 'y': 1.0}, {'radial': 1.5, 'x': 1.0, 'y': 1.06}
+    assert _worse('rows', *figures, set()) == ''
+    assert ', in elevation' in _worse('rows', *figures, {'y'})
+    assert _worse('rows', *figures[::-1], set())  # as a whole it is worse by any amount
 
 
 def test_the_cross_validated_figure_is_a_mean_of_ten_partitions(monkeypatch):
