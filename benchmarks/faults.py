@@ -46,6 +46,7 @@ TOTAL = sum(step.exposures for step in parse_plan(PLAN))
 #: that lies to be mended has said so long before
 STALL, STALL_OF_LIARS = 40.0, 12.0
 LIMIT = 4.0  # sigma
+NOISE = 1.0  # of a star in the scenario, arcsec an axis
 HOUR = 3600 * 10**9
 
 
@@ -198,6 +199,7 @@ class Result:
     off_sigma: float = np.nan  # of what is published, None published: NaN
     off_arcsec: float = np.nan
     words: list = field(default_factory=list)  # refusals and alarms
+    expected: bool | None = None  # whether the expected error holds 100 fresh stars
     wall: float = 0.0
 
     @property
@@ -345,6 +347,12 @@ class Heard:
         sigma = np.hypot(sigma, zero * np.column_stack([np.cos(el), np.ones_like(el)]))
         out.off_arcsec = float(np.sqrt(np.mean(np.sum(off**2, axis=1)))) / ARCSEC
         out.off_sigma = float(np.median(np.abs(off) / sigma, axis=0).max())
+        told = pair.model.provenance.get('expected')
+        if told:
+            rng = np.random.default_rng(seed)
+            fresh = off[rng.integers(0, len(off), 100)] / ARCSEC + NOISE * rng.normal(size=(100, 2))
+            rms = np.sqrt(np.mean(np.sum(fresh**2, axis=1)))
+            out.expected = bool(told['low_arcsec'] <= rms <= told['high_arcsec'])
 
 
 #: what a sentence of the diagnostics has in it that refuses or warns: of an instrument, a message,
@@ -409,6 +417,10 @@ def main():
         name, [{'moment': m, 'liar': FAULTS[name]()} for m in moments(args.fault_moments)])]
     print(f'\nfalsehoods (more than {LIMIT:g} of their own sigma off, nothing said; target 0): '
           f'{sum(r.false for r in killed + lied)} of {len(killed) + len(lied)}')
+    told = [r.expected for r in quiet + killed + lied if r.expected is not None and not r.words]
+    if told:
+        print('expected error, 90 %, without an alarm: holds 100 fresh stars (83 ... 97 %): '
+              f'{sum(told)} of {len(told)}')
     if killed:
         print(f'nights completed after a restart (target 90 %): '
               f'{sum(r.completed for r in killed)} of {len(killed)}')
