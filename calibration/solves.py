@@ -235,7 +235,8 @@ def _check_frame(run, solved):
     taken, *others = [*(_fit_of(run, solved, frame) for frame in frames),
                       _fit_of(run, solved, solved.frame, hours=True)]
     others = sorted((fit for fit in others if fit is not None), key=lambda fit: fit.misfit)
-    if taken is None:
+    lost = taken is None
+    if lost:
         taken = _Fit(solved.frame.text, 0.0, 1.0 / ARCSEC)
     if not others:
         return
@@ -243,10 +244,11 @@ def _check_frame(run, solved):
     gain = taken.misfit - best.misfit
     if np.exp(gain) > _BETTER and 2 * len(run) * gain > _LIKELIER:
         said = 'the file says' if solved.declared else 'no frame is declared; taken are'
+        left = 'do not fit' if lost else f'leave {taken.rms_arcsec:.1f} arcsec'
         raise ValueError(
-            f'{where}: {said} {taken.what}, where the seven terms leave {taken.rms_arcsec:.1f} '
-            f'arcsec; as {best.what} the places leave {best.rms_arcsec:.1f}. Nothing was '
-            f'concluded; {_advice(run, best)}')
+            f'{where}: {said} {taken.what}, where the seven terms {left}; as {best.what} the '
+            f'places leave {best.rms_arcsec:.1f} arcsec. Nothing was concluded; '
+            f'{_advice(run, best)}')
     if not solved.declared:
         if -2 * len(run) * gain < _TOLD:
             _undeclared(run, f'the rows cannot tell it: {taken.what} leaves '

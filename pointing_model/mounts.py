@@ -331,3 +331,13 @@ def mount_text(mount):
     plain = Mount.free(azimuth, elevation)
     roll = np.arctan2(*(np.array(plain.frame)[:2] @ x)[::-1])
     return 'free:' + ','.join(repr(float(v / DEG)) for v in (azimuth, elevation, roll))
+
+
+def told(mount):
+    """A `Mount` in words that tell it from another of its kind."""
+    if mount.altaz:
+        return mount.kind
+    if mount.kind != 'free':
+        return f'{mount.kind}, latitude {mount.latitude / DEG:.7g}'
+    rows = ', '.join(f'{value:.6g}' for value in (*mount.frame[0], *mount.frame[2]))
+    return f'free, its x and z east, north, up {rows}'

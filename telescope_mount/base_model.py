@@ -40,10 +40,11 @@ class BaseModel:
             It is no such file, declares no term, or is of another mount.
         """
         from pointing_model.model_files import read_model
+        from pointing_model.mounts import told
         loaded = read_model(path, mount)
         if loaded.model.mount != mount:
-            raise ValueError(f'{path} is a model of another mount ({loaded.model.mount.kind}) than '
-                             f'the run ({mount.kind}), or of another latitude')
+            raise ValueError(f'{path} is a model of another mount ({told(loaded.model.mount)}) '
+                             f'than the run ({told(mount)})')
         if not loaded.model.terms:
             raise ValueError(f'{path} has no term to fit anew')
         out = cls(Path(path), loaded.model, list(loaded.notes))

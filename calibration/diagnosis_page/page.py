@@ -65,7 +65,7 @@ def render(view):
                      note='Encoder − catalogue, σ from the fit.'),
         page.section('What was left out, and why', page.exclusions(document.get('excluded'))),
         page.section('What to observe next', page.next_observations(
-            document.get('next_observations') or []),
+            document.get('next_observations') or [], document.get('mount') or 'altaz'),
             note='Observations that would best tell the members of the set apart.'),
         page.section('What these observations cannot show', page.untestable(view.untestable)),
         page.section('Notes on the data', _list(view.notes)),

@@ -7,6 +7,7 @@ import numpy as np
 from calibration.diagnosis.summary import histogram
 from pointing_model.effects.base import AXES as AXIS_WORDS
 from pointing_model.effects.base import SIDES, arcsec, readable
+from pointing_model.mounts import KINDS
 from pointing_model.rms import rms
 
 from .svg_plot import MAX_ARROWS, MAX_NAMED, Panel, SkyMap, clean, limit_of, svg, text, thin, ticks
@@ -357,13 +358,15 @@ def exclusions(excluded, limit=12):
     return table(['reason', 'count', 'rows'], rows)
 
 
-def next_observations(rows):
+def next_observations(rows, kind='altaz'):
     """Proposed observations, as tables and on the sky.
 
     Parameters
     ----------
     rows : list of dict
         As `calibration.diagnosis.next_observations.propose` gives them.
+    kind : str
+        Of `pointing_model.mounts.KINDS`: what a motion of its axes is called.
     """
     if not rows:
         return ''
@@ -376,16 +379,19 @@ def next_observations(rows):
                                for a, e in zip(np.degrees(az), np.degrees(el))])
     drawing = figure(svg(320, 320, sky.parts, 'Where to observe next'),
                      'Zenith in the middle, horizon at the rim, numbered as in the tables.')
-    tables = ''.join(_next_group(names, group) for names, group in groups.items())
+    tables = ''.join(_next_group(names, group, kind) for names, group in groups.items())
     return f'<div class="side">{drawing}<div>{tables}</div></div>'
 
 
-def _next_group(names, group):
+def _next_group(names, group, kind):
     head = ' from '.join(readable(name) for name in names)
     timed = any(row.get('after_hours') is not None for _, row in group)
     cells = []
     for i, row in group:
-        sides = [words[row[key]] for key, words in SIDES.items() if row.get(key) in words]
+        sides = [words[row[key] > 0] for key, words in zip(SIDES, KINDS[kind].sides)
+                 if row.get(key) in (-1, 1)]
+        if row.get('through_pole'):
+            sides.insert(0, 'through the pole')
         if row.get('last_move_deg'):
             sides.append(f'{row["last_move_deg"]:g}° back')
         hours = [number(row.get('after_hours'), 1)] if timed else []

@@ -14,7 +14,6 @@ from pointing_model.effects import Amount
 from pointing_model.effects.base import SIDES, arcsec, readable
 from pointing_model.mounts import ALTAZ
 
-_LEVELS = {name: {**sides, 0: 'unknown'} for name, sides in SIDES.items()}
 _LABELS = {
     'temperature': ('air temperature [°C]', 1.0), 'pressure': ('air pressure [hPa]', 1.0),
     'magnitude': ('magnitude of the star [mag]', 1.0),
@@ -22,16 +21,14 @@ _LABELS = {
     'order': ('place in the run [0 first, 1 last]', 1.0), 'run': ('number of the run', 1.0),
     'row': ('number of the row', 1.0), 'pier_side': ('side of the pier', 1.0),
     'lst': ('local sidereal time [h]', np.pi / 12.0), 'azimuth': ('azimuth [°]', DEG),
-    'elevation': ('elevation [°]', DEG), 'approach_az': ('last motion of the azimuth axis', 1.0),
-    'approach_el': ('last motion of the elevation axis', 1.0),
-    'travel_az': ('azimuth travelled to the star [°]', DEG),
-    'travel_el': ('elevation travelled to the star [°]', DEG),
-    'miss_x': ('miss distance, azimuth [arcsec]', ARCSEC),
-    'miss_y': ('miss distance, elevation [arcsec]', ARCSEC),
-    'az_rate': ('azimuth rate [arcsec/s]', ARCSEC),
-    'el_rate': ('elevation rate [arcsec/s]', ARCSEC),
-    'pm_x': ('proper motion along azimuth [arcsec/yr]', 1.0),
-    'pm_y': ('proper motion along elevation [arcsec/yr]', 1.0)}
+    'elevation': ('elevation [°]', DEG)}
+#: the same of what belongs to an axis: {0} its angle, {1} the axis itself
+_OF_AXES = {
+    ('approach_az', 'approach_el'): ('last motion of the {1}', 1.0),
+    ('travel_az', 'travel_el'): ('{0} travelled to the star [°]', DEG),
+    ('miss_x', 'miss_y'): ('miss distance, {0} [arcsec]', ARCSEC),
+    ('az_rate', 'el_rate'): ('{0} rate [arcsec/s]', ARCSEC),
+    ('pm_x', 'pm_y'): ('proper motion along {0} [arcsec/yr]', 1.0)}
 #: why a fit cannot show that the columns are read otherwise
 ALIKE = 'the columns read so fit as well, with other terms'
 _ALWAYS = ('azimuth', 'elevation', 'time', 'order', 'temperature', 'approach_az', 'approach_el',
@@ -198,7 +195,26 @@ def _in_words(rows, mount):
     if mount.altaz:
         return rows
     words = dict(zip(('az', 'el'), mount.names.axes))
-    return [{**row, 'axes': words.get(row['axes'], row['axes'])} for row in rows]
+
+    def driver(name):
+        kind, _, axis = (name or '').rpartition('_')
+        return f'{kind} {words[axis]}' if kind and axis in words else name
+    return [{**row, 'axes': words.get(row['axes'], row['axes']),
+             'driver': driver(row.get('driver'))} for row in rows]
+
+
+def _labels(names):
+    """Label and unit of each driver, of a mount with such `Names`."""
+    return {**_LABELS, **{
+        name: (label.format(word, shaft), unit) for keys, (label, unit) in _OF_AXES.items()
+        for name, word, shaft in zip(keys, names.axes, names.shafts)}}
+
+
+def _levels(name, names):
+    """Words for the values of a driver that has only a few; None of another."""
+    if name not in SIDES:
+        return None
+    return {**dict(zip((-1, 1), names.sides[name != 'approach_az'])), 0: 'unknown'}
 
 
 def _axes_of(context):
@@ -291,11 +307,12 @@ def driver_of(context, name):
         return None
     if name == 'time':
         return Driver(name, *_hours(context, values))
-    if name in _LEVELS:
-        levels = {k: v for k, v in _LEVELS[name].items() if (known == k).any()}
-        return Driver(name, _LABELS[name][0], values, levels)
-    label, unit = _LABELS.get('pm_x' if name == 'star' else name, (name, 1.0))
-    if name in context.mount.names.keys and name not in _LABELS:
+    labels, levels = _labels(context.mount.names), _levels(name, context.mount.names)
+    if levels is not None:
+        levels = {k: v for k, v in levels.items() if (known == k).any()}
+        return Driver(name, labels[name][0], values, levels)
+    label, unit = labels.get('pm_x' if name == 'star' else name, (name, 1.0))
+    if name in context.mount.names.keys and name not in labels:
         label, unit = f'{name.replace("_", " ")} [°]', DEG
     if name == 'azimuth':
         values = np.mod(values, 2.0 * np.pi)
@@ -343,7 +360,7 @@ def _found(diagnosis, found):
         _utc if utc and e.driver == 'time' else None))
     name = readable(e.name)
     return FoundEffect(name[:1].upper() + name[1:], sentence, _facts(found), fitted,
-                       _effect_driver(context, e), found.ranking)
+                       _effect_driver(context, e), _in_words(found.ranking, context.mount))
 
 
 def _facts(found):

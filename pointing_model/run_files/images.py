@@ -58,6 +58,9 @@ def read_images(path):
         absent.update(missing)
         rows.append(row)
         reasons.append(reason)
+    if not headers:
+        raise ValueError(f'{path}: none of {len(files)} images can be read '
+                         f'({files[0].name}: {reasons[0]})')
     refuse_absent(path, absent, headers)
     meta = {'format': 'images', 'notes': [],
             'row_names': {i: file.name for i, file in enumerate(files, 1)}}

@@ -35,6 +35,7 @@ def run(args):
     if args.predict and (harmonics or args.no_robust):
         raise ValueError('--predict chooses on its own, robustly: leave out '
                          + ('--harmonics' if harmonics else '--no-robust'))
+    options.check_target(args.save, ('.json', '.yaml', '.yml'))
     from calibration.check import external_check
     from calibration.diagnosis import check_columns, naming_columns
     from calibration.fit import fit_terms

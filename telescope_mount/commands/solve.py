@@ -41,7 +41,11 @@ def run(args):
         raise ValueError('--scale: the first is the lower one')
     out = args.out or args.folder / 'solved.csv'
     options.check_target(out, ('.csv',))
-    mapping = load_mapping(args.mount or args.folder / 'mount.yaml')
+    mount = args.mount or args.folder / 'mount.yaml'
+    if not mount.exists():
+        raise ValueError(f'{mount} is not there: it says which keywords of the images are what '
+                         '(docs/plate_solved.md has one to copy); --mount names another')
+    mapping = load_mapping(mount)
     solver = find_solver(args.solver, args.timeout, tuple(args.scale) if args.scale else None)
     console = new_console()
     counts = solve_folder(args.folder, mapping, solver, out, again=args.again,

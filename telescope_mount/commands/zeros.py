@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+from . import options
+
 
 def add(commands):
     """Add the parser."""
@@ -22,6 +24,7 @@ def run(args):
     from calibration.season_report import season_lines, season_table
 
     from .console import new_console, print_files
+    options.check_target(args.json)
     judged = judge_zeros(args.file)
     console = new_console()
     console.print(season_table(judged))

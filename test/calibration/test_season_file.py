@@ -67,3 +67,9 @@ def test_what_cannot_be_judged_is_one_line(tmp_path, refused, text, words):
 def test_a_temperature_that_did_not_change(tmp_path, refused):
     line = refused('zeros', written(tmp_path / 'zeros.csv', warmth=8.0))
     assert 'no cause can be looked for: temperature: constant' in line
+
+
+def test_a_verdict_that_could_not_be_written_is_refused_before_the_work(tmp_path, ended):
+    file = written(tmp_path / 'zeros.csv')
+    code, out, err = ended('zeros', file, '--json', tmp_path / 'no' / 'out.json')
+    assert (code, out) == (2, '') and 'there is no such folder' in err

@@ -266,8 +266,8 @@ def test_fit_refuses_what_it_cannot_do(refused, run_csv, tmp_path):
     assert 'name at least one' in refused('fit', run_csv, '--terms', ' , ')
     assert 'no second encoder; leave out --encoder abs' in refused(
         'fit', run_csv, '--encoder', 'abs')
-    assert 'ends in .json' in refused('fit', run_csv, '--save', tmp_path / 'model.txt')
-    refused('fit', run_csv, '--save', tmp_path / 'no' / 'model.json')
+    for target, words in (('model.txt', 'must end in .json'), ('no/model.json', 'no such folder')):
+        assert words in refused('fit', run_csv, '--save', tmp_path / target)
     lines = run_csv.read_text().splitlines()
     start = next(i for i, line in enumerate(lines) if line[:1].isdigit())
     (tmp_path / 'few.csv').write_text('\n'.join(lines[:start + 3]))

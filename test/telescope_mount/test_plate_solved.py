@@ -177,8 +177,9 @@ def test_without_a_frame_the_rows_tell_it_or_nothing_is_fitted(night, tmp_path):
 
 def test_hours_of_right_ascension_are_refused(night, tmp_path):
     columns = columns_of(night, ra_deg=night.ra / DEG / 15.0)
-    with pytest.raises(ValueError, match='give degrees'):
+    with pytest.raises(ValueError, match='give degrees') as refused:
         load_run(write(tmp_path / 'run.csv', columns))
+    assert '206264.8' not in str(refused.value)  # a radian: what stands for no fit at all
 
 
 def test_a_clock_in_local_time_is_noted(night, tmp_path):

@@ -187,6 +187,7 @@ def test_a_program_that_cannot_be_started_is_one_line(folder, refused):
 
 def test_a_folder_that_is_none_or_has_no_image_is_refused(folder, refused, tmp_path):
     assert 'is no folder' in refused('solve', tmp_path / 'nothing')
+    assert 'which keywords of the images are what' in refused('solve', tmp_path)
     where = folder()
     assert 'has no image img*.fits' in refused('solve', where, '--solver',
                                                where / 'solve-field-fake')

@@ -165,6 +165,13 @@ def test_images_that_are_not_solved_are_refused(folder, refused):
     assert 'none of 24 rows can be used (row 1: no WCS' in refused('fit', folder / 'mount.yaml')
 
 
+def test_images_that_cannot_be_read_are_refused(folder, refused):
+    for file in folder.glob('*.fits'):
+        file.write_bytes(b'no image')
+    line = refused('fit', folder / 'mount.yaml')
+    assert 'none of 24 images can be read (img_00.fits: not a FITS image' in line
+
+
 @pytest.mark.parametrize('cards, said', [
     ({}, None), ({'EQUINOX': 2000.0}, 'ICRS'), ({'EQUINOX': 1950.0}, 'B1950'),
     ({'EQUINOX': 2024.5}, 'J2024.5'), ({'RADESYS': 'FK5', 'EQUINOX': 2000.0}, 'ICRS'),

@@ -19,6 +19,7 @@ from msg_tools.units import ARCSEC, DEG
 from pointing_model.context import Context
 from pointing_model.effects import Amount, changes, dictionary, effect, smooths, steps
 from pointing_model.effects.base import arcsec, readable
+from pointing_model.mounts import Mount
 from pointing_model.run import PointingRun
 
 EVIL = '"><script>alert(1)</script><img src=x onerror=alert(2)>\x07\u202e'
@@ -320,3 +321,36 @@ def test_tables():
     assert 'anticlockwise, upward' in text and 'Tells a b from c' in text and 'hours' not in text
     assert 'so far: 2.0' in text and '9.2' in text
     assert next_observations([]) == ''
+
+
+def test_equatorial_words_on_the_page():
+    # whatever belongs to an axis is called as the axes of that mount are
+    rng = np.random.default_rng(4)
+    n = 60
+    mount = Mount.equatorial(34.0 * DEG)
+    ha, dec = rng.uniform(-60, 60, n) * DEG, rng.uniform(-20, 70, n) * DEG
+    x, y = rng.normal(size=(2, n)) * ARCSEC
+    side = rng.choice([-1.0, 1.0], n)
+    run = PointingRun({
+        'az': ha, 'el': dec, 'az_enc': ha + (x + 8.0 * side * ARCSEC) / np.cos(dec),
+        'el_enc': dec + y, 'approach_az': side, 'approach_el': rng.choice([-1.0, 1.0], n),
+    }, {'source': 'fork.csv', 'notes': [], 'lines': np.arange(n) + 2, 'excluded': [],
+        'mount': mount})
+    view = view_of(diagnose(run, flips=199, cross_validation=False))
+    assert [e.name for e in view.effects] == ['Hour angle hysteresis']
+    shown = {d.name: d for d in view.drivers}
+    assert shown['approach_az'].label == 'last motion of the polar axis'
+    assert set(shown['approach_az'].levels.values()) == {'eastward', 'westward'}
+    assert shown['approach_el'].label == 'last motion of the declination axis'
+    rows = [*view.ranking, *(row for e in view.effects for row in e.ranking)]
+    assert {row['axes'] for row in rows} <= {'hour angle', 'declination', 'both'}
+    assert 'approach hour angle' in {row['driver'] for row in rows}
+    assert not any((row['driver'] or '').endswith(('_az', '_el')) for row in rows)
+
+
+def test_next_observations_of_an_equatorial_mount():
+    row = {'az_deg': 90.0, 'el_deg': 30.0, 'approach_az': -1, 'approach_el': 1,
+           'through_pole': True, 'separates': ['a', 'b']}
+    text = next_observations([row], 'german')
+    assert 'through the pole, eastward, toward larger readings' in text
+    assert 'through the pole' not in next_observations([{**row, 'through_pole': False}], 'german')

@@ -176,5 +176,9 @@ def test_what_is_of_another_mount_is_one_line(tmp_path):
         with pytest.raises(ValueError, match=words):
             read_model(path, GERMAN)
     PointingModel(NINE, mount=FORK).save(tmp_path / 'm.json')
-    with pytest.raises(ValueError, match='another mount .equatorial.'):
+    with pytest.raises(ValueError, match='another mount .equatorial, latitude [0-9.-]+. than'):
         read_model(tmp_path / 'm.json', GERMAN)
+    near = Mount.equatorial(FORK.latitude + np.radians(1e-4))
+    with pytest.raises(ValueError, match='another mount') as refused:
+        read_model(tmp_path / 'm.json', near)
+    assert f'{np.degrees(near.latitude):.7g}' in str(refused.value)
