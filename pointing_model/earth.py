@@ -103,6 +103,13 @@ def split_utc(time):
     return erfa.DJM0 + day, second / (DAY + step)
 
 
+def terrestrial(time):
+    """Two-part Julian date, terrestrial time, of UTC seconds since 1970."""
+    utc = split_utc(np.asarray(time, float))
+    tai = erfa.ufunc.utctai(*utc)[:2]
+    return erfa.ufunc.taitt(*tai)[:2]
+
+
 def earth_orientation(time):
     """UT1-UTC and polar motion with their uncertainty.
 

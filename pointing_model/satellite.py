@@ -27,7 +27,7 @@ from dataclasses import dataclass
 import erfa
 import numpy as np
 
-from .earth import DAY, TURN_RATE, earth_orientation, split_utc
+from .earth import DAY, TURN_RATE, earth_orientation, split_utc, terrestrial
 from .sky import DEFAULT_SITE, DEFAULT_WEATHER
 
 _EARTH_RADIUS = 6378137.0  # m, equatorial, for the shadow
@@ -194,7 +194,7 @@ def _earth(time, orientation):
     orientation = orientation or earth_orientation(time)
     utc = split_utc(time)
     turn = erfa.ufunc.gmst82(*erfa.ufunc.utcut1(*utc, orientation.dut1)[:2])
-    tt = erfa.ufunc.taitt(*erfa.ufunc.utctai(*utc)[:2])[:2]
+    tt = terrestrial(time)
     matrix = erfa.ufunc.pom00(orientation.xp, orientation.yp, erfa.ufunc.sp00(*tt))
     return turn, matrix
 
@@ -237,7 +237,7 @@ def _sun_and_motion(time):
     turn both are the Earth's.
     """
     utc = split_utc(time)
-    tt = erfa.ufunc.taitt(*erfa.ufunc.utctai(*utc)[:2])[:2]
+    tt = terrestrial(time)
     ut1 = erfa.ufunc.utcut1(*utc, earth_orientation(time).dut1)[:2]
     heliocentric, barycentric, _ = erfa.ufunc.epv00(*tt)
     # precession and nutation once an hour, in which they change by 0.01"

@@ -14,7 +14,7 @@ import numpy as np
 
 from msg_tools.units import DEG, wrap
 
-from .earth import earth_orientation, split_utc
+from .earth import earth_orientation, split_utc, terrestrial
 
 _SIDEREAL = 2.0 * np.pi / 86164.0905  # rad/s
 
@@ -133,10 +133,7 @@ def icrs_to_observed(ra, dec, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER):
     az, el : float or ndarray
         Radians.
     """
-    ra, dec = np.broadcast_arrays(np.asarray(ra, float), np.asarray(dec, float))
-    count = None if ra.ndim == 0 else ra.size
-    astrom = _frame(time, site, count)
-    return _observe(erfa.ufunc.atciq(ra, dec, 0.0, 0.0, 0.0, 0.0, astrom), astrom, weather)
+    return observed_directions(ra, dec, time, site, weather)[:2]
 
 
 class Observed(NamedTuple):
@@ -198,26 +195,6 @@ def observed_to_icrs(az, el, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER):
     return erfa.ufunc.aticq(*cirs, astrom)
 
 
-def apparent_to_observed(ra, dec, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER):
-    """Observed place of apparent places of date (true equator and equinox, geocentric).
-
-    Parameters
-    ----------
-    ra, dec : ndarray, shape (n,)
-        Radians.
-    time, site, weather
-        As for `icrs_to_observed`.
-
-    Returns
-    -------
-    az, el : ndarray
-        Radians.
-    """
-    time = np.broadcast_to(np.asarray(time, float), np.shape(ra))
-    astrom = _frame(time, site, np.size(ra))
-    return _observe((ra + _equation_of_origins(time), dec), astrom, weather)
-
-
 def sidereal_time(time, site=DEFAULT_SITE):
     """Local apparent sidereal time, radians in [0, 2 pi).
 
@@ -254,9 +231,7 @@ def moment_of(lst, near, site=DEFAULT_SITE):
 
 
 def _equation_of_origins(time):
-    utc = split_utc(np.asarray(time, float))
-    tai = erfa.ufunc.utctai(*utc)[:2]
-    return erfa.ufunc.eo06a(*erfa.ufunc.taitt(*tai)[:2])
+    return erfa.ufunc.eo06a(*terrestrial(time))
 
 
 def _frame(time, site, count):

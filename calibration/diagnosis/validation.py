@@ -153,7 +153,7 @@ def cross_validated(work, chosen, wanders, count, alpha, chance, rng, ways=None)
     by_count = [_figure(before, [_first(squares, k) for _, squares in parts], keep)
                 for k in range(max(len(squares) for _, squares in parts))]
     if effective_runs(problem.sequence.run) >= RUNS:
-        return _by_runs(by_count, len(chosen))
+        return _by_runs(by_count, keep, len(chosen))
     stretches = apart(partitions_of(problem, count, rng)[1])
     return _by_rows(by_count, stretches, keep, len(chosen))
 
@@ -171,13 +171,13 @@ def _figure(before, squares, keep):
         'partitions': len(after), 'min_arcsec': min(radial), 'max_arcsec': max(radial)})
 
 
-def _by_runs(by_count, chosen):
+def _by_runs(by_count, keep, chosen):
     """With whole runs left out: all choices, or as many as predict them best."""
     out = by_count[-1]
     if out.after['radial'] > out.before['radial']:
         cut = min(int(np.argmin([one.after['radial'] for one in by_count])), chosen)
         out = replace(by_count[cut], cut=cut, caution=_NOT_REPEATED if cut < chosen else '')
-    surely = _surely(by_count[0].left_out**2, out.left_out**2)
+    surely = _surely(by_count[0].left_out[:, keep]**2, out.left_out[:, keep]**2)
     out.caution = out.caution or _worse('rows', out.before, out.after, surely)
     return out
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import erfa
 import numpy as np
 
-from pointing_model.earth import split_utc
+from pointing_model.earth import terrestrial
 
 #: what a frame may be called, for messages
 KNOWN = 'ICRS, J2000, J<year> (mean of that equinox), mean of date, of date (apparent), B1950'
@@ -120,13 +120,6 @@ def to_icrs(ra, dec, frame, time):
     turned = np.linalg.matrix_transpose(erfa.ufunc.pmat06(*moments)) @ _vector(ra, dec)
     x, y, z = np.moveaxis(turned[..., 0], -1, 0)
     return np.mod(np.arctan2(y, x), 2.0 * np.pi), np.arctan2(z, np.hypot(x, y))
-
-
-def terrestrial(time):
-    """Two-part Julian date, terrestrial time, of UTC seconds since 1970."""
-    utc = split_utc(np.asarray(time, float))
-    tai = erfa.ufunc.utctai(*utc)[:2]
-    return erfa.ufunc.taitt(*tai)[:2]
 
 
 def _vector(ra, dec):

@@ -22,16 +22,21 @@ def which_fits(table, rows, icrs, of_date, mount):
     icrs : tuple of ndarray
         Observed azimuth and elevation with the places taken as ICRS.
     of_date : tuple
-        Of `sky.apparent_to_observed`: the places taken as apparent ones of the moment.
+        Right ascension, declination, time, site and weather of the places, which may be apparent
+        ones of the moment.
     mount : Mount
 
     Returns
     -------
     az, el : ndarray
     """
-    from pointing_model.sky import apparent_to_observed
+    from pointing_model.plate_solved.frames import OF_DATE, to_icrs
+    from pointing_model.sky import icrs_to_observed
     reading = [table.columns[name][rows] for name in ('az_enc', 'el_enc')]
-    ways = {'J2000': icrs, 'of date': apparent_to_observed(*of_date)}
+    ra, dec, time, *air = of_date
+    time = np.broadcast_to(time, np.shape(ra))
+    ways = {'J2000': icrs,
+            'of date': icrs_to_observed(*to_icrs(ra, dec, OF_DATE, time), time, *air)}
     left = {name: _misfit(place, reading, mount) for name, place in ways.items()}
     best = min(left, key=left.get)
     said = ', '.join(f'{v:.1f} arcsec if {name}' for name, v in left.items())
