@@ -3,7 +3,9 @@
 import numpy as np
 from builtin_interfaces.msg import Time
 
-AXES = ['azimuth', 'elevation']
+AXES = ('azimuth', 'elevation')
+#: the two joints of every kind of mount, the first axis first
+JOINTS = (AXES, ('hour_angle', 'declination'), ('first_axis', 'second_axis'))
 MOUNT_FRAME = 'mount_enu'
 
 
@@ -17,7 +19,8 @@ def from_stamp(stamp):
     return stamp.sec * 1_000_000_000 + stamp.nanosec
 
 
-def joint_state(ns, position, velocity=(np.nan, np.nan), effort=(np.nan, np.nan), frame=''):
+def joint_state(ns, position, velocity=(np.nan, np.nan), effort=(np.nan, np.nan), frame='',
+                names=AXES):
     """A JointState of both axes; all three arrays are filled, NaN is unknown.
 
     Parameters
@@ -25,10 +28,12 @@ def joint_state(ns, position, velocity=(np.nan, np.nan), effort=(np.nan, np.nan)
     ns : int
         Stamp.
     position, velocity, effort : sequence of 2 float
-        Azimuth and elevation, rad, rad/s, and what the topic defines.
+        First and second axis, rad, rad/s, and what the topic defines.
+    names : sequence of str
+        Of the axes, one of `JOINTS`.
     """
     from sensor_msgs.msg import JointState
-    message = JointState(name=AXES, position=[float(v) for v in position],
+    message = JointState(name=list(names), position=[float(v) for v in position],
                          velocity=[float(v) for v in velocity],
                          effort=[float(v) for v in effort])
     message.header.stamp = to_stamp(ns)
@@ -36,13 +41,25 @@ def joint_state(ns, position, velocity=(np.nan, np.nan), effort=(np.nan, np.nan)
     return message
 
 
+def joints_of(names):
+    """Which of `JOINTS` is among the names of joints, in whatever order.
+
+    Raises
+    ------
+    ValueError
+        None is.
+    """
+    found = next((pair for pair in JOINTS if set(pair) <= set(names)), None)
+    if found is None:
+        raise ValueError(f'joint names {list(names)}: need '
+                         + ', or '.join(' and '.join(pair) for pair in JOINTS))
+    return found
+
+
 def _places(names):
-    """Where azimuth and elevation stand among the names of joints."""
+    """Where the first and the second axis stand among the names of joints."""
     names = list(names)
-    try:
-        return [names.index(axis) for axis in AXES]
-    except ValueError:
-        raise ValueError(f'joint names {names}: need azimuth and elevation') from None
+    return [names.index(axis) for axis in joints_of(names)]
 
 
 def read_joints(message):
@@ -53,7 +70,7 @@ def read_joints(message):
     ns : int
         Stamp.
     position, velocity, effort : tuple of 2 float
-        Azimuth and elevation; NaN where the message does not say.
+        First and second axis; NaN where the message does not say.
 
     Raises
     ------
@@ -81,7 +98,7 @@ def vector(ns, x, y, frame):
     return message
 
 
-def trajectory(ns, times, positions, velocities):
+def trajectory(ns, times, positions, velocities, names=AXES):
     """A JointTrajectory of both axes.
 
     Parameters
@@ -91,11 +108,13 @@ def trajectory(ns, times, positions, velocities):
     times : array_like, shape (n,)
         Seconds from the stamp, increasing.
     positions, velocities : array_like, shape (n, 2)
-        Azimuth and elevation, rad and rad/s.
+        First and second axis, rad and rad/s.
+    names : sequence of str
+        Of the axes, one of `JOINTS`.
     """
     from builtin_interfaces.msg import Duration
     from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
-    message = JointTrajectory(joint_names=AXES)
+    message = JointTrajectory(joint_names=list(names))
     message.header.stamp = to_stamp(ns)
     for t, position, velocity in zip(times, positions, velocities):
         nanoseconds = round(t * 1e9)
@@ -116,7 +135,7 @@ def read_trajectory(message):
     times : ndarray, shape (n,)
         Seconds from the stamp.
     positions, velocities : ndarray, shape (n, 2)
-        Azimuth and elevation, rad and rad/s; a missing velocity is 0.
+        First and second axis, rad and rad/s; a missing velocity is 0.
 
     Raises
     ------

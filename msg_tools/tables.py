@@ -7,7 +7,7 @@ from .convert import MOUNT_FRAME, to_stamp
 _FLOAT32, _FLOAT64 = 7, 8  # PointField.FLOAT32, FLOAT64
 
 
-def table_to_cloud(columns, ns, points=None):
+def table_to_cloud(columns, ns, points=None, frame=MOUNT_FRAME):
     """A PointCloud2, one point a row.
 
     Parameters
@@ -18,6 +18,8 @@ def table_to_cloud(columns, ns, points=None):
         Stamp.
     points : array_like, shape (3, n), optional
         x, y, z for programs that draw the points, ahead of the columns as float32.
+    frame : str
+        ``frame_id`` of the message.
     """
     from sensor_msgs.msg import PointCloud2, PointField
     drawn = [] if points is None else list(zip('xyz', points))
@@ -35,7 +37,7 @@ def table_to_cloud(columns, ns, points=None):
                           point_step=dtype.itemsize, row_step=dtype.itemsize * len(rows),
                           data=rows.tobytes(), is_dense=True)
     message.header.stamp = to_stamp(ns)
-    message.header.frame_id = MOUNT_FRAME
+    message.header.frame_id = frame
     return message
 
 

@@ -224,6 +224,25 @@ class Mount:
         x, y, z = np.tensordot(np.array(self.frame), place, 1)
         return through_pole(np.arctan2(x, y), np.arctan2(z, np.hypot(x, y)), beyond)
 
+    def on_travel(self, first, second):
+        """Axis angles on the turn that the axes of such a mount have.
+
+        A German mount looks through the pole with its first axis from 0 to 180 degrees and its
+        second from 90 to 270; others have angles about 0.
+
+        Parameters
+        ----------
+        first, second : float or ndarray
+            Radians.
+
+        Returns
+        -------
+        first, second : float or ndarray
+            Within half a turn of the middle of the travel.
+        """
+        middle = np.pi / 2.0 if self.kind == 'german' else 0.0
+        return middle + wrap(first - middle), middle + wrap(second - middle)
+
     def horizon_of(self, first, second):
         """Azimuth (0 to 2 pi) and elevation at which a perfect mount looks.
 

@@ -183,3 +183,18 @@ def test_every_kind_names_seven_rotations():
     for names in KINDS.values():
         assert len(names.physical) == 7 and len(names.standard6) == 6
         assert {names.named(own) for own, _ in names.terms.values()} == set(names.physical)
+
+
+def test_the_axes_of_a_german_mount_turn_about_the_pole():
+    mount = Mount.equatorial(0.6, 'german')
+    first, second = mount.axes_of(*mount.horizon_of(-1.0, -0.3), beyond=True)
+    first, second = mount.on_travel(first, second)
+    # through the pole: half a turn on, and beyond it; nothing jumps at 180 degrees
+    np.testing.assert_allclose([first, second], [np.pi - 1.0, np.pi + 0.3])
+    np.testing.assert_allclose(Mount.equatorial(0.6).on_travel(3.5, -0.3), [3.5 - 2 * np.pi, -0.3])
+
+
+def test_the_joints_of_every_mount_have_names():
+    pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportError)
+    from msg_tools.convert import JOINTS
+    assert {names.keys for names in KINDS.values()} == set(JOINTS)

@@ -6,8 +6,9 @@ import pytest
 pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportError)
 
 from msg_tools.units import DEG
+from pointing_model.mounts import ALTAZ, Mount
 from pointing_model.run import PointingRun
-from pointing_model.run_messages import cloud_to_run, run_to_cloud
+from pointing_model.run_messages import cloud_to_run, frame_of, mount_of, run_to_cloud
 
 NS = 1_768_482_000_123_456_789
 
@@ -28,6 +29,29 @@ def test_observations_keep_every_bit():
     assert list(back.columns) == list(rows.columns)
     for name in rows.columns:
         np.testing.assert_array_equal(back[name], rows[name])
+
+
+@pytest.mark.parametrize('mount', [
+    ALTAZ, Mount.equatorial(-31.05 * DEG), Mount.equatorial(0.6, 'german'),
+    Mount.free(0.3, 0.2, 0.1)], ids=lambda mount: mount.kind)
+def test_rows_know_their_mount(mount):
+    rows = run()
+    rows.meta['mount'] = mount
+    message = run_to_cloud(rows, NS)
+    back = cloud_to_run(message).mount
+    assert back.kind == mount.kind
+    np.testing.assert_allclose(back.frame, mount.frame, atol=1e-14)
+    # what is drawn is where it is on the sky
+    steps = np.frombuffer(bytes(message.data), np.uint8).reshape(3, message.point_step)
+    z = np.ascontiguousarray(steps[:, 8:12]).view('<f4')[:, 0]
+    np.testing.assert_allclose(z, np.sin(mount.horizon_of(rows['az'], rows['el'])[1]), atol=1e-6)
+
+
+@pytest.mark.parametrize('frame', ['mount_enu/german@', 'mount_enu/german', 'mount_enu/crane@3'])
+def test_a_frame_of_no_mount_is_told(frame):
+    with pytest.raises(ValueError, match='frame_id .* of an observation'):
+        mount_of(frame)
+    assert frame_of(mount_of('map')) == 'mount_enu'
 
 
 def test_points_lie_on_the_sky_east_north_up():
