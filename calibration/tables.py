@@ -1,6 +1,7 @@
 """What people see of a calibration on the terminal: tables."""
 
 from pointing_model.effects.base import readable
+from pointing_model.mounts import KINDS
 from pointing_model.rms import rms_arcsec
 
 from .diagnosis.rows_told import outlier_sentence, rows_of_fit, used_sentence
@@ -35,10 +36,11 @@ def night_tables(report):
     -------
     list of rich.table.Table
     """
-    tables = []
+    tables, names = [], KINDS[report.get('mount', 'altaz')]
+    first, second = names.columns
     if report['zeros']:
         zeros = new_table(
-            'Zero on Polaris, arcsec', 'power-on', 'azimuth', 'elevation', 'exposures')
+            'Zero on Polaris, arcsec', 'power-on', *names.axes, 'exposures')
         for zero in report['zeros']:
             zeros.add_row(f'{zero["run"]}', *_zero_cells(zero))
         for change in report['changes']:
@@ -48,14 +50,14 @@ def night_tables(report):
                 zeros.add_row('  simulated', f'{truth["az_arcsec"]:+9.2f}       ',
                               f'{truth["el_arcsec"]:+9.2f}       ', '')
         tables.append(zeros)
-    steps = new_table('RMS on the sky, arcsec', 'correction', 'used: az', 'el', 'radial',
-                      'held out: az', 'el', 'radial')
+    steps = new_table('RMS on the sky, arcsec', 'correction', f'used: {first}', second,
+                      'radial', f'held out: {first}', second, 'radial')
     for step in report['steps']:
         steps.add_row(step['step'], *_rms_cells(step['used']), *_rms_cells(step['held_out']))
     tables.append(steps)
     if report['external_check']:
-        check = new_table('External check, RMS on the sky, arcsec', 'model and stars', 'az', 'el',
-                      'radial', 'stars')
+        check = new_table('External check, RMS on the sky, arcsec', 'model and stars', first,
+                          second, 'radial', 'stars')
         for row in report['external_check']:
             check.add_row(row['check'], *_rms_cells(row), str(row['n']))
         tables.append(check)

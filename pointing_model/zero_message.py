@@ -8,7 +8,7 @@ import re
 
 import numpy as np
 
-from msg_tools.convert import joint_state, read_joints
+from msg_tools.convert import AXES, joint_state, read_joints
 
 from .zero import RunZero
 
@@ -16,7 +16,7 @@ _PREFIX = 'power_on_'
 _FRAME = re.compile(_PREFIX + r'(?P<run>-?\d+)(?:@(?P<started>\d+(?:\.\d+)?))?(?:/(?P<model>\w+))?')
 
 
-def zero_to_joints(zero, ns):
+def zero_to_joints(zero, ns, names=AXES):
     """A JointState: ``position`` the zero, ``effort`` its sigma (rad), ``frame_id`` its identity.
 
     Parameters
@@ -24,13 +24,15 @@ def zero_to_joints(zero, ns):
     zero : RunZero
     ns : int
         Stamp of the newest observation that it rests on.
+    names : sequence of str
+        Of the axes (`msg_tools.convert.JOINTS`).
     """
     frame = ''
     if zero.run is not None:
         frame = f'{_PREFIX}{int(zero.run)}'
         frame += '' if zero.started is None else f'@{zero.started:.3f}'
         frame += '' if zero.model is None else f'/{zero.model}'
-    return joint_state(ns, zero.angles, effort=zero.sigma, frame=frame)
+    return joint_state(ns, zero.angles, effort=zero.sigma, frame=frame, names=names)
 
 
 def joints_to_zero(message, run=None):

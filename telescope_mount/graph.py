@@ -48,7 +48,7 @@ class NodeSpec:
 
 def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time_scale=0.0,
                 model_file='', first_run=1, sky=None, reference_age=0, satellite='',
-                sample_rate_hz=None, calibration=None, absolute='angles'):
+                sample_rate_hz=None, calibration=None, absolute='angles', mount='altaz'):
     """The nodes of a simulated night.
 
     Parameters
@@ -81,6 +81,8 @@ def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time
         Further parameters of the calibration.
     absolute : {'angles', 'frames'}
         The simulated absolute encoder reads itself, or publishes images that `frame_reader` reads.
+    mount : str
+        What the observer is told of the kind of mount, see `pointing_model.mounts.parse_mount`.
 
     Returns
     -------
@@ -101,7 +103,7 @@ def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time
         'camera': simulator | sky | {'satellite': satellite},
         'star_observer': {
             'use_sim_time': True, 'star_seed': seed, 'model_file': model_file,
-            'first_run': first_run, 'satellite': satellite,
+            'first_run': first_run, 'satellite': satellite, 'mount': mount,
             'wait_for_nodes': [f'{NAMESPACE}/{name}' for name in names],
         } | ({'plan': plan} if plan else {}) | sky,
         'pointing_corrector': {'use_sim_time': True, 'model_file': model_file},

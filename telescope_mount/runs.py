@@ -9,6 +9,7 @@ from msg_tools.bag import BagReader
 from msg_tools.bag.provenance import parameters_of
 from pointing_model.context import Context
 from pointing_model.effects import declared_graduation
+from pointing_model.mounts import is_beyond, mount_text, parse_mount
 from pointing_model.run_files import NoObservations, read_run, swap_encoders
 
 
@@ -55,10 +56,10 @@ def load_run(path, azimuth_origin=None, *, site=None, weather=None, encoder=None
             path, azimuth_origin=azimuth_origin, site=site, weather=weather, encoder=encoder,
             mount=mount)))
     else:
-        if mount is not None and mount != 'altaz':
-            raise ValueError(f'{path} is a log of a night with an alt-azimuth mount; leave out '
-                             '--mount')
         run = run_of_log(path)
+        if mount is not None and not run.mount.agrees(parse_mount(mount, run.mount.latitude)):
+            raise ValueError(f'{path} is a log of a night with a mount that is '
+                             f'{mount_text(run.mount)}; leave out --mount')
         if site is not None:
             run.meta['site'] = site
         if encoder == 'abs':
@@ -167,7 +168,8 @@ def run_of_log(path):
     run = PointingRun.concatenate(parts)
     notes = []
     columns = dict(run.columns)
-    columns['az_raw'], columns['el_raw'] = _readings(columns)
+    columns['az_raw'], columns['el_raw'] = _readings(columns, not run.mount.altaz
+                                                     and is_beyond(run['el']))
     if zeros:
         notes.append(f'the zeros that the night set on {len(zeros)} power-ons are taken off')
         az, el = zeros.filled(np.unique(run['run']), NO_ZERO).of_rows(run)
@@ -177,7 +179,7 @@ def run_of_log(path):
     notes.append(f'{int((~stars).sum())} exposures of Polaris left out')
     notes += reasons(run)
     stars &= ~distrusted(run)
-    meta = {'source': str(path), 'notes': notes + bag.problems, 'excluded': []}
+    meta = {**run.meta, 'source': str(path), 'notes': notes + bag.problems, 'excluded': []}
     told = (parameters_of(bag.metadata, '/calibration') or {}).get('graduation')
     if told:
         meta['graduation'] = declared_graduation(told)
@@ -198,7 +200,7 @@ def _without_judges(run):
     return out
 
 
-def _readings(columns):
+def _readings(columns, beyond):
     """Readings of the encoders at the exposure, from those with the star centred."""
     from pointing_model.observing.pairing import centred
     az, el = columns['az_enc'], columns['el_enc']
@@ -206,6 +208,7 @@ def _readings(columns):
         return az, el
     az_raw, el_raw = az, el
     for _ in range(5):  # each leaves an error smaller by about the miss distance
-        az_centred, el_centred = centred(az_raw, el_raw, columns['miss_x'], columns['miss_y'])
+        az_centred, el_centred = centred(az_raw, el_raw, columns['miss_x'], columns['miss_y'],
+                                         beyond)
         az_raw, el_raw = az_raw + (az - az_centred), el_raw + (el - el_centred)
     return az_raw, el_raw

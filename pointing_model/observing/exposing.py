@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 
-from msg_tools.units import ARCSEC, wrap
+from msg_tools.units import ARCSEC, DEG, wrap
 
 from .instruments import ABSOLUTE, CAMERA, MOUNT
 from .pairing import centred, centred_second
@@ -73,7 +73,8 @@ class Exposer:
         dict or None
             The row; None where there was no star in the field.
         """
-        pointing = Pointing(target, self._in_force, np.zeros(2) if blind else self._carried)
+        pointing = Pointing(target, self._in_force, np.zeros(2) if blind else self._carried,
+                            self._out.mount(), self._out.value('meridian_limit_deg') * DEG)
         seen = blank = 0
         first = None
         while True:
@@ -84,8 +85,8 @@ class Exposer:
                     continue
                 return None
             reading, rate = self._instruments.exposures.at('enc', stamp)
-            enc = np.array(centred(*reading, *miss))
-            second = self._second(stamp, miss, reading)
+            enc = np.array(centred(*reading, *miss, pointing.beyond))
+            second = self._second(stamp, miss, reading, pointing.beyond)
             second_on = self._instruments.absolute_power_on
             self._in_force.take_readings(self._instruments.run, enc, second,
                                          second_on.started if second_on else np.nan)
@@ -108,7 +109,7 @@ class Exposer:
             return None
         return self._row(pointing, block, blind, stamp, miss, enc, second, rate)
 
-    def _second(self, stamp, miss, first):
+    def _second(self, stamp, miss, first, beyond):
         """Of the absolute encoder; NaN, for each axis, where it is not known or cannot be."""
         try:
             reading, _ = self._instruments.exposures.at('abs', stamp)
@@ -116,12 +117,12 @@ class Exposer:
             return np.full(2, np.nan)
         if not self._instruments.health.second(ABSOLUTE, reading, first):
             return np.full(2, np.nan)
-        return centred_second(reading, first, miss)
+        return centred_second(reading, first, miss, beyond)
 
     def _row(self, pointing, block, blind, stamp, miss, enc, second, rate):
         target, (site, air, *_) = pointing.target, self._conditions()
         power_on, second_on = self._instruments.power_on, self._instruments.absolute_power_on
-        az, el = (float(v[0]) for v in target.place(np.array([stamp * 1e-9]), site, air))
+        az, el = (float(v[0]) for v in pointing.place(np.array([stamp]), site, air))
         return {
             'stamp': stamp, 'time': stamp * 1e-9, 'run': self._instruments.run,
             'encoder_start': power_on.started if power_on else np.nan,

@@ -40,6 +40,7 @@ class Sequencer:
 
         - ``value(name)``: a parameter of the star observer
         - ``sky()``: site and weather of now, sky.Site and sky.Weather
+        - ``mount()``: the `Mount`
         - ``now()``: the (simulated) time; 0 before it is known
         - ``waiting_for()``: what the graph still lacks before a plan can begin, list of str
         - ``client(verb)``: client of a service, see `msg_tools.steps.call`
@@ -272,7 +273,7 @@ class Sequencer:
         """Stand still until so many hours after the last evening: the next one."""
         yield from self._need_home()
         self._evening = self._exposer.earliest = self._evening + count * _HOUR
-        yield from self._exposer.expose(Standing(self._instruments.here))
+        yield from self._exposer.expose(Standing(self._instruments.here, self._out.mount()))
 
     def _do_home(self, count=0):
         self._homes = True
@@ -337,7 +338,8 @@ class Sequencer:
             value('star_seed') + self._progress.block, value('min_elevation_deg') * DEG,
             value('max_elevation_deg') * DEG, value('magnitude_limit'),
             exclude=[*self._table.stars_since(self._evening), POLARIS_HIP],
-            duration=count * SECONDS_A_STAR, start=self._instruments.here)
+            duration=count * SECONDS_A_STAR, start=self._instruments.here,
+            mount=self._out.mount(), meridian_limit=value('meridian_limit_deg') * DEG)
         return [StarTarget(self._catalogue.select([row])) for row in rows]
 
     def _check_polaris(self):

@@ -65,6 +65,11 @@ SHARED = {
 }
 
 
+MOUNT_OF_NIGHT = ('what the observer is told of the mount: altaz, equatorial, german, or '
+                  'free:AZ,EL[,ROLL] (where the first axis points, degrees); default: the kind '
+                  'that the scenario has')
+
+
 def add(parser, *names, **changes):
     """Add options of `SHARED` by name, with `changes` of this command."""
     for name in names:
