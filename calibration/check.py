@@ -130,8 +130,7 @@ def power_on_check(rows, reference, polaris, measured, change, notes, other=None
                 {'check': f'{label}, after Polaris', **rms_of(reference, stars, polaris)}]
     out = []
     numbers = [n for n in np.unique(stars['run']) if int(n) in measured]
-    names = rows.mount.names.physical
-    kinds = [('model of', lambda part, zero: fit_terms(part, names, zero=zero).model)]
+    kinds = [('model of', lambda part, zero: fit_terms(part, zero=zero).model)]
     if other is not None:
         kinds.append((other[0], lambda part, zero: other[1](
             part, Recipe(zero, run_zeros=False)).model))

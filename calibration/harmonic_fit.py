@@ -143,8 +143,8 @@ class Recipe(NamedTuple):
 
     def terms(self, rows):
         """The terms alone, a `HarmonicFit`; ValueError as `fit_terms`."""
-        result = fit_terms(rows, self.names or rows.mount.names.physical, zero=self.first,
-                           run_zeros=self.run_zeros, encoder=self.encoder, robust=self.robust)
+        result = fit_terms(rows, self.names, zero=self.first, run_zeros=self.run_zeros,
+                           encoder=self.encoder, robust=self.robust)
         return HarmonicFit(result.model, self._zeros(result), result)
 
     def fit(self, rows, choice, degree, terms=None):

@@ -37,6 +37,8 @@ PARAMS = SKY_PARAMS + (
     Param('max_elevation_deg', 85.0, 'highest star [deg]', 1.0, 90.0),
     Param('meridian_limit_deg', 5.0, 'how far past the meridian a German mount turns before it '
           'takes the other side [deg]', 0.0, 90.0),
+    Param('hour_angle_limit_deg', 165.0, 'largest hour angle of a star for a mount that does not '
+          'go through the pole [deg]', 1.0, 180.0),
     Param('recentre_arcsec', 60.0, 'a star farther from the boresight is centred and measured '
           'again [arcsec]', 0.1, 36000.0),
     Param('on_target_arcsec', 30.0, 'largest difference of the encoder from its demand in an '

@@ -21,7 +21,7 @@ from .exposing import Exposer
 from .instruments import MOUNT
 from .plan import POWER_CYCLES, parse_plan
 from .pointing import Standing
-from .star_choice import choose_stars
+from .star_choice import Limits, choose_stars
 
 #: what a star takes, to know that it stays within the limits until its turn, s
 SECONDS_A_STAR = 40.0
@@ -339,7 +339,8 @@ class Sequencer:
             value('max_elevation_deg') * DEG, value('magnitude_limit'),
             exclude=[*self._table.stars_since(self._evening), POLARIS_HIP],
             duration=count * SECONDS_A_STAR, start=self._instruments.here,
-            mount=self._out.mount(), meridian_limit=value('meridian_limit_deg') * DEG)
+            mount=self._out.mount(), limits=Limits(*(
+                value(f'{name}_limit_deg') * DEG for name in Limits._fields)))
         return [StarTarget(self._catalogue.select([row])) for row in rows]
 
     def _check_polaris(self):
