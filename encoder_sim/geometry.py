@@ -20,6 +20,7 @@ from pointing_model.sky import DEFAULT_SITE
 from .slow_noise import ar_noise
 
 RIGHT, FORWARD, UP = 0, 1, 2
+_DOWN = np.array([0.0, 0.0, -1.0])
 
 
 def _about(axis, angle):
@@ -94,6 +95,7 @@ class MountGeometry:
         stand = mount.at(latitude)
         # columns: the axes of the frame in ENU
         self._stand = None if stand.altaz else np.array(stand.frame).T
+        self._zenith = np.array(stand.zenith)
         self.start = start
         self._slips = [
             ar_noise(part.slip_time, seed, 'bearing', f'slip {i}') if part.slip > 0.0 else None
@@ -143,16 +145,40 @@ class MountGeometry:
             raised = raised - mount.creep * np.mod(raised / mount.creep_period, 1.0)
 
         azimuth = _about(UP, -turned)
+        if mount.counterweight_west or mount.counterweight_meridian:
+            side = self._counterweight(azimuth)
+            aw = aw - mount.counterweight_west * side
+            an = an + mount.counterweight_meridian * side
         if mount.wobble or mount.bumps or mount.runouts:
             azimuth = azimuth @ self._bearing(turned, time)
+        if mount.fork_sag:
+            azimuth = azimuth @ self._fork(azimuth)
         # up of the first axis in its frame is leant towards x (-aw) and y (an): east and north
         carried = _lean(-np.asarray(aw), an) @ azimuth @ _about(FORWARD, -mount.npae)
         tube = carried @ _about(RIGHT, raised) @ _about(UP, ca)
         if self._stand is not None:
             tube = self._stand @ tube
+        if mount.declination_axis_sag:
+            tube = self._cantilever(self._stand @ carried) @ tube
         if np.any(tf):
             tube = self._sag(tube, tf) @ tube
         return np.swapaxes(tube, -1, -2)
+
+    def _counterweight(self, azimuth):
+        """How far it has pushed the first axis over: 1 on the west side, -1 on the east side."""
+        west = azimuth[..., RIGHT, RIGHT]  # its shaft is the tube's right, its west the frame's x
+        return np.clip(west / self.mount.counterweight_play, -1.0, 1.0)
+
+    def _fork(self, azimuth):
+        """The ends of the arms, which carry the second axis, as the fork sees them."""
+        arms = np.array([0.0, 0.0, 1.0 if self._zenith[UP] >= 0.0 else -1.0])
+        pull = np.swapaxes(azimuth, -1, -2) @ -self._zenith
+        # right-handed about arms x pull the arms turn towards the pull
+        return _about(RIGHT, self.mount.fork_sag * np.cross(arms, pull)[..., RIGHT])
+
+    def _cantilever(self, carried):
+        """The end of the second axis that carries the tube, in ENU."""
+        return _by_vector(self.mount.declination_axis_sag * np.cross(-carried[..., RIGHT], _DOWN))
 
     def _bearing(self, turned, time):
         leans = {'forward': np.zeros_like(turned), 'left': np.zeros_like(turned)}
@@ -171,9 +197,8 @@ class MountGeometry:
     @staticmethod
     def _sag(tube, tf):
         """Bending by gravity, proportional to its pull across the tube."""
-        down = np.array([0.0, 0.0, -1.0])
         # forward x down: right-handed about it, the boresight turns towards down
-        return _by_vector(np.asarray(tf)[..., np.newaxis] * np.cross(tube[..., FORWARD], down))
+        return _by_vector(np.asarray(tf)[..., np.newaxis] * np.cross(tube[..., FORWARD], _DOWN))
 
     def boresight(self, az, el, **where):
         """Unit ENU vectors (n, 3) of the boresight; parameters as for `frames`."""

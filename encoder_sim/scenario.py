@@ -19,6 +19,7 @@ from .scenario_fields import (
     both_axes,
     choice,
     number,
+    of_pier,
     optional,
     section,
     sections,
@@ -119,6 +120,30 @@ class Mount:
         axis turns through `creep_period` (rad), and then snaps back: a sawtooth.
     backlash_azimuth, backlash_elevation : float
         Play between an axis (with its encoders) and the tube, rad, full width.
+    fork_sag : float
+        Slope of the ends of the arms of a fork if they were level, rad. Equatorial mounts only, as
+        all that follows down to the play. The arms are cantilevers along the polar axis; across
+        their plane the ends, and the declination bearings in them, turn about the declination
+        axis by that times the pull across the polar axis, cos(latitude) cos(hour angle): FO is
+        -fork_sag cos(latitude) in the north (TPOINT's catalogue: change in declination as cos h).
+        In their plane they are stiff.
+    declination_axis_sag : float
+        Slope of the end of the declination axis that carries the tube if it were level, rad:
+        F L^2 / (2 E I) of a cantilever (any textbook, such as Timoshenko's Strength of Materials).
+        It turns the tube about the horizontal across the axis, by as much of its weight as
+        pulls across it. The tube is on the left end as it sees it: in the east while it looks at
+        the meridian from there, with the counterweight down; on the other end where negative. So
+        DAF is -declination_axis_sag. (TPOINT's catalogue: the axis of German and cross-axis
+        mounts bends downward; its DAB has another factor, the sine of the axis' zenith distance.)
+    counterweight_west, counterweight_meridian : float
+        Lean of the polar axis towards west and towards the meridian while the counterweight hangs
+        on its west side, and the reverse in the east, rad: MA and ME that differ by the side of
+        the pier. What the mount is out of balance is held by the worm, whose mesh pushes the polar
+        axis aside, always the same way of the base, and the other way when the torque turns over.
+    counterweight_play : float
+        Share of the pull of a level counterweight shaft that takes up the play of the bearings,
+        which then hold; of 100 % they only yield, and the lean goes with the cosine of the hour
+        angle of the axis. No measured figure was found.
     ca_rate, an_rate, aw_rate, tf_rate : float
         Drift with time, rad/s.
     ca_slope, an_slope, aw_slope, tf_slope : float
@@ -140,6 +165,11 @@ class Mount:
     creep_period: float = number(15.0, 'deg', 0.1, 360.0)
     backlash_azimuth: float = number(0.0, 'arcsec', 0.0, 3600.0)
     backlash_elevation: float = number(0.0, 'arcsec', 0.0, 3600.0)
+    fork_sag: float = of_pier(number(0.0, 'arcsec', -3600.0, 3600.0))
+    declination_axis_sag: float = of_pier(number(0.0, 'arcsec', -3600.0, 3600.0))
+    counterweight_west: float = of_pier(number(0.0, 'arcsec', -3600.0, 3600.0))
+    counterweight_meridian: float = of_pier(number(0.0, 'arcsec', -3600.0, 3600.0))
+    counterweight_play: float = of_pier(number(10.0, 'percent', 1.0, 100.0))
     ca_rate: float = term('CA', 'arcsec_per_hour', -600.0, 600.0)
     an_rate: float = term('AN', 'arcsec_per_hour', -600.0, 600.0)
     aw_rate: float = term('AW', 'arcsec_per_hour', -600.0, 600.0)

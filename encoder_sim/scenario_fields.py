@@ -38,8 +38,8 @@ def term(canonical, unit, low, high):
 
 
 def of_pier(item):
-    """A field that is there of mounts alone whose first axis does not stand upright."""
-    return _marked(item, leaning=True)
+    """A field that is there of equatorial mounts alone."""
+    return _marked(item, of_pier=True)
 
 
 def _marked(item, **marks):

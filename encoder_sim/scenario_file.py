@@ -14,7 +14,7 @@ from pointing_model.mounts import KINDS, parse_mount
 from .scenario import Mount, Scenario
 from .scenario_fields import in_si
 
-_ALTAZ = KINDS['altaz']
+_ALTAZ, _HADEC = KINDS['altaz'], KINDS['equatorial']
 _FOLDER = resources.files('encoder_sim') / 'scenarios'
 
 
@@ -36,7 +36,7 @@ def _key(item, names):
 def _items(cls, names):
     """Key -> field of a section, of a mount with `names`."""
     return {_key(item, names): item for item in dataclasses.fields(cls) if item.metadata
-            and not (item.metadata.get('leaning') and names is _ALTAZ)}
+            and not (item.metadata.get('of_pier') and names is not _HADEC)}
 
 
 def _unknown(key, cls, names, where):

@@ -6,6 +6,7 @@
 from dataclasses import dataclass, field
 
 from msg_tools import NAMESPACE
+from pointing_model.mounts import parse_mount
 
 #: executable -> module; setup.py makes one executable of each
 NODES = {
@@ -94,12 +95,13 @@ def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time
         {'start_time': start_time} if start_time else {})
     parameters = {
         # live, the servo and the camera need more than the few samples around an exposure
-        'mount_simulator': simulator | {'time_scale': time_scale} | (
+        'mount_simulator': simulator | {'time_scale': time_scale} | {
+            name: sky[name] for name in ('latitude_deg',) if name in sky} | (
             {'sample_rate_hz': sample_rate_hz} if sample_rate_hz
             else {'sample_rate_hz': 10.0} if time_scale else {}),
         'incremental_encoder': dict(simulator),
         'absolute_encoder': simulator | ({'publishes': 'frames'} if absolute == 'frames' else {}),
-        'frame_reader': EVERY_FRAME,
+        'frame_reader': EVERY_FRAME | {'mount': parse_mount(mount, 0.0).kind},
         'camera': simulator | sky | {'satellite': satellite},
         'star_observer': {
             'use_sim_time': True, 'star_seed': seed, 'model_file': model_file,

@@ -1,5 +1,7 @@
 """Mounts whose first axis does not stand upright: geometry, names, both sides of the pier."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -167,3 +169,128 @@ def test_on_another_mount_the_instruments_stay_and_its_errors_do_not(tmp_path):
     path.write_text('based_on: fork\nmount: {kind: horseshoe, ih_arcsec: 1}\n')
     assert load_scenario(path).mount.ie == fork.mount.ie
     assert wrap(load_scenario(path).mount.ia - ARCSEC) == 0.0
+
+
+# ------------------------------------------------------- what bends and leans on such mounts
+
+def german(latitude, n=600):
+    """A German mount and stars above 20 degrees on the side that each is observed on."""
+    mount = parse_mount('german', latitude)
+    az, el, _ = sky(n, seed=3, lowest=20 * DEG)
+    h, _ = mount.axes_of(az, el)
+    return mount, h, *mount.on_travel(*mount.axes_of(az, el, h < 0.0))
+
+
+def left(mount, latitude, first, second, kind='german', base=None, **parts):
+    """Encoder - catalogue beyond what `base` has (x, y), arcsec, as the tube sees it."""
+    both = []
+    for more in (parts, {}):
+        made = replace(base or Mount(kind=kind), **{k: v * ARCSEC for k, v in more.items()})
+        frames = MountGeometry(made, latitude=latitude).frames(first, second)
+        seen = np.einsum('nij,nj->ni', frames, mount.direction(first, second).T)
+        both.append(seen[:, [0, 2]].T / ARCSEC)
+    return both[0] - both[1]
+
+
+def column(name, mount, first, second):
+    from pointing_model.terms import Trig, terms_of
+    return np.array([np.broadcast_to(v, first.shape) for v in terms_of(mount)[name].of(
+        Trig(first, second, mount=mount))])
+
+
+@pytest.mark.parametrize('latitude', LATITUDES)
+@pytest.mark.parametrize('base', [None, 'german'])
+def test_what_bends_by_its_weight_is_a_term_of_the_field(latitude, base):
+    mount, _, first, second = german(latitude)
+    base = base and load_scenario(base).mount
+    where = (mount, latitude, first, second)
+    # the arms point to the pole that is up: in the south that at -90 degrees
+    across = np.cos(latitude) * np.sign(latitude)
+    for name, size, sag in (('FO', -20.0 * across, {'fork_sag': 20.0}),
+                            ('DAF', -20.0, {'declination_axis_sag': 20.0})):
+        expected = size * column(name, mount, first, second)
+        error = left(*where, base=base, **sag) - expected
+        assert np.abs(error).max() < (0.02 if base else 0.001) * np.abs(expected).max()
+
+
+def test_bending_by_hand():
+    latitude = LATITUDES[0]
+    mount = parse_mount('german', latitude)
+
+    def up(first, second, **sag):
+        """By how much the boresight is higher than its axes say, and farther west, arcsec."""
+        made = Mount(kind='german', **{k: v * ARCSEC for k, v in sag.items()})
+        step = (MountGeometry(made, latitude=latitude).boresight(first, second)[0]
+                - mount.direction(first, second)) / ARCSEC
+        return step[2], -step[0]
+
+    # towards the meridian on the equator: the ends of the arms droop, so the tube between them
+    # looks higher; six hours west the pull is in the plane of the fork
+    assert up(0.0, 0.0, fork_sag=10.0)[0] == pytest.approx(
+        10.0 * np.cos(latitude) * np.sin(latitude), abs=1e-3)
+    assert np.hypot(*up(90 * DEG, 20 * DEG, fork_sag=10.0)) < 1e-9
+    # the tube hangs in the east of its axis and droops: what looks up then looks east
+    assert up(0.0, latitude, declination_axis_sag=10.0)[1] == pytest.approx(-10.0, abs=1e-3)
+    # and in the west on the other side
+    assert up(180 * DEG, 180 * DEG - latitude, declination_axis_sag=10.0)[1] == pytest.approx(
+        10.0, abs=1e-3)
+    # the axis upright: the pull is along it, and bends nothing
+    mount = parse_mount('german', 0.0)
+    bent = MountGeometry(Mount(kind='german', declination_axis_sag=10 * ARCSEC), latitude=0.0)
+    apart = bent.boresight(90 * DEG, 30 * DEG)[0] - mount.direction(90 * DEG, 30 * DEG)
+    assert np.linalg.norm(apart) < 1e-12
+
+
+@pytest.mark.parametrize('latitude', LATITUDES)
+@pytest.mark.parametrize('base', [None, 'german'])
+@pytest.mark.parametrize('part, name', [('west', 'MA'), ('meridian', 'ME')])
+def test_the_counterweight_is_a_lean_that_differs_by_side(latitude, base, part, name):
+    mount, h, first, second = german(latitude)
+    side = np.where(np.cos(second) < 0.0, -1.0, 1.0)
+    expected = 20.0 * side * column(name, mount, first, second)
+    found = left(mount, latitude, first, second, base=base and load_scenario(base).mount,
+                 **{f'counterweight_{part}': 20.0})
+    # six hours from the meridian the shaft stands upright: there it goes over
+    held = np.abs(h) < 84 * DEG
+    assert held.mean() > 0.6
+    assert np.abs(found - expected)[:, held].max() < (0.4 if base else 0.01)
+    # what does not give way at once goes with the pull
+    soft = left(mount, latitude, first, second, base=Mount(kind='german', counterweight_play=1.0),
+                **{f'counterweight_{part}': 20.0})
+    np.testing.assert_allclose(
+        soft, 20.0 * np.cos(first) * column(name, mount, first, second), atol=0.01)
+
+
+def test_a_level_fork_and_one_on_the_pole_of_the_earth():
+    """Of an upright polar axis nothing pulls across; a level one feels all of it."""
+    for latitude, factor in ((90 * DEG, 0.0), (0.0, 1.0)):
+        mount = parse_mount('equatorial', latitude)
+        first, second = np.array([0.3, -1.0]), np.array([0.5, 0.2])
+        found = left(mount, latitude, first, second, kind='equatorial', fork_sag=10.0)
+        np.testing.assert_allclose(found, [[0.0, 0.0], -10.0 * factor * np.cos(first)], atol=1e-3)
+
+
+@pytest.mark.parametrize('kind', ['altaz', 'free:0,0'])
+def test_a_mount_without_a_polar_axis_has_none_of_it(tmp_path, kind):
+    path = tmp_path / 'bad.yaml'
+    path.write_text(f'mount: {{kind: "{kind}", fork_sag_arcsec: 3}}\n')
+    with pytest.raises(ValueError, match="'fork_sag_arcsec' is of another mount than this one"):
+        load_scenario(path)
+
+
+def test_an_encoder_on_the_worm_has_its_periodic_error():
+    from encoder_sim.incremental import IncrementalEncoder
+    from encoder_sim.scenario_encoders import Incremental
+    params = Incremental(worm_teeth=180, worm_1=8 * ARCSEC, worm_2=3 * ARCSEC, worm_phase=0.5,
+                         mark_angle=0.0)
+    angles = np.linspace(-0.1, 0.2, 4000)
+    stamps = NIGHT * 10**9 + np.arange(len(angles)) * 10**7
+    encoder = IncrementalEncoder(params, 1, 'hour_angle')
+    error = encoder.feed(stamps, angles) - angles
+    phase = 180 * angles
+    expected = 8 * np.cos(phase - 0.5) + 3 * np.cos(2 * phase - 0.5)
+    known = np.isfinite(error)
+    assert known.mean() > 0.6
+    # the mark zeroes what the worm shows there
+    np.testing.assert_allclose(
+        error[known] / ARCSEC, (expected - (8 + 3) * np.cos(0.5))[known], atol=0.15)

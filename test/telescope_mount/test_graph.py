@@ -191,7 +191,8 @@ def test_one_node_publishes_the_angles_of_the_absolute_encoder():
     assert 'frame_reader' not in read and 'publishes' not in read['absolute_encoder']
     assert raw['absolute_encoder']['publishes'] == 'frames'
     assert raw['star_observer']['wait_for_nodes'] == [f'/mount/{name}' for name in raw]
-    # the reader is told nothing of the scenario
+    # the reader is told nothing of the scenario, but what the observer is too
+    assert raw['frame_reader'].pop('mount') == 'altaz'
     assert all(name.startswith('qos_overrides.') for name in raw['frame_reader'])
 
 
