@@ -22,6 +22,8 @@ from msg_tools.units import DEG, wrap
 
 #: the terms of the rotations, by the names that an alt-azimuth mount has for them
 CANONICAL = ('IA', 'IE', 'CA', 'NPAE', 'AN', 'AW', 'TF')
+#: frames that differ by less are one, rad: 0.0002", where a latitude has been rounded
+SAME = 1e-9
 _HORIZON = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
@@ -193,6 +195,27 @@ class Mount:
     def altaz(self):
         """Whether the axis frame is the horizon, and nothing is beyond the pole."""
         return self.kind == 'altaz'
+
+    def entries(self):
+        """What a document of results says of another mount than an alt-azimuth one.
+
+        Its ``az`` and ``el`` are then of these axes.
+
+        Returns
+        -------
+        dict
+            ``mount`` (the kind) and ``mount_axes``; empty for an alt-azimuth mount.
+        """
+        return {} if self.altaz else {'mount': self.kind, 'mount_axes': list(self.names.axes)}
+
+    def agrees(self, other):
+        """Whether it is the same mount, but for the rounding of the angles that it was given by.
+
+        Parameters
+        ----------
+        other : Mount
+        """
+        return self.kind == other.kind and np.allclose(self.frame, other.frame, rtol=0.0, atol=SAME)
 
     @property
     def latitude(self):
