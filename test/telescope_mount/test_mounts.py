@@ -9,7 +9,7 @@ from msg_tools.units import ARCSEC, DEG
 from pointing_model import geometry
 from pointing_model.mounts import Mount
 from pointing_model.run import PointingRun
-from pointing_model.run_files import write_csv
+from pointing_model.run_files import read_run, write_csv
 
 
 @pytest.fixture
@@ -52,4 +52,21 @@ def test_what_does_not_go_together_is_one_line(refused, german_csv, tmp_path):
     bare.write_text('\n'.join(line for line in german_csv.read_text().splitlines()
                               if not line.startswith('#')))
     assert 'needs the latitude' in refused('fit', bare, '--mount', 'german')
-    assert '--longitude' in refused('fit', bare, '--latitude', '31')
+    assert '--latitude DEG' in refused('fit', bare, '--longitude', '31')
+
+
+def test_half_a_site_goes_with_the_half_that_the_file_tells(ended, refused, german_csv, tmp_path):
+    rows = [line for line in german_csv.read_text().splitlines() if not line.startswith('#')]
+    half = tmp_path / 'half.csv'
+    half.write_text('\n'.join(['# mount: german', '# longitude_deg: 7.0', *rows]))
+    code, out, err = ended('fit', half, '--latitude', 31.0, '--save', tmp_path / 'model.json')
+    assert (code, err) == (0, '') and 'IH' in out
+    half.write_text('\n'.join(['# mount: german', '# latitude_deg: 31.0', *rows]))
+    assert ended('fit', half, '--longitude', 7.0, '--height', 100)[0] == 0
+    assert read_run(half, site={'longitude': 0.1}).meta['site'] == {
+        'latitude': 31.0 * DEG, 'longitude': 0.1}
+    places = tmp_path / 'places.csv'
+    places.write_text('# latitude_deg: 31\nra_deg,dec_deg,time,az_enc_deg,el_enc_deg\n'
+                      '10,20,1700000000,30,40\n')
+    assert 'longitude is not told' in refused('fit', places)
+    assert read_run(places, site={'longitude': 0.1}).meta['site']['latitude'] == 31.0 * DEG
