@@ -156,3 +156,9 @@ def check_target(path, suffixes=()):
     if path.is_dir() or not path.absolute().parent.is_dir():
         raise ValueError(f'{path} cannot be written: '
                          + ('it is a folder' if path.is_dir() else 'there is no such folder'))
+
+
+def write_json(path, document):
+    """Write a result, as --json of all commands does."""
+    import json
+    path.write_text(json.dumps(document, indent=1) + '\n', encoding='utf-8')

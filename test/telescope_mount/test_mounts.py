@@ -70,3 +70,27 @@ def test_half_a_site_goes_with_the_half_that_the_file_tells(ended, refused, germ
                       '10,20,1700000000,30,40\n')
     assert 'longitude is not told' in refused('fit', places)
     assert read_run(places, site={'longitude': 0.1}).meta['site']['latitude'] == 31.0 * DEG
+
+
+def test_a_fit_as_json_has_all_keys_whatever_was_asked(ended, german_csv, tmp_path):
+    out = tmp_path / 'fit.json'
+    ended('fit', german_csv, '--json', out)
+    plain = json.loads(out.read_text())
+    assert plain['mount_axes'] == ['hour angle', 'declination'] and plain['rows_used'] == 40
+    assert plain['predicted'] is plain['harmonics'] is plain['base_model'] is None
+    values = {term['name']: term['value_arcsec'] for term in plain['terms']}
+    assert values['ME'] == pytest.approx(90.0, abs=15.0)
+    assert plain['after']['rms_arcsec'] < plain['after']['cv_rms_arcsec'] < 20.0
+    ended('fit', german_csv, '--predict', '--json', out)
+    found = json.loads(out.read_text())
+    assert set(found) == set(plain)
+    assert found['predicted']['after']['cv_rms_arcsec'] < found['after']['rms_arcsec']
+    assert 'HHSH2' in {c['tpoint'] for c in found['predicted']['coefficients']}
+    wrong = tmp_path / 'exchanged.csv'
+    text = german_csv.read_text().replace('dec_deg', 'x').replace('ha_deg', 'dec_deg')
+    wrong.write_text(text.replace('x,', 'ha_deg,', 1) if ',x' not in text else
+                     text.replace(',x', ',ha_deg', 1))
+    code, _, err = ended('fit', wrong, '--json', out)
+    assert code == 2 and 'exchanged' in err
+    refused = json.loads(out.read_text())
+    assert set(refused) | {'mount', 'mount_axes'} == set(plain) and refused['readings']
