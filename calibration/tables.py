@@ -4,7 +4,13 @@ from pointing_model.effects.base import readable
 from pointing_model.mounts import KINDS
 from pointing_model.rms import rms_arcsec
 
-from .diagnosis.rows_told import outlier_sentence, rows_of_fit, used_sentence
+from .diagnosis.rows_told import (
+    excluded_of_fit,
+    left_out_lines,
+    outlier_sentence,
+    rows_of_fit,
+    used_sentence,
+)
 from .harmonic_fit import READ_AS
 from .held_out import RAW
 
@@ -163,10 +169,7 @@ def fit_tables(run, result, encoder='enc', held_out=None):
         lines.append('more than a third of the rows is left out: see why before you use the terms')
     for dropped in result.dropped:
         lines.append(f'the stars do not determine {dropped["text"]}')
-    for row in run.meta.get('excluded', []):
-        lines.append(f'row {row["row"]} left out: {row["reason"]}')
-    for row in result.excluded:
-        lines.append(f'row {run.lines[row["row"]]} left out: {row["reason"]}')
+    lines += left_out_lines(excluded_of_fit(run, result))
     lines += [f'note: {note}' for note in run.meta.get('notes', [])]
     return [used_sentence(told.to_dict()), terms_table(result.term_rows()), steps, *lines]
 

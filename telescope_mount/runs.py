@@ -149,7 +149,7 @@ def run_of_log(path):
     from pointing_model.zero import NO_ZERO, Zeros
     from pointing_model.zero_message import joints_to_zero
 
-    bag = BagReader(path)
+    bag = _log(path)
     if bag.has_truth:
         raise ValueError(f'{path} holds the truth of the simulator; fit the log beside it')
     by_end = {topic.name.rsplit('/', 1)[-1]: topic.name for topic in bag.topics}
@@ -184,6 +184,21 @@ def run_of_log(path):
     if told:
         meta['graduation'] = declared_graduation(told)
     return _without_judges(PointingRun({n: v[stars] for n, v in columns.items()}, meta))
+
+
+def _log(path):
+    """Reader of a log; a folder of images is told as that."""
+    try:
+        return BagReader(path)
+    except (ValueError, OSError):
+        from pointing_model.plate_solved.mapping import PATTERNS
+        if not path.is_dir() or not any(any(path.glob(pattern)) for pattern in PATTERNS):
+            raise
+        mapping = path / 'mount.yaml'
+        raise ValueError(
+            f'{path} is a folder of images: give {mapping}' if mapping.is_file() else
+            f'{path} is a folder of images: write {mapping}, which says what their keywords are '
+            '(docs/plate_solved.md has one to copy), and give that') from None
 
 
 def _without_judges(run):

@@ -306,3 +306,15 @@ def test_ctrl_c_and_a_closed_pipe(ended, monkeypatch, run_csv):
     monkeypatch.setattr(fit, 'run', stop(TypeError('a bug')))
     with pytest.raises(TypeError):
         ended('fit', run_csv)
+
+
+@pytest.mark.parametrize('command', ['fit', 'diagnose', 'zeros'])
+def test_an_unknown_option_points_to_the_help_of_its_command(refused, command):
+    assert f'--bogus (see telescope-mount {command} --help)' in refused(command, '--bogus', 'x')
+
+
+def test_a_folder_of_images_points_to_what_says_what_they_are(refused, tmp_path):
+    (tmp_path / 'a.fits').touch()
+    assert f'write {tmp_path / "mount.yaml"}' in refused('fit', tmp_path)
+    (tmp_path / 'mount.yaml').touch()
+    assert f'give {tmp_path / "mount.yaml"}' in refused('diagnose', tmp_path)
