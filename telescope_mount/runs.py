@@ -215,7 +215,7 @@ def _without_judges(run):
     return out
 
 
-def _readings(columns, beyond):
+def _readings(columns, beyond=False):
     """Readings of the encoders at the exposure, from those with the star centred."""
     from pointing_model.observing.pairing import centred
     az, el = columns['az_enc'], columns['el_enc']

@@ -134,13 +134,13 @@ def test_what_the_user_chose_reaches_the_night(refused, monkeypatch, tmp_path):
         'night', '--out', tmp_path / 'n', '--seed', 5, '--stars', 6, '--polaris', 7,
         '--scenario', 'ideal', '--reference', 'm.json', '--date', 'yesterday', '--latitude', -40,
         '--longitude', 10, '--height', 2000, '--params', tmp_path / 'p.yaml', '--time-scale', 2,
-        '--domain', 3)
+        '--domain', 3, '--mount', 'german')
     assert 'enough' in refused('night')
     assert asked[0] == {
         'out': tmp_path / 'n', 'seed': 5, 'stars': 6, 'polaris': 7, 'scenario': 'ideal',
         'start_time': 'yesterday', 'reference': Path('m.json'), 'domain_number': 3,
         'time_scale': 2.0, 'params_file': tmp_path / 'p.yaml', 'absolute': 'angles',
-        'cycle': 'incremental', 'calibration': {},
+        'cycle': 'incremental', 'calibration': {}, 'mount': 'german',
         'sky': {'latitude_deg': -40.0, 'longitude_deg': 10.0, 'height_m': 2000.0}}
     assert 'enough' in refused('night', '--power-cycle', 'both')
     assert asked.pop()['cycle'] == 'both'
