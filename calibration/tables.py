@@ -1,7 +1,9 @@
 """What people see of a calibration on the terminal: tables."""
 
 from pointing_model.effects.base import readable
+from pointing_model.mounts import ALTAZ
 from pointing_model.rms import rms_arcsec
+from pointing_model.zero_exposures import BY_POLARIS
 
 from .diagnosis.rows_told import outlier_sentence, rows_of_fit, used_sentence
 from .harmonic_fit import READ_AS
@@ -37,10 +39,14 @@ def night_tables(report):
     """
     tables = []
     if report['zeros']:
+        ways = [zero.get('by', BY_POLARIS) for zero in report['zeros']]
+        alone = set(ways) == {BY_POLARIS}
+        axes = report.get('mount_axes', ALTAZ.names.axes)
         zeros = new_table(
-            'Zero on Polaris, arcsec', 'power-on', 'azimuth', 'elevation', 'exposures')
-        for zero in report['zeros']:
-            zeros.add_row(f'{zero["run"]}', *_zero_cells(zero))
+            f'Zero on {BY_POLARIS if alone else "stars"}, arcsec', 'power-on', *axes, 'exposures')
+        for zero, way in zip(report['zeros'], ways):
+            label = f'{zero["run"]}' + ('' if alone else f' by {way}')
+            zeros.add_row(label, *_zero_cells(zero))
         for change in report['changes']:
             zeros.add_row(f'change {change["from"]} to {change["to"]}', *_zero_cells(change))
             truth = change.get('simulated')
