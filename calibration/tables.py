@@ -3,6 +3,7 @@
 from pointing_model.effects.base import readable
 from pointing_model.mounts import KINDS
 from pointing_model.rms import rms_arcsec
+from pointing_model.zero_exposures import BY_POLARIS
 
 from .diagnosis.rows_told import (
     excluded_of_fit,
@@ -45,10 +46,14 @@ def night_tables(report):
     tables, names = [], KINDS[report.get('mount', 'altaz')]
     first, second = names.columns
     if report['zeros']:
+        ways = [zero.get('by', BY_POLARIS) for zero in report['zeros']]
+        alone = set(ways) == {BY_POLARIS}
         zeros = new_table(
-            'Zero on Polaris, arcsec', 'power-on', *names.axes, 'exposures')
-        for zero in report['zeros']:
-            zeros.add_row(f'{zero["run"]}', *_zero_cells(zero))
+            f'Zero on {BY_POLARIS if alone else "stars"}, arcsec', 'power-on', *names.axes,
+            'exposures')
+        for zero, way in zip(report['zeros'], ways):
+            label = f'{zero["run"]}' + ('' if alone else f' by {way}')
+            zeros.add_row(label, *_zero_cells(zero))
         for change in report['changes']:
             zeros.add_row(f'change {change["from"]} to {change["to"]}', *_zero_cells(change))
             truth = change.get('simulated')

@@ -145,8 +145,8 @@ def run_of_log(path):
     from msg_tools.units import wrap
     from pointing_model.run import PointingRun
     from pointing_model.run_messages import cloud_to_run
-    from pointing_model.star_catalogue import POLARIS_HIP
     from pointing_model.zero import NO_ZERO, Zeros
+    from pointing_model.zero_exposures import is_for_zero, way_of
     from pointing_model.zero_message import joints_to_zero
 
     bag = _log(path)
@@ -175,8 +175,9 @@ def run_of_log(path):
         az, el = zeros.filled(np.unique(run['run']), NO_ZERO).of_rows(run)
         columns['az_enc'], columns['el_enc'] = columns['az_enc'] - az, columns['el_enc'] - el
     columns['az_enc'] = run['az'] + wrap(columns['az_enc'] - run['az'])
-    stars = columns['star'] != POLARIS_HIP
-    notes.append(f'{int((~stars).sum())} exposures of Polaris left out')
+    stars = ~is_for_zero(run)
+    way = way_of(run.select(~stars)) or 'Polaris'
+    notes.append(f'{int((~stars).sum())} exposures of {way} left out')
     notes += reasons(run)
     stars &= ~distrusted(run)
     meta = {**run.meta, 'source': str(path), 'notes': notes + bag.problems, 'excluded': []}

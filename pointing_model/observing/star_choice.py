@@ -133,18 +133,33 @@ def choose_stars(stars, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, n=30, 
             'ask for fewer or raise the magnitude limit')
     az, el = (angle[good] for angle in places[len(places) // 2])
     chosen = _stratified(az, el, n, min_el, highest, rng)
-    first, second = _axes(mount, az[chosen], el[chosen], limits.meridian,
-                          stars.hip[bright[good][chosen]])
+    first, second = axes_at(mount, az[chosen], el[chosen], limits,
+                            stars.hip[bright[good][chosen]])
     order = observing_order(first, second, rng, start, mount.way)
     return bright[good][chosen[order]]
 
 
-def _axes(mount, az, el, limit, numbers):
-    """Angles of the axes at places of the horizon, on the side that they are observed on."""
+def axes_at(mount, az, el, limits, numbers):
+    """Angles of the axes at places of the horizon, on the side that stars there are observed on.
+
+    Parameters
+    ----------
+    mount : Mount
+    az, el : ndarray, shape (n,)
+        Radians.
+    limits : Limits
+    numbers : ndarray of int, shape (n,)
+        Of the stars.
+
+    Returns
+    -------
+    first, second : ndarray, shape (n,)
+        Radians.
+    """
     if mount.altaz:
         return az, el
     first, second = mount.axes_of(az, el)
-    beyond = mount.side_for(first, second, limit, numbers % 2 == 1)
+    beyond = mount.side_for(first, second, limits.meridian, numbers % 2 == 1)
     return mount.on_travel(*through_pole(first, second, beyond))
 
 
