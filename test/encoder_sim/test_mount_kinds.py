@@ -245,17 +245,15 @@ def test_bending_by_hand():
 @pytest.mark.parametrize('base', [None, 'german'])
 @pytest.mark.parametrize('part, name', [('west', 'MA'), ('meridian', 'ME')])
 def test_the_counterweight_is_a_lean_that_differs_by_side(latitude, base, part, name):
-    mount, h, first, second = german(latitude)
+    mount, _, first, second = german(latitude)
     side = np.where(np.cos(second) < 0.0, -1.0, 1.0)
     expected = 20.0 * side * column(name, mount, first, second)
     found = left(mount, latitude, first, second, base=base and load_scenario(base).mount,
                  **{f'counterweight_{part}': 20.0})
-    # six hours from the meridian the shaft stands upright: there it goes over
-    held = np.abs(h) < 84 * DEG
-    assert held.mean() > 0.6
-    assert np.abs(found - expected)[:, held].max() < (0.4 if base else 0.01)
-    # what does not give way at once goes with the pull
-    soft = left(mount, latitude, first, second, base=Mount(kind='german', counterweight_play=1.0),
+    assert np.abs(found - expected).max() < (0.4 if base else 0.01)
+    # what bends goes with the pull
+    soft = left(mount, latitude, first, second,
+                base=Mount(kind='german', counterweight_elastic=1.0),
                 **{f'counterweight_{part}': 20.0})
     np.testing.assert_allclose(
         soft, 20.0 * np.cos(first) * column(name, mount, first, second), atol=0.01)
