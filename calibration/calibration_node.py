@@ -1,4 +1,4 @@
-"""The calibration: sets the zero on Polaris and fits the pointing model, when asked."""
+"""The calibration: sets the zero on Polaris or stars and fits the pointing model, when asked."""
 
 import json
 import sys
@@ -24,6 +24,7 @@ from pointing_model.model_document import identity
 from pointing_model.run_messages import cloud_to_run, run_to_cloud
 from pointing_model.zero_message import zero_to_joints
 
+from .check import ways
 from .distrust import contradicted
 from .fit import RCOND_HARMONICS
 from .harmonic_fit import CHOICES, choice_of
@@ -50,7 +51,7 @@ PARAMS = (
           'the zero', fixed=True),
     Param('split_seed', 1, 'seed of the choice of stars held out of the check', 0, 2**31 - 1,
           fixed=True),
-    Param('least_exposures', 16, 'exposures of Polaris below which a zero comes with a warning',
+    Param('least_exposures', 16, 'exposures below which a zero comes with a warning',
           1, 100000),
     Param('reference_age', 0, 'the reference of a zero is the model fitted so many power-ons '
           'before; 0: model_file for all', 0, 1000, fixed=True),
@@ -137,7 +138,8 @@ class Calibration(MountNode):
 
     def _take_up_rows(self):
         with_zero = self._session.zeros_again()
-        self._taken_up = [f'{len(self._session)} observations', 'zeros by Polaris of power-ons '
+        told = ways(self._session.zeros.values()) or 'Polaris'
+        self._taken_up = [f'{len(self._session)} observations', f'zeros by {told} of power-ons '
                           + (', '.join(map(str, with_zero)) or 'none')]
         self._say_taken_up()
 
@@ -220,15 +222,16 @@ class Calibration(MountNode):
             # the zero goes with the model that it is relative to
             self._send_model(self._dated(old))
         self._publish_zero(zero)
+        first, second = zero.mount.names.axes
         done = (
-            f'zero of power-on {run}: azimuth {zero.az / ARCSEC:+.2f} +- '
-            f'{zero.sigma_az / ARCSEC:.2f} arcsec, elevation {zero.el / ARCSEC:+.2f} +- '
+            f'zero of power-on {run} by {zero.by}: {first} {zero.az / ARCSEC:+.2f} +- '
+            f'{zero.sigma_az / ARCSEC:.2f} arcsec, {second} {zero.el / ARCSEC:+.2f} +- '
             f'{zero.sigma_el / ARCSEC:.2f} arcsec, relative to {zero.reference}')
         few = zero.n - zero.rejected < self.value('least_exposures')
         if few:
             done += f'; {zero.n - zero.rejected} exposures only'
         self._say(done, DiagnosticStatus.WARN if few else DiagnosticStatus.OK,
-                  power_on=run, exposures=zero.n, rejected=zero.rejected,
+                  power_on=run, by=zero.by, exposures=zero.n, rejected=zero.rejected,
                   azimuth_arcsec=f'{zero.az / ARCSEC:.3f}',
                   elevation_arcsec=f'{zero.el / ARCSEC:.3f}',
                   sigma_azimuth_arcsec=f'{zero.sigma_az / ARCSEC:.3f}',
@@ -305,13 +308,14 @@ class Calibration(MountNode):
         self._report_pub.publish(String(data=json.dumps(report)))
 
     def _publish_model(self, model):
-        """The model, and the zero that belongs to it; Polaris alone gave it a little otherwise."""
+        """The model, and the zero that belongs to it; its exposures gave it a little otherwise."""
         self._send_model(model)
         self._session.in_force = model
-        by_polaris = self._session.zeros
+        measured = self._session.zeros.newest if self._session.zeros else None
         self._publish_zero(replace(
             self._session.zeros_in_force.newest,
-            covariance=by_polaris.newest.covariance if by_polaris else None))
+            by=measured and measured.by,
+            covariance=None if measured is None else measured.with_fitted_terms))
 
     def _work_diagnosis(self):
         # the node hears nothing until it is done: seconds

@@ -3,8 +3,8 @@
 import numpy as np
 
 from pointing_model.rms import rms_arcsec
-from pointing_model.star_catalogue import POLARIS_HIP
 from pointing_model.zero import NO_ZERO, zero_in_force
+from pointing_model.zero_exposures import is_for_zero
 
 from .fit import fit_terms
 from .harmonic_fit import Recipe
@@ -95,7 +95,7 @@ def rms_of(model, run, zero):
     return rms_arcsec(*model.residuals(run, zero=zero))._asdict()
 
 
-def power_on_check(rows, reference, polaris, measured, change, notes, other=None):
+def power_on_check(rows, reference, first, measured, change, notes, other=None):
     """The paper's check, from one power-on to the next: its coefficients on later stars.
 
     Parameters
@@ -103,12 +103,12 @@ def power_on_check(rows, reference, polaris, measured, change, notes, other=None
     rows : PointingRun
     reference : PointingModel or None
         Of an earlier night: it is judged on all stars then, before and after Polaris.
-    polaris : Zeros
-        By Polaris alone, one of each power-on; empty without any.
+    first : Zeros
+        By their exposures alone, one of each power-on; empty without any.
     measured : Zeros
-        Those of power-ons in which Polaris was observed.
+        Those of power-ons with such exposures, MeasuredZero.
     change : callable
-        ``change(rows, before, after, model)`` gives the change of the zero, a PolarisZero.
+        ``change(rows, before, after, model)`` gives the change of the zero, a MeasuredZero.
     notes : list of str
         Gets a line where a power-on has too few stars.
     other : (str, callable), optional
@@ -120,23 +120,23 @@ def power_on_check(rows, reference, polaris, measured, change, notes, other=None
     list of dict
         ``check``, a sentence, and the RMS as `rms_of` gives it.
     """
-    stars = rows.select(rows['star'] != POLARIS_HIP)
-    if not polaris:
+    stars = rows.select(~is_for_zero(rows))
+    if not first:
         return []
     if reference is not None:
         label = 'model of the earlier night on all stars of tonight'
-        return [{'check': f'{label}, before Polaris',
+        way = ways(measured.values())
+        return [{'check': f'{label}, before {way}',
                  **rms_of(reference, stars, zero_in_force(reference))},
-                {'check': f'{label}, after Polaris', **rms_of(reference, stars, polaris)}]
+                {'check': f'{label}, after {way}', **rms_of(reference, stars, first)}]
     out = []
     numbers = [n for n in np.unique(stars['run']) if int(n) in measured]
-    names = rows.mount.names.physical
-    kinds = [('model of', lambda part, zero: fit_terms(part, names, zero=zero).model)]
+    kinds = [('model of', lambda part, zero: fit_terms(part, zero=zero).model)]
     if other is not None:
         kinds.append((other[0], lambda part, zero: other[1](
             part, Recipe(zero, run_zeros=False)).model))
     for before, after in zip(numbers, numbers[1:]):
-        old, later = polaris[before], stars.select(stars['run'] == after)
+        old, later = first[before], stars.select(stars['run'] == after)
         for kind, fit in kinds:
             try:
                 model = fit(rows.select(rows['run'] == before), old)
@@ -146,5 +146,11 @@ def power_on_check(rows, reference, polaris, measured, change, notes, other=None
             new = old.plus(*change(rows, before, after, model).angles)
             label = f'{kind} power-on {before:.0f} on the stars of power-on {after:.0f}'
             out.append({'check': f'{label}, with the old zero', **rms_of(model, later, old)})
-            out.append({'check': f'{label}, zero by Polaris', **rms_of(model, later, new)})
+            out.append({'check': f'{label}, zero by {ways([measured[int(after)]])}',
+                        **rms_of(model, later, new)})
     return out
+
+
+def ways(zeros):
+    """By which ways some MeasuredZero were set, in words: ``Polaris``, ``stars``."""
+    return ' or '.join(dict.fromkeys(zero.by.partition(' (')[0] for zero in zeros))

@@ -13,9 +13,9 @@ from msg_tools.units import ARCSEC
 from pointing_model.harmonics import DEGREE, INTERPRETATIONS, count_of
 from pointing_model.model import PointingModel
 from pointing_model.rms import rms_arcsec
-from pointing_model.star_catalogue import POLARIS_HIP
 from pointing_model.terms import PHYSICAL
 from pointing_model.zero import RunZero, Zeros
+from pointing_model.zero_exposures import is_for_zero
 
 from .fit import RCOND_HARMONICS, fit_harmonics, fit_terms
 from .fit_result import FitResult
@@ -143,8 +143,8 @@ class Recipe(NamedTuple):
 
     def terms(self, rows):
         """The terms alone, a `HarmonicFit`; ValueError as `fit_terms`."""
-        result = fit_terms(rows, self.names or rows.mount.names.physical, zero=self.first,
-                           run_zeros=self.run_zeros, encoder=self.encoder, robust=self.robust)
+        result = fit_terms(rows, self.names, zero=self.first, run_zeros=self.run_zeros,
+                           encoder=self.encoder, robust=self.robust)
         return HarmonicFit(result.model, self._zeros(result), result)
 
     def fit(self, rows, choice, degree, terms=None):
@@ -203,9 +203,9 @@ def every_choice(rcond=RCOND_HARMONICS):
 def cross_validated(rows, recipe, seed=0, rcond=RCOND_HARMONICS, folds=FOLDS):
     """How well each kind of model predicts stars that it was not fitted to.
 
-    A star that was observed twice is left out with all its rows; exposures of Polaris, which
-    belong to the zero, never are. Rows that no choice's fit to all of them gives any weight do not
-    count: they are the same error for all.
+    A star that was observed twice is left out with all its rows; exposures for a zero, of Polaris
+    or of stars, never are. Rows that no choice's fit to all of them gives any weight do not count:
+    they are the same error for all.
 
     Parameters
     ----------
@@ -226,7 +226,7 @@ def cross_validated(rows, recipe, seed=0, rcond=RCOND_HARMONICS, folds=FOLDS):
     """
     star = rows['star'] if 'star' in rows else np.arange(len(rows))
     terms_of = recipe.names or rows.mount.names.physical
-    judges = np.flatnonzero(star != POLARIS_HIP)
+    judges = np.flatnonzero(~is_for_zero(rows) if 'star' in rows else star >= 0)
     names, member = np.unique(star[judges], return_inverse=True)
     folds = min(folds, len(names))
     fold = (np.random.default_rng(seed).permutation(len(names)) % max(folds, 1))[member]

@@ -3,15 +3,16 @@
 import numpy as np
 
 from pointing_model.model import PointingModel
-from pointing_model.star_catalogue import POLARIS_HIP
 from pointing_model.terms import PHYSICAL
 from pointing_model.zero import zero_in_force
+from pointing_model.zero_exposures import BY_POLARIS, is_for_zero
 
 from .check import rms_of
 from .fit import fit_harmonics
 
 RAW = 'as the encoders read'
-ZEROED = 'zero set on Polaris'
+_ZEROED = 'zero set on {}'
+ZEROED = _ZEROED.format(BY_POLARIS)
 TERMS = f'{len(PHYSICAL)} physical terms'
 BOTH = f'{TERMS}, then 13 harmonics'
 PUBLISHED = 'published: '
@@ -23,14 +24,14 @@ HARMONICS = {
 }
 
 
-def held_out_steps(rows, fit_terms, recipe_of, used, reference, polaris, measured, notes,
+def held_out_steps(rows, fit_terms, recipe_of, used, reference, first, way, notes,
                    published=None):
     """Each kind of model on the stars that it was fitted to, and on the others.
 
     Parameters
     ----------
     rows : PointingRun
-        Stars and exposures of Polaris, which every fit sees.
+        Stars and exposures for zeros, which every fit sees.
     fit_terms : callable
         ``fit_terms(rows)`` gives a `harmonic_fit.HarmonicFit` of the terms.
     recipe_of : callable
@@ -39,10 +40,10 @@ def held_out_steps(rows, fit_terms, recipe_of, used, reference, polaris, measure
         Which of the stars are fitted.
     reference : PointingModel or None
         Of an earlier night.
-    polaris : Zeros
-        By Polaris alone, of each power-on.
-    measured : bool
-        Whether Polaris was observed at all.
+    first : Zeros
+        By their exposures alone, of each power-on.
+    way : str
+        By which way they were set (`check.ways`); '' where none was.
     notes : list of str
         Gets a line where stars are too few for a kind.
     published : (str, callable), optional
@@ -53,10 +54,10 @@ def held_out_steps(rows, fit_terms, recipe_of, used, reference, polaris, measure
     list of dict
         ``step`` (its label), and ``used`` and ``held_out`` as `check.rms_of` gives them.
     """
-    is_star = rows['star'] != POLARIS_HIP
+    is_star = ~is_for_zero(rows)
     stars = rows.select(is_star)
     halves = {'used': stars.select(used), 'held_out': stars.select(~used)}
-    seen = ~is_star  # Polaris, and the stars used
+    seen = ~is_star  # exposures for the zero, and the stars used
     seen[np.flatnonzero(is_star)[used]] = True
     base = reference or PointingModel({}, mount=rows.mount)
     steps = []
@@ -67,13 +68,12 @@ def held_out_steps(rows, fit_terms, recipe_of, used, reference, polaris, measure
 
     judge(RAW if reference is None else 'model of the earlier night', base,
           zero_in_force(reference))
-    if measured:
-        judge(ZEROED, base, polaris)
+    if way:
+        judge(_ZEROED.format(way), base, first)
     # functions of azimuth and elevation
     for label, interpretation in HARMONICS.items() if rows.mount.altaz else ():
         try:
-            judge(label, fit_harmonics(halves['used'], interpretation, zero=polaris).model,
-                  polaris)
+            judge(label, fit_harmonics(halves['used'], interpretation, zero=first).model, first)
         except ValueError as err:
             notes.append(f'{label}: {err}')
     try:

@@ -5,8 +5,8 @@ import numpy as np
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.mounts import ALTAZ
 from pointing_model.rms import rms
-from pointing_model.star_catalogue import POLARIS_HIP
 from pointing_model.zero import Zeros
+from pointing_model.zero_exposures import is_for_zero
 
 
 def plot_night(run, model, report, path):
@@ -25,7 +25,7 @@ def plot_night(run, model, report, path):
     """
     from matplotlib.figure import Figure
 
-    stars = run.select((run['star'] >= 0) & (run['star'] != POLARIS_HIP))
+    stars = run.select((run['star'] >= 0) & ~is_for_zero(run))
     zeros = Zeros.from_list(report['zeros_in_force'])
     before = [v / ARCSEC for v in stars.offsets()]
     after = [v / ARCSEC for v in model.residuals(stars, zero=zeros)]

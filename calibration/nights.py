@@ -12,16 +12,16 @@ from msg_tools.units import ARCSEC
 from pointing_model.mounts import ALTAZ
 from pointing_model.rms import rms
 from pointing_model.run import PointingRun
-from pointing_model.star_catalogue import POLARIS_HIP
 from pointing_model.terms import mean_columns
 from pointing_model.zero import NO_ZERO, Zeros, zero_in_force
+from pointing_model.zero_exposures import is_for_zero, is_marked
 
 from .fit import fit_harmonics
-from .polaris_zero import zero_from_polaris
-from .rows import for_fitting, is_kept_out, polaris_by_run
+from .rows import for_fitting, is_kept_out, zero_exposures_by_run
 from .satellite_check import tracking_errors
 from .season import SeasonLog, season_rows
 from .session import NO_HARMONICS, CalibrationSession
+from .stars_zero import zero_from_exposures
 from .zero_causes import zero_causes
 
 #: the kinds of model, in the order of the report; the last where the model that is published, to
@@ -87,7 +87,7 @@ class NightSeries:
 
     @property
     def zeros(self):
-        """By Polaris alone, a PolarisZero of each night with exposures."""
+        """By its exposures alone, a MeasuredZero of each night that has some."""
         return Zeros(zero for session in self._sessions.values()
                      for zero in session.zeros.values())
 
@@ -208,10 +208,10 @@ class NightSeries:
     def _judge_zeros(self, number, rows, model, report):
         """What the zeros of the season follow, and how well tonight's was expected."""
         self.expect()
-        polaris = dict(polaris_by_run(rows))
-        if number in polaris:
-            with suppress(ValueError):  # too few exposures of it
-                self._season.measured(number, polaris[number], model)
+        exposures = dict(zero_exposures_by_run(rows))
+        if number in exposures:
+            with suppress(ValueError):  # too few of them
+                self._season.measured(number, exposures[number], model)
         season = self._season.season()
         report['power_ons'] = season_rows(season)
         report['zero_causes'] = zero_causes(season, leave_out=False)
@@ -252,18 +252,18 @@ class NightSeries:
         return self._sessions[self.newest].report
 
     def _night(self, number, rows, alarms):
-        polaris = rows['star'] == POLARIS_HIP
+        exposures = is_for_zero(rows)
         stars = (rows['star'] >= 0) & ~is_kept_out(rows)
-        first, last = rows['time'][polaris][[0, -1]]
-        parts = {'before': rows.select(stars & ~polaris & (rows['time'] < first)),
-                 'after': rows.select(stars & ~polaris & (rows['time'] > last))}
+        first, last = rows['time'][exposures][[0, -1]]
+        parts = {'before': rows.select(stars & ~exposures & (rows['time'] < first)),
+                 'after': rows.select(stars & ~exposures & (rows['time'] > last))}
         out = {'night': number, 'reference': number - self._age}
         for kind in (PHYSICAL_TERMS, HARMONICS_ONLY, PUBLISHED):
             reference = self._reference(number, kind)
             if reference is None:
                 continue
             then = self._zero_then(number, kind)
-            zero = zero_from_polaris(rows.select(polaris), reference)
+            zero = zero_from_exposures(rows.select(exposures), reference)
             out[kind] = {'zero': zero.to_dict(),
                          'change_az_arcsec': (zero.az - then.az) / ARCSEC,
                          'change_el_arcsec': (zero.el - then.el) / ARCSEC}
@@ -273,7 +273,7 @@ class NightSeries:
             if kind == PHYSICAL_TERMS:
                 if 'after' in out[kind]:
                     out[kind]['after'].update(
-                        _budget(reference, zero, rows.select(polaris), parts['after']))
+                        _budget(reference, zero, rows.select(exposures), parts['after']))
                 track = rows['star'] < 0
                 out['satellite'] = None if not track.any() else {
                     'before': tracking_errors(
@@ -301,17 +301,20 @@ def _means(model, stars, zero):
     return out
 
 
-def _budget(model, zero, polaris, stars):
+def _budget(model, zero, exposed, stars):
     """1-sigma of the two means after calibration, as the errors of all that went in predict it.
 
-    Polaris' exposures, the scatter of the stars, and what the reference model's covariance leaves
-    between the place of Polaris and the mean of the stars.
+    The exposures for the zero, the scatter of the stars, and what the reference model's covariance
+    leaves between the place of Polaris (or of the stars for the zero) and the mean of the stars.
     """
-    at_stars, at_polaris = (mean_columns(tuple(model.terms), run['az'], run['el'])
-                            for run in (stars, polaris))
-    apart = at_stars - at_polaris
-    # the zero's covariance has that of the model at Polaris, which cancels but for `apart`
-    exposures = zero.covariance - at_polaris @ model.covariance @ at_polaris.T
+    names = tuple(model.terms)
+    at_stars, at_zero = (mean_columns(names, run['az'], run['el'], run.mount)
+                         for run in (stars, exposed))
+    if is_marked(exposed).any():
+        at_zero = zero.contained(names)
+    apart = at_stars - at_zero
+    # the zero's covariance has that of the model there, which cancels but for `apart`
+    exposures = zero.covariance - at_zero @ model.covariance @ at_zero.T
     x, y = model.residuals(stars, zero=zero)
     az = x / np.cos(stars['el'])
     n = len(stars)

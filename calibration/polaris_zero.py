@@ -1,4 +1,4 @@
-"""The encoders' zero from Polaris: its change since a reference.
+"""The encoders' zero from Polaris: its change since a reference. Of other stars see `stars_zero`.
 
 Polaris alone measures IA + CA / cos E + (NPAE + AW cos A) tan E + ... in azimuth and
 IE + AN cos A + TF cos E + ... in elevation, so it cannot give IA and IE themselves. It gives
@@ -11,9 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from msg_tools.units import ARCSEC
+from pointing_model.held_terms import is_a_model
 from pointing_model.model import PointingModel
-from pointing_model.terms import PHYSICAL, mean_columns
+from pointing_model.mounts import ALTAZ, Mount
+from pointing_model.terms import mean_columns
 from pointing_model.zero import RunZero
+from pointing_model.zero_exposures import BY_POLARIS
 
 from .fit import fit_terms
 from .rows import usable
@@ -22,11 +25,11 @@ from .rows import usable
 NO_MODEL = 'no model'
 #: below, weights do not help: one exposure 20" off leaves 6.5" of error among 3 and 4.2" among 4
 #: with them, 6.7" and 5.0" without; among 5 it is 1.6" and 4.0", among 8 0.4" and 2.6"
-_FEWEST_FOR_ROBUST = 5
+FEWEST_FOR_ROBUST = 5
 
 
 @dataclass(frozen=True, kw_only=True)
-class PolarisZero(RunZero):
+class MeasuredZero(RunZero):
     """Change of the zero of both axes, with all that it rests on.
 
     Attributes
@@ -44,6 +47,15 @@ class PolarisZero(RunZero):
         has changed by one since the reference; ``['el']`` likewise.
     rejected : int
         Exposures without weight in the robust mean.
+    by : str
+        The way, see `pointing_model.zero_exposures.way_of`.
+    mount : Mount
+        Whose axes.
+    noise : ndarray, shape (2, 2), optional
+        Covariance by the noise of the exposures alone, radians^2; None: `covariance` is that.
+    misfit : float
+        By how much the covariance was widened (as a sigma) since the stars disagree by more than
+        their noise and what is held allow; 1: they do not.
     """
 
     n: int
@@ -51,22 +63,49 @@ class PolarisZero(RunZero):
     sigma_from: str
     contamination: dict
     rejected: int
+    by: str = BY_POLARIS
+    mount: Mount = ALTAZ
+    noise: np.ndarray | None = None
+    misfit: float = 1.0
+
+    @property
+    def with_fitted_terms(self):
+        """Its covariance where a model goes with it that was fitted to these exposures too."""
+        if self.noise is not None and self.reference == NO_MODEL:
+            return self.noise
+        return self.covariance
+
+    def contained(self, names):
+        """How much of each term the zero has in it, shape (2, k); of itself all."""
+        own = self.mount.names.index
+        return np.array([[float(i == own.index(name)) if name in own else
+                          self.contamination[axis].get(name, 0.0) for name in names]
+                         for i, axis in enumerate(('az', 'el'))])
 
     def statement(self):
-        """What the zero rests on, in words: terms that Polaris cannot tell from it."""
+        """What the zero rests on, in words: terms that its exposures cannot tell from it."""
         def list_of(axis):
             parts = sorted(self.contamination[axis].items(), key=lambda item: -abs(item[1]))
             return ', '.join(f'{name} {v:+.2f}' for name, v in parts if abs(v) >= 0.005)
+        first, second = self.mount.names.axes
+        by = '' if self.by == BY_POLARIS else f'by {self.by}: '
+        wide = '' if self.misfit == 1.0 else (
+            f'; the stars disagree by {self.misfit:.1f} times what their noise and the held terms '
+            'allow (a term has changed): sigma is widened by that')
+        if self.reference == NO_MODEL and not (list_of('az') or list_of('el')):
+            return (f'{by}without a reference the zero is freed from other terms by the stars '
+                    f'themselves, as far as its sigma says{wide}')
         if self.reference == NO_MODEL:
-            return ('without a reference the zero contains every other term; for each arcsec of '
-                    f'one the azimuth holds (arcsec): {list_of("az")}; the elevation: '
-                    f'{list_of("el")}')
-        return (f'the zero contains other terms as they were at its reference, {self.reference}; '
-                'for each arcsec by which one has changed since, the azimuth is false by '
-                f'(arcsec): {list_of("az")}; the elevation: {list_of("el")}')
+            return (f'{by}without a reference the zero contains every other term; for each arcsec '
+                    f'of one the {first} holds (arcsec): {list_of("az")}; the {second}: '
+                    f'{list_of("el")}{wide}')
+        return (f'{by}the zero contains other terms as they were at its reference, '
+                f'{self.reference}; for each arcsec by which one has changed since, the {first} is '
+                f'false by (arcsec): {list_of("az")}; the {second}: {list_of("el")}{wide}')
 
     def to_dict(self):
-        """Numbers for a log or a provenance, in arcsec."""
+        """Numbers for a log or a provenance, in arcsec; ``by`` where it is not Polaris."""
+        other = {} if self.by == BY_POLARIS else {'by': self.by, 'misfit': self.misfit}
         return {
             **super().to_dict(),
             'sigma_az_arcsec': self.sigma_az / ARCSEC,
@@ -77,6 +116,7 @@ class PolarisZero(RunZero):
             'sigma_from': self.sigma_from,
             'contamination': self.contamination,
             'statement': self.statement(),
+            **other,
         }
 
 
@@ -108,8 +148,9 @@ def _mean(exposures, encoder, model, name):
             f'one exposure of Polaris ({name}) has no scatter; give sigma_x and '
             'sigma_y or expose again')
     # an empty model is held where there is none: the same arithmetic, to the bit
-    fit = fit_terms(exposures, ('IA', 'IE'), held=model or PointingModel({}), encoder=encoder,
-                    robust=finite >= _FEWEST_FOR_ROBUST)
+    mount = exposures.mount
+    fit = fit_terms(exposures, mount.names.index, held=model or PointingModel({}, mount=mount),
+                    encoder=encoder, robust=finite >= FEWEST_FOR_ROBUST)
     covariance = fit.covariance
     weight = float(fit.weights.sum())
     if fit.covariance_from == 'measured scatter':
@@ -142,7 +183,7 @@ def zero_from_polaris(exposures, reference, *, encoder='enc', model=None, run=No
 
     Returns
     -------
-    PolarisZero
+    MeasuredZero
 
     Raises
     ------
@@ -155,18 +196,15 @@ def zero_from_polaris(exposures, reference, *, encoder='enc', model=None, run=No
             raise ValueError('the reference is a model already; leave out the second one')
         model = reference
     fit, covariance, now_az, now_el = _mean(exposures, encoder, model, 'tonight')
-    value = fit.coefficients
+    value, mount = fit.coefficients, exposures.mount
     if isinstance(reference, PointingModel):
-        columns = mean_columns(tuple(model.terms), now_az, now_el)
+        columns = mean_columns(tuple(model.terms), now_az, now_el, mount)
         covariance = covariance + columns @ model.covariance @ columns.T
         if model.harmonics is not None:
             vx, vy = model.harmonics.variance(now_az, now_el)
             covariance = covariance + np.diag(
                 [np.mean(vx / np.cos(now_el) ** 2), np.mean(vy)])
-        source = model.provenance.get('source')
-        description = 'prediction of the pointing model' + (f' from {source}' if source else '')
-        if not model.terms and model.harmonics is None:
-            description = NO_MODEL
+        description = told_model(model)
     else:
         then, then_covariance, then_az, then_el = _mean(
             reference, encoder, model, reference_name)
@@ -174,16 +212,32 @@ def zero_from_polaris(exposures, reference, *, encoder='enc', model=None, run=No
         covariance = covariance + then_covariance
         if model is not None:
             names = tuple(model.terms)
-            moved = mean_columns(names, now_az, now_el) - mean_columns(names, then_az, then_el)
+            moved = (mean_columns(names, now_az, now_el, mount)
+                     - mean_columns(names, then_az, then_el, mount))
             covariance = covariance + moved @ model.covariance @ moved.T
         description = f'{np.count_nonzero(then.weights)} exposures of Polaris, {reference_name}'
-    others = tuple(name for name in PHYSICAL if name not in ('IA', 'IE'))
-    false = mean_columns(others, now_az, now_el)
-    contamination = {
-        axis: {name: float(v) for name, v in zip(others, row) if v != 0.0}
-        for axis, row in zip(('az', 'el'), false)
-    }
-    return PolarisZero(
+    others = other_terms(mount)
+    return MeasuredZero(
         run=run, az=float(value[0]), el=float(value[1]), covariance=covariance, n=len(now_az),
-        reference=description, sigma_from=fit.covariance_from, contamination=contamination,
-        rejected=len(fit.rejected))
+        reference=description, sigma_from=fit.covariance_from,
+        contamination=contamination(others, mean_columns(others, now_az, now_el, mount)),
+        rejected=len(fit.rejected), mount=mount)
+
+
+def other_terms(mount):
+    """The physical terms of a mount but its zeros."""
+    return tuple(name for name in mount.names.physical if name not in mount.names.index)
+
+
+def contamination(names, false):
+    """`MeasuredZero.contamination` from what each term falsifies, shape (2, k)."""
+    return {axis: {name: float(v) for name, v in zip(names, row) if v != 0.0}
+            for axis, row in zip(('az', 'el'), false)}
+
+
+def told_model(model):
+    """A PointingModel as the reference of a zero, in words."""
+    if not is_a_model(model):
+        return NO_MODEL
+    source = model.provenance.get('source')
+    return 'prediction of the pointing model' + (f' from {source}' if source else '')

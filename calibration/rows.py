@@ -6,8 +6,8 @@ import numpy as np
 
 from msg_tools.units import wrap
 from pointing_model.run import PointingRun
-from pointing_model.star_catalogue import POLARIS_HIP
 from pointing_model.zero import NO_ZERO
+from pointing_model.zero_exposures import MARK, is_for_zero
 
 from .distrust import distrusted
 
@@ -43,18 +43,20 @@ def for_fitting(rows):
     return rows.select((rows['star'] >= 0) & ~is_kept_out(rows) & ~distrusted(rows))
 
 
-def polaris_by_run(rows):
-    """Number and exposures of Polaris, a PointingRun, of each power-on that has some; no lies."""
-    rows = rows.select((rows['star'] == POLARIS_HIP) & ~distrusted(rows))
+def zero_exposures_by_run(rows):
+    """Number and exposures for a zero, a PointingRun, of each power-on with some; no lies."""
+    rows = rows.select(is_for_zero(rows) & ~distrusted(rows))
     for number in np.unique(rows['run']):
         yield int(number), rows.select(rows['run'] == number)
 
 
-def with_check(rows):
-    """The rows with a column ``check``: joined with others, they must not take theirs away."""
-    if 'check' in rows:
+def with_marks(rows):
+    """The rows with the columns of marks: joined with others, they must not take theirs away."""
+    missing = [name for name in ('check', MARK) if name not in rows]
+    if not missing:
         return rows
-    return PointingRun({**rows.columns, 'check': np.zeros(len(rows))}, rows.meta)
+    return PointingRun({**rows.columns, **{name: np.zeros(len(rows)) for name in missing}},
+                       rows.meta)
 
 
 class Usable(NamedTuple):

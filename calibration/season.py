@@ -5,23 +5,24 @@ from dataclasses import replace
 import numpy as np
 
 from msg_tools.units import ARCSEC
+from pointing_model.zero_exposures import is_marked
 
-from .polaris_zero import zero_from_polaris
+from .stars_zero import zero_from_exposures
 from .zero_causes import AXES, DRIVERS, Season, zero_causes
 
 _SIDES = {'below': 1.0, 'above': -1.0}
 
 
 class SeasonLog:
-    """Zeros by Polaris of power-on after power-on, all since the first.
+    """Zeros by Polaris (or stars) of power-on after power-on, all since the first.
 
     One model, that of the first night, takes out how Polaris moved: it is the same for all, so its
-    errors drop out of all that is compared.
+    errors drop out of all that is compared. Of stars, which are others each time, they count.
     """
 
     def __init__(self):
         self._model = None
-        self._zeros = {}  # number -> PolarisZero
+        self._zeros = {}  # number -> MeasuredZero
         self._drivers = {}  # number -> driver -> (azimuth, elevation)
         self._start = {}  # number -> UTC s
         self._marks = {axis: {} for axis in AXES}  # axis -> start of a power-on -> Homing
@@ -74,20 +75,23 @@ class SeasonLog:
         hours = (self._start[number] - before) / 3600.0 if known and before else np.nan
         return (hours, hours)
 
-    def measured(self, number, polaris, model):
-        """Take the exposures of Polaris of a power-on that has begun.
+    def measured(self, number, exposures, model):
+        """Take the exposures for the zero of a power-on that has begun.
 
         Parameters
         ----------
         number : int
-        polaris : PointingRun
+        exposures : PointingRun
         model : PointingModel
             Of this night; that of the first one takes out how Polaris moved.
         """
         if self._model is None:
+            self._model = model
+        held = self._model
+        if not is_marked(exposures).any():
             # common to all zeros: it adds nothing to the error of their differences
-            self._model = replace(model, covariance=np.zeros_like(model.covariance))
-        self._zeros[number] = zero_from_polaris(polaris, self._model, run=number)
+            held = replace(held, covariance=np.zeros_like(held.covariance))
+        self._zeros[number] = zero_from_exposures(exposures, held, run=number)
 
     def season(self):
         """The power-ons with a zero, a Season."""

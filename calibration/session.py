@@ -1,5 +1,6 @@
 """What the calibration knows of a night: its observations, the zeros, the models, the report."""
 
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -10,19 +11,20 @@ from pointing_model.following import Following
 from pointing_model.model import PointingModel
 from pointing_model.mounts import told
 from pointing_model.run import PointingRun
-from pointing_model.star_catalogue import POLARIS_HIP
 from pointing_model.zero import NO_ZERO, Zeros, zeros_in_force
+from pointing_model.zero_exposures import is_for_zero, is_marked
 
-from .check import power_on_check, split_half
+from .check import power_on_check, split_half, ways
 from .distrust import reasons
 from .harmonic_fit import HarmonicChoice, Recipe, fit_chosen
 from .held_out import held_out_steps
 from .judgement import FEWEST, judge
-from .polaris_zero import zero_from_polaris
 from .publication import Candidate, Published
-from .rows import for_fitting, polaris_by_run, with_check
+from .rows import for_fitting, with_marks, zero_exposures_by_run
+from .stars_zero import zero_from_exposures, zeros_of_power_ons
 from .wandering import followed
 from .witnesses import check_witnesses
+from .zero_changes import zero_change, zero_changes
 
 REPORT_FORMAT = 'telescope_mount/calibration_report'
 REPORT_VERSION = 1
@@ -61,9 +63,9 @@ class CalibrationSession:
         self.last_stamp = 0
         #: that `fit` made last, PointingModel
         self.model = None
-        #: that was published last, PointingModel: a zero by Polaris goes with it
+        #: that was published last, PointingModel: a zero that is calibrated goes with it
         self.in_force = None
-        #: by Polaris alone, a PolarisZero of each power-on with exposures
+        #: by its exposures alone, a MeasuredZero of each power-on that has some
         self.zeros = Zeros()
         #: that belong to the fitted model
         self.zeros_in_force = Zeros()
@@ -113,7 +115,7 @@ class CalibrationSession:
                 raise ValueError(f'observation without column {name}')
         self._check_mount(run.mount)
         if stamp > self.last_stamp:
-            self._parts[stamp] = with_check(run)
+            self._parts[stamp] = with_marks(run)
             self.last_stamp = stamp
 
     def _check_mount(self, mount):
@@ -155,49 +157,48 @@ class CalibrationSession:
         return PointingRun.concatenate(parts or self._parts.values())
 
     def zeros_again(self):
-        """The zeros by Polaris, from the rows that are there; numbers of their power-ons.
+        """The zeros by Polaris or stars, from the rows that are there; numbers of their power-ons.
 
-        Who has lost them must not take Polaris for not observed.
+        Who has lost them must not take them for not measured.
         """
-        for number, part in polaris_by_run(self.observations()):
-            try:
-                self.zeros[number] = self._zero(part, number)
-            except ValueError:
-                continue  # too few exposures of it
+        parts = {}
+        for number, part in zero_exposures_by_run(self.observations()):
+            with suppress(ValueError):  # too few exposures
+                self._zeros({number: part})
+                parts[number] = part
+        self.zeros.update(self._zeros(parts))
         return sorted(self.zeros)
 
-    def _zero(self, polaris, number):
-        return zero_from_polaris(
-            polaris, self.reference or PointingModel({}, mount=polaris.mount), run=number)
+    def _zeros(self, parts):
+        return zeros_of_power_ons(parts, self.reference or PointingModel({}, mount=self.mount))
 
     def calibrate_zero(self):
-        """Zeros of all power-ons in which Polaris was observed.
+        """Zeros of all power-ons in which Polaris, or stars for a zero, were observed.
 
         Returns
         -------
         run : int
             The newest of them.
-        zero : PolarisZero
+        zero : MeasuredZero
             Its zero, for pointing with the model in force, else relative to the reference.
 
         Raises
         ------
         ValueError
-            No usable exposure of Polaris in the newest power-on.
+            No usable exposure for a zero in the newest power-on.
         """
         newest = self.newest
-        polaris = dict(polaris_by_run(self.observations()))
-        for number, part in polaris.items():
-            self.zeros[number] = self._zero(part, number)
-        if newest not in polaris:
+        parts = dict(zero_exposures_by_run(self.observations()))
+        self.zeros.update(self._zeros(parts))
+        if newest not in parts:
             self.zeros.pop(newest, None)  # of exposures that are not trusted any more
             raise ValueError('; '.join([
-                f'Polaris was not observed since power-on {newest}; point at it first',
-                *reasons(self.observations())]))
+                f'Polaris was not observed since power-on {newest}, nor stars for its zero; point '
+                'at them first', *reasons(self.observations())]))
         if self.in_force is None:
             return newest, self.zeros[newest]
-        part = self._follows.corrected(polaris[newest])
-        return newest, zero_from_polaris(part, self.in_force, run=newest)
+        part = self._follows.corrected(parts[newest])
+        return newest, zero_from_exposures(part, self.in_force, run=newest)
 
     def take_up(self, model):
         """`model` is in force: a calibration before this one has published it.
@@ -224,7 +225,7 @@ class CalibrationSession:
         Rows with ``check`` 1 are left out: see `rows`.
 
         The terms are fitted together with the change of the zero from power-on to power-on, to
-        stars and exposures of Polaris alike: Polaris fixes most of the change, the stars help.
+        stars and exposures for the zero alike: these fix most of the change, the stars help.
 
         Parameters
         ----------
@@ -250,7 +251,7 @@ class CalibrationSession:
         observed = for_fitting(self.observations())
         follows = followed(observed)
         rows = follows.corrected(observed)
-        is_star = rows['star'] != POLARIS_HIP
+        is_star = ~is_for_zero(rows)
         stars = rows.select(is_star)
         notes = reasons(self.observations())
         fitted = self._fit_terms(rows)
@@ -274,9 +275,9 @@ class CalibrationSession:
         report = {
             'format': REPORT_FORMAT, 'version': REPORT_VERSION,
             'last_stamp_ns': self.last_stamp, **rows.mount.entries(),
-            'stars': len(stars), 'polaris': int(np.count_nonzero(~is_star)),
+            'stars': len(stars), 'polaris': int(np.count_nonzero(~is_star & ~is_marked(rows))),
             'zeros': self.zeros.to_list(),
-            'changes': self._changes(observed, model),
+            'changes': zero_changes(observed, sorted(self.zeros), model),
             'zeros_in_force': zeros.to_list(),
             'terms': result.term_rows() if not section else _rows_of_terms(model),
             'correlations': result.correlations.tolist(),
@@ -284,11 +285,11 @@ class CalibrationSession:
             'rejected': len(result.rejected),
             'steps': held_out_steps(
                 rows, self._fit_terms, self._recipe, split_half(stars, self._split_seed),
-                self.reference, self._polaris_zeros(rows), bool(self.zeros), notes,
+                self.reference, self._first_zeros(rows), ways(self.zeros.values()), notes,
                 published),
             'external_check': power_on_check(
-                rows, self.reference, self._polaris_zeros(rows) if self.zeros else {},
-                self.zeros, self._change, notes,
+                rows, self.reference, self._first_zeros(rows) if self.zeros else {},
+                self.zeros, zero_change, notes,
                 published and ('harmonics of', published[1])),
             'noise_arcsec': [s / ARCSEC for s in result.scatter],
             'witnesses': self._witnesses(observed, model, homings),
@@ -343,7 +344,7 @@ class CalibrationSession:
         from .session_diagnosis import amend
         rows = self.observations(until)
         changed = self._follow(rows)
-        zeros = self._polaris_zeros(rows) if self.model is None else self.zeros_in_force
+        zeros = self._first_zeros(rows) if self.model is None else self.zeros_in_force
         provenance = {'last_stamp_ns': self.last_stamp, 'reference': self._source()}
         amended = amend(rows, zeros, self.model, provenance, alpha, site, self._follows,
                         self._harmonics.base(self._degree))
@@ -433,12 +434,12 @@ class CalibrationSession:
     def _fit_terms(self, rows):
         """Terms, and the zero of each power-on that belongs to them, a `HarmonicFit`."""
         from .diagnosis import check_columns
-        check_columns(rows.select(rows['star'] != POLARIS_HIP))
+        check_columns(rows.select(~is_for_zero(rows)))
         return self._recipe(rows).terms(rows)
 
     def _recipe(self, rows):
-        """The zero of the first power-on by Polaris, those after it from there on."""
-        return Recipe(self._polaris_zeros(rows)[rows['run'].min()])
+        """The zero of the first power-on by its exposures, those after it from there on."""
+        return Recipe(self._first_zeros(rows)[rows['run'].min()])
 
     def _published_kind(self):
         """What the harmonics that are published are called, and ``fit(rows, recipe)`` of them."""
@@ -447,28 +448,14 @@ class CalibrationSession:
         return self._harmonics.label(self._degree), lambda rows, recipe: recipe.fit(
             rows, self._harmonics, self._degree)
 
-    def _polaris_zeros(self, rows):
-        """Zero of each power-on by Polaris alone; where there is none, the one before it."""
+    def _first_zeros(self, rows):
+        """Zero of each power-on by its exposures; where there is none, the one before it."""
         return self.zeros.carried(map(int, np.unique(rows['run'])), first=NO_ZERO)
 
     def _source(self):
         if self.reference is None:
             return None
         return self.reference.provenance.get('source', 'a model of an earlier night')
-
-    def _changes(self, rows, model):
-        """Change of the zero from each power-on to the next, by Polaris alone."""
-        numbers = sorted(self.zeros)
-        return [{'from': before, 'to': after, **self._change(rows, before, after, model).to_dict()}
-                for before, after in zip(numbers, numbers[1:])]
-
-    @staticmethod
-    def _change(rows, before, after, model):
-        """`model` says how the offset differs between the two places of Polaris on its circle."""
-        polaris = rows.select(rows['star'] == POLARIS_HIP)
-        then, now = (polaris.select(polaris['run'] == number) for number in (before, after))
-        return zero_from_polaris(
-            now, then, model=model, reference_name=f'power-on {before:.0f}')
 
 
 def _rows_of_terms(model):

@@ -13,8 +13,8 @@ from pointing_model.following import Following
 from pointing_model.model import PointingModel
 from pointing_model.rms import rms_arcsec
 from pointing_model.run import PointingRun
-from pointing_model.star_catalogue import POLARIS_HIP
 from pointing_model.zero import NO_ZERO, Zeros
+from pointing_model.zero_exposures import is_for_zero
 
 from .diagnosis import Diagnosis, diagnose
 from .diagnosis.of_terms import expected_of_terms
@@ -66,7 +66,7 @@ def amend(rows, zeros, fitted=None, provenance=None, alpha=0.01, site=None,
           follows=NOTHING_FOLLOWS, base='physical'):
     """Diagnose a night, and add what is found.
 
-    Stars alone are diagnosed, without the exposures of Polaris: many rows in one direction would
+    Stars alone are diagnosed, without the exposures for a zero: many rows in one direction would
     make one small misfit there look like an effect. Rows kept out (`rows`) judge, with nothing
     refitted: what does not hold before them is not published.
 
@@ -105,7 +105,7 @@ def amend(rows, zeros, fitted=None, provenance=None, alpha=0.01, site=None,
         Too few stars.
     """
     seen = for_fitting(follows.corrected(rows))
-    stars = _at_zero(seen.select(seen['star'] != POLARIS_HIP), zeros, site)
+    stars = _at_zero(seen.select(~is_for_zero(seen)), zeros, site)
     if len(stars) == 0:
         raise ValueError('no star to diagnose has come yet; observe first')
     # a service must answer soon: rows kept out judge beside the cross-validation
@@ -136,7 +136,7 @@ def amend(rows, zeros, fitted=None, provenance=None, alpha=0.01, site=None,
         document['after'] = {**document['before'], 'holdout_rms_arcsec': None}
         if chosen is not old:
             fitted_rows = rms_arcsec(*chosen.model.residuals(_at_zero(
-                seen.select(seen['star'] != POLARIS_HIP), chosen.zeros, site)))
+                seen.select(~is_for_zero(seen)), chosen.zeros, site)))
             document['after'].update(rms_arcsec=fitted_rows.radial, rms_x_arcsec=fitted_rows.x,
                                      rms_y_arcsec=fitted_rows.y, cv_rms_arcsec=None)
         document['after']['holdout_rms_arcsec'] = result.after['holdout_rms_arcsec']
@@ -333,7 +333,7 @@ def expected_of_fit(rows, zeros, base='physical'):
     base : str
         What was fitted, see `diagnosis.base.Base.parse`.
     """
-    stars = rows.select(rows['star'] != POLARIS_HIP)
+    stars = rows.select(~is_for_zero(rows))
     return expected_of_terms(_at_zero(stars, zeros, None), base) if len(stars) else None
 
 

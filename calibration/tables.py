@@ -3,8 +3,15 @@
 from pointing_model.effects.base import readable
 from pointing_model.mounts import KINDS
 from pointing_model.rms import rms_arcsec
+from pointing_model.zero_exposures import BY_POLARIS
 
-from .diagnosis.rows_told import outlier_sentence, rows_of_fit, used_sentence
+from .diagnosis.rows_told import (
+    excluded_of_fit,
+    left_out_lines,
+    outlier_sentence,
+    rows_of_fit,
+    used_sentence,
+)
 from .harmonic_fit import READ_AS
 from .held_out import RAW
 
@@ -39,10 +46,14 @@ def night_tables(report):
     tables, names = [], KINDS[report.get('mount', 'altaz')]
     first, second = names.columns
     if report['zeros']:
+        ways = [zero.get('by', BY_POLARIS) for zero in report['zeros']]
+        alone = set(ways) == {BY_POLARIS}
         zeros = new_table(
-            'Zero on Polaris, arcsec', 'power-on', *names.axes, 'exposures')
-        for zero in report['zeros']:
-            zeros.add_row(f'{zero["run"]}', *_zero_cells(zero))
+            f'Zero on {BY_POLARIS if alone else "stars"}, arcsec', 'power-on', *names.axes,
+            'exposures')
+        for zero, way in zip(report['zeros'], ways):
+            label = f'{zero["run"]}' + ('' if alone else f' by {way}')
+            zeros.add_row(label, *_zero_cells(zero))
         for change in report['changes']:
             zeros.add_row(f'change {change["from"]} to {change["to"]}', *_zero_cells(change))
             truth = change.get('simulated')
@@ -163,10 +174,7 @@ def fit_tables(run, result, encoder='enc', held_out=None):
         lines.append('more than a third of the rows is left out: see why before you use the terms')
     for dropped in result.dropped:
         lines.append(f'the stars do not determine {dropped["text"]}')
-    for row in run.meta.get('excluded', []):
-        lines.append(f'row {row["row"]} left out: {row["reason"]}')
-    for row in result.excluded:
-        lines.append(f'row {run.lines[row["row"]]} left out: {row["reason"]}')
+    lines += left_out_lines(excluded_of_fit(run, result))
     lines += [f'note: {note}' for note in run.meta.get('notes', [])]
     return [used_sentence(told.to_dict()), terms_table(result.term_rows()), steps, *lines]
 

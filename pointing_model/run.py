@@ -40,6 +40,7 @@ COLUMNS = {
                        'seconds since 1970-01-01; it names the power-on'),
     'block': ('block', 1.0, 'step of the observing plan that took the row'),
     'check': ('check', 1.0, '1: a fresh star to judge by, kept out of every fit and choice'),
+    'for_zero': ('for_zero', 1.0, '1: a star that was exposed for a zero; Polaris needs no mark'),
 }
 
 REQUIRED = ('az', 'el', 'az_enc', 'el_enc')

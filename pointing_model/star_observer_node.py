@@ -5,6 +5,7 @@ Here are parameters, topics and time; what is done stands in `observing`, which 
 
 import sys
 import time
+from functools import partial
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.clock import Clock, ClockType
@@ -37,6 +38,8 @@ PARAMS = SKY_PARAMS + (
     Param('max_elevation_deg', 85.0, 'highest star [deg]', 1.0, 90.0),
     Param('meridian_limit_deg', 5.0, 'how far past the meridian a German mount turns before it '
           'takes the other side [deg]', 0.0, 90.0),
+    Param('hour_angle_limit_deg', 165.0, 'largest hour angle of a star for a mount that does not '
+          'go through the pole [deg]', 1.0, 180.0),
     Param('recentre_arcsec', 60.0, 'a star farther from the boresight is centred and measured '
           'again [arcsec]', 0.1, 36000.0),
     Param('on_target_arcsec', 30.0, 'largest difference of the encoder from its demand in an '
@@ -47,8 +50,8 @@ PARAMS = SKY_PARAMS + (
           'commanded again [s]', 0.5, 3600.0),
     Param('first_run', 1, 'run number of the first power-on, where the calibration has no rows of '
           'the night yet', -1000000, 1000000),
-    Param('polaris_exposures', 16, 'exposures of Polaris that the service zero_on_polaris makes',
-          1, 10000),
+    Param('polaris_exposures', 16, 'exposures that the services zero, zero_on_polaris and '
+          'zero_on_stars make', 1, 10000),
     Param('satellite', '', 'what the step satellite tracks: a file of two-line elements, or '
           'gps-26690', check=satellite_target),
     Param('satellite_interval_s', 20.0, 'least time between two exposures of it [s]', 0.0, 3600.0),
@@ -104,7 +107,9 @@ class StarObserver(MountNode):
         self._reports = self.graph_reports() if self._wanted_nodes else {}
         self._asked = {verb: self.create_client(Trigger, verb) for verb in SERVICES}
         self.create_service(Trigger, 'observe', self._on_observe)
-        self.create_service(Trigger, 'zero_on_polaris', self._on_zero_on_polaris)
+        for service, verb in (('zero', 'zero'), ('zero_on_polaris', 'polaris'),
+                              ('zero_on_stars', 'zero_on_stars')):
+            self.create_service(Trigger, service, partial(self._on_zero, verb))
         if self.value('autostart'):
             self._sequencer.start(self.value('plan'))
         self.every(0.5, self._look_at_publishers)
@@ -199,9 +204,9 @@ class StarObserver(MountNode):
     def _on_observe(self, request, response):
         return self._begin(response, self.value('plan'), 'plan started: {}')
 
-    def _on_zero_on_polaris(self, request, response):
+    def _on_zero(self, verb, request, response):
         return self._begin(
-            response, f'polaris {self.value("polaris_exposures")}, calibrate_zero',
+            response, f'{verb} {self.value("polaris_exposures")}, calibrate_zero',
             f'started: {{}}; progress on {topics.OBSERVER_STATUS.name}')
 
     def _begin(self, response, plan, answer):

@@ -28,6 +28,8 @@ class RunZero:
     model : str, optional
         `model_document.identity` of the model that it goes with: with another it points
         elsewhere.
+    by : str, optional
+        By which way it was got, see `zero_exposures.way_of`; None: Polaris, or not known.
     """
 
     az: float
@@ -36,6 +38,7 @@ class RunZero:
     run: float | None = None
     started: float | None = field(default=None, compare=False)
     model: str | None = field(default=None, compare=False)
+    by: str | None = field(default=None, compare=False)
 
     @property
     def angles(self):

@@ -1,7 +1,8 @@
 """The message of a zero: a JointState on the topic ``zero``, and back.
 
 Its ``frame_id`` says what the zero is worth anything with: ``power_on_2``, the number of the run;
-``@1768482000.500``, when that power-on of the encoder began; ``/3f2a90c1d5e7``, the model.
+``@1768482000.500``, when that power-on of the encoder began; ``/3f2a90c1d5e7``, the model;
+``+stars``, that it was got by other stars than Polaris.
 """
 
 import re
@@ -11,9 +12,11 @@ import numpy as np
 from msg_tools.convert import AXES, joint_state, read_joints
 
 from .zero import RunZero
+from .zero_exposures import BY_POLARIS, BY_STARS
 
 _PREFIX = 'power_on_'
-_FRAME = re.compile(_PREFIX + r'(?P<run>-?\d+)(?:@(?P<started>\d+(?:\.\d+)?))?(?:/(?P<model>\w+))?')
+_FRAME = re.compile(_PREFIX + r'(?P<run>-?\d+)(?:@(?P<started>\d+(?:\.\d+)?))?(?:/(?P<model>\w+))?'
+                    rf'(?:\+(?P<by>{BY_STARS}))?')
 
 
 def zero_to_joints(zero, ns, names=AXES):
@@ -32,6 +35,7 @@ def zero_to_joints(zero, ns, names=AXES):
         frame = f'{_PREFIX}{int(zero.run)}'
         frame += '' if zero.started is None else f'@{zero.started:.3f}'
         frame += '' if zero.model is None else f'/{zero.model}'
+        frame += '' if zero.by in (None, BY_POLARIS) else f'+{BY_STARS}'
     return joint_state(ns, zero.angles, effort=zero.sigma, frame=frame, names=names)
 
 
@@ -70,4 +74,4 @@ def joints_to_zero(message, run=None):
         raise ValueError(f'zero of {frame!r}: no number of a power-on')
     started = told['started']
     return ns, RunZero(*angles, covariance, int(told['run']),
-                       None if started is None else float(started), told['model'])
+                       None if started is None else float(started), told['model'], told['by'])

@@ -41,7 +41,7 @@ def loop_plan(stars, polaris, check):
     -------
     str
     """
-    return (f'home, stars {stars}, polaris {polaris}, calibrate_zero, fit, check {check}, '
+    return (f'home, stars {stars}, zero {polaris}, calibrate_zero, fit, check {check}, '
             f'diagnose, check {check}, judge')
 
 
@@ -103,7 +103,7 @@ def points_worse(before, after, judged=None):
     Parameters
     ----------
     before, after : dict or None
-        Of `pointing_model.observing.sequencer.blind_summary`: other stars each.
+        Of `pointing_model.observing.blind_checks.blind_summary`: other stars each.
     judged : dict, optional
         Both models on the stars of `after`, with ``radial`` where there were enough: what has
         become worse there for both is the night, and not the change.

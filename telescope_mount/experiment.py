@@ -47,11 +47,11 @@ def experiment_plan(stars, polaris, satellite, extra=False, nights=NIGHTS):
     for night in range(1 - REFERENCE_AGE, nights + extra + 1):
         if night < 1:  # for its coefficients only
             start = f'wait {_HOURS}, power_cycle, home' if parts else 'home'
-            parts.append(f'{start}, stars {stars}, polaris {polaris}, calibrate_zero, fit')
+            parts.append(f'{start}, stars {stars}, zero {polaris}, calibrate_zero, fit')
             continue
         track = f'satellite {satellite}, ' if night == SATELLITE_NIGHT else ''
         parts.append(f'wait {_HOURS}, power_cycle, home, {track}stars {stars}, '
-                     f'polaris {polaris}, calibrate_zero, {track}stars {stars}, fit')
+                     f'zero {polaris}, calibrate_zero, {track}stars {stars}, fit')
     return ', '.join(parts)
 
 

@@ -50,7 +50,7 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None, har
     if topic is None or topic.count == 0:
         raise ValueError(f'{log} has no observation in it; it is no log of a night')
     had_zero = (any(t.name.endswith('/zero') and t.count for t in bag.topics)
-                and _saw_polaris(bag, topic.name))
+                and _has_exposures(bag, topic.name))
     diagnosed = _diagnosis(bag)
     # parameters of the calibration with which it fitted and diagnosed
     as_then = _harmonics(bag) if harmonics is None else harmonics
@@ -115,12 +115,12 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None, har
     return report
 
 
-def _saw_polaris(bag, topic):
-    """Whether a zero can be set: one may come with the model of a run without Polaris."""
+def _has_exposures(bag, topic):
+    """Whether a zero can be set: one may come with the model of a run without exposures for it."""
     from pointing_model.run_messages import cloud_to_run
-    from pointing_model.star_catalogue import POLARIS_HIP
-    return any((cloud_to_run(message.data).get('star') == POLARIS_HIP).any()
-               for message in bag.messages([topic], decode=True))
+    from pointing_model.zero_exposures import is_for_zero
+    runs = (cloud_to_run(message.data) for message in bag.messages([topic], decode=True))
+    return any('star' in run and is_for_zero(run).any() for run in runs)
 
 
 def _diagnosis(bag):

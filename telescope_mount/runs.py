@@ -145,11 +145,11 @@ def run_of_log(path):
     from msg_tools.units import wrap
     from pointing_model.run import PointingRun
     from pointing_model.run_messages import cloud_to_run
-    from pointing_model.star_catalogue import POLARIS_HIP
     from pointing_model.zero import NO_ZERO, Zeros
+    from pointing_model.zero_exposures import is_for_zero, way_of
     from pointing_model.zero_message import joints_to_zero
 
-    bag = BagReader(path)
+    bag = _log(path)
     if bag.has_truth:
         raise ValueError(f'{path} holds the truth of the simulator; fit the log beside it')
     by_end = {topic.name.rsplit('/', 1)[-1]: topic.name for topic in bag.topics}
@@ -175,8 +175,9 @@ def run_of_log(path):
         az, el = zeros.filled(np.unique(run['run']), NO_ZERO).of_rows(run)
         columns['az_enc'], columns['el_enc'] = columns['az_enc'] - az, columns['el_enc'] - el
     columns['az_enc'] = run['az'] + wrap(columns['az_enc'] - run['az'])
-    stars = columns['star'] != POLARIS_HIP
-    notes.append(f'{int((~stars).sum())} exposures of Polaris left out')
+    stars = ~is_for_zero(run)
+    way = way_of(run.select(~stars)) or 'Polaris'
+    notes.append(f'{int((~stars).sum())} exposures of {way} left out')
     notes += reasons(run)
     stars &= ~distrusted(run)
     meta = {**run.meta, 'source': str(path), 'notes': notes + bag.problems, 'excluded': []}
@@ -184,6 +185,21 @@ def run_of_log(path):
     if told:
         meta['graduation'] = declared_graduation(told)
     return _without_judges(PointingRun({n: v[stars] for n, v in columns.items()}, meta))
+
+
+def _log(path):
+    """Reader of a log; a folder of images is told as that."""
+    try:
+        return BagReader(path)
+    except (ValueError, OSError):
+        from pointing_model.plate_solved.mapping import PATTERNS
+        if not path.is_dir() or not any(any(path.glob(pattern)) for pattern in PATTERNS):
+            raise
+        mapping = path / 'mount.yaml'
+        raise ValueError(
+            f'{path} is a folder of images: give {mapping}' if mapping.is_file() else
+            f'{path} is a folder of images: write {mapping}, which says what their keywords are '
+            '(docs/plate_solved.md has one to copy), and give that') from None
 
 
 def _without_judges(run):
@@ -200,7 +216,7 @@ def _without_judges(run):
     return out
 
 
-def _readings(columns, beyond):
+def _readings(columns, beyond=False):
     """Readings of the encoders at the exposure, from those with the star centred."""
     from pointing_model.observing.pairing import centred
     az, el = columns['az_enc'], columns['el_enc']

@@ -200,7 +200,7 @@ def observations(runs, encoder='enc'):
     runs = [runs] if isinstance(runs, PointingRun) else list(runs)
     if not runs:
         raise ValueError('no pointing run to diagnose; give at least one')
-    if len({r.mount for r in runs}) > 1:
+    if not all(r.mount.agrees(runs[0].mount) for r in runs[1:]):
         raise ValueError('the runs are of different mounts ('
                          + ', '.join(sorted({r.mount.kind for r in runs}))
                          + '; or of one kind at two latitudes): diagnose each mount alone')

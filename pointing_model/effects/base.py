@@ -26,7 +26,8 @@ import numpy as np
 from pointing_model.mounts import KINDS
 
 AXES = {'az': 'azimuth', 'el': 'elevation'}
-_SIDE = 3  # rows on each side, below which a driver of two levels is carried by single rows
+#: rows on each side, below which a driver of two levels is carried by single rows
+FEWEST_ON_A_SIDE = 3
 
 
 @dataclass(frozen=True)
@@ -301,7 +302,7 @@ def single_rows(context, driver, low, high):
         return None
     for side in (low, high):
         count = int(np.sum(values == side))
-        if count < _SIDE:
+        if count < FEWEST_ON_A_SIDE:
             return f'{driver} is {side:+g} in only {count} of {len(values)} rows'
     return None
 

@@ -73,8 +73,10 @@ class Exposer:
         dict or None
             The row; None where there was no star in the field.
         """
-        pointing = Pointing(target, self._in_force, np.zeros(2) if blind else self._carried,
-                            self._out.mount(), self._out.value('meridian_limit_deg') * DEG)
+        pointing = Pointing(target, self._in_force, np.zeros(2), self._out.mount(),
+                            self._out.value('meridian_limit_deg') * DEG)
+        if not blind:
+            pointing.aim = self._carried * self._stretch(pointing)
         seen = blank = 0
         first = None
         while True:
@@ -83,6 +85,8 @@ class Exposer:
                 blank += 1
                 if blank < BLANKS:
                     continue
+                if not blind:
+                    self.forget_aim()  # it may be why
                 return None
             reading, rate = self._instruments.exposures.at('enc', stamp)
             enc = np.array(centred(*reading, *miss, pointing.beyond))
@@ -94,8 +98,9 @@ class Exposer:
                 break
             demand = pointing.demand(np.array([stamp]), self._conditions())[0]
             # only for pointing: the next star lies nearer to where this one was found
-            pointing.aim = self._carried = pointing.aim + np.array(
+            pointing.aim = pointing.aim + np.array(
                 [wrap(enc[0] - demand[0]), enc[1] - demand[1]])
+            self._carried = pointing.aim / self._stretch(pointing)
             seen += 1
             off = float(np.hypot(*miss))
             first = off if first is None else first
@@ -108,6 +113,16 @@ class Exposer:
             self._out.refuse_frame('a star that was centred is as far off as before')
             return None
         return self._row(pointing, block, blind, stamp, miss, enc, second, rate)
+
+    def _stretch(self, pointing):
+        """By what an aim on the sky is that of the axes: near a pole the first turns far.
+
+        Azimuths are carried as they are: a zero that is off is most of it.
+        """
+        if pointing.mount.altaz:
+            return 1.0
+        second = pointing.place(np.array([self.now()]), *self._out.sky())[1][0]
+        return np.array([1.0 / np.cos(second), 1.0])
 
     def _second(self, stamp, miss, first, beyond):
         """Of the absolute encoder; NaN, for each axis, where it is not known or cannot be."""

@@ -8,6 +8,8 @@ VERBS = {
     'power_cycle': 'encoders',
     'stars': 'exposures',
     'polaris': 'exposures',
+    'zero_on_stars': 'exposures',
+    'zero': 'exposures',
     'satellite': 'exposures',
     'check': 'exposures',
     'wait': 'hours',
@@ -47,10 +49,11 @@ def parse_plan(text):
     Parameters
     ----------
     text : str
-        Steps separated by commas; `stars`, `polaris`, `satellite` and `check` (fresh stars
-        pointed at blind, to judge by) take the number of exposures, `wait` the hours from the
-        begin of the night (or the last `wait`) on. `power_cycle` is that of the incremental
-        encoder, unless `absolute` or `both` follows.
+        Steps separated by commas; `stars`, `polaris`, `zero_on_stars` (a few that are chosen to
+        determine the zeros best), `zero` (Polaris where it is well up, else such stars),
+        `satellite` and `check` (fresh stars pointed at blind, to judge by) take the number of
+        exposures, `wait` the hours from the begin of the night (or the last `wait`) on.
+        `power_cycle` is that of the incremental encoder, unless `absolute` or `both` follows.
 
     Returns
     -------
@@ -86,19 +89,20 @@ def parse_plan(text):
     return steps
 
 
-def night_plan(stars, polaris, reference=False, cycle='incremental'):
+def night_plan(stars, exposures, reference=False, cycle='incremental'):
     """The plan of a night.
 
     Without a reference the night has two power-ons, so that the drift between them shows: the
     first is the reference of the second. With a model of an earlier night it is the paper's
-    night (paper 000, section 2): stars, Polaris, stars.
+    night (paper 000, section 2): stars, Polaris, stars. Where Polaris is not well up, stars are
+    taken for the zero.
 
     Parameters
     ----------
     stars : int
         Stars in each of the two blocks.
-    polaris : int
-        Exposures of Polaris for each zero.
+    exposures : int
+        For each zero.
     reference : bool
         Whether a model of an earlier night is in force.
     cycle : {'incremental', 'absolute', 'both'}
@@ -108,7 +112,7 @@ def night_plan(stars, polaris, reference=False, cycle='incremental'):
     -------
     str
     """
-    zero = f'polaris {polaris}, calibrate_zero'
+    zero = f'zero {exposures}, calibrate_zero'
     if reference:
         return f'home, stars {stars}, {zero}, stars {stars}, fit'
     again = {'incremental': 'power_cycle, home', 'absolute': 'power_cycle absolute',

@@ -11,23 +11,23 @@ import numpy as np
 
 from msg_tools.status import Progress
 from msg_tools.steps import Refused, Steps, call
-from msg_tools.units import ARCSEC, DEG
+from msg_tools.units import DEG
 
 from ..earth import earth_orientation
-from ..rms import rms
 from ..star_catalogue import POLARIS_HIP, load_catalogue
 from ..target import StarTarget, satellite_target
+from ..zero_exposures import MARK
+from .blind_checks import CHECKS_FORMAT, CHECKS_VERSION, blind_summary
 from .exposing import Exposer
 from .instruments import MOUNT
 from .plan import POWER_CYCLES, parse_plan
 from .pointing import Standing
-from .star_choice import choose_stars
+from .star_choice import Limits, choose_stars
+from .zero_choice import ZeroChoice
 
 #: what a star takes, to know that it stays within the limits until its turn, s
 SECONDS_A_STAR = 40.0
 _HOUR = 3_600_000_000_000  # ns
-CHECKS_FORMAT = 'telescope_mount/blind_checks'
-CHECKS_VERSION = 1
 
 
 class Sequencer:
@@ -260,6 +260,34 @@ class Sequencer:
         if len(self._table) == rows:  # a zero now would be that of an earlier power-on
             raise Refused(f'none of {count} exposures shows Polaris: look at sky, site and time')
 
+    def _do_zero_on_stars(self, count):
+        yield from self._need_home()
+        try:
+            chosen = self._zero_choice().stars(count)
+        except ValueError as err:
+            raise Refused(str(err)) from None
+        self._out.get_logger().info(chosen.words)
+        self._progress.step += f': {chosen.by}'
+        self._set_waiting('')
+        rows = len(self._table)
+        for target in chosen.targets:
+            yield from self._observe(target, for_zero=True)
+        if len(self._table) == rows:
+            raise Refused(f'none of {count} exposures shows a star for the zero: look at sky, site '
+                          'and time')
+
+    def _do_zero(self, count):
+        """By Polaris where it is well up, else by stars."""
+        yield from self._need_home()
+        way = self._zero_choice().way(count)
+        self._out.get_logger().info(f'zero by {"Polaris" if way.polaris else "stars"}: {way.why}')
+        if not way.polaris:
+            yield from self._do_zero_on_stars(count)
+            return
+        self._progress.step += ': Polaris'
+        self._set_waiting('')
+        yield from self._do_polaris(count)
+
     def _do_satellite(self, count):
         yield from self._need_home()
         satellite = satellite_target(self._out.value('satellite'))
@@ -317,30 +345,47 @@ class Sequencer:
 
     # --- parts of steps -----------------------------------------------------------------------
 
-    def _observe(self, target, blind=False):
+    def _observe(self, target, blind=False, for_zero=False):
         row = yield from self._exposer.observe(target, self._progress.block, blind)
         if row is None:
             self._progress.lost += 1
             self._out.get_logger().warning(
                 f'{target.name}: nothing in the field; go on with the next')
         else:
-            self._out.send_row(self._table.add(row), row['stamp'])
+            self._out.send_row(self._table.add({**row, MARK: float(for_zero)}), row['stamp'])
         self._progress.done += 1
 
     def _fresh_stars(self, count):
         """Targets all over the sky that were not observed tonight, in observing order."""
         value = self._out.value
-        if self._catalogue is None:
-            # two magnitudes deeper, so that neighbours which would disturb are known
-            self._catalogue = load_catalogue(mag_limit=value('magnitude_limit') + 2.0)
         rows = choose_stars(
-            self._catalogue, self._exposer.now() * 1e-9, *self._out.sky(), count,
+            self._stars(), self._exposer.now() * 1e-9, *self._out.sky(), count,
             value('star_seed') + self._progress.block, value('min_elevation_deg') * DEG,
             value('max_elevation_deg') * DEG, value('magnitude_limit'),
             exclude=[*self._table.stars_since(self._evening), POLARIS_HIP],
             duration=count * SECONDS_A_STAR, start=self._instruments.here,
-            mount=self._out.mount(), meridian_limit=value('meridian_limit_deg') * DEG)
+            mount=self._out.mount(), limits=self._limits())
         return [StarTarget(self._catalogue.select([row])) for row in rows]
+
+    def _limits(self):
+        return Limits(*(self._out.value(f'{name}_limit_deg') * DEG for name in Limits._fields))
+
+    def _stars(self):
+        if self._catalogue is None:
+            # two magnitudes deeper, so that neighbours which would disturb are known
+            self._catalogue = load_catalogue(mag_limit=self._out.value('magnitude_limit') + 2.0)
+        return self._catalogue
+
+    def _zero_choice(self):
+        """What to expose for a zero, under the conditions of now."""
+        return ZeroChoice(
+            self._stars(), self._table, self._exposer.now() * 1e-9, *self._out.sky(),
+            mount=self._out.mount(), axes=self._limits(), model=self._in_force.model,
+            run=self._instruments.run,
+            evening=self._evening, block=self._progress.block, here=self._instruments.here,
+            limits=[self._out.value(name) for name in (
+                'min_elevation_deg', 'max_elevation_deg', 'magnitude_limit')],
+            a_star=SECONDS_A_STAR)
 
     def _check_polaris(self):
         if self._polaris is None:
@@ -401,36 +446,3 @@ class Sequencer:
         run = self._table.all(again)
         if run is not None:
             self._out.send_table(run, self._table.newest)
-
-
-def blind_summary(miss, lost=0, model=None):
-    """RMS of the miss distances of fresh stars pointed at blind, which is the pointing error.
-
-    Parameters
-    ----------
-    miss : array_like, shape (n, 2)
-        Star - boresight towards +A and +E, rad, of first exposures: model and zero in force,
-        nothing centred.
-    lost : int
-        Stars that were not in the field, and so are in no figure.
-    model : PointingModel, optional
-        That was in force.
-
-    Returns
-    -------
-    dict
-        ``stars``, ``lost``, ``rms_arcsec`` (radial), ``rms_x_arcsec``, ``rms_y_arcsec``,
-        ``mean_x_arcsec``, ``mean_y_arcsec``, ``max_arcsec``, None where there is no star;
-        ``terms`` and ``effects`` of the model.
-    """
-    miss = np.asarray(miss, dtype=float).reshape(-1, 2) / ARCSEC
-    names = ('rms_arcsec', 'rms_x_arcsec', 'rms_y_arcsec', 'mean_x_arcsec', 'mean_y_arcsec',
-             'max_arcsec')
-    values = [None] * len(names)
-    if len(miss):
-        x, y = miss.T
-        values = [rms(x, y), rms(x), rms(y), x.mean(), y.mean(), np.hypot(x, y).max()]
-    return {'stars': len(miss), 'lost': int(lost),
-            **{n: None if v is None else float(v) for n, v in zip(names, values)},
-            'terms': list(model.terms) if model else [],
-            'effects': [e.effect.name for e in model.effects] if model else []}

@@ -1,5 +1,7 @@
 """Which stars to observe for a pointing model, and in which order."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from msg_tools.units import ARCSEC, DEG, wrap
@@ -14,9 +16,47 @@ NEIGHBOUR_CONTRAST = 2.0  # magnitudes; a fainter neighbour does not disturb
 _TRIALS, _STEPS = 48, 300  # changed orders tried a step, steps
 
 
+class Limits(NamedTuple):
+    """How far axes turn, radians.
+
+    Attributes
+    ----------
+    meridian : float
+        Past the meridian, of a German mount.
+    hour_angle : float
+        On either side, of the first axis of a mount that does not go through the pole.
+    """
+
+    meridian: float = 5.0 * DEG
+    hour_angle: float = np.pi
+
+    def reached(self, mount, az, el, most):
+        """Whether the axes reach places of the horizon, no nearer to the pole than `most`.
+
+        Parameters
+        ----------
+        mount : Mount
+        az, el : ndarray, shape (n,)
+            Radians.
+        most : float
+            Largest angle from the equator of the axes, radians.
+
+        Returns
+        -------
+        ndarray of bool, shape (n,)
+        """
+        if mount.altaz:
+            return el <= most
+        first, second = mount.axes_of(az, el)
+        free = mount.kind == 'german'  # on one side or the other
+        return (np.abs(second) <= most) & (free | (np.abs(first) <= self.hour_angle))
+
+
+ANYWHERE = Limits()
+
 def choose_stars(stars, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, n=30, seed=0,
                  min_el=20.0 * DEG, max_el=85.0 * DEG, mag_limit=6.0, exclude=(), duration=0.0,
-                 start=None, mount=ALTAZ, meridian_limit=0.0):
+                 start=None, mount=ALTAZ, limits=ANYWHERE):
     """Choose stars all over the sky and put them in observing order.
 
     Parameters
@@ -44,8 +84,8 @@ def choose_stars(stars, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, n=30, 
     mount : Mount, optional
         Of another than an alt-azimuth one `max_el` is the largest angle from the equator of its
         axes: nearer to the pole the first axis is too fast.
-    meridian_limit : float
-        How far past the meridian a German mount turns, radians.
+    limits : Limits
+        Of its axes.
 
     Returns
     -------
@@ -73,7 +113,7 @@ def choose_stars(stars, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, n=30, 
     bright = np.flatnonzero(stars.mag <= mag_limit)
     moments = [time] if duration == 0.0 else [time, time + duration / 2.0, time + duration]
     places = [observed_place(stars.select(bright), t, site, weather) for t in moments]
-    up = np.all([(el >= min_el) & (_from_equator(mount, az, el) <= max_el) for az, el in places],
+    up = np.all([(el >= min_el) & limits.reached(mount, az, el, max_el) for az, el in places],
                 axis=0)
     highest = max_el if mount.altaz else np.pi / 2.0
     known = np.isin(stars.hip[bright], np.fromiter(exclude, int))
@@ -93,22 +133,33 @@ def choose_stars(stars, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, n=30, 
             'ask for fewer or raise the magnitude limit')
     az, el = (angle[good] for angle in places[len(places) // 2])
     chosen = _stratified(az, el, n, min_el, highest, rng)
-    first, second = _axes(mount, az[chosen], el[chosen], meridian_limit,
-                          stars.hip[bright[good][chosen]])
+    first, second = axes_at(mount, az[chosen], el[chosen], limits,
+                            stars.hip[bright[good][chosen]])
     order = observing_order(first, second, rng, start, mount.way)
     return bright[good][chosen[order]]
 
 
-def _from_equator(mount, az, el):
-    return el if mount.altaz else np.abs(mount.axes_of(az, el)[1])
+def axes_at(mount, az, el, limits, numbers):
+    """Angles of the axes at places of the horizon, on the side that stars there are observed on.
 
+    Parameters
+    ----------
+    mount : Mount
+    az, el : ndarray, shape (n,)
+        Radians.
+    limits : Limits
+    numbers : ndarray of int, shape (n,)
+        Of the stars.
 
-def _axes(mount, az, el, limit, numbers):
-    """Angles of the axes at places of the horizon, on the side that they are observed on."""
+    Returns
+    -------
+    first, second : ndarray, shape (n,)
+        Radians.
+    """
     if mount.altaz:
         return az, el
     first, second = mount.axes_of(az, el)
-    beyond = mount.side_for(first, second, limit, numbers % 2 == 1)
+    beyond = mount.side_for(first, second, limits.meridian, numbers % 2 == 1)
     return mount.on_travel(*through_pole(first, second, beyond))
 
 

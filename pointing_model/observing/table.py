@@ -4,6 +4,7 @@ import numpy as np
 
 from ..mounts import ALTAZ
 from ..run import PointingRun
+from ..zero_exposures import MARK
 
 
 class Table:
@@ -35,7 +36,7 @@ class Table:
         """
         stamps = [round(time * 1e9) for time in run['time'].tolist()]
         stamps[-1] = stamp
-        self.rows = [{'stamp': at, **{name: float(values[i]) for name, values in
+        self.rows = [{'stamp': at, MARK: 0.0, **{name: float(values[i]) for name, values in
                                       run.columns.items()}} for i, at in enumerate(stamps)]
 
     def trailing(self, block):

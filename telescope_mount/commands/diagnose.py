@@ -1,6 +1,5 @@
 """The command ``diagnose``: what is wrong with a mount."""
 
-import json
 from pathlib import Path
 
 from . import options
@@ -57,7 +56,7 @@ def run(args):
     except MistakenColumns as error:
         if args.json:
             from calibration.diagnosis.rows_told import refused_document
-            _write_json(args.json, refused_document(error))
+            options.write_json(args.json, refused_document(error))
         raise
 
 
@@ -89,10 +88,6 @@ def _run(args):
     return 2 if found.verdict == 'refused' else 0
 
 
-def _write_json(path, document):
-    path.write_text(json.dumps(document, indent=1) + '\n', encoding='utf-8')
-
-
 def _base_file(text, mount):
     """The model file that declares the base, if ``--base`` names one."""
     if '/' not in text and not Path(text).suffix:
@@ -109,7 +104,7 @@ def _base_file(text, mount):
 
 def _write(args, found, console, base=None):
     if args.json:
-        _write_json(args.json, found.to_dict() | (
+        options.write_json(args.json, found.to_dict() | (
             {'base_model': base.compared(found.model)} if base else {}))
         print_files(console, {'result': args.json})
     if args.report:
@@ -128,7 +123,7 @@ def _hours(text):
 
 def show(found, console):
     """The verdict in words, the error before and after, the effects, what was left out."""
-    from calibration.diagnosis.rows_told import expected_sentence, used_sentence
+    from calibration.diagnosis.rows_told import expected_sentence, left_out_lines, used_sentence
     from calibration.diagnosis_page.plain_words import readable, verdict_sentences
     from calibration.diagnosis_page.view import effect_sentences
     from calibration.tables import new_table
@@ -175,13 +170,8 @@ def show(found, console):
                             _number(effect['p_family'], 4), _number(effect['delta_bic'], 1),
                             _number(effect['cv_gain_arcsec']))
         console.print(effects)
-    reasons = {}
-    for row in found.excluded:
-        reasons.setdefault((row.get('source'), row['reason']), []).append(row['row'])
-    for (source, reason), rows in reasons.items():
-        where = f'{Path(source).name}: ' if source and len(found.observations.runs) > 1 else ''
-        console.print(f'{where}row{"s" * (len(rows) > 1)} {_listed(rows)} left out: {reason}',
-                      markup=False)
+    for line in left_out_lines(found.excluded, len(found.observations.runs) > 1):
+        console.print(line, markup=False)
     print_lines(console, 'note', found.notes)
     if found.columns_alike:
         print_lines(console, 'note', ['read otherwise the columns fit as well, which no fit can '
@@ -206,16 +196,6 @@ def _proposal(item, names):
     return (f'next: {place}: tells ' + ' from '.join(readable(n) for n in item['separates'])
             + f' (expected ΔBIC {item["separation_before"]:.1f} → '
             f'{item["separation_after"]:.1f})')
-
-
-def _listed(rows, limit=30):
-    """Numbers as text, neighbours as a range: 3, 7-9."""
-    rows = sorted(set(rows))
-    breaks = [i for i, (a, b) in enumerate(zip(rows, rows[1:]), 1) if b != a + 1]
-    parts = [rows[i:j] for i, j in zip([0, *breaks], [*breaks, len(rows)])]
-    texts = [f'{p[0]}' if len(p) == 1 else f'{p[0]}-{p[-1]}' for p in parts]
-    more = f', ... ({len(rows)} rows)' if len(texts) > limit else ''
-    return ', '.join(texts[:limit]) + more
 
 
 def _number(value, digits=2):

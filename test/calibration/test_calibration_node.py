@@ -66,7 +66,8 @@ def test_a_zero_is_refused_with_a_reason_until_polaris_was_seen(graph):
     desk.observe(rows(3))
     answer = graph.call('calibrate_zero')
     assert not answer.success
-    assert answer.message == 'Polaris was not observed since power-on 1; point at it first'
+    assert answer.message == (
+        'Polaris was not observed since power-on 1, nor stars for its zero; point at them first')
     desk.observe(rows(1, star=POLARIS_HIP))
     answer = graph.call('calibrate_zero')
     assert not answer.success and 'expose again' in answer.message
@@ -81,7 +82,7 @@ def test_an_encoder_that_reads_20_too_much_gives_a_zero_of_plus_20(graph, tmp_pa
     desk.observe(rows(8, star=POLARIS_HIP, zero=np.array([20.0, -8.0]) * ARCSEC))
     answer = graph.call('calibrate_zero')
     assert answer.success
-    assert answer.message.startswith('zero of power-on 1: azimuth +')
+    assert answer.message.startswith('zero of power-on 1 by Polaris: azimuth +')
     zeros = graph.listen(topics.ZERO)  # late: it is latched
     graph.wait_for(lambda: zeros)
     stamp, zero, _, sigma = convert.read_joints(zeros[0])

@@ -14,7 +14,7 @@ from pointing_model.in_force import (
     travelled,
 )
 from pointing_model.model import PointingModel
-from pointing_model.observing.sequencer import blind_summary
+from pointing_model.observing.blind_checks import blind_summary
 from pointing_model.sky import DEFAULT_SITE
 
 NOW = 1_768_482_000_000_000_000

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -28,6 +30,17 @@ def test_a_zero_says_what_it_goes_with():
     assert (back.run, back.started, back.model) == (2, zero.started, zero.model)
     half = joints_to_zero(zero_to_joints(RunZero(0.1, 0.2, run=2, model='none'), 5))[1]
     assert half.started is None and half.model == 'none'
+
+
+def test_a_zero_says_that_it_was_got_by_other_stars_than_polaris():
+    zero = RunZero(0.1, 0.2, run=2, started=1_768_482_000.5, model='3f2a90c1d5e7', by='stars (5)')
+    message = zero_to_joints(zero, 5)
+    assert message.header.frame_id == 'power_on_2@1768482000.500/3f2a90c1d5e7+stars'
+    assert joints_to_zero(message)[1].by == 'stars'
+    # by Polaris the message is as it always was
+    by_polaris = zero_to_joints(replace(zero, by='Polaris'), 5)
+    assert by_polaris.header.frame_id == 'power_on_2@1768482000.500/3f2a90c1d5e7'
+    assert joints_to_zero(by_polaris)[1].by is None
 
 
 def test_an_older_message_is_of_the_run_that_was_on():

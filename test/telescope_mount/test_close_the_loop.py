@@ -215,7 +215,7 @@ def test_a_measured_night_is_logged_and_replays(mmt, cli):
 def test_plan():
     steps = parse_plan(loop_plan(90, 16, 30))
     assert [step.verb for step in steps] == [
-        'home', 'stars', 'polaris', 'calibrate_zero', 'fit', 'check', 'diagnose', 'check',
+        'home', 'stars', 'zero', 'calibrate_zero', 'fit', 'check', 'diagnose', 'check',
         'judge']
     assert sum(step.exposures for step in steps) == 90 + 16 + 60
 

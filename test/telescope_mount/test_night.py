@@ -156,7 +156,7 @@ def test_a_killed_node_ends_the_night_with_one_line_and_a_readable_log(cli, tmp_
     out = tmp_path / 'night'
     child = cli.start('night', '--out', out, '--stars', 4, '--polaris', 5000)
     with child:
-        wait_for_lines(child, 'polaris 5000')
+        wait_for_lines(child, 'zero 5000')
         nodes = nodes_of(child.pid)
         camera, = [pid for pid, name in nodes.items() if name == 'camera']
         os.kill(camera, signal.SIGKILL)
@@ -172,7 +172,7 @@ def test_ctrl_c_ends_every_node_and_closes_the_log(cli, tmp_path):
     out = tmp_path / 'night'
     child = cli.start('night', '--out', out, '--stars', 4, '--polaris', 5000)
     with child:
-        wait_for_lines(child, 'polaris 5000')
+        wait_for_lines(child, 'zero 5000')
         nodes = nodes_of(child.pid)
         assert len(nodes) == len(NIGHT)
         child.send_signal(signal.SIGINT)

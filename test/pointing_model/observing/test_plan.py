@@ -22,7 +22,7 @@ def test_what_a_power_cycle_switches():
         Step('power_cycle'), Step('power_cycle'), Step('power_cycle', what='absolute'),
         Step('power_cycle', what='both')]
     # the absolute encoder needs no mark
-    assert 'power_cycle absolute, polaris 3' in night_plan(7, 3, cycle='absolute')
+    assert 'power_cycle absolute, zero 3' in night_plan(7, 3, cycle='absolute')
     assert 'power_cycle both, home' in night_plan(7, 3, cycle='both')
 
 
@@ -47,8 +47,8 @@ def test_a_bad_plan_says_what_is_wrong(text, reason):
 
 def test_a_night_has_two_power_ons_unless_it_has_a_reference():
     verbs = [step.verb for step in parse_plan(night_plan(30, 16))]
-    assert verbs == ['home', 'stars', 'polaris', 'calibrate_zero', 'power_cycle', 'home',
-                     'polaris', 'calibrate_zero', 'stars', 'fit']
+    assert verbs == ['home', 'stars', 'zero', 'calibrate_zero', 'power_cycle', 'home',
+                     'zero', 'calibrate_zero', 'stars', 'fit']
     verbs = [step.verb for step in parse_plan(night_plan(30, 16, reference=True))]
-    assert verbs == ['home', 'stars', 'polaris', 'calibrate_zero', 'stars', 'fit']
+    assert verbs == ['home', 'stars', 'zero', 'calibrate_zero', 'stars', 'fit']
     assert [s.count for s in parse_plan(night_plan(5, 4)) if s.count] == [5, 4, 4, 5]

@@ -1,0 +1,94 @@
+"""What is held when a zero is set: terms with their covariance, as columns of unit variance."""
+
+import numpy as np
+
+from msg_tools.units import ARCSEC
+
+from . import harmonics
+from .mounts import ALTAZ
+from .terms import design
+
+#: what a term may be where no model is given, 1 sigma: nothing is known but that the mount was set
+#: up with care (five minutes of arc)
+BROAD = 300.0 * ARCSEC
+
+
+def is_a_model(model):
+    """Whether a PointingModel, or None, says anything of the offsets."""
+    return model is not None and bool(model.terms or model.harmonics is not None)
+
+
+class Held:
+    """The terms that are held while the zeros of the axes are determined, and how well they are
+    known.
+
+    Parameters
+    ----------
+    model : PointingModel, optional
+        Its terms and harmonics, with their covariance. Without one (or with one that says
+        nothing) the physical terms of the mount but its zeros, each within `BROAD`.
+    mount : Mount, optional
+        Where no model tells it.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of the terms.
+    root : ndarray, shape (k, j)
+        Of their covariance C = root root', radians.
+    mount : Mount
+    """
+
+    def __init__(self, model=None, mount=ALTAZ):
+        self.mount = model.mount if is_a_model(model) else mount
+        self._series = None
+        if is_a_model(model):
+            self.names = tuple(model.terms)
+            self.root = _root(model.covariance)
+            self._series = model.harmonics
+        else:
+            self.names = tuple(name for name in self.mount.names.physical
+                               if name not in self.mount.names.index)
+            self.root = BROAD * np.eye(len(self.names))
+        if self._series is not None:
+            self._root_of_series = _root(self._series.covariance_of_coefficients)
+
+    @classmethod
+    def certain(cls, mount=ALTAZ):
+        """Nothing is held that could be off: the noise of the exposures alone counts."""
+        out = cls(None, mount)
+        out.names, out.root = (), np.zeros((0, 0))
+        return out
+
+    def columns(self, az, el):
+        """What an error of one sigma in each direction of the covariance does on the sky.
+
+        Parameters
+        ----------
+        az, el : ndarray, shape (n,)
+            Catalogue place by the axes of the mount, radians.
+
+        Returns
+        -------
+        ndarray, shape (2, n, j)
+            x and y, radians.
+        """
+        parts = [np.stack(design(self.names, az, el, self.mount)) @ self.root
+                 if self.names else np.zeros((2, len(az), 0))]
+        if self._series is not None:
+            own = harmonics.columns_of(self._series.degree, az, el, self._series.interpretation)
+            own = own.reshape(len(own), 2, len(az))
+            parts.append(np.einsum('kcn,kj->cnj', own, self._root_of_series))
+        return np.concatenate(parts, axis=2)
+
+
+def zero_columns(az, el, mount=ALTAZ):
+    """What the zeros of both axes do on the sky, shape (2, n, 2), for unit coefficients."""
+    return np.stack(design(mount.names.index, az, el, mount))
+
+
+def _root(covariance):
+    """Of a covariance that may be singular, without the directions that are known exactly."""
+    values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
+    keep = values > 1e-12 * max(values.max(initial=0.0), 0.0)
+    return vectors[:, keep] * np.sqrt(values[keep])
