@@ -34,7 +34,7 @@ LOWEST, LIMIT = 20.0 * DEG, 5.0 * DEG
 NEAREST, BLIND, ASIDE = 5.0 * DEG, 200.0 * ARCSEC, 30.0 * ARCSEC
 
 PLAIN = ('fork', 'german', 'alt_alt')
-UNDECLARED = ('fork_flexure', 'german_counterweight', 'german_declination_flexure')
+UNDECLARED = ('fork_flexure', 'german_counterweight', 'german_flop', 'german_declination_flexure')
 
 
 def night(scenario, seed, stars=60):

@@ -166,9 +166,10 @@ class MountGeometry:
 
     def _counterweight(self, azimuth, raised):
         """How far it has pushed the first axis over: 1 on the west side, -1 on the east side."""
+        if self.mount.counterweight_by == 'flip':
+            return np.where(np.cos(raised) < 0.0, -1.0, 1.0)
         pull = azimuth[..., RIGHT, RIGHT]  # its shaft is the tube's right, west the frame's x
-        held = np.where(np.cos(raised) < 0.0, -1.0, 1.0)
-        return held + self.mount.counterweight_elastic * (pull - held)
+        return np.sign(pull) if self.mount.counterweight_by == 'play' else pull
 
     def _fork(self, azimuth):
         """The ends of the arms, which carry the second axis, as the fork sees them."""

@@ -137,14 +137,14 @@ class Mount:
         mounts bends downward; its DAB has another factor, the sine of the axis' zenith distance.)
     counterweight_west, counterweight_meridian : float
         Lean of the polar axis towards west and towards the meridian while the counterweight hangs
-        on its west side, and the reverse in the east, rad: MA and ME that differ by the side of
-        the pier. What the mount is out of balance presses the axis to one side of the play of its
-        bearings and seat; friction holds it there until the mount goes through the pole. (Users
-        of mounts tell of heads that rock in the oversize holes of their bolts: Astro-Physics'
-        group, 2018 and 2020. No measured lean was found.)
-    counterweight_elastic : float
-        Share of it that is not play but bends, and so follows the pull: with the cosine of the
-        hour angle of the axis, at which the counterweight's shaft is level on the meridian.
+        on its west side, and the reverse in the east, rad: MA and ME of two signs. (Users of
+        mounts tell of heads that rock in the oversize holes of their bolts: Astro-Physics' group,
+        2018 and 2020. No measured lean was found.)
+    counterweight_by : {'play', 'bending', 'flip'}
+        How that goes over: what the mount is out of balance presses the axis to one end of the
+        play in bearings and seat, and to the other where the pull turns over, with the cosine of
+        the hour angle of the axis; or it bends the axis, by as much; or friction holds the axis
+        where it lies until the mount goes through the pole.
     ca_rate, an_rate, aw_rate, tf_rate : float
         Drift with time, rad/s.
     ca_slope, an_slope, aw_slope, tf_slope : float
@@ -170,7 +170,7 @@ class Mount:
     declination_axis_sag: float = of_pier(number(0.0, 'arcsec', -3600.0, 3600.0))
     counterweight_west: float = of_pier(number(0.0, 'arcsec', -3600.0, 3600.0))
     counterweight_meridian: float = of_pier(number(0.0, 'arcsec', -3600.0, 3600.0))
-    counterweight_elastic: float = of_pier(number(0.0, 'percent', 0.0, 100.0))
+    counterweight_by: str = of_pier(choice('play', 'play', 'bending', 'flip'))
     ca_rate: float = term('CA', 'arcsec_per_hour', -600.0, 600.0)
     an_rate: float = term('AN', 'arcsec_per_hour', -600.0, 600.0)
     aw_rate: float = term('AW', 'arcsec_per_hour', -600.0, 600.0)
