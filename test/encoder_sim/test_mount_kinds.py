@@ -114,6 +114,26 @@ def test_the_pole_is_that_of_the_place_where_it_stands():
         np.testing.assert_allclose(pole, [0.0, np.cos(latitude), np.sin(latitude)], atol=1e-12)
 
 
+def test_a_free_frame_that_is_the_horizon_is_an_alt_azimuth_mount():
+    """All that a scenario may do to a mount, and the wind, in either way of saying it."""
+    from encoder_sim.wind import WindLoad
+    base = load_scenario('loop_two_effects').mount
+    base = replace(base, bumps=load_scenario('loop_track_bump').mount.bumps, creep=9 * ARCSEC,
+                   backlash_azimuth=7 * ARCSEC, tf_rate=1e-9,
+                   runouts=load_scenario('mount_runout').mount.runouts)
+    az, el, _ = sky(200)
+    where = {'time': NIGHT + 3600.0, 'approach_az': 1.0, 'approach_el': -1.0}
+    one, other = (MountGeometry(replace(base, kind=kind), NIGHT).frames(az, el, **where)
+                  for kind in ('altaz', 'free:180,90'))
+    np.testing.assert_allclose(other, one, atol=1e-12)
+    wind = replace(load_scenario('mount_gusts').wind, shelter=0.7)
+    seconds, angles = np.linspace(0.0, 900.0, 200), np.stack([az, el], axis=1)
+    one, other = (WindLoad(wind, 1, parse_mount(kind, 0.0)).turn(seconds, angles)
+                  for kind in ('altaz', 'free:180,90'))
+    assert np.abs(one).max() > 0.1 * ARCSEC
+    np.testing.assert_allclose(other, one, atol=1e-16)
+
+
 def test_words_of_the_mount_in_the_file(tmp_path):
     made = scenario(tmp_path, 'fork', {'MA': 12.0, 'NP': 5.0}, '''  me_arcsec_per_hour: 2
   ma_arcsec_per_degc: 3
