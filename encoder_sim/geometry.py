@@ -146,7 +146,7 @@ class MountGeometry:
 
         azimuth = _about(UP, -turned)
         if mount.counterweight_west or mount.counterweight_meridian:
-            side = self._counterweight(azimuth)
+            side = self._counterweight(azimuth, raised)
             aw = aw - mount.counterweight_west * side
             an = an + mount.counterweight_meridian * side
         if mount.wobble or mount.bumps or mount.runouts:
@@ -164,10 +164,12 @@ class MountGeometry:
             tube = self._sag(tube, tf) @ tube
         return np.swapaxes(tube, -1, -2)
 
-    def _counterweight(self, azimuth):
+    def _counterweight(self, azimuth, raised):
         """How far it has pushed the first axis over: 1 on the west side, -1 on the east side."""
-        west = azimuth[..., RIGHT, RIGHT]  # its shaft is the tube's right, its west the frame's x
-        return np.clip(west / self.mount.counterweight_play, -1.0, 1.0)
+        if self.mount.counterweight_by == 'flip':
+            return np.where(np.cos(raised) < 0.0, -1.0, 1.0)
+        pull = azimuth[..., RIGHT, RIGHT]  # its shaft is the tube's right, west the frame's x
+        return np.sign(pull) if self.mount.counterweight_by == 'play' else pull
 
     def _fork(self, azimuth):
         """The ends of the arms, which carry the second axis, as the fork sees them."""

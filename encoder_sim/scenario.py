@@ -121,12 +121,12 @@ class Mount:
     backlash_azimuth, backlash_elevation : float
         Play between an axis (with its encoders) and the tube, rad, full width.
     fork_sag : float
-        Slope of the ends of the arms of a fork if they were level, rad. Equatorial mounts only, as
-        all that follows down to the play. The arms are cantilevers along the polar axis; across
-        their plane the ends, and the declination bearings in them, turn about the declination
-        axis by that times the pull across the polar axis, cos(latitude) cos(hour angle): FO is
-        -fork_sag cos(latitude) in the north (TPOINT's catalogue: change in declination as cos h).
-        In their plane they are stiff.
+        Slope of the ends of the arms of a fork if they were level, rad. (Equatorial mounts only,
+        as all that follows down to the counterweight.) The arms are cantilevers along the polar
+        axis; across their plane the ends, and the declination bearings in them, turn about the
+        declination axis by that times the pull across the polar axis, cos(latitude) cos(hour
+        angle): FO is -fork_sag cos(latitude) in the north (TPOINT's catalogue: change in
+        declination as cos h). In their plane they are stiff.
     declination_axis_sag : float
         Slope of the end of the declination axis that carries the tube if it were level, rad:
         F L^2 / (2 E I) of a cantilever (any textbook, such as Timoshenko's Strength of Materials).
@@ -137,13 +137,14 @@ class Mount:
         mounts bends downward; its DAB has another factor, the sine of the axis' zenith distance.)
     counterweight_west, counterweight_meridian : float
         Lean of the polar axis towards west and towards the meridian while the counterweight hangs
-        on its west side, and the reverse in the east, rad: MA and ME that differ by the side of
-        the pier. What the mount is out of balance is held by the worm, whose mesh pushes the polar
-        axis aside, always the same way of the base, and the other way when the torque turns over.
-    counterweight_play : float
-        Share of the pull of a level counterweight shaft that takes up the play of the bearings,
-        which then hold; of 100 % they only yield, and the lean goes with the cosine of the hour
-        angle of the axis. No measured figure was found.
+        on its west side, and the reverse in the east, rad: MA and ME of two signs. (Users of
+        mounts tell of heads that rock in the oversize holes of their bolts: Astro-Physics' group,
+        2018 and 2020. No measured lean was found.)
+    counterweight_by : {'play', 'bending', 'flip'}
+        How that goes over: what the mount is out of balance presses the axis to one end of the
+        play in bearings and seat, and to the other where the pull turns over, with the cosine of
+        the hour angle of the axis; or it bends the axis, by as much; or friction holds the axis
+        where it lies until the mount goes through the pole.
     ca_rate, an_rate, aw_rate, tf_rate : float
         Drift with time, rad/s.
     ca_slope, an_slope, aw_slope, tf_slope : float
@@ -169,7 +170,7 @@ class Mount:
     declination_axis_sag: float = of_pier(number(0.0, 'arcsec', -3600.0, 3600.0))
     counterweight_west: float = of_pier(number(0.0, 'arcsec', -3600.0, 3600.0))
     counterweight_meridian: float = of_pier(number(0.0, 'arcsec', -3600.0, 3600.0))
-    counterweight_play: float = of_pier(number(10.0, 'percent', 1.0, 100.0))
+    counterweight_by: str = of_pier(choice('play', 'play', 'bending', 'flip'))
     ca_rate: float = term('CA', 'arcsec_per_hour', -600.0, 600.0)
     an_rate: float = term('AN', 'arcsec_per_hour', -600.0, 600.0)
     aw_rate: float = term('AW', 'arcsec_per_hour', -600.0, 600.0)

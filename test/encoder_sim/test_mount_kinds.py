@@ -114,6 +114,26 @@ def test_the_pole_is_that_of_the_place_where_it_stands():
         np.testing.assert_allclose(pole, [0.0, np.cos(latitude), np.sin(latitude)], atol=1e-12)
 
 
+def test_a_free_frame_that_is_the_horizon_is_an_alt_azimuth_mount():
+    """All that a scenario may do to a mount, and the wind, in either way of saying it."""
+    from encoder_sim.wind import WindLoad
+    base = load_scenario('loop_two_effects').mount
+    base = replace(base, bumps=load_scenario('loop_track_bump').mount.bumps, creep=9 * ARCSEC,
+                   backlash_azimuth=7 * ARCSEC, tf_rate=1e-9,
+                   runouts=load_scenario('mount_runout').mount.runouts)
+    az, el, _ = sky(200)
+    where = {'time': NIGHT + 3600.0, 'approach_az': 1.0, 'approach_el': -1.0}
+    one, other = (MountGeometry(replace(base, kind=kind), NIGHT).frames(az, el, **where)
+                  for kind in ('altaz', 'free:180,90'))
+    np.testing.assert_allclose(other, one, atol=1e-12)
+    wind = replace(load_scenario('mount_gusts').wind, shelter=0.7)
+    seconds, angles = np.linspace(0.0, 900.0, 200), np.stack([az, el], axis=1)
+    one, other = (WindLoad(wind, 1, parse_mount(kind, 0.0)).turn(seconds, angles)
+                  for kind in ('altaz', 'free:180,90'))
+    assert np.abs(one).max() > 0.1 * ARCSEC
+    np.testing.assert_allclose(other, one, atol=1e-16)
+
+
 def test_words_of_the_mount_in_the_file(tmp_path):
     made = scenario(tmp_path, 'fork', {'MA': 12.0, 'NP': 5.0}, '''  me_arcsec_per_hour: 2
   ma_arcsec_per_degc: 3
@@ -244,21 +264,20 @@ def test_bending_by_hand():
 @pytest.mark.parametrize('latitude', LATITUDES)
 @pytest.mark.parametrize('base', [None, 'german'])
 @pytest.mark.parametrize('part, name', [('west', 'MA'), ('meridian', 'ME')])
-def test_the_counterweight_is_a_lean_that_differs_by_side(latitude, base, part, name):
+@pytest.mark.parametrize('by', ['play', 'bending', 'flip'])
+def test_the_counterweight_leans_the_axis_to_its_side(latitude, base, part, name, by):
     mount, h, first, second = german(latitude)
     side = np.where(np.cos(second) < 0.0, -1.0, 1.0)
-    expected = 20.0 * side * column(name, mount, first, second)
-    found = left(mount, latitude, first, second, base=base and load_scenario(base).mount,
+    amount = {'flip': side, 'bending': np.cos(first), 'play': np.sign(np.cos(first))}[by]
+    # less than six hours from the meridian the pull is by the side of the pier
+    assert np.array_equal(amount[np.abs(h) < 90 * DEG] > 0.0, side[np.abs(h) < 90 * DEG] > 0.0)
+    made = load_scenario(base).mount if base else Mount(kind='german')
+    found = left(mount, latitude, first, second, base=replace(made, counterweight_by=by),
                  **{f'counterweight_{part}': 20.0})
-    # six hours from the meridian the shaft stands upright: there it goes over
-    held = np.abs(h) < 84 * DEG
-    assert held.mean() > 0.6
-    assert np.abs(found - expected)[:, held].max() < (0.4 if base else 0.01)
-    # what does not give way at once goes with the pull
-    soft = left(mount, latitude, first, second, base=Mount(kind='german', counterweight_play=1.0),
-                **{f'counterweight_{part}': 20.0})
-    np.testing.assert_allclose(
-        soft, 20.0 * np.cos(first) * column(name, mount, first, second), atol=0.01)
+    # where the pull turns over, the index moves the place
+    clear = np.abs(np.cos(first)) > 0.005
+    error = found - 20.0 * amount * column(name, mount, first, second)
+    assert np.abs(error)[:, clear].max() < (0.4 if base else 0.01)
 
 
 def test_a_level_fork_and_one_on_the_pole_of_the_earth():
