@@ -336,6 +336,14 @@ def few_partitions():
         yield
 
 
+@pytest.fixture(autouse=True)
+def folds_of_a_user(request, monkeypatch):
+    """What `few_partitions` leaves as it is: where processes diagnose, to the bit the same."""
+    if 'cli' in request.fixturenames:
+        from calibration.diagnosis import constants, diagnosis
+        monkeypatch.setitem(diagnosis.diagnose.__kwdefaults__, 'folds', constants.FOLDS)
+
+
 @pytest.fixture
 def ended(capsys):
     """``ended(*args)``: run ``telescope-mount`` in this process; (code, stdout, stderr)."""
