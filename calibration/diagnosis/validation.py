@@ -105,7 +105,8 @@ class Errors:
     caution: str = ''
 
 
-def cross_validated(work, chosen, wanders, count, alpha, chance, rng, ways=None):
+def cross_validated(work, chosen, wanders, count, alpha, chance, rng, ways=None,
+                    progress=None):
     """RMS of rows left out, without any effect and with the choice repeated in each fold.
 
     Parameters
@@ -123,6 +124,8 @@ def cross_validated(work, chosen, wanders, count, alpha, chance, rng, ways=None)
     rng : numpy.random.Generator
     ways : int, optional
         Partitions; by default until the mean is known to `SPREAD`.
+    progress : callable, optional
+        As of `diagnose`.
 
     Returns
     -------
@@ -138,14 +141,22 @@ def cross_validated(work, chosen, wanders, count, alpha, chance, rng, ways=None)
         before = _mean([_rms(one, keep) for one in squares])
         return Errors(before, before, np.sqrt(np.mean(squares, axis=0)))
 
+    def told():
+        nonlocal folds_done
+        folds_done += 1
+        if progress:
+            progress('choosing without a part of the rows', folds_done, max(expected, folds_done))
+
     def apart(folds):
-        left, _ = nested(problem, folds, alpha, rng, wanders, whole=chance)
+        left, _ = nested(problem, folds, alpha, rng, wanders, whole=chance, done=told)
         return _rms(np.square(cross_validate(fits, [], folds)), keep), np.square(left)
-    parts = []
+    parts, folds_done, expected = [], 0, 0
     least, most = (ways, ways) if ways is not None else (
         (PARTITIONS, MOST_PARTITIONS) if problem.n <= MANY else (FEW_PARTITIONS, FEW_PARTITIONS))
     while len(parts) < least or (len(parts) < most and _unsure(parts, keep)):
         folds = partitions_of(problem, count, rng)[0]
+        expected = len(folds) * (max(least, len(parts) + 1) + (
+            effective_runs(problem.sequence.run) < RUNS))
         parts.append(apart(folds))
         if len(folds) == len(np.unique(problem.sequence.run)) > 1:
             break  # each run alone: there is but one such partition
@@ -241,7 +252,7 @@ def _mean(entries):
     return {axis: float(np.mean([e[axis] for e in entries])) for axis in _IN}
 
 
-def nested(problem, folds, alpha, rng, wanders=False, flips=NESTED_FLIPS, whole=None):
+def nested(problem, folds, alpha, rng, wanders=False, flips=NESTED_FLIPS, whole=None, done=None):
     """As `cross_validate`, with the whole choice repeated without each fold.
 
     Parameters
@@ -255,6 +266,8 @@ def nested(problem, folds, alpha, rng, wanders=False, flips=NESTED_FLIPS, whole=
     flips : int
     whole : Chance, optional
         Of all rows.
+    done : callable, optional
+        Called after each fold.
 
     Returns
     -------
@@ -277,6 +290,8 @@ def nested(problem, folds, alpha, rng, wanders=False, flips=NESTED_FLIPS, whole=
                 found.chosen[:k], found.state.weights if k else None, final=True)
             left.append(predicted(problem, part, found.chosen[:k], state, fold))
         parts.append(left)
+        if done is not None:
+            done()
     out = np.empty((max(map(len, parts)), 2, problem.n))
     for fold, left in zip(folds, parts):
         for k in range(len(out)):
