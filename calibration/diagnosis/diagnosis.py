@@ -4,6 +4,7 @@ import numpy as np
 
 from calibration.robust import BISQUARE
 from pointing_model.effects import effect
+from pointing_model.effects.base import driver_word, readable
 from pointing_model.effects.drifts import places_of_steps
 
 from .base import Base, mount_of, observations
@@ -149,7 +150,7 @@ def _in_memory(obs, base, alpha, rng, flips, folds, ways, progress):
         result.expected = expected_error(
             errors.left_out, found.state.weights > 0.0, problem.sequence.order, rng,
             *ahead(problem, found.chosen, rng))
-        judge_undecided(result, [c.effect(work.problem).name for c in
+        judge_undecided(result, [readable(c.effect(work.problem).name) for c in
                                  found.dropped_by_cv + found.not_repeated],
                         result.ranking[0]['delta_bic'] if result.ranking else 0.0)
     if result.verdict == 'none':
@@ -234,12 +235,14 @@ def _assemble(work, found, stands, fits, chance):
                           'and predicts them worse', found.not_repeated)):
         if dropped:
             notes.append(f'beyond chance, but {why}, so not added: '
-                         + ', '.join(c.effect(problem).name for c in dropped))
+                         + '; '.join(dict.fromkeys(readable(c.effect(problem).name)
+                                                      for c in dropped)))
     if work.infeasible.any():
         notes.append(f'{int(work.infeasible.sum())} rows are nearer to the zenith than the mount '
                      'can look')
-    notes += [f'something unknown is left that follows the {e.fitted.effect.driver}: the model '
-              f'has a curve for it ({e.fitted.effect.name})' for e in effects
+    notes += [f'something unknown is left that follows the '
+              f'{driver_word(e.fitted.effect.driver)}: the model has a curve for it '
+              f'({readable(e.fitted.effect.name)})' for e in effects
               if e.fitted.effect.kind == 'smooth']
     candidates = problem.dictionary.effects
     scores = problem.dictionary.score(nothing)

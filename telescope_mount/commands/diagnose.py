@@ -168,7 +168,8 @@ def show(found, console):
         effects = new_table('Effects', 'effect', 'on', 'driver', 'p', 'ΔBIC', 'gain, arcsec')
         for effect in document['effects']:
             acts = {'az': first, 'el': second}.get(effect['axes'], effect['axes'])
-            effects.add_row(readable(effect['name']), acts, effect['driver'],
+            effects.add_row(readable(effect['name']), acts,
+                            found.observations.context.said(effect['driver']).replace('_', ' '),
                             _number(effect['p_family'], 4), _number(effect['delta_bic'], 1),
                             _number(effect['cv_gain_arcsec']))
         console.print(effects)

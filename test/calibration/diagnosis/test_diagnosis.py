@@ -377,10 +377,10 @@ def test_a_choice_that_does_not_hold_elsewhere_is_not_added(monkeypatch):
         np.ones((3, 2, problem.n)) * np.array([20.0, 10.0, 30.0])[:, None, None] * ARCSEC, []))
     result = diagnose(run, flips=299)
     assert not result.effects and not result.model.effects
-    assert 'not added' in result.caution and 'azimuth_hysteresis_cosE' in result.caution
+    assert 'not added' in result.caution and 'azimuth hysteresis, × cos E' in result.caution
     assert result.verdict == 'undecided' and result.caution in render(view_of(result))
     (note,) = (n for n in result.notes if 'and predicts them worse' in n)
-    assert 'azimuth_hysteresis_cosE' in note
+    assert 'azimuth hysteresis, × cos E' in note
 
 
 def test_base_is_read_and_refused():
