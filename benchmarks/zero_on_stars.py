@@ -21,8 +21,8 @@ from calibration.stars_zero import zero_from_exposures
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.model import PointingModel
 from pointing_model.mounts import ALTAZ, Mount
-from pointing_model.observing.star_choice import choose_stars
-from pointing_model.observing.zero_stars import Before, side_of, zero_stars
+from pointing_model.observing.star_choice import ANYWHERE, axes_at, choose_stars
+from pointing_model.observing.zero_stars import Before, zero_stars
 from pointing_model.run import PointingRun
 from pointing_model.sky import DEFAULT_WEATHER, Site, observed_place
 from pointing_model.star_catalogue import POLARIS_HIP, load_catalogue
@@ -72,7 +72,7 @@ def noise(rng, n, rho):
 def places(stars, rows, times, site, mount):
     """Axis angles of perfect axes at each time."""
     az, el = observed_place(stars.select(rows), times, site, DEFAULT_WEATHER)
-    return mount.axes_of(az, el, side_of(mount, az, el)) if not mount.altaz else (az, el)
+    return axes_at(mount, az, el, ANYWHERE, stars.hip[rows])
 
 
 def times_of(begin, star):

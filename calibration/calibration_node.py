@@ -83,7 +83,7 @@ class Calibration(MountNode):
         super().__init__('calibration', PARAMS, hardware_id='pointing model', **kwargs)
         reference = None
         if self.value('model_file'):
-            reference = PointingModel.load_for_graph(self.value('model_file'))
+            reference = PointingModel.load(self.value('model_file'))
         seed, age = self.value('split_seed'), self.value('reference_age')
         harmonics = choice_of({name: self.value(name) for name in (
             'harmonics', 'harmonics_alone', 'harmonics_degree', 'harmonics_rcond')})
@@ -157,7 +157,7 @@ class Calibration(MountNode):
             self._session.take_up(PointingModel.from_json(text))
             self._model_pub.publish(String(data=text))
         self._model_name, self._spoke = identity(text), True
-        self._zero_pub.publish(zero_to_joints(zero, stamp))
+        self._zero_pub.publish(zero_to_joints(zero, stamp, self._session.names.keys))
         self._taken_up.append('the zero in force')
         self._say_taken_up()
 
@@ -262,13 +262,14 @@ class Calibration(MountNode):
             self._session.last_stamp, [axis['change_arcsec'] * ARCSEC for axis in axes],
             effort=[np.nan if axis['sigma_arcsec'] is None else axis['sigma_arcsec'] * ARCSEC
                     for axis in axes],
-            frame=f'power_on_{number}'))
+            frame=f'power_on_{number}', names=self._session.names.keys))
 
     def _publish_zero(self, zero):
         """With what it holds for: its power-on and the model."""
         self._spoke = True
         bound = replace(zero, model=self._model_name, started=self._starts.get(zero.run))
-        self._zero_pub.publish(zero_to_joints(bound, self._session.last_stamp))
+        self._zero_pub.publish(
+            zero_to_joints(bound, self._session.last_stamp, self._session.names.keys))
 
     def _work_fit(self):
         self._say('fitting')

@@ -315,8 +315,12 @@ def fit_harmonics(run, interpretation='zenith', *, degree=DEGREE, held=None, aft
     Raises
     ------
     ValueError
-        Too few usable rows, unknown interpretation or degree, or `held` has harmonics.
+        Too few usable rows, unknown interpretation or degree, `held` has harmonics, or the mount
+        is no alt-azimuth one.
     """
+    if not run.mount.altaz:
+        raise ValueError('the harmonics are functions of azimuth and elevation, of alt-azimuth '
+                         f'mounts; this one is {run.mount.kind}: leave them out')
     held = held if after is None else after.model
     if held is not None and held.harmonics is not None:
         raise ValueError('the model has harmonics already; fit them to its terms alone')

@@ -129,15 +129,15 @@ class Recipe(NamedTuple):
         Zero of the first run; harmonics alone hold no constant zero of the azimuth.
     run_zeros : bool
         The zero of each run is fitted too, from that of the first on.
-    names : tuple of str
-        Terms.
+    names : tuple of str, optional
+        Terms; by default the physical ones of the mount.
     encoder : {'enc', 'abs'}
     robust : bool
     """
 
     first: RunZero
     run_zeros: bool = True
-    names: tuple = PHYSICAL
+    names: tuple | None = None
     encoder: str = 'enc'
     robust: bool = True
 
@@ -225,6 +225,7 @@ def cross_validated(rows, recipe, seed=0, rcond=RCOND_HARMONICS, folds=FOLDS):
         RMS ``x``, ``y``, ``radial``, arcsec.
     """
     star = rows['star'] if 'star' in rows else np.arange(len(rows))
+    terms_of = recipe.names or rows.mount.names.physical
     judges = np.flatnonzero(~is_for_zero(rows) if 'star' in rows else star >= 0)
     names, member = np.unique(star[judges], return_inverse=True)
     folds = min(folds, len(names))
@@ -264,8 +265,8 @@ def cross_validated(rows, recipe, seed=0, rcond=RCOND_HARMONICS, folds=FOLDS):
             choices.append({
                 'harmonics': choice.reading if choice else NONE,
                 'alone': bool(choice and choice.alone), 'degree': degree,
-                'label': (choice.label(degree, recipe.names) if choice
-                          else f'{len(recipe.names)} terms'),
+                'label': (choice.label(degree, terms_of) if choice
+                          else f'{len(terms_of)} terms'),
                 'x': rms.x, 'y': rms.y, 'radial': rms.radial})
     return {'folds': folds, 'stars': int(counts.sum()),
             'outliers': int(np.count_nonzero(outlier[judges])), 'choices': choices}
@@ -313,7 +314,7 @@ def fit_chosen(rows, choice, recipe, terms=None, seed=0):
         degree = min(own, key=lambda d: (own[d]['radial'], d))
         fitted = recipe.fit(rows, choice, degree, terms)
     result, series = fitted.result, fitted.model.harmonics
-    label = choice.label(degree, recipe.names)
+    label = choice.label(degree, recipe.names or rows.mount.names.physical)
     notes = [f'the stars do not determine {dropped["text"]}' for dropped in result.dropped]
     best = min(tried['choices'], key=lambda one: one['radial'], default=None)
     if degree not in own:

@@ -59,7 +59,7 @@ def held_out_steps(rows, fit_terms, recipe_of, used, reference, first, way, note
     halves = {'used': stars.select(used), 'held_out': stars.select(~used)}
     seen = ~is_star  # exposures for the zero, and the stars used
     seen[np.flatnonzero(is_star)[used]] = True
-    base = reference or PointingModel({})
+    base = reference or PointingModel({}, mount=rows.mount)
     steps = []
 
     def judge(label, model, zero):
@@ -70,7 +70,8 @@ def held_out_steps(rows, fit_terms, recipe_of, used, reference, first, way, note
           zero_in_force(reference))
     if way:
         judge(_ZEROED.format(way), base, first)
-    for label, interpretation in HARMONICS.items():
+    # functions of azimuth and elevation
+    for label, interpretation in HARMONICS.items() if rows.mount.altaz else ():
         try:
             judge(label, fit_harmonics(halves['used'], interpretation, zero=first).model, first)
         except ValueError as err:
@@ -78,7 +79,8 @@ def held_out_steps(rows, fit_terms, recipe_of, used, reference, first, way, note
     try:
         model, zeros, _ = fit_terms(rows.select(seen))
         judge(TERMS, model, zeros)
-        judge(BOTH, fit_harmonics(halves['used'], held=model, zero=zeros).model, zeros)
+        if rows.mount.altaz:
+            judge(BOTH, fit_harmonics(halves['used'], held=model, zero=zeros).model, zeros)
     except ValueError as err:
         notes.append(f'held-out check: {err}')
     if published is not None:

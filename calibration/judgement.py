@@ -80,9 +80,9 @@ class Judgement:
         """Whether nothing is made worse."""
         return not self.worse
 
-    def sentence(self):
-        """What the judges say, for people."""
-        names = {'az': 'in azimuth', 'el': 'in elevation', 'radial': 'on the sky'}
+    def sentence(self, words=('azimuth', 'elevation')):
+        """What the judges say, for people; `words` for the axes."""
+        names = {'az': f'in {words[0]}', 'el': f'in {words[1]}', 'radial': 'on the sky'}
         shown = self.worse or ('radial',)
         parts = []
         for axis in shown:

@@ -3,6 +3,7 @@
 import numpy as np
 
 from msg_tools.units import ARCSEC, DEG
+from pointing_model.mounts import ALTAZ
 from pointing_model.rms import rms
 from pointing_model.zero import Zeros
 from pointing_model.zero_exposures import is_for_zero
@@ -34,14 +35,14 @@ def plot_night(run, model, report, path):
     for column, (title, (x, y)) in enumerate((('Before: as the encoders read', before),
                                               ('After: zero and model', after))):
         _sky(figure.add_subplot(grid[0, column], projection='polar'), stars, x, y, title)
-    elevation, azimuth = stars['el'] / DEG, np.mod(stars['az'], 2.0 * np.pi) / DEG
-    for column, (name, place, unit) in enumerate((
-            ('azimuth', azimuth, 'azimuth [°]'), ('elevation', elevation, 'elevation [°]'))):
+    names = stars.mount.names
+    first = np.mod(stars['az'], 2.0 * np.pi) if stars.mount.altaz else stars['az']
+    for column, (name, place) in enumerate(zip(names.axes, (first / DEG, stars['el'] / DEG))):
         axes = figure.add_subplot(grid[1, column])
         axes.axhline(0.0, color='0.6', lw=0.8)
-        axes.plot(place, after[0], 'o', ms=4, label='azimuth × cos E')
-        axes.plot(place, after[1], 's', ms=4, label='elevation')
-        axes.set_xlabel(unit)
+        axes.plot(place, after[0], 'o', ms=4, label=f'{names.axes[0]} × cos {names.letters[1]}')
+        axes.plot(place, after[1], 's', ms=4, label=names.axes[1])
+        axes.set_xlabel(f'{name} [°]')
         axes.set_ylabel('residual after [arcsec]')
         axes.set_title(f'After the model, against {name}', fontsize=10)
         if column == 0:
@@ -50,15 +51,25 @@ def plot_night(run, model, report, path):
     figure.savefig(path, dpi=110)
 
 
+def _on_horizon(stars, x, y):
+    """Azimuth and elevation, and offsets along them."""
+    mount = stars.mount
+    if mount.altaz:
+        return stars['az'], stars['el'], x, y
+    az, el = mount.horizon_of(stars['az'], stars['el'])
+    moved = sum(v * along for v, along in zip((x, y), mount.tangents(stars['az'], stars['el'])))
+    return az, el, *(np.sum(moved * along, axis=0) for along in ALTAZ.tangents(az, el))
+
+
 def _sky(axes, stars, x, y, title):
     """Arrows of the offsets on the sky seen from above, north up and east to the right."""
     axes.set_theta_zero_location('N')
     axes.set_theta_direction(-1)
-    az, distance = stars['az'], 90.0 - stars['el'] / DEG
+    radial, (az, el, x, y) = rms(x, y), _on_horizon(stars, x, y)
+    distance = 90.0 - el / DEG
     # to east and north in the drawing: +A turns clockwise, +E points to the middle
     east = x * np.cos(az) - y * np.sin(az)
     north = -x * np.sin(az) - y * np.cos(az)
-    radial = rms(x, y)
     scale = 10.0 / max(radial, 1e-9)
     axes.quiver(az, distance, east * scale, north * scale, angles='uv', scale_units='dots',
                 scale=0.5, width=0.004, color='tab:blue')

@@ -9,6 +9,7 @@ from contextlib import suppress
 import numpy as np
 
 from msg_tools.units import ARCSEC
+from pointing_model.mounts import ALTAZ
 from pointing_model.rms import rms
 from pointing_model.run import PointingRun
 from pointing_model.terms import mean_columns
@@ -70,6 +71,12 @@ class NightSeries:
     def zeros_again(self):
         """`take_table` has calibrated the nights that are over; numbers of those with a zero."""
         return sorted(map(int, self.zeros))
+
+    @property
+    def names(self):
+        """Of the axes and terms of the mount, `mounts.Names`."""
+        session = next(iter(self._sessions.values()), None)
+        return ALTAZ.names if session is None else session.names
 
     @property
     def newest(self):

@@ -60,7 +60,7 @@ def refitted(model, rows, effects, seen=None):
     series, of_series = model.harmonics, np.empty((0, 2, len(rows)))
     if series is not None:
         of_series = series.columns(rows['az'], rows['el'])
-    columns = [stacked_design(names, rows['az'], rows['el']).reshape(len(names), 2, -1),
+    columns = [stacked_design(names, rows['az'], rows['el'], rows.mount).reshape(len(names), 2, -1),
                of_series, *(e.effect.columns(context) for e in free), _of_runs(rows)]
     table = np.concatenate(columns)[:, :, use]
     fit = robust_fit(table.reshape(len(table), -1).T, left[:, use].ravel())

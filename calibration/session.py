@@ -9,6 +9,7 @@ from msg_tools.units import ARCSEC
 from pointing_model.following import KEY as FOLLOWS
 from pointing_model.following import Following
 from pointing_model.model import PointingModel
+from pointing_model.mounts import told
 from pointing_model.run import PointingRun
 from pointing_model.zero import NO_ZERO, Zeros, zeros_in_force
 from pointing_model.zero_exposures import is_for_zero, is_marked
@@ -79,6 +80,17 @@ class CalibrationSession:
         return sum(map(len, self._parts.values()))
 
     @property
+    def mount(self):
+        """That of the observations, else of the reference, `Mount`."""
+        parts = list(self._parts.values())[:1]
+        return (parts[0] if parts else self.reference or PointingModel({})).mount
+
+    @property
+    def names(self):
+        """Of its axes and terms, `mounts.Names`."""
+        return self.mount.names
+
+    @property
     def newest(self):
         """Number of the newest power-on; ValueError before the first row."""
         return int(self.observations()['run'].max())
@@ -101,9 +113,20 @@ class CalibrationSession:
         for name in ('star', 'run'):
             if name not in run:
                 raise ValueError(f'observation without column {name}')
+        self._check_mount(run.mount)
         if stamp > self.last_stamp:
             self._parts[stamp] = with_marks(run)
             self.last_stamp = stamp
+
+    def _check_mount(self, mount):
+        others = [('the observations before', part.mount)
+                  for part in list(self._parts.values())[:1]]
+        if self.reference is not None:
+            others.append(('the reference model', self.reference.mount))
+        for what, other in others:
+            if not mount.agrees(other):
+                raise ValueError(f'an observation of another mount ({told(mount)}) than {what} '
+                                 f'({told(other)})')
 
     def take_table(self, run, stamp):
         """Take the table of all rows so far, if there is more in it than here.
@@ -147,7 +170,7 @@ class CalibrationSession:
         return sorted(self.zeros)
 
     def _zeros(self, parts):
-        return zeros_of_power_ons(parts, self.reference or PointingModel({}))
+        return zeros_of_power_ons(parts, self.reference or PointingModel({}, mount=self.mount))
 
     def calibrate_zero(self):
         """Zeros of all power-ons in which Polaris, or stars for a zero, were observed.
@@ -251,7 +274,7 @@ class CalibrationSession:
             notes.append(f'row {row["row"]} left out: {row["reason"]}')
         report = {
             'format': REPORT_FORMAT, 'version': REPORT_VERSION,
-            'last_stamp_ns': self.last_stamp,
+            'last_stamp_ns': self.last_stamp, **rows.mount.entries(),
             'stars': len(stars), 'polaris': int(np.count_nonzero(~is_star & ~is_marked(rows))),
             **({'for_zero': int(np.count_nonzero(is_marked(rows)))} if is_marked(rows).any()
                else {}),
@@ -285,7 +308,8 @@ class CalibrationSession:
             PointingModel(model.terms, model.covariance, model.harmonics, {
                 **model.provenance, 'last_stamp_ns': self.last_stamp,
                 'reference': self._source(), **({'expected': expected} if expected else {}),
-            }, model.geometry), zeros, follows)
+            }, model.geometry, mount=model.mount), zeros, follows)
+        notes[:] = map(rows.mount.names.say, notes)
         check(report)
         self._homings, self.report, self.zeros_in_force = homings, report, zeros
         old = self._published.now

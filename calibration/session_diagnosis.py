@@ -143,6 +143,10 @@ def amend(rows, zeros, fitted=None, provenance=None, alpha=0.01, site=None,
     if follows:
         document[FOLLOWS] = follows.document()
         document['notes'] = [*map(follow_line, document[FOLLOWS]), *document['notes']]
+    say = rows.mount.names.say
+    document['notes'] = list(map(say, document['notes']))
+    for entry in document['refused']:
+        entry['why'] = say(entry['why'])
     model = chosen.published(**(provenance or {}), verdict=document['verdict'], **{
         name: document[name] for name in ('wander', 'expected') if document[name]})
     document['alpha'] = alpha
@@ -174,7 +178,7 @@ def replaces(old, new, rows, report):
     found = judge(judges.left(old), judges.left(new), axes=())
     report['judgement'] = found.to_dict()
     if not found.holds:
-        report['refused'] = f'this fit is not published: {found.sentence()}'
+        report['refused'] = f'this fit is not published: {found.sentence(rows.mount.names.axes)}'
         report['notes'].append(report['refused'])
         report['zeros_in_force'] = old.in_force
     return found.holds
@@ -211,7 +215,8 @@ def judge_again(rows, published, document, since, site=None):
         return now, {**document, 'judged': {'rows': len(judges), 'taken_back': False, 'why': why}}
     # by axis the change was judged before it was published; here it stands or falls
     found = judge(judges.left(before), judges.left(now), axes=())
-    why = ('taken back: ' if not found.holds else 'holds: ') + found.sentence()
+    why = ('taken back: ' if not found.holds else 'holds: ') + found.sentence(
+        rows.mount.names.axes)
     document = {**document, 'judged': {**found.to_dict(), 'taken_back': not found.holds,
                                        'why': why}}
     if found.holds:
@@ -360,12 +365,13 @@ def _sidereal(rows, site):
 
 
 def _shifted(zeros, result, model):
-    """Zeros that go with `model`, whose IA and IE are the medians of the power-ons."""
+    """Zeros that go with `model`, whose index terms are the medians of the power-ons."""
     terms = {int(float(name)): values for name, values in result.run_terms.items()}
     out = zeros.filled(terms, NO_ZERO)
     for number, own in terms.items():
-        out[number] = out[number].plus(own['IA'] * ARCSEC, own['IE'] * ARCSEC).plus(
-            -model.terms['IA'], -model.terms['IE'])
+        first, second = model.mount.names.index
+        out[number] = out[number].plus(own[first] * ARCSEC, own[second] * ARCSEC).plus(
+            -model.terms[first], -model.terms[second])
     return out
 
 

@@ -1,11 +1,17 @@
 """What people see of a calibration on the terminal: tables."""
 
 from pointing_model.effects.base import readable
-from pointing_model.mounts import ALTAZ
+from pointing_model.mounts import KINDS
 from pointing_model.rms import rms_arcsec
 from pointing_model.zero_exposures import BY_POLARIS
 
-from .diagnosis.rows_told import outlier_sentence, rows_of_fit, used_sentence
+from .diagnosis.rows_told import (
+    excluded_of_fit,
+    left_out_lines,
+    outlier_sentence,
+    rows_of_fit,
+    used_sentence,
+)
 from .harmonic_fit import READ_AS
 from .held_out import RAW
 
@@ -37,13 +43,14 @@ def night_tables(report):
     -------
     list of rich.table.Table
     """
-    tables = []
+    tables, names = [], KINDS[report.get('mount', 'altaz')]
+    first, second = names.columns
     if report['zeros']:
         ways = [zero.get('by', BY_POLARIS) for zero in report['zeros']]
         alone = set(ways) == {BY_POLARIS}
-        axes = report.get('mount_axes', ALTAZ.names.axes)
         zeros = new_table(
-            f'Zero on {BY_POLARIS if alone else "stars"}, arcsec', 'power-on', *axes, 'exposures')
+            f'Zero on {BY_POLARIS if alone else "stars"}, arcsec', 'power-on', *names.axes,
+            'exposures')
         for zero, way in zip(report['zeros'], ways):
             label = f'{zero["run"]}' + ('' if alone else f' by {way}')
             zeros.add_row(label, *_zero_cells(zero))
@@ -54,14 +61,14 @@ def night_tables(report):
                 zeros.add_row('  simulated', f'{truth["az_arcsec"]:+9.2f}       ',
                               f'{truth["el_arcsec"]:+9.2f}       ', '')
         tables.append(zeros)
-    steps = new_table('RMS on the sky, arcsec', 'correction', 'used: az', 'el', 'radial',
-                      'held out: az', 'el', 'radial')
+    steps = new_table('RMS on the sky, arcsec', 'correction', f'used: {first}', second,
+                      'radial', f'held out: {first}', second, 'radial')
     for step in report['steps']:
         steps.add_row(step['step'], *_rms_cells(step['used']), *_rms_cells(step['held_out']))
     tables.append(steps)
     if report['external_check']:
-        check = new_table('External check, RMS on the sky, arcsec', 'model and stars', 'az', 'el',
-                      'radial', 'stars')
+        check = new_table('External check, RMS on the sky, arcsec', 'model and stars', first,
+                          second, 'radial', 'stars')
         for row in report['external_check']:
             check.add_row(row['check'], *_rms_cells(row), str(row['n']))
         tables.append(check)
@@ -167,10 +174,7 @@ def fit_tables(run, result, encoder='enc', held_out=None):
         lines.append('more than a third of the rows is left out: see why before you use the terms')
     for dropped in result.dropped:
         lines.append(f'the stars do not determine {dropped["text"]}')
-    for row in run.meta.get('excluded', []):
-        lines.append(f'row {row["row"]} left out: {row["reason"]}')
-    for row in result.excluded:
-        lines.append(f'row {run.lines[row["row"]]} left out: {row["reason"]}')
+    lines += left_out_lines(excluded_of_fit(run, result))
     lines += [f'note: {note}' for note in run.meta.get('notes', [])]
     return [used_sentence(told.to_dict()), terms_table(result.term_rows()), steps, *lines]
 

@@ -34,7 +34,8 @@ from .witness_stars import stars_seen
 AXES = ('azimuth', 'elevation')
 SHORT = ('az', 'el')
 
-_OTHER_TERMS = ('CA', 'NPAE', 'AN', 'AW', 'TF')
+#: terms beside the zeros, of any mount
+_OTHERS = slice(2, 7)
 #: stars from which the whole sky judges: five terms and the zeros of two power-ons are 9 numbers,
 #: for which 12 stars have 24 values
 _FEWEST_STARS = 12
@@ -80,7 +81,8 @@ class Night:
         parts = [rows]
         if isinstance(reference, PointingRun) and len(reference):
             number = reference['run'] - reference['run'].max() - 1.0
-            parts.insert(0, PointingRun({**reference.columns, 'run': number}))
+            parts.insert(0, PointingRun({**reference.columns, 'run': number},
+                                        reference.meta))
         # logs before that column have none
         parts = [PointingRun({**part.columns, 'absolute_start': part.get('absolute_start'),
                               MARK: is_marked(part)}, part.meta) for part in parts]
@@ -89,6 +91,7 @@ class Night:
             'az', 'el', 'az_enc', 'el_enc', 'az_abs', 'el_abs', 'time')]).all(axis=0)
         table = table.select(np.flatnonzero(usable))
         self.rows = rows = table.select(np.lexsort((table['time'], table['run'])))
+        self.mount = rows.mount
         self.run = rows['run'].astype(float)
         self.runs = np.unique(self.run)
         self.tonight = self.runs[self.runs >= 0.0]
@@ -168,7 +171,7 @@ class Night:
         if model is None:
             stretch = self.run + sum(
                 (event.column > 0.0) * 2.0 ** -(i + 1) for i, (_, event) in enumerate(events))
-            segmented = PointingRun({**self.rows.columns, 'run': stretch})
+            segmented = PointingRun({**self.rows.columns, 'run': stretch}, self.rows.meta)
             try:
                 model = fit_terms(segmented, run_zeros=True).model
             except (ValueError, np.linalg.LinAlgError) as err:
@@ -178,7 +181,8 @@ class Night:
         second = np.concatenate(
             replace(model, effects=self._shared_effects(model)).residuals(
                 self.rows, encoder='abs'))
-        terms = np.concatenate(design(_OTHER_TERMS, self.rows['az'], self.rows['el']))
+        terms = np.concatenate(design(self.mount.names.physical[_OTHERS], self.rows['az'],
+                                      self.rows['el'], self.mount))
         fixed = np.column_stack([self._of_nights(terms), self._zeros(), self._discs()])
         moved = [self.on(axis, event.column) for axis, event in events]
         noise = robust_fit(np.column_stack([fixed, *moved]), enc).noise
@@ -279,7 +283,7 @@ class Night:
                 seen = stars_seen(float(run), part.select(is_marked(part)), model, memory.seen)
                 out += [seen] if seen is not None else []
                 continue
-            zeros = [zero_from_polaris(part, PointingModel({}), encoder=encoder)
+            zeros = [zero_from_polaris(part, PointingModel({}, mount=self.mount), encoder=encoder)
                      for encoder in ('enc', 'abs')]
             place = (float(np.arctan2(np.sin(part['az']).mean(), np.cos(part['az']).mean())),
                      float(part['el'].mean()))
@@ -325,7 +329,7 @@ class Night:
         enc, second = now.enc[axis] - before.enc[axis], now.abs[axis] - before.abs[axis]
         enc, second = (wrap(enc), wrap(second)) if axis == 0 else (enc, second)
         covariance = before.covariance[axis] + now.covariance[axis]
-        circle, extra = _circle(before, now, model, budget.term)
+        circle, extra = _circle(before, now, model, budget.term, self.mount)
         enc, second = enc - circle[axis], second - circle[axis]
         covariance = covariance + extra[axis]
         apart = wrap(now.apart[axis] - before.apart[axis])
@@ -377,7 +381,7 @@ class Night:
             logs['tilt'] += evidence(
                 np.column_stack([fixed, sky.terms * later])[both], y, sky.noise,
                 [*wide, *[budget.absolute if k == axis else budget.anomaly for k in (0, 1)],
-                 *[budget.anomaly] * len(_OTHER_TERMS)])
+                 *[budget.anomaly] * sky.terms.shape[1]])
         out = probabilities(logs)
         return {ABSOLUTE: out[ABSOLUTE], MOUNT: out[MOUNT] + out['tilt']}, out['tilt']
 
@@ -397,7 +401,7 @@ class Found(NamedTuple):
     odds: float = 1.0
 
 
-def _circle(before, now, model, term_sigma):
+def _circle(before, now, model, term_sigma, mount):
     """How the offset differs between two places of Polaris, (2,), and its variance, (2,).
 
     Or of the same stars.
@@ -407,8 +411,9 @@ def _circle(before, now, model, term_sigma):
         names, spread = tuple(model.terms), model.covariance
     else:
         offsets = [np.zeros(2)] * 2
-        names, spread = _OTHER_TERMS, np.eye(len(_OTHER_TERMS)) * term_sigma**2
-    then, later = (_over(w, partial(design, names)) for w in (before, now))
+        names = mount.names.physical[_OTHERS]
+        spread = np.eye(len(names)) * term_sigma**2
+    then, later = (_over(w, partial(design, names, mount=mount)) for w in (before, now))
     moved = later - then
     return offsets[1] - offsets[0], np.diag(moved @ spread @ moved.T)
 

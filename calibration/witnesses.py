@@ -175,7 +175,14 @@ def check_witnesses(rows, reference=None, *, model=None, homings=(), budget=USUA
     _hear_encoders(out, homings)
     if 'az_abs' not in rows:
         out.notes.append('no second encoder: nothing to compare with')
-        return out
+    else:
+        _compare(out, rows, reference, model, budget)
+    for texts in (out.alarms, out.notes):
+        texts[:] = map(rows.mount.names.say, texts)
+    return out
+
+
+def _compare(out, rows, reference, model, budget):
     for name in ('run', 'star', 'time', 'el_abs'):
         if name not in rows:
             raise ValueError(f'witnesses: observations without column {name}')
@@ -205,7 +212,6 @@ def check_witnesses(rows, reference=None, *, model=None, homings=(), budget=USUA
                 out.alarms.append(_change_line(change))
     _uncalibrated(out, night, witnesses, budget, memory)
     out.latest = witnesses[-1] if witnesses else None
-    return out
 
 
 # --- words ----------------------------------------------------------------------------------------

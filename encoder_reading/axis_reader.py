@@ -10,7 +10,17 @@ from .readings import Readings
 from .template_reader import TemplateReader
 
 _TURN = 2.0 * np.pi
+#: kinds of mount that `lowest_reading` knows
+MOUNTS = ('altaz', 'equatorial', 'german', 'free')
 _METHODS = {'template': TemplateReader, 'paper': PaperReader}
+
+
+def lowest_reading(kind):
+    """Where a turn of the readings begins at a kind of mount (`MOUNTS`); see `AxisReader`.
+
+    The axes of a German mount go from -90 to 270 degrees, and no reading may jump on the travel.
+    """
+    return -0.5 * np.pi if kind == 'german' else None
 
 
 @lru_cache(maxsize=8)
@@ -41,7 +51,10 @@ class AxisReader:
     ----------
     design : design.Design
     axis : str
-        ``azimuth`` reads from 0 to 360 degrees, ``elevation`` from -180 to 180.
+        What it is called.
+    lowest : float, optional
+        Reading from which a turn begins, rad. By default ``azimuth`` reads from 0 to 360 degrees,
+        any other axis from -180 to 180.
 
     Raises
     ------
@@ -49,8 +62,9 @@ class AxisReader:
         The design cannot be read.
     """
 
-    def __init__(self, design, axis):
+    def __init__(self, design, axis, lowest=None):
         self.design, self.axis = design, axis
+        self.lowest = (0.0 if axis == 'azimuth' else -np.pi) if lowest is None else lowest
         self.reader = reader_of(design)
 
     def join(self, readings):
@@ -76,8 +90,8 @@ class AxisReader:
             sigma = 0.5 * np.hypot(*sigma.reshape(2, -1))
         if self.design.sense == 'against':
             angle = -angle % _TURN
-        if self.axis == 'elevation':
-            angle = (angle + np.pi) % _TURN - np.pi
+        if self.lowest:
+            angle = (angle - self.lowest) % _TURN + self.lowest
         return Readings(angle, quality, sigma)
 
 

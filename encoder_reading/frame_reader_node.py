@@ -12,7 +12,7 @@ import numpy as np
 from msg_tools import convert, topics
 from msg_tools.node import MountNode, Param, run_node
 
-from .axis_reader import AxisReader
+from .axis_reader import MOUNTS, AxisReader, lowest_reading
 from .design import UNITS, Design, disc_of
 from .messages import AngleOutput, Batch, read_frame
 
@@ -29,10 +29,13 @@ def _param(axis, item):
         fixed=True)
 
 
+_JOINTS = dict(zip(MOUNTS, (convert.JOINTS[i] for i in (0, 1, 1, 2))))
 #: parameters of each axis with the field of `Design` that they give
 DESIGN_PARAMS = {axis: [(item, _param(axis, item)) for item in fields(Design)]
                  for axis in convert.AXES}
 PARAMS = (
+    Param('mount', MOUNTS[0], 'kind of the mount, which names the joints; the parameters '
+          'azimuth.* are of its first axis, elevation.* of its second', choices=MOUNTS, fixed=True),
     *(param for axis in convert.AXES for _, param in DESIGN_PARAMS[axis]),
     Param('max_batch', 32, 'most images read at once when they come faster than they are read',
           1, 256),
@@ -53,11 +56,12 @@ def axes_of(values):
         A design that contradicts itself or cannot be read; it names the axis.
     """
     out = []
-    for axis, params in DESIGN_PARAMS.items():
+    lowest = lowest_reading(values['mount'])
+    for name, (axis, params) in zip(_JOINTS[values['mount']], DESIGN_PARAMS.items()):
         drawing = {item.name: values[param.name] * UNITS[item.metadata['unit']]
                    if item.type is float else values[param.name] for item, param in params}
         try:
-            out.append(AxisReader(Design(**drawing), axis))
+            out.append(AxisReader(Design(**drawing), name, lowest))
         except ValueError as err:
             raise ValueError(f'{axis} encoder: {err}') from None
     return out

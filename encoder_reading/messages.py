@@ -18,7 +18,7 @@ _ENCODINGS = ('mono8', '8UC1')
 
 
 def frame_message(stamp, frames, told='absolute_encoder'):
-    """A mono8 image with a row for each reading head: those of azimuth, then of elevation.
+    """A mono8 image with a row for each reading head: those of the first axis, then of the second.
 
     Parameters
     ----------
@@ -70,8 +70,8 @@ def read_frame(message, axes):
     if (message.height, message.width) != (sum(heads), width):
         raise ValueError(
             f'image of {message.height} rows, {message.width} columns: need {sum(heads)} rows (a '
-            f'reading head each: {heads[0]} of azimuth, then {heads[1]} of elevation), {width} '
-            'columns')
+            f'reading head each: {heads[0]} of {axes[0].axis}, then {heads[1]} of '
+            f'{axes[1].axis}), {width} columns')
     if message.step < width or len(message.data) != message.height * message.step:
         raise ValueError(f'image of {len(message.data)} bytes in {message.height} rows of '
                          f'{message.step}: need that many, and {width} or more a row')
@@ -93,10 +93,12 @@ class AngleOutput:
     ----------
     node : msg_tools.node.MountNode
     axes : sequence of axis_reader.AxisReader
+        Whose names are those of the joints.
     """
 
     def __init__(self, node, axes):
         self._node, self._axes = node, axes
+        self._names = [axis.axis for axis in axes]
         node.problems, node.details = self.problems, self.details
         self._angles = node.publisher(topics.ABSOLUTE)
         self._sigma = node.publisher(topics.ABSOLUTE_SIGMA)
@@ -124,10 +126,10 @@ class AngleOutput:
                 self._rates.forget()
                 self._frame = frame
             self._angles.publish(convert.joint_state(
-                stamp, angle, self._rates(stamp, angle), quality, frame))
+                stamp, angle, self._rates(stamp, angle), quality, frame, self._names))
         if self._sigma.get_subscription_count() > 0:
             for stamp, sigma in zip(stamps, readings.sigma.tolist()):
-                self._sigma.publish(convert.joint_state(stamp, sigma))
+                self._sigma.publish(convert.joint_state(stamp, sigma, names=self._names))
 
     def problems(self):
         """For the node's diagnostics: another reader in the graph, images that were not read."""
@@ -144,8 +146,8 @@ class AngleOutput:
 
     def details(self):
         """For the node's diagnostics: how many readings were of which quality."""
-        return [(f'{axis} {name}', str(count))
-                for axis, counts in zip(convert.AXES, self._counts)
+        return [(f'{axis.replace("_", " ")} {name}', str(count))
+                for axis, counts in zip(self._names, self._counts)
                 for name, count in zip(QUALITIES, counts)]
 
 

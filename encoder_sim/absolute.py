@@ -18,9 +18,11 @@ class AbsoluteEncoder:
     params : scenario_encoders.Absolute
     seed : int
     axis : str
-        ``azimuth`` reads from 0 to 360 degrees, ``elevation`` from -180 to 180.
+        What it is called.
     start : float
         Start of the night, UTC s, from which drifts with time count.
+    lowest : float, optional
+        Reading from which a turn begins, as for `axis_reader.AxisReader`.
 
     Attributes
     ----------
@@ -28,12 +30,12 @@ class AbsoluteEncoder:
         Number of this power-on, 1 for the first, without those of `params.power_cycles`.
     """
 
-    def __init__(self, params, seed, axis, start=0.0):
+    def __init__(self, params, seed, axis, start=0.0, lowest=None):
         self.params, self.start, self._seed = params, start, seed
         device = f'absolute/{axis}'
         self._zero = ZeroDrift(params, seed, device)
         self.power_on, self._cycles = 1, np.sort(params.power_cycles)
-        self.reader = AxisReader(params.design, axis)
+        self.reader = AxisReader(params.design, axis, lowest)
         ccd = LinearCCD(params, self.reader.design.disc, seed, device)
         self.heads = [ccd, *(ccd.other_head(k) for k in range(1, params.heads))]
 

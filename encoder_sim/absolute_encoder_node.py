@@ -10,6 +10,7 @@ import sys
 import numpy as np
 from std_srvs.srv import Trigger
 
+from encoder_reading.axis_reader import lowest_reading
 from encoder_reading.messages import AngleOutput, Batch, frame_message
 from msg_tools import convert, topics
 from msg_tools.node import Param, run_node
@@ -38,7 +39,9 @@ class AbsoluteEncoders(MountedDevice):
     def __init__(self, **kwargs):
         super().__init__('absolute_encoder', PARAMS, hardware_id='simulated absolute encoder',
                          **kwargs)
-        self._encoders = self.encoders(AbsoluteEncoder, self.scenario.absolute)
+        self._encoders = self.encoders(
+            AbsoluteEncoder, self.scenario.absolute,
+            lowest=lowest_reading(self.scenario.mount.at().kind))
         self._decimator, self._frame_decimator = Decimator(), Decimator()
         self._output = None
         if self.value('publishes') == 'angles':

@@ -1,6 +1,7 @@
 """Motion of the two axes: slews that catch up with a commanded trajectory, then tracking.
 
-Index 0 is azimuth, 1 elevation. Time is UTC seconds; any monotonic time would do.
+Index 0 is the first axis (azimuth, hour angle), 1 the second. Time is UTC seconds; any monotonic
+time would do.
 """
 
 from dataclasses import dataclass
@@ -106,7 +107,7 @@ class Trajectory:
     times : array_like, shape (n,)
         Rising, s.
     positions : array_like, shape (n, 2)
-        Azimuth and elevation, rad. Azimuth may jump by whole turns.
+        Of both axes, rad. The first may jump by whole turns.
     velocities : array_like, shape (n, 2)
         rad/s.
     """
@@ -117,9 +118,9 @@ class Trajectory:
         self.positions[:, 0] = np.unwrap(self.positions[:, 0])
         self.velocities = np.array(velocities, dtype=float)
 
-    def shifted(self, azimuth):
-        """The same with `azimuth` (rad) added to the azimuth."""
-        return Trajectory(self.times, self.positions + [azimuth, 0.0], self.velocities)
+    def shifted(self, first):
+        """The same with `first` (rad) added to the first axis."""
+        return Trajectory(self.times, self.positions + [first, 0.0], self.velocities)
 
     def at(self, t):
         """Angles (m, 2) in rad and rates (m, 2) in rad/s at times `t` (m,)."""
@@ -148,15 +149,18 @@ class Trajectory:
         return position + (dt - inside) * rate, rate
 
 
-def _short_way(azimuth, trajectory, limits):
-    """Whole turns to add to the trajectory's azimuth, rad: the nearest that fits the travel."""
-    nearest = -np.round((trajectory.positions[0, 0] - azimuth) / _TURN)
+def _short_way(angle, trajectory, limits, word):
+    """Whole turns to add to the trajectory's first angle, rad: the nearest that fits the travel.
+
+    So the travel of a German mount keeps its counterweight down.
+    """
+    nearest = -np.round((trajectory.positions[0, 0] - angle) / _TURN)
     low, high = trajectory.positions[:, 0].min(), trajectory.positions[:, 0].max()
     fewest = np.ceil((limits.travel_min - low) / _TURN)
     most = np.floor((limits.travel_max - high) / _TURN)
     if fewest > most:
         raise ValueError(
-            f'azimuth from {low / DEG:.3f} to {high / DEG:.3f} deg does not fit into the travel '
+            f'{word} from {low / DEG:.3f} to {high / DEG:.3f} deg does not fit into the travel '
             f'of {limits.travel_min / DEG:g} to {limits.travel_max / DEG:g} deg'
         )
     return _TURN * float(np.clip(nearest, fewest, most))
@@ -222,7 +226,7 @@ class Leg:
         rates[:, i] += envelope * (0.5 * turn * np.sin(turn * dt) - decay * swing)
 
 
-def catch_up(start, angles, rates, trajectory, limits):
+def catch_up(start, angles, rates, trajectory, limits, words=AXES):
     """Plan how both axes reach a trajectory.
 
     Parameters
@@ -232,9 +236,11 @@ def catch_up(start, angles, rates, trajectory, limits):
     angles, rates : array_like, shape (2,)
         State of the axes now, rad and rad/s.
     trajectory : Trajectory
-        To be followed from then on. Azimuth takes the short way where the travel allows it.
+        To be followed from then on. The first axis takes the short way where the travel allows it.
     limits : sequence of AxisLimits, length 2
-        Of azimuth and elevation.
+        Of both axes.
+    words : sequence of str, length 2
+        What they are called, for people.
 
     Returns
     -------
@@ -248,10 +254,10 @@ def catch_up(start, angles, rates, trajectory, limits):
     low, high = trajectory.positions[:, 1].min(), trajectory.positions[:, 1].max()
     if low < limits[1].travel_min or high > limits[1].travel_max:
         raise ValueError(
-            f'elevation from {low / DEG:.3f} to {high / DEG:.3f} deg leaves the travel of '
+            f'{words[1]} from {low / DEG:.3f} to {high / DEG:.3f} deg leaves the travel of '
             f'{limits[1].travel_min / DEG:g} to {limits[1].travel_max / DEG:g} deg'
         )
-    trajectory = trajectory.shifted(_short_way(angles[0], trajectory, limits[0]))
+    trajectory = trajectory.shifted(_short_way(angles[0], trajectory, limits[0], words[0]))
     moves, arrival, frame_rate = [], np.empty(2), np.empty(2)
     for i, limit in enumerate(limits):
         duration = 0.0
@@ -265,7 +271,8 @@ def catch_up(start, angles, rates, trajectory, limits):
                 break
         # a move of a hair's breadth may go to and fro between two roots a microsecond apart
         if abs(duration - before) > 1e-4:
-            raise ValueError(f'{AXES[i]} cannot catch up with the trajectory: ask for a slower one')
+            raise ValueError(
+                f'{words[i]} cannot catch up with the trajectory: ask for a slower one')
         moves.append(move)
         arrival[i], frame_rate[i] = start + duration, rate
     settled = max(
@@ -283,18 +290,20 @@ class MountAxes:
 
     Parameters
     ----------
-    azimuth, elevation : AxisLimits
+    first, second : AxisLimits
         Of the axes.
     time : float
         At which they stand still at `angles`, s.
     angles : array_like, shape (2,)
         rad.
+    words : sequence of str, length 2
+        What they are called, for people.
     """
 
-    def __init__(self, azimuth, elevation, time, angles):
-        self.limits = (azimuth, elevation)
+    def __init__(self, first, second, time, angles, words=AXES):
+        self.limits, self._words = (first, second), words
         rest = Trajectory([time], [angles], [[0.0, 0.0]])
-        nothing = plan_move(0.0, 0.0, azimuth)
+        nothing = plan_move(0.0, 0.0, first)
         self._legs = [
             Leg(time, rest, (nothing, nothing), np.full(2, time), time, self.limits,
                 np.array(angles, dtype=float), np.zeros(2))
@@ -336,14 +345,14 @@ class MountAxes:
 
     def _plan(self, start, trajectory):
         angles, rates = (v[0] for v in self.state(start))
-        return catch_up(start, angles, rates, trajectory, self.limits)
+        return catch_up(start, angles, rates, trajectory, self.limits, self._words)
 
     def _leg_numbers(self, t):
         starts = [leg.start for leg in self._legs]
         return np.maximum(np.searchsorted(starts, t, side='right') - 1, 0)
 
     def state(self, t):
-        """Angles (m, 2) in rad, azimuth not wrapped, and rates (m, 2) in rad/s at times `t`."""
+        """Angles (m, 2) in rad, the first not wrapped, and rates (m, 2) in rad/s at times `t`."""
         t = np.atleast_1d(np.asarray(t, dtype=float))
         angles, rates = np.empty((len(t), 2)), np.empty((len(t), 2))
         number = self._leg_numbers(t)

@@ -26,7 +26,8 @@ class Exposures(NamedTuple):
     Attributes
     ----------
     miss : ndarray, shape (n, 2)
-        Star - boresight towards +A and +E, rad in the tangent plane; NaN without a star.
+        Star - boresight to the right and up as the tube has them (of a perfect mount that is not
+        through its pole, toward rising angles), rad in the tangent plane; NaN without a star.
     hip : ndarray of int, shape (n,)
         The star, 0: none. The camera of a real mount does not know it: for tests.
     mag : ndarray, shape (n,)

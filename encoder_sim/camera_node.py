@@ -34,8 +34,6 @@ class StarCamera(MountedDevice):
         super().__init__('camera', PARAMS, hardware_id='simulated camera', **kwargs)
         self._samples = []
         self._without = 0
-        self._geometry = MountGeometry(
-            self.scenario.mount, self.start * 1e-9, self.value('seed'))
         self._wind = WindLoad(self.scenario.wind, self.value('seed'))
         self._build()
         self._pub = self.publisher(topics.MISS_DISTANCE)
@@ -45,6 +43,9 @@ class StarCamera(MountedDevice):
         self._camera = Camera(self.scenario, self.value('seed'), *sky_of(self), self.start * 1e-9,
                               satellite_target(self.value('satellite')),
                               self.value('exposure_s'))
+        self._geometry = MountGeometry(
+            self.scenario.mount, self.start * 1e-9, self.value('seed'),
+            self._camera.site.latitude)
 
     def parameters_changed(self, names):
         """The sky over another site, or through other air."""

@@ -50,6 +50,10 @@ class MountedDevice(MountNode):
     Attributes
     ----------
     scenario : scenario.Scenario
+    names : tuple of str
+        Of the axes, as joints.
+    words : tuple of str
+        The same for people.
     start : int
         Of the night, ns.
     """
@@ -57,12 +61,13 @@ class MountedDevice(MountNode):
     def __init__(self, *args, **kwargs):
         super().__init__(*args, **kwargs)
         self.scenario = load_scenario(self.value('scenario'))
+        self.names, self.words = self.scenario.mount.names.keys, self.scenario.mount.names.axes
         self.start = parse_utc(self.value('start_time'))
 
-    def encoders(self, kind, pair):
+    def encoders(self, kind, pair, **where):
         """An encoder of `kind` on each axis, as the scenario has the `pair`."""
-        return [kind(getattr(pair, axis), self.value('seed'), axis, start=self.start * 1e-9)
-                for axis in convert.AXES]
+        return [kind(getattr(pair, axis), self.value('seed'), name, start=self.start * 1e-9,
+                     **where) for axis, name in zip(convert.AXES, self.names)]
 
     def warmth(self, stamps):
         """Temperature of mount and encoders at `stamps` (ns), degC."""

@@ -1,21 +1,26 @@
 """Geometry of the mount by rotations alone: axis angles to the true direction of the tube.
 
 No pointing term is used here. Each error is a small rotation of a part, applied in the order in
-which the parts carry each other: ground, azimuth axis, bearing, elevation axis, tube, camera,
-and gravity on the tube.
+which the parts carry each other: ground, first axis, bearing, second axis, tube, camera, and
+gravity on the tube.
 
-The frame of the ground is east, north, up (ENU); that of the tube right, forward, up: at
-azimuth 0 and elevation 0 of a perfect mount both are the same. The tube's right is then the
-direction of rising azimuth, its up that of rising elevation.
+The frame of the ground is east, north, up (ENU). The axes turn in a frame of their own, whose
+third axis is the pole of the first one; of an alt-azimuth mount it is that of the ground, of any
+other `pointing_model.mounts` says how it stands there. The frame of the tube is right, forward, up:
+at angles 0 and 0 of a perfect mount it is that of the axes. The tube's right is then the direction
+of rising azimuth, its up that of rising elevation; through the pole both stay with the tube, and
+are reversed on the sky. Gravity pulls along the vertical of the ground, whatever the mount.
 """
 
 import numpy as np
 
 from msg_tools.units import wrap
+from pointing_model.sky import DEFAULT_SITE
 
 from .slow_noise import ar_noise
 
 RIGHT, FORWARD, UP = 0, 1, 2
+_DOWN = np.array([0.0, 0.0, -1.0])
 
 
 def _about(axis, angle):
@@ -81,10 +86,16 @@ class MountGeometry:
         Start of the night, UTC s, from which the drifts count.
     seed : int
         Of what wanders.
+    latitude : float
+        Where the mount stands, rad: of an equatorial one it decides how.
     """
 
-    def __init__(self, mount, start=0.0, seed=0):
+    def __init__(self, mount, start=0.0, seed=0, latitude=DEFAULT_SITE.latitude):
         self.mount = mount
+        stand = mount.at(latitude)
+        # columns: the axes of the frame in ENU
+        self._stand = None if stand.altaz else np.array(stand.frame).T
+        self._zenith = np.array(stand.zenith)
         self.start = start
         self._slips = [
             ar_noise(part.slip_time, seed, 'bearing', f'slip {i}') if part.slip > 0.0 else None
@@ -106,7 +117,7 @@ class MountGeometry:
         Parameters
         ----------
         az, el : ndarray, shape (n,)
-            Mechanical angles of the axes, rad; run-out counts their turns.
+            Mechanical angles of the first and the second axis, rad; run-out counts their turns.
         time : float or ndarray, optional
             UTC s, for drifts and slip; without it there is none.
         temperature : float or ndarray, optional
@@ -134,14 +145,42 @@ class MountGeometry:
             raised = raised - mount.creep * np.mod(raised / mount.creep_period, 1.0)
 
         azimuth = _about(UP, -turned)
+        if mount.counterweight_west or mount.counterweight_meridian:
+            side = self._counterweight(azimuth, raised)
+            aw = aw - mount.counterweight_west * side
+            an = an + mount.counterweight_meridian * side
         if mount.wobble or mount.bumps or mount.runouts:
             azimuth = azimuth @ self._bearing(turned, time)
-        # up of the azimuth axis in ENU is leant towards east (-aw) and north (an)
+        if mount.fork_sag:
+            azimuth = azimuth @ self._fork(azimuth)
+        # up of the first axis in its frame is leant towards x (-aw) and y (an): east and north
         carried = _lean(-np.asarray(aw), an) @ azimuth @ _about(FORWARD, -mount.npae)
         tube = carried @ _about(RIGHT, raised) @ _about(UP, ca)
+        if self._stand is not None:
+            tube = self._stand @ tube
+        if mount.declination_axis_sag:
+            tube = self._cantilever(self._stand @ carried) @ tube
         if np.any(tf):
             tube = self._sag(tube, tf) @ tube
         return np.swapaxes(tube, -1, -2)
+
+    def _counterweight(self, azimuth, raised):
+        """How far it has pushed the first axis over: 1 on the west side, -1 on the east side."""
+        if self.mount.counterweight_by == 'flip':
+            return np.where(np.cos(raised) < 0.0, -1.0, 1.0)
+        pull = azimuth[..., RIGHT, RIGHT]  # its shaft is the tube's right, west the frame's x
+        return np.sign(pull) if self.mount.counterweight_by == 'play' else pull
+
+    def _fork(self, azimuth):
+        """The ends of the arms, which carry the second axis, as the fork sees them."""
+        arms = np.array([0.0, 0.0, 1.0 if self._zenith[UP] >= 0.0 else -1.0])
+        pull = np.swapaxes(azimuth, -1, -2) @ -self._zenith
+        # right-handed about arms x pull the arms turn towards the pull
+        return _about(RIGHT, self.mount.fork_sag * np.cross(arms, pull)[..., RIGHT])
+
+    def _cantilever(self, carried):
+        """The end of the second axis that carries the tube, in ENU."""
+        return _by_vector(self.mount.declination_axis_sag * np.cross(-carried[..., RIGHT], _DOWN))
 
     def _bearing(self, turned, time):
         leans = {'forward': np.zeros_like(turned), 'left': np.zeros_like(turned)}
@@ -160,9 +199,8 @@ class MountGeometry:
     @staticmethod
     def _sag(tube, tf):
         """Bending by gravity, proportional to its pull across the tube."""
-        down = np.array([0.0, 0.0, -1.0])
         # forward x down: right-handed about it, the boresight turns towards down
-        return _by_vector(np.asarray(tf)[..., np.newaxis] * np.cross(tube[..., FORWARD], down))
+        return _by_vector(np.asarray(tf)[..., np.newaxis] * np.cross(tube[..., FORWARD], _DOWN))
 
     def boresight(self, az, el, **where):
         """Unit ENU vectors (n, 3) of the boresight; parameters as for `frames`."""

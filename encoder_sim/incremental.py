@@ -157,6 +157,10 @@ class IncrementalEncoder:
         )
         if p.tilt:
             shown = tilted_angle(shown, p.tilt, p.tilt_phase)
+        if p.worm_1 or p.worm_2:
+            phase = p.worm_teeth * angle
+            shown = (shown + p.worm_1 * np.cos(phase - p.worm_phase)
+                     + p.worm_2 * np.cos(2.0 * phase - p.worm_phase))
         if p.subdivision_1 or p.subdivision_2:
             phase = p.lines * shown
             shown = (

@@ -47,13 +47,13 @@ class IncrementalEncoders(MountedDevice):
         homed = bool(np.isfinite(reading).all())
         if homed and not self._homed:
             self._zero_pub.publish(convert.joint_state(
-                stamp, [encoder.zero for encoder in self._encoders]))
+                stamp, [encoder.zero for encoder in self._encoders], names=self.names))
         self._homed = homed
         self._tell_homing()
         if self._decimator.passes(stamp, self.value('max_rate_hz')):
             told = [encoder.rate(*axis) for encoder, axis in zip(self._encoders, seen)]
             self._pub.publish(convert.joint_state(
-                stamp, reading, told, frame=self._power_on.frame))
+                stamp, reading, told, frame=self._power_on.frame, names=self.names))
 
     def _note_power_on(self, stamp):
         counts = [encoder.power_on for encoder in self._encoders]
@@ -87,7 +87,7 @@ class IncrementalEncoders(MountedDevice):
     def problems(self):
         """Not homed yet, or a counter that the mark gives the lie."""
         found = []
-        for axis, encoder in zip(convert.AXES, self._encoders):
+        for axis, encoder in zip(self.words, self._encoders):
             status = encoder.status
             if not status.homed and status.missed_marks:
                 found.append((DiagnosticStatus.ERROR, f'{axis}: reference mark missed, pulses '
@@ -104,7 +104,7 @@ class IncrementalEncoders(MountedDevice):
         """Resolution and power-ons, and of each axis how it was homed."""
         rows = [('homed', str(self._homed)), ('power-on', str(self._encoders[0].power_on)),
                 ('resolution [arcsec]', f'{self._encoders[0].count_angle / ARCSEC:.4f}')]
-        for axis, encoder in zip(convert.AXES, self._encoders):
+        for axis, encoder in zip(self.words, self._encoders):
             status, width = encoder.status, encoder.params.pulse_width / ARCSEC
             rows += [(f'{axis} homed', str(status.homed)),
                      (f'{axis} mark met from', status.side),

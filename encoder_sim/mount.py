@@ -5,8 +5,9 @@ from collections import OrderedDict
 import numpy as np
 
 from msg_tools.units import DEG, wrap
+from pointing_model.sky import DEFAULT_SITE
 
-from .axes import AXES, MountAxes, Trajectory
+from .axes import MountAxes, Trajectory
 from .drives import Drives
 from .wind import WindLoad
 
@@ -37,17 +38,22 @@ class SimulatedMount:
     scenario : scenario.Scenario
     seed : int
         Of gusts and slips.
+    latitude : float
+        Where it stands if the scenario does not say, rad.
     """
 
-    def __init__(self, scenario, seed=0):
+    def __init__(self, scenario, seed=0, latitude=DEFAULT_SITE.latitude):
         encoders = scenario.incremental.azimuth, scenario.incremental.elevation
         self._marks = np.array([encoder.mark_angle for encoder in encoders])
         self._home_rate = np.array([encoder.home_rate for encoder in encoders])
         self._home_side = np.array(
             [1.0 if encoder.home_side == 'below' else -1.0 for encoder in encoders])
         self._axes = MountAxes(scenario.axes.azimuth, scenario.axes.elevation, 0.0,
-                               self._marks - 2.0 * DEG)
-        self._drives, self._wind = Drives(scenario.drives, seed), WindLoad(scenario.wind, seed)
+                               self._marks - 2.0 * DEG, scenario.mount.names.axes)
+        self._words = scenario.mount.names.axes
+        self._drives = Drives(scenario.drives, seed)
+        self._wind = WindLoad(scenario.wind, seed, scenario.mount.at(
+            latitude if scenario.site is None else scenario.site.latitude))
         # what the encoder reads too much; the servo turns the axes back by it
         self.servo = np.zeros(2)
         self._servo_time = None
@@ -170,7 +176,8 @@ class SimulatedMount:
             One line, or '' where both axes are homed.
         """
         rates = self._home_rate / HOME_SLOWER**attempt / DEG
-        unmet = [f'{axis} (at {rate:.3g} deg/s)' for axis, angle, rate in zip(AXES, reading, rates)
+        unmet = [f'{axis} (at {rate:.3g} deg/s)'
+                 for axis, angle, rate in zip(self._words, reading, rates)
                  if not np.isfinite(angle)]
         if not unmet:
             return ''

@@ -14,6 +14,8 @@ from std_srvs.srv import Trigger
 
 from msg_tools import convert, topics
 from msg_tools.node import MountNode, Param, run_node
+from msg_tools.units import DEG
+from pointing_model.sky import DEFAULT_SITE
 
 from .device_params import DEVICE_PARAMS, parse_utc
 from .mount import HOME_ATTEMPTS, SimulatedMount
@@ -30,6 +32,8 @@ PARAMS = (
           'around the exposures [Hz]', 0.1, 2000.0, fixed=True),
     Param('exposure_s', 1.0, 'with time_scale 0, time on target for each command [s]', 0.01,
           3600.0),
+    Param('latitude_deg', DEFAULT_SITE.latitude / DEG, 'where the mount stands, if its scenario '
+          'does not say: so an equatorial one leans [deg]', -90.0, 90.0, fixed=True),
     Param('feedback_timeout_s', 2.0, 'wall time to wait for the encoder that the servo closes on '
           '[s]', 0.01, 60.0),
 )
@@ -42,7 +46,9 @@ class MountSimulator(MountNode):
         super().__init__('mount_simulator', PARAMS, hardware_id='simulated mount', **kwargs)
         self._start = parse_utc(self.value('start_time'))
         scenario = load_scenario(self.value('scenario'))
-        self._mount = SimulatedMount(scenario, self.value('seed'))
+        self._mount = SimulatedMount(scenario, self.value('seed'),
+                                     self.value('latitude_deg') * DEG)
+        self._names = scenario.mount.names.keys
         # without weather of its own the air is what the observer believes
         self._air, self._warmth = scenario.weather, None
         self._live = self.value('time_scale') > 0.0
@@ -72,6 +78,10 @@ class MountSimulator(MountNode):
 
     def _on_command(self, message):
         stamp, times, positions, velocities = convert.read_trajectory(message)
+        asked = convert.joints_of(message.joint_names)
+        if asked != self._names:
+            raise ValueError(f'command for {" and ".join(asked)}: this mount has '
+                             f'{" and ".join(self._names)}')
         at = (stamp - self._start) * 1e-9
         settled = self._mount.follow(max(at, self._time), at + times, positions, velocities)
         if not self._live:
@@ -201,7 +211,8 @@ class MountSimulator(MountNode):
         sides = self._mount.approach(times)
         stamps = self._start + np.rint(times * 1e9).astype(np.int64)
         for stamp, angle, rate, side in zip(stamps.tolist(), angles, rates, sides):
-            self._truth_pub.publish(convert.joint_state(stamp, angle, rate, side))
+            self._truth_pub.publish(convert.joint_state(
+                stamp, angle, rate, side, names=self._names))
         return stamps
 
     def _set_clock(self, now):

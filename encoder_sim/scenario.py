@@ -5,14 +5,33 @@ a data sheet (``an_arcsec``), without that suffix (``an``). The defaults are the
 noise. So each effect is switched by its own number.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+
+from msg_tools.units import DEG
+from pointing_model.mounts import parse_mount
 
 from . import keyed_noise
 from .scenario_disturbances import AirLayers, Coupling, Drive, Runout, Seeing, Wind
 from .scenario_encoders import Absolute, Incremental
-from .scenario_fields import both_axes, choice, number, optional, section, sections
+from .scenario_fields import (
+    both_axes,
+    choice,
+    number,
+    of_pier,
+    optional,
+    section,
+    sections,
+    term,
+    text,
+)
+
+#: travel of both axes (deg) that a mount has if its scenario does not say, by kind: the second
+#: axis of a German mount goes through the pole, the first to 10 deg past the meridian
+TRAVEL = {'equatorial': ((-180.0, 180.0), (-100.0, 100.0)),
+          'german': ((-10.0, 190.0), (-90.0, 270.0)),
+          'free': ((-180.0, 180.0), (-100.0, 100.0))}
 
 
 @dataclass(frozen=True)
@@ -70,42 +89,76 @@ class Bump:
 class Mount:
     """Geometry of the mount, in the signs of the field: encoder - catalogue.
 
+    The terms are those of an alt-azimuth mount, in the frame of the axes: of another mount they
+    are the same rotations, and the file has its names for them (IH ID CH NP MA ME TF; `aw` is
+    -MA). So are `azimuth` and `elevation` the first and the second axis.
+
     Attributes
     ----------
+    kind : str
+        As `mounts.parse_mount` takes it: altaz, equatorial, german, free:AZ,EL[,ROLL]. How an
+        equatorial one stands the latitude decides at which it is.
     ia, ie : float
         Zero of the axes, rad: the axis angle is larger than the true angle by this.
     ca : float
         Collimation: the boresight lies to the left of the tube's axis where it is positive, rad.
     npae : float
-        Non-perpendicular axes: the right end of the elevation axis is high where positive, rad.
+        Non-perpendicular axes: the right end of the second axis is high where positive, rad.
     an, aw : float
-        Lean of the azimuth axis towards north and west, rad.
+        Lean of the first axis towards angle 0 of the first axis (north, the meridian) and towards
+        -90 degrees (west; the east of an equatorial mount), rad.
     tf : float
         Sag of the horizontal tube, rad.
     wobble : tuple of Wobble
-        Azimuth bearing.
+        Bearing of the first axis.
     bumps : tuple of Bump
-        Azimuth track.
+        Its track.
     runouts : tuple of Runout
-        Azimuth bearing, what no turn repeats.
+        Its bearing, what no turn repeats.
     creep, creep_period : float
-        The tube creeps back against the elevation drive by up to `creep` (rad) as the axis turns
-        through `creep_period` (rad), and then snaps back: a sawtooth.
+        The tube creeps back against the drive of the second axis by up to `creep` (rad) as the
+        axis turns through `creep_period` (rad), and then snaps back: a sawtooth.
     backlash_azimuth, backlash_elevation : float
         Play between an axis (with its encoders) and the tube, rad, full width.
+    fork_sag : float
+        Slope of the ends of the arms of a fork if they were level, rad. (Equatorial mounts only,
+        as all that follows down to the counterweight.) The arms are cantilevers along the polar
+        axis; across their plane the ends, and the declination bearings in them, turn about the
+        declination axis by that times the pull across the polar axis, cos(latitude) cos(hour
+        angle): FO is -fork_sag cos(latitude) in the north (TPOINT's catalogue: change in
+        declination as cos h). In their plane they are stiff.
+    declination_axis_sag : float
+        Slope of the end of the declination axis that carries the tube if it were level, rad:
+        F L^2 / (2 E I) of a cantilever (any textbook, such as Timoshenko's Strength of Materials).
+        It turns the tube about the horizontal across the axis, by as much of its weight as
+        pulls across it. The tube is on the left end as it sees it: in the east while it looks at
+        the meridian from there, with the counterweight down; on the other end where negative. So
+        DAF is -declination_axis_sag. (TPOINT's catalogue: the axis of German and cross-axis
+        mounts bends downward; its DAB has another factor, the sine of the axis' zenith distance.)
+    counterweight_west, counterweight_meridian : float
+        Lean of the polar axis towards west and towards the meridian while the counterweight hangs
+        on its west side, and the reverse in the east, rad: MA and ME of two signs. (Users of
+        mounts tell of heads that rock in the oversize holes of their bolts: Astro-Physics' group,
+        2018 and 2020. No measured lean was found.)
+    counterweight_by : {'play', 'bending', 'flip'}
+        How that goes over: what the mount is out of balance presses the axis to one end of the
+        play in bearings and seat, and to the other where the pull turns over, with the cosine of
+        the hour angle of the axis; or it bends the axis, by as much; or friction holds the axis
+        where it lies until the mount goes through the pole.
     ca_rate, an_rate, aw_rate, tf_rate : float
         Drift with time, rad/s.
     ca_slope, an_slope, aw_slope, tf_slope : float
         Drift with temperature, rad/degC from `reference_temperature`.
     """
 
-    ia: float = number(0.0, 'arcsec', -36000.0, 36000.0)
-    ie: float = number(0.0, 'arcsec', -36000.0, 36000.0)
-    ca: float = number(0.0, 'arcsec', -36000.0, 36000.0)
-    npae: float = number(0.0, 'arcsec', -36000.0, 36000.0)
-    an: float = number(0.0, 'arcsec', -36000.0, 36000.0)
-    aw: float = number(0.0, 'arcsec', -36000.0, 36000.0)
-    tf: float = number(0.0, 'arcsec', -3600.0, 3600.0)
+    kind: str = text('altaz', parse=lambda kind: parse_mount(kind, 0.0))
+    ia: float = term('IA', 'arcsec', -36000.0, 36000.0)
+    ie: float = term('IE', 'arcsec', -36000.0, 36000.0)
+    ca: float = term('CA', 'arcsec', -36000.0, 36000.0)
+    npae: float = term('NPAE', 'arcsec', -36000.0, 36000.0)
+    an: float = term('AN', 'arcsec', -36000.0, 36000.0)
+    aw: float = term('AW', 'arcsec', -36000.0, 36000.0)
+    tf: float = term('TF', 'arcsec', -3600.0, 3600.0)
     wobble: tuple = sections(Wobble)
     bumps: tuple = sections(Bump)
     runouts: tuple = sections(Runout)
@@ -113,15 +166,29 @@ class Mount:
     creep_period: float = number(15.0, 'deg', 0.1, 360.0)
     backlash_azimuth: float = number(0.0, 'arcsec', 0.0, 3600.0)
     backlash_elevation: float = number(0.0, 'arcsec', 0.0, 3600.0)
-    ca_rate: float = number(0.0, 'arcsec_per_hour', -600.0, 600.0)
-    an_rate: float = number(0.0, 'arcsec_per_hour', -600.0, 600.0)
-    aw_rate: float = number(0.0, 'arcsec_per_hour', -600.0, 600.0)
-    tf_rate: float = number(0.0, 'arcsec_per_hour', -600.0, 600.0)
-    ca_slope: float = number(0.0, 'arcsec_per_degc', -600.0, 600.0)
-    an_slope: float = number(0.0, 'arcsec_per_degc', -600.0, 600.0)
-    aw_slope: float = number(0.0, 'arcsec_per_degc', -600.0, 600.0)
-    tf_slope: float = number(0.0, 'arcsec_per_degc', -600.0, 600.0)
+    fork_sag: float = of_pier(number(0.0, 'arcsec', -3600.0, 3600.0))
+    declination_axis_sag: float = of_pier(number(0.0, 'arcsec', -3600.0, 3600.0))
+    counterweight_west: float = of_pier(number(0.0, 'arcsec', -3600.0, 3600.0))
+    counterweight_meridian: float = of_pier(number(0.0, 'arcsec', -3600.0, 3600.0))
+    counterweight_by: str = of_pier(choice('play', 'play', 'bending', 'flip'))
+    ca_rate: float = term('CA', 'arcsec_per_hour', -600.0, 600.0)
+    an_rate: float = term('AN', 'arcsec_per_hour', -600.0, 600.0)
+    aw_rate: float = term('AW', 'arcsec_per_hour', -600.0, 600.0)
+    tf_rate: float = term('TF', 'arcsec_per_hour', -600.0, 600.0)
+    ca_slope: float = term('CA', 'arcsec_per_degc', -600.0, 600.0)
+    an_slope: float = term('AN', 'arcsec_per_degc', -600.0, 600.0)
+    aw_slope: float = term('AW', 'arcsec_per_degc', -600.0, 600.0)
+    tf_slope: float = term('TF', 'arcsec_per_degc', -600.0, 600.0)
     reference_temperature: float = number(10.0, 'c', -60.0, 60.0)
+
+    def at(self, latitude=0.0):
+        """The `pointing_model.mounts.Mount` of this kind at `latitude`, rad."""
+        return parse_mount(self.kind, latitude)
+
+    @property
+    def names(self):
+        """What its axes and terms are called: `pointing_model.mounts.Names`."""
+        return self.at().names
 
 
 @dataclass(frozen=True)
@@ -226,7 +293,7 @@ class Scenario:
     clock_offset : float
         True UTC - stamp, s.
     axes, incremental, absolute
-        With an `azimuth` and an `elevation`.
+        With an `azimuth`, the first axis of any mount, and an `elevation`, the second.
     drives, coupling
         The same: the servos, and the couplings of the incremental encoders.
     site : TrueSite or None
@@ -250,6 +317,15 @@ class Scenario:
     wind: Wind = section(Wind)
     seeing: Seeing = section(Seeing)
     layers: AirLayers = section(AirLayers)
+
+    def on_mount(self, kind):
+        """The same instruments on a perfect mount of another kind, with the travel of such one."""
+        mount = Mount(kind=kind)
+        travel = [tuple(end * DEG for end in ends) for ends in TRAVEL.get(
+            mount.at().kind, ((-36000.0, 36000.0), (-1.0, 91.0)))]
+        axes = {axis: replace(getattr(self.axes, axis), travel_min=low, travel_max=high)
+                for axis, (low, high) in zip(('azimuth', 'elevation'), travel)}
+        return replace(self, mount=mount, axes=replace(self.axes, **axes))
 
     def temperature(self, time, start):
         """Temperature (degC) of mount and encoders at `time`, of a night begun at `start`."""

@@ -81,6 +81,12 @@ class Incremental(EncoderScale):
         One reading head, or the mean of two opposite ones.
     subdivision_1, subdivision_2, subdivision_phase : float
         Error of the interpolation, once and twice a line (rad), and its phase (rad).
+    worm_teeth : int
+        Of the wheel, where the encoder sits on the worm: its periodic error is then in the
+        reading, so many times a turn of the axis.
+    worm_1, worm_2, worm_phase : float
+        Amplitude once and twice a turn of the worm (rad) and phase (rad). Amateurs measured 7 to
+        10" from peak to peak of good worms and 30" of mass-produced ones (ATM list, July 1995).
     offset_cos, offset_sin : float
         Direct voltage left on either signal of the grating, relative to its amplitude at rest.
         The scope manual of Heidenhain (PWM 20, 2014) allows +-15 degrees of on-to-off ratio, 13 %,
@@ -158,6 +164,10 @@ class Incremental(EncoderScale):
     subdivision_1: float = number(0.0, 'arcsec', 0.0, 60.0)
     subdivision_2: float = number(0.0, 'arcsec', 0.0, 60.0)
     subdivision_phase: float = number(0.0, 'deg', -360.0, 360.0)
+    worm_teeth: int = number(180, '', 1, 10000, kind=int)
+    worm_1: float = number(0.0, 'arcsec', 0.0, 600.0)
+    worm_2: float = number(0.0, 'arcsec', 0.0, 600.0)
+    worm_phase: float = number(0.0, 'deg', -360.0, 360.0)
     offset_cos: float = number(0.0, 'percent', -200.0, 200.0)
     offset_sin: float = number(0.0, 'percent', -200.0, 200.0)
     amplitude_mismatch: float = number(0.0, 'percent', -150.0, 150.0)

@@ -29,6 +29,23 @@ def number(default, unit, low, high, *, kind=float):
                  metadata={'unit': unit, 'range': (low, high), 'kind': kind})
 
 
+def term(canonical, unit, low, high):
+    """A field with a term of the geometry, 0 by default, by its name at an alt-azimuth mount.
+
+    In the file it has the name and the sign of the mount that the scenario is of.
+    """
+    return _marked(number(0.0, unit, low, high), term=canonical)
+
+
+def of_pier(item):
+    """A field that is there of equatorial mounts alone."""
+    return _marked(item, of_pier=True)
+
+
+def _marked(item, **marks):
+    return field(default=item.default, metadata={**item.metadata, **marks})
+
+
 def numbers(unit, low, high):
     """A field with a list of numbers, empty by default."""
     return field(default=(), metadata={'unit': unit, 'range': (low, high), 'kind': list})
@@ -38,6 +55,11 @@ def drawn(cls, name):
     """The field `name` of the drawing `cls`, with its default and range."""
     item = cls.__dataclass_fields__[name]
     return field(default=item.default, metadata=item.metadata)
+
+
+def text(default, parse):
+    """A field with a text that `parse` takes, or raises ValueError."""
+    return field(default=default, metadata={'text': parse})
 
 
 def choice(default, *names):
@@ -51,7 +73,10 @@ def section(cls):
 
 
 def both_axes(cls):
-    """A section with an instance of `cls` for `azimuth` and one for `elevation`."""
+    """A section with an instance of `cls` for the first axis and one for the second.
+
+    In memory they are `azimuth` and `elevation`; in the file they have the mount's names.
+    """
     axes = [(axis, cls, section(cls)) for axis in ('azimuth', 'elevation')]
     return section(make_dataclass(f'{cls.__name__}Pair', axes, frozen=True))
 

@@ -8,17 +8,47 @@ import dataclasses
 from importlib import resources
 from pathlib import Path
 
-from .scenario import Scenario
+from msg_tools.units import DEG
+from pointing_model.mounts import KINDS, parse_mount
+
+from .scenario import Mount, Scenario
 from .scenario_fields import in_si
 
+_ALTAZ, _HADEC = KINDS['altaz'], KINDS['equatorial']
 _FOLDER = resources.files('encoder_sim') / 'scenarios'
 
 
-def _key(item):
-    """Key of a field in the file: a drift is named by what it drifts with, which the unit says."""
-    unit = item.metadata.get('unit')
-    name = item.name.rpartition('_')[0] if unit and '_per_' in unit else item.name
+def _key(item, names):
+    """Key of a field in the file, of a mount with `names`.
+
+    A drift is named by what it drifts with, which the unit says; a term and an axis as the mount
+    calls them.
+    """
+    unit, name = item.metadata.get('unit'), item.name
+    if 'term' in item.metadata:
+        name = names.named(item.metadata['term']).lower() + name[len(item.metadata['term']):]
+    for word, own in zip(_ALTAZ.keys, names.keys):
+        name = name.replace(word, own)
+    name = name.rpartition('_')[0] if unit and '_per_' in unit else name
     return f'{name}_{unit}' if unit else name
+
+
+def _items(cls, names):
+    """Key -> field of a section, of a mount with `names`."""
+    return {_key(item, names): item for item in dataclasses.fields(cls) if item.metadata
+            and not (item.metadata.get('of_pier') and names is not _HADEC)}
+
+
+def _unknown(key, cls, names, where):
+    """What is wrong with a key that a section does not have."""
+    items = _items(cls, names)
+    for other in KINDS.values():
+        item = _items(cls, other).get(key)
+        if item is not None:
+            own = next((k for k, i in items.items() if i.name == item.name), None)
+            return (f'{where}: {key!r} is of another mount than this one, whose axes are '
+                    f'{" and ".join(names.axes)}' + (f'; write {own!r}' if own else ''))
+    return f'{where}: unknown key {key!r}; allowed: {", ".join(items)}'
 
 
 def _to_number(value, item, where):
@@ -34,42 +64,57 @@ def _to_number(value, item, where):
     return int(value) if kind is int else value * in_si(item.metadata['unit'])
 
 
-def _to_value(value, item, where, base):
+def _to_value(value, item, where, base, names):
     if 'choice' in item.metadata:
         if value not in item.metadata['choice']:
             names = ', '.join(item.metadata['choice'])
             raise ValueError(f'{where}: {value!r} is not one of {names}')
         return value
+    if 'text' in item.metadata:
+        return _to_text(value, item, where)
     if 'section' in item.metadata:
         if value is None and item.default is None:
             return None
-        return _to_section(value, item.metadata['section'], where, base)
+        return _to_section(value, item.metadata['section'], where, base, names)
     if 'sections' in item.metadata:
         if not isinstance(value, list):
             raise ValueError(f'{where}: {value!r} is not a list')
         cls = item.metadata['sections']
-        return tuple(_to_section(v, cls, f'{where}[{i}]', None) for i, v in enumerate(value))
+        return tuple(
+            _to_section(v, cls, f'{where}[{i}]', None, names) for i, v in enumerate(value))
     if item.metadata['kind'] is list:
         if not isinstance(value, list):
             raise ValueError(f'{where}: {value!r} is not a list of numbers')
         return tuple(_to_number(v, item, f'{where}[{i}]') for i, v in enumerate(value))
-    return _to_number(value, item, where)
+    value = _to_number(value, item, where)
+    if 'term' in item.metadata:
+        value *= names.terms[names.named(item.metadata['term'])][1]
+    return value
 
 
-def _to_section(mapping, cls, where, base):
-    """An instance of `cls` from a mapping of the file, upon `base`."""
+def _to_text(value, item, where):
+    if not isinstance(value, str):
+        raise ValueError(f'{where}: {value!r} is not a text')
+    try:
+        item.metadata['text'](value)
+    except ValueError as err:
+        raise ValueError(f'{where}: {err}') from None
+    return value
+
+
+def _to_section(mapping, cls, where, base, names):
+    """An instance of `cls` from a mapping of the file, upon `base`, of a mount with `names`."""
     if not isinstance(mapping, dict):
         raise ValueError(f'{where}: {mapping!r} is not a mapping of keys to values')
-    items = {_key(f): f for f in dataclasses.fields(cls) if f.metadata}
+    items = _items(cls, names)
     base = cls() if base is None else base
     changes = {}
     for key, value in mapping.items():
         if key not in items:
-            allowed = ', '.join(items)
-            raise ValueError(f'{where}: unknown key {key!r}; allowed: {allowed}')
+            raise ValueError(_unknown(key, cls, names, where))
         item = items[key]
         inside = f'{where}, {key}' if where.count(',') == 0 else f'{where}.{key}'
-        changes[item.name] = _to_value(value, item, inside, getattr(base, item.name))
+        changes[item.name] = _to_value(value, item, inside, getattr(base, item.name), names)
     return dataclasses.replace(base, **changes)
 
 
@@ -108,13 +153,45 @@ def load_scenario(name_or_path='default'):
     """
     scenario, chain = Scenario(), _chain(str(name_or_path))
     for _, file, _, mapping in reversed(chain):
-        scenario = _to_section(mapping, Scenario, f'scenario {file}', scenario)
-        for axis in ('azimuth', 'elevation'):
+        scenario = _on_its_mount(scenario, mapping, file)
+        names = scenario.mount.names
+        scenario = _to_section(mapping, Scenario, f'scenario {file}', scenario, names)
+        for axis, own in zip(_ALTAZ.keys, names.keys):
             limits = getattr(scenario.axes, axis)
             if limits.travel_min >= limits.travel_max:
-                raise ValueError(f'scenario {file}, axes.{axis}: travel_min_deg must be below '
+                raise ValueError(f'scenario {file}, axes.{own}: travel_min_deg must be below '
                                  'travel_max_deg')
+    if not scenario.mount.at().altaz:
+        _check_marks(scenario, chain[0][1])
     return dataclasses.replace(scenario, name=chain[0][0])
+
+
+def _on_its_mount(scenario, mapping, file):
+    """The scenario that a file is based on, on the kind of mount that the file is of.
+
+    The names of the keys follow from it. Of one of another kind it takes over the instruments and
+    the weather, not what was wrong with the other mount, nor its travel.
+    """
+    told = mapping.get('mount') if isinstance(mapping, dict) else None
+    if not isinstance(told, dict) or 'kind' not in told:
+        return scenario
+    kind = _to_text(told['kind'], Mount.__dataclass_fields__['kind'],
+                    f'scenario {file}, mount.kind')
+    mount = parse_mount(kind, 0.0)
+    told['kind'] = kind = kind.strip().lower() if mount.kind == 'free' else mount.kind
+    return scenario if kind == scenario.mount.kind else scenario.on_mount(kind)
+
+
+def _check_marks(scenario, file):
+    """Refuse reference marks that homing cannot pass."""
+    for axis, own in zip(_ALTAZ.keys, scenario.mount.names.keys):
+        limits, encoder = getattr(scenario.axes, axis), getattr(scenario.incremental, axis)
+        mark, reach = encoder.mark_angle, 2.0 * DEG
+        if not limits.travel_min + reach <= mark <= limits.travel_max - reach:
+            raise ValueError(
+                f'scenario {file}, incremental.{own}: mark_angle_deg {mark / DEG:g} must lie in '
+                f'the travel of the axis, {limits.travel_min / DEG:g} to '
+                f'{limits.travel_max / DEG:g}, and 2 from its ends')
 
 
 def scenario_files(name_or_path='default'):

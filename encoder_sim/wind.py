@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from pointing_model.mounts import ALTAZ
+
 from .slow_noise import SlowNoise
 
 #: speed at which the sizes are stated, m/s
@@ -34,6 +36,8 @@ class WindLoad:
     ----------
     params : scenario_disturbances.Wind
     seed : int
+    mount : pointing_model.mounts.Mount
+        How the axes stand.
 
     Attributes
     ----------
@@ -41,8 +45,8 @@ class WindLoad:
         Whether it does anything to the axes, to the structure.
     """
 
-    def __init__(self, params, seed):
-        self.params = params
+    def __init__(self, params, seed, mount=ALTAZ):
+        self.params, self._mount = params, mount
         blows = params.speed > 0.0
         self.turns, self.bends = blows and params.shake > 0.0, blows and params.bending > 0.0
         if not (self.turns or self.bends):
@@ -87,9 +91,16 @@ class WindLoad:
         if not self.turns:
             return np.zeros((len(seconds), 2))
         (east, north, _), (az, el) = self._towards, np.asarray(angles).T
+        if not self._mount.altaz:
+            right, up = (self._towards @ t for t in self._mount.tangents(az, el))
+            across, az = right * np.cos(el), self._mount.horizon_of(az, el)[0]
+            return self._torques(seconds, az, across, up)
         # torque about each axis: the force across the tube, and its lever
         across = (east * np.cos(az) - north * np.sin(az)) * np.cos(el)
         up = -np.sin(el) * (east * np.sin(az) + north * np.cos(az))
+        return self._torques(seconds, az, across, up)
+
+    def _torques(self, seconds, az, across, up):
         size = 2.0 * self.params.intensity * self.params.shake * self._pressure(az)
         return (size * self._unheld.at(seconds))[:, np.newaxis] * np.stack([across, up], axis=1)
 

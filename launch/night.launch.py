@@ -19,11 +19,13 @@ from launch import LaunchDescription
 from msg_tools import NAMESPACE
 from pointing_model.observing.plan import night_plan
 from telescope_mount.graph import night_graph
+from telescope_mount.simulator import kind_of_mount
 from telescope_mount.threads import ONE_THREAD
 
 ARGUMENTS = (
     ('bag', 'night_bag', 'folder of the log; it must not exist'),
     ('scenario', 'default', 'what is wrong with the simulated mount'),
+    ('mount', '', 'altaz, equatorial, german, free:AZ,EL; empty: what the scenario has'),
     ('seed', '1', 'of every random number'),
     ('stars', '30', 'in each of the two blocks'),
     ('polaris', '16', 'exposures for a zero: of Polaris where it is well up, else of stars'),
@@ -54,6 +56,7 @@ def _nodes(context):
         raise ValueError(f'params_file:={value["params_file"]} is no file')
     specs = night_graph(
         bag=value['bag'], scenario=value['scenario'], seed=_number(int, value, 'seed'),
+        mount=value['mount'] or kind_of_mount(value['scenario']),
         start_time=value['start_time'], time_scale=_number(float, value, 'time_scale'),
         plan=night_plan(_number(int, value, 'stars'), _number(int, value, 'polaris')))
     more = [value['params_file']] if value['params_file'] else []

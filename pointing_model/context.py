@@ -13,7 +13,8 @@ from .terms import Trig
 
 #: columns of a run that are no drivers of the user's own
 _KNOWN = set(COLUMNS) - {'pressure'} | {
-    'az_raw', 'el_raw', 'pier_side', 'lst', 'lst_h', 'ra', 'dec', 'row', 'run_hours'}
+    'az_raw', 'el_raw', 'pier_side', 'counterweight', 'lst', 'lst_h', 'ra', 'dec', 'row',
+    'run_hours'}
 #: runs that begin farther apart are of several nights, s
 _NIGHT = 12.0 * 3600.0
 #: derived drivers that a row has from the rows around it
@@ -81,8 +82,9 @@ class Context:
     ``travel_az``/``travel_el`` (from the row before, rad), ``before_az``/``before_el``
     (approach of the row before), ``az_rate``/``el_rate`` (sidereal, where the site's latitude is
     known), ``pm_x``/``pm_y`` (proper motion on the sky of the Hipparcos star, arcsec a year),
-    ``pier_side`` (-1 through the pole, else 1; of mounts that go there), and the angles of the axes
-    by their names (``hour_angle``, ``declination``) beside azimuth and elevation.
+    ``pier_side`` (-1 through the pole, else 1; of mounts that go there), ``counterweight`` (of
+    German mounts: what it pulls across the first axis, 1 to -1), and the angles of the axes by
+    their names (``hour_angle``, ``declination``) beside azimuth and elevation.
     The row before is the one before in time where the time of all rows is known. `of_run` adds
     ``run_hours`` (since the first row of the same run, h): single rows do not tell it.
     """
@@ -201,16 +203,21 @@ class Context:
         values : ndarray or None
         reason : str or None
         """
-        value = self.get(name)
+        value, said = self.get(name), self.said(name)
         if value is None:
-            return None, f'{name} is not known'
+            return None, f'{said} is not known'
         finite = value[np.isfinite(value)]
         if len(finite) < 0.5 * len(value):
-            return None, f'{name} is known in only {len(finite)} of {len(value)} rows'
+            return None, f'{said} is known in only {len(finite)} of {len(value)} rows'
         low, high = float(finite.min()), float(finite.max())
         if high - low <= 1e-9 * max(abs(low), abs(high)):
-            return None, f'{name} does not vary'
+            return None, f'{said} does not vary'
         return finite, None
+
+    def said(self, name):
+        """Name of a driver for people: ``approach_az`` is ``approach_ha`` of an equatorial one."""
+        own = dict(zip(('az', 'el'), self.mount.names.columns))
+        return '_'.join(own.get(part, part) for part in name.split('_'))
 
     def _find(self, name):
         value = self.columns.get(name)
@@ -237,6 +244,10 @@ class Context:
         if self.mount.altaz:
             return None
         return np.where(is_beyond(self.el), -1.0, 1.0)
+
+    def _derive_counterweight(self):
+        # of a level shaft; it turns with the first axis
+        return np.cos(self.az) if self.mount.kind == 'german' else None
 
     @cached_property
     def _sequence(self):

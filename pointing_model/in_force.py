@@ -10,9 +10,10 @@ import numpy as np
 from msg_tools.units import ARCSEC, wrap
 
 from .context import Context
-from .following import AXES, WORDS, Following
+from .following import AXES, Following
 from .model import PointingModel
 from .model_document import identity
+from .mounts import ALTAZ, told
 from .zero import NO_ZERO, zeros_in_force
 
 #: an effect that follows the time holds for so long after the last row it was fitted to, ns
@@ -132,7 +133,8 @@ def travelled(demand, row):
             'before_az': row['approach_az'], 'before_el': row['approach_el']}
 
 
-def pointing_context(model, stamps, az, el, known, *, zero, here, approach, row, site):
+def pointing_context(model, stamps, az, el, known, *, zero, here, approach, row, site,
+                     mount=ALTAZ):
     """What the effects of a model may ask of a pointing that is still to be made.
 
     Parameters
@@ -154,6 +156,8 @@ def pointing_context(model, stamps, az, el, known, *, zero, here, approach, row,
     row : dict or None
         The observation before.
     site : sky.Site
+    mount : Mount, optional
+        Whose axes the angles are of.
 
     Returns
     -------
@@ -162,10 +166,11 @@ def pointing_context(model, stamps, az, el, known, *, zero, here, approach, row,
     # which way the axes will come is known without the effects
     plain = np.ravel(replace(model, effects=()).sky_to_encoder(az[0], el[0])) + zero
     if approach is None:
-        approach = np.sign([wrap(plain[0] - here[0]), plain[1] - here[1]])
+        approach = np.sign([mount.way(here[0], plain[0]), plain[1] - here[1]])
     return Context(az, el, {
         **known, 'time': time_driver(model, stamps), 'approach_az': approach[0],
-        'approach_el': approach[1], **travelled(plain, row)}, site.latitude, site.longitude)
+        'approach_el': approach[1], **travelled(plain, row)}, site.latitude, site.longitude,
+        mount)
 
 
 def demand_angles(model, az, el, context, zero):
@@ -206,6 +211,8 @@ class InForce:
     ----------
     model : PointingModel, optional
         In force at the start.
+    mount : Mount, optional
+        A model of another one is refused; without it any is taken.
 
     Attributes
     ----------
@@ -226,7 +233,8 @@ class InForce:
     thermometer : Thermometer
     """
 
-    def __init__(self, model=None):
+    def __init__(self, model=None, mount=None):
+        self._mount = mount
         self.model, self.model_text = model, model.to_json() if model else ''
         self.model_name = identity(self.model_text)
         self.models = self.model_stamp = 0
@@ -238,8 +246,11 @@ class InForce:
         self._next_model = self._next_zero = None  # each waits for the other
 
     def take_model(self, text):
-        """Take a model as its JSON text; ValueError where it is none."""
+        """Take a model as its JSON text; ValueError where it is none, or of another mount."""
         model, name = PointingModel.from_json(text), identity(text)
+        if self._mount is not None and not self._mount.agrees(model.mount):
+            raise ValueError(f'a model of another mount ({told(model.mount)}) than this one '
+                             f'({told(self._mount)})')
         waiting = self._next_zero
         if waiting is not None and waiting[1].model == name:
             self._put_in_force(model, name, text)
@@ -362,8 +373,9 @@ class InForce:
             return (f'{stopped}the zero stands still' if stopped else
                     'no reading of both encoders yet: the zero stands still')
         moved = dict(zip(AXES, self.zero_now - self.zero.angles))
+        axes = dict(zip(AXES, self.model.mount.names.axes))
         return f'absolute encoder: {stopped}' + ', '.join(
-            f'{WORDS[name]} by {moved[name] / ARCSEC:+.2f} arcsec' for name in self._follows.axes)
+            f'{axes[name]} by {moved[name] / ARCSEC:+.2f} arcsec' for name in self._follows.axes)
 
     def encoder(self, az, el, context=None):
         """Encoder angles that point at a place: model and zero, each once.

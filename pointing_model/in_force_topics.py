@@ -1,5 +1,7 @@
 """The topics and the parameter from which a node knows what is in force."""
 
+from functools import partial
+
 from msg_tools import convert, topics
 from msg_tools.homing import cloud_to_homing
 from msg_tools.node import Param
@@ -12,7 +14,7 @@ MODEL_FILE = Param('model_file', '', 'pointing model in force at the start (JSON
                    fixed=True)
 
 
-def in_force_of(node, changed=lambda topic: None):
+def in_force_of(node, changed=lambda topic: None, mount=None):
     """What is in force for `node`, kept up to date.
 
     Parameters
@@ -21,13 +23,16 @@ def in_force_of(node, changed=lambda topic: None):
         With the parameter `MODEL_FILE`.
     changed : callable
         Called with ``topics.MODEL``, ``topics.ZERO`` or ``topics.HOMING`` after each of them.
+    mount : Mount, optional
+        Of which the models must be.
 
     Returns
     -------
     InForce
     """
     file = node.value(MODEL_FILE.name)
-    now = InForce(PointingModel.load_for_graph(file) if file else None)
+    load = PointingModel.load if mount is None else partial(PointingModel.load_for, mount=mount)
+    now = InForce(load(file) if file else None, mount)
 
     def on_temperature(message):
         now.thermometer.take(*convert.read_temperature(message))

@@ -302,7 +302,7 @@ class PointingModel:
         return load(path)
 
     @staticmethod
-    def load_for_graph(path):
-        """As `load`; ValueError of a mount that the graph does not have."""
-        from .model_document import load_for_graph
-        return load_for_graph(path)
+    def load_for(path, mount):
+        """`model_document.load_for`."""
+        from .model_document import load_for
+        return load_for(path, mount)

@@ -12,7 +12,7 @@ from .fitted_effects import FittedEffect
 from .following import KEY as FOLLOWS
 from .harmonics import Harmonics
 from .model import PointingModel
-from .mounts import ALTAZ, Mount
+from .mounts import ALTAZ, Mount, told
 
 FORMAT = 'telescope_mount/pointing_model'
 VERSION = 2
@@ -247,8 +247,13 @@ def load(path):
         raise ValueError(f'{path}: {error}') from None
 
 
-def load_for_graph(path):
-    """`load`, for nodes that know alt-azimuth mounts alone.
+def load_for(path, mount):
+    """`load`, of a given mount.
+
+    Parameters
+    ----------
+    path : str or Path
+    mount : Mount
 
     Raises
     ------
@@ -256,9 +261,9 @@ def load_for_graph(path):
         As `load`, or the model is of another mount.
     """
     model = load(path)
-    if not model.mount.altaz:
-        raise ValueError(f'{path}: a model of a mount that is {model.mount.kind}; the night and '
-                         'its graph are of alt-azimuth mounts')
+    if not mount.agrees(model.mount):
+        raise ValueError(f'{path}: a model of another mount ({told(model.mount)}) than this one '
+                         f'({told(mount)})')
     return model
 
 

@@ -14,6 +14,7 @@ one formula on both sides, and what changes its sign on the sky follows from the
 gravity or the sky does is turned from the horizon into the axes, see `Mount.toward`.
 """
 
+import re
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +23,10 @@ from msg_tools.units import DEG, wrap
 
 #: the terms of the rotations, by the names that an alt-azimuth mount has for them
 CANONICAL = ('IA', 'IE', 'CA', 'NPAE', 'AN', 'AW', 'TF')
+#: frames that differ by less are one, rad: 0.0002", where a latitude has been rounded
+SAME = 1e-9
+_AXES = ('azimuth', 'elevation')
+_WORDS = re.compile(r'\b(?:azimuth|elevation)\b')
 _HORIZON = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
@@ -82,6 +87,12 @@ class Names:
         """Name here of a term of `CANONICAL`."""
         return next(name for name, (own, _) in self.terms.items() if own == canonical)
 
+    def say(self, text):
+        """A sentence about azimuth and elevation, of the axes of this mount."""
+        if self.axes == _AXES:
+            return text
+        return _WORDS.sub(lambda found: self.axes[_AXES.index(found[0])], text)
+
     def word(self, axis):
         """For people, of ``az`` (the first axis) or ``el`` (the second)."""
         return self.axes[axis != 'az']
@@ -103,7 +114,7 @@ def _terms(*names):
     return {name: (own, 1) for name, own in zip(names, CANONICAL)}
 
 
-_ALTAZ = Names(('azimuth', 'elevation'), ('azimuth axis', 'elevation axis'), ('A', 'E'),
+_ALTAZ = Names(_AXES, ('azimuth axis', 'elevation axis'), ('A', 'E'),
                ('A', 'E', 'V', 'S'), ('az', 'el'), _terms(*CANONICAL),
                (('anticlockwise', 'clockwise'), ('downward', 'upward')))
 _HADEC = Names(('hour angle', 'declination'), ('polar axis', 'declination axis'), ('h', 'δ'),
@@ -194,6 +205,27 @@ class Mount:
         """Whether the axis frame is the horizon, and nothing is beyond the pole."""
         return self.kind == 'altaz'
 
+    def entries(self):
+        """What a document of results says of another mount than an alt-azimuth one.
+
+        Its ``az`` and ``el`` are then of these axes.
+
+        Returns
+        -------
+        dict
+            ``mount`` (the kind) and ``mount_axes``; empty for an alt-azimuth mount.
+        """
+        return {} if self.altaz else {'mount': self.kind, 'mount_axes': list(self.names.axes)}
+
+    def agrees(self, other):
+        """Whether it is the same mount, but for the rounding of the angles that it was given by.
+
+        Parameters
+        ----------
+        other : Mount
+        """
+        return self.kind == other.kind and np.allclose(self.frame, other.frame, rtol=0.0, atol=SAME)
+
     @property
     def latitude(self):
         """Elevation of the pole of the first axis, radians; of an equatorial mount the latitude."""
@@ -240,8 +272,46 @@ class Mount:
         first, second : float or ndarray
             Within half a turn of the middle of the travel.
         """
+        if self.altaz:
+            return first, second
         middle = np.pi / 2.0 if self.kind == 'german' else 0.0
         return middle + wrap(first - middle), middle + wrap(second - middle)
+
+    def way(self, here, there):
+        """By how much the first axis turns to get from one angle to another, radians.
+
+        Azimuth takes the shorter way; other axes stay within their travel.
+
+        Parameters
+        ----------
+        here, there : float or ndarray
+            Radians, as of `on_travel`.
+        """
+        return wrap(there - here) if self.altaz else there - here
+
+    def side_for(self, first, second, limit, beyond):
+        """Whether such a mount looks through the pole at a place.
+
+        A German mount keeps its counterweight down: west of the meridian it does not, east of it
+        it does.
+
+        Parameters
+        ----------
+        first, second : float or ndarray
+            Of the place, not through the pole, radians.
+        limit : float
+            How far past the meridian the axis may turn, radians: nearer to it both sides do.
+        beyond : bool or ndarray of bool
+            The side to take where both do.
+
+        Returns
+        -------
+        bool or ndarray of bool
+        """
+        if self.kind != 'german':
+            return np.zeros(np.shape(first), bool)[()]
+        first = wrap(first)
+        return np.where(np.abs(first) < limit, beyond, first < 0.0)[()]
 
     def horizon_of(self, first, second):
         """Azimuth (0 to 2 pi) and elevation at which a perfect mount looks.

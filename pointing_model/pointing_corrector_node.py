@@ -56,7 +56,8 @@ class PointingCorrector(MountNode):
             self._apart.take_absolute, message, start_of(message.header.frame_id)))
 
     def _on_reading(self, take, message, *start):
-        take(*convert.read_joints(message)[:2], *start)
+        stamp, angles = convert.read_joints(message)[:2]
+        take(stamp, self._in_force.model.mount.on_travel(*angles), *start)
         if self._apart.incremental is not None:
             self._in_force.take_readings(self._in_force.zero.run, self._apart.incremental,
                                          self._apart.absolute, self._apart.start)
@@ -68,19 +69,22 @@ class PointingCorrector(MountNode):
             return None
         return Context(sky[:, 0], sky[:, 1], {
             'time': time_driver(model, stamps),
-            'temperature': self._in_force.thermometer.before(int(stamps[0]), np.nan)})
+            'temperature': self._in_force.thermometer.before(int(stamps[0]), np.nan)},
+            mount=model.mount)
 
     def _encoder(self, sky, context):
         return self._in_force.encoder(sky[:, 0], sky[:, 1], context)
 
     def _on_target(self, message):
+        names = self._names(message)
         stamp, times, sky, rates = convert.read_trajectory(message)
         context = self._drivers(stamp + np.rint(times * 1e9).astype(np.int64), sky)
         if context is not None:
             self._lacking = tuple(self._in_force.model.unknown(sky[:, 0], sky[:, 1], context))
         demand = self._encoder(sky, context)
         if not np.isfinite(demand).all():
-            raise ValueError('the mount cannot point there: too close to the zenith for its '
+            pole = 'zenith' if names == convert.AXES else 'pole of its first axis'
+            raise ValueError(f'the mount cannot point there: too close to the {pole} for its '
                              'collimation and axes')
         ahead = self._encoder(sky + STEP * rates, context)
         behind = self._encoder(sky - STEP * rates, context)
@@ -89,9 +93,17 @@ class PointingCorrector(MountNode):
         # the azimuth goes on from point to point, whatever turn the target is written in
         demand[:, 0] = np.unwrap(demand[:, 0])
         self._demand_pub.publish(
-            convert.trajectory(stamp, times, demand, turn / (2.0 * STEP)))
+            convert.trajectory(stamp, times, demand, turn / (2.0 * STEP), names))
         self._sigma_pub.publish(convert.vector(
             stamp, *self._sigma(stamp, sky, context), convert.MOUNT_FRAME))
+
+    def _names(self, message):
+        """Of the joints of a target; ValueError where the model is of another mount."""
+        found, model = convert.joints_of(message.joint_names), self._in_force.model
+        if model is not None and found != model.mount.names.keys:
+            raise ValueError(f'a target by {" and ".join(found)}, and the model is of a mount '
+                             f'with {" and ".join(model.mount.names.keys)}')
+        return found
 
     def _sigma(self, stamp, sky, context):
         """1-sigma of the demand on the sky at the first point, from model and zero, rad.

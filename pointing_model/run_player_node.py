@@ -114,10 +114,6 @@ class RunPlayer(MountNode):
                              '-p file:=FILE')
         origin = self.value('azimuth_origin') or None
         run = read_run(self.value('file'), azimuth_origin=origin)
-        if not run.mount.altaz:
-            raise ValueError(f'run_player: {self.value("file")} is of a mount that is '
-                             f'{run.mount.kind}; the graph is of alt-azimuth mounts: take the '
-                             'commands fit and diagnose')
         self._run, self._stamps, left_out = playable(
             run, self.value('check_every'), self.value('seed'))
         for name in left_out:

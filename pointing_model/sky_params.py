@@ -3,7 +3,12 @@
 from msg_tools.node import Param
 from msg_tools.units import DEG
 
+from .mounts import parse_mount
 from .sky import DEFAULT_SITE, DEFAULT_WEATHER, Site, Weather
+
+KIND_OF_MOUNT = Param(
+    'mount', 'altaz', 'kind of mount: altaz, equatorial, german, or free:AZ,EL[,ROLL], where its '
+    'first axis points [deg]', check=lambda text: parse_mount(text, 0.0), fixed=True)
 
 #: in the order of the fields of `Site` and `Weather`
 SKY_PARAMS = (
@@ -20,6 +25,11 @@ SKY_PARAMS = (
     Param('wavelength_um', DEFAULT_WEATHER.wavelength_um,
           'effective wavelength of the camera [um]', 0.2, 1000.0),
 )
+
+
+def mount_of(node):
+    """The `Mount` from the parameters of `node`, at its site."""
+    return parse_mount(node.value(KIND_OF_MOUNT.name), node.value('latitude_deg') * DEG)
 
 
 def sky_of(node):

@@ -23,10 +23,11 @@ from .observing.plan import night_plan, parse_plan
 from .observing.sequencer import Sequencer
 from .observing.table import Table
 from .run_messages import cloud_to_run, run_to_cloud
-from .sky_params import SKY_PARAMS, sky_of
+from .sky_params import KIND_OF_MOUNT, SKY_PARAMS, mount_of, sky_of
 from .target import satellite_target
 
 PARAMS = SKY_PARAMS + (
+    KIND_OF_MOUNT,
     Param('plan', night_plan(30, 16), 'steps of the night, separated by commas', check=parse_plan),
     Param('autostart', True, 'start the plan as soon as the graph is connected', fixed=True),
     Param('wait_for_nodes', [''], 'full names of nodes that must be connected before the plan '
@@ -35,6 +36,10 @@ PARAMS = SKY_PARAMS + (
     Param('magnitude_limit', 6.0, 'faintest star, Hipparcos magnitude', -2.0, 15.0),
     Param('min_elevation_deg', 20.0, 'lowest star [deg]', 0.0, 89.0),
     Param('max_elevation_deg', 85.0, 'highest star [deg]', 1.0, 90.0),
+    Param('meridian_limit_deg', 5.0, 'how far past the meridian a German mount turns before it '
+          'takes the other side [deg]', 0.0, 90.0),
+    Param('hour_angle_limit_deg', 165.0, 'largest hour angle of a star for a mount that does not '
+          'go through the pole [deg]', 1.0, 180.0),
     Param('recentre_arcsec', 60.0, 'a star farther from the boresight is centred and measured '
           'again [arcsec]', 0.1, 36000.0),
     Param('on_target_arcsec', 30.0, 'largest difference of the encoder from its demand in an '
@@ -83,10 +88,11 @@ class StarObserver(MountNode):
         self._checks_pub = self.publisher(topics.CHECKS)
         self._instruments = Instruments(self.value('first_run'), now=self.now)
         self._instruments.look = self._look_at_publishers
-        self._table = Table()
+        self._mount = mount_of(self)
+        self._table = Table(self._mount)
         # before the camera: an exposure is always corrected with the same reading of the
         # thermometer
-        self._in_force = in_force_of(self, changed=self._in_force_changed)
+        self._in_force = in_force_of(self, self._in_force_changed, self._mount)
         self._sequencer = Sequencer(self, self._instruments, self._in_force, self._table)
         self.subscribe(topics.INCREMENTAL, self._on_incremental)
         self.subscribe(topics.ABSOLUTE, self._on_absolute)
@@ -118,18 +124,28 @@ class StarObserver(MountNode):
                              f'max_elevation_deg = {values["max_elevation_deg"]}')
 
     def parameters_changed(self, names):
-        """Take a new site or weather from the next exposure on."""
+        """Take a new site or weather from the next exposure on; the mount stays on its pier."""
         self._sky = sky_of(self)
 
     # --- messages in --------------------------------------------------------------------------
 
     def _on_incremental(self, message):
+        stamp, angles, rates, _ = self._joints(message)
         self._note_clock(self._instruments.take_incremental(
-            *convert.read_joints(message)[:3], message.header.frame_id))
+            stamp, angles, rates, message.header.frame_id))
 
     def _on_absolute(self, message):
         self._note_clock(self._instruments.take_absolute(
-            *convert.read_joints(message)[:2], message.header.frame_id))
+            *self._joints(message)[:2], message.header.frame_id))
+
+    def _joints(self, message):
+        """As `convert.read_joints`, of this mount alone, on the turn of its axes."""
+        wanted, found = self._mount.names.keys, convert.joints_of(message.name)
+        if found != wanted:
+            raise ValueError(f'joints {" and ".join(found)}, and the parameter mount says '
+                             f'{self.value(KIND_OF_MOUNT.name)}: {" and ".join(wanted)}')
+        stamp, angles, rates, effort = convert.read_joints(message)
+        return stamp, self._mount.on_travel(*angles), rates, effort
 
     def _in_force_changed(self, topic):
         if topic is not topics.HOMING:
@@ -206,6 +222,10 @@ class StarObserver(MountNode):
         """Site and weather."""
         return self._sky
 
+    def mount(self):
+        """The `Mount`."""
+        return self._mount
+
     def now(self):
         """ns."""
         return self.get_clock().now().nanoseconds
@@ -220,7 +240,7 @@ class StarObserver(MountNode):
 
     def send_command(self, track):
         """On `command`."""
-        self._command_pub.publish(convert.trajectory(*track))
+        self._command_pub.publish(convert.trajectory(*track, self._mount.names.keys))
 
     def send_row(self, run, stamp):
         """On `observation` and `offset`."""

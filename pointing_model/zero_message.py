@@ -9,7 +9,7 @@ import re
 
 import numpy as np
 
-from msg_tools.convert import joint_state, read_joints
+from msg_tools.convert import AXES, joint_state, read_joints
 
 from .zero import RunZero
 from .zero_exposures import BY_POLARIS, BY_STARS
@@ -19,7 +19,7 @@ _FRAME = re.compile(_PREFIX + r'(?P<run>-?\d+)(?:@(?P<started>\d+(?:\.\d+)?))?(?
                     rf'(?:\+(?P<by>{BY_STARS}))?')
 
 
-def zero_to_joints(zero, ns):
+def zero_to_joints(zero, ns, names=AXES):
     """A JointState: ``position`` the zero, ``effort`` its sigma (rad), ``frame_id`` its identity.
 
     Parameters
@@ -27,6 +27,8 @@ def zero_to_joints(zero, ns):
     zero : RunZero
     ns : int
         Stamp of the newest observation that it rests on.
+    names : sequence of str
+        Of the axes (`msg_tools.convert.JOINTS`).
     """
     frame = ''
     if zero.run is not None:
@@ -34,7 +36,7 @@ def zero_to_joints(zero, ns):
         frame += '' if zero.started is None else f'@{zero.started:.3f}'
         frame += '' if zero.model is None else f'/{zero.model}'
         frame += '' if zero.by in (None, BY_POLARIS) else f'+{BY_STARS}'
-    return joint_state(ns, zero.angles, effort=zero.sigma, frame=frame)
+    return joint_state(ns, zero.angles, effort=zero.sigma, frame=frame, names=names)
 
 
 def joints_to_zero(message, run=None):

@@ -42,7 +42,7 @@ class BaseModel:
         from pointing_model.model_files import read_model
         from pointing_model.mounts import told
         loaded = read_model(path, mount)
-        if loaded.model.mount != mount:
+        if not loaded.model.mount.agrees(mount):
             raise ValueError(f'{path} is a model of another mount ({told(loaded.model.mount)}) '
                              f'than the run ({told(mount)})')
         if not loaded.model.terms:

@@ -36,7 +36,11 @@ def main(argv=None):
 
     0 done, 1 a check found a difference, 2 bad input, 130 ended by Ctrl-C.
     """
-    args = _parser().parse_args(argv)
+    parser = _parser()
+    args, unknown = parser.parse_known_args(argv)
+    if unknown:  # of the command: its own help says what it takes
+        _Parser(prog=f'{parser.prog} {args.command}').error(
+            f'unrecognized arguments: {" ".join(unknown)}')
     try:
         return _module(args.command.replace('-', '_')).run(args) or 0
     except KeyboardInterrupt:

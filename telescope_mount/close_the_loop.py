@@ -11,6 +11,7 @@ from pointing_model.observing.plan import parse_plan
 
 from .graph import measured_graph, night_graph
 from .night import NightFailed, observe, prepare_folder
+from .simulator import kind_of_mount, scenario_names, undeclared
 
 FORMAT = 'telescope_mount/loop'
 VERSION = 1
@@ -125,7 +126,7 @@ def points_worse(before, after, judged=None):
 
 def close_the_loop(out, *, scenario='', file=None, seed=1, stars=90, polaris=16, check=30,
                    check_every=4, alpha=0.01, start_time='', azimuth_origin=None, sky=None,
-                   domain_number=None, progress=None):
+                   mount='', domain_number=None, progress=None):
     """Carry out one night with a scenario, or one measured run.
 
     Parameters
@@ -142,7 +143,7 @@ def close_the_loop(out, *, scenario='', file=None, seed=1, stars=90, polaris=16,
         Chance that a clean night gets any effect.
     azimuth_origin : str, optional
         As of `runs.load_run`.
-    seed, start_time, sky, domain_number
+    seed, start_time, sky, mount, domain_number
         As of `night.run_night`.
     progress : callable, optional
         Called with (text, done, total) as it goes on.
@@ -162,7 +163,7 @@ def close_the_loop(out, *, scenario='', file=None, seed=1, stars=90, polaris=16,
     sky = sky or {}
     if file is not None:
         # whatever cannot be read is said before a node starts
-        run = _sound_run(file, azimuth_origin)
+        run = _sound_run(file, azimuth_origin, mount, sky)
         progress = progress and partial(_of, len(run), progress)
         plan = _MEASURED_PLAN
     else:
@@ -178,7 +179,8 @@ def close_the_loop(out, *, scenario='', file=None, seed=1, stars=90, polaris=16,
     else:
         specs = night_graph(
             bag=str(folder / 'bag'), scenario=scenario, seed=seed, start_time=start_time,
-            plan=plan, sample_rate_hz=1.0, sky=sky, calibration=calibration)
+            plan=plan, sample_rate_hz=1.0, sky=sky, calibration=calibration,
+            mount=mount or kind_of_mount(scenario))
     about = {'scenario': scenario or None, 'source': str(file) if file else None, 'seed': seed,
              'plan': plan}
     report = observe(folder, specs, plan, partial(_write, folder, about), progress, domain_number)
@@ -186,7 +188,6 @@ def close_the_loop(out, *, scenario='', file=None, seed=1, stars=90, polaris=16,
         report['rows_read'] += rows_of_reader(run).lost
         return _judge(folder, report, None)
     # now that everything is decided
-    from .simulator import undeclared
     return _judge(folder, report, undeclared(folder / 'bag_truth'))
 
 
@@ -212,7 +213,6 @@ def close_all(out, *, names=ALL, seed=1, progress=None, **options):
     ValueError, OSError
         No scenario of such a name, or bad input.
     """
-    from .simulator import scenario_names
     chosen = [name for name in scenario_names() if fnmatchcase(name, names)]
     if not chosen:
         raise ValueError(f'no scenario {names!r}: there are ' + ', '.join(scenario_names()))
@@ -231,13 +231,17 @@ def close_all(out, *, names=ALL, seed=1, progress=None, **options):
     return report
 
 
-def _sound_run(file, azimuth_origin):
+def _sound_run(file, azimuth_origin, mount, sky):
     """A measured run of which the columns and enough rows can be used."""
     from calibration.diagnosis import check_columns, naming_columns
+    from msg_tools.units import DEG
 
     from .runs import load_run
+    site = {name: sky[f'{name}_deg'] * DEG for name in ('latitude', 'longitude')
+            if f'{name}_deg' in sky}
     with naming_columns():
-        run = load_run(file, azimuth_origin=azimuth_origin)
+        run = load_run(file, azimuth_origin=azimuth_origin,
+                       **({'mount': mount, 'site': site or None} if mount else {}))
     check_columns(run)
     told = rows_of_reader(run)
     if told.too_few:
@@ -270,7 +274,8 @@ def _site_of(run, sky):
 
 def _player(run, file, azimuth_origin, folder):
     """Parameters of the run player: a file that it can read, written if need be."""
-    if file.is_dir() or file.suffix == '.mcap' or run.meta.get('of_solves'):
+    if (file.is_dir() or file.suffix == '.mcap' or run.meta.get('of_solves')
+            or not run.mount.altaz):
         from pointing_model.run_files import write_csv
         file, azimuth_origin = folder / 'run.csv', None
         write_csv(run, file)
@@ -287,8 +292,9 @@ def _write(folder, about, latest):
     diagnosis = json.loads(latest[topics.DIAGNOSIS.name].data)
     checks = latest.get(topics.CHECKS.name)
     checks = json.loads(checks.data)['checks'] if checks is not None else []
+    run = cloud_to_run(latest[topics.OBSERVATIONS.name])
     report = {
-        'format': FORMAT, 'version': VERSION, **about,
+        'format': FORMAT, 'version': VERSION, **about, **run.mount.entries(),
         'verdict': diagnosis['verdict'], 'effects': diagnosis['effects'],
         'applied': diagnosis['applied'], 'published': diagnosis['published'],
         'refused': diagnosis['refused'], 'judgement': diagnosis['judgement'],
@@ -303,7 +309,6 @@ def _write(folder, about, latest):
             latest[topics.CALIBRATION_REPORT.name].data)['witnesses']['alarms'],
         'notes': diagnosis['notes'],
     }
-    run = cloud_to_run(latest[topics.OBSERVATIONS.name])
     model = PointingModel.from_json(latest[topics.MODEL.name].data)
     report['drive'] = drive_error(run, model, diagnosis['site_deg'],
                                   bool((report['judged'] or {}).get('taken_back')))

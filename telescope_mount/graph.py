@@ -6,6 +6,7 @@
 from dataclasses import dataclass, field
 
 from msg_tools import NAMESPACE
+from pointing_model.mounts import parse_mount
 
 #: executable -> module; setup.py makes one executable of each
 NODES = {
@@ -48,7 +49,7 @@ class NodeSpec:
 
 def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time_scale=0.0,
                 model_file='', first_run=1, sky=None, reference_age=0, satellite='',
-                sample_rate_hz=None, calibration=None, absolute='angles'):
+                sample_rate_hz=None, calibration=None, absolute='angles', mount='altaz'):
     """The nodes of a simulated night.
 
     Parameters
@@ -81,6 +82,8 @@ def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time
         Further parameters of the calibration.
     absolute : {'angles', 'frames'}
         The simulated absolute encoder reads itself, or publishes images that `frame_reader` reads.
+    mount : str
+        What the observer is told of the kind of mount, see `pointing_model.mounts.parse_mount`.
 
     Returns
     -------
@@ -92,16 +95,17 @@ def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time
         {'start_time': start_time} if start_time else {})
     parameters = {
         # live, the servo and the camera need more than the few samples around an exposure
-        'mount_simulator': simulator | {'time_scale': time_scale} | (
+        'mount_simulator': simulator | {'time_scale': time_scale} | {
+            name: sky[name] for name in ('latitude_deg',) if name in sky} | (
             {'sample_rate_hz': sample_rate_hz} if sample_rate_hz
             else {'sample_rate_hz': 10.0} if time_scale else {}),
         'incremental_encoder': dict(simulator),
         'absolute_encoder': simulator | ({'publishes': 'frames'} if absolute == 'frames' else {}),
-        'frame_reader': EVERY_FRAME,
+        'frame_reader': EVERY_FRAME | {'mount': parse_mount(mount, 0.0).kind},
         'camera': simulator | sky | {'satellite': satellite},
         'star_observer': {
             'use_sim_time': True, 'star_seed': seed, 'model_file': model_file,
-            'first_run': first_run, 'satellite': satellite,
+            'first_run': first_run, 'satellite': satellite, 'mount': mount,
             'wait_for_nodes': [f'{NAMESPACE}/{name}' for name in names],
         } | ({'plan': plan} if plan else {}) | sky,
         'pointing_corrector': {'use_sim_time': True, 'model_file': model_file},

@@ -3,11 +3,16 @@
 from textwrap import shorten
 
 from calibration.tables import new_table
+from pointing_model.mounts import KINDS
 
 #: characters of an alarm in the table of all
 _ALARM = 36
 #: part of the square of the misses from which on the drive is named
 _DRIVE = 0.25
+
+
+def _names(report):
+    return KINDS[report.get('mount', 'altaz')]
 
 
 def _arcsec(value):
@@ -51,7 +56,7 @@ def _effects(report):
 
 
 def _errors(report):
-    table = new_table('RMS on the sky, arcsec', '', 'az', 'el', 'radial', 'rows')
+    table = new_table('RMS on the sky, arcsec', '', *_names(report).columns, 'radial', 'rows')
     for when in ('before', 'after'):
         check = report[f'blind_{when}']
         if check is not None:
@@ -84,9 +89,10 @@ def loop_sentences(report):
         out.append('fresh stars: ' + report['judged']['why'])
     drive = report.get('drive')
     if drive and drive['rms_arcsec'] ** 2 > _DRIVE * drive['missed_arcsec'] ** 2:
+        first, second = _names(report).axes
         out.append(f'fresh stars: of {drive["missed_arcsec"]:.2f} arcsec that they were missed by, '
-                   f'{drive["rms_arcsec"]:.2f} is the drive (azimuth {drive["rms_x_arcsec"]:.2f}, '
-                   f'elevation {drive["rms_y_arcsec"]:.2f}): the encoders saw that the axes were '
+                   f'{drive["rms_arcsec"]:.2f} is the drive ({first} {drive["rms_x_arcsec"]:.2f}, '
+                   f'{second} {drive["rms_y_arcsec"]:.2f}): the encoders saw that the axes were '
                    'not where they were sent; no model mends it, look at servo, friction and wind')
     told = report.get('undeclared')
     if told:

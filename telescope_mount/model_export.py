@@ -141,7 +141,7 @@ def _sky_of(path, model, options):
 
     from .runs import load_run
     run = load_run(path, **options)
-    if run.mount != model.mount:
+    if not run.mount.agrees(model.mount):
         raise ValueError(f'{path} is a run of another mount ({run.mount.kind}) than the model '
                          f'({model.mount.kind}), or of another latitude')
     x, y = model.residuals(run)

@@ -12,6 +12,7 @@ from pointing_model.observing.plan import night_plan, parse_plan
 
 from . import domain
 from .graph import night_graph
+from .simulator import kind_of_mount
 
 #: wall seconds without any progress after which a night is given up
 STALL = 60.0
@@ -41,7 +42,8 @@ def prepare_folder(folder):
 
 
 def run_night(out, *, stars=30, polaris=16, reference=None, cycle='incremental',
-              domain_number=None, params_file=None, progress=None, **graph):
+              domain_number=None, params_file=None, progress=None, scenario='default', mount='',
+              **graph):
     """Observe a night in a graph of processes.
 
     Parameters
@@ -58,8 +60,12 @@ def run_night(out, *, stars=30, polaris=16, reference=None, cycle='incremental',
         A ROS parameter file, read by every node after the values of the graph.
     progress : callable, optional
         Called with (text, done, total) as the night goes on.
+    scenario : str
+        What is wrong with the simulated mount.
+    mount : str
+        As of `graph.night_graph`; empty: the kind that the scenario is.
     **graph
-        As of `graph.night_graph`: ``seed``, ``scenario``, ``time_scale``, ...
+        As of `graph.night_graph`: ``seed``, ``time_scale``, ...
 
     Returns
     -------
@@ -77,10 +83,11 @@ def run_night(out, *, stars=30, polaris=16, reference=None, cycle='incremental',
     parse_plan(plan)
     if reference is not None:
         from pointing_model.model import PointingModel
-        PointingModel.load_for_graph(reference)
+        PointingModel.load(reference)
     folder = prepare_folder(out)
     specs = night_graph(
-        bag=str(folder / 'bag'), plan=plan,
+        bag=str(folder / 'bag'), plan=plan, scenario=scenario,
+        mount=mount or kind_of_mount(scenario),
         model_file=str(reference.resolve()) if reference else '', **graph)
     report = observe(folder, specs, plan, partial(_write, folder), progress, domain_number,
                      params_file)
@@ -214,6 +221,8 @@ def _up_to_date(latest, verbs):
     from msg_tools import topics
     from pointing_model.run_messages import cloud_to_run
     run = cloud_to_run(latest[topics.OBSERVATIONS.name])
+    if 'time' not in run:  # a measured run, and one step of each kind
+        return True
     report = json.loads(latest[topics.CALIBRATION_REPORT.name].data)
     model = json.loads(latest[topics.MODEL.name].data)
     steps = range(len(verbs))

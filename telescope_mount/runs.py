@@ -9,6 +9,7 @@ from msg_tools.bag import BagReader
 from msg_tools.bag.provenance import parameters_of
 from pointing_model.context import Context
 from pointing_model.effects import declared_graduation
+from pointing_model.mounts import is_beyond, mount_text, parse_mount
 from pointing_model.run_files import NoObservations, read_run, swap_encoders
 
 
@@ -55,10 +56,10 @@ def load_run(path, azimuth_origin=None, *, site=None, weather=None, encoder=None
             path, azimuth_origin=azimuth_origin, site=site, weather=weather, encoder=encoder,
             mount=mount)))
     else:
-        if mount is not None and mount != 'altaz':
-            raise ValueError(f'{path} is a log of a night with an alt-azimuth mount; leave out '
-                             '--mount')
         run = run_of_log(path)
+        if mount is not None and not run.mount.agrees(parse_mount(mount, run.mount.latitude)):
+            raise ValueError(f'{path} is a log of a night with a mount that is '
+                             f'{mount_text(run.mount)}; leave out --mount')
         if site is not None:
             run.meta['site'] = site
         if encoder == 'abs':
@@ -148,7 +149,7 @@ def run_of_log(path):
     from pointing_model.zero_exposures import is_for_zero, way_of
     from pointing_model.zero_message import joints_to_zero
 
-    bag = BagReader(path)
+    bag = _log(path)
     if bag.has_truth:
         raise ValueError(f'{path} holds the truth of the simulator; fit the log beside it')
     by_end = {topic.name.rsplit('/', 1)[-1]: topic.name for topic in bag.topics}
@@ -167,7 +168,8 @@ def run_of_log(path):
     run = PointingRun.concatenate(parts)
     notes = []
     columns = dict(run.columns)
-    columns['az_raw'], columns['el_raw'] = _readings(columns)
+    columns['az_raw'], columns['el_raw'] = _readings(columns, not run.mount.altaz
+                                                     and is_beyond(run['el']))
     if zeros:
         notes.append(f'the zeros that the night set on {len(zeros)} power-ons are taken off')
         az, el = zeros.filled(np.unique(run['run']), NO_ZERO).of_rows(run)
@@ -178,11 +180,26 @@ def run_of_log(path):
     notes.append(f'{int((~stars).sum())} exposures of {way} left out')
     notes += reasons(run)
     stars &= ~distrusted(run)
-    meta = {'source': str(path), 'notes': notes + bag.problems, 'excluded': []}
+    meta = {**run.meta, 'source': str(path), 'notes': notes + bag.problems, 'excluded': []}
     told = (parameters_of(bag.metadata, '/calibration') or {}).get('graduation')
     if told:
         meta['graduation'] = declared_graduation(told)
     return _without_judges(PointingRun({n: v[stars] for n, v in columns.items()}, meta))
+
+
+def _log(path):
+    """Reader of a log; a folder of images is told as that."""
+    try:
+        return BagReader(path)
+    except (ValueError, OSError):
+        from pointing_model.plate_solved.mapping import PATTERNS
+        if not path.is_dir() or not any(any(path.glob(pattern)) for pattern in PATTERNS):
+            raise
+        mapping = path / 'mount.yaml'
+        raise ValueError(
+            f'{path} is a folder of images: give {mapping}' if mapping.is_file() else
+            f'{path} is a folder of images: write {mapping}, which says what their keywords are '
+            '(docs/plate_solved.md has one to copy), and give that') from None
 
 
 def _without_judges(run):
@@ -199,7 +216,7 @@ def _without_judges(run):
     return out
 
 
-def _readings(columns):
+def _readings(columns, beyond=False):
     """Readings of the encoders at the exposure, from those with the star centred."""
     from pointing_model.observing.pairing import centred
     az, el = columns['az_enc'], columns['el_enc']
@@ -207,6 +224,7 @@ def _readings(columns):
         return az, el
     az_raw, el_raw = az, el
     for _ in range(5):  # each leaves an error smaller by about the miss distance
-        az_centred, el_centred = centred(az_raw, el_raw, columns['miss_x'], columns['miss_y'])
+        az_centred, el_centred = centred(az_raw, el_raw, columns['miss_x'], columns['miss_y'],
+                                         beyond)
         az_raw, el_raw = az_raw + (az - az_centred), el_raw + (el - el_centred)
     return az_raw, el_raw

@@ -1,18 +1,40 @@
 """The one door from outside to the simulator.
 
 Who calibrates may not know the truth, so nobody else outside of `encoder_sim` names it, but for the
-modules of its nodes in `graph.NODES`. What comes through here is a list of names, a bench that
-calibrates nothing, and what a scenario did, out of the log of the truth when all is over.
+modules of its nodes in `graph.NODES`. What comes through here is a list of names, what kind of
+mount one has, a bench that calibrates nothing, and what a scenario did, out of the log of the truth
+when all is over.
 """
 
 import json
 
 from encoder_sim.indexing_table import SCALES, IndexingTable
-from encoder_sim.scenario_file import scenario_names
+from encoder_sim.scenario_file import load_scenario, scenario_names
 from encoder_sim.scenario_file import undeclared as _undeclared
 from msg_tools.bag import BagReader
 
-__all__ = ['SCALES', 'IndexingTable', 'scenario_names', 'undeclared']
+__all__ = ['SCALES', 'IndexingTable', 'kind_of_mount', 'scenario_names', 'undeclared']
+
+
+def kind_of_mount(scenario):
+    """What kind of mount a scenario has, which who observes with it is told.
+
+    Parameters
+    ----------
+    scenario : str
+        A name or a YAML file.
+
+    Returns
+    -------
+    str
+        As `pointing_model.mounts.parse_mount` takes it.
+
+    Raises
+    ------
+    ValueError, OSError
+        There is no such scenario, or it is wrong.
+    """
+    return load_scenario(scenario).mount.kind
 
 
 def undeclared(bag):

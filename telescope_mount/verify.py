@@ -20,6 +20,7 @@ from msg_tools.homing import cloud_to_homing
 from msg_tools.units import DEG
 from pointing_model.effects import declared_graduation
 from pointing_model.model import PointingModel
+from pointing_model.mounts import is_beyond
 from pointing_model.observing.pairing import (
     RATE_OVER,
     centred,
@@ -237,17 +238,20 @@ class _Pairing:
     def _compare(self, stamp, run):
         miss = self.frames.get(stamp)
         found = {}
+        beyond = not run.mount.altaz and bool(is_beyond(run['el'][0]))
         for encoder, readings in self._readings.items():
             angles = self._around(readings, stamp)
             if miss is None or angles is None:
                 continue
+            stamps, readings = angles
+            angles = stamps, [run.mount.on_travel(*reading) for reading in readings]
             angle, rate = interpolate(*angles, stamp, RATE_OVER)
             if encoder == 'enc':
-                read, found[encoder] = angle, np.array(centred(*angle, *miss))
+                read, found[encoder] = angle, np.array(centred(*angle, *miss, beyond))
                 # of logs from before it was taken over a second
                 rates = rate, interpolate(*angles, stamp)[1]
             elif 'enc' in found:
-                found[encoder] = centred_second(angle, read, miss)
+                found[encoder] = centred_second(angle, read, miss, beyond)
         if 'enc' not in found:
             self._check.unchecked.append(
                 f'observation of {_at(stamp)}: its exposure or its readings are not in the log')
@@ -291,12 +295,12 @@ def _session(log, parameters, reference, seed, rows):
     seed = seed if seed is not None else parameters.get('split_seed', 1)
     model = None
     if reference is not None:
-        model = PointingModel.load_for_graph(reference)
+        model = PointingModel.load(reference)
     elif parameters.get('model_file'):
         if any(a.name == 'reference_model.json' for a in log.attachments):
             model = PointingModel.from_json(log.read_attachment('reference_model.json').decode())
         elif Path(parameters['model_file']).is_file():
-            model = PointingModel.load_for_graph(parameters['model_file'])
+            model = PointingModel.load(parameters['model_file'])
         else:
             raise ValueError(f'the night had the reference model {parameters["model_file"]}, '
                              'which is not there: give it with --reference')

@@ -112,9 +112,10 @@ class Base:
             nothing = np.zeros_like(functions)
             rows += [np.hstack((functions * sky_factor(el, self.interpretation), nothing)),
                      np.hstack((nothing, functions))]
+        zeros = [common.index(t) for t in mount.names.index if t in common]
         if not self.own:
-            return Columns(np.vstack(rows))
-        return Columns(np.vstack(rows), stacked_design(self.own, az, el, mount), run)
+            return Columns(np.vstack(rows), zeros=zeros)
+        return Columns(np.vstack(rows), stacked_design(self.own, az, el, mount), run, zeros)
 
 
 @dataclass
@@ -200,7 +201,7 @@ def observations(runs, encoder='enc'):
     runs = [runs] if isinstance(runs, PointingRun) else list(runs)
     if not runs:
         raise ValueError('no pointing run to diagnose; give at least one')
-    if len({r.mount for r in runs}) > 1:
+    if not all(r.mount.agrees(runs[0].mount) for r in runs[1:]):
         raise ValueError('the runs are of different mounts ('
                          + ', '.join(sorted({r.mount.kind for r in runs}))
                          + '; or of one kind at two latitudes): diagnose each mount alone')

@@ -135,7 +135,7 @@ class Diagnosis:
     def to_dict(self):
         """The JSON result; keys that do not apply are None."""
         return {
-            **_of_mount(self.observations.run.mount),
+            **self.observations.run.mount.entries(),
             'observations': len(self.observations), 'runs': len(self.observations.runs),
             'base_terms': self.base.names(), 'verdict': self.verdict, 'before': self.before,
             'after': self.after, 'noise_floor_arcsec': self.noise_floor_arcsec,
@@ -145,11 +145,6 @@ class Diagnosis:
             'next_observations': self.next_observations, 'detectable': self.detectable,
             'wander': self.wander, 'expected': self.expected,
         }
-
-
-def _of_mount(mount):
-    """What the result has of another mount than an alt-azimuth one: az and el are its axes."""
-    return {} if mount.altaz else {'mount': mount.kind, 'mount_axes': list(mount.names.axes)}
 
 
 def _excluded(rows, obs):

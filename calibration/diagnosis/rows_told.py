@@ -17,6 +17,7 @@ _COPY = 'the same as row'
 RMS_KEYS = ('rms_arcsec', 'rms_x_arcsec', 'rms_y_arcsec', 'cv_rms_arcsec', 'cv_rms_x_arcsec',
             'cv_rms_y_arcsec', 'cv_spread', 'holdout_rms_arcsec')
 _NAMED = 5  # outliers in a sentence, at most
+_REASONS = 12  # lines of rows left out, at most
 
 
 @dataclass
@@ -100,6 +101,12 @@ def rows_of_fit(run, result):
     left = np.stack((result.residual_x, result.residual_y))[:, usable]
     return _told(left, result.weights[usable],
                  [*run.meta.get('excluded', ()), *result.excluded], run.lines[usable])
+
+
+def excluded_of_fit(run, result):
+    """Rows that a fit did not have and those that it could not use: ``row`` in the file, reason."""
+    return [*run.meta.get('excluded', ()),
+            *({**one, 'row': run.lines[one['row']]} for one in result.excluded)]
 
 
 def _told(left, weights, excluded, lines, sources=None):
@@ -234,3 +241,40 @@ def outlier_sentence(document):
 
 def _far(arcsec):
     return f'{arcsec:.0f} arcsec' if arcsec < 3600.0 else f'{arcsec / 3600.0:.2f} deg'
+
+
+def left_out_lines(excluded, several=False):
+    """Which rows are left out and why: a line for each reason.
+
+    Parameters
+    ----------
+    excluded : list of dict
+        ``row`` (the line in the file), ``reason``, ``source``.
+    several : bool
+        Whether there are several files: the line says which.
+
+    Returns
+    -------
+    list of str
+    """
+    reasons = {}
+    for one in excluded:
+        source = PurePath(str(one['source'])).name if several and one.get('source') else ''
+        reasons.setdefault((source, one['reason']), []).append(one['row'])
+    lines = [f'{source}{": " if source else ""}row{"s" * (len(rows) > 1)} {listed(rows)} left out: '
+             f'{reason}' for (source, reason), rows in reasons.items()]
+    if len(lines) <= _REASONS:
+        return lines
+    others = list(reasons.values())[_REASONS:]
+    return [*lines[:_REASONS], f'{sum(map(len, others))} rows more left out, for {len(others)} '
+            'other reasons (--json FILE has them all)']
+
+
+def listed(rows, limit=10):
+    """Numbers as text, neighbours as a range: 3, 7-9; of many the first and how many."""
+    rows = sorted(set(rows))
+    breaks = [i for i, (a, b) in enumerate(zip(rows, rows[1:]), 1) if b != a + 1]
+    parts = [rows[i:j] for i, j in zip([0, *breaks], [*breaks, len(rows)])]
+    texts = [f'{p[0]}' if len(p) == 1 else f'{p[0]}-{p[-1]}' for p in parts]
+    more = f', ... ({len(rows)} rows)' if len(texts) > limit else ''
+    return ', '.join(texts[:limit]) + more

@@ -5,9 +5,21 @@ is reversed on the sky follows from the geometry; here are what turns over with 
 hangs on the other end of the axis then.
 """
 
+import numpy as np
+
 from pointing_model.mounts import KINDS
 
-from .base import Effect, Offer, effect, form, of_document, readable, single_rows, to_document
+from .base import (
+    FEWEST_ON_A_SIDE,
+    Effect,
+    Offer,
+    effect,
+    form,
+    of_document,
+    readable,
+    single_rows,
+    to_document,
+)
 
 _DIRECTION = {key for names in KINDS.values() for key in names.keys}
 _DEGREES = (1, 2)
@@ -69,6 +81,34 @@ def by_side(effects, context):
     return [effect('by_side', of=to_document(e)) for e in terms + others], None
 
 
+@form
+def _by_counterweight(of, play):
+    """A lean of the first axis (a term, as a document) with the pull of the counterweight.
+
+    Where bearings have play the axis lies on one side of it or the other; else it bends. Near the
+    meridian that is as the side of the pier; below the pole the counterweight hangs the other way.
+    """
+    whole = of_document(of)
+    how = 'by' if play else 'with'
+
+    def columns(c):
+        pull = c.get('counterweight')
+        return whole.columns(c) * (np.sign(pull) if play else pull)
+
+    def say(amount):
+        moves = 'has play, and lies over' if play else 'bends'
+        return (f'The first axis {moves} to where the counterweight hangs: '
+                f'{2.0 * amount.size:.1f}\u2033 from end to end')
+
+    return Effect(f'{whole.name}_{how}_counterweight',
+                  f'{whole.cause}; it changes with the pull of the counterweight'
+                  + (', from one end of a play to the other' if play else ''),
+                  f'({whole.formula}) x {"sign cos" if play else "cos"}(first angle)',
+                  'counterweight', whole.axes, whole.coefficient_names, columns, say,
+                  'the bearings and the housing of the first axis, the balance about the second',
+                  whole.unit, requires=('counterweight',))
+
+
 def direct(effect):
     """Whether an effect follows nothing but the direction, and the side of the pier."""
     return effect.kind == 'effect' and effect.driver in _DIRECTION and effect.scan is None
@@ -103,9 +143,18 @@ def _polynomial(result, of, power, mount='equatorial'):
 
 
 def propose(context, lacking, own):
-    """Polynomials, of mounts that are no alt-azimuth ones."""
-    if context.mount.altaz:
+    """Polynomials, of mounts that are no alt-azimuth ones, and what a counterweight does."""
+    mount = context.mount
+    if mount.altaz:
         return
+    pull = context.get('counterweight')
+    if pull is not None:
+        few = min(np.sum(pull > 0.0), np.sum(pull < 0.0)) < FEWEST_ON_A_SIDE
+        yield Offer('by_counterweight', [] if few else [
+            effect('by_counterweight', of=to_document(effect('term', name=name, mount=mount.kind)),
+                   play=play) for name in ('MA', 'ME') for play in (True, False)],
+            'what changes with the counterweight',
+            'it hangs on one side in nearly all rows' if few else None)
     yield Offer('polynomial', [
         effect('polynomial', result=result, of=of, power=power, mount=context.mount.kind)
         for result in ('az', 'sky', 'el') for of in ('az', 'el') for power in _DEGREES])

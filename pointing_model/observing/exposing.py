@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 
-from msg_tools.units import ARCSEC, wrap
+from msg_tools.units import ARCSEC, DEG, wrap
 
 from .instruments import ABSOLUTE, CAMERA, MOUNT
 from .pairing import centred, centred_second
@@ -73,7 +73,10 @@ class Exposer:
         dict or None
             The row; None where there was no star in the field.
         """
-        pointing = Pointing(target, self._in_force, np.zeros(2) if blind else self._carried)
+        pointing = Pointing(target, self._in_force, np.zeros(2), self._out.mount(),
+                            self._out.value('meridian_limit_deg') * DEG)
+        if not blind:
+            pointing.aim = self._carried * self._stretch(pointing)
         seen = blank = 0
         first = None
         while True:
@@ -82,10 +85,12 @@ class Exposer:
                 blank += 1
                 if blank < BLANKS:
                     continue
+                if not blind:
+                    self.forget_aim()  # it may be why
                 return None
             reading, rate = self._instruments.exposures.at('enc', stamp)
-            enc = np.array(centred(*reading, *miss))
-            second = self._second(stamp, miss, reading)
+            enc = np.array(centred(*reading, *miss, pointing.beyond))
+            second = self._second(stamp, miss, reading, pointing.beyond)
             second_on = self._instruments.absolute_power_on
             self._in_force.take_readings(self._instruments.run, enc, second,
                                          second_on.started if second_on else np.nan)
@@ -93,8 +98,9 @@ class Exposer:
                 break
             demand = pointing.demand(np.array([stamp]), self._conditions())[0]
             # only for pointing: the next star lies nearer to where this one was found
-            pointing.aim = self._carried = pointing.aim + np.array(
+            pointing.aim = pointing.aim + np.array(
                 [wrap(enc[0] - demand[0]), enc[1] - demand[1]])
+            self._carried = pointing.aim / self._stretch(pointing)
             seen += 1
             off = float(np.hypot(*miss))
             first = off if first is None else first
@@ -108,7 +114,17 @@ class Exposer:
             return None
         return self._row(pointing, block, blind, stamp, miss, enc, second, rate)
 
-    def _second(self, stamp, miss, first):
+    def _stretch(self, pointing):
+        """By what an aim on the sky is that of the axes: near a pole the first turns far.
+
+        Azimuths are carried as they are: a zero that is off is most of it.
+        """
+        if pointing.mount.altaz:
+            return 1.0
+        second = pointing.place(np.array([self.now()]), *self._out.sky())[1][0]
+        return np.array([1.0 / np.cos(second), 1.0])
+
+    def _second(self, stamp, miss, first, beyond):
         """Of the absolute encoder; NaN, for each axis, where it is not known or cannot be."""
         try:
             reading, _ = self._instruments.exposures.at('abs', stamp)
@@ -116,12 +132,12 @@ class Exposer:
             return np.full(2, np.nan)
         if not self._instruments.health.second(ABSOLUTE, reading, first):
             return np.full(2, np.nan)
-        return centred_second(reading, first, miss)
+        return centred_second(reading, first, miss, beyond)
 
     def _row(self, pointing, block, blind, stamp, miss, enc, second, rate):
         target, (site, air, *_) = pointing.target, self._conditions()
         power_on, second_on = self._instruments.power_on, self._instruments.absolute_power_on
-        az, el = (float(v[0]) for v in target.place(np.array([stamp * 1e-9]), site, air))
+        az, el = (float(v[0]) for v in pointing.place(np.array([stamp]), site, air))
         return {
             'stamp': stamp, 'time': stamp * 1e-9, 'run': self._instruments.run,
             'encoder_start': power_on.started if power_on else np.nan,

@@ -66,7 +66,7 @@ def _since(readings, stamp):
     return [s for s, _ in reversed(newest)], [a for _, a in reversed(newest)]
 
 
-def centred_second(reading, first, miss):
+def centred_second(reading, first, miss, beyond=False):
     """`centred` of the second encoder, each axis of which may be NaN.
 
     How an axis centres depends a little on where the other one is: the `first` encoder's reading
@@ -76,16 +76,18 @@ def centred_second(reading, first, miss):
     ----------
     reading, first, miss : array_like, shape (2,)
         Radians.
+    beyond : bool
+        As of `centred`.
 
     Returns
     -------
     ndarray, shape (2,)
     """
     known = np.isfinite(reading)
-    return np.where(known, centred(*np.where(known, reading, first), *miss), np.nan)
+    return np.where(known, centred(*np.where(known, reading, first), *miss, beyond), np.nan)
 
 
-def centred(az, el, miss_x, miss_y):
+def centred(az, el, miss_x, miss_y, beyond=False):
     """The encoder reading that would have put the star on the boresight.
 
     The miss distance is a point in the tangent plane about the pointing; taking it back to the
@@ -96,7 +98,10 @@ def centred(az, el, miss_x, miss_y):
     az, el : float or ndarray
         Encoder reading, rad.
     miss_x, miss_y : float or ndarray
-        Star minus boresight toward +A and +E, rad.
+        Star minus boresight to the right and the top of the tube, rad: differences of the
+        first angle times the cosine of the second, and of the second.
+    beyond : bool or ndarray of bool
+        Whether the mount looks through the pole.
 
     Returns
     -------
@@ -104,8 +109,11 @@ def centred(az, el, miss_x, miss_y):
         Radians.
     """
     up = np.cos(el) - miss_y * np.sin(el)
-    new_az = az + np.arctan2(miss_x, up)
-    return new_az, np.arctan2(np.sin(el) + miss_y * np.cos(el), np.hypot(miss_x, up))
+    side = np.where(beyond, -1.0, 1.0)[()]
+    new_az = az + np.arctan2(side * miss_x, side * up)
+    new_el = np.arctan2(np.sin(el) + miss_y * np.cos(el), side * np.hypot(miss_x, up))
+    # on the turn of the reading
+    return new_az, np.where(beyond, el + wrap(new_el - el), new_el)[()]
 
 
 class Exposures:

@@ -14,7 +14,6 @@ from msg_tools.steps import Refused, Steps, call
 from msg_tools.units import DEG
 
 from ..earth import earth_orientation
-from ..mounts import ALTAZ
 from ..star_catalogue import POLARIS_HIP, load_catalogue
 from ..target import StarTarget, satellite_target
 from ..zero_exposures import MARK
@@ -23,7 +22,7 @@ from .exposing import Exposer
 from .instruments import MOUNT
 from .plan import POWER_CYCLES, parse_plan
 from .pointing import Standing
-from .star_choice import choose_stars
+from .star_choice import Limits, choose_stars
 from .zero_choice import ZeroChoice
 
 #: what a star takes, to know that it stays within the limits until its turn, s
@@ -41,6 +40,7 @@ class Sequencer:
 
         - ``value(name)``: a parameter of the star observer
         - ``sky()``: site and weather of now, sky.Site and sky.Weather
+        - ``mount()``: the `Mount`
         - ``now()``: the (simulated) time; 0 before it is known
         - ``waiting_for()``: what the graph still lacks before a plan can begin, list of str
         - ``client(verb)``: client of a service, see `msg_tools.steps.call`
@@ -305,7 +305,7 @@ class Sequencer:
         """Stand still until so many hours after the last evening: the next one."""
         yield from self._need_home()
         self._evening = self._exposer.earliest = self._evening + count * _HOUR
-        yield from self._exposer.expose(Standing(self._instruments.here))
+        yield from self._exposer.expose(Standing(self._instruments.here, self._out.mount()))
 
     def _do_home(self, count=0):
         self._homes = True
@@ -367,8 +367,12 @@ class Sequencer:
             value('star_seed') + self._progress.block, value('min_elevation_deg') * DEG,
             value('max_elevation_deg') * DEG, value('magnitude_limit'),
             exclude=[*self._table.stars_since(self._evening), POLARIS_HIP],
-            duration=count * SECONDS_A_STAR, start=self._instruments.here)
+            duration=count * SECONDS_A_STAR, start=self._instruments.here,
+            mount=self._out.mount(), limits=self._limits())
         return [StarTarget(self._catalogue.select([row])) for row in rows]
+
+    def _limits(self):
+        return Limits(*(self._out.value(f'{name}_limit_deg') * DEG for name in Limits._fields))
 
     def _stars(self):
         if self._catalogue is None:
@@ -380,8 +384,8 @@ class Sequencer:
         """What to expose for a zero, under the conditions of now."""
         return ZeroChoice(
             self._stars(), self._table, self._exposer.now() * 1e-9, *self._out.sky(),
-            mount=ALTAZ, model=self._in_force.model, run=self._instruments.run,
-            evening=self._evening, here=self._instruments.here,
+            mount=self._out.mount(), axes=self._limits(), model=self._in_force.model,
+            run=self._instruments.run, evening=self._evening, here=self._instruments.here,
             limits=[self._out.value(name) for name in (
                 'min_elevation_deg', 'max_elevation_deg', 'magnitude_limit')],
             a_star=SECONDS_A_STAR)

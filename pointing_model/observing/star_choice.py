@@ -1,10 +1,13 @@
 """Which stars to observe for a pointing model, and in which order."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from msg_tools.units import ARCSEC, DEG, wrap
 
 from .. import harmonics
+from ..mounts import ALTAZ, through_pole
 from ..sky import DEFAULT_SITE, DEFAULT_WEATHER, observed_place
 
 NEIGHBOUR_DISTANCE = 30.0 * 60.0 * ARCSEC  # a field of 30 arcmin to its corner, and a mount 8 off
@@ -13,9 +16,47 @@ NEIGHBOUR_CONTRAST = 2.0  # magnitudes; a fainter neighbour does not disturb
 _TRIALS, _STEPS = 48, 300  # changed orders tried a step, steps
 
 
+class Limits(NamedTuple):
+    """How far axes turn, radians.
+
+    Attributes
+    ----------
+    meridian : float
+        Past the meridian, of a German mount.
+    hour_angle : float
+        On either side, of the first axis of a mount that does not go through the pole.
+    """
+
+    meridian: float = 5.0 * DEG
+    hour_angle: float = np.pi
+
+    def reached(self, mount, az, el, most):
+        """Whether the axes reach places of the horizon, no nearer to the pole than `most`.
+
+        Parameters
+        ----------
+        mount : Mount
+        az, el : ndarray, shape (n,)
+            Radians.
+        most : float
+            Largest angle from the equator of the axes, radians.
+
+        Returns
+        -------
+        ndarray of bool, shape (n,)
+        """
+        if mount.altaz:
+            return el <= most
+        first, second = mount.axes_of(az, el)
+        free = mount.kind == 'german'  # on one side or the other
+        return (np.abs(second) <= most) & (free | (np.abs(first) <= self.hour_angle))
+
+
+ANYWHERE = Limits()
+
 def choose_stars(stars, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, n=30, seed=0,
                  min_el=20.0 * DEG, max_el=85.0 * DEG, mag_limit=6.0, exclude=(), duration=0.0,
-                 start=None):
+                 start=None, mount=ALTAZ, limits=ANYWHERE):
     """Choose stars all over the sky and put them in observing order.
 
     Parameters
@@ -39,7 +80,12 @@ def choose_stars(stars, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, n=30, 
     duration : float
         Seconds that the observations take: a chosen star stays within the limits so long.
     start : (float, float), optional
-        Azimuth and elevation where the mount stands, radians.
+        Angles of the axes where the mount stands, radians.
+    mount : Mount, optional
+        Of another than an alt-azimuth one `max_el` is the largest angle from the equator of its
+        axes: nearer to the pole the first axis is too fast.
+    limits : Limits
+        Of its axes.
 
     Returns
     -------
@@ -67,7 +113,9 @@ def choose_stars(stars, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, n=30, 
     bright = np.flatnonzero(stars.mag <= mag_limit)
     moments = [time] if duration == 0.0 else [time, time + duration / 2.0, time + duration]
     places = [observed_place(stars.select(bright), t, site, weather) for t in moments]
-    up = np.all([(el >= min_el) & (el <= max_el) for _, el in places], axis=0)
+    up = np.all([(el >= min_el) & limits.reached(mount, az, el, max_el) for az, el in places],
+                axis=0)
+    highest = max_el if mount.altaz else np.pi / 2.0
     known = np.isin(stars.hip[bright], np.fromiter(exclude, int))
     lonely = np.ones(len(bright), bool)
     lonely[up] = ~has_neighbour(stars, bright[up])
@@ -84,9 +132,35 @@ def choose_stars(stars, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, n=30, 
             f'{np.count_nonzero(up & ~known & ~lonely)} have a bright neighbour; '
             'ask for fewer or raise the magnitude limit')
     az, el = (angle[good] for angle in places[len(places) // 2])
-    chosen = _stratified(az, el, n, min_el, max_el, rng)
-    order = observing_order(az[chosen], el[chosen], rng, start)
+    chosen = _stratified(az, el, n, min_el, highest, rng)
+    first, second = axes_at(mount, az[chosen], el[chosen], limits,
+                            stars.hip[bright[good][chosen]])
+    order = observing_order(first, second, rng, start, mount.way)
     return bright[good][chosen[order]]
+
+
+def axes_at(mount, az, el, limits, numbers):
+    """Angles of the axes at places of the horizon, on the side that stars there are observed on.
+
+    Parameters
+    ----------
+    mount : Mount
+    az, el : ndarray, shape (n,)
+        Radians.
+    limits : Limits
+    numbers : ndarray of int, shape (n,)
+        Of the stars.
+
+    Returns
+    -------
+    first, second : ndarray, shape (n,)
+        Radians.
+    """
+    if mount.altaz:
+        return az, el
+    first, second = mount.axes_of(az, el)
+    beyond = mount.side_for(first, second, limits.meridian, numbers % 2 == 1)
+    return mount.on_travel(*through_pole(first, second, beyond))
 
 
 def has_neighbour(stars, rows):
@@ -172,7 +246,7 @@ def _fill(chosen, az, el):
         nearness[chosen[k]] = np.inf
 
 
-def observing_order(az, el, rng, start=None):
+def observing_order(az, el, rng, start=None, way=ALTAZ.way):
     """Order directions so that slews are short and approaches come from all sides.
 
     Parameters
@@ -182,6 +256,8 @@ def observing_order(az, el, rng, start=None):
     rng : numpy.random.Generator
     start : (float, float), optional
         Where the mount stands before the first, radians.
+    way : callable
+        ``way(here, there)``: by how much the first axis turns.
 
     Returns
     -------
@@ -206,7 +282,7 @@ def observing_order(az, el, rng, start=None):
     # row n is the way from the start
     from_az = np.append(az, az[0] if start is None else start[0])[:, None]
     from_el = np.append(el, el[0] if start is None else start[1])[:, None]
-    move = np.stack([wrap(az - from_az), el - from_el])
+    move = np.stack([way(from_az, az), el - from_el])
     length = np.abs(move).max(axis=0)
     typical = length[:n].sum() / (n * (n - 1))
     sign = np.sign(move) / np.sqrt(n)

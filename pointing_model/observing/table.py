@@ -2,15 +2,23 @@
 
 import numpy as np
 
+from ..mounts import ALTAZ
 from ..run import PointingRun
 from ..zero_exposures import MARK
 
 
 class Table:
-    """Rows as dicts by the names of `run.COLUMNS`, and their ``stamp`` in ns."""
+    """Rows as dicts by the names of `run.COLUMNS`, and their ``stamp`` in ns.
 
-    def __init__(self):
+    Parameters
+    ----------
+    mount : Mount, optional
+        Whose axes the angles are of.
+    """
+
+    def __init__(self, mount=ALTAZ):
         self.rows = []
+        self._meta = {} if mount.altaz else {'mount': mount}
         self._given = 0
 
     def __len__(self):
@@ -41,7 +49,7 @@ class Table:
     def add(self, row):
         """Keep a row; as a run of its own, PointingRun."""
         self.rows.append(row)
-        return _run([row])
+        return self._run([row])
 
     @property
     def newest(self):
@@ -61,10 +69,9 @@ class Table:
         if not self.rows or (len(self.rows) == self._given and not again):
             return None
         self._given = len(self.rows)
-        return _run(self.rows)
+        return self._run(self.rows)
 
-
-def _run(rows):
-    names = [name for name in rows[0] if name != 'stamp']
-    return PointingRun({name: np.array([row.get(name, np.nan) for row in rows], float)
-                        for name in names})
+    def _run(self, rows):
+        names = [name for name in rows[0] if name != 'stamp']
+        return PointingRun({name: np.array([row.get(name, np.nan) for row in rows], float)
+                            for name in names}, self._meta)

@@ -12,7 +12,8 @@ from ..sky import observed_place
 from ..star_catalogue import POLARIS_HIP, load_catalogue
 from ..target import StarTarget
 from ..zero_exposures import BY_STARS, MARK
-from .zero_stars import Before, Way, side_of, way_to_zero, zero_sigma, zero_stars
+from .star_choice import ANYWHERE, axes_at
+from .zero_stars import Before, Way, way_to_zero, zero_sigma, zero_stars
 
 #: without a model the stars are wanted again in the next power-on: they stay up so long, s
 _AGAIN = 1800.0
@@ -47,6 +48,8 @@ class ZeroChoice:
         Now, UTC s.
     site, weather : Site, Weather
     mount : Mount
+    axes : star_choice.Limits
+        How far its axes turn.
     model : PointingModel or None
         In force.
     run : int
@@ -61,10 +64,11 @@ class ZeroChoice:
         What an exposure takes at most, s.
     """
 
-    def __init__(self, stars, table, time, site, weather, *, mount=ALTAZ, model=None, run=1,
-                 evening=0, here=(0.0, 0.0), limits=(20.0, 85.0, 6.0), a_star=40.0):
+    def __init__(self, stars, table, time, site, weather, *, mount=ALTAZ, axes=ANYWHERE,
+                 model=None, run=1, evening=0, here=(0.0, 0.0), limits=(20.0, 85.0, 6.0),
+                 a_star=40.0):
         self._stars, self._time, self._site, self._weather = stars, time, site, weather
-        self._mount, self._model, self._run = mount, model, run
+        self._mount, self._reach, self._model, self._run = mount, axes, model, run
         self._here, self._a_star = here, a_star
         self._low, self._high, self._faintest = limits[0] * DEG, limits[1] * DEG, limits[2]
         self._tonight = [row for row in table.rows if row['stamp'] >= evening]
@@ -114,8 +118,7 @@ class ZeroChoice:
 
     def _axes(self, rows, stars):
         az, el = observed_place(stars.select(rows), self._time, self._site, self._weather)
-        return self._mount.axes_of(az, el, side_of(self._mount, az, el)) \
-            if not self._mount.altaz else (az, el)
+        return axes_at(self._mount, az, el, self._reach, stars.hip[rows])
 
     # --- which stars --------------------------------------------------------------------------
 
@@ -129,7 +132,8 @@ class ZeroChoice:
         prefer = dict.fromkeys(int(row['star']) for row in rows if row.get(MARK) and without)
         return zero_stars(
             self._stars, self._time, n, site=self._site, weather=self._weather,
-            mount=self._mount, model=self._model, before=before, prefer=list(prefer),
+            mount=self._mount, limits=self._reach, model=self._model, before=before,
+            prefer=list(prefer),
             exclude=sorted(judged), min_el=self._low, max_el=self._high,
             mag_limit=self._faintest, duration=n * self._a_star + _AGAIN * (
                 without and not self._earlier), start=self._here)

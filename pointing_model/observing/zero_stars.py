@@ -18,7 +18,7 @@ from ..held_terms import Held, is_a_model, zero_columns
 from ..mounts import ALTAZ
 from ..sky import DEFAULT_SITE, DEFAULT_WEATHER, observed_place
 from ..star_catalogue import POLARIS_HIP
-from .star_choice import has_neighbour
+from .star_choice import ANYWHERE, axes_at, has_neighbour
 
 #: noise of an exposure on the sky an axis, rad. The choice depends on its ratio to the errors of
 #: what is held alone, and little on that
@@ -287,19 +287,9 @@ def _short_way(az, el, mount, start):
     return np.array(order)
 
 
-def side_of(mount, az, el):
-    """On which side such a mount looks at a place: whether through the pole, ndarray of bool.
-
-    A German mount looks east of the meridian through the pole; no other does.
-    """
-    if mount.kind != 'german':
-        return np.zeros(np.shape(az), bool)
-    return np.asarray(mount.axes_of(az, el)[0] < 0.0)
-
-
 def zero_stars(stars, time, n, *, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, mount=ALTAZ,
                model=None, before=None, prefer=(), exclude=(), min_el=20.0 * DEG,
-               max_el=85.0 * DEG, mag_limit=6.0, duration=0.0, start=None):
+               max_el=85.0 * DEG, mag_limit=6.0, duration=0.0, start=None, limits=ANYWHERE):
     """Choose stars of the catalogue for a zero.
 
     Parameters
@@ -328,6 +318,8 @@ def zero_stars(stars, time, n, *, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, mo
         Seconds that the exposures take: a star stays within the limits so long.
     start : (float, float), optional
         Axis angles where the mount stands, radians.
+    limits : star_choice.Limits
+        Of the axes; `max_el` is then as of `star_choice.choose_stars`.
 
     Returns
     -------
@@ -342,7 +334,8 @@ def zero_stars(stars, time, n, *, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, mo
     bright = np.flatnonzero(stars.mag <= mag_limit)
     moments = [time, time + 0.5 * duration, time + duration]
     places = [observed_place(stars.select(bright), t, site, weather) for t in moments]
-    up = np.all([(el >= min_el) & (el <= max_el) for _, el in places], axis=0)
+    up = np.all([(el >= min_el) & limits.reached(mount, az, el, max_el) for az, el in places],
+                axis=0)
     up &= ~np.isin(stars.hip[bright], [POLARIS_HIP, *exclude])
     up[up] = ~has_neighbour(stars, bright[up])
     if not up.any():
@@ -350,8 +343,8 @@ def zero_stars(stars, time, n, *, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, mo
             f'no star visible to Hp {mag_limit:g} between {min_el / DEG:g} and {max_el / DEG:g} '
             'degrees of elevation to set the zero by: widen the limits')
     az, el = (angle[up] for angle in places[1])
-    first, second = mount.axes_of(az, el, side_of(mount, az, el)) if not mount.altaz else (az, el)
     rows = bright[up]
+    first, second = axes_at(mount, az, el, limits, stars.hip[rows])
     found = choose_places(
         first, second, n, model=model, mount=mount, before=before, start=start,
         keep=[row for number in prefer for row in np.flatnonzero(stars.hip[rows] == number)])

@@ -45,10 +45,10 @@ def read_run(path, *, azimuth_origin=None, site=None, weather=None, encoder=None
     azimuth_origin : {'N', 'S'}, optional
         'N': azimuth 0 is north, 90 east. 'S': 0 is south, 90 east (azimuths are converted to
         180 deg - A). By default what a comment in a TPOINT file says, else 'N'.
-    site : pointing_model.sky.Site, optional
+    site : pointing_model.sky.Site, or dict with some of its fields, optional
         Needed for ``ra_deg, dec_deg`` of a file that declares none. Kept as ``meta['site']`` in
-        place of what the file tells; ``meta['notes']`` says so if its latitude is another than
-        the file's.
+        place of what the file tells, what a dict has not as the file tells it; ``meta['notes']``
+        says so if its latitude is another than the file's.
     weather : pointing_model.sky.Weather, optional
         For the refraction of ``ra_deg, dec_deg`` in rows without ``temperature_c`` and
         ``pressure_hpa``. By default a standard atmosphere at the site, 10 C.
@@ -101,7 +101,7 @@ def _read_run(path, azimuth_origin, site, weather, encoder, mount):
     _settle_origin(azimuth_origin, meta, table.names is ALTAZ.names)
     if site is not None:
         _compare_site(site, meta)
-        meta['site'] = site
+        meta['site'] = {**(meta.get('site') or {}), **site} if isinstance(site, dict) else site
     mount = _settle_mount(path, table, mount)
     checks.refuse_radians(path, table)
     solves.take_sigma(table)
@@ -109,7 +109,7 @@ def _read_run(path, azimuth_origin, site, weather, encoder, mount):
     solves.flag_scales(table)
     checks.to_si(columns)
     checks.flag_numbers(table)
-    places.observe_places(path, table, site, weather, meta['azimuth_origin'], mount)
+    places.observe_places(path, table, weather, meta['azimuth_origin'], mount)
     checks.blank_absurd(table)
     if mount.altaz:
         meta.pop('from_horizon', None)
@@ -140,7 +140,7 @@ def _settle_mount(path, table, given):
             mount = parse_mount(mount or 'equatorial', latitude)
         except ValueError as error:
             raise ValueError(f'{path}: {error} (a line "# latitude_deg: 31.05" before the header, '
-                             'or --mount with --latitude)' if 'latitude' in str(error) else
+                             'or --latitude DEG)' if 'latitude' in str(error) else
                              f'{path}: {error}') from None
     if mount.names is not table.names:
         first, second = mount.names.columns
@@ -210,7 +210,7 @@ def _settle_origin(given, meta, of_azimuths):
 
 
 def _compare_site(site, meta):
-    mine = getattr(site, 'latitude', None)
+    mine = site.get('latitude') if isinstance(site, dict) else site.latitude
     theirs = (meta.get('site') or {}).get('latitude')
     if mine is not None and theirs is not None and abs(mine - theirs) > 0.01 * DEG:
         meta['notes'].append(f'the file says latitude {theirs / DEG:.4f} deg, it was '

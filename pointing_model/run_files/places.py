@@ -12,7 +12,7 @@ from .declared import standard_pressure
 from .solves import are_images, refuse_hours
 
 
-def observe_places(path, table, site, weather, origin, mount):
+def observe_places(path, table, weather, origin, mount):
     """`az`, `el` of the rows from `ra`, `dec`, `time`, in the file's sense of azimuth.
 
     Of a mount that is no alt-azimuth one they are azimuth and elevation too, until `to_axes`.
@@ -27,11 +27,9 @@ def observe_places(path, table, site, weather, origin, mount):
     columns, meta = table.columns, table.meta
     if 'ra_deg' not in columns:
         return
-    told_longitude = site is not None or 'longitude' in (meta.get('site') or {})
-    site = _whole_site(site, meta)
-    if site is None:
-        raise ValueError(f'{path}: ra_deg, dec_deg need the site (latitude, longitude, height): '
-                         'comments "# latitude_deg: ...", "# longitude_deg: ...", or options')
+    told = meta.get('site') or {}
+    told_longitude = not isinstance(told, dict) or 'longitude' in told
+    site = _whole_site(path, told, meta.get('clock_tells'))
     if not meta.get('time_is_utc', True):
         raise ValueError(f'{path}: ra_deg, dec_deg need time in UTC: ISO 8601, or seconds since '
                          '1970-01-01')
@@ -72,19 +70,29 @@ def observe_places(path, table, site, weather, origin, mount):
     meta['from_horizon'] = True
     if by_fit:
         return
-    meta['notes'].append(f'az, el are observed places of ra_deg, dec_deg ({frame.text}, no proper '
-                         'motion)' + ('' if declared else '; no comment "# frame: ..." says so'))
+    angles = 'az, el' if mount.altaz else f'{" and ".join(mount.names.axes)} of the catalogue'
+    meta['notes'].append(f'{angles} are observed places of ra_deg, dec_deg ({frame.text}, no '
+                         'proper motion)'
+                         + ('' if declared else '; no comment "# frame: ..." says so'))
 
 
-def _whole_site(site, meta):
-    """The site with everything that a place of the sky needs; None where it is not told."""
-    if all(hasattr(site, name) for name in ('latitude', 'longitude', 'height')):
-        return site
-    told = meta.get('site') or {}
-    if site is not None or 'latitude' not in told:
-        return None
-    if 'longitude' not in told and not meta.get('clock_tells'):
-        return None
+def _whole_site(path, told, clock_tells):
+    """The site with everything that a place of the sky needs.
+
+    Raises
+    ------
+    ValueError
+        It is not told.
+    """
+    if not isinstance(told, dict):
+        return told
+    needed = ('latitude',) if clock_tells else ('latitude', 'longitude')
+    missing = [name for name in needed if name not in told]
+    if missing:
+        raise ValueError(f'{path}: ra_deg, dec_deg need the site, and its '
+                         f'{" and ".join(missing)} is not told: comments '
+                         + ', '.join(f'"# {name}_deg: ..."' for name in missing)
+                         + f', or {" ".join(f"--{name} DEG" for name in missing)}')
     from pointing_model.sky import Site
     # with a sidereal clock the longitude only says which moment of the day it is
     return Site(told['latitude'], told.get('longitude', 0.0), told.get('height', 0.0))

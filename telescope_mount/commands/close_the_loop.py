@@ -33,7 +33,9 @@ def add(commands):
     options.add(parser, 'date')
     options.add(parser, 'latitude', help='of the site; a measured run whose file does not tell it '
                 'gets what follows the stars only with both')
-    options.add(parser, 'longitude', 'azimuth-origin', 'domain')
+    options.add(parser, 'longitude', 'azimuth-origin')
+    options.add(parser, 'mount', help=options.MOUNT_OF_NIGHT)
+    options.add(parser, 'domain')
 
 
 def run(args):
@@ -46,6 +48,7 @@ def run(args):
     chosen = {
         'seed': args.seed, 'stars': args.stars, 'polaris': args.polaris, 'check': args.check,
         'alpha': args.alpha, 'start_time': args.date, 'sky': options.sky_of(args),
+        'mount': args.mount or '',
         'domain_number': args.domain}
     console = new_console()
     with Progress(console) as progress:

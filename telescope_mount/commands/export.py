@@ -83,12 +83,26 @@ def _run_model(args, console):
     if zero not in ('none', 'newest') and not zero.lstrip('-').isdigit():
         raise ValueError(f'--zero {zero}: write newest, none or the number of a run')
     place = options.place_of(args) | {'mount': options.mount_of(args)}
+    place['site'] = _whole_site(place.get('site'), args)
     written = model_export.export_model(args.file, args.out, args.to, sky=args.sky, zero=zero,
                                         azimuth_origin=args.azimuth_origin, **place)
     model_export.show(written, console)
     if args.json:
         import json
         args.json.write_text(json.dumps(written.to_dict(), indent=1) + '\n', encoding='utf-8')
+
+
+def _whole_site(site, args):
+    """The site of a model, which no file tells: whole, or the latitude of an equatorial mount."""
+    if not isinstance(site, dict):
+        return site
+    if {'latitude', 'longitude'} <= set(site):
+        from pointing_model.sky import Site
+        return Site(**{'height': 0.0, **site})
+    if args.mount is None or set(site) != {'latitude'}:
+        raise ValueError('a site needs --latitude and --longitude (an equatorial mount alone '
+                         '--mount and --latitude)')
+    return site
 
 
 def _refuse(args, names, why):

@@ -26,19 +26,33 @@ def add(commands):
     parser.add_argument('--no-robust', action='store_true', help='plain least squares')
     parser.add_argument('--base', type=Path, metavar='MODEL', help='a model file, ours or of '
                         'another program: its terms are fitted anew, its values shown beside')
+    parser.add_argument('--json', type=Path, metavar='FILE', help='write the result')
     parser.add_argument('--save', type=Path, metavar='FILE', help='write the model (.json, .yaml)')
 
 
 def run(args):
     """Load, fit, print, write."""
+    from calibration.diagnosis import MistakenColumns
+    try:
+        _run(args)
+    except MistakenColumns as error:
+        if args.json:
+            from calibration.fit_document import refused_fit
+            options.write_json(args.json, refused_fit(error))
+        raise
+
+
+def _run(args):
     harmonics = options.harmonics_of(args)
     if args.predict and (harmonics or args.no_robust):
         raise ValueError('--predict chooses on its own, robustly: leave out '
                          + ('--harmonics' if harmonics else '--no-robust'))
     options.check_target(args.save, ('.json', '.yaml', '.yml'))
+    options.check_target(args.json)
     from calibration.check import external_check
     from calibration.diagnosis import check_columns, naming_columns
     from calibration.fit import fit_terms
+    from calibration.fit_document import fit_document
     from calibration.tables import fit_tables
 
     from ..runs import load_run
@@ -62,33 +76,38 @@ def run(args):
                                   robust=not args.no_robust)
     for table in fit_tables(observed, result, args.encoder, held_out):
         console.print(table)
-    model = result.model
+    model, document = result.model, fit_document(observed, result, args.encoder, held_out, checked)
     if harmonics:
-        model = _with_harmonics(observed, result, args, console)
+        model, document['harmonics'] = _with_harmonics(observed, result, args, console)
     if args.predict:
-        model = _to_predict(observed, args, console)
+        model, document['predicted'] = _to_predict(observed, args, console)
     print_lines(console, 'note', checked.notes)
     if base:
         console.print(base.table(model))
         print_lines(console, 'note', base.notes)
+        document['base_model'] = base.compared(model)
         model = base.whole(model)
+    if args.json:
+        options.write_json(args.json, document)
+        print_files(console, {'result': args.json})
     if args.save:
         model.save(args.save)
         print_files(console, {'model': args.save})
 
 
 def _to_predict(observed, args, console):
-    """Choose a model that predicts, print it and its error on rows left out; the model."""
+    """Choose a model that predicts, print it and its error on rows left out; both."""
     from calibration.diagnosis.predicting import choose_to_predict
+    from calibration.fit_document import predicted_document
     from calibration.tables import predicting_tables
     found = choose_to_predict(observed, '+'.join(args.terms), encoder=args.encoder)
     for table in predicting_tables(found, observed.mount):
         console.print(table)
-    return found.model
+    return found.model, predicted_document(found)
 
 
 def _with_harmonics(observed, result, args, console):
-    """Fit the harmonics too, print them and what cross-validation says; the model with them."""
+    """Fit the harmonics too, print them and their cross-validation; the model, and the latter."""
     from dataclasses import replace
 
     from calibration.harmonic_fit import HarmonicChoice, HarmonicFit, Recipe, fit_chosen
@@ -106,7 +125,7 @@ def _with_harmonics(observed, result, args, console):
                   'rows fitted')
     print_lines(console, 'note', section['notes'])
     return replace(fitted.model, provenance={
-        **fitted.model.provenance, 'source': str(args.file)})
+        **fitted.model.provenance, 'source': str(args.file)}), section
 
 
 def _one_run(run, args):

@@ -26,6 +26,7 @@ def add(commands):
                         'middle of a night without --reference (default: incremental)')
     options.add(parser, 'harmonics', 'harmonics-alone', 'harmonics-degree')
     options.add(parser, 'date', 'latitude', 'longitude', 'height')
+    options.add(parser, 'mount', help=options.MOUNT_OF_NIGHT)
     parser.add_argument('--params', type=Path, metavar='FILE',
                         help='ROS parameter file, read by every node after the values above')
     parser.add_argument('--absolute', choices=('angles', 'frames'), default='angles',
@@ -52,7 +53,8 @@ def run(args):
         report = run_night(
             args.out, seed=args.seed, stars=args.stars, polaris=args.polaris,
             scenario=args.scenario, start_time=args.date, reference=args.reference,
-            cycle=args.power_cycle, domain_number=args.domain, time_scale=args.time_scale,
+            mount=args.mount or '', cycle=args.power_cycle, domain_number=args.domain,
+            time_scale=args.time_scale,
             params_file=args.params, sky=options.sky_of(args), absolute=args.absolute,
             calibration=calibration, progress=progress)
     print_calibration(console, report)

@@ -66,6 +66,11 @@ SHARED = {
 }
 
 
+MOUNT_OF_NIGHT = ('what the observer is told of the mount: altaz, equatorial, german, or '
+                  'free:AZ,EL[,ROLL] (where the first axis points, degrees); default: the kind '
+                  'that the scenario has')
+
+
 def add(parser, *names, **changes):
     """Add options of `SHARED` by name, with `changes` of this command."""
     for name in names:
@@ -107,10 +112,7 @@ def mount_of(args):
 def place_of(args):
     """Site, weather and mount for reading a run, where options give them.
 
-    Raises
-    ------
-    ValueError
-        A site without its latitude or longitude.
+    Of a site what is given: the rest is what the file tells, see `read_run`.
     """
     from dataclasses import replace
 
@@ -119,13 +121,11 @@ def place_of(args):
     out = {}
     if args.mount is not None:
         out['mount'] = args.mount
-    if args.latitude is not None and args.longitude is not None:
-        out['site'] = Site(args.latitude * DEG, args.longitude * DEG, args.height or 0.0)
-    elif args.latitude is not None and args.height is None and args.mount is not None:
-        out['site'] = {'latitude': args.latitude * DEG}  # the axes of an equatorial mount
-    elif any(v is not None for v in (args.latitude, args.longitude, args.height)):
-        raise ValueError('a site needs --latitude and --longitude (an equatorial mount alone '
-                         '--mount and --latitude)')
+    site = {name: value * unit for name, value, unit in (
+        ('latitude', args.latitude, DEG), ('longitude', args.longitude, DEG),
+        ('height', args.height, 1.0)) if value is not None}
+    if site:
+        out['site'] = Site(**{'height': 0.0, **site}) if len(site) == 3 else site
     given = {name: value for name, value in (('pressure_hpa', args.pressure),
                                              ('temperature_c', args.temperature))
              if value is not None}
@@ -162,3 +162,9 @@ def check_target(path, suffixes=()):
     if path.is_dir() or not path.absolute().parent.is_dir():
         raise ValueError(f'{path} cannot be written: '
                          + ('it is a folder' if path.is_dir() else 'there is no such folder'))
+
+
+def write_json(path, document):
+    """Write a result, as --json of all commands does."""
+    import json
+    path.write_text(json.dumps(document, indent=1) + '\n', encoding='utf-8')

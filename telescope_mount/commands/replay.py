@@ -28,7 +28,7 @@ def run(args):
     options.check_target(args.out)
     if args.reference is not None:
         from pointing_model.model import PointingModel
-        PointingModel.load_for_graph(args.reference)
+        PointingModel.load(args.reference)
     asked = args.harmonics or args.harmonics_alone or args.harmonics_degree
     args.harmonics = args.harmonics or 'none'
     harmonics = {'harmonics': 'none', **options.harmonics_of(args)} if asked else None

@@ -18,18 +18,17 @@ def add(commands):
 
 def run(args):
     """Read, test, print, write."""
-    import json
-
     from calibration.season_file import judge_zeros
     from calibration.season_report import season_lines, season_table
 
-    from .console import new_console, print_files
+    from .console import new_console, print_files, print_lines
     options.check_target(args.json)
     judged = judge_zeros(args.file)
     console = new_console()
     console.print(season_table(judged))
     for line in season_lines(judged):
         console.print(line, markup=False)
+    print_lines(console, 'note', judged['notes'])
     if args.json:
-        args.json.write_text(json.dumps(judged, indent=1) + '\n', encoding='utf-8')
+        options.write_json(args.json, judged)
         print_files(console, {'verdict': args.json})

@@ -13,7 +13,7 @@ from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model import geometry
 from pointing_model.model import PointingModel
 from pointing_model.model_document import identity
-from pointing_model.mounts import Mount, is_beyond, through_pole
+from pointing_model.mounts import ALTAZ, Mount, is_beyond, through_pole
 from pointing_model.run import PointingRun
 from pointing_model.run_files import read_run
 from pointing_model.sky import Site, Weather
@@ -203,9 +203,13 @@ def test_page_and_result_go_by_the_axes_of_the_mount(tmp_path):
     assert 'hour angle encoder' in page and 'hour angle times cos' in page
 
 
-def test_graph_refuses_a_model_of_another_mount(tmp_path):
+def test_a_model_of_another_mount_is_refused(tmp_path):
     model = fit_terms(simulated(FORK)).model
     model.save(tmp_path / 'model.json')
     assert PointingModel.load(tmp_path / 'model.json').mount == FORK
-    with pytest.raises(ValueError, match='graph are of alt-azimuth mounts'):
-        PointingModel.load_for_graph(tmp_path / 'model.json')
+    # a latitude that was rounded is the same
+    near = Mount.equatorial(FORK.latitude + 1e-10)
+    assert PointingModel.load_for(tmp_path / 'model.json', near).mount == FORK
+    for other in (ALTAZ, GERMAN, Mount.equatorial(FORK.latitude + 1e-6)):
+        with pytest.raises(ValueError, match='a model of another mount .equatorial, latitude'):
+            PointingModel.load_for(tmp_path / 'model.json', other)

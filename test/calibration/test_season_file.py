@@ -41,7 +41,9 @@ def test_columns_of_each_axis_and_the_order_of_time(tmp_path):
     file = tmp_path / 'zeros.csv'
     file.write_text('run,time,zero_az_arcsec,zero_el_arcsec,temperature_az_c,temperature_el_c,side\n'
                     '8,2000,2,20,5,6,above\n7,1000,1,10,3,4,below\n9,3000,,10,3,4,1\n')
-    season, tonight = read_zeros(file)
+    season, tonight, notes = read_zeros(file)
+    assert notes == [f'{file}, line 4 left out: one of zero_az_arcsec and zero_el_arcsec is empty; '
+                     'a power-on counts with both']
     assert season.run.tolist() == [7, 8] and tonight is None
     np.testing.assert_allclose(season.zeros / ARCSEC, [[1, 10], [2, 20]])
     np.testing.assert_allclose(season.drivers['temperature'], [[3, 4], [5, 6]])
@@ -55,7 +57,11 @@ def test_columns_of_each_axis_and_the_order_of_time(tmp_path):
     (HEADER + '1,2,3,warm,5\n', "line 2: temperature_c is no number: 'warm'"),
     (HEADER + 'noon,2,3,4,5\n', "line 2: time is neither seconds nor a date: 'noon'"),
     (HEADER + '1,2,3,4,5\n2,3,4,5,6\n', '2 power-ons with a zero: too few to name a cause'),
-    (HEADER, '0 power-ons with a zero: too few'), ('', 'no column zero_az_arcsec'),
+    (HEADER.replace('supply_v', 'supplyv') + '1,2,3,4,5\n2,,4,5,6\n',
+     'line 3 left out: one of zero_az_arcsec'),
+    ('time,zero_az_arcsec,zero_el_arcsec,Temprature_C\n1,2,3,4\n', 'did you mean temperature_c?'),
+    (HEADER, 'has a header and no row: write a row'), ('', 'is empty: give a header row'),
+    ('\n\n', 'is empty: give'),
     ('\0\1', 'no column zero_az_arcsec'), (None, 'zeros.csv')])
 def test_what_cannot_be_judged_is_one_line(tmp_path, refused, text, words):
     file = tmp_path / 'zeros.csv'
@@ -73,3 +79,15 @@ def test_a_verdict_that_could_not_be_written_is_refused_before_the_work(tmp_path
     file = written(tmp_path / 'zeros.csv')
     code, out, err = ended('zeros', file, '--json', tmp_path / 'no' / 'out.json')
     assert (code, out) == (2, '') and 'there is no such folder' in err
+
+
+def test_what_is_not_used_of_a_file_is_said(tmp_path, ended):
+    file = written(tmp_path / 'zeros.csv', more='2026-02-01T18:00:00,,,9,5\n'
+                   '2026-02-02T18:00:00,1,,9,5\n2026-02-03T18:00:00,,2,9,5\n'
+                   '2026-02-04T18:00:00,,,10.0,5.0\n')
+    file.write_text(file.read_text().replace('supply_v', 'suply_v'))
+    code, out, err = ended('zeros', file)
+    out = ' '.join(out.split())
+    assert (code, err) == (0, '') and 'tonight, before Polaris' in out
+    assert 'lines 15-16 left out: one of' in out and 'line 14 left out: no zero' in out
+    assert 'column suply_v is not used: did you mean supply_v?' in out

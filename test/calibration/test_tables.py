@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from calibration.diagnosis.rows_told import left_out_lines
 from calibration.fit import fit_terms
 from calibration.night_plot import plot_night
 from calibration.session import CalibrationSession
@@ -109,3 +110,12 @@ def test_the_picture_is_written(night, tmp_path):
     plot_night(rows, model, report, path)
     data = path.read_bytes()
     assert data[:8] == b'\x89PNG\r\n\x1a\n' and len(data) > 20_000
+
+
+def test_rows_left_out_are_a_line_for_each_reason():
+    lines = left_out_lines([{'row': 3 * k, 'reason': 'a cloud'} for k in range(1, 42)]
+                           + [{'row': 4, 'reason': 'a bird'}])
+    assert lines == ['rows 3, 6, 9, 12, 15, 18, 21, 24, 27, 30, ... (41 rows) left out: a cloud',
+                     'row 4 left out: a bird']
+    many = left_out_lines([{'row': k, 'reason': f'the same as row {k - 1}'} for k in range(40)])
+    assert len(many) < 15 and many[-1].startswith('28 rows more left out, for 28 other reasons')

@@ -3,12 +3,12 @@ import dataclasses
 import numpy as np
 import pytest
 
-from encoder_reading.axis_reader import AxisReader, read_frames
+from encoder_reading.axis_reader import AxisReader, lowest_reading, read_frames
 from encoder_reading.design import Design
 from encoder_reading.readings import CORRECTED, EXACT, REJECTED, Readings
 from encoder_sim.absolute import AbsoluteEncoder
 from encoder_sim.scenario_encoders import Absolute
-from msg_tools.units import ARCSEC, wrap
+from msg_tools.units import ARCSEC, DEG, wrap
 
 ANGLES = np.random.default_rng(4).uniform(0.0, 2.0 * np.pi, 400)
 STAMPS = 10**6 * np.arange(400)
@@ -43,6 +43,14 @@ def test_a_disc_that_turns_against_its_axis(axis, shown, expected):
     joined = AxisReader(Design(sense='against'), axis).join(rows)
     assert joined.angle == pytest.approx(expected)
     assert joined.sigma.tolist() == [1e-6] * 3
+
+
+@pytest.mark.parametrize('kind, lowest', [('german', -90.0), ('equatorial', -180.0)])
+def test_readings_of_an_equatorial_mount_do_not_jump_on_its_travel(kind, lowest):
+    angles = (lowest + np.array([0.5, 70.0, 250.0, 359.5])) * DEG
+    rows = readings(angles % (2 * np.pi), [EXACT] * 4, [1e-6] * 4)
+    joined = AxisReader(Design(), 'declination', lowest_reading(kind)).join(rows)
+    assert joined.angle == pytest.approx(angles)
 
 
 def test_sigma_is_that_of_the_errors():

@@ -158,6 +158,7 @@ def test_frames_alone_need_a_reader(graph):
     ({'elevation.method': 'sine'}, 'use one of template, paper'),
     ({'azimuth.bar_narrow_mm': 0.149}, 'azimuth encoder: .*cannot be told apart'),
     ({'azimuth.bar_wide_mm': 0.25}, 'azimuth encoder: bars of 0.25 mm'),
+    ({'mount': 'dobson'}, 'use one of altaz, equatorial, german, free'),
     ({'azimuth.pixel': 2000}, 'did you mean azimuth.pixels'),
 ])
 def test_designs_that_cannot_be_read(graph, overrides, text):
@@ -170,7 +171,7 @@ def test_the_parameter_file_of_the_documentation_is_complete():
     text = (Path(__file__).resolve().parents[2] / 'docs' / 'absolute_encoder.md').read_text()
     values = yaml.safe_load(text.split('```yaml')[1].split('```')[0])
     values = values['/**/frame_reader']['ros__parameters']
-    flat = {'max_batch': values.pop('max_batch')} | {
+    flat = {name: values.pop(name) for name in ('mount', 'max_batch')} | {
         f'{axis}.{name}': value for axis, part in values.items() for name, value in part.items()}
     assert flat == {param.name: param.default for param in PARAMS}
     assert all(type(flat[param.name]) is type(param.default) for param in PARAMS)

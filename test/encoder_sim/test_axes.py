@@ -152,3 +152,28 @@ def test_arrival_does_not_move_anything():
     when = mount.arrival(0.0, track(1.0, 0.9))
     assert np.all(mount.state([50.0])[0] == [0.0, 0.5])
     assert mount.follow(0.0, track(1.0, 0.9)) == when
+
+
+def test_the_first_axis_of_a_german_mount_never_takes_its_counterweight_up():
+    words = ('hour angle', 'declination')
+    limits = [AxisLimits(LIMITS.max_rate, LIMITS.max_acceleration, 0.0, travel_min=low * DEG,
+                         travel_max=high * DEG) for low, high in ((-10, 190), (-90, 270))]
+    mount = MountAxes(*limits, 0.0, [5 * DEG, 0.5], words)
+    at = 0.0
+    # from west of the meridian to the east, through the pole: the long way down, not by the top
+    for asked, stands in ((185, 185), (-175, 185), (355, -5), (-8, -8), (188 - 360, 188)):
+        settled = mount.follow(at, Trajectory([at], [[asked * DEG, 200 * DEG]], [[0.0, 0.0]]))
+        t = np.linspace(at, settled, 50)
+        first = mount.state(t)[0][:, 0] / DEG
+        assert first[-1] == pytest.approx(stands) and first.min() > -9 and first.max() < 189
+        at = settled
+    for place, text in (((250, 30), 'hour angle from 250.000 to 250.000 deg does not fit into the '
+                         'travel of -10 to 190 deg'),
+                        ((90, -100), 'declination from -100.000 to -100.000 deg leaves the travel '
+                         'of -90 to 270 deg')):
+        with pytest.raises(ValueError, match=text):
+            mount.follow(at, Trajectory([at], [np.array(place) * DEG], [[0.0, 0.0]]))
+    # and a track that goes past the limit
+    with pytest.raises(ValueError, match='hour angle from 189.000 to 191.000'):
+        mount.follow(at, Trajectory([at, at + 500.0], np.array([[189, 200], [191, 200]]) * DEG,
+                                    np.zeros((2, 2))))

@@ -7,6 +7,7 @@ pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportErr
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
+from encoder_sim.absolute_encoder_node import AbsoluteEncoders
 from encoder_sim.incremental_encoder_node import IncrementalEncoders
 from encoder_sim.mount_simulator_node import MountSimulator
 from encoder_sim.scenario_file import scenario_files
@@ -20,8 +21,8 @@ COUNT = 1296000.0 / 18_880_000 * ARCSEC
 class Desk:
     """A mount simulator under test with the topics around it."""
 
-    def __init__(self, graph, encoder=True, scenario='ideal', **overrides):
-        self.graph = graph
+    def __init__(self, graph, encoder=True, scenario='ideal', names=convert.AXES, **overrides):
+        self.graph, self.names = graph, names
         self.node = graph.add(MountSimulator, scenario=scenario, **overrides)
         if encoder:
             graph.add(IncrementalEncoders, scenario=scenario)
@@ -44,7 +45,7 @@ class Desk:
         self.graph.wait_for(lambda: self.clock)
         before = self.now()
         self.pub.publish(convert.trajectory(
-            before, [0.0], [[az * DEG, el * DEG]], [[0.0, 0.0]]))
+            before, [0.0], [[az * DEG, el * DEG]], [[0.0, 0.0]], self.names))
         self.graph.wait_for(lambda: self.now() > before, 'the exposure')
 
     def exposure(self, got):
@@ -161,6 +162,30 @@ def test_out_of_travel_says_so(graph):
     status = graph.report('mount_simulator', '1 messages refused')
     assert 'elevation from 120.000 to 120.000 deg leaves the travel' in next(
         r.value for r in status.values if r.key == 'refused command')
+
+
+def test_a_german_mount_goes_through_its_pole_by_its_own_names(graph):
+    names = convert.JOINTS[1]
+    desk = Desk(graph, scenario='german', names=names)
+    graph.add(AbsoluteEncoders, scenario='german')
+    absolute = graph.listen(topics.ABSOLUTE)
+    graph.connect()
+    desk.home()
+    for place in ((20.0, -25.0), (200.0 - 20.0, 205.0)):  # the flip is a slew as any other
+        desk.command(*place)
+        reading = desk.exposure(desk.encoder)[1]
+        np.testing.assert_allclose(reading, [np.array(place) * DEG] * 3, rtol=0, atol=5 * ARCSEC)
+        told = desk.exposure(absolute)[1]
+        # of the same turn: no jump of 360 degrees anywhere on the travel
+        np.testing.assert_allclose(told, reading, rtol=0, atol=200 * ARCSEC)
+    for message in (desk.truth[-1], desk.encoder[-1], absolute[-1]):
+        assert tuple(message.name) == names
+    for joints, place in ((names, [195.0, 30.0]), (convert.AXES, [20.0, 30.0])):
+        desk.pub.publish(convert.trajectory(
+            desk.now(), [0.0], [np.array(place) * DEG], [[0.0, 0.0]], joints))
+    status = graph.report('mount_simulator', '2 messages refused')
+    said = next(r.value for r in status.values if r.key == 'refused command')
+    assert 'command for azimuth and elevation: this mount has hour_angle and declination' in said
 
 
 def test_without_an_encoder_it_exposes_with_the_servo_open(graph):

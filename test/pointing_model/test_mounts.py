@@ -198,3 +198,11 @@ def test_the_joints_of_every_mount_have_names():
     pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportError)
     from msg_tools.convert import JOINTS
     assert {names.keys for names in KINDS.values()} == set(JOINTS)
+
+
+def test_a_latitude_that_was_rounded_is_the_same_mount():
+    one = Mount.equatorial(31.05 * DEG, 'german')
+    other = Mount.equatorial(one.latitude + 1e-15, 'german')
+    assert other != one and other.agrees(one) and one.agrees(other)
+    assert not Mount.equatorial(31.05001 * DEG, 'german').agrees(one)
+    assert not Mount.equatorial(31.05 * DEG).agrees(one)

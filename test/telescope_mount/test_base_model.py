@@ -5,12 +5,13 @@ import json
 import numpy as np
 import pytest
 
-from msg_tools.units import ARCSEC
+from calibration.diagnosis.base import observations
+from msg_tools.units import ARCSEC, DEG
 from pointing_model.effects import effect
 from pointing_model.fitted_effects import FittedEffect
 from pointing_model.model import PointingModel
 from pointing_model.model_files import PROGRAMS, export
-from pointing_model.mounts import ALTAZ
+from pointing_model.mounts import ALTAZ, Mount
 from pointing_model.run import PointingRun
 from pointing_model.run_files import write_csv
 from telescope_mount.base_model import BaseModel
@@ -101,3 +102,18 @@ def test_bases_that_say_nothing(refused, run, file, tmp_path):
     assert 'no_such.mod' in refused('diagnose', run[0], '--base', tmp_path / 'no_such.mod')
     PointingModel({}, effects=[WAVE]).save(tmp_path / 'empty.json')
     assert 'no term to fit anew' in refused('fit', run[0], '--base', tmp_path / 'empty.json')
+
+
+def test_a_mount_whose_latitude_was_rounded_is_the_same(tmp_path):
+    model = PointingModel({'IH': 90.0 * ARCSEC}, mount=Mount.equatorial(31.05 * DEG))
+    model.save(tmp_path / 'fork.json')
+    rounded = Mount.equatorial(31.05 * DEG + 1e-15)
+    assert rounded != model.mount
+    assert BaseModel.read(tmp_path / 'fork.json', rounded).terms == ('IH',)
+    with pytest.raises(ValueError, match='model of another mount'):
+        BaseModel.read(tmp_path / 'fork.json', Mount.equatorial(31.0501 * DEG))
+    rng = np.random.default_rng(1)
+    runs = [PointingRun({name: rng.uniform(0.1, 1.2, 8) for name in
+                         ('az', 'el', 'az_enc', 'el_enc')}, {'mount': mount})
+            for mount in (model.mount, rounded)]
+    assert len(observations(runs)) == 16

@@ -134,13 +134,13 @@ def test_what_the_user_chose_reaches_the_night(refused, monkeypatch, tmp_path):
         'night', '--out', tmp_path / 'n', '--seed', 5, '--stars', 6, '--polaris', 7,
         '--scenario', 'ideal', '--reference', 'm.json', '--date', 'yesterday', '--latitude', -40,
         '--longitude', 10, '--height', 2000, '--params', tmp_path / 'p.yaml', '--time-scale', 2,
-        '--domain', 3)
+        '--domain', 3, '--mount', 'german')
     assert 'enough' in refused('night')
     assert asked[0] == {
         'out': tmp_path / 'n', 'seed': 5, 'stars': 6, 'polaris': 7, 'scenario': 'ideal',
         'start_time': 'yesterday', 'reference': Path('m.json'), 'domain_number': 3,
         'time_scale': 2.0, 'params_file': tmp_path / 'p.yaml', 'absolute': 'angles',
-        'cycle': 'incremental', 'calibration': {},
+        'cycle': 'incremental', 'calibration': {}, 'mount': 'german',
         'sky': {'latitude_deg': -40.0, 'longitude_deg': 10.0, 'height_m': 2000.0}}
     assert 'enough' in refused('night', '--power-cycle', 'both')
     assert asked.pop()['cycle'] == 'both'
@@ -306,3 +306,15 @@ def test_ctrl_c_and_a_closed_pipe(ended, monkeypatch, run_csv):
     monkeypatch.setattr(fit, 'run', stop(TypeError('a bug')))
     with pytest.raises(TypeError):
         ended('fit', run_csv)
+
+
+@pytest.mark.parametrize('command', ['fit', 'diagnose', 'zeros'])
+def test_an_unknown_option_points_to_the_help_of_its_command(refused, command):
+    assert f'--bogus (see telescope-mount {command} --help)' in refused(command, '--bogus', 'x')
+
+
+def test_a_folder_of_images_points_to_what_says_what_they_are(refused, tmp_path):
+    (tmp_path / 'a.fits').touch()
+    assert f'write {tmp_path / "mount.yaml"}' in refused('fit', tmp_path)
+    (tmp_path / 'mount.yaml').touch()
+    assert f'give {tmp_path / "mount.yaml"}' in refused('diagnose', tmp_path)

@@ -174,7 +174,6 @@ def test_above_a_third_left_out_is_no_result(tmp_path, capsys):
     (['{run}', '--alpha', '2'], 'alpha'),
     (['{run}', '--report', 'page.txt'], 'must end in .html'),
     (['{run}', '--json', '/nowhere/at/all.json'], 'no such folder'),
-    (['{run}', '--latitude', '10'], '--longitude'),
     (['{bad}'], 'bad.csv'),
 ])
 def test_bad_input_is_one_line_and_code_2(tmp_path, capsys, arguments, text):

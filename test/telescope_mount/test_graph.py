@@ -30,10 +30,11 @@ BELOW = {
     'launch': ('telescope_mount', 'calibration', 'pointing_model', 'encoder_reading', 'msg_tools'),
 }
 PACKAGES = tuple(name for name in BELOW if name != 'launch')
-#: what the simulator may use of the pointing model: the sky is the same for both
+#: what the simulator may use of the pointing model: the sky is the same for both, and how a mount
+#: stands under it
 SKY = tuple(f'pointing_model.{name}' for name in (
     'star_catalogue', 'earth', 'sky', 'sky_params', 'target', 'satellite_elements',
-    'satellite'))
+    'satellite', 'mounts'))
 #: the one door from outside to the simulator; besides, `NODES` of graph.py names its nodes
 DOOR = ROOT / 'telescope_mount' / 'simulator.py'
 #: functions whose text argument is the name of a package, or a part of a path
@@ -190,7 +191,8 @@ def test_one_node_publishes_the_angles_of_the_absolute_encoder():
     assert 'frame_reader' not in read and 'publishes' not in read['absolute_encoder']
     assert raw['absolute_encoder']['publishes'] == 'frames'
     assert raw['star_observer']['wait_for_nodes'] == [f'/mount/{name}' for name in raw]
-    # the reader is told nothing of the scenario
+    # the reader is told nothing of the scenario, but what the observer is too
+    assert raw['frame_reader'].pop('mount') == 'altaz'
     assert all(name.startswith('qos_overrides.') for name in raw['frame_reader'])
 
 

@@ -9,7 +9,7 @@ from msg_tools.units import ARCSEC, DEG
 from pointing_model import geometry
 from pointing_model.mounts import Mount
 from pointing_model.run import PointingRun
-from pointing_model.run_files import write_csv
+from pointing_model.run_files import read_run, write_csv
 
 
 @pytest.fixture
@@ -52,4 +52,45 @@ def test_what_does_not_go_together_is_one_line(refused, german_csv, tmp_path):
     bare.write_text('\n'.join(line for line in german_csv.read_text().splitlines()
                               if not line.startswith('#')))
     assert 'needs the latitude' in refused('fit', bare, '--mount', 'german')
-    assert '--longitude' in refused('fit', bare, '--latitude', '31')
+    assert '--latitude DEG' in refused('fit', bare, '--longitude', '31')
+
+
+def test_half_a_site_goes_with_the_half_that_the_file_tells(ended, refused, german_csv, tmp_path):
+    rows = [line for line in german_csv.read_text().splitlines() if not line.startswith('#')]
+    half = tmp_path / 'half.csv'
+    half.write_text('\n'.join(['# mount: german', '# longitude_deg: 7.0', *rows]))
+    code, out, err = ended('fit', half, '--latitude', 31.0, '--save', tmp_path / 'model.json')
+    assert (code, err) == (0, '') and 'IH' in out
+    half.write_text('\n'.join(['# mount: german', '# latitude_deg: 31.0', *rows]))
+    assert ended('fit', half, '--longitude', 7.0, '--height', 100)[0] == 0
+    assert read_run(half, site={'longitude': 0.1}).meta['site'] == {
+        'latitude': 31.0 * DEG, 'longitude': 0.1}
+    places = tmp_path / 'places.csv'
+    places.write_text('# latitude_deg: 31\nra_deg,dec_deg,time,az_enc_deg,el_enc_deg\n'
+                      '10,20,1700000000,30,40\n')
+    assert 'longitude is not told' in refused('fit', places)
+    assert read_run(places, site={'longitude': 0.1}).meta['site']['latitude'] == 31.0 * DEG
+
+
+def test_a_fit_as_json_has_all_keys_whatever_was_asked(ended, german_csv, tmp_path):
+    out = tmp_path / 'fit.json'
+    ended('fit', german_csv, '--json', out)
+    plain = json.loads(out.read_text())
+    assert plain['mount_axes'] == ['hour angle', 'declination'] and plain['rows_used'] == 40
+    assert plain['predicted'] is plain['harmonics'] is plain['base_model'] is None
+    values = {term['name']: term['value_arcsec'] for term in plain['terms']}
+    assert values['ME'] == pytest.approx(90.0, abs=15.0)
+    assert plain['after']['rms_arcsec'] < plain['after']['cv_rms_arcsec'] < 20.0
+    ended('fit', german_csv, '--predict', '--json', out)
+    found = json.loads(out.read_text())
+    assert set(found) == set(plain)
+    assert found['predicted']['after']['cv_rms_arcsec'] < found['after']['rms_arcsec']
+    assert 'HHSH2' in {c['tpoint'] for c in found['predicted']['coefficients']}
+    wrong = tmp_path / 'exchanged.csv'
+    text = german_csv.read_text().replace('dec_deg', 'x').replace('ha_deg', 'dec_deg')
+    wrong.write_text(text.replace('x,', 'ha_deg,', 1) if ',x' not in text else
+                     text.replace(',x', ',ha_deg', 1))
+    code, _, err = ended('fit', wrong, '--json', out)
+    assert code == 2 and 'exchanged' in err
+    refused = json.loads(out.read_text())
+    assert set(refused) | {'mount', 'mount_axes'} == set(plain) and refused['readings']

@@ -59,13 +59,15 @@ def test_what_is_declared_goes_with_the_run(tmp_path):
         load_run(path, graduation='grating=27.5')
 
 
-def test_raw_readings_are_those_that_the_miss_distance_moves():
+@pytest.mark.parametrize('beyond', [False, True])
+def test_raw_readings_are_those_that_the_miss_distance_moves(beyond):
     rng = np.random.default_rng(5)
     az, el = rng.uniform(-7, 7, 50), rng.uniform(0.1, 1.55, 50)
+    el = np.pi - el if beyond else el
     miss = rng.normal(size=(2, 50)) * 100 * ARCSEC
-    az_enc, el_enc = centred(az, el, *miss)
+    az_enc, el_enc = centred(az, el, *miss, beyond)
     columns = {'az_enc': az_enc, 'el_enc': el_enc, 'miss_x': miss[0], 'miss_y': miss[1]}
-    got = _readings(columns)
+    got = _readings(columns, np.full(50, beyond))
     assert np.abs(got[0] - az).max() < 1e-6 * ARCSEC
     assert np.abs(got[1] - el).max() < 1e-6 * ARCSEC
 

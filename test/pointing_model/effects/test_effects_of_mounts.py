@@ -79,6 +79,23 @@ def test_each_effect_of_the_direction_also_differs_by_side():
     assert 'hour_angle_zero_with_time_by_side' not in effects
 
 
+def test_a_counterweight_pulls_the_other_way_below_the_pole():
+    # looking west: high, then below the pole; looking east through the pole: the same
+    first, second = through_pole(np.array([30.0, 150.0, -30.0, -150.0]) * DEG,
+                                 np.array([40.0, 80.0, 40.0, 80.0]) * DEG,
+                                 np.array([False, False, True, True]))
+    c = Context(first, second, mount=GERMAN)
+    effects = by_name()
+    whole = effect('term', name='ME', mount='german').columns(c)
+    for how, pull in (('by', [1.0, -1.0, -1.0, 1.0]), ('with', np.cos(first))):
+        leaning = effects[f'ME_{how}_counterweight']
+        np.testing.assert_allclose(leaning.columns(c), whole * pull)
+    assert not any('counterweight' in name for name in by_name(Mount.equatorial(31.0 * DEG)))
+    west = Context(c.az[[0] * 9], c.el[[0] * 9], mount=GERMAN)
+    assert dict(dictionary(west)[1])['what changes with the counterweight'].endswith(
+        'in nearly all rows')
+
+
 def test_on_one_side_it_says_what_it_cannot_tell_from_it():
     effects, untestable = dictionary(context(sides=1))
     assert not any('by_side' in e.name for e in effects)

@@ -9,6 +9,7 @@ import numpy as np
 from msg_tools.units import ARCSEC
 from pointing_model.in_force import InForce
 from pointing_model.model import PointingModel
+from pointing_model.mounts import ALTAZ
 from pointing_model.observing.instruments import ABSOLUTE, CAMERA, MOUNT, Instruments
 from pointing_model.observing.sequencer import Sequencer
 from pointing_model.observing.table import Table
@@ -22,7 +23,8 @@ EXPOSURE = 20 * SECOND
 SETTINGS = {
     'magnitude_limit': 3.5, 'star_seed': 1, 'min_elevation_deg': 20.0, 'max_elevation_deg': 85.0,
     'recentre_arcsec': 60.0, 'on_target_arcsec': 30.0, 'slew_rate_deg_s': 4.0,
-    'answer_timeout_s': 5.0, 'satellite': '', 'satellite_interval_s': 90.0}
+    'answer_timeout_s': 5.0, 'satellite': '', 'satellite_interval_s': 90.0,
+    'meridian_limit_deg': 5.0, 'hour_angle_limit_deg': 165.0}
 
 
 class Service:
@@ -47,7 +49,8 @@ class Service:
 class Bench:
     """Mount, encoders, camera, clocks and the other side of every topic."""
 
-    def __init__(self, plan='', homed=True, **settings):
+    def __init__(self, plan='', homed=True, kind=ALTAZ, **settings):
+        self.kind = kind
         self.settings = SETTINGS | settings
         self.stamp, self.wall = START, 1000.0
         self.position = np.array([3.0, 0.8])
@@ -60,7 +63,7 @@ class Bench:
         self.commands, self.rows, self.tables, self.checks = [], [], [], []
         self.statuses, self.refused, self.pending = [], [], None
         self.instruments = Instruments(1, wall=lambda: self.wall)
-        self.in_force, self.table = InForce(), Table()
+        self.in_force, self.table = InForce(mount=kind), Table(kind)
         self.plan = Sequencer(self, self.instruments, self.in_force, self.table)
         if homed:
             self.read(self.stamp, self.position)
@@ -74,6 +77,9 @@ class Bench:
 
     def sky(self):
         return self.site, DEFAULT_WEATHER
+
+    def mount(self):
+        return self.kind
 
     def now(self):
         return self.stamp

@@ -9,10 +9,10 @@ import pytest
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
 from pointing_model.mounts import ALTAZ, Mount
+from pointing_model.observing.star_choice import ANYWHERE, axes_at
 from pointing_model.observing.zero_stars import (
     Before,
     choose_places,
-    side_of,
     way_to_zero,
     zero_sigma,
     zero_stars,
@@ -33,7 +33,7 @@ STARS = load_catalogue(mag_limit=7.0)
 def field(n=400, seed=0, mount=ALTAZ):
     rng = np.random.default_rng(seed)
     az, el = rng.uniform(0.0, 2.0 * np.pi, n), np.arcsin(rng.uniform(0.35, 0.99, n))
-    return mount.axes_of(az, el, side_of(mount, az, el)) if not mount.altaz else (az, el)
+    return axes_at(mount, az, el, ANYWHERE, np.arange(n))
 
 
 def model_of(mount=ALTAZ):

@@ -1,0 +1,37 @@
+"""The simulated mounts without ROS: through geometry and camera to terms and causes."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calibration.diagnosis import diagnose
+from encoder_sim.scenario_file import load_scenario, scenario_files, undeclared
+from pointing_model.mounts import is_beyond
+
+sys.path.append(str(Path(__file__).resolve().parents[2] / 'benchmarks'))
+
+from simulated_mounts import PLAIN, UNDECLARED, deviations, named, night
+
+
+@pytest.mark.parametrize('name', PLAIN)
+def test_the_terms_come_back(name):
+    scenario = load_scenario(name)
+    run = night(scenario, seed=1)
+    assert len(run) > 55
+    assert run.mount.kind == scenario.mount.kind.partition(':')[0]
+    # of a German mount both sides are observed, of others none is through the pole
+    through = is_beyond(run['el']).mean()
+    assert 0.3 < through < 0.7 if name == 'german' else through == 0.0
+    z, left = deviations(run, scenario)
+    assert len(z) == 7 and np.abs(z).max() < 3.0
+    assert left == pytest.approx(np.sqrt(2.0), abs=0.2)  # the camera's noise
+
+
+@pytest.mark.parametrize('name', UNDECLARED)
+def test_what_nobody_declared_is_named(name):
+    wanted = undeclared(scenario_files(name)[0]['text'])['shows_as']
+    result = diagnose(night(load_scenario(name), seed=2), cross_validation=False, seed=2)
+    assert named(result, wanted) == (True, True)
+    assert len(result.effects) == 1
