@@ -7,7 +7,7 @@ The simulator's rotations and its camera (1" of noise, a scale and a rotation of
 stars of the catalogue that a blind mount misses by minutes of arc; encoders are perfect here, so
 that what is judged is the mount. The readings that would have centred the stars make a run, which
 is fitted and diagnosed as any. A German mount observes the east through its pole, and near the
-meridian either side. `--full` runs 100 nights of each scenario (half an hour of CPU).
+meridian either side. `--full` runs 100 nights of each scenario (some minutes of CPU).
 """
 
 import argparse
