@@ -388,6 +388,7 @@ class Calibration(MountNode):
         """What has come."""
         return [('observations', str(len(self._session))),
                 ('power-ons with a zero', str(len(self._session.zeros))),
+                ('zeros by', ways(self._session.zeros.values()) or 'nothing yet'),
                 ('taken up', '; '.join(self._taken_up) or 'nothing: there from the start'),
                 ('diagnosis', self._finding or 'none yet')]
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from pointing_model.rms import rms_arcsec
 from pointing_model.zero import NO_ZERO, zero_in_force
-from pointing_model.zero_exposures import is_for_zero
+from pointing_model.zero_exposures import BY_POLARIS, is_for_zero
 
 from .fit import fit_terms
 from .harmonic_fit import Recipe
@@ -126,6 +126,7 @@ def power_on_check(rows, reference, first, measured, change, notes, other=None):
     if reference is not None:
         label = 'model of the earlier night on all stars of tonight'
         way = ways(measured.values())
+        way = way if way == BY_POLARIS else f'the zero by {way}'
         return [{'check': f'{label}, before {way}',
                  **rms_of(reference, stars, zero_in_force(reference))},
                 {'check': f'{label}, after {way}', **rms_of(reference, stars, first)}]

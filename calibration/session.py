@@ -276,6 +276,8 @@ class CalibrationSession:
             'format': REPORT_FORMAT, 'version': REPORT_VERSION,
             'last_stamp_ns': self.last_stamp, **rows.mount.entries(),
             'stars': len(stars), 'polaris': int(np.count_nonzero(~is_star & ~is_marked(rows))),
+            **({'for_zero': int(np.count_nonzero(is_marked(rows)))} if is_marked(rows).any()
+               else {}),
             'zeros': self.zeros.to_list(),
             'changes': zero_changes(observed, sorted(self.zeros), model),
             'zeros_in_force': zeros.to_list(),

@@ -402,7 +402,7 @@ def _references(night, axis, walk):
     references, starts = {}, {}
     for run in night.tonight:
         mine = night.run == run
-        at = mine & night.polaris
+        at = mine & night.for_zero
         at = at if at.any() else mine
         at &= night.stretch == night.stretch[at].max()
         references[int(run)] = float(np.median(smooth[at]))

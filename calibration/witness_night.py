@@ -1,6 +1,7 @@
 """The rows of a night as the three witnesses see them: see `calibration.witnesses`."""
 
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -10,8 +11,8 @@ from pointing_model.context import Context
 from pointing_model.following import harmonic_columns
 from pointing_model.model import PointingModel
 from pointing_model.run import PointingRun
-from pointing_model.star_catalogue import POLARIS_HIP
-from pointing_model.terms import design, mean_columns
+from pointing_model.terms import design
+from pointing_model.zero_exposures import BY_POLARIS, BY_STARS, MARK, is_for_zero, is_marked
 
 from .fit import fit_terms
 from .polaris_zero import zero_from_polaris
@@ -28,6 +29,7 @@ from .witness_causes import (
 )
 from .witness_noise import Colour, colour_of, inflation, strongest
 from .witness_records import Change, Witness
+from .witness_stars import stars_seen
 
 AXES = ('azimuth', 'elevation')
 SHORT = ('az', 'el')
@@ -82,8 +84,8 @@ class Night:
             parts.insert(0, PointingRun({**reference.columns, 'run': number},
                                         reference.meta))
         # logs before that column have none
-        parts = [PointingRun({**part.columns, 'absolute_start': part.get('absolute_start')},
-                             part.meta) for part in parts]
+        parts = [PointingRun({**part.columns, 'absolute_start': part.get('absolute_start'),
+                              MARK: is_marked(part)}, part.meta) for part in parts]
         table = PointingRun.concatenate(parts)
         usable = np.isfinite([table[name] for name in (
             'az', 'el', 'az_enc', 'el_enc', 'az_abs', 'el_abs', 'time')]).all(axis=0)
@@ -94,7 +96,8 @@ class Night:
         self.runs = np.unique(self.run)
         self.tonight = self.runs[self.runs >= 0.0]
         self.stretch = self.run + 0.01 * self._absolute_power_ons()
-        self.polaris = rows['star'] == POLARIS_HIP
+        #: exposures for a zero, of Polaris or of stars
+        self.for_zero = is_for_zero(rows)
         #: rows in a row, of one series and of two
         self.sequence = np.searchsorted(self.runs, self.run)
         self.sequence_2 = np.concatenate([self.sequence, self.sequence + len(self.runs)])
@@ -162,7 +165,7 @@ class Night:
 
     def sky(self, events, model, notes):
         """Residuals against the sky, with a zero for each stretch between the steps found."""
-        if np.count_nonzero(~self.polaris) < _FEWEST_STARS:
+        if np.count_nonzero(~self.for_zero) < _FEWEST_STARS:
             notes.append(f'fewer than {_FEWEST_STARS} stars: Polaris alone stands for the sky')
             return None
         if model is None:
@@ -252,23 +255,33 @@ class Night:
                 rho = colour_of(base, clipped(base, y), self.sequence_2, self.halves).rho
                 seen[:, n] = rho.reshape(2, -1).max(axis=1)
         else:
-            label = self.stretch[self.polaris]
+            at = self.for_zero
+            label = np.unique(np.stack([self.stretch[at], is_marked(self.rows)[at]
+                                        * self.rows['star'][at]]), axis=1, return_inverse=True)[1]
+            label = np.ravel(label).astype(float)
             base = (label[:, None] == np.unique(label)).astype(float)
             if len(base) > base.shape[1] + 2:
-                rows = self.rows.select(self.polaris)
+                rows = self.rows.select(self.for_zero)
                 for axis, short in enumerate(SHORT):
                     for n, encoder in enumerate(('enc', 'abs')):
                         y = wrap(rows[f'{short}_{encoder}'] - rows[short])
                         seen[axis, n] = colour_of(base, clipped(base, y), label).most
         return Memory(np.array(apart), seen)
 
-    def witnesses(self, memory):
-        """A `Witness` for each power-on with Polaris; `memory` as of `Night.memory`."""
+    def witnesses(self, memory, model=None):
+        """A `Witness` for each power-on with Polaris, a `StarsSeen` for one with stars.
+
+        `memory` as of `Night.memory`.
+        """
         out = []
         for run in np.unique(self.stretch):
             rows = self.stretch == run
-            part = self.rows.select(rows & self.polaris)
+            part = self.rows.select(rows & self.for_zero)
             if len(part) < 2:
+                continue
+            if is_marked(part).any():
+                seen = stars_seen(float(run), part.select(is_marked(part)), model, memory.seen)
+                out += [seen] if seen is not None else []
                 continue
             zeros = [zero_from_polaris(part, PointingModel({}, mount=self.mount), encoder=encoder)
                      for encoder in ('enc', 'abs')]
@@ -280,7 +293,7 @@ class Night:
             more = np.array([[inflation(rho, count) for rho in both] for both in memory.seen])
             out.append(Witness(
                 float(run), *place, *(zero.angles for zero in zeros),
-                np.array([self._shared(axis, rows & self.polaris, zeros)
+                np.array([self._shared(axis, rows & self.for_zero, zeros)
                           * np.sqrt(np.outer(more[axis], more[axis])) for axis in (0, 1)]),
                 np.array([value for value, _ in apart]), np.array([sigma for _, sigma in apart]),
                 max(int(count / more.max()), 2)))
@@ -303,7 +316,7 @@ class Night:
         angle = self.rows[SHORT[axis]][rows]
         columns = [np.ones(rows.sum())]
         at = [1.0]
-        if np.count_nonzero(rows & ~self.polaris) >= _FEWEST_STARS:
+        if np.count_nonzero(rows & ~self.for_zero) >= _FEWEST_STARS:
             columns += [np.cos(angle), np.sin(angle)]
             at += [np.cos(place), np.sin(place)]
         colour = Colour(np.where(np.arange(rows.sum()) > 0, rho, 0.0))
@@ -337,7 +350,8 @@ class Night:
         return Change(
             AXES[axis], before.run, now.run, float(enc), float(np.sqrt(covariance[0, 0])),
             float(second), float(np.sqrt(noise)), float(apart), float(np.sqrt(apart_variance)),
-            float(second / expected), min(p, 1.0), bool(alarm), moved, tilt, cause, said)
+            float(second / expected), min(p, 1.0), bool(alarm), moved, tilt, cause, said,
+            BY_POLARIS if now.stars is None else BY_STARS)
 
     def _suspects(self, axis, before, now, budget, sky, enc, second, apart, covariance,
                   apart_variance):
@@ -349,7 +363,7 @@ class Night:
         together = log_normal(apart, apart_variance + usual + budget.absolute**2)
         logs = {ABSOLUTE: alone, MOUNT: together + np.log(0.5), 'tilt': together + np.log(0.5)}
         rows = np.isin(self.stretch, (before.run, now.run))
-        stars = [np.count_nonzero((self.stretch == w.run) & ~self.polaris) for w in (before, now)]
+        stars = [np.count_nonzero((self.stretch == w.run) & ~self.for_zero) for w in (before, now)]
         if sky is not None and min(stars) >= _FEWEST_STARS:
             both = np.tile(rows, 2)
             after = (self.stretch == now.run).astype(float)
@@ -388,18 +402,26 @@ class Found(NamedTuple):
 
 
 def _circle(before, now, model, term_sigma, mount):
-    """How the offset differs between two places of Polaris, (2,), and its variance, (2,)."""
-    places = [(np.array([w.az]), np.array([w.el])) for w in (before, now)]
+    """How the offset differs between two places of Polaris, (2,), and its variance, (2,).
+
+    Or of the same stars.
+    """
     if model is not None:
-        offsets = []
-        for az, el in places:
-            x, y = model.offsets(az, el)
-            offsets.append(np.array([x[0] / np.cos(el[0]), y[0]]))
+        offsets = [_over(w, model.offsets) for w in (before, now)]
         names, spread = tuple(model.terms), model.covariance
     else:
         offsets = [np.zeros(2)] * 2
         names = mount.names.physical[_OTHERS]
         spread = np.eye(len(names)) * term_sigma**2
-    then, later = (mean_columns(names, az, el, mount) for az, el in places)
+    then, later = (_over(w, partial(design, names, mount=mount)) for w in (before, now))
     moved = later - then
     return offsets[1] - offsets[0], np.diag(moved @ spread @ moved.T)
+
+
+def _over(witness, offsets):
+    """What ``offsets(az, el)`` gives on the sky, (s,) or (s, k) an axis, as its angles have it."""
+    if witness.stars is None:
+        x, y = offsets(np.array([witness.az]), np.array([witness.el]))
+        return np.stack([x[0] / np.cos(witness.el), y[0]])
+    az, el, weights = witness.stars
+    return np.einsum('as,as...->a...', weights, np.stack(offsets(az, el)))

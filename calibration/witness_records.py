@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from msg_tools.units import ARCSEC
+from pointing_model.zero_exposures import BY_POLARIS
 
 
 @dataclass(frozen=True)
@@ -26,6 +27,9 @@ class Witness:
         Incremental - absolute at that place, by all rows of the power-on, and 1 sigma, rad.
     exposures : int
         Of Polaris; where they resemble the one before, as many as independent ones would do.
+    stars : tuple of ndarray, optional
+        Where stars were exposed in place of Polaris: azimuth and elevation of each (s,), rad, and
+        with which weights (2, s) their offsets on the sky make `enc` and `abs`.
     """
 
     run: float
@@ -37,6 +41,7 @@ class Witness:
     apart: np.ndarray
     apart_sigma: np.ndarray
     exposures: int
+    stars: tuple | None = None
 
 
 @dataclass(frozen=True)
@@ -48,7 +53,8 @@ class Change:
     what is usual for the encoder: how far the zeros by Polaris and by the absolute encoder
     disagree. `moved` are posterior probabilities, where something other than the incremental
     encoder moved; `tilt`, that the mount leans, as all of its stars show. `cause` is the likeliest
-    of `witness_causes`, with `causes` before it is asked whether there was an alarm.
+    of `witness_causes`, with `causes` before it is asked whether there was an alarm. `by`: the sky
+    is Polaris, or stars.
     """
 
     axis: str
@@ -67,6 +73,7 @@ class Change:
     tilt: float
     cause: str
     causes: dict
+    by: str = BY_POLARIS
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,6 @@
-"""Three witnesses of an axis: the sky (Polaris), the incremental and the absolute encoder.
+"""Three witnesses of an axis: the sky, the incremental and the absolute encoder.
+
+The sky is Polaris, or stars that were exposed for a zero (`witness_stars`).
 
 A change of one of them shows in two of the three differences between them:
 
@@ -20,11 +22,13 @@ from typing import NamedTuple
 import numpy as np
 
 from msg_tools.units import ARCSEC, wrap
+from pointing_model.zero_exposures import BY_POLARIS, BY_STARS
 
 from .wandering import moved_inside, wander_line
 from .witness_causes import ABSOLUTE, ALIKE, BOTH, INCREMENTAL, MOUNT
 from .witness_night import AXES, SHORT, Night
 from .witness_records import USUAL, Witness
+from .witness_stars import StarsSeen, compared
 
 UNJUDGED = ('the reference marks of the incremental encoder could not be judged: it tells nothing '
             'of them on incremental/homing')
@@ -125,8 +129,8 @@ class WitnessReport:
     events : list of Event
     notes : list of str
         What could not be judged.
-    latest : Witness or None
-        Of the newest power-on with Polaris: the reference of the next night.
+    latest : Witness, StarsSeen or None
+        Of the newest power-on with a zero: the reference of the next night.
     """
 
     alarms: list = field(default_factory=list)
@@ -144,7 +148,7 @@ def check_witnesses(rows, reference=None, *, model=None, homings=(), budget=USUA
     rows : PointingRun
         Of the night, with ``run``, ``star``, ``time``, ``az_abs``, ``el_abs``. Without the last
         two the encoders are only heard.
-    reference : PointingRun or Witness, optional
+    reference : PointingRun, Witness or StarsSeen, optional
         An earlier night, or what `WitnessReport.latest` said of it. Without it the first power-on
         with exposures of Polaris is the reference of the others.
     model : PointingModel, optional
@@ -190,11 +194,17 @@ def _compare(out, rows, reference, model, budget):
                    if event.kind == 'wander' else _event_line(event) for event in out.events]
 
     memory = night.memory(sky, found.jumps)
-    witnesses = night.witnesses(memory)
-    if isinstance(reference, Witness):
+    witnesses = night.witnesses(memory, model)
+    if isinstance(reference, Witness | StarsSeen):
         witnesses.insert(0, replace(reference, run=-1.0))
     pairs = [pair for pair in zip(witnesses, witnesses[1:]) if pair[1].run >= 0.0]
-    for before, now in pairs:
+    for pair in pairs:
+        try:
+            before, now = compared(*pair)
+        except ValueError as err:
+            out.notes.append(f'{_named(pair[0].run)} and {_named(pair[1].run)} were not compared '
+                             f'against the sky: {err}')
+            continue
         for axis in (0, 1):
             change = night.change(axis, before, now, model, budget, 2 * len(pairs), sky)
             out.changes.append(change)
@@ -248,15 +258,27 @@ def _uncalibrated(out, night, witnesses, budget, memory):
         if not before or any(w.run // 1 == run for w in known) or np.count_nonzero(rows) < 2:
             continue
         since = _utc(night.rows['time'][rows][0])
+        last, way = before[-1], BY_POLARIS
+        if isinstance(last, StarsSeen):
+            last, way = _anywhere(night, last, memory), BY_STARS
         for axis in (0, 1):
-            value, sigma = night.apart_at(axis, rows, (before[-1].az, before[-1].el)[axis],
+            value, sigma = night.apart_at(axis, rows, (last.az, last.el)[axis],
                                           memory.apart[axis])
-            moved = wrap(value - before[-1].apart[axis])
-            sigma = np.sqrt(sigma**2 + before[-1].apart_sigma[axis] ** 2 + budget.absolute**2)
+            moved = wrap(value - last.apart[axis])
+            sigma = np.sqrt(sigma**2 + last.apart_sigma[axis] ** 2 + budget.absolute**2)
             out.alarms.append(
                 f'{AXES[axis]}: {INCREMENTAL} began power-on {run:.0f} at {since} '
-                f'and has no zero on Polaris since: moved by {moved / ARCSEC:+.2f} +- '
+                f'and has no zero on {way} since: moved by {moved / ARCSEC:+.2f} +- '
                 f'{sigma / ARCSEC:.2f} arcsec by the {ABSOLUTE} (confidence 1.00)')
+
+
+def _anywhere(night, seen, memory):
+    """The witness of stars, with the encoders' difference at a place like that of Polaris."""
+    out = seen.witness(seen.star)
+    apart = [night.apart_at(axis, night.stretch == seen.run, (out.az, out.el)[axis],
+                            memory.apart[axis]) for axis in (0, 1)]
+    return replace(out, apart=np.array([value for value, _ in apart]),
+                   apart_sigma=np.array([sigma for _, sigma in apart]))
 
 
 def _utc(time):
@@ -301,6 +323,6 @@ def _change_line(change):
     who, other = (MOUNT, ABSOLUTE) if change.cause == MOUNT else (ABSOLUTE, MOUNT)
     also = (f', the {INCREMENTAL} by {change.incremental / ARCSEC:+.2f} +- '
             f'{change.incremental_sigma / ARCSEC:.2f}' if change.cause == BOTH else '')
-    return (f'{change.axis}: {who} moved by {amount} {when}{also}: the zeros by Polaris and by the '
-            f'{ABSOLUTE} disagree (confidence {change.moved[who]:.2f}, {other} '
+    return (f'{change.axis}: {who} moved by {amount} {when}{also}: the zeros by {change.by} and by '
+            f'the {ABSOLUTE} disagree (confidence {change.moved[who]:.2f}, {other} '
             f'{change.moved[other]:.2f}, by chance {change.probability:.1g})')

@@ -28,7 +28,7 @@ ARGUMENTS = (
     ('mount', '', 'altaz, equatorial, german, free:AZ,EL; empty: what the scenario has'),
     ('seed', '1', 'of every random number'),
     ('stars', '30', 'in each of the two blocks'),
-    ('polaris', '16', 'exposures of Polaris for a zero'),
+    ('polaris', '16', 'exposures for a zero: of Polaris where it is well up, else of stars'),
     ('start_time', '', 'UTC at which the night begins, ISO 8601'),
     ('time_scale', '0.0', 'simulated seconds a second; 0: as fast as the graph answers'),
     ('params_file', '', 'ROS parameter file, read after the values above'),

@@ -203,16 +203,21 @@ class Context:
         values : ndarray or None
         reason : str or None
         """
-        value = self.get(name)
+        value, said = self.get(name), self.said(name)
         if value is None:
-            return None, f'{name} is not known'
+            return None, f'{said} is not known'
         finite = value[np.isfinite(value)]
         if len(finite) < 0.5 * len(value):
-            return None, f'{name} is known in only {len(finite)} of {len(value)} rows'
+            return None, f'{said} is known in only {len(finite)} of {len(value)} rows'
         low, high = float(finite.min()), float(finite.max())
         if high - low <= 1e-9 * max(abs(low), abs(high)):
-            return None, f'{name} does not vary'
+            return None, f'{said} does not vary'
         return finite, None
+
+    def said(self, name):
+        """Name of a driver for people: ``approach_az`` is ``approach_ha`` of an equatorial one."""
+        own = dict(zip(('az', 'el'), self.mount.names.columns))
+        return '_'.join(own.get(part, part) for part in name.split('_'))
 
     def _find(self, name):
         value = self.columns.get(name)

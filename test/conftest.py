@@ -4,17 +4,24 @@ Each process of the suite has a ROS domain of its own, each test a private conte
 """
 
 import fcntl
+import gc
 import os
 import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
 from telescope_mount.threads import ONE_THREAD
 
 os.environ.update(ONE_THREAD | os.environ)  # before numpy comes, and for what is started
+
+# hundreds of processes are started: without bytecode each compiles what all others have compiled,
+# and each process of the suite every test
+sys.dont_write_bytecode = False
+os.environ.pop('PYTHONDONTWRITEBYTECODE', None)
 
 PATIENCE = 60.0  # s until a test gives up waiting; far more than the slowest machine needs
 WORKER = os.environ.get('PYTEST_XDIST_WORKER')
@@ -40,6 +47,23 @@ def pytest_cmdline_main(config):
         option.loadscopereorder = False  # see below
 
 
+def pytest_configure(config):
+    """Each process begins its collection at another folder, so that it finds most files compiled
+    by the others: to rewrite the assertions of all takes 5 s."""
+    places = [Path(arg) for arg in config.args]
+    if WORKER and len(places) == 1 and places[0].is_dir():
+        parts = sorted(path for path in places[0].iterdir()
+                       if path.match('test_*.py') or (path.is_dir() and path.name[0] not in '._'))
+        number, count = int(WORKER.removeprefix('gw')), config.workerinput['workercount']
+        begin = number * len(parts) // count
+        config.args[:] = map(str, parts[begin:] + parts[:begin])
+
+
+def pytest_collection_finish():
+    """What has been collected stays: the garbage collector need not go through it each time."""
+    gc.freeze()
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
     """Files with whole graphs first, then those with nodes, of each kind the long ones first: the
@@ -48,7 +72,7 @@ def pytest_collection_modifyitems(items):
     for item in items:
         needs = files.setdefault(item.path, set())
         needs.update(item.fixturenames)
-    order = {path: ('cli' not in needs, 'ros_domain' not in needs, -path.stat().st_size)
+    order = {path: ('cli' not in needs, 'ros_domain' not in needs, -path.stat().st_size, path)
              for path, needs in files.items()}
     items.sort(key=lambda item: order[item.path])
 
@@ -298,15 +322,26 @@ def cli(ros_domain, tmp_path_factory):
 
 @pytest.fixture(scope='session', autouse=True)
 def few_partitions():
-    """Cross-validation over few partitions, in this process: a third of the time.
+    """Cross-validation over few partitions into few folds, in this process: a third of the time.
 
-    What is chosen hardly depends on them, and how sure the figure is `benchmarks/` show.
+    What is chosen hardly depends on them, and how sure the figure is `benchmarks/` show. Five
+    folds are what a long run has anyway, and 2 partitions the fewest that have a scatter; the
+    rule for more of them has a test of its own.
     """
-    from calibration.diagnosis import validation
+    from calibration.diagnosis import constants, diagnosis, validation
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(validation, 'PARTITIONS', 3)
-        patch.setattr(validation, 'MOST_PARTITIONS', 4)
+        patch.setattr(validation, 'PARTITIONS', 2)
+        patch.setattr(validation, 'MOST_PARTITIONS', 3)
+        patch.setitem(diagnosis.diagnose.__kwdefaults__, 'folds', constants.FEW_FOLDS)
         yield
+
+
+@pytest.fixture(autouse=True)
+def folds_of_a_user(request, monkeypatch):
+    """What `few_partitions` leaves as it is: where processes diagnose, to the bit the same."""
+    if 'cli' in request.fixturenames:
+        from calibration.diagnosis import constants, diagnosis
+        monkeypatch.setitem(diagnosis.diagnose.__kwdefaults__, 'folds', constants.FOLDS)
 
 
 @pytest.fixture

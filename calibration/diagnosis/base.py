@@ -112,9 +112,10 @@ class Base:
             nothing = np.zeros_like(functions)
             rows += [np.hstack((functions * sky_factor(el, self.interpretation), nothing)),
                      np.hstack((nothing, functions))]
+        zeros = [common.index(t) for t in mount.names.index if t in common]
         if not self.own:
-            return Columns(np.vstack(rows))
-        return Columns(np.vstack(rows), stacked_design(self.own, az, el, mount), run)
+            return Columns(np.vstack(rows), zeros=zeros)
+        return Columns(np.vstack(rows), stacked_design(self.own, az, el, mount), run, zeros)
 
 
 @dataclass

@@ -4,6 +4,7 @@ import numpy as np
 
 from calibration.robust import BISQUARE
 from pointing_model.effects import effect
+from pointing_model.effects.base import driver_word, readable
 from pointing_model.effects.drifts import places_of_steps
 
 from .base import Base, mount_of, observations
@@ -14,6 +15,7 @@ from .detectable import detectable
 from .expected import expected_error
 from .input_check import check_columns
 from .next_observations import propose
+from .resampling import radial_arcsec
 from .result import DiagnosedEffect, concluded, diagnosed, hidden, ranking_of
 from .rows_told import claimed
 from .scores import Bank
@@ -27,11 +29,12 @@ from .work import Work
 #: what changes little by little, where a step says "at once"
 _GRADUAL = ('time', 'order', 'run_hours', 'temperature')
 _MOST_CURVES = 2
+_MORE = 1.02  # what terms fitted beside a wander leave over those without, from where it is said
 
 
 def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None, encoder='enc',
              flips=FLIPS, folds=FOLDS, seed=0, cross_validation=True,
-             streamed_from=STREAMED_FROM, sessions=None, partitions=None):
+             streamed_from=STREAMED_FROM, sessions=None, partitions=None, progress=None):
     """Find the effects that a model lacks, and prove the gain.
 
     Parameters
@@ -64,6 +67,9 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
     partitions : int, optional
         Ways to divide the rows in the cross-validation; by default as many as it takes to know
         its figure to 1 %.
+    progress : callable, optional
+        Is told what is being done, and of the cross-validation how many folds of how many (str,
+        int, int; None where there is nothing to count).
 
     Returns
     -------
@@ -93,7 +99,7 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
         result = diagnose_streamed(obs, base, alpha, rng, streamed_from)
     else:
         result = _in_memory(obs, base, alpha, rng, flips, folds if cross_validation else 0,
-                            partitions)
+                            partitions, progress or _silent)
     result = claimed(result)
     result.columns_alike = checked.alike
     result.notes += checked.notes
@@ -103,7 +109,12 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
     return result
 
 
-def _in_memory(obs, base, alpha, rng, flips, folds, ways):
+def _silent(text, done, total):
+    """Progress that nobody asked for."""
+
+
+def _in_memory(obs, base, alpha, rng, flips, folds, ways, progress):
+    progress('looking for effects', 0, None)
     work = Work(obs, base, alpha)
     problem = work.problem
     chance = Chance(problem.n, flips, rng, group=problem.sequence.group)
@@ -112,7 +123,7 @@ def _in_memory(obs, base, alpha, rng, flips, folds, ways):
     found = chosen.found
     left = unexplained(problem, found, alpha)
     errors = cross_validated(work, found.chosen, left is not None, folds, alpha, chance, rng,
-                             ways) if folds else None
+                             ways, progress) if folds else None
     if errors and errors.cut is not None:
         found.not_repeated = found.chosen[errors.cut:]
         del found.chosen[errors.cut:]
@@ -127,8 +138,7 @@ def _in_memory(obs, base, alpha, rng, flips, folds, ways):
     fitted = work.fit(found.chosen, found.state)
     result = _assemble(work, found, chosen.stands, (base_fit, fitted), chance)
     if left is not None:
-        words = dict(zip(('az', 'el'), obs.run.mount.names.axes))
-        result.told_of_wander(wander_entry(left, problem, words))
+        result.told_of_wander(wander_entry(left, problem, obs.context))
     if errors:
         for entry, gain in zip(result.effects[len(work.slips):], chosen.gains):
             entry.cv_gain_arcsec = float(gain)
@@ -140,14 +150,33 @@ def _in_memory(obs, base, alpha, rng, flips, folds, ways):
         result.expected = expected_error(
             errors.left_out, found.state.weights > 0.0, problem.sequence.order, rng,
             *ahead(problem, found.chosen, rng))
-        judge_undecided(result, [c.effect(work.problem).name for c in
+        judge_undecided(result, [readable(c.effect(work.problem).name) for c in
                                  found.dropped_by_cv + found.not_repeated],
                         result.ranking[0]['delta_bic'] if result.ranking else 0.0)
     if result.verdict == 'none':
         result.detectable = detectable(work.problem, chance, alpha)
+    if left is not None:
+        result.notes += _without_memory(work, found, base_fit, fitted)
     if result.verdict == 'ambiguous':
         result.next_observations = propose(problem, obs, base, found, chosen.stands)
     return result
+
+
+def _without_memory(work, found, base_fit, fitted):
+    """A note where the same terms leave less if rows are taken to have no memory."""
+    plain, keep = work.problem.plain, found.state.weights > 0.0
+    out = []
+    for when, chosen, fit in (('before', [], base_fit), ('after', found.chosen, fitted)):
+        alone = radial_arcsec(work.fit(chosen, plain.state(chosen, final=True)).residual, keep)
+        here = radial_arcsec(fit.residual, keep)
+        if here > _MORE * alone:
+            out.append(f'{when}: {alone:.2f} in place of {here:.2f} arcsec')
+        if not found.chosen:
+            out = [text.removeprefix('before: ') for text in out]
+            break
+    return [f'the zero wanders, and the terms are fitted so; fitted as if no row had to do with '
+            f'the one before, as `fit` does, they leave less on these rows, {", ".join(out)}, for '
+            'they take up a part of what wanders'] if out else []
 
 
 def _refine_steps(work, found):
@@ -206,12 +235,14 @@ def _assemble(work, found, stands, fits, chance):
                           'and predicts them worse', found.not_repeated)):
         if dropped:
             notes.append(f'beyond chance, but {why}, so not added: '
-                         + ', '.join(c.effect(problem).name for c in dropped))
+                         + '; '.join(dict.fromkeys(readable(c.effect(problem).name)
+                                                      for c in dropped)))
     if work.infeasible.any():
         notes.append(f'{int(work.infeasible.sum())} rows are nearer to the zenith than the mount '
                      'can look')
-    notes += [f'something unknown is left that follows the {e.fitted.effect.driver}: the model '
-              f'has a curve for it ({e.fitted.effect.name})' for e in effects
+    notes += [f'something unknown is left that follows the '
+              f'{driver_word(e.fitted.effect.driver)}: the model has a curve for it '
+              f'({readable(e.fitted.effect.name)})' for e in effects
               if e.fitted.effect.kind == 'smooth']
     candidates = problem.dictionary.effects
     scores = problem.dictionary.score(nothing)

@@ -112,10 +112,12 @@ class Columns:
         Columns that each run fits for itself.
     run : ndarray of int, shape (n,), optional
         Which run a row belongs to, for `own`.
+    zeros : sequence of int
+        Which of the common columns are the zeros of the axes.
     """
 
-    def __init__(self, common, own=None, run=None):
-        self.common, self.own, self.run = common, own, run
+    def __init__(self, common, own=None, run=None, zeros=()):
+        self.common, self.own, self.run, self.zeros = common, own, run, list(zeros)
         self._blocks = None
         if own is not None:
             n = len(run)
@@ -127,15 +129,16 @@ class Columns:
 
     def added(self, parts):
         """With more common columns."""
-        out = Columns(np.vstack([self.common, *parts]))
+        out = Columns(np.vstack([self.common, *parts]), zeros=self.zeros)
         out.own, out.run, out._blocks = self.own, self.run, self._blocks
         return out
 
     def rows(self, both):
         """Of some rows (indices into 2n)."""
         if self.own is None:
-            return Columns(self.common[:, both])
-        return Columns(self.common[:, both], self.own[:, both], self.run[both[:len(both) // 2]])
+            return Columns(self.common[:, both], zeros=self.zeros)
+        return Columns(self.common[:, both], self.own[:, both], self.run[both[:len(both) // 2]],
+                       self.zeros)
 
     def basis(self, white):
         """`Basis` of the whitened columns.
@@ -190,8 +193,24 @@ class Columns:
         white : callable
         """
         if self.own is None:
-            return b - solve(self.common, b, white) @ self.common
+            return b - self.solved(b, white) @ self.common
         return self.left_by(*self.solver(white)(b), b)
+
+    def solved(self, b, white):
+        """Coefficients of the common columns, where no run has its own, shape (k,)."""
+        return self.settled(solve(self.common, b, white), b, white)
+
+    def settled(self, p, b, white):
+        """Coefficients with the zeros where the rows were, not where their memory would take them.
+
+        Where the noise wanders through the whole run its mean is hardly known, and generalised
+        least squares may put it far beside all rows (a run of 1.4 h that wanders by 140": 60").
+        """
+        if not self.zeros or not isinstance(white, Whitened):
+            return p
+        p, each = p.copy(), White(white.root)
+        p[self.zeros] += solve(self.common[self.zeros], b - p @ self.common, each)
+        return p
 
     def left_by(self, p, own, b):
         """What coefficients, of the common columns (k,) and of each run's own, leave of `b`."""
@@ -234,7 +253,8 @@ class Solver:
         values = self._white(b)
         columns = self._columns
         if self._own is None:
-            return self.inverse @ (self._beyond @ values), np.empty((0, 0))
+            p = columns.settled(self.inverse @ (self._beyond @ values), b, self._white)
+            return p, np.empty((0, 0))
         p = self.inverse @ (self._beyond @ self._basis.off(values))
         # the zero of a run is where its rows were, not where their memory would take it
         each = White(self._white.root)

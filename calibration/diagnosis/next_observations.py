@@ -4,7 +4,8 @@ For two members of a set, each is taken as the truth in turn and the other (with
 model) is fitted to what the truth would give. What that fit cannot follow, squared and in units
 of the noise, is the expected separation in 2 ln(likelihood ratio). The next observation is where
 the two disagree most; it is added, and the fit repeated (T-optimal design of Atkinson and
-Fedorov, 1975, one point after the other).
+Fedorov, 1975, one point after the other). What the rows so far say is no expectation: it is the
+difference of the scores by which the members are one set, and what is expected is added to it.
 """
 
 import numpy as np
@@ -37,19 +38,21 @@ def propose(problem, obs, base, found, stands):
     Returns
     -------
     list of dict
-        ``az_deg``, ``el_deg`` (of the horizon; of a mount with two sides of the pier
-        ``through_pole``), ``approach_az``, ``approach_el`` (0: either), ``last_move_deg``
-        (of both axes, against the move before; None: any), ``after_hours`` (since the last row;
-        None: at any time), ``separates`` (two names), and ``separation_before``,
-        ``separation_after`` (expected delta BIC between them, all proposals so far included).
+        ``az_deg``, ``el_deg`` (of the horizon; of another mount than an alt-azimuth one its own
+        angles too, such as ``ha_deg``, ``dec_deg``, and ``through_pole``), ``approach_az``,
+        ``approach_el`` (0: either), ``last_move_deg`` (of both axes, against the move before;
+        None: any), ``after_hours`` (since the last row; None: at any time), ``separates`` (two
+        names), and ``separation_before``: delta BIC between them by the rows there are;
+        ``separation_after``: the same to be expected with all proposals so far.
     """
     out, grid = [], _grid(obs)
     for i, (choice, stand) in enumerate(zip(found.chosen, stands)):
         others = [c.effect(problem) for j, c in enumerate(found.chosen) if j != i]
-        bank, _ = choice.family(problem, found.chosen)
+        bank, group = choice.family(problem, found.chosen)
         for rival in [] if choice.curve else stand.alternatives[:_RIVALS]:
             pair = choice.effect(problem), bank.effects[rival]
-            proposals = _separate(problem, obs, base, found, pair, others, grid)
+            proposals = _separate(problem, obs, base, found, pair, others, grid,
+                                  abs(stand.every[group] - stand.every[rival]))
             last = proposals[-1]
             if last['separation_after'] > last['separation_before'] + _WORTH:
                 out += proposals
@@ -110,7 +113,7 @@ def _forecast(time, temperature, then, n):
     return np.clip(guess, temperature[good].min() - 5.0, temperature[good].max() + 5.0)
 
 
-def _separate(problem, obs, base, found, pair, others, grid):
+def _separate(problem, obs, base, found, pair, others, grid, before):
     context, later, short = grid
     n, m = problem.n, len(context)
     state = found.state
@@ -125,14 +128,14 @@ def _separate(problem, obs, base, found, pair, others, grid):
         shared_grid.append(grid_base.own)
     rows = [np.vstack(rows), *(e.columns(obs.context).reshape(-1, 2 * n) for e in pair),
             problem.b[None]]
-    shared_rows, *sides, b = (_beyond_other_runs(shared, r * state.white.root, state.white.root,
-                                                 last) for r in rows)
+    shared_rows, *sides, b = (_beyond_other_runs(shared, state.white(r), state.white, last)
+                              for r in rows)
     sides = [(r, e.columns(context).reshape(-1, 2 * m)) for r, e in zip(sides, pair)]
-    noise = _noise(state, problem, n)
+    noise = _noise(state, problem, context)
     shared_grid = np.vstack(shared_grid)
     views = [_View(shared_rows, shared_grid, sides[k], sides[1 - k], b[0], noise)
              for k in (0, 1)]
-    before = min(v.separation() for v in views)
+    start = min(v.separation() for v in views)
     proposals, used = [], np.zeros(m, bool)
     for _ in range(_COUNT):
         gain = np.min([v.disagreement() for v in views], axis=0)
@@ -143,8 +146,9 @@ def _separate(problem, obs, base, found, pair, others, grid):
         used |= near & ((later == later[j]) | (not by_time)) & ((short == short[j]) | (not by_move))
         for v in views:
             v.add(j)
-        after = min(v.separation() for v in views)
-        place = [round(float(context.get(name)[j] / DEG), 6) for name in ('azimuth', 'elevation')]
+        after = before + min(v.separation() for v in views) - start
+        place = [round(float(context.get(name)[j] / DEG), 6) % 360.0
+                 for name in ('azimuth', 'elevation')]
         proposals.append({
             'az_deg': place[0], 'el_deg': place[1], **_side(context, j),
             'approach_az': int(context.columns['approach_az'][j]) if by_az else 0,
@@ -157,8 +161,14 @@ def _separate(problem, obs, base, found, pair, others, grid):
 
 
 def _side(context, j):
-    """Of a mount that goes through the pole, whether it has to there."""
-    return {} if context.mount.altaz else {'through_pole': bool(is_beyond(context.el[j]))}
+    """Of another mount than an alt-azimuth one: its own angles, and whether through the pole."""
+    mount = context.mount
+    if mount.altaz:
+        return {}
+    angles = mount.on_travel(context.az[j], context.el[j])
+    return {**{f'{name}_deg': round(float(angle / DEG), 6)
+               for name, angle in zip(mount.names.columns, angles)},
+            'through_pole': bool(is_beyond(context.el[j]))}
 
 
 def _matters(gain, j):
@@ -168,19 +178,23 @@ def _matters(gain, j):
     return [bool(np.any(np.ptp(here, axis=axis) > 0.01 * gain[j])) for axis in range(4)]
 
 
-def _beyond_other_runs(shared, rows, root, last):
+def _beyond_other_runs(shared, rows, white, last):
     """Whitened rows without what the runs but the last can fit for themselves."""
     if shared.own is None:
         return rows
-    return shared.own_basis(shared.own * root, last).off(rows, in_place=True)
+    return shared.own_basis(white(shared.own), last).off(rows, in_place=True)
 
 
-def _noise(state, problem, n):
-    """Noise of an axis of a new observation, radians."""
+def _noise(state, problem, context):
+    """Noise of each axis of new observations, shape (2, m), radians; what wanders is a part."""
+    n, noise = problem.n, np.repeat(state.scale[:, None], len(context), axis=1)
+    for axis, one in enumerate(state.wander):
+        on_sky = context.trig.cos_el if one.angle else 1.0
+        noise[axis] = np.sqrt(one.scale**2 + one.variance * np.square(on_sky))
     if problem.inverse_sigma is None:
-        return state.scale
-    return state.scale / np.array([problem.inverse_sigma[:n].mean(),
-                                   problem.inverse_sigma[n:].mean()])
+        return noise
+    return noise / np.array([problem.inverse_sigma[:n].mean(),
+                             problem.inverse_sigma[n:].mean()])[:, None]
 
 
 class _View:
@@ -204,11 +218,11 @@ class _View:
 
     def disagreement(self):
         left = (self._signal_grid - self._fit() @ self._grid).reshape(2, -1)
-        return np.square(left / self._noise[:, None]).sum(axis=0)
+        return np.square(left / self._noise).sum(axis=0)
 
     def add(self, j):
         at = [j, j + self._m]
         n = self._rows.shape[1] // 2
         place = [n, 2 * n]  # behind the x and behind the y rows
-        self._rows = np.insert(self._rows, place, self._grid[:, at] / self._noise, axis=1)
-        self._signal = np.insert(self._signal, place, self._signal_grid[at] / self._noise)
+        self._rows = np.insert(self._rows, place, self._grid[:, at] / self._noise[:, j], axis=1)
+        self._signal = np.insert(self._signal, place, self._signal_grid[at] / self._noise[:, j])

@@ -39,6 +39,8 @@ class Problem:
     changes: object = None
     _wanders: dict = field(default_factory=dict, repr=False)
     _part: bool = False
+    _here: dict = field(default_factory=dict, repr=False)  # as `_wanders`, of a part
+    _last: dict = field(default_factory=dict, repr=False)
 
     @property
     def plain(self):
@@ -63,7 +65,17 @@ class Problem:
     def replace(self, group, effect, columns):
         """Put another effect in the place of a group of the dictionary, see `Bank.replace`."""
         self.dictionary.replace(group, effect, columns)
+        self._last.clear()
         self._wanders.clear()  # they were estimated with the other one
+
+    def once(self, key, make):
+        """What `make` gives, kept until it is asked for with another choice, bank or state."""
+        choice, *same = key
+        known = self._last.get('key')
+        if known is None or known[0] != choice or any(
+                a is not b for a, b in zip(known[1:], same)):
+            self._last.update(key=(list(choice), *same), made=make())
+        return self._last['made']
 
     def only(self, chosen):
         """The same with the columns of a choice in the base, and nothing to choose from."""
@@ -96,11 +108,10 @@ class Problem:
             return state
         if wander is None:
             key = frozenset(c for i, c in enumerate(chosen) if i != without)
-            wander = self._wanders.get(key)
+            wander = self._wanders.get(key) or self._here.get(key)
             if wander is None:
                 wander = wandering(state, design, self.b, self.sequence)
-                if not self._part:
-                    self._wanders[key] = wander
+                (self._here if self._part else self._wanders)[key] = wander
         if not any(one.variance > 0.0 for one in wander):
             return state
         return whitened(state, design, self.b, self.sequence, wander)

@@ -8,7 +8,7 @@ from msg_tools.units import ARCSEC
 from pointing_model.rms import rms
 
 from .constants import DISTINCT
-from .linear import inverse_normal, solve
+from .linear import inverse_normal
 from .wander import White
 
 
@@ -71,8 +71,7 @@ def predicted(problem, part, chosen, state, test):
     design = part.design(chosen)
     common = design.common
     if design.own is None:
-        white = state.white(common)
-        p = inverse_normal(white.copy()) @ (white @ state.white(part.b))
+        p = design.solved(part.b, state.white)
     else:
         # the part of the common columns that no run can fit for itself
         own = design.added(())
@@ -153,7 +152,7 @@ def left_out(problem, chosen, state, folds):
     out = np.empty((2, problem.n))
     for fold in folds:
         if design.own is None:
-            p = solve(design.common, problem.b, state.white.without(fold))
+            p = design.solved(problem.b, state.white.without(fold))
             both = np.concatenate((fold, fold + problem.n))
             out[:, fold] = (problem.b[both] - p @ design.common[:, both]).reshape(2, -1)
         else:

@@ -87,13 +87,10 @@ def _blocked(problem, found, bank, g, alpha, chance):
     """Groups that a wander explains as well as chance does: `g` and all weaker ones, or none."""
     if not follows(problem.sequence, bank, g, found.state):
         return ()
-    state = problem.state(found.chosen, found.state.weights)
-    if not state.wander:
+    state, slow, scores = problem.once((found.chosen, bank, found.state), lambda: _wandering(
+        problem, found, bank))
+    if not state.wander or not slow[g]:
         return ()
-    slow = swollen(bank, found.state, state) > SLOW
-    if not slow[g]:
-        return ()
-    scores = bank.score(state)
     if scores.dof[g] == 0:
         return (g,)
     if chance.p(state, scores, g, alpha) <= alpha or chance.p_beyond_wander(
@@ -101,6 +98,15 @@ def _blocked(problem, found, bank, g, alpha, chance):
         return ()
     z = ChanceTest(state, scores, g).all
     return np.flatnonzero(slow & (z <= z[g]))
+
+
+def _wandering(problem, found, bank):
+    """The choice beside a wander: its state, the groups that are slow, the scores of all."""
+    state = problem.state(found.chosen, found.state.weights)
+    if not state.wander:
+        return state, None, None
+    slow = swollen(bank, found.state, state) > SLOW
+    return state, slow, bank.score(state) if slow.any() else None
 
 
 def _beyond_chance(problem, state, alpha, chance, without):

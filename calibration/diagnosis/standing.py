@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .against_wander import follows, swollen
-from .constants import ALIAS, SET_WIDTH, SLOW
+from .constants import ALIAS, DISTINCT, SET_WIDTH, SLOW
 from .linear import overlap
 
 
@@ -95,5 +95,7 @@ def _standing(problem, found, i, scores, p):
     same = []
     if near:
         own = scores.basis(g)
+        # what it shares nothing with, as one of the other axis, is no cause of the same
+        near = [k for k in near if overlap(own, scores.basis(k))[1] > DISTINCT]
         same = [k for k in near if overlap(own, scores.basis(k))[0] > ALIAS]
     return Standing(p, float(scores.delta_bic[g]), near, same, scores.delta_bic)

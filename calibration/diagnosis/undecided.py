@@ -39,7 +39,7 @@ def judge_undecided(result, dropped, delta_bic):
     text = ''
     if dropped:
         text = (f'Beyond chance, but not added, for it does not hold where a part of the '
-                f'observations is left out: {", ".join(dropped)}. ')
+                f'observations is left out: {"; ".join(dropped)}. ')
     text += (f'Where a part is left out the model misses it by {cv:.1f}\u2033 beside a noise of '
              f'{floor:.1f}\u2033' if cv > limit * floor else 'It would take away most of the error')
     result.caution = (f'{text}: the observations are too few or too unequal to tell an effect from '

@@ -6,13 +6,16 @@ import numpy as np
 from scipy.special import chdtrc
 
 from msg_tools.units import ARCSEC
-from pointing_model.effects.base import AXES, readable
+from pointing_model.effects.base import readable
 
 from .constants import WANDER_TESTS
 
 _AHEAD, _POINTS = 1800.0, 12  # s, and places in them
 _SOME = 100  # rows that stand for a run
 _NIGHTS = 1000  # simulated
+_PART = 0.5  # of the run, in which it is said how rows differ
+_STEP = 1.0 / 3.0  # of the distance of any two rows: steps so short go along the sky
+_NAMED = 4  # effects in a sentence, at most
 
 
 @dataclass
@@ -129,45 +132,112 @@ def _after(sequence, one, root, raw, count, rng):
     return np.square(drawn).mean(axis=1) * np.mean(np.square(on_sky))
 
 
-def wander_entry(found, problem, words=AXES):
+def wander_entry(found, problem, context):
     """JSON-ready entry of a result.
 
     Parameters
     ----------
     found : Unexplained
     problem : Problem
-    words : dict
-        ``az``, ``el``: what the angles of the axes are called.
+    context : Context
+        Of the rows.
 
     Returns
     -------
     dict
         ``p`` (at most); ``like`` (names of effects that would explain it); ``slow``: it lasts
-        longer than from row to row; ``text``, a sentence; and ``axes``: of each ``sigma_arcsec``
-        of the process, ``memory`` and ``span`` (of the rows) in ``unit`` (hours, rows),
-        ``angle`` (it is one of the azimuth axis: times cos E on the sky), ``moves_arcsec``: how
-        far it is expected to move (RMS) in one hour, or in ten rows.
+        longer than from row to row; ``text``, a sentence; ``along_the_sky``, see
+        `_along_the_sky`; and ``axes``: of each ``sigma_arcsec`` of the process, ``memory`` and
+        ``span`` (of the rows) in ``unit`` (hours, rows), ``angle`` (it is one of the azimuth axis:
+        times cos E on the sky), ``moves_arcsec``: by how much two rows differ because of it (RMS)
+        that are ``apart`` from one another, in ``unit``; and ``row_to_row_arcsec``, the noise
+        that neighbours show between them.
     """
-    timed = problem.sequence.timed
-    unit, far = (3600.0, 3600.0) if timed else (1.0, 10.0)
-    gap = problem.sequence.gap
+    sequence, words = problem.sequence, context.mount.names.axes
+    unit = 3600.0 if sequence.timed else 1.0
+    apart, said = _apart(sequence)
+    gap = sequence.gap
     usual = float(np.quantile(gap[np.isfinite(gap)], 0.9))
     axes, parts, slow = {}, [], False
+    typical = 1.0 if problem.inverse_sigma is None else 1.0 / np.median(
+        problem.inverse_sigma.reshape(2, -1), axis=1)
+    typical = np.broadcast_to(typical, 2)
     for name, one in found.axes.items():
+        axis = ('az', 'el').index(name)
         sigma = np.sqrt(one.variance) / ARCSEC
-        moves = sigma * np.sqrt(2.0 * -np.expm1(-far / one.memory))
+        moves = sigma * np.sqrt(2.0 * -np.expm1(-apart / one.memory))
+        near = one.scale**2 + one.variance * -np.expm1(-float(np.median(gap[np.isfinite(gap)]))
+                                                       / one.memory)
         axes[name] = {'sigma_arcsec': float(sigma), 'memory': float(one.memory / unit),
-                      'span': problem.sequence.span / unit,
-                      'unit': 'hours' if timed else 'rows', 'moves_arcsec': float(moves),
-                      'angle': one.angle}
+                      'span': sequence.span / unit,
+                      'unit': 'hours' if sequence.timed else 'rows', 'moves_arcsec': float(moves),
+                      'apart': apart / unit, 'angle': one.angle,
+                      'row_to_row_arcsec': float(np.sqrt(near) * typical[axis] / ARCSEC)}
         slow |= one.memory > usual
-        parts.append(f'in {words[name]} by {moves:.2f}\u2033 (RMS) within '
-                     + ('an hour' if timed else 'ten rows'))
-    like = list(dict.fromkeys(c.effect(problem).name for c in found.like))
+        beside = axes[name]['row_to_row_arcsec']
+        parts.append(f'by {moves:.2f}\u2033 in {words[axis]} (from row to row the noise is '
+                     f'{beside:.2f}\u2033)')
+    step = _along_the_sky(context, sequence)
     if slow:
-        text = f'the zero wanders, {" and ".join(parts)}, and its cause is not told'
+        text = (f'the zero wanders: rows {said} apart differ by it (RMS), {" and ".join(parts)}, '
+                'and its cause is not told')
+        like = _like(found, problem)
         if like:
-            text += f'; it could as well be {" or ".join(map(readable, like))}'
+            text += f'; it could as well be {like}'
+        if step:
+            text += (f'. The rows went over the sky step by step, {step["step_deg"]:.0f}\u00b0 '
+                     f'from one to the next ({step["any_deg"]:.0f}\u00b0 between any two): an '
+                     'error of the direction that no effect here describes looks the same, and '
+                     'only rows in an order that mixes the sky tell them apart')
     else:
         text = 'rows taken close together share their error: they count as fewer'
-    return {'axes': axes, 'p': found.p, 'like': like, 'slow': bool(slow), 'text': text}
+    return {'axes': axes, 'p': found.p,
+            'like': list(dict.fromkeys(c.effect(problem).name for c in found.like)),
+            'slow': bool(slow), 'along_the_sky': step, 'text': text}
+
+
+def _apart(sequence):
+    """How far apart two rows are of which is said how they differ, and in words.
+
+    Size and memory of a wander are hardly known beside one another where the memory is as long as
+    the run; what rows differ by within a part of it is.
+    """
+    if not sequence.timed:
+        return (10.0, 'ten rows') if _PART * sequence.span >= 10.0 else (3.0, 'three rows')
+    for seconds, words in ((3600.0, 'an hour'), (600.0, 'ten minutes')):
+        if seconds <= _PART * sequence.span:
+            return seconds, words
+    return 60.0, 'a minute'
+
+
+def _along_the_sky(context, sequence):
+    """Whether neighbours in time are neighbours on the sky: what wanders may follow the direction.
+
+    Returns
+    -------
+    dict or None
+        ``step_deg`` and ``any_deg``: medians of the distances from one row to the next, and
+        between any two; None where the order mixes the sky.
+    """
+    places = context.mount.direction(context.az, context.el).T[sequence.order]
+    if len(places) < 3:
+        return None
+    following = np.isfinite(sequence.gap[1:])
+    steps = np.linalg.norm(np.diff(places, axis=0), axis=1)[following]
+    rng = np.random.default_rng(0)  # the same rows say the same
+    any_two = np.linalg.norm(places - places[rng.permutation(len(places))], axis=1)
+    any_two = any_two[any_two > 0.0]
+    if not len(steps) or not len(any_two):
+        return None
+    step, other = (float(np.degrees(2.0 * np.arcsin(0.5 * np.median(chord))))
+                   for chord in (steps, any_two))
+    return {'step_deg': step, 'any_deg': other} if step < _STEP * other else None
+
+
+def _like(found, problem):
+    """What would explain it, in words: effects, and of curves what they follow."""
+    effects = [c.effect(problem) for c in found.like]
+    named = list(dict.fromkeys(readable(e.name) for e in effects if e.kind != 'smooth'))
+    named = [*named[:_NAMED], *([f'{len(named) - _NAMED} others'] if len(named) > _NAMED else [])]
+    drivers = dict.fromkeys(e.driver.replace('_', ' ') for e in effects if e.kind == 'smooth')
+    return ' or '.join([*named, *([f'a curve of {" or ".join(drivers)}'] if drivers else [])])

@@ -10,6 +10,7 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 from pointing_model.fitted_effects import total
+from pointing_model.mounts import ALTAZ
 from pointing_model.terms import stacked_design
 
 from .base import observations
@@ -44,7 +45,7 @@ _NOT_AHEAD = ('More is beyond chance, but where rows or stretches of time are le
 _CAUTION = ('But where {} are left out, they are predicted worse than without any effect '
             '({:.2f}\u2033 to {:.2f}\u2033{}): what was found may hold for these observations '
             'alone. Judge it on another run (--holdout) before you use it there.')
-_IN = {'radial': '', 'x': ', in azimuth', 'y': ', in elevation'}
+_IN = {'radial': '', 'x': ', in {0}', 'y': ', in {1}'}
 #: part by which one axis may seem worse while the whole gains: from partition to partition the
 #: figure of the MMT's night differs by 0.4 %, that of the 8 m telescope by 3 %
 _WORSE = 0.02
@@ -105,7 +106,8 @@ class Errors:
     caution: str = ''
 
 
-def cross_validated(work, chosen, wanders, count, alpha, chance, rng, ways=None):
+def cross_validated(work, chosen, wanders, count, alpha, chance, rng, ways=None,
+                    progress=None):
     """RMS of rows left out, without any effect and with the choice repeated in each fold.
 
     Parameters
@@ -123,13 +125,15 @@ def cross_validated(work, chosen, wanders, count, alpha, chance, rng, ways=None)
     rng : numpy.random.Generator
     ways : int, optional
         Partitions; by default until the mean is known to `SPREAD`.
+    progress : callable, optional
+        As of `diagnose`.
 
     Returns
     -------
     Errors
     """
     problem = work.problem
-    fits = problem if wanders else problem.plain
+    fits, words = problem if wanders else problem.plain, work.obs.run.mount.names.axes
     keep = problem.plain.state(chosen, final=True).weights > 0.0
     if not chosen:  # the model stays as it was
         ways = ways or (MOST_PARTITIONS if problem.n <= MANY else 1)
@@ -138,14 +142,22 @@ def cross_validated(work, chosen, wanders, count, alpha, chance, rng, ways=None)
         before = _mean([_rms(one, keep) for one in squares])
         return Errors(before, before, np.sqrt(np.mean(squares, axis=0)))
 
+    def told():
+        nonlocal folds_done
+        folds_done += 1
+        if progress:
+            progress('choosing without a part of the rows', folds_done, max(expected, folds_done))
+
     def apart(folds):
-        left, _ = nested(problem, folds, alpha, rng, wanders, whole=chance)
+        left, _ = nested(problem, folds, alpha, rng, wanders, whole=chance, done=told)
         return _rms(np.square(cross_validate(fits, [], folds)), keep), np.square(left)
-    parts = []
+    parts, folds_done, expected = [], 0, 0
     least, most = (ways, ways) if ways is not None else (
         (PARTITIONS, MOST_PARTITIONS) if problem.n <= MANY else (FEW_PARTITIONS, FEW_PARTITIONS))
     while len(parts) < least or (len(parts) < most and _unsure(parts, keep)):
         folds = partitions_of(problem, count, rng)[0]
+        expected = len(folds) * (max(least, len(parts) + 1) + (
+            effective_runs(problem.sequence.run) < RUNS))
         parts.append(apart(folds))
         if len(folds) == len(np.unique(problem.sequence.run)) > 1:
             break  # each run alone: there is but one such partition
@@ -153,9 +165,9 @@ def cross_validated(work, chosen, wanders, count, alpha, chance, rng, ways=None)
     by_count = [_figure(before, [_first(squares, k) for _, squares in parts], keep)
                 for k in range(max(len(squares) for _, squares in parts))]
     if effective_runs(problem.sequence.run) >= RUNS:
-        return _by_runs(by_count, keep, len(chosen))
+        return _by_runs(by_count, keep, len(chosen), words)
     stretches = apart(partitions_of(problem, count, rng)[1])
-    return _by_rows(by_count, stretches, keep, len(chosen))
+    return _by_rows(by_count, stretches, keep, len(chosen), words)
 
 
 def _first(squares, k):
@@ -171,18 +183,18 @@ def _figure(before, squares, keep):
         'partitions': len(after), 'min_arcsec': min(radial), 'max_arcsec': max(radial)})
 
 
-def _by_runs(by_count, keep, chosen):
+def _by_runs(by_count, keep, chosen, words):
     """With whole runs left out: all choices, or as many as predict them best."""
     out = by_count[-1]
     if out.after['radial'] > out.before['radial']:
         cut = min(int(np.argmin([one.after['radial'] for one in by_count])), chosen)
         out = replace(by_count[cut], cut=cut, caution=_NOT_REPEATED if cut < chosen else '')
     surely = _surely(by_count[0].left_out[:, keep]**2, out.left_out[:, keep]**2)
-    out.caution = out.caution or _worse('rows', out.before, out.after, surely)
+    out.caution = out.caution or _worse('rows', out.before, out.after, surely, words)
     return out
 
 
-def _by_rows(by_count, stretches, keep, chosen):
+def _by_rows(by_count, stretches, keep, chosen, words):
     """With rows and stretches of time left out: all choices, or as many as do no harm there."""
     before, squares = stretches
     counts = range(max(len(by_count), len(squares)))
@@ -190,9 +202,9 @@ def _by_rows(by_count, stretches, keep, chosen):
     apart = [_rms(_first(squares, k), keep) for k in counts]
     worse = [
         _worse('stretches of time', before, apart[k],
-               _surely(squares[0][:, keep], _first(squares, k)[:, keep]))
+               _surely(squares[0][:, keep], _first(squares, k)[:, keep]), words)
         or _worse('rows', rows[k].before, rows[k].after,
-                  _surely(rows[0].left_out[:, keep]**2, rows[k].left_out[:, keep]**2))
+                  _surely(rows[0].left_out[:, keep]**2, rows[k].left_out[:, keep]**2), words)
         for k in counts]
     count, cut, caution = counts[-1], None, worse[-1]
     if worse[-1]:
@@ -212,12 +224,12 @@ def _unsure(parts, keep):
     return every.std(ddof=1) > SPREAD * np.sqrt(len(every)) * every.mean()
 
 
-def _worse(what, before, after, surely):
+def _worse(what, before, after, surely, words=ALTAZ.names.axes):
     """A sentence, where the whole is predicted worse, or an axis of those in `surely`."""
-    for axis, words in _IN.items():
+    for axis, place in _IN.items():
         if after[axis] > before[axis] * (1.0 if axis == 'radial' else 1.0 + _WORSE) and (
                 axis == 'radial' or axis in surely):
-            return _CAUTION.format(what, before[axis], after[axis], words)
+            return _CAUTION.format(what, before[axis], after[axis], place.format(*words))
     return ''
 
 
@@ -241,7 +253,7 @@ def _mean(entries):
     return {axis: float(np.mean([e[axis] for e in entries])) for axis in _IN}
 
 
-def nested(problem, folds, alpha, rng, wanders=False, flips=NESTED_FLIPS, whole=None):
+def nested(problem, folds, alpha, rng, wanders=False, flips=NESTED_FLIPS, whole=None, done=None):
     """As `cross_validate`, with the whole choice repeated without each fold.
 
     Parameters
@@ -255,6 +267,8 @@ def nested(problem, folds, alpha, rng, wanders=False, flips=NESTED_FLIPS, whole=
     flips : int
     whole : Chance, optional
         Of all rows.
+    done : callable, optional
+        Called after each fold.
 
     Returns
     -------
@@ -277,6 +291,8 @@ def nested(problem, folds, alpha, rng, wanders=False, flips=NESTED_FLIPS, whole=
                 found.chosen[:k], found.state.weights if k else None, final=True)
             left.append(predicted(problem, part, found.chosen[:k], state, fold))
         parts.append(left)
+        if done is not None:
+            done()
     out = np.empty((max(map(len, parts)), 2, problem.n))
     for fold, left in zip(folds, parts):
         for k in range(len(out)):

@@ -6,7 +6,7 @@ from calibration.diagnosis.rows_told import used_sentence
 from pointing_model.effects.base import arcsec
 
 from . import sections as page
-from .plain_words import best_pair, verdict_sentences
+from .plain_words import best_pair, floor_words, verdict_sentences
 from .style import CSS
 from .svg_plot import clean
 from .view import view_of
@@ -104,7 +104,7 @@ def _verdict(view):
     label, before, after = best_pair(document)
     cards = []
     for value, text in ((before, f'before, {label}'), (after, f'after, {label}'),
-                        (document.get('noise_floor_arcsec'), 'noise floor')):
+                        (document.get('noise_floor_arcsec'), floor_words(document))):
         if value is not None and not (verdict in _STAYS and text.startswith('after')):
             cards.append(f'<div><b>{arcsec(value)}</b><span>{clean(text)}</span></div>')
     kind = verdict if verdict in _VERDICTS else ''

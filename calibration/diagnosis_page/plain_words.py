@@ -49,6 +49,11 @@ def verdict_sentences(document, effect_texts=(), limit=5, caution=''):
         return ('Undecided: something is beyond chance, but these observations cannot test it',
                 [caution, 'The model stays as it was.', *outliers])
     if verdict == 'wanders':
+        if document['wander'].get('along_the_sky'):
+            return ('Neighbouring rows err alike: the zero wanders, or the direction has an error '
+                    'that no effect describes', [
+                        *_wander(document), 'No effect is added. Observe once more in an order '
+                        'that mixes the sky.', *outliers])
         return ('The zero wanders, and its cause is not told', [
             *_wander(document), 'No effect is added. How far the zero can be trusted is part of '
             'the model: set it anew as often as that asks for.', *outliers])
@@ -116,6 +121,12 @@ def best_pair(document):
         if None not in pair:
             return label, *pair
     return 'on the rows fitted', None, None
+
+
+def floor_words(document):
+    """What the noise floor is called: it holds what wanders too."""
+    wander = document.get('wander')
+    return 'noise floor, what wanders in it' if wander and wander.get('slow') else 'noise floor'
 
 
 def _listed(names):

@@ -10,6 +10,7 @@ from pointing_model.effects.base import SIDES, arcsec, readable
 from pointing_model.mounts import KINDS
 from pointing_model.rms import rms
 
+from .plain_words import floor_words
 from .svg_plot import MAX_ARROWS, MAX_NAMED, Panel, SkyMap, clean, limit_of, svg, text, thin, ticks
 
 _MEASURES = (('holdout_rms_arcsec', 'held out'), ('cv_rms_arcsec', 'cross-validated'),
@@ -85,7 +86,7 @@ def gain_bars(document, axes=('azimuth × cos E', 'elevation')):
         x = left + width * floor / top
         radial = sum('rows fitted,' not in label for label, *_ in rows)
         parts.append(f'<path class="floor" d="M{x:.1f} {head - 4:g}V{head + step * radial - 8:.1f}"'
-                     '/>' + text(x, head - 9, f'noise floor {arcsec(floor)}'))
+                     '/>' + text(x, head - 9, f'{floor_words(document)} {arcsec(floor)}'))
     for i, (label, *pair) in enumerate(rows):
         y = head + step * i
         parts.append(text(left - 12, y + 21, label, 'label', 'end'))
@@ -386,6 +387,9 @@ def next_observations(rows, kind='altaz'):
 def _next_group(names, group, kind):
     head = ' from '.join(readable(name) for name in names)
     timed = any(row.get('after_hours') is not None for _, row in group)
+    places = {f'{column}_deg': word for column, word in zip(
+        (*KINDS[kind].columns, 'az', 'el'), (*KINDS[kind].axes, 'azimuth', 'elevation'))
+        if f'{column}_deg' in group[0][1]}
     cells = []
     for i, row in group:
         sides = [words[row[key] > 0] for key, words in zip(SIDES, KINDS[kind].sides)
@@ -395,14 +399,15 @@ def _next_group(names, group, kind):
         if row.get('last_move_deg'):
             sides.append(f'{row["last_move_deg"]:g}° back')
         hours = [number(row.get('after_hours'), 1)] if timed else []
-        cells.append([str(i), number(row['az_deg'], 0), number(row['el_deg'], 0),
+        cells.append([str(i), *(number(row[key], 0) for key in places),
                       ', '.join(sides) or 'any', *hours, number(row.get('separation_after'), 1)])
     now = group[0][1].get('separation_before')
-    text = f'<p class="note">Expected ΔBIC between them with the rows so far: {number(now, 1)}</p>'
+    text = f'<p class="note">ΔBIC between them by the rows so far: {number(now, 1)}</p>'
     return (f'<h3>{clean("Tells " + head if head else "Proposed")}</h3>{text}'
-            + table(['', 'azimuth [°]', 'elevation [°]', 'last motion',
+            + table(['', *(f'{word} [°]' for word in places.values()),
+                     'last motion' if kind == 'altaz' else 'side, last motion',
                      *(['hours from the last row [h]'] if timed else []),
-                     'ΔBIC with it and those above'], cells))
+                     'ΔBIC expected with it and those above'], cells))
 
 
 def untestable(rows):

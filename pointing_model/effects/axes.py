@@ -42,7 +42,8 @@ def _encoder(axis, order, mount='altaz'):
     # source: geometry of a disc off its axis, or tilted; neither paper has it
     number = '1' if az else '2'
     return Effect(f'{names.key(axis)}_encoder_{k}', f'{names.word(axis)} {cause}: {k} a turn',
-                  f'cos {k}{letter}, sin {k}{letter} on the {names.word(axis)} angle'
+                  f'cos {k}{letter}, sin {k}{letter} on the '
+                  f'{names.word(axis).removesuffix(" angle")} angle'
                   + (f' (on the sky x cos {names.letter("el")})' if az else ''),
                   names.key(axis), axis, ('cos', 'sin'), of, say, look_at,
                   tpoint=_tpoint(names, f'{number}CEC {number}CES') if k == 1 else

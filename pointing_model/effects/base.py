@@ -303,7 +303,7 @@ def single_rows(context, driver, low, high):
     for side in (low, high):
         count = int(np.sum(values == side))
         if count < FEWEST_ON_A_SIDE:
-            return f'{driver} is {side:+g} in only {count} of {len(values)} rows'
+            return f'{context.said(driver)} is {side:+g} in only {count} of {len(values)} rows'
     return None
 
 
@@ -320,6 +320,8 @@ _DRIVER_WORDS = {'order': 'order of the rows', 'run_hours': 'time since the star
 SIDES = {f'approach_{axis}': dict(zip((-1, 1), words))
          for axis, words in zip(AXES, KINDS[_USUAL].sides)}
 _ANGLES = {key for names in KINDS.values() for key in names.keys}
+#: of the second angle, by what either axis is called in names
+_LETTERS = {key: names.letters[1] for names in KINDS.values() for key in names.keys}
 _TIMES = {1: 'once', 2: 'twice'}
 
 
@@ -343,5 +345,16 @@ def driver_word(name):
 
 def readable(name):
     """Name of an effect for people: ``azimuth_encoder_2`` is "azimuth encoder, 2 per turn"."""
-    name = re.sub(r'(encoder|wobble|nod|sight)_(\d+)$', r'\1, \2 per turn', str(name))
+    name = re.sub(r'(encoder|wobble|nod|sight)_(\d+)(?=$|_)', r'\1, \2 per turn', str(name))
+    curve = re.fullmatch(rf'smooth_of_(.+?)_(az|el|{"|".join(_LETTERS)})_(.+)', name)
+    if curve:
+        driver, axis, shape = curve.groups()
+        axis = {'az': 'azimuth', 'el': 'elevation'}.get(axis, axis)
+        name = f'{axis} by a curve of {driver}, {shape}'
+        name = name.replace('_cosE', f', × cos {_LETTERS[axis]}')
+    elif '_cosE' in name:
+        axis = next((key for key in _LETTERS if name.startswith(key)), 'azimuth')
+        name = name.replace('_cosE', f', × cos {_LETTERS[axis]}')
+    name = name.replace('_by_side', ', by side of the pier').replace(
+        '_changing_with', ', changing with')
     return re.sub(r'_memory_([\d.]+)deg', r', memory \1°', name).replace('_', ' ')

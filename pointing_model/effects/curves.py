@@ -45,7 +45,8 @@ def _smooth(axis, driver, shape, factor='1', within=None, mount='altaz', **numbe
         tail = f'{shape}_{count // 2 if series else count}' if count > 1 else shape
     word = KINDS[mount].word(axis)
     scan = shape if shape in ('bump', 'sawtooth') else 'wave' if wave else None
-    return Effect(f'smooth_of_{driver}_{axis}_{tail}' + ('_cosE' if factor == 'cosE' else ''),
+    own = axis if mount == 'altaz' else KINDS[mount].key(axis)
+    return Effect(f'smooth_of_{driver}_{own}_{tail}' + ('_cosE' if factor == 'cosE' else ''),
                   f'unknown cause: the {word} error follows the {driver_word(driver)} '
                   f'({shape})', f'{shape} of {driver}' + (' x cos E' if factor == 'cosE' else ''),
                   driver, axis, tuple(f'{shape[0]}{i + 1}' for i in range(count)), of,

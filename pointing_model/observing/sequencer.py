@@ -269,9 +269,13 @@ class Sequencer:
         self._out.get_logger().info(chosen.words)
         self._progress.step += f': {chosen.by}'
         self._set_waiting('')
-        rows = len(self._table)
-        for target in chosen.targets:
+        rows, left = len(self._table), list(chosen.targets)
+        while left:
+            target, before = left.pop(0), len(self._table)
             yield from self._observe(target, for_zero=True)
+            others = [other for other in left if other.number != target.number]
+            if len(self._table) == before and others:  # not there: the others have its exposures
+                left = sorted((others * len(left))[:len(left)], key=others.index)
         if len(self._table) == rows:
             raise Refused(f'none of {count} exposures shows a star for the zero: look at sky, site '
                           'and time')
@@ -381,8 +385,7 @@ class Sequencer:
         return ZeroChoice(
             self._stars(), self._table, self._exposer.now() * 1e-9, *self._out.sky(),
             mount=self._out.mount(), axes=self._limits(), model=self._in_force.model,
-            run=self._instruments.run,
-            evening=self._evening, block=self._progress.block, here=self._instruments.here,
+            run=self._instruments.run, evening=self._evening, here=self._instruments.here,
             limits=[self._out.value(name) for name in (
                 'min_elevation_deg', 'max_elevation_deg', 'magnitude_limit')],
             a_star=SECONDS_A_STAR)

@@ -56,8 +56,6 @@ class ZeroChoice:
         Number of the power-on.
     evening : int
         Begin of the night, ns.
-    block : int
-        Step of the plan: a step that was begun goes on as it began.
     here : ndarray, shape (2,)
         Where the encoders stand, radians.
     limits : sequence of float
@@ -67,16 +65,15 @@ class ZeroChoice:
     """
 
     def __init__(self, stars, table, time, site, weather, *, mount=ALTAZ, axes=ANYWHERE,
-                 model=None, run=1, evening=0, block=0, here=(0.0, 0.0),
-                 limits=(20.0, 85.0, 6.0), a_star=40.0):
+                 model=None, run=1, evening=0, here=(0.0, 0.0), limits=(20.0, 85.0, 6.0),
+                 a_star=40.0):
         self._stars, self._time, self._site, self._weather = stars, time, site, weather
-        self._mount, self._reach = mount, axes
-        self._model, self._run, self._block = model, run, block
+        self._mount, self._reach, self._model, self._run = mount, axes, model, run
         self._here, self._a_star = here, a_star
         self._low, self._high, self._faintest = limits[0] * DEG, limits[1] * DEG, limits[2]
         self._tonight = [row for row in table.rows if row['stamp'] >= evening]
         exposed = [row for row in self._tonight if row.get(MARK) or row['star'] == POLARIS_HIP]
-        self._now = [row for row in exposed if row['run'] == run and row['block'] == block]
+        self._now = [row for row in exposed if row['run'] == run]
         others = [row for row in exposed if row['run'] != run]
         newest = max((row['run'] for row in others), default=None)
         self._earlier = [row for row in others if row['run'] == newest]
@@ -85,7 +82,7 @@ class ZeroChoice:
 
     def way(self, n):
         """By Polaris or by stars, a `zero_stars.Way`; `n` exposures."""
-        for rows, why in ((self._now, 'as this step has begun'),
+        for rows, why in ((self._now, 'as the exposures of this power-on so far'),
                           ([] if is_a_model(self._model) else self._earlier,
                            'as the power-on before, since which the change is wanted')):
             if not rows:
@@ -132,7 +129,7 @@ class ZeroChoice:
                         np.array([row['run'] == self._run for row in rows], bool)) if rows else None
         marked = [row for row in self._tonight if row.get(MARK)]
         judged = {int(row['star']) for row in self._tonight} - {int(row['star']) for row in marked}
-        prefer = dict.fromkeys(int(row['star']) for row in rows if row.get(MARK))
+        prefer = dict.fromkeys(int(row['star']) for row in rows if row.get(MARK) and without)
         return zero_stars(
             self._stars, self._time, n, site=self._site, weather=self._weather,
             mount=self._mount, limits=self._reach, model=self._model, before=before,

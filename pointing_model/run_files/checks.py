@@ -4,7 +4,7 @@ import numpy as np
 
 from msg_tools.units import DEG, wrap
 from pointing_model.mounts import ALTAZ
-from pointing_model.run import COLUMNS, REQUIRED, PointingRun
+from pointing_model.run import COLUMNS, REQUIRED, PointingRun, column_name
 
 from .table import SPECIAL
 
@@ -204,8 +204,8 @@ def derive_approach(table):
         given = np.isfinite(columns[name]) if name in columns else np.zeros(1, dtype=bool)
         if given.any():
             if not given.all():
-                notes.append(f'{name} is empty in {(~given).sum()} of {len(given)} rows: unknown '
-                             'there, 0')
+                notes.append(f'{column_name(name, table.names)} is empty in {(~given).sum()} of '
+                             f'{len(given)} rows: unknown there, 0')
             columns[name] = np.nan_to_num(columns[name], nan=0.0)
             continue
         angle = columns[f'{axis}_enc']
@@ -217,13 +217,13 @@ def derive_approach(table):
         move[new_run] = np.nan
         columns[name] = np.empty(len(order))
         columns[name][order] = _carry(np.sign(move))
-        derived.append(name)
+        derived.append(column_name(name, table.names))
     if derived:
         notes.append(
             f'{", ".join(derived)} derived from the order '
             + ('in time, ' if by_time else 'of the rows, ')
-            + ('as the azimuth reads (its range is more than a turn)' if whole_path
-               else 'shortest way'))
+            + (f'as the {table.names.word("az")} reads (its range is more than a turn)'
+               if whole_path else 'shortest way'))
 
 
 def _sequence(columns):

@@ -70,8 +70,10 @@ def observe_places(path, table, weather, origin, mount):
     meta['from_horizon'] = True
     if by_fit:
         return
-    meta['notes'].append(f'az, el are observed places of ra_deg, dec_deg ({frame.text}, no proper '
-                         'motion)' + ('' if declared else '; no comment "# frame: ..." says so'))
+    angles = 'az, el' if mount.altaz else f'{" and ".join(mount.names.axes)} of the catalogue'
+    meta['notes'].append(f'{angles} are observed places of ra_deg, dec_deg ({frame.text}, no '
+                         'proper motion)'
+                         + ('' if declared else '; no comment "# frame: ..." says so'))
 
 
 def _whole_site(path, told, clock_tells):

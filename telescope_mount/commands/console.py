@@ -1,6 +1,7 @@
 """What the commands print with: a console, a line of progress, tables and files."""
 
 import sys
+import time
 
 
 def new_console():
@@ -11,21 +12,33 @@ def new_console():
 
 
 class Progress:
-    """A line that tells how far the night is; on a pipe one line a step."""
+    """A line that tells how far the work is; on a pipe one line a step.
 
-    def __init__(self, console):
+    Parameters
+    ----------
+    console : rich.console.Console
+    unit : str
+        What is counted.
+    first : str
+        What comes before the first count.
+    after : float
+        Seconds before which nothing is said on a pipe: what is fast needs no line.
+    """
+
+    def __init__(self, console, unit='exposures', first='starting the nodes', after=0.0):
         from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
         self._bar = Progress(
             TextColumn('{task.description:<18}'), BarColumn(), MofNCompleteColumn(),
-            TextColumn('exposures'), console=console, transient=True)
-        self._console = console
+            TextColumn(unit), console=console, transient=True)
+        self._console, self._unit, self._first = console, unit, first
+        self._quiet_until = time.monotonic() + after
         self._task = None
         self._text = None
 
     def __enter__(self):
         if self._console.is_terminal:
             self._bar.start()
-            self._task = self._bar.add_task('starting the nodes', total=None)
+            self._task = self._bar.add_task(self._first, total=None)
         return self
 
     def __exit__(self, *exc):
@@ -35,8 +48,10 @@ class Progress:
     def __call__(self, text, done, total):
         if self._task is not None:
             self._bar.update(self._task, description=text, completed=done, total=total)
+        elif time.monotonic() < self._quiet_until:
+            return
         elif text != self._text:
-            self._console.print(f'{text}: {done} of {total} exposures done')
+            self._console.print(f'{text}: {done} of {total} {self._unit} done')
         self._text = text
 
 

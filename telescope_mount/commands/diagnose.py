@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from . import options
-from .console import new_console, print_files, print_lines
+from .console import Progress, new_console, print_files, print_lines
 
 BASES = ('physical, standard6, index, sh13 (or sh1 to sh4; sh4p: E as printed), or terms, '
          'joined by +')
@@ -77,9 +77,10 @@ def _run(args):
     if base:
         runs, held = ([base.taken_off(run, args.encoder) for run in each] if each else each
                       for each in (runs, held))
-    found = diagnose(runs, '+'.join(base.terms) if base else args.base, args.alpha, holdout=held,
-                     own_terms=args.own, encoder=args.encoder, seed=args.seed,
-                     sessions=args.sessions)
+    with Progress(console, 'folds', 'reading the rows', 5.0) as progress:
+        found = diagnose(runs, '+'.join(base.terms) if base else args.base, args.alpha,
+                         holdout=held, own_terms=args.own, encoder=args.encoder, seed=args.seed,
+                         sessions=args.sessions, progress=progress)
     show(found, console)
     if base:
         console.print(base.table(found.model))
@@ -124,7 +125,7 @@ def _hours(text):
 def show(found, console):
     """The verdict in words, the error before and after, the effects, what was left out."""
     from calibration.diagnosis.rows_told import expected_sentence, left_out_lines, used_sentence
-    from calibration.diagnosis_page.plain_words import readable, verdict_sentences
+    from calibration.diagnosis_page.plain_words import floor_words, readable, verdict_sentences
     from calibration.diagnosis_page.view import effect_sentences
     from calibration.tables import new_table
     document, names = found.to_dict(), found.observations.run.mount.names
@@ -161,12 +162,14 @@ def show(found, console):
                       f'{_number(spread["min_arcsec"])} to {_number(spread["max_arcsec"])} arcsec')
     if found.expected:
         console.print(expected_sentence(document))
-    console.print(f'noise floor {_number(document["noise_floor_arcsec"])} arcsec radial\n')
+    console.print(f'{floor_words(document)}: {_number(document["noise_floor_arcsec"])} arcsec '
+                  'radial (what the rows fitted leave, over the freedom that is left)\n')
     if found.effects:
         effects = new_table('Effects', 'effect', 'on', 'driver', 'p', 'ΔBIC', 'gain, arcsec')
         for effect in document['effects']:
             acts = {'az': first, 'el': second}.get(effect['axes'], effect['axes'])
-            effects.add_row(readable(effect['name']), acts, effect['driver'],
+            effects.add_row(readable(effect['name']), acts,
+                            found.observations.context.said(effect['driver']).replace('_', ' '),
                             _number(effect['p_family'], 4), _number(effect['delta_bic'], 1),
                             _number(effect['cv_gain_arcsec']))
         console.print(effects)
@@ -183,6 +186,10 @@ def show(found, console):
 def _proposal(item, names):
     from calibration.diagnosis_page.plain_words import readable
     place = f'azimuth {item["az_deg"]:.0f}°, elevation {item["el_deg"]:.0f}°'
+    keys = [f'{column}_deg' for column in names.columns]
+    if keys[0] != 'az_deg' and keys[0] in item:
+        place = ', '.join(f'{axis} {item[key]:.0f}°' for axis, key in zip(names.axes, keys)) + (
+            f' ({place})')
     sides = [{-1: f'{axis} falling', 1: f'{axis} rising'}[item[key]]
              for key, axis in zip(('approach_az', 'approach_el'), names.axes) if item[key]]
     if item.get('through_pole'):
@@ -194,7 +201,7 @@ def _proposal(item, names):
     if item['after_hours']:
         place += f', {item["after_hours"]:g} h later'
     return (f'next: {place}: tells ' + ' from '.join(readable(n) for n in item['separates'])
-            + f' (expected ΔBIC {item["separation_before"]:.1f} → '
+            + f' (ΔBIC between them {item["separation_before"]:.1f}, expected then '
             f'{item["separation_after"]:.1f})')
 
 

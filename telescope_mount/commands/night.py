@@ -9,8 +9,9 @@ def add(commands):
     """Add the parser."""
     parser = commands.add_parser(
         'night', help='observe a simulated night through the whole node graph',
-        description='Start every node as a process, observe stars and Polaris, set the zero, fit '
-        'the pointing model, log everything, and print the error before and after.')
+        description='Start every node as a process, observe stars, set the zero (on Polaris where '
+        'it is well up, else on a few other stars), fit the pointing model, log everything, and '
+        'print the error before and after.')
     options.add_out(parser, 'night', 'log, model, observations and plot')
     options.add(parser, 'seed')
     parser.add_argument('--stars', type=options.whole(4, 5000), default=30,
@@ -19,7 +20,7 @@ def add(commands):
     parser.add_argument('--scenario', default='default',
                         help='what is wrong with the simulated mount: a name or a YAML file')
     options.add(parser, 'reference', help='model.json of an earlier night: the zero is the change '
-                'since then, and tonight is one power-on: stars, Polaris, stars')
+                'since then, and tonight is one power-on: stars, zero, stars')
     parser.add_argument('--power-cycle', choices=('incremental', 'absolute', 'both'),
                         default='incremental', help='encoders that begin another power-on in the '
                         'middle of a night without --reference (default: incremental)')

@@ -36,7 +36,8 @@ SHARED = {
     'seed': {'type': whole(0, 2**31 - 1), 'default': 1,
              'help': 'of every random number (default: 1)'},
     'polaris': {'type': whole(2, 5000), 'default': 16,
-                'help': 'exposures of Polaris for a zero (default: 16)'},
+                'help': 'exposures for a zero: of Polaris where it is well up, else of a few '
+                'stars (default: 16)'},
     'date': {'default': '', 'metavar': 'UTC',
              'help': 'begin of the night, ISO 8601 (default: 2026-01-15T13:00:00)'},
     'latitude': {'type': real(-90.0, 90.0, 'degrees'), 'metavar': 'DEG', 'help': 'of the site'},

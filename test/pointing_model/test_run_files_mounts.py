@@ -7,6 +7,8 @@ import pytest
 
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model import geometry
+from pointing_model.context import Context
+from pointing_model.effects import dictionary
 from pointing_model.mounts import Mount, is_beyond, through_pole
 from pointing_model.run import PointingRun
 from pointing_model.run_files import read_run, write_csv
@@ -209,3 +211,12 @@ def test_a_catalogue_written_as_angles_of_the_mount(read):
     np.testing.assert_allclose(run['el'], second, atol=1e-12)
     np.testing.assert_allclose(wrap(run['az'] - first), 0.0, atol=1e-12)
     assert any('through the pole' in note and 'dec_deg' in note for note in run.meta['notes'])
+
+
+def test_notes_and_reasons_are_in_the_words_of_the_mount(read, tmp_path):
+    write_csv(german_run(), tmp_path / 'german.csv')
+    run = read_run(tmp_path / 'german.csv')
+    text = ' '.join(run.meta['notes'])
+    assert 'approach_ha, approach_dec derived' in text and 'approach_az' not in text
+    reasons = ' '.join(reason for _, reason in dictionary(Context.of_run(run))[1])
+    assert not set(reasons.split()) & {'az_rate', 'approach_az', 'azimuth', 'elevation'}

@@ -12,7 +12,7 @@ from pointing_model.observing.plan import parse_plan
 from pointing_model.run_files import read_run
 from telescope_mount.experiment import SATELLITE_NIGHT, experiment_plan
 
-NIGHTS = SATELLITE_NIGHT + 1
+NIGHTS = SATELLITE_NIGHT
 
 
 @pytest.fixture(scope='module')

@@ -208,6 +208,10 @@ def test_results_of_an_earlier_fit_are_not_taken_for_the_last(report_stamp, mode
             {'provenance': {'last_stamp_ns': stamp(model_stamp)}})),
     }
     assert _up_to_date(latest, ['stars', 'fit', 'stars', 'fit']) == good
+    # a measured run that tells no time: its steps come once
+    del run.columns['time']
+    latest[topics.OBSERVATIONS.name] = run_to_cloud(run, stamp(2))
+    assert _up_to_date(latest, ['fit', 'diagnose'])
 
 
 def test_a_night_read_from_frames_is_the_same_night(night, other_night):

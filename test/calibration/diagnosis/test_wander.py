@@ -12,6 +12,7 @@ from calibration.diagnosis.linear import fit_state
 from calibration.diagnosis.wander import AxisWander, Sequence, Whitened
 from calibration.diagnosis.wander_estimate import estimate
 from calibration.diagnosis_page.plain_words import verdict_sentences
+from calibration.fit import fit_terms
 from msg_tools.units import ARCSEC
 from pointing_model.run import PointingRun
 
@@ -159,3 +160,75 @@ def test_a_small_drift_is_not_told_from_a_wander():
     assert wandering and all(
         any('with_time' in n or 'step' in n or 'temperature' in n for n in r.wander['like'])
         for r in wandering)
+
+
+def walk(rng, el):
+    """Zeros that walk far, of rows that are good."""
+    return 0.1 * rng.normal(size=(2, len(el))) + 0.8 * np.cumsum(
+        rng.normal(size=(2, len(el))), axis=1)
+
+
+def cot(c):
+    return 0.0, 8.0 * ARCSEC / np.tan(c['el'])
+
+
+def test_members_of_a_set_are_no_farther_apart_than_the_rows_say():
+    # against the noise from row to row alone two of refraction were 606 and 127 apart
+    for seed, rival in ((400, 'refraction_cube'), (406, 'second_flexure')):
+        result = diagnose(night(seed, n=40, effect=cot, noise=walk), flips=499,
+                          cross_validation=False)
+        first, last = result.next_observations[0], result.next_observations[-1]
+        assert first['separates'] == ['refraction', rival]
+        assert first['separation_before'] <= 6.0
+        assert last['separation_after'] > first['separation_after']
+
+
+def test_what_wanders_on_one_axis_is_no_cause_of_what_the_other_has():
+    result = diagnose(night(404, n=40, effect=cot, noise=walk), flips=499, cross_validation=False)
+    assert names(result) == ['refraction']  # beside an azimuth zero that walks
+    assert not any(name.startswith('azimuth') for name in result.effects[0].alternatives)
+
+
+def along_the_sky(seed=3):
+    """Rows in the order of azimuth, with a wander far larger than their noise."""
+    run = night(seed, n=60)
+    rng, order = np.random.default_rng(seed), np.argsort(run['az'])
+    columns = {k: v[order] for k, v in run.columns.items() if not k.startswith('approach')}
+    columns['time'] = np.sort(run['time'])
+    gap = np.diff(columns['time'], prepend=columns['time'][0])
+    z = np.empty((2, 60))
+    z[:, 0] = rng.normal(size=2)
+    for i in range(1, 60):
+        phi = np.exp(-gap[i] / 3600.0)
+        z[:, i] = phi * z[:, i - 1] + np.sqrt(1.0 - phi**2) * rng.normal(size=2)
+    columns['az_enc'] = columns['az_enc'] + 60.0 * ARCSEC * z[0] / np.cos(columns['el'])
+    columns['el_enc'] = columns['el_enc'] + 60.0 * ARCSEC * z[1]
+    return PointingRun(columns, run.meta)
+
+
+def test_a_large_wander_leaves_what_a_fit_leaves_and_says_over_what():
+    run = along_the_sky()
+    result = diagnose(run, **FAST)
+    entry, plain = result.wander, fit_terms(run).rms_arcsec().radial
+    assert result.verdict == 'wanders' and entry['along_the_sky']['step_deg'] < 20.0
+    # its zeros are where the rows were; what the other terms follow of it is said
+    assert result.before['rms_arcsec'] < 1.6 * plain
+    assert any('fitted as if no row had to do' in note for note in result.notes)
+    for axis in entry['axes'].values():
+        assert axis['apart'] <= 0.5 * axis['span']
+        assert axis['row_to_row_arcsec'] < axis['moves_arcsec']
+    headline, sentences = verdict_sentences(result.to_dict())
+    assert 'Neighbouring rows' in headline and 'ten minutes apart differ' in sentences[0]
+    assert 'smooth of' not in sentences[0] and 'mixes the sky' in sentences[0]
+    # a night that goes back and forth says nothing of the kind
+    other = diagnose(night(301, noise=correlated(0.9)), **FAST)
+    assert other.wander['along_the_sky'] is None
+
+
+def test_progress_counts_the_folds():
+    told = []
+    diagnose(night(11, n=30, effect=oval_disc), flips=199, partitions=2,
+             progress=lambda *what: told.append(what))
+    assert told[0][1:] == (0, None)
+    counts = [(done, total) for _, done, total in told[1:]]
+    assert counts == [(k, 30) for k in range(1, 31)]

@@ -251,7 +251,14 @@ def test_numbers_and_names():
         '0.12″', '9.99″', '10.0″', '123″', '?', '?']
     assert arcsec(-2.0, True) == '−2.00″' and arcsec(2.0, True) == '+2.00″'
     assert readable('azimuth_hysteresis_cosE_memory_10deg') == \
-        'azimuth hysteresis cosE, memory 10°'
+        'azimuth hysteresis, × cos E, memory 10°'
+    assert readable('hour_angle_hysteresis_cosE') == 'hour angle hysteresis, × cos δ'
+    assert readable('declination_nod_5_by_side') == \
+        'declination nod, 5 per turn, by side of the pier'
+    assert readable('smooth_of_time_az_spline_3_cosE') == \
+        'azimuth by a curve of time, spline 3, × cos E'
+    assert readable('smooth_of_hour_angle_declination_bump') == \
+        'declination by a curve of hour angle, bump'
 
 
 # ----------------------------------------------------------------------------------- the drawings

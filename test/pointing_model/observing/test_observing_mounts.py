@@ -103,3 +103,29 @@ def test_stars_of_a_fork_keep_away_from_its_pole_and_not_from_the_zenith():
     az, el = observed_place(stars.select(rows), START * 1e-9, DEFAULT_SITE, DEFAULT_WEATHER)
     declination = FORK.axes_of(az, el)[1]
     assert declination.max() < 80.5 * DEG and el.max() > 81.0 * DEG
+
+
+@pytest.mark.parametrize('kind', [FORK, GERMAN], ids=lambda m: m.kind)
+def test_what_a_star_taught_is_carried_on_the_sky(kind):
+    """As angles it would be ten times as much at the equator as near the pole."""
+    bench = Bench('stars 15', homed=False, kind=kind, magnitude_limit=5.0)
+    bench.position = HOME
+    bench.miss = lambda number: ((150.0 if number == 1 else 1e-3 * number) * ARCSEC, 0.0)
+    bench.read(bench.stamp, bench.position)
+    assert bench.run()[0] == 'done'
+    rows = PointingRun.concatenate(bench.rows)
+    beside = rows.offsets()[0] / ARCSEC
+    np.testing.assert_allclose(beside[1:], 150.0, atol=2.0)
+    assert np.ptp(np.abs(np.cos(rows['el']))) > 0.5
+
+
+def test_what_a_star_taught_is_forgotten_after_one_that_was_not_found():
+    bench = Bench('stars 3')
+    # the first is far off, the second not there
+    bench.miss = lambda number: (
+        (150.0 * ARCSEC, 0.0) if number == 1 else (np.nan, np.nan) if 3 <= number <= 5
+        else (1e-3 * number * ARCSEC, 0.0))
+    assert bench.run()[0] == 'done'
+    assert bench.plan.progress.lost == 1
+    first, last = (rows.offsets()[0][0] / ARCSEC for rows in bench.rows)
+    assert first == pytest.approx(150.0, abs=2.0) and abs(last) < 2.0

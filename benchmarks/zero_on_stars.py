@@ -1,0 +1,199 @@
+"""The zero from exposures of chosen stars, at any latitude, against Polaris at +34 degrees.
+
+    python benchmarks/zero_on_stars.py [--dates N] [--seeds N] [--full] [--seed N] [--only PART ...]
+
+What is held is a model of 30 stars of the night before (seven terms fitted to them, noise 1" an
+axis), with its covariance; tonight's zero is another one. Each date and hour has its own choice of
+stars, each seed its own mount, night before and noise. Exposures are 8 s apart, 30 s where the next
+star is another one. The peer is the zero by 16 exposures of Polaris of an alt-azimuth mount at
++34.3 degrees with a model of the same kind, everything else alike. `sigma` is by covariance (RMS
+over the cases), `error` the RMS of the true error, `error/sigma` its RMS in units of each case's
+own sigma; `slew` the degrees that the axes slew in all. `--full`: 4 dates, 3 hours, 100 seeds.
+"""
+
+import argparse
+from typing import NamedTuple
+
+import numpy as np
+
+from calibration.fit import fit_terms
+from calibration.stars_zero import zero_from_exposures
+from msg_tools.units import ARCSEC, DEG, wrap
+from pointing_model.model import PointingModel
+from pointing_model.mounts import ALTAZ, Mount
+from pointing_model.observing.star_choice import ANYWHERE, axes_at, choose_stars
+from pointing_model.observing.zero_stars import zero_stars
+from pointing_model.run import PointingRun
+from pointing_model.sky import DEFAULT_WEATHER, Site, observed_place
+from pointing_model.star_catalogue import POLARIS_HIP, load_catalogue
+from pointing_model.zero_exposures import MARK
+
+START, DAY = 1_768_482_000.0, 86400.0
+LATITUDES = (-80, -60, -40, -20, 0, 20, 40, 60, 80)
+TARGET, PEER = 1.3, 34.3
+PACE, SLEW = 8.0, 30.0
+NAMES = {'altaz': lambda latitude: ALTAZ, 'fork': Mount.equatorial,
+         'german': lambda latitude: Mount.equatorial(latitude, 'german')}
+
+
+class Cases(NamedTuple):
+    """Errors and sigmas of zeros, (n, 2), arcsec; stars and degrees slewed of each choice."""
+
+    error: np.ndarray
+    sigma: np.ndarray
+    stars: list
+    slews: list
+
+    @property
+    def rms(self):
+        """Of the errors, (2,)."""
+        return np.sqrt(np.mean(np.square(self.error), axis=0))
+
+    @property
+    def said(self):
+        """RMS of the sigmas, (2,)."""
+        return np.sqrt(np.mean(np.square(self.sigma), axis=0))
+
+    @property
+    def pull(self):
+        """RMS of error / sigma, (2,)."""
+        return np.sqrt(np.mean(np.square(self.error / self.sigma), axis=0))
+
+
+def noise(rng, n, rho):
+    """Of both axes, arcsec."""
+    e = rng.normal(size=(2, n))
+    for i in range(1, n if rho else 0):
+        e[:, i] = rho * e[:, i - 1] + np.sqrt(1.0 - rho * rho) * e[:, i]
+    return e
+
+
+def places(stars, rows, times, site, mount):
+    """Axis angles of perfect axes at each time."""
+    az, el = observed_place(stars.select(rows), times, site, DEFAULT_WEATHER)
+    return axes_at(mount, az, el, ANYWHERE, stars.hip[rows])
+
+
+def times_of(begin, star):
+    """Of exposures one after the other."""
+    step = np.where(np.diff(star) == 0, PACE, SLEW)
+    return begin + np.concatenate(([0.0], np.cumsum(step)))
+
+
+def run_of(truth, place, star, zero, e, marked):
+    """What the encoders read."""
+    first, second = truth.sky_to_encoder(*place)
+    return PointingRun({
+        'az': place[0], 'el': place[1], 'star': star.astype(float),
+        'az_enc': place[0] + wrap(first + zero[0] + e[0] * ARCSEC / np.cos(place[1]) - place[0]),
+        'el_enc': second + zero[1] + e[1] * ARCSEC, 'run': np.ones(len(star)),
+        MARK: np.full(len(star), float(marked))},
+        {} if truth.mount.altaz else {'mount': truth.mount})
+
+
+def cases(latitude, n, moments, seeds, *, mount='altaz', polaris=False, rho=0.0, seed=0):
+    """Zeros at a latitude, `Cases`."""
+    stars, pole = load_catalogue(mag_limit=8.0), load_catalogue(hip=[POLARIS_HIP])
+    site, mount = Site(latitude * DEG, 0.5, 0.0), NAMES[mount](latitude * DEG)
+    error, sigma, different, slews = [], [], [], []
+    for number, moment in enumerate(moments):
+        evening = moment - DAY
+        rows = choose_stars(stars, evening, site, n=30, seed=number, duration=1200.0)
+        field = places(stars, rows, evening + 40.0 * np.arange(30), site, mount)
+        before = None
+        for k in range(seeds):
+            rng = np.random.default_rng([seed, number, k, n, round(10 * (latitude + 90))])
+            truth = PointingModel(dict(zip(mount.names.physical,
+                                           60.0 * ARCSEC * rng.normal(size=7))), mount=mount)
+            model = fit_terms(run_of(truth, field, stars.hip[rows], (0.0, 0.0),
+                                     rng.normal(size=(2, 30)), False)).model
+            if before is None:  # the choice rests on the geometry of the night before
+                if polaris:
+                    chosen, catalogue = np.zeros(n, int), pole
+                else:
+                    found = zero_stars(stars, moment, n, site=site, mount=mount, model=model,
+                                       duration=n * 40.0)
+                    chosen, catalogue = np.repeat(found.rows, found.counts), stars
+                    different.append(len(found.rows))
+                before = places(catalogue, chosen, times_of(moment, chosen), site, mount)
+                slews.append(_degrees(before, mount))
+            zero = ARCSEC * 30.0 * rng.normal(size=2)
+            exposed = run_of(truth, before, catalogue.hip[chosen], zero, noise(rng, n, rho),
+                             not polaris)
+            got = zero_from_exposures(exposed, model)
+            error.append((got.angles - zero) / ARCSEC)
+            sigma.append(got.sigma / ARCSEC)
+    return Cases(np.array(error), np.array(sigma), different, slews)
+
+
+def _degrees(place, mount):
+    """How far the axes slew in all, the longer of both each time."""
+    first, second = mount.on_travel(*place)
+    moves = np.abs(np.diff([first, second], axis=1))
+    moves[0] = np.abs(wrap(moves[0])) if mount.kind != 'german' else moves[0]
+    return float(moves.max(axis=0).sum() / DEG)
+
+
+def line(label, got, peer, target=TARGET):
+    """A row of the table."""
+    said, rms = got.said / peer.said, got.rms / peer.rms
+    stars = f'{np.mean(got.stars):.1f}' if got.stars else '1'
+    verdict = '' if target is None else ('ok' if max(said) <= target else 'MISSED')
+    print(f'{label:28} {got.said[0]:5.2f} {got.said[1]:5.2f}  {got.rms[0]:5.2f} {got.rms[1]:5.2f}  '
+          f'{got.pull[0]:5.2f} {got.pull[1]:5.2f}   {said[0]:5.2f} {said[1]:5.2f}  '
+          f'{rms[0]:5.2f} {rms[1]:5.2f}  {stars:>5} {np.mean(got.slews):5.0f} {len(got.error):6d}  '
+          f'{verdict}', flush=True)
+
+
+def head(title):
+    """Of a table."""
+    print(f'\n{title}\n{"":28} {"sigma":>11}  {"error":>11}  {"error/sigma":>11}   '
+          f'{"sigma/peer":>11}  {"error/peer":>11}  stars  slew  cases')
+
+
+def main():
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('--dates', type=int, default=2)
+    parser.add_argument('--hours', type=int, default=2)
+    parser.add_argument('--seeds', type=int, default=25)
+    parser.add_argument('--seed', type=int, default=0)
+    parser.add_argument('--full', action='store_true')
+    parser.add_argument('--only', nargs='*', choices=('sixteen', 'few', 'coloured', 'mounts'))
+    args = parser.parse_args()
+    dates, hours, seeds = (4, 3, 100) if args.full else (args.dates, args.hours, args.seeds)
+    moments = [START + DAY * 365.25 * d / dates + 3600.0 * 4.0 * h
+               for d in range(dates) for h in range(hours)]
+    parts = args.only or ('sixteen', 'few', 'coloured', 'mounts')
+
+    def of(latitude, n=16, **options):
+        return cases(latitude, n, moments, seeds, seed=args.seed, **options)
+    print('Zeros of both axes, coordinate angles, arcsec; noise 1" an axis on the sky. '
+          f'Target: sigma <= {TARGET} x that of 16 exposures of Polaris at +{PEER}, both axes.')
+    peer = of(PEER, polaris=True)
+    if 'sixteen' in parts:
+        head('Sixteen exposures, alt-azimuth mount, white noise')
+        line(f'Polaris, latitude +{PEER}', peer, peer, None)
+        for latitude in LATITUDES:
+            line(f'stars, latitude {latitude:+d}', of(latitude), peer)
+    if 'few' in parts:
+        head('Fewer exposures; the peer has sixteen all the same')
+        for n in (4, 8):
+            line(f'Polaris x {n}, +{PEER}', of(PEER, n, polaris=True), peer, None)
+            for latitude in (-80, -20, 40):
+                line(f'stars x {n}, latitude {latitude:+d}', of(latitude, n), peer, None)
+    if 'coloured' in parts:
+        head('Noise that resembles that of the exposure before, AR(1), rho 0.6; the peer alike')
+        alike = of(PEER, polaris=True, rho=0.6)
+        line(f'Polaris, latitude +{PEER}', alike, alike, None)
+        for latitude in (-80, -20, 40):
+            line(f'stars, latitude {latitude:+d}', of(latitude, rho=0.6), alike)
+    if 'mounts' in parts:
+        head('Equatorial mounts; the peer is Polaris of an alt-azimuth mount')
+        for mount in ('fork', 'german'):
+            for latitude in (-60, -20, 40):
+                line(f'{mount}, latitude {latitude:+d}', of(latitude, mount=mount), peer)
+
+
+if __name__ == '__main__':
+    main()
