@@ -22,7 +22,7 @@ from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.model import PointingModel
 from pointing_model.mounts import ALTAZ, Mount
 from pointing_model.observing.star_choice import ANYWHERE, axes_at, choose_stars
-from pointing_model.observing.zero_stars import zero_stars
+from pointing_model.observing.zero_stars import Before, zero_stars
 from pointing_model.run import PointingRun
 from pointing_model.sky import DEFAULT_WEATHER, Site, observed_place
 from pointing_model.star_catalogue import POLARIS_HIP, load_catalogue
@@ -31,6 +31,7 @@ from pointing_model.zero_exposures import MARK
 START, DAY = 1_768_482_000.0, 86400.0
 LATITUDES = (-80, -60, -40, -20, 0, 20, 40, 60, 80)
 TARGET, PEER = 1.3, 34.3
+PARTS = ('sixteen', 'change', 'few', 'coloured', 'mounts')
 PACE, SLEW = 8.0, 30.0
 NAMES = {'altaz': lambda latitude: ALTAZ, 'fork': Mount.equatorial,
          'german': lambda latitude: Mount.equatorial(latitude, 'german')}
@@ -126,6 +127,49 @@ def cases(latitude, n, moments, seeds, *, mount='altaz', polaris=False, rho=0.0,
     return Cases(np.array(error), np.array(sigma), different, slews)
 
 
+def changes(latitude, n, moments, seeds, *, polaris=False, seed=0):
+    """Changes from power-on to power-on, ten minutes apart, of nights without a model, `Cases`.
+
+    What is held is what the night reports: the terms by its own 30 stars.
+    """
+    stars, pole = load_catalogue(mag_limit=8.0), load_catalogue(hip=[POLARIS_HIP])
+    site = Site(latitude * DEG, 0.5, 0.0)
+    error, sigma, different, slews = [], [], [], []
+    for number, moment in enumerate(moments):
+        rows = choose_stars(stars, moment, site, n=30, seed=number, duration=1200.0)
+        field = places(stars, rows, moment + 40.0 * np.arange(30), site, ALTAZ)
+        begin, catalogue, exposed = moment + 1200.0, pole if polaris else stars, []
+        for again in (False, True):
+            chosen = np.zeros(n, int)
+            if not polaris:
+                before, prefer = None, ()
+                if again:
+                    before = Before(*exposed[0][1], np.zeros(n, bool))
+                    prefer = np.unique(stars.hip[exposed[0][0]]).tolist()
+                found = zero_stars(stars, begin, n, site=site, before=before, prefer=prefer,
+                                   exclude=stars.hip[rows].tolist(),
+                                   duration=n * 40.0 + 1800.0 * (not again))
+                chosen = np.repeat(found.rows, found.counts)
+                different.append(len(found.rows))
+            exposed.append((chosen, places(catalogue, chosen, times_of(begin, chosen), site,
+                                           ALTAZ)))
+            slews.append(_degrees(exposed[-1][1], ALTAZ))
+            begin += 600.0
+        for k in range(seeds):
+            rng = np.random.default_rng([seed, number, k, n, round(10 * (latitude + 90)), 1])
+            truth = PointingModel(dict(zip(ALTAZ.names.physical,
+                                           60.0 * ARCSEC * rng.normal(size=7))))
+            model = fit_terms(run_of(truth, field, stars.hip[rows], (0.0, 0.0),
+                                     rng.normal(size=(2, 30)), False)).model
+            zeros = ARCSEC * 30.0 * rng.normal(size=(2, 2))
+            then, now = (run_of(truth, place, catalogue.hip[chosen], zero, rng.normal(size=(2, n)),
+                                not polaris) for (chosen, place), zero in zip(exposed, zeros))
+            got = zero_from_exposures(now, then, model=model)
+            error.append((got.angles - zeros[1] + zeros[0]) / ARCSEC)
+            sigma.append(got.sigma / ARCSEC)
+    return Cases(np.array(error), np.array(sigma), different, slews)
+
+
 def _degrees(place, mount):
     """How far the axes slew in all, the longer of both each time."""
     first, second = mount.on_travel(*place)
@@ -159,12 +203,12 @@ def main():
     parser.add_argument('--seeds', type=int, default=25)
     parser.add_argument('--seed', type=int, default=0)
     parser.add_argument('--full', action='store_true')
-    parser.add_argument('--only', nargs='*', choices=('sixteen', 'few', 'coloured', 'mounts'))
+    parser.add_argument('--only', nargs='*', choices=PARTS)
     args = parser.parse_args()
     dates, hours, seeds = (4, 3, 100) if args.full else (args.dates, args.hours, args.seeds)
     moments = [START + DAY * 365.25 * d / dates + 3600.0 * 4.0 * h
                for d in range(dates) for h in range(hours)]
-    parts = args.only or ('sixteen', 'few', 'coloured', 'mounts')
+    parts = args.only or PARTS
 
     def of(latitude, n=16, **options):
         return cases(latitude, n, moments, seeds, seed=args.seed, **options)
@@ -176,6 +220,13 @@ def main():
         line(f'Polaris, latitude +{PEER}', peer, peer, None)
         for latitude in LATITUDES:
             line(f'stars, latitude {latitude:+d}', of(latitude), peer)
+    if 'change' in parts:
+        head('Change between two power-ons of a night without a model, sixteen exposures in each')
+        alike = changes(PEER, 16, moments, seeds, polaris=True, seed=args.seed)
+        line(f'Polaris, latitude +{PEER}', alike, alike, None)
+        for latitude in (-80, -20, 40):
+            line(f'stars, latitude {latitude:+d}',
+                 changes(latitude, 16, moments, seeds, seed=args.seed), alike)
     if 'few' in parts:
         head('Fewer exposures; the peer has sixteen all the same')
         for n in (4, 8):

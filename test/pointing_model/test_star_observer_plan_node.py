@@ -238,6 +238,9 @@ def test_a_zero_on_polaris_by_service(graph):
     zero.publish(convert.joint_state(stamp, [0.0, 0.0]))
     rows = night.run()
     assert {run['star'][0] for run in rows} == {POLARIS_HIP}
+    answer = graph.call('zero_on_stars')
+    assert answer.success and 'zero_on_stars 3, calibrate_zero' in answer.message
+    assert graph.call('zero').message == 'a plan is under way'
 
 
 def test_it_waits_for_the_nodes_that_it_was_told_of(graph):
