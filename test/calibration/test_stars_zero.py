@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from calibration.nights import NightSeries
 from calibration.rows import zero_exposures_by_run
 from calibration.session import CalibrationSession
 from calibration.stars_zero import zero_from_exposures, zeros_of_power_ons
@@ -223,3 +224,37 @@ def test_exposures_for_a_zero_are_those_of_polaris_and_those_with_a_mark():
         (1, 'stars (4)'), (2, 'Polaris')]
     old = PointingRun({n: v for n, v in rows.columns.items() if n != MARK})
     assert is_for_zero(old).sum() == 16
+
+
+def test_nights_in_a_row_are_judged_with_zeros_by_stars():
+    series = NightSeries(1)
+    rng = np.random.default_rng(11)
+    truth = PointingModel(dict(zip(ALTAZ.names.physical, VALUES)))
+    for number in (1, 2, 3):
+        zero = ZERO + number * CHANGE
+        blocks = []
+        for k, n in enumerate((24, 16, 24)):
+            place, mark = four(turned=0.1 * number), float(k == 1)
+            if k != 1:
+                place = (rng.uniform(0.0, 2.0 * np.pi, n), np.arcsin(rng.uniform(0.35, 0.99, n)),
+                         1000.0 * number + 100.0 * k + np.arange(n))
+            block = exposed(rng, truth, zero, place, number, mark=mark)
+            time = 1e5 * number + 1e3 * k + np.arange(n)
+            blocks.append(PointingRun({**block.columns, 'time': time}))
+        for k, block in enumerate(blocks):
+            series.add(block, number * 10**12 + k)
+            if k == 1:
+                series.calibrate_zero()
+        _, report = series.fit()
+    assert [row['night'] for row in report['nights']] == [2, 3]
+    after = report['nights'][-1]['physical']
+    assert after['zero']['by'] == 'stars (4)'
+    for axis, wanted in zip(('az', 'el'), CHANGE / ARCSEC):
+        sigma = after['zero'][f'sigma_{axis}_arcsec']
+        assert abs(after[f'change_{axis}_arcsec'] - wanted) < 4.0 * np.hypot(sigma, 0.5)
+    # the mean of the stars after the zero, in units of what is expected of it
+    for axis in ('az', 'el'):
+        sigma = after['after'][f'{axis}_sigma_arcsec']
+        assert 0.2 < sigma < 1.0 and abs(after['after'][f'{axis}_mean_arcsec']) < 4.0 * sigma
+    seasons = [row['zero_arcsec'] for row in report['power_ons']]
+    np.testing.assert_allclose(np.diff(seasons, axis=0), [CHANGE / ARCSEC] * 2, atol=2.5)
