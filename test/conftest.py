@@ -51,7 +51,8 @@ def pytest_configure(config):
     """Each process begins its collection at another folder, so that it finds most files compiled
     by the others: to rewrite the assertions of all takes 5 s."""
     places = [Path(arg) for arg in config.args]
-    if WORKER and len(places) == 1 and places[0].is_dir():
+    ignored = config.option.ignore or config.option.ignore_glob  # would not hold for arguments
+    if WORKER and not ignored and len(places) == 1 and places[0].is_dir():
         parts = sorted(path for path in places[0].iterdir()
                        if path.match('test_*.py') or (path.is_dir() and path.name[0] not in '._'))
         number, count = int(WORKER.removeprefix('gw')), config.workerinput['workercount']

@@ -393,7 +393,15 @@ class Sequencer:
     def _check_polaris(self):
         if self._polaris is None:
             self._polaris = StarTarget(load_catalogue(hip=[POLARIS_HIP]))
-        self._check_height(self._polaris, 'Polaris', 'set the zero another way')
+        self._check_height(self._polaris, 'Polaris', 'set the zero on stars (zero_on_stars)')
+        time, mount = np.array([self._exposer.now() * 1e-9]), self._out.mount()
+        place = self._polaris.place(time, *self._out.sky())
+        highest = self._out.value('max_elevation_deg')
+        if not Limits().reached(mount, *place, highest * DEG)[0]:
+            angle = abs(mount.axes_of(*place)[1][0])
+            raise Refused(f'Polaris stands at {angle / DEG:.1f} deg of {mount.names.axes[1]}, '
+                          f'beyond max_elevation_deg = {highest}, and tells no zero of the '
+                          f'{mount.names.axes[0]} there: set it on stars (zero_on_stars)')
 
     def _check_height(self, target, name, remedy):
         lowest = self._out.value('min_elevation_deg')

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from calibration.rows import for_fitting, is_kept_out, usable, with_check
+from calibration.rows import for_fitting, is_kept_out, usable, with_marks
 from msg_tools.units import ARCSEC
 from pointing_model.run import PointingRun
 from pointing_model.zero import RunZero, Zeros
@@ -50,4 +50,5 @@ def test_an_encoder_that_is_not_there(encoder, word):
 def test_rows_kept_out_and_satellites_are_not_for_fitting():
     rows = run(star=np.array([1.0, 2.0, -1.0, 4.0, 5.0]), check=np.array([0, 1.0, 0, 0, 1.0]))
     np.testing.assert_array_equal(for_fitting(rows)['star'], [1.0, 4.0])
-    assert with_check(rows) is rows and not is_kept_out(with_check(run())).any()
+    marked = with_marks(rows)
+    assert with_marks(marked) is marked and not is_kept_out(with_marks(run())).any()

@@ -227,7 +227,7 @@ def test_a_large_wander_leaves_what_a_fit_leaves_and_says_over_what():
 
 def test_progress_counts_the_folds():
     told = []
-    diagnose(night(11, n=30, effect=oval_disc), flips=199, partitions=2,
+    diagnose(night(11, n=30, effect=oval_disc), flips=199, partitions=2, folds=10,
              progress=lambda *what: told.append(what))
     assert told[0][1:] == (0, None)
     counts = [(done, total) for _, done, total in told[1:]]
