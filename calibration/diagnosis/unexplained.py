@@ -6,7 +6,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from msg_tools.units import ARCSEC
-from pointing_model.effects.base import readable
+from pointing_model.effects.base import driver_word, readable
 
 from .constants import WANDER_TESTS
 
@@ -239,5 +239,6 @@ def _like(found, problem):
     effects = [c.effect(problem) for c in found.like]
     named = list(dict.fromkeys(readable(e.name) for e in effects if e.kind != 'smooth'))
     named = [*named[:_NAMED], *([f'{len(named) - _NAMED} others'] if len(named) > _NAMED else [])]
-    drivers = dict.fromkeys(e.driver.replace('_', ' ') for e in effects if e.kind == 'smooth')
+    drivers = dict.fromkeys(driver_word(e.driver).replace('_', ' ') for e in effects
+                            if e.kind == 'smooth')
     return ' or '.join([*named, *([f'a curve of {" or ".join(drivers)}'] if drivers else [])])
