@@ -179,8 +179,9 @@ def wander_entry(found, problem, context):
                      f'{beside:.2f}\u2033)')
     step = along_the_sky(context, sequence)
     if slow:
-        text = (f'the zero wanders: rows {said} apart differ by it (RMS), {" and ".join(parts)}, '
-                'and its cause is not told')
+        text = ('neighbouring rows err alike, as where the zero wanders' if step else
+                'the zero wanders') + (f': rows {said} apart differ by it (RMS), '
+                                       f'{" and ".join(parts)}, and its cause is not told')
         like = _like(found, problem)
         if like:
             text += f'; it could as well be {like}'
