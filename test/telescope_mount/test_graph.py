@@ -3,8 +3,11 @@
 import ast
 import functools
 import importlib
+import os
 import re
+import sys
 from pathlib import Path
+from subprocess import run
 
 import pytest
 
@@ -173,7 +176,16 @@ def test_installed_executables_are_the_nodes():
     scripts = {p.name: p.value for p in points if p.group == 'console_scripts'}
     assert scripts.pop('telescope-mount') == 'telescope_mount.cli:main'
     assert scripts.pop('diagnose') == 'telescope_mount.cli:diagnose'
-    assert scripts == {name: f'{module}:main' for name, module in NODES.items()}
+    assert scripts == {name: f'telescope_mount.start:{name}' for name in NODES}
+
+
+def test_a_node_has_one_thread_however_it_is_started():
+    told = run([sys.executable, '-c', (
+        'import os, sys, telescope_mount.start as s; assert "numpy" not in sys.modules; '
+        'print(os.environ["OPENBLAS_NUM_THREADS"], s.camera.__module__)')],
+        capture_output=True, text=True, check=True, env={
+            name: value for name, value in os.environ.items() if not name.endswith('_THREADS')})
+    assert told.stdout.split() == ['1', 'encoder_sim.camera_node']
 
 
 def test_the_night_has_every_node_but_the_players():
