@@ -41,6 +41,9 @@ class SequenceGaps:
         if number in following:
             self._move(number, number + 1)
             return
+        if number in self._jumps:  # the publisher that was thought to have jumped has not
+            self._begin(number)
+            return
         below = None if number == 1 else max((n for n in following if n < number), default=None)
         if below is None:
             self._begin(number)
