@@ -41,11 +41,9 @@ class SequenceGaps:
         if number in following:
             self._move(number, number + 1)
             return
-        if number in self._jumps:  # the publisher that was thought to have jumped has not
-            self._begin(number)
-            return
         below = None if number == 1 else max((n for n in following if n < number), default=None)
-        if below is None:
+        # what was thought to have jumped far has not: sooner than that another lost a few
+        if below is None or self._jumps.get(number, 0) > number - below:
             self._begin(number)
             return
         self._move(below, number + 1)
