@@ -18,6 +18,7 @@ from telescope_mount.graph import (
     SIMULATED,
     measured_graph,
     night_graph,
+    real_graph,
     replay_graph,
 )
 
@@ -246,12 +247,18 @@ def test_every_parameter_of_the_graph_is_one_of_its_node():
     specs = night_graph(bag='b', start_time='2026-02-01', plan='stars 3',
                         sky={'latitude_deg': 30.0})
     for spec in [*specs, *replay_graph('b', '/mount/observation'),
+                 *real_graph(bag='b', plan='stars 3', sky={'latitude_deg': 30.0}),
                  *measured_graph(bag='b', player={'file': 'f', 'azimuth_origin': 'N',
                                                   'check_every': 3},
                                  calibration={'alpha': 0.1, 'site': '', 'diagnosis_page': ''})]:
         module = importlib.import_module(spec.module)
         known = {p.name for p in getattr(module, 'PARAMS', (*DEVICE_PARAMS, MAX_RATE))}
         assert set(spec.parameters) - {'use_sim_time'} <= known, spec.name
+
+
+def test_a_real_mount_has_the_time_of_the_wall_and_no_simulated_node():
+    for spec in real_graph(bag='b'):
+        assert spec.name not in SIMULATED and 'use_sim_time' not in spec.parameters
 
 
 def test_launch_and_command_line_start_the_same_graph():
