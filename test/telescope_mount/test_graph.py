@@ -30,8 +30,11 @@ BELOW = {
     'pointing_model': ('msg_tools',),
     'calibration': ('pointing_model', 'msg_tools'),
     'encoder_sim': ('encoder_reading', 'msg_tools'),
-    'telescope_mount': ('calibration', 'pointing_model', 'encoder_reading', 'msg_tools'),
-    'launch': ('telescope_mount', 'calibration', 'pointing_model', 'encoder_reading', 'msg_tools'),
+    'indi_bridge': ('pointing_model', 'msg_tools'),
+    'telescope_mount': ('calibration', 'pointing_model', 'encoder_reading', 'indi_bridge',
+                        'msg_tools'),
+    'launch': ('telescope_mount', 'calibration', 'pointing_model', 'encoder_reading',
+               'indi_bridge', 'msg_tools'),
 }
 PACKAGES = tuple(name for name in BELOW if name != 'launch')
 #: what the simulator may use of the pointing model: the sky is the same for both, and how a mount
