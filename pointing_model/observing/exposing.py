@@ -7,6 +7,8 @@ import numpy as np
 
 from msg_tools.units import ARCSEC, DEG, wrap
 
+from .following_check import FollowingCheck
+from .instrument_health import OFF_TARGET
 from .instruments import ABSOLUTE, CAMERA, MOUNT
 from .pairing import centred, centred_second
 from .pointing import Conditions, Pointing, track_to
@@ -51,11 +53,20 @@ class Exposer:
         self._out, self._instruments, self._in_force = outbox, instruments, in_force
         self._table, self._ready, self._waiting = table, ready, waiting
         self.earliest = self.commanded = self.exposed = 0
+        self._following = None  # what is commanded and waited for
+        self._blanks = 0  # targets in a row without a star
         self.forget_aim()
 
     def forget_aim(self):
         """With a new model or zero, what was learned of the stars before is in it."""
         self._carried = np.zeros(2)
+
+    def watch(self):
+        """Say whether the axes follow what is commanded, while an exposure is waited for."""
+        instruments = self._instruments
+        if self._following is not None and instruments.homed:
+            instruments.health.axes(MOUNT, self._following.say(instruments.stamp,
+                                                               instruments.here))
 
     def observe(self, target, block, blind=False):
         """Steps that point at `target` and centre it where it is far off.
@@ -87,7 +98,12 @@ class Exposer:
                     continue
                 if not blind:
                     self.forget_aim()  # it may be why
+                self._blanks += 1
+                if self._blanks >= BLANKS:
+                    self._instruments.health.blanks(CAMERA, self._blanks)
                 return None
+            self._blanks = 0
+            self._instruments.health.blanks(CAMERA, 0)
             reading, rate = self._instruments.exposures.at('enc', stamp)
             enc = np.array(centred(*reading, *miss, pointing.beyond))
             second = self._second(stamp, miss, reading, pointing.beyond)
@@ -175,6 +191,9 @@ class Exposer:
         self._out.send_command(track)
         instruments.ask()
         before = instruments.here
+        self._following = FollowingCheck(
+            track, before, self._out.mount(),
+            max(OFF_TARGET, value('on_target_arcsec') * ARCSEC))
         take = partial(instruments.exposures.take, value('on_target_arcsec') * ARCSEC,
                        self._out.refuse_frame)
         found = None
@@ -187,6 +206,7 @@ class Exposer:
                     or not instruments.homed or instruments.stamp > track.end)
 
         yield answered
+        self._following = None
         off = self._note_motion(track, before, found is not None)
         if found is not None:
             self._waiting('')

@@ -40,7 +40,7 @@ def run(args):
     console = new_console()
 
     def say(text):
-        console.print(f'waiting for {text}' if text else 'goes on')
+        console.print(f'held up: {text}' if text else 'goes on', markup=False)
 
     with Progress(console, every=30.0) as progress:
         report = run_real_night(
