@@ -44,6 +44,11 @@ PARAMS = SKY_PARAMS + (
           'again [arcsec]', 0.1, 36000.0),
     Param('on_target_arcsec', 30.0, 'largest difference of the encoder from its demand in an '
           'exposure that counts [arcsec]', 0.1, 36000.0),
+    Param('exposure_s', 0.0, "length of the camera's exposures: one counts when the encoder was "
+          'on target all that time, and is paired with its mean; 0: with its reading in the middle '
+          '[s]', 0.0, 3600.0),
+    Param('smear_arcsec', 5.0, 'largest way of the axes beside their track in an exposure of '
+          'exposure_s that counts [arcsec]', 0.01, 3600.0),
     Param('slew_rate_deg_s', 4.0, 'slew rate of the mount, to plan how long a track must be '
           '[deg/s]', 0.01, 90.0),
     Param('answer_timeout_s', 5.0, 'wall time after which a pointing without an answer is '

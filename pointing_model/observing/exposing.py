@@ -18,6 +18,8 @@ from .pointing import Conditions, Pointing, track_to
 BLANKS = 3
 #: exposures of a star that is centred again and again
 CENTRINGS = 3
+#: exposures in a row in which the axes swing that are no settling any more
+RESTLESS = 5
 #: after so long a commanded axis moves, s
 BEGUN = 10.0
 
@@ -64,9 +66,14 @@ class Exposer:
     def watch(self):
         """Say whether the axes follow what is commanded, while an exposure is waited for."""
         instruments = self._instruments
-        if self._following is not None and instruments.homed:
-            instruments.health.axes(MOUNT, self._following.say(instruments.stamp,
-                                                               instruments.here))
+        if self._following is None or not instruments.homed:
+            return
+        text, swings = '', instruments.exposures.restless
+        if len(swings) >= RESTLESS:
+            text = (f'moves by {swings[-1] / ARCSEC:.2g} arcsec beside its track within an '
+                    f'exposure, smear_arcsec = {self._out.value("smear_arcsec"):g}')
+        instruments.health.axes(
+            MOUNT, self._following.say(instruments.stamp, instruments.here) or text)
 
     def observe(self, target, block, blind=False):
         """Steps that point at `target` and centre it where it is far off.
@@ -104,7 +111,8 @@ class Exposer:
                 return None
             self._blanks = 0
             self._instruments.health.blanks(CAMERA, 0)
-            reading, rate = self._instruments.exposures.at('enc', stamp)
+            reading, rate = self._instruments.exposures.over(
+                'enc', stamp, self._out.value('exposure_s'))
             enc = np.array(centred(*reading, *miss, pointing.beyond))
             second = self._second(stamp, miss, reading, pointing.beyond)
             second_on = self._instruments.absolute_power_on
@@ -143,7 +151,8 @@ class Exposer:
     def _second(self, stamp, miss, first, beyond):
         """Of the absolute encoder; NaN, for each axis, where it is not known or cannot be."""
         try:
-            reading, _ = self._instruments.exposures.at('abs', stamp)
+            reading, _ = self._instruments.exposures.over('abs', stamp,
+                                                          self._out.value('exposure_s'))
         except ValueError:
             return np.full(2, np.nan)
         if not self._instruments.health.second(ABSOLUTE, reading, first):
@@ -195,7 +204,8 @@ class Exposer:
             track, before, self._out.mount(),
             max(OFF_TARGET, value('on_target_arcsec') * ARCSEC))
         take = partial(instruments.exposures.take, value('on_target_arcsec') * ARCSEC,
-                       self._out.refuse_frame)
+                       self._out.refuse_frame, value('exposure_s'),
+                       value('smear_arcsec') * ARCSEC)
         found = None
 
         def answered():

@@ -6,6 +6,8 @@ from msg_tools.units import ARCSEC, DEG, wrap
 
 #: an axis must come nearer to its demand within so long, ns, by so much, rad
 WITHIN, NEARER = 1_500_000_000, 5.0 * ARCSEC
+#: one that swings has longer, ns
+SWINGS = 6_000_000_000
 #: an axis that is farther by so much than at the command went the wrong way, rad
 AWAY = 1.0 * DEG
 
@@ -54,21 +56,28 @@ class FollowingCheck:
         left = np.abs(way)
         if self._first is None:
             self._first, self._least = left, left
+            self._then = self._here, way  # reading and way when it was nearest
             self._since[:] = track.start
-            return self._stuck(stamp, here, demand, left)
+            return self._stuck(stamp, here, demand, way)
         nearer = left < self._least - NEARER
         self._least = np.where(nearer, left, self._least)
         self._since[nearer] = stamp
+        self._then = tuple(np.where(nearer, now, then)
+                           for now, then in zip((here, way), self._then))
         names = self._mount.names.axes
         for axis in (0, 1):
             if left[axis] > self._first[axis] + AWAY:
                 return (f'{names[axis]} moves away from its demand: reversed, or the axes are '
                         'exchanged')
-        return self._stuck(stamp, here, demand, left)
+        return self._stuck(stamp, here, demand, way)
 
-    def _stuck(self, stamp, here, demand, left):
-        sky = left * (np.cos(demand[1]), 1.0)
-        stuck = (np.abs(sky) > self._near) & (stamp - self._since >= WITHIN)
+    def _stuck(self, stamp, here, demand, way):
+        sky = way * (np.cos(demand[1]), 1.0)
+        # an axis that stands, or goes along beside its track
+        still = (np.abs(wrap(here - self._then[0])) < NEARER) | (
+            np.abs(way - self._then[1]) < NEARER)
+        stuck = (np.abs(sky) > self._near) & (
+            stamp - self._since >= np.where(still, WITHIN, SWINGS))
         if not stuck.any():
             return ''
         if np.abs(wrap(here - self._here)).max() < NEARER:

@@ -4,6 +4,7 @@ On instruments and a clock of the test: a mount that slews, an encoder at 20 Hz 
 time of the wall, each of which may fail.
 """
 
+import functools
 import logging
 import sys
 from pathlib import Path
@@ -13,6 +14,8 @@ import pytest
 
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.observing.instruments import ABSOLUTE, CAMERA, MOUNT
+from pointing_model.sky import observed_place
+from pointing_model.star_catalogue import load_catalogue
 
 sys.path.append(str(Path(__file__).parent))
 
@@ -20,6 +23,11 @@ from bench import SECOND, Bench
 
 STEP = 0.05  # s
 SPEED = 4.0 * DEG  # rad/s
+
+
+@functools.cache
+def catalogue():
+    return load_catalogue(mag_limit=5.0)
 
 
 class Live(Bench):
@@ -48,12 +56,17 @@ class Live(Bench):
     def send_command(self, track):
         super().send_command(track)
         self.track = track
-        if self.star is None or np.abs(self._at(self.star, track.start) - track.angles[0]).max() > (
-                0.1 * DEG):
-            self.star = track._replace(angles=track.angles + self.off)
+        stars = catalogue()
+        az, el = observed_place(stars, track.start * 1e-9)
+        nearest = np.argmin(np.hypot(wrap(az - track.angles[0, 0]) * np.cos(el),
+                                     el - track.angles[0, 1]))
+        az, el = observed_place(stars.select(np.full(len(track.times), nearest)),
+                                track.start * 1e-9 + track.times)
+        az = track.angles[0, 0] + wrap(az - track.angles[0, 0])
+        self.star = track._replace(angles=np.column_stack([az, el]) + self.off)
 
     track = star = None
-    off = np.zeros(2)  # of the star from the first command
+    off = np.zeros(2)  # of the star from its place
 
     @staticmethod
     def _at(track, stamp):
