@@ -21,8 +21,7 @@ class CameraDriver(Node):
         self.create_timer(self.exposure + 0.1, self.expose)
 
     def expose(self):
-        self.hardware.write(f'expose {self.exposure}\n')
-        self.hardware.flush()
+        print('expose', self.exposure, file=self.hardware, flush=True)
         middle, right, up = map(float, self.hardware.readline().split())
         message = Vector3Stamped()
         message.header.stamp = Time(nanoseconds=round(middle * 1e9)).to_msg()

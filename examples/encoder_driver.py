@@ -21,8 +21,7 @@ class EncoderDriver(Node):
         self.create_timer(0.05, self.read)
 
     def read(self):
-        self.hardware.write('axes\n')
-        self.hardware.flush()
+        print('axes', file=self.hardware, flush=True)
         time, *numbers = map(float, self.hardware.readline().split())
         message = JointState(name=self.axes)
         message.header.stamp = Time(nanoseconds=round(time * 1e9)).to_msg()  # when it was read

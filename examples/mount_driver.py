@@ -23,9 +23,8 @@ class MountDriver(Node):
         self.create_timer(0.05, self.steer)
 
     def ask(self, line):
-        self.hardware.write(line + '\n')
-        self.hardware.flush()
-        return [float(word) for word in self.hardware.readline().split()]
+        print(line, file=self.hardware, flush=True)
+        return self.hardware.readline()
 
     def on_command(self, message):  # the newest one replaces what was before
         def seconds(time):
@@ -37,12 +36,9 @@ class MountDriver(Node):
 
     def steer(self):
         now = self.get_clock().now().nanoseconds * 1e-9
-        if self.knots and now > self.knots[-1][0]:  # the end of the track: stand still
-            self.knots = []
-            self.ask('stop')
-        if not self.knots:
-            return
-        later = next(n for n, knot in enumerate(self.knots) if knot[0] >= now)
+        later = next((n for n, knot in enumerate(self.knots) if knot[0] >= now), None)
+        if later is None:  # no track, or at its end: stand still
+            return self.ask('stop')
         (t0, p0, v0), (t1, p1, v1) = self.knots[max(later - 1, 0)], self.knots[later]
         h = t1 - t0
         s = max((now - t0) / h, 0.0) if h else 0.0

@@ -17,11 +17,35 @@ import socketserver
 import threading
 import time
 
-import numpy as np
 
-from pointing_model.model import PointingModel
-from pointing_model.sky import DEFAULT_SITE, DEFAULT_WEATHER, observed_place
-from pointing_model.star_catalogue import load_catalogue
+class Talk(socketserver.StreamRequestHandler):
+    """A connection."""
+
+    def handle(self):
+        """Answer line by line."""
+        with contextlib.suppress(ConnectionError):
+            for line in self.rfile:
+                verb, *numbers = line.decode().split()
+                answer = getattr(self.server.telescope, verb)(*map(float, numbers))
+                self.wfile.write((' '.join(f'{v:.9f}' for v in answer) + '\n').encode())
+
+
+class Server(socketserver.ThreadingTCPServer):
+    """The port."""
+
+    allow_reuse_address = daemon_threads = True
+
+
+if __name__ == '__main__':  # before all else: drivers that are started beside it find the port
+    parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
+    parser.add_argument('--port', type=int, default=7625)
+    server = Server(('localhost', parser.parse_known_args()[0].port), Talk)
+
+import numpy as np  # noqa: E402
+
+from pointing_model.model import PointingModel  # noqa: E402
+from pointing_model.sky import DEFAULT_SITE, DEFAULT_WEATHER, observed_place  # noqa: E402
+from pointing_model.star_catalogue import load_catalogue  # noqa: E402
 
 TERMS = {'IA': 180.0, 'IE': -90.0, 'CA': 20.0, 'NPAE': -8.0, 'AN': 12.0, 'AW': -25.0, 'TF': 15.0}
 SPEED = 15.0  # deg/s
@@ -106,29 +130,7 @@ class Telescope:
         return middle, *(np.array([right[star], up[star]]) / ARCSEC + self._rng.normal(0, 1, 2))
 
 
-class Talk(socketserver.StreamRequestHandler):
-    """A connection."""
-
-    def handle(self):
-        """Answer line by line."""
-        with contextlib.suppress(ConnectionError):
-            for line in self.rfile:
-                verb, *numbers = line.decode().split()
-                answer = getattr(self.server.telescope, verb)(*map(float, numbers))
-                self.wfile.write((' '.join(f'{v:.9f}' for v in answer) + '\n').encode())
-
-
-class Server(socketserver.ThreadingTCPServer):
-    """The port."""
-
-    allow_reuse_address = daemon_threads = True
-
-
 if __name__ == '__main__':
-    parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
-    parser.add_argument('--port', type=int, default=7625)
-    options, _ = parser.parse_known_args()
-    with Server(('localhost', options.port), Talk) as server:
-        server.telescope = Telescope()
-        with contextlib.suppress(KeyboardInterrupt):
-            server.serve_forever()
+    server.telescope = Telescope()
+    with contextlib.suppress(KeyboardInterrupt), server:
+        server.serve_forever()

@@ -31,6 +31,8 @@ ARGUMENTS = (
     ('mount', 'altaz', 'altaz, equatorial, german, free:AZ,EL'),
     ('drivers', SAMPLES, 'Python files to start, separated by commas; none: they run already'),
     ('absolute_encoder', 'false', 'whether a driver publishes absolute/joint_states'),
+    ('exposure', '0.0', "length of the camera's exposures, s, in which the mount must rest on its "
+     'track; 0: it is judged in their middle'),
     ('plan', real_plan(30), 'steps of the observer'),
     ('params_file', '', 'ROS parameter file (site, limits), read by all nodes and drivers'),
 )
@@ -49,6 +51,10 @@ def _actions(context):
     if value['absolute_encoder'] not in ('true', 'false'):
         raise ValueError(f'absolute_encoder:={value["absolute_encoder"]}: write true or false')
     parse_plan(value['plan'])
+    try:
+        exposure = float(value['exposure'])
+    except ValueError:
+        raise ValueError(f'exposure:={value["exposure"]} is no number') from None
     drivers = [] if value['drivers'] == 'none' else value['drivers'].split(',')
     for path in drivers:
         if not Path(path).is_file():
@@ -59,7 +65,7 @@ def _actions(context):
         cmd=[sys.executable, path, '--ros-args', '-r', f'__ns:={NAMESPACE}', *given],
         name=Path(path).stem, output='screen') for path in drivers]
     specs = real_graph(bag=value['bag'], plan=value['plan'], mount=value['mount'],
-                       absolute_encoder=value['absolute_encoder'] == 'true')
+                       absolute_encoder=value['absolute_encoder'] == 'true', exposure=exposure)
     started += [Node(package='telescope_mount', executable=spec.name, name=spec.name,
                      namespace=NAMESPACE, parameters=[spec.parameters, *more], output='screen')
                 for spec in specs]

@@ -39,6 +39,13 @@ class Steps:
             raise RuntimeError('work is under way')
         self._work, self._wait = work, None
 
+    def end(self, error):
+        """Give the work up: `ended` is called with `error`, a `Refused`."""
+        work, self._work = self._work, None
+        if work is not None:
+            work.close()
+            self._ended(error)
+
     def advance(self):
         """Go on as far as the conditions allow."""
         if self._work is None or self._running:  # what a step sets off may call again

@@ -44,12 +44,19 @@ PARAMS = SKY_PARAMS + (
           'again [arcsec]', 0.1, 36000.0),
     Param('on_target_arcsec', 30.0, 'largest difference of the encoder from its demand in an '
           'exposure that counts [arcsec]', 0.1, 36000.0),
+    Param('exposure_s', 0.0, "length of the camera's exposures: one counts when the encoder was "
+          'on target all that time, and is paired with its mean; 0: with its reading in the middle '
+          '[s]', 0.0, 3600.0),
+    Param('smear_arcsec', 5.0, 'largest way of the axes beside their track in an exposure of '
+          'exposure_s that counts [arcsec]', 0.01, 3600.0),
     Param('slew_rate_deg_s', 4.0, 'slew rate of the mount, to plan how long a track must be '
           '[deg/s]', 0.01, 90.0),
     Param('answer_timeout_s', 5.0, 'wall time after which a pointing without an answer is '
           'commanded again [s]', 0.5, 3600.0),
     Param('absolute_encoder', True, 'whether the mount has an absolute encoder beside the one that '
           'it is pointed with', fixed=True),
+    Param('give_up_s', 600.0, 'wall time without an observation after which a plan ends while '
+          'something is wrong or waited for; 0: never [s]', 0.0, 86400.0),
     Param('first_run', 1, 'run number of the first power-on, where the calibration has no rows of '
           'the night yet', -1000000, 1000000),
     Param('polaris_exposures', 16, 'exposures that the services zero, zero_on_polaris and '
@@ -67,6 +74,8 @@ INSTRUMENT_TOPICS = {MOUNT: topics.INCREMENTAL, ABSOLUTE: topics.ABSOLUTE,
                      CAMERA: topics.MISS_DISTANCE}
 #: wall seconds after which a publisher is one, whether its node has a name or not
 NAMED_AFTER = 30.0
+#: elevation that no encoder reads, rad
+HIGHEST = 1.75
 #: wall seconds in which a calibration that is there says what it knows: a latched message, that
 #: comes within a second of the match
 SPEAKS_WITHIN = 10.0
@@ -89,7 +98,8 @@ class StarObserver(MountNode):
         self._status_pub = self.publisher(topics.OBSERVER_STATUS)
         self._checks_pub = self.publisher(topics.CHECKS)
         self._instruments = Instruments(self.value('first_run'), now=self.now,
-                                        absolute=self.value('absolute_encoder'))
+                                        absolute=self.value('absolute_encoder'),
+                                        live=not self.value('use_sim_time'))
         self._instruments.look = self._look_at_publishers
         self._mount = mount_of(self)
         self._table = Table(self._mount)
@@ -116,7 +126,7 @@ class StarObserver(MountNode):
             self.create_service(Trigger, service, partial(self._on_zero, verb))
         if self.value('autostart'):
             self._sequencer.start(self.value('plan'))
-        self.every(0.5, self._look_at_publishers)
+        self.every(0.5, self._look)
         # steady: the observer must see a time-out while simulated time stands still
         self.create_timer(0.05, self._sequencer.advance,
                           clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -134,21 +144,29 @@ class StarObserver(MountNode):
     # --- messages in --------------------------------------------------------------------------
 
     def _on_incremental(self, message):
-        stamp, angles, rates, _ = self._joints(message)
+        stamp, angles, rates, _ = self._joints(message, MOUNT)
         self._note_clock(self._instruments.take_incremental(
             stamp, angles, rates, message.header.frame_id))
 
     def _on_absolute(self, message):
         self._note_clock(self._instruments.take_absolute(
-            *self._joints(message)[:2], message.header.frame_id))
+            *self._joints(message, ABSOLUTE)[:2], message.header.frame_id))
 
-    def _joints(self, message):
+    def _joints(self, message, instrument):
         """As `convert.read_joints`, of this mount alone, on the turn of its axes."""
-        wanted, found = self._mount.names.keys, convert.joints_of(message.name)
-        if found != wanted:
-            raise ValueError(f'joints {" and ".join(found)}, and the parameter mount says '
-                             f'{self.value(KIND_OF_MOUNT.name)}: {" and ".join(wanted)}')
-        stamp, angles, rates, effort = convert.read_joints(message)
+        try:
+            wanted, found = self._mount.names.keys, convert.joints_of(message.name)
+            if found != wanted:
+                raise ValueError(f'joints {" and ".join(found)}, and the parameter mount says '
+                                 f'{self.value(KIND_OF_MOUNT.name)}: {" and ".join(wanted)}')
+            stamp, angles, rates, effort = convert.read_joints(message)
+            if self._mount.altaz and abs(angles[1]) > HIGHEST:
+                raise ValueError(f'an elevation of {angles[1]:.4g} rad: degrees for radians, or '
+                                 'exchanged axes?')
+        except ValueError as err:
+            self._instruments.spoke(instrument)
+            self._instruments.health.unreadable(instrument, str(err))
+            raise
         return stamp, self._mount.on_travel(*angles), rates, effort
 
     def _in_force_changed(self, topic):
@@ -164,6 +182,11 @@ class StarObserver(MountNode):
         self._instruments.take_frame(
             convert.from_stamp(message.header.stamp), message.vector.x, message.vector.y)
         self._sequencer.advance()
+
+    def _look(self):
+        self._look_at_publishers()
+        if self._sequencer.look(time.monotonic()):
+            self.announce()
 
     def _look_at_publishers(self):
         for name, topic in INSTRUMENT_TOPICS.items():
@@ -262,8 +285,9 @@ class StarObserver(MountNode):
 
     def send_status(self, progress, text):
         """On `observer/status`."""
+        least = DiagnosticStatus.WARN if self._sequencer.faults else DiagnosticStatus.OK
         self._status_pub.publish(convert.status(
-            LEVELS.get(progress.state, DiagnosticStatus.OK), self.get_fully_qualified_name(),
+            LEVELS.get(progress.state, least), self.get_fully_qualified_name(),
             text, **progress.rows()))
 
     # --- diagnostics --------------------------------------------------------------------------
@@ -275,7 +299,9 @@ class StarObserver(MountNode):
 
     def waiting_for(self):
         """Instruments that are not there yet, and nodes that are not fully connected."""
-        missing = super().waiting_for()
+        missing = [text + ' (the mount has none: absolute_encoder: false)'
+                   if text.endswith(topics.ABSOLUTE.name) else text
+                   for text in super().waiting_for()]
         if missing or self._sequencer.begun:
             return missing
         if self._wanted_nodes:
@@ -306,8 +332,11 @@ class StarObserver(MountNode):
         state, text = self._sequencer.progress.state, self._sequencer.text
         if state == 'failed':
             return [(DiagnosticStatus.ERROR, text)]
-        found = [(DiagnosticStatus.WARN, text) for text in (
-            *self._instruments.health.alarms, *self._in_force.complaints())]
+        health = self._instruments.health
+        found = [(DiagnosticStatus.ERROR if kind == 'silent' else DiagnosticStatus.WARN, text)
+                 for (_, kind), text in health.told.items()]
+        found.sort(key=lambda issue: issue[0], reverse=True)
+        found += [(DiagnosticStatus.WARN, text) for text in self._in_force.complaints()]
         if state == 'waiting' and self._sequencer.busy:
             found.insert(0, (DiagnosticStatus.WARN, f'waiting for {text}'))
         return found

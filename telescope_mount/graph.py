@@ -122,7 +122,7 @@ REAL = tuple(name for name in NIGHT if name not in SIMULATED)
 
 
 def real_graph(*, bag, plan='', mount='altaz', sky=None, model_file='', absolute_encoder=False,
-               calibration=None):
+               exposure=0.0, calibration=None):
     """The nodes beside the drivers of a real mount, on the time of the wall.
 
     Parameters
@@ -131,6 +131,9 @@ def real_graph(*, bag, plan='', mount='altaz', sky=None, model_file='', absolute
         As of `night_graph`.
     absolute_encoder : bool
         Whether a driver publishes `absolute/joint_states`.
+    exposure : float
+        Length of the camera's exposures, s, over which the mount must rest on its track; 0: it is
+        judged in their middle.
 
     Returns
     -------
@@ -139,6 +142,7 @@ def real_graph(*, bag, plan='', mount='altaz', sky=None, model_file='', absolute
     parameters = {
         'star_observer': {
             'model_file': model_file, 'mount': mount, 'absolute_encoder': absolute_encoder,
+            'exposure_s': exposure,
             'wait_for_nodes': [f'{NAMESPACE}/{name}' for name in REAL],
         } | ({'plan': plan} if plan else {}) | dict(sky or {}),
         'pointing_corrector': {'model_file': model_file},

@@ -127,7 +127,7 @@ def observe(folder, specs, plan, write, progress=None, domain_number=None, param
     stall : float
         Wall seconds without any progress after which it is given up.
     say : callable, optional
-        Called with what the plan waits for, when that changes; '' when it goes on.
+        Called with what is wrong or waited for, when that changes; '' when it goes on.
 
     Raises
     ------
@@ -183,6 +183,8 @@ def _progress(watcher):
 
 def _watch(watcher, nodes, plan, progress, stall=STALL, say=None):
     """Follow the observer until the plan is done."""
+    from diagnostic_msgs.msg import DiagnosticStatus
+
     from msg_tools import topics
     total = sum(step.exposures for step in parse_plan(plan))
     last, since = None, time.monotonic()
@@ -201,7 +203,8 @@ def _watch(watcher, nodes, plan, progress, stall=STALL, say=None):
             progress(at.step or 'connecting the nodes', at.observations + at.lost, total)
             if at.state == 'done':
                 return
-            text = status.message if at.state == 'waiting' else ''
+            told = at.state == 'waiting' or status.level > DiagnosticStatus.OK
+            text = status.message if told else ''
             if text != waits[0]:
                 waits = text, time.monotonic()
             # what is over within moments nobody need read

@@ -33,7 +33,7 @@ def run_real_night(out, *, plan='', stars=30, drivers=(), domain_number=None, pa
     params_file, progress, say
         As of `night.observe`.
     **graph
-        As of `graph.real_graph`: ``mount``, ``sky``, ``absolute_encoder``.
+        As of `graph.real_graph`: ``mount``, ``sky``, ``absolute_encoder``, ``exposure``.
 
     Returns
     -------

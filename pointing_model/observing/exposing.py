@@ -7,6 +7,8 @@ import numpy as np
 
 from msg_tools.units import ARCSEC, DEG, wrap
 
+from .following_check import FollowingCheck
+from .instrument_health import OFF_TARGET
 from .instruments import ABSOLUTE, CAMERA, MOUNT
 from .pairing import centred, centred_second
 from .pointing import Conditions, Pointing, track_to
@@ -16,6 +18,8 @@ from .pointing import Conditions, Pointing, track_to
 BLANKS = 3
 #: exposures of a star that is centred again and again
 CENTRINGS = 3
+#: exposures in a row in which the axes swing that are no settling any more
+RESTLESS = 5
 #: after so long a commanded axis moves, s
 BEGUN = 10.0
 
@@ -51,11 +55,25 @@ class Exposer:
         self._out, self._instruments, self._in_force = outbox, instruments, in_force
         self._table, self._ready, self._waiting = table, ready, waiting
         self.earliest = self.commanded = self.exposed = 0
+        self._following = None  # what is commanded and waited for
+        self._blanks = 0  # targets in a row without a star
         self.forget_aim()
 
     def forget_aim(self):
         """With a new model or zero, what was learned of the stars before is in it."""
         self._carried = np.zeros(2)
+
+    def watch(self):
+        """Say whether the axes follow what is commanded, while an exposure is waited for."""
+        instruments = self._instruments
+        if self._following is None or not instruments.homed:
+            return
+        text, swings = '', instruments.exposures.restless
+        if len(swings) >= RESTLESS:
+            text = (f'moves by {swings[-1] / ARCSEC:.2g} arcsec beside its track within an '
+                    f'exposure, smear_arcsec = {self._out.value("smear_arcsec"):g}')
+        instruments.health.axes(
+            MOUNT, self._following.say(instruments.stamp, instruments.here) or text)
 
     def observe(self, target, block, blind=False):
         """Steps that point at `target` and centre it where it is far off.
@@ -87,8 +105,14 @@ class Exposer:
                     continue
                 if not blind:
                     self.forget_aim()  # it may be why
+                self._blanks += 1
+                if self._blanks >= BLANKS:
+                    self._instruments.health.blanks(CAMERA, self._blanks)
                 return None
-            reading, rate = self._instruments.exposures.at('enc', stamp)
+            self._blanks = 0
+            self._instruments.health.blanks(CAMERA, 0)
+            reading, rate = self._instruments.exposures.over(
+                'enc', stamp, self._out.value('exposure_s'))
             enc = np.array(centred(*reading, *miss, pointing.beyond))
             second = self._second(stamp, miss, reading, pointing.beyond)
             second_on = self._instruments.absolute_power_on
@@ -127,7 +151,8 @@ class Exposer:
     def _second(self, stamp, miss, first, beyond):
         """Of the absolute encoder; NaN, for each axis, where it is not known or cannot be."""
         try:
-            reading, _ = self._instruments.exposures.at('abs', stamp)
+            reading, _ = self._instruments.exposures.over('abs', stamp,
+                                                          self._out.value('exposure_s'))
         except ValueError:
             return np.full(2, np.nan)
         if not self._instruments.health.second(ABSOLUTE, reading, first):
@@ -175,8 +200,12 @@ class Exposer:
         self._out.send_command(track)
         instruments.ask()
         before = instruments.here
+        self._following = FollowingCheck(
+            track, before, self._out.mount(),
+            max(OFF_TARGET, value('on_target_arcsec') * ARCSEC))
         take = partial(instruments.exposures.take, value('on_target_arcsec') * ARCSEC,
-                       self._out.refuse_frame)
+                       self._out.refuse_frame, value('exposure_s'),
+                       value('smear_arcsec') * ARCSEC)
         found = None
 
         def answered():
@@ -187,6 +216,7 @@ class Exposer:
                     or not instruments.homed or instruments.stamp > track.end)
 
         yield answered
+        self._following = None
         off = self._note_motion(track, before, found is not None)
         if found is not None:
             self._waiting('')

@@ -9,10 +9,15 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 
+MOUNT, ABSOLUTE, CAMERA = 'mount and incremental encoder', 'absolute encoder', 'camera'
 #: with which the sentences begin that `InstrumentHealth.alarms` gives
 ALARM = 'instrument '
 #: a reading is not stamped so far ahead of the graph's time: a slew and a homing are, ns
 AHEAD = 600 * 10**9
+#: on the time of the wall: stamps ahead of and behind this machine's clock, of an exposure, ns
+AHEAD_LIVE, BEHIND_LIVE, BEHIND_FRAME = 2 * 10**9, 5 * 10**9, 600 * 10**9
+#: a miss distance that no camera measures, rad
+BEYOND_FIELD = 0.1
 #: stamps that go back by less are out of order, by more the clock went back, ns
 CLOCK_JUMP = 10**9
 #: messages without a fault after which one is over
@@ -24,6 +29,20 @@ SAME_FRAMES = 6
 SAME_ROWS, SAME_WITHIN = 4, 0.005 * ARCSEC
 #: an encoder that differs by more from its demand did not follow the command, rad
 OFF_TARGET = 60.0 * ARCSEC
+
+#: what to do, by the kind of fault
+REMEDIES = {
+    'silent': 'look at its driver, power and cable',
+    'never': 'look at its driver: it publishes, and nothing comes',
+    'message': 'mend its driver (docs/real_mount.md)',
+    'stamps': 'stamp with the time of the measurement, of a clock set by NTP',
+    'frozen': 'look at the instrument',
+    'number': 'home it again',
+    'motion': 'look at brakes, limits, joint names and signs (telescope-mount check-drivers)',
+    'sign': 'its signs, rotation or scale are wrong: telescope-mount check-drivers --nudge',
+    'slow': 'nothing, or expose shorter',
+    'blank': 'look at clouds, cover, focus, exposure, the size of the field, site and clock',
+}
 
 FROZEN_CAMERA = 'the camera said the same miss distance in {} observations in a row or more'
 
@@ -55,9 +74,16 @@ def frozen_rows(miss_x, miss_y):
 
 
 class InstrumentHealth:
-    """Takes what the instruments say, and tells what cannot be."""
+    """Takes what the instruments say, and tells what cannot be.
 
-    def __init__(self):
+    Parameters
+    ----------
+    live : bool
+        Whether the time of the graph is that of the wall, and not simulated.
+    """
+
+    def __init__(self, live=False):
+        self._live = live
         self._faults = {}  # (instrument, kind) -> [sentence, messages without it since]
         self._stamps = {}  # instrument -> (stamp, time of the graph) of its last good message
         self._frame, self._same = None, 0
@@ -70,6 +96,19 @@ class InstrumentHealth:
         """What is wrong now, a sentence each."""
         return [f'{ALARM}{name}: {text}' for (name, _), (text, _) in self._faults.items()] + [
             f'{ALARM}{name}: {self._published_by(name)}' for name in self._others]
+
+    @property
+    def told(self):
+        """What is wrong now and what to do: by (instrument, kind), a sentence each."""
+        return {(name, kind): f'{ALARM}{name}: {text}; {REMEDIES[kind]}'
+                for (name, kind), (text, _) in self._faults.items()} | {
+            (name, 'publishers'): f'{ALARM}{name}: {self._published_by(name)}'
+            for name in self._others}
+
+    def is_silent(self, *names):
+        """Whether one of `names`, or of all, spoke and has fallen silent."""
+        return any(kind == 'silent' and (not names or name in names)
+                   for name, kind in self._faults)
 
     @property
     def blocked(self):
@@ -95,6 +134,44 @@ class InstrumentHealth:
             fault[1] += 1
             if fault[1] >= RECOVERED:
                 del self._faults[name, kind]
+
+    def speaks(self, name):
+        """Take that a message has come."""
+        for kind in ('silent', 'never'):
+            self._faults.pop((name, kind), None)
+
+    def silent(self, name, usual):
+        """Take that none has come for long; `usual` is the time between them, wall s."""
+        if np.isfinite(usual):
+            self._fault(name, 'silent', f'silent; it sent something every {usual:.2g} s')
+        else:
+            self._fault(name, 'never', 'has sent nothing yet')
+
+    def slow(self, name, usual, limit):
+        """Take how far apart its messages are, wall s, and what an answer may take."""
+        if usual > limit:
+            self._fault(name, 'slow', f'a message every {usual:.0f} s, slower than '
+                        f'answer_timeout_s = {limit:g}: three of them are waited for')
+        else:
+            self._faults.pop((name, 'slow'), None)
+
+    def unreadable(self, name, reason):
+        """Take why a message could not be read."""
+        self._fault(name, 'message', reason)
+
+    def blanks(self, name, count):
+        """Take in how many targets in a row no star was seen; 0 after one was."""
+        if count:
+            self._fault(name, 'blank', f'no star in the field of {count} targets in a row')
+        else:
+            self._faults.pop((name, 'blank'), None)
+
+    def axes(self, name, text):
+        """Take how the axes do not follow the command, in words; '' where they do."""
+        if text:
+            self._fault(name, 'motion', text)
+        else:
+            self._faults.pop((name, 'motion'), None)
 
     def publishers(self, name, nodes, unnamed=False):
         """Take who publishes an instrument's messages.
@@ -130,25 +207,39 @@ class InstrumentHealth:
             Why the message cannot be used; '' if it can.
         """
         last, then = self._stamps.get(name, (None, 0))
-        if now and stamp > now + AHEAD:
+        if stamp == 0:
+            return self._fault(name, 'stamps', 'stamps are 0')
+        if last is not None and 0 <= last - stamp < CLOCK_JUMP:
+            return self._fault(name, 'stamps', 'a stamp not after the one before: two of them on '
+                               'one topic, or its clock stands')
+        if self._live and now:
+            behind = BEHIND_FRAME if name == CAMERA else BEHIND_LIVE
+            if not -behind <= stamp - now <= AHEAD_LIVE:
+                how = 'ahead of' if stamp > now else 'behind'
+                return self._fault(name, 'stamps', f'stamps {abs(stamp - now) * 1e-9:.0f} s {how} '
+                                   "this machine's clock")
+        elif now and stamp > now + AHEAD:
             return self._fault(name, 'stamps', f'a stamp {(stamp - now) * 1e-9:.0f} s ahead of '
                                'the time of the graph')
         if last is not None and stamp <= last:
             back = last - stamp
-            if back < CLOCK_JUMP:
-                return self._fault(name, 'stamps', 'a stamp not after the one before: two of '
-                                   'them on one topic, or its clock stands')
             if now and now > then - CLOCK_JUMP:
                 return self._fault(name, 'stamps', f'stamps run back, by {back * 1e-9:.0f} s, '
                                    'and the time of the graph does not')
         self._stamps[name] = stamp, now
         self._good(name, 'stamps')
+        self._good(name, 'message')
         return ''
 
     def frame(self, name, x, y):
         """Take a miss distance, rad; why it cannot be used, '' if it can."""
         if not np.isfinite([x, y]).all():
             return ''
+        if np.hypot(x, y) > BEYOND_FIELD:
+            reason = f'a star {np.hypot(x, y):.3g} rad beside the boresight: arcsec or degrees ' \
+                'for radians?'
+            self.unreadable(name, reason)
+            return reason
         self._same = self._same + 1 if (x, y) == self._frame else 1
         self._frame = x, y
         if self._same >= SAME_FRAMES:
@@ -191,9 +282,9 @@ class InstrumentHealth:
             Whether the camera saw the mount move.
         """
         if after < 0.5 * before:
-            self._faults.pop((name, 'motion'), None)
+            self._faults.pop((name, 'sign'), None)
             return True
-        self._fault(name, 'motion', 'contradicts the commanded motion: a star '
+        self._fault(name, 'sign', 'contradicts the commanded motion: a star '
                     f'{before / ARCSEC:.0f} arcsec off was centred, and is '
                     f'{after / ARCSEC:.0f} arcsec off')
         return False

@@ -1,18 +1,24 @@
 """The instruments as the observer knows them: what they said last, and which are silent."""
 
 import time
+from collections import deque
 
 import numpy as np
 
 from msg_tools.power_on import read_frame
 from msg_tools.units import DEG, wrap
 
-from .instrument_health import InstrumentHealth
+from .instrument_health import ABSOLUTE, CAMERA, MOUNT, InstrumentHealth
 from .pairing import ENCODERS, Exposures
 
-MOUNT, ABSOLUTE, CAMERA = 'mount and incremental encoder', 'absolute encoder', 'camera'
 #: an axis slower than this stands still, rad/s
 STILL = 0.01 * DEG
+#: an instrument is silent after so long, wall s, so many of its usual periods, and of its longest
+QUIET, PERIODS, LONGEST = 0.5, 5.0, 2.0
+#: periods that must be known for that, and that are kept
+LEAST_GAPS, KEPT_GAPS = 10, 200
+#: wall seconds after which one that has never spoken is named
+NEVER = 1.5
 
 
 class Instruments:
@@ -28,6 +34,8 @@ class Instruments:
         The graph's time, ns; 0 where it is not known.
     absolute : bool
         Whether there is an absolute encoder.
+    live : bool
+        Whether the time of the graph is that of the wall: instruments then speak on their own.
 
     Attributes
     ----------
@@ -52,8 +60,10 @@ class Instruments:
         Called at each exposure, so that `health` knows who publishes.
     """
 
-    def __init__(self, first_run=1, wall=time.monotonic, now=lambda: 0, absolute=True):
-        self.health, self.look, self._now = InstrumentHealth(), lambda: None, now
+    def __init__(self, first_run=1, wall=time.monotonic, now=lambda: 0, absolute=True,
+                 live=False):
+        self.health, self.look, self._now = InstrumentHealth(live), lambda: None, now
+        self._live = live
         self.names = (MOUNT, ABSOLUTE, CAMERA) if absolute else (MOUNT, CAMERA)
         self.exposures = Exposures(ENCODERS if absolute else ENCODERS[:1])
         self.stamp, self.here, self.rate = 0, None, None
@@ -64,12 +74,15 @@ class Instruments:
         self._runs = {}  # when a power-on began -> its number
         self._wall = wall
         self._asked, self._heard = {}, {}
+        self._last, self._gaps = {}, {}
+        self._awaited = None  # since when all are to speak, wall s
 
     def take_incremental(self, stamp, angle, rate, frame=''):
         """Take a reading; True where the clock went back. ValueError for one out of order.
 
         `frame` is the ``frame_id`` of its message, see `msg_tools.power_on`.
         """
+        self.spoke(MOUNT)
         self._check_stamp(MOUNT, stamp)
         back = self.exposures.add_reading('enc', stamp, angle)
         self.rate = self._rate(stamp, angle, rate)
@@ -127,6 +140,7 @@ class Instruments:
 
     def take_absolute(self, stamp, angle, frame=''):
         """As `take_incremental`, of the absolute encoder."""
+        self.spoke(ABSOLUTE)
         self._check_stamp(ABSOLUTE, stamp)
         back = self.exposures.add_reading('abs', stamp, angle)
         self.absolute_power_on = read_frame(frame)
@@ -135,6 +149,7 @@ class Instruments:
 
     def take_frame(self, stamp, x, y):
         """Take a measured miss distance, rad; ValueError for one that cannot be."""
+        self.spoke(CAMERA)
         self.hear(CAMERA)
         self._check_stamp(CAMERA, stamp)
         reason = self.health.frame(CAMERA, x, y)
@@ -144,8 +159,9 @@ class Instruments:
 
     def _check_stamp(self, name, stamp):
         now = self._now()
-        # a mount that is commanded for tomorrow answers of tomorrow
-        reason = self.health.stamp(name, stamp, now and max(now, self.exposures.end))
+        if now and not self._live:
+            now = max(now, self.exposures.end)  # commanded for tomorrow it answers of tomorrow
+        reason = self.health.stamp(name, stamp, now)
         if reason:
             raise ValueError(reason)
 
@@ -156,6 +172,44 @@ class Instruments:
         """
         return (self.homed and self.stamp > stamp
                 and bool(np.all(np.abs(self.rate) <= STILL)))
+
+    def spoke(self, name):
+        """Count a message, of use or not, and the time since the one before."""
+        now, last = self._wall(), self._last.get(name)
+        self._last[name] = now
+        if last is not None and not self.health.is_silent(name):
+            self._gaps.setdefault(name, deque(maxlen=KEPT_GAPS)).append(now - last)
+        self.health.speaks(name)
+
+    def usual(self, name, least=LEAST_GAPS):
+        """Wall seconds between two of its messages; NaN where fewer than `least` are known."""
+        gaps = self._gaps.get(name, ())
+        return float(np.median(gaps)) if len(gaps) >= least else np.nan
+
+    def watch(self, answer):
+        """Say who has fallen silent, who has never spoken, and who is slow.
+
+        Where time is simulated instruments speak when they are asked, and nothing is said.
+
+        Parameters
+        ----------
+        answer : float
+            What an answer may take, wall s.
+        """
+        if not self._live:
+            return
+        now = self._wall()
+        if self._awaited is None:
+            self._awaited = now
+        for name in self.names:
+            last, usual = self._last.get(name), self.usual(name)
+            if last is None:
+                if now - self._awaited > NEVER:
+                    self.health.silent(name, np.nan)
+            elif np.isfinite(usual) and now - last > max(
+                    QUIET, PERIODS * usual, LONGEST * max(self._gaps[name])):
+                self.health.silent(name, usual)
+            self.health.slow(name, self.usual(name, 1), answer)
 
     def hear(self, name):
         """Count the silence of an instrument from now on."""
@@ -168,8 +222,10 @@ class Instruments:
 
     def silent(self, seconds):
         """Names of those that have said nothing for so long."""
-        limit = self._wall() - seconds
-        return [name for name, heard in self._heard.items() if heard < limit]
+        now = self._wall()
+        # a slow one is late, not silent
+        return [name for name, heard in self._heard.items() if now - heard > seconds
+                and now - heard > 3.0 * np.nan_to_num(self.usual(name, 1))]
 
     def unanswered(self, seconds):
         """Names of those that have not answered `ask`, else of those silent for so long."""

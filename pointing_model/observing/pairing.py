@@ -123,12 +123,19 @@ class Exposures:
     ----------
     encoders : sequence of str
         Of `ENCODERS`: those that an exposure must have readings of around it.
+
+    Attributes
+    ----------
+    restless : list of float
+        Of the frames on this track that did not count because the axes moved beside it: by how
+        much, rad.
     """
 
     def __init__(self, encoders=ENCODERS):
         self._readings = {encoder: deque(maxlen=20000) for encoder in encoders}
         self._frames = deque(maxlen=1000)
         self._track = None
+        self.restless = []
 
     @property
     def end(self):
@@ -149,6 +156,7 @@ class Exposures:
         """
         self._track = start, times, track
         self._frames.clear()
+        self.restless = []
 
     def add_reading(self, encoder, stamp, angle):
         """Take a reading.
@@ -190,7 +198,54 @@ class Exposures:
             raise ValueError('encoder reading is not a number: home the encoder')
         return angles, rates
 
-    def take(self, tolerance, refuse):
+    def _beside(self, encoder, begin, end):
+        """Readings less the track from `begin` to `end` (ns): times (n,) in s, angles (n, 2)."""
+        stamps, angles = _since(self._readings[encoder], begin)
+        stamps, angles = np.array(stamps, np.int64), np.array(angles, float).reshape(-1, 2)
+        start, times, track = self._track
+        at = (stamps - start) * 1e-9
+        way = angles - np.column_stack([np.interp(at, times, axis) for axis in track.T])
+        way[:, 0] = wrap(way[:, 0])
+        edges = (np.array([begin, end]) - start) * 1e-9
+        inside = (at > edges[0]) & (at < edges[1])
+        ends = np.column_stack([np.interp(edges, at, axis) for axis in way.T])
+        return (np.concatenate([edges[:1], at[inside], edges[1:]]),
+                np.concatenate([ends[:1], way[inside], ends[1:]]))
+
+    def over(self, encoder, stamp, exposure):
+        """As `at`, on the mean over an exposure about `stamp`, as the image is one.
+
+        Parameters
+        ----------
+        encoder : str
+        stamp : int
+            Its middle, ns.
+        exposure : float
+            Its length, s.
+        """
+        angles, rates = self.at(encoder, stamp)
+        half = round(0.5e9 * exposure)
+        if not half:
+            return angles, rates
+        at, way = self._beside(encoder, stamp - half, stamp + half)
+        start, times, track = self._track
+        middle = [np.interp((stamp - start) * 1e-9, times, axis) for axis in track.T]
+        mean = middle + np.trapezoid(way, at, axis=0) / (at[-1] - at[0])
+        return angles + [wrap(mean[0] - angles[0]), mean[1] - angles[1]], rates
+
+    def _settled(self, stamp, half, tolerance, smear):
+        """Whether the axes were on target, and did not move beside it, all the exposure long."""
+        _, way = self._beside('enc', stamp - half, stamp + half)
+        start, times, track = self._track
+        way = way * (np.cos(np.interp((stamp - start) * 1e-9, times, track[:, 1])), 1.0)
+        if not np.isfinite(way).all() or np.hypot(*way.T).max() > tolerance:
+            return False
+        moved = float(np.hypot(*np.ptp(way, axis=0)))
+        if moved > smear:
+            self.restless.append(moved)
+        return moved <= smear
+
+    def take(self, tolerance, refuse, exposure=0.0, smear=np.inf):
         """The next frame on the commanded track that has readings of both encoders around it.
 
         Parameters
@@ -199,6 +254,10 @@ class Exposures:
             Largest difference of the encoder from its demand, on the sky, rad.
         refuse : callable
             Called with the reason for a frame that cannot be used.
+        exposure : float
+            Its length, s: the encoder must be within `tolerance` all that time; 0: in its middle.
+        smear : float
+            Largest way of the axes beside the track in that time, rad.
 
         Returns
         -------
@@ -206,13 +265,15 @@ class Exposures:
             Stamp in ns and miss distance (2,) in rad; None where there is none yet.
         """
         start, times, track = self._track
+        half = round(0.5e9 * exposure)
         while self._frames:
             stamp, *miss = self._frames[0]
             if stamp >= start and not all(
-                    r and r[-1][0] > stamp for r in self._readings.values()):
+                    r and r[-1][0] > stamp and r[-1][0] >= stamp + half
+                    for r in self._readings.values()):
                 return None
             self._frames.popleft()
-            if stamp < max([start, *(r[0][0] for r in self._readings.values() if r)]):
+            if stamp - half < max([start, *(r[0][0] for r in self._readings.values() if r)]):
                 continue  # under way when the command came
             try:
                 reading, _ = self.at('enc', stamp)
@@ -222,6 +283,7 @@ class Exposures:
             t = (stamp - start) * 1e-9
             wanted = [np.interp(t, times, axis) for axis in track.T]
             error = wrap(reading[0] - wanted[0]) * np.cos(wanted[1]), reading[1] - wanted[1]
-            if np.hypot(*error) <= tolerance:
+            if np.hypot(*error) <= tolerance and (
+                    not half or self._settled(stamp, half, tolerance, smear)):
                 return stamp, np.array(miss)
         return None

@@ -20,6 +20,7 @@ from ..target import StarTarget, satellite_target
 from ..zero_exposures import MARK
 from .blind_checks import CHECKS_FORMAT, CHECKS_VERSION, blind_summary
 from .exposing import Exposer
+from .fault_watch import FaultWatch
 from .instruments import MOUNT
 from .plan import POWER_CYCLES, parse_plan
 from .pointing import Standing
@@ -76,6 +77,8 @@ class Sequencer:
         self.text = 'the start'
         self.earth = ''
         self._told = None
+        self._lacks = ''  # what the graph lacks before a plan can begin, in words
+        self._watch = FaultWatch(outbox, instruments, self._exposer)
         self._calibrated = 0
         self._homes = False  # the plan homes the mount itself
         self.begun = False
@@ -108,10 +111,49 @@ class Sequencer:
         if not self._steps.busy:
             return
         self._steps.advance()
-        now = self.text, self.progress
+        self._tell()
+
+    def _tell(self):
+        words = self.text
+        if self.busy:
+            words = '; '.join([words if self.begun else self._lacks or words,
+                               *self._watch.sentences])
+        now = words, self.progress
         if now != self._told:
             self._told = now
-            self._out.send_status(self.progress, self.text)
+            self._out.send_status(self.progress, words)
+
+    @property
+    def faults(self):
+        """What is wrong now and what to do, sentences."""
+        return self._watch.sentences
+
+    def look(self, now):
+        """Name what is wrong with the instruments, and give a plan up that cannot go on.
+
+        Parameters
+        ----------
+        now : float
+            Wall time that goes on, s.
+
+        Returns
+        -------
+        bool
+            Whether something else is wrong than at the last look.
+        """
+        if not self.busy:
+            return self._watch.rest()
+        waits = self.text if self._progress.state == 'waiting' else ''
+        lacks = ', '.join(self._out.waiting_for()) if waits and not self.begun else ''
+        self._lacks = f'{waits}: {lacks}' if lacks else ''
+        waits = self._lacks or waits
+        changed, reason = self._watch.look(now, self.begun, waits,
+                                           self._progress.step.split(' ')[0], len(self._table))
+        if reason:
+            self._steps.end(Refused(reason))
+            self._watch.rest()
+        self._tell()
+        return changed
 
     def pointing_changed(self):
         """A new model or zero is in force."""

@@ -17,6 +17,8 @@ def add(commands):
                         default=0.0, metavar='DEG', help='MOVES the mount: each axis by so much '
                         '(0.05 if left out) and back, to see that it follows and how the camera '
                         'lies; only where nothing else is wrong and nobody else commands it')
+    parser.add_argument('--home', action='store_true',
+                        help='MOVES the mount: call its service home first')
     options.add(parser, 'mount', default='altaz', help='altaz (default), equatorial, german, or '
                 'free:AZ,EL[,ROLL] (where the first axis points, degrees)')
     parser.add_argument('--namespace', default='/mount', help='of the graph (default: /mount)')
@@ -36,7 +38,8 @@ def run(args):
     options.check_target(args.json)
     mount = parse_mount(args.mount, 0.0)
     number = domain.join(args.domain).number
-    findings = check_drivers(mount, number, args.namespace, args.seconds, args.nudge * DEG)
+    findings = check_drivers(mount, number, args.namespace, args.seconds, args.nudge * DEG,
+                             args.home)
     console = new_console()
     for level, of, text in findings:
         console.print(f'{level:<6} {of}: {text}', markup=False)

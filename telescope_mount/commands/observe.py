@@ -25,6 +25,9 @@ def add(commands):
     options.add(parser, 'latitude', 'longitude', 'height')
     parser.add_argument('--absolute-encoder', action='store_true',
                         help='a driver publishes absolute/joint_states')
+    parser.add_argument('--exposure', type=options.real(0.0, 3600.0, 's'), default=0.0, metavar='S',
+                        help="length of the camera's exposures: the mount must rest on its track "
+                        'all that time (default 0: it is judged in their middle)')
     options.add(parser, 'reference', help='model.json to begin with')
     parser.add_argument('--params', type=Path, metavar='FILE',
                         help='ROS parameter file, read by every node and driver')
@@ -40,12 +43,13 @@ def run(args):
     console = new_console()
 
     def say(text):
-        console.print(f'waiting for {text}' if text else 'goes on')
+        console.print(f'held up: {text}' if text else 'goes on', markup=False)
 
     with Progress(console, every=30.0) as progress:
         report = run_real_night(
             args.out, plan=args.plan, stars=args.stars, drivers=args.driver, mount=args.mount,
             sky=options.sky_of(args), absolute_encoder=args.absolute_encoder,
+            exposure=args.exposure,
             reference=args.reference, domain_number=args.domain, params_file=args.params,
             progress=progress, say=say)
     print_calibration(console, report)

@@ -8,6 +8,7 @@ import rclpy
 from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
+from std_srvs.srv import Trigger
 
 from msg_tools import convert, topics
 from msg_tools.executor import NodeExecutor
@@ -15,12 +16,14 @@ from msg_tools.units import DEG
 
 from .judgement import judge
 from .nudge import judge_nudge
-from .samples import WRONG, Endpoint, Finding, Heard, Rest, Stream
+from .samples import OK, WRONG, Endpoint, Finding, Heard, Rest, Stream
 
 #: that subscribe to all, and drive nothing
 RECORDERS = ('mcap_logger', 'rosbag2_recorder')
 #: nudge: seconds of the move, to come to rest at most, and of the exposures then
 RAMP, SETTLE, LOOK = 3.0, 20.0, 6.0
+#: how long `home` may take, s
+HOMING = 300.0
 #: largest rest of a nudge's way that is waited for, rad
 NEAR = 10.0 / 3600.0 * DEG
 
@@ -122,6 +125,22 @@ class Listener:
         self.spin(seconds)
         return self.heard(seconds)
 
+    def home(self, timeout=HOMING):
+        """Call `home`.
+
+        Returns
+        -------
+        Finding
+        """
+        client = self._node.create_client(Trigger, 'home')
+        if not self.spin(5.0, client.service_is_ready):
+            return Finding(WRONG, 'home', 'no such service')
+        future = client.call_async(Trigger.Request())
+        if not self.spin(timeout, future.done):
+            return Finding(WRONG, 'home', f'has not answered for {timeout:g} s')
+        answer = future.result()
+        return Finding(OK if answer.success else WRONG, 'home', answer.message or 'no words')
+
     # --- nudging ------------------------------------------------------------------------------
 
     def nudge(self, step):
@@ -185,8 +204,8 @@ def _endpoint(info):
                     info.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL)
 
 
-def check_drivers(mount, domain, namespace, seconds, step=0.0):
-    """Listen, nudge if `step` (rad) is not 0, and judge.
+def check_drivers(mount, domain, namespace, seconds, step=0.0, home=False):
+    """Call `home` if it may, listen, nudge if `step` (rad) is not 0, and judge.
 
     Returns
     -------
@@ -194,7 +213,8 @@ def check_drivers(mount, domain, namespace, seconds, step=0.0):
     """
     listener = Listener(mount, domain, namespace)
     try:
-        findings = judge(listener.listen(seconds))
+        findings = [listener.home()] if home else []
+        findings += judge(listener.listen(seconds))
         if not step:
             return findings
         # who reads degrees is commanded in degrees: no move before the contract is kept

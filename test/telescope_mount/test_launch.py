@@ -103,8 +103,9 @@ def real(monkeypatch, **arguments):
 
 
 def test_a_real_mount_is_launched_with_sample_drivers_or_ones_own(monkeypatch):
-    made = real(monkeypatch, bag='b', mount='german', absolute_encoder='true')
-    wanted = real_graph(bag='b', plan=real_plan(30), mount='german', absolute_encoder=True)
+    made = real(monkeypatch, bag='b', mount='german', absolute_encoder='true', exposure='1')
+    wanted = real_graph(bag='b', plan=real_plan(30), mount='german', absolute_encoder=True,
+                        exposure=1.0)
     assert [(node.values['name'], node.values['parameters']) for node in made['Node']] == [
         (spec.name, [spec.parameters]) for spec in wanted]
     drivers = [process.values['cmd'] for process in made['ExecuteProcess']]
@@ -118,6 +119,7 @@ def test_a_real_mount_is_launched_with_sample_drivers_or_ones_own(monkeypatch):
 @pytest.mark.parametrize('arguments, words', [
     ({'drivers': 'absent.py'}, 'drivers:= names absent.py, which is no file'),
     ({'absolute_encoder': 'yes'}, 'absolute_encoder:=yes: write true or false'),
+    ({'exposure': 'long'}, 'exposure:=long is no number'),
     ({'plan': 'stars'}, 'write stars and a count'),
 ])
 def test_bad_arguments_of_a_real_mount_are_refused(monkeypatch, arguments, words):

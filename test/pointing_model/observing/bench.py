@@ -23,7 +23,8 @@ EXPOSURE = 20 * SECOND
 SETTINGS = {
     'magnitude_limit': 3.5, 'star_seed': 1, 'min_elevation_deg': 20.0, 'max_elevation_deg': 85.0,
     'recentre_arcsec': 60.0, 'on_target_arcsec': 30.0, 'slew_rate_deg_s': 4.0,
-    'answer_timeout_s': 5.0, 'satellite': '', 'satellite_interval_s': 90.0,
+    'answer_timeout_s': 5.0, 'give_up_s': 600.0,
+    'exposure_s': 0.0, 'smear_arcsec': 5.0, 'satellite': '', 'satellite_interval_s': 90.0,
     'meridian_limit_deg': 5.0, 'hour_angle_limit_deg': 165.0}
 
 
@@ -49,7 +50,8 @@ class Service:
 class Bench:
     """Mount, encoders, camera, clocks and the other side of every topic."""
 
-    def __init__(self, plan='', homed=True, kind=ALTAZ, absolute=True, **settings):
+    def __init__(self, plan='', homed=True, kind=ALTAZ, absolute=True, live=False,
+                 **settings):
         self.kind = kind
         self.settings = SETTINGS | settings
         self.stamp, self.wall = START, 1000.0
@@ -62,7 +64,8 @@ class Bench:
         self.services, self.calls = {}, []
         self.commands, self.rows, self.tables, self.checks = [], [], [], []
         self.statuses, self.refused, self.pending = [], [], None
-        self.instruments = Instruments(1, wall=lambda: self.wall, absolute=absolute)
+        self.instruments = Instruments(1, wall=lambda: self.wall, absolute=absolute,
+                                       live=live, now=lambda: self.stamp if live else 0)
         self.in_force, self.table = InForce(mount=kind), Table(kind)
         self.plan = Sequencer(self, self.instruments, self.in_force, self.table)
         if homed:

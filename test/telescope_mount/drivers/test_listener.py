@@ -12,7 +12,7 @@ from telescope_mount.graph import SIMULATED, night_graph
 def simulator(ros_domain, tmp_path):
     from telescope_mount.processes import Processes
     started = Processes(tmp_path / 'nodes', ros_domain)
-    for spec in night_graph(bag='', time_scale=1.0):
+    for spec in night_graph(bag='', time_scale=5.0):
         if spec.name in SIMULATED:
             started.start(spec)
     yield started
@@ -23,6 +23,8 @@ def test_the_simulators_nodes_keep_the_contract(simulator, ros_domain):
     from telescope_mount.drivers.listener import Listener
     listener = Listener(ALTAZ, ros_domain, '/mount')
     try:
+        assert listener.home(60.0).level == OK
+
         def there():
             simulator.check()
             heard = listener.heard(0.0)

@@ -1,0 +1,98 @@
+"""What is wrong while a plan is under way: named, logged once a change, and when to give up."""
+
+#: a wait of so long is told, wall s
+TOLD_AFTER = 1.5
+#: steps that wait for no instrument: how long they take nobody can say
+PATIENT = ('wait', 'calibrate_zero', 'fit', 'diagnose', 'judge')
+WAITING = 'plan', 'waiting'
+
+
+class FaultWatch:
+    """Looks at instruments and plan now and then.
+
+    Parameters
+    ----------
+    outbox
+        As of a `Sequencer`.
+    instruments : Instruments
+    exposer : Exposer
+
+    Attributes
+    ----------
+    faults : dict of tuple to str
+        What is wrong now and what to do, a sentence each, by (instrument, kind).
+    """
+
+    def __init__(self, outbox, instruments, exposer):
+        self._out, self._instruments, self._exposer = outbox, instruments, exposer
+        self.faults = {}
+        self._waits = '', 0.0  # for what, and since when, wall s
+        self._well = None  # when something went on last, wall s
+        self._rows = 0
+
+    @property
+    def sentences(self):
+        """Of the faults, but for what is waited for."""
+        return [text for key, text in self.faults.items() if key != WAITING]
+
+    def rest(self):
+        """Nothing is under way; returns whether something was wrong."""
+        self._well = None
+        return self._changed({})
+
+    def look(self, now, begun, waits, verb, rows):
+        """Name what is wrong.
+
+        Parameters
+        ----------
+        now : float
+            Wall time that goes on, s.
+        begun : bool
+            Whether the plan has got beyond waiting for the graph.
+        waits : str
+            What it waits for, '' for nothing.
+        verb : str
+            Of the step.
+        rows : int
+            Observations so far.
+
+        Returns
+        -------
+        changed : bool
+            Whether something else is wrong than before.
+        reason : str
+            Why the plan is to be given up, '' as long as it is not.
+        """
+        if begun:
+            self._instruments.watch(self._out.value('answer_timeout_s'))
+            self._exposer.watch()
+        found = dict(self._instruments.health.told)
+        if waits != self._waits[0]:
+            self._waits = waits, now
+        if waits and now - self._waits[1] > TOLD_AFTER:
+            found[WAITING] = f'waiting for {waits}'
+        changed = self._changed(found)
+        return changed, self._too_long(now, begun, verb, rows)
+
+    def _changed(self, found):
+        """One line for what is new and one for what is over."""
+        log, before = self._out.get_logger(), self.faults
+        self.faults = found
+        for key, text in found.items():
+            if key not in before or (key == WAITING and before[key] != text):
+                log.warning(text)
+        for key in before.keys() - found.keys():
+            log.info(f'over: {before[key]}')
+        return before.keys() != found.keys()
+
+    def _too_long(self, now, begun, verb, rows):
+        """Why to give up: nothing has gone on for long while something was wrong."""
+        if (self._well is None or not self.faults or not begun or rows != self._rows
+                or verb in PATIENT):
+            self._well, self._rows = now, rows
+            return ''
+        limit = self._out.value('give_up_s')
+        if not limit or now - self._well <= limit:
+            return ''
+        return (f'given up after {limit:g} s without an observation: '
+                + '; '.join(self.faults.values()))

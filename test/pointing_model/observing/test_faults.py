@@ -1,0 +1,321 @@
+"""Each fault of an instrument or a driver is named within two seconds, and ends a plan in the end.
+
+On instruments and a clock of the test: a mount that slews, an encoder at 20 Hz and a camera, on the
+time of the wall, each of which may fail.
+"""
+
+import functools
+import logging
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from msg_tools.units import ARCSEC, DEG, wrap
+from pointing_model.observing.instruments import ABSOLUTE, CAMERA, MOUNT
+from pointing_model.sky import observed_place
+from pointing_model.star_catalogue import load_catalogue
+
+sys.path.append(str(Path(__file__).parent))
+
+from bench import SECOND, Bench
+
+STEP = 0.05  # s
+SPEED = 4.0 * DEG  # rad/s
+
+
+@functools.cache
+def catalogue():
+    return load_catalogue(mag_limit=5.0)
+
+
+class Live(Bench):
+    """A bench on which time goes by in steps, and the mount slews.
+
+    Attributes
+    ----------
+    stamps : dict of str to callable
+        What an instrument makes of the time, ns.
+    every : float
+        Time between exposures, s.
+    """
+
+    def __init__(self, plan, **settings):
+        super().__init__(plan, homed=False, live=True, **{'magnitude_limit': 5.0, **settings})
+        self.stamps = {}
+        self.every = 0.6
+        self.drives = lambda way: way
+        self.frame = lambda miss: miss
+        self.reads = lambda angles: tuple(angles)
+        self.noise = np.random.default_rng(1)
+        self.count = 0
+        self.begin = self.stamp
+        self.offers('home', lambda: None)
+
+    def send_command(self, track):
+        super().send_command(track)
+        self.track = track
+        stars = catalogue()
+        az, el = observed_place(stars, track.start * 1e-9)
+        nearest = np.argmin(np.hypot(wrap(az - track.angles[0, 0]) * np.cos(el),
+                                     el - track.angles[0, 1]))
+        az, el = observed_place(stars.select(np.full(len(track.times), nearest)),
+                                track.start * 1e-9 + track.times)
+        az = track.angles[0, 0] + wrap(az - track.angles[0, 0])
+        self.star = track._replace(angles=np.column_stack([az, el]) + self.off)
+
+    track = star = None
+    off = np.zeros(2)  # of the star from its place
+
+    @staticmethod
+    def _at(track, stamp):
+        at = (stamp - track.start) * 1e-9
+        return np.array([np.interp(at, track.times, axis) for axis in track.angles.T])
+
+    def _slew(self):
+        if self.track is None:
+            return
+        way = np.clip(self._at(self.track, self.stamp) - self.position, -SPEED * STEP,
+                      SPEED * STEP)
+        self.position = self.position + self.drives(way)
+
+    def _try(self, take, *args):
+        try:
+            take(*args)
+        except ValueError as err:
+            self.refused.append(str(err))
+
+    def tick(self):
+        self.wall += STEP
+        self.stamp += round(STEP * SECOND)
+        self.count += 1
+        self._slew()
+        same = dict.fromkeys((MOUNT, ABSOLUTE, CAMERA), lambda stamp: stamp) | self.stamps
+        if MOUNT in self.answers:
+            self._try(self.instruments.take_incremental, same[MOUNT](self.stamp),
+                      self.reads(self.position + self.noise.normal(0, 0.2 * ARCSEC, 2)),
+                      (0.0, 0.0))
+        if ABSOLUTE in self.answers:
+            self._try(self.instruments.take_absolute, same[ABSOLUTE](self.stamp - 1),
+                      tuple(self.position + self.noise.normal(0, 0.2 * ARCSEC, 2)))
+        if CAMERA in self.answers and self.count % round(self.every / STEP) == 0:
+            self._try(self.instruments.take_frame, same[CAMERA](self.stamp - SECOND // 4),
+                      *self.frame(self._see()))
+        self.plan.advance()
+        if self.count % 10 == 0:
+            self.plan.look(self.wall)
+
+    def _see(self):
+        """The miss distance of the commanded star, NaN beyond the field."""
+        if self.track is None:
+            return np.full(2, np.nan)
+        star = self._at(self.star, self.stamp - SECOND // 4)
+        miss = np.array([wrap(star[0] - self.position[0]) * np.cos(star[1]),
+                         star[1] - self.position[1]])
+        seen = np.hypot(*miss) < 0.3 * DEG
+        return miss + self.noise.normal(0, ARCSEC, 2) if seen else np.full(2, np.nan)
+
+    def lasts(self, seconds):
+        for _ in range(round(seconds / STEP)):
+            self.tick()
+        return self
+
+    def names(self, words, within=2.0):
+        """Waits for a sentence in the status; how long that took, s."""
+        since = self.wall
+        while not any(words in text for _, text in self.statuses[-1:]):
+            assert self.wall - since <= within + 1e-9, (self.statuses[-1:], self.plan.faults)
+            self.tick()
+        return self
+
+
+def test_a_night_without_a_fault_says_nothing(caplog):
+    bench = Live('stars 8')
+    with caplog.at_level(logging.INFO):
+        bench.until(lambda: not bench.plan.busy, 20000)
+    assert len(bench.rows) == 8 and bench.plan.progress.state == 'done'
+    assert {text for _, text in bench.statuses} <= {'the graph', 'stars 8', 'plan finished'}
+    assert not [r for r in caplog.records if r.levelno >= logging.WARNING]
+
+
+def test_a_mount_that_takes_its_time_to_slew_is_no_fault():
+    bench = Live('stars 2')
+    bench.drives = lambda way: 0.02 * way  # softly, and 0.08 deg/s at most
+    bench.lasts(30.0)
+    assert bench.plan.faults == [] and len(bench.commands) == 1
+
+
+def dies(name):
+    def fault(bench):
+        bench.answers -= {name}
+    return fault
+
+
+def stamped(name, change):
+    def fault(bench):
+        bench.stamps[name] = change
+    return fault
+
+
+def set_to(**values):
+    def fault(bench):
+        for name, value in values.items():
+            setattr(bench, name, value)
+    return fault
+
+
+FAULTS = [
+    (dies(MOUNT), f'instrument {MOUNT}: silent; it sent something every 0.05 s; look at its '
+     'driver, power and cable'),
+    (dies(ABSOLUTE), f'instrument {ABSOLUTE}: silent; it sent something every 0.05 s'),
+    (stamped(MOUNT, lambda t: 0), f'instrument {MOUNT}: stamps are 0; stamp with the time of'),
+    (stamped(CAMERA, lambda t: 0), f'instrument {CAMERA}: stamps are 0'),
+    (stamped(MOUNT, lambda t: t + 60 * SECOND),
+     f"instrument {MOUNT}: stamps 60 s ahead of this machine's clock"),
+    (stamped(CAMERA, lambda t: t + 60 * SECOND),
+     f"instrument {CAMERA}: stamps 60 s ahead of this machine's clock"),
+    (stamped(MOUNT, lambda t: t - 60 * SECOND),
+     f"instrument {MOUNT}: stamps 60 s behind this machine's clock"),
+    (lambda bench: stamped(MOUNT, lambda _, at=bench.stamp: at)(bench),
+     f'instrument {MOUNT}: a stamp not after the one before'),
+    (set_to(frame=lambda miss: (40.0, 20.0)),
+     f'instrument {CAMERA}: a star 44.7 rad beside the boresight: arcsec or degrees for radians?'),
+    (set_to(reads=lambda angles: (np.nan, np.nan)), 'the encoder to be homed (call home)'),
+]
+
+
+@pytest.mark.parametrize('seed', range(1))
+@pytest.mark.parametrize('fault, words', FAULTS)
+def test_a_fault_is_named_within_two_seconds_and_ends_the_plan(fault, words, seed, caplog):
+    bench = Live('stars 40', star_seed=seed + 1, give_up_s=30.0)
+    bench.lasts(25.0 + 3.7 * seed)
+    assert bench.plan.faults == [] and bench.rows
+    fault(bench)
+    with caplog.at_level(logging.INFO):
+        bench.names(words)
+        # said once, and again only when something changes
+        bench.lasts(10.0)
+    assert len([r for r in caplog.records if words in r.message]) == 1
+    bench.until(lambda: not bench.plan.busy, 3000)
+    state, text = bench.plan.progress.state, bench.plan.text
+    assert state == 'failed' and text.startswith('given up after 30 s without an observation')
+    assert words in text
+    sent = len(bench.commands)
+    assert sent == len(bench.commands)
+    bench.lasts(20.0)
+    assert len(bench.commands) == sent
+
+
+@pytest.mark.parametrize('drives, words', [
+    (lambda way: 0 * way, 'no axis has moved since the command'),
+    (lambda way: way * (1, 0), 'elevation stays'),
+    (lambda way: way * (0, 1), 'azimuth stays'),
+])
+def test_a_deaf_mount_is_named_two_seconds_after_the_command(drives, words):
+    bench = Live('stars 40', give_up_s=30.0)
+    bench.until(lambda: len(bench.rows) == 2)
+    bench.drives = drives
+    bench.until(lambda: len(bench.rows) == 2 and len(bench.commands) == 3)
+    bench.names(f'instrument {MOUNT}: {words}', within=12.0 if 'stays' in words else 2.0)
+    bench.until(lambda: not bench.plan.busy, 3000)
+    assert bench.plan.progress.state == 'failed' and words in bench.plan.text
+
+
+@pytest.mark.parametrize('drives', [lambda way: -way, lambda way: way[::-1] * (1, -1)])
+def test_a_mount_that_goes_the_wrong_way_is_named(drives):
+    bench = Live('stars 40', give_up_s=30.0)
+    bench.drives = drives
+    bench.until(lambda: bench.commands)
+    bench.names('moves away from its demand: reversed, or the axes are exchanged')
+
+
+@pytest.mark.parametrize('flip', [lambda m: -m, lambda m: m * (-1, 1), lambda m: m[::-1]])
+def test_a_camera_with_a_wrong_sign_is_named_and_ends_the_plan(flip):
+    bench = Live('stars 40', give_up_s=60.0)
+    bench.off = np.array([150.0, -90.0]) * ARCSEC
+    bench.frame = flip
+    bench.until(lambda: not bench.plan.busy, 20000)
+    assert bench.plan.progress.state == 'failed' and not bench.rows
+    assert 'instrument camera: contradicts the commanded motion' in bench.plan.text
+    assert 'check-drivers --nudge' in bench.plan.text
+
+
+def test_a_slow_camera_is_waited_for_and_named():
+    bench = Live('stars 3')
+    bench.every = 12.0
+    bench.until(lambda: not bench.plan.busy, 20000)
+    assert len(bench.rows) == 3
+    assert bench.statuses[-1][1] == 'plan finished'
+    assert any('instrument camera: a message every 12 s, slower than answer_timeout_s' in text
+               for _, text in bench.statuses)
+    # commanded again while that was not known yet
+    assert len(bench.commands) <= 3 + 5
+
+
+def test_a_home_that_never_answers_is_named_and_ends_the_plan(caplog):
+    bench = Live('home, stars 3', give_up_s=20.0)
+    bench.services.clear()
+    with caplog.at_level(logging.INFO):
+        bench.names('a server of /mount/home', within=0.1)
+        bench.lasts(2.5)
+        assert 'waiting for a server of /mount/home' in caplog.text
+        bench.until(lambda: not bench.plan.busy, 3000)
+    assert bench.plan.text == ('given up after 20 s without an observation: waiting for a server '
+                               'of /mount/home')
+
+
+def test_what_the_graph_lacks_is_logged_and_never_given_up(caplog):
+    bench = Live('stars 3', give_up_s=5.0)
+    bench.lacks = ['a publisher of /mount/absolute/joint_states']
+    with caplog.at_level(logging.INFO):
+        bench.lasts(20.0)
+        assert caplog.text.count('waiting for the graph: a publisher of /mount/absolute') == 1
+    bench.lacks = []
+    bench.lasts(3.0)
+    assert bench.plan.begun and bench.plan.busy
+
+
+def test_an_instrument_that_never_spoke_is_named():
+    bench = Live('stars 3')
+    bench.answers -= {CAMERA}
+    bench.lasts(0.5)
+    bench.names('instrument camera: has sent nothing yet')
+
+
+def test_names_that_are_wrong_are_told_until_five_good_messages_have_come():
+    bench = Live('stars 3')
+    bench.lasts(1.0)
+    bench.instruments.health.unreadable(MOUNT, 'joints az and alt')
+    bench.lasts(0.5)
+    assert bench.plan.faults == []
+    bench.answers -= {MOUNT}
+    bench.instruments.health.unreadable(MOUNT, 'joints az and alt')
+    bench.names('joints az and alt; mend its driver')
+
+
+def test_a_fault_that_is_over_is_said_and_the_plan_goes_on(caplog):
+    bench = Live('stars 6')
+    bench.until(lambda: len(bench.rows) == 2)
+    bench.answers -= {MOUNT}
+    bench.names('silent')
+    with caplog.at_level(logging.INFO):
+        bench.answers |= {MOUNT}
+        bench.until(lambda: not bench.plan.busy, 20000)
+    assert 'over: instrument mount and incremental encoder: silent' in caplog.text
+    assert bench.plan.progress.state == 'done' and len(bench.rows) == 6
+
+
+def test_without_a_limit_nothing_is_given_up():
+    bench = Live('stars 3', give_up_s=0.0)
+    bench.answers -= {CAMERA}
+    bench.lasts(700.0)
+    assert bench.plan.busy
+
+
+def test_a_covered_telescope_is_named():
+    bench = Live('stars 5')
+    bench.frame = lambda miss: (np.nan, np.nan)
+    bench.until(lambda: not bench.plan.busy, 20000)
+    assert any('no star in the field of 3 targets in a row; look at clouds, cover' in text
+               for _, text in bench.statuses)
