@@ -50,6 +50,14 @@ def test_a_camera_that_does_not_see_the_mount_move_gives_no_row():
         'and is 162 arcsec off']
 
 
+def test_a_mount_without_an_absolute_encoder_is_observed_without_its_columns():
+    bench = Bench('stars 2', absolute=False)
+    bench.run()
+    assert len(bench.rows) == 2 and not bench.refused
+    assert not {'az_abs', 'el_abs', 'absolute_start'} & set(bench.rows[0].columns)
+    assert ABSOLUTE not in bench.instruments.unanswered(0.0)
+
+
 def test_nothing_is_observed_while_two_publish_one_instrument():
     bench = Bench('stars 2')
     health = bench.instruments.health
