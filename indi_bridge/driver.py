@@ -193,7 +193,21 @@ class MountDriver:
         return np.array([[np.interp(now, times, axis) for axis in angles.T]])
 
     def step(self):
-        """Send the mount on where its axes are not on the track; IndiError as of the driver."""
+        """Send the mount on where its axes are not on the track.
+
+        Raises
+        ------
+        IndiError
+            The driver does not take it: it is made ready again.
+        """
+        try:
+            self._step()
+        except IndiError as err:
+            self.ready, self.why, self._sent = False, str(err), 0.0
+            self._wake.set()
+            raise
+
+    def _step(self):
         telescope, track = self.telescope, self._track
         if not self.ready or telescope is None or track is None or self._parking:
             return

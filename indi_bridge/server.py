@@ -70,7 +70,11 @@ class SimulatorServer:
         """End the server, and with it the driver; the settings stay for the next start."""
         if self._process is not None:
             self._process.terminate()
-            self._process.wait(5.0)
+            try:
+                self._process.wait(5.0)
+            except subprocess.TimeoutExpired:
+                self._process.kill()
+                self._process.wait()
             self._process = None
 
     def __exit__(self, *_):

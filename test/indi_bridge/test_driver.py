@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from indi_bridge.client import IndiError
 from indi_bridge.driver import MountDriver
 from indi_bridge.telescope import NO_AXES
 from msg_tools.units import DEG
@@ -148,6 +149,19 @@ def test_a_mount_of_another_kind_and_one_without_axes_are_said():
         assert angles[1] / DEG == pytest.approx(30.0)
         lst = sidereal_time(stamp * 1e-9, DEFAULT_SITE)
         assert np.cos(angles[0]) == pytest.approx(np.cos(lst - 90.0 * DEG), abs=1e-6)
+
+
+def test_a_driver_that_another_client_has_set_otherwise_is_made_ready_again():
+    with Bench() as bench:
+        bench.until(lambda: bench.driver.ready)
+        other = {'TRACK': 'Off', 'SLEW': 'Off', 'SYNC': 'On'}
+        bench.server.say(switch('ON_COORD_SET', other))
+        bench.until(lambda: bench.driver.telescope.get('ON_COORD_SET').on == 'SYNC')
+        bench.driver.command(*track((50.0, 20.0)))
+        with pytest.raises(IndiError, match='is set to SYNC and not to TRACK: no slew'):
+            bench.driver.step()
+        bench.until(bench.gotos)
+        assert bench.driver.telescope.get('ON_COORD_SET').on == 'TRACK'
 
 
 def test_a_server_that_is_gone_is_said_and_found_again():
