@@ -12,7 +12,7 @@ PARTS = ('encoder_sim', 'encoder_reading', 'pointing_model', 'calibration', 'msg
 
 
 def nodes():
-    """Executables and modules from the one description of the graph, without importing it."""
+    """Executables from the one description of the graph, without importing it."""
     tree = ast.parse(Path('telescope_mount/graph.py').read_text(encoding='utf-8'))
     for item in tree.body:
         if isinstance(item, ast.Assign) and item.targets[0].id == 'NODES':
@@ -44,6 +44,7 @@ setup(
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),
         (f'share/{NAME}/launch', glob('launch/*.launch.py')),
+        (f'share/{NAME}/examples', glob('examples/*.py')),
         (f'share/{NAME}/config', glob('config/*.yaml')),
     ],
     python_requires='>=3.10',
@@ -77,7 +78,7 @@ setup(
         'console_scripts': [
             'telescope-mount = telescope_mount.cli:main',
             'diagnose = telescope_mount.cli:diagnose',
-            *(f'{name} = {module}:main' for name, module in nodes().items()),
+            *(f'{name} = telescope_mount.start:{name}' for name in nodes()),
         ],
     },
 )

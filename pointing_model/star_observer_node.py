@@ -48,12 +48,12 @@ PARAMS = SKY_PARAMS + (
           '[deg/s]', 0.01, 90.0),
     Param('answer_timeout_s', 5.0, 'wall time after which a pointing without an answer is '
           'commanded again [s]', 0.5, 3600.0),
+    Param('absolute_encoder', True, 'whether the mount has an absolute encoder beside the one that '
+          'it is pointed with', fixed=True),
     Param('first_run', 1, 'run number of the first power-on, where the calibration has no rows of '
           'the night yet', -1000000, 1000000),
     Param('polaris_exposures', 16, 'exposures that the services zero, zero_on_polaris and '
           'zero_on_stars make', 1, 10000),
-    Param('absolute', 'readings', 'whether there is an absolute encoder: its readings, or none',
-          choices=('readings', 'none'), fixed=True),
     Param('satellite', '', 'what the step satellite tracks: a file of two-line elements, or '
           'gps-26690', check=satellite_target),
     Param('satellite_interval_s', 20.0, 'least time between two exposures of it [s]', 0.0, 3600.0),
@@ -88,9 +88,8 @@ class StarObserver(MountNode):
         self._offset_pub = self.publisher(topics.OFFSET)
         self._status_pub = self.publisher(topics.OBSERVER_STATUS)
         self._checks_pub = self.publisher(topics.CHECKS)
-        self._absolute = self.value('absolute') != 'none'
         self._instruments = Instruments(self.value('first_run'), now=self.now,
-                                        absolute=self._absolute)
+                                        absolute=self.value('absolute_encoder'))
         self._instruments.look = self._look_at_publishers
         self._mount = mount_of(self)
         self._table = Table(self._mount)
@@ -99,7 +98,7 @@ class StarObserver(MountNode):
         self._in_force = in_force_of(self, self._in_force_changed, self._mount)
         self._sequencer = Sequencer(self, self._instruments, self._in_force, self._table)
         self.subscribe(topics.INCREMENTAL, self._on_incremental)
-        if self._absolute:
+        if ABSOLUTE in self._instruments.names:
             self.subscribe(topics.ABSOLUTE, self._on_absolute)
         self.subscribe(topics.MISS_DISTANCE, self._on_miss)
         self._crowded = {}  # instrument with several publishers -> since when, wall s
@@ -272,8 +271,7 @@ class StarObserver(MountNode):
     def required(self):
         """The plan needs a mount and the instruments."""
         return {self.resolve_topic_name(topic.name) for topic in (
-            topics.COMMAND, topics.INCREMENTAL, topics.MISS_DISTANCE,
-            *([topics.ABSOLUTE] if self._absolute else []))}
+            topics.COMMAND, *map(INSTRUMENT_TOPICS.get, self._instruments.names))}
 
     def waiting_for(self):
         """Instruments that are not there yet, and nodes that are not fully connected."""

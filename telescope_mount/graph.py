@@ -154,7 +154,7 @@ def indi_graph(*, bag, server, mount, sky, seed=1, plan='', model_file='', first
         'star_observer': {
             'star_seed': seed, 'model_file': model_file, 'first_run': first_run, 'mount': mount,
             # the driver chooses its side at the meridian by itself
-            'absolute': 'none', 'meridian_limit_deg': 0.0,
+            'absolute_encoder': False, 'meridian_limit_deg': 0.0,
             'wait_for_nodes': [f'{NAMESPACE}/{name}' for name in INDI],
         } | ({'plan': plan} if plan else {}) | sky,
         'pointing_corrector': {'model_file': model_file},
@@ -162,6 +162,37 @@ def indi_graph(*, bag, server, mount, sky, seed=1, plan='', model_file='', first
         'mcap_logger': {'folder': bag},
     }
     return [NodeSpec(name, NODES[name], parameters[name]) for name in INDI]
+
+
+#: all but the hardware, whose drivers take the place of the simulator's nodes
+REAL = tuple(name for name in NIGHT if name not in SIMULATED)
+
+
+def real_graph(*, bag, plan='', mount='altaz', sky=None, model_file='', absolute_encoder=False,
+               calibration=None):
+    """The nodes beside the drivers of a real mount, on the time of the wall.
+
+    Parameters
+    ----------
+    bag, plan, model_file, sky, mount, calibration
+        As of `night_graph`.
+    absolute_encoder : bool
+        Whether a driver publishes `absolute/joint_states`.
+
+    Returns
+    -------
+    list of NodeSpec
+    """
+    parameters = {
+        'star_observer': {
+            'model_file': model_file, 'mount': mount, 'absolute_encoder': absolute_encoder,
+            'wait_for_nodes': [f'{NAMESPACE}/{name}' for name in REAL],
+        } | ({'plan': plan} if plan else {}) | dict(sky or {}),
+        'pointing_corrector': {'model_file': model_file},
+        'calibration': {'model_file': model_file} | (calibration or {}),
+        'mcap_logger': {'folder': bag},
+    }
+    return [NodeSpec(name, NODES[name], parameters[name]) for name in REAL]
 
 
 #: with which a measured run is judged as a night is

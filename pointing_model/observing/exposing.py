@@ -149,8 +149,8 @@ class Exposer:
             'temperature': air.temperature_c, 'pressure': air.pressure_hpa,
             'magnitude': target.magnitude,
         }
-        if not self._instruments.absolute:
-            for name in ('az_abs', 'el_abs', 'absolute_start'):
+        if ABSOLUTE not in self._instruments.names:  # no column: not one that gave no angle
+            for name in ('absolute_start', 'az_abs', 'el_abs'):
                 del row[name]
         return row
 

@@ -44,7 +44,8 @@ class Instruments:
         none, each time that it has been homed.
     power_on, absolute_power_on : PowerOn or None
         What the incremental and the absolute encoder tell of it.
-    absolute : bool
+    names : tuple of str
+        Of the instruments that there are.
     health : InstrumentHealth
         What the instruments say that cannot be.
     look : callable
@@ -53,8 +54,7 @@ class Instruments:
 
     def __init__(self, first_run=1, wall=time.monotonic, now=lambda: 0, absolute=True):
         self.health, self.look, self._now = InstrumentHealth(), lambda: None, now
-        self.absolute = absolute
-        self._there = (MOUNT, ABSOLUTE, CAMERA) if absolute else (MOUNT, CAMERA)
+        self.names = (MOUNT, ABSOLUTE, CAMERA) if absolute else (MOUNT, CAMERA)
         self.exposures = Exposures(ENCODERS if absolute else ENCODERS[:1])
         self.stamp, self.here, self.rate = 0, None, None
         self.homed = False
@@ -163,7 +163,7 @@ class Instruments:
 
     def ask(self):
         """All of them are to answer from now on."""
-        self._asked = dict.fromkeys(self._there, self._wall())
+        self._asked = dict.fromkeys(self.names, self._wall())
         self._heard = dict(self._asked)
 
     def silent(self, seconds):

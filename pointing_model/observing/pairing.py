@@ -122,7 +122,7 @@ class Exposures:
     Parameters
     ----------
     encoders : sequence of str
-        Those of `ENCODERS` that are there.
+        Of `ENCODERS`: those that an exposure must have readings of around it.
     """
 
     def __init__(self, encoders=ENCODERS):
@@ -180,9 +180,11 @@ class Exposures:
         """Angles and rates of an encoder at `stamp`; see `interpolate`.
 
         The absolute encoder may give one axis alone; without both of the incremental one no star
-        can be pointed at: ValueError.
+        can be pointed at: ValueError, as where there is no such encoder.
         """
-        stamps, read = _since(self._readings.get(encoder, ()), stamp - RATE_OVER)
+        if encoder not in self._readings:
+            raise ValueError('the mount has no such encoder')
+        stamps, read = _since(self._readings[encoder], stamp - RATE_OVER)
         angles, rates = interpolate(stamps, read, stamp, RATE_OVER)
         if encoder == 'enc' and not np.isfinite(angles).all():
             raise ValueError('encoder reading is not a number: home the encoder')
