@@ -51,8 +51,10 @@ class SimulatorServer:
         home = Path(self._home.name)
         with open(home / 'server.log', 'ab') as log:
             self._process = subprocess.Popen(
-                [SERVER, '-p', str(self.port), SIMULATOR], stdin=subprocess.DEVNULL, stdout=log,
-                stderr=log, env={'HOME': str(home), 'PATH': '/usr/local/bin:/usr/bin:/bin'})
+                # a second server on a machine needs a local socket of its own, too
+                [SERVER, '-p', str(self.port), '-u', str(home / 'socket'), SIMULATOR],
+                stdin=subprocess.DEVNULL, stdout=log, stderr=log,
+                env={'HOME': str(home), 'PATH': '/usr/local/bin:/usr/bin:/bin'})
         end = time.monotonic() + 10.0
         while True:
             try:
@@ -68,7 +70,11 @@ class SimulatorServer:
         """End the server, and with it the driver; the settings stay for the next start."""
         if self._process is not None:
             self._process.terminate()
-            self._process.wait(5.0)
+            try:
+                self._process.wait(5.0)
+            except subprocess.TimeoutExpired:
+                self._process.kill()
+                self._process.wait()
             self._process = None
 
     def __exit__(self, *_):

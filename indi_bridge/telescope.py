@@ -14,6 +14,7 @@ from msg_tools.units import DEG, wrap
 
 from .client import PATIENCE, IndiError
 from .pointing import HOUR
+from .server import SIMULATOR
 
 PLACE, TRUE_PLACE, AXES = 'EQUATORIAL_EOD_COORD', 'EQUATORIAL_PE', 'MOUNT_AXES'
 PARK, ABORT, TRACK = 'TELESCOPE_PARK', 'TELESCOPE_ABORT_MOTION', 'TELESCOPE_TRACK_STATE'
@@ -76,6 +77,16 @@ def find_device(client, wanted='', timeout=PATIENCE):
         raise IndiError(f'several telescopes on the server: {", ".join(found)}; choose one by its '
                         'name')
     return found[0]
+
+
+def knows_where_it_looks(telescope):
+    """Raise IndiError where the position that a driver reports is what it believes."""
+    driver = telescope.get('DRIVER_INFO')
+    simulated = driver is not None and driver.values.get('DRIVER_EXEC') == SIMULATOR
+    if telescope.get(TRUE_PLACE) is None and not simulated:
+        raise IndiError(f'{telescope.device} reports what it believes, not what is seen: start a '
+                        'camera of your own that publishes camera/miss_distance, and leave '
+                        'indi_sky out')
 
 
 class IndiTelescope:

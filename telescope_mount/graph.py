@@ -21,6 +21,8 @@ NODES = {
     'mcap_logger': 'msg_tools.mcap_logger_node',
     'mcap_replay': 'msg_tools.mcap_replay_node',
     'run_player': 'pointing_model.run_player_node',
+    'indi_mount': 'indi_bridge.indi_mount_node',
+    'indi_sky': 'indi_bridge.indi_sky_node',
 }
 
 #: of the simulated incremental encoder (paper 000): lines in a turn
@@ -115,6 +117,51 @@ def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time
         'mcap_logger': {'use_sim_time': True, 'folder': bag},
     }
     return [NodeSpec(name, NODES[name], parameters[name]) for name in names]
+
+
+#: of a night on a mount that INDI simulates; with a real one a camera takes the place of indi_sky
+INDI = ('indi_mount', 'indi_sky', 'star_observer', 'pointing_corrector', 'calibration',
+        'mcap_logger')
+
+
+def indi_graph(*, bag, server, mount, sky, seed=1, plan='', model_file='', first_run=1,
+               calibration=None):
+    """The nodes of a night on a mount of an INDI server, on the clock of this machine.
+
+    Parameters
+    ----------
+    bag : str
+        Folder of the log, which must not exist.
+    server : dict
+        Parameters of both nodes of the bridge: `host`, `port`, `device`.
+    mount : str
+        Its kind, see `pointing_model.mounts.parse_mount`.
+    sky : dict
+        Parameters of site and weather (`latitude_deg`, ...), for all.
+    seed : int
+        Of the choice of stars, and the noise of what is seen.
+    plan, model_file, first_run, calibration
+        As of `night_graph`.
+
+    Returns
+    -------
+    list of NodeSpec
+    """
+    bridge = dict(server) | dict(sky) | {'mount': mount}
+    parameters = {
+        'indi_mount': bridge,
+        'indi_sky': bridge | {'seed': seed},
+        'star_observer': {
+            'star_seed': seed, 'model_file': model_file, 'first_run': first_run, 'mount': mount,
+            # the driver chooses its side at the meridian by itself
+            'absolute_encoder': False, 'meridian_limit_deg': 0.0,
+            'wait_for_nodes': [f'{NAMESPACE}/{name}' for name in INDI],
+        } | ({'plan': plan} if plan else {}) | sky,
+        'pointing_corrector': {'model_file': model_file},
+        'calibration': {'model_file': model_file, 'split_seed': seed} | (calibration or {}),
+        'mcap_logger': {'folder': bag},
+    }
+    return [NodeSpec(name, NODES[name], parameters[name]) for name in INDI]
 
 
 #: all but the hardware, whose drivers take the place of the simulator's nodes

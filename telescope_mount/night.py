@@ -67,7 +67,8 @@ def run_night(out, *, stars=30, polaris=16, reference=None, cycle='incremental',
     scenario : str
         What is wrong with the simulated mount.
     mount : str
-        As of `graph.night_graph`; empty: the kind that the scenario is.
+        As of `graph.night_graph`; empty: the kind that the scenario is. ``indi:HOST:PORT``: a
+        mount of an INDI server takes the place of the simulated one.
     **graph
         As of `graph.night_graph`: ``seed``, ``time_scale``, ...
 
@@ -83,6 +84,10 @@ def run_night(out, *, stars=30, polaris=16, reference=None, cycle='incremental',
     NightFailed
         A node ended, or the plan could not be carried out.
     """
+    if is_indi(mount):
+        return _run_on_indi(out, mount, stars, reference, domain_number, params_file, progress,
+                            **{name: graph[name] for name in ('seed', 'sky', 'calibration')
+                               if name in graph})
     plan = night_plan(stars, polaris, reference is not None, cycle)
     parse_plan(plan)
     if reference is not None:
@@ -97,6 +102,24 @@ def run_night(out, *, stars=30, polaris=16, reference=None, cycle='incremental',
                      params_file)
     _add_truth(folder / 'bag_truth', report)
     return report
+
+
+def _run_on_indi(out, mount, stars, reference, domain_number, params_file, progress, **graph):
+    """As `run_night`, of a mount of an INDI server, on the clock of this machine."""
+    from .indi_night import specs
+    if reference is not None:
+        from pointing_model.model import PointingModel
+        PointingModel.load(reference)
+    plan, nodes = specs(mount, stars=stars, bag=str(Path(out) / 'bag'),
+                        model_file=str(reference.resolve()) if reference else '', **graph)
+    folder = prepare_folder(out)
+    return observe(folder, nodes, plan, partial(write_results, folder), progress, domain_number,
+                   params_file)
+
+
+def is_indi(mount):
+    """Whether a text for the mount means an INDI server."""
+    return mount.partition(':')[0] == 'indi'
 
 
 def observe(folder, specs, plan, write, progress=None, domain_number=None, params_file=None, *,

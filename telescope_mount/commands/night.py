@@ -26,7 +26,7 @@ def add(commands):
                         'middle of a night without --reference (default: incremental)')
     options.add(parser, 'harmonics', 'harmonics-alone', 'harmonics-degree')
     options.add(parser, 'date', 'latitude', 'longitude', 'height')
-    options.add(parser, 'mount', help=options.MOUNT_OF_NIGHT)
+    options.add(parser, 'mount', help=options.MOUNT_OF_NIGHT + options.INDI_OF_NIGHT)
     parser.add_argument('--params', type=Path, metavar='FILE',
                         help='ROS parameter file, read by every node after the values above')
     parser.add_argument('--absolute', choices=('angles', 'frames'), default='angles',
@@ -40,13 +40,21 @@ def add(commands):
 
 def run(args):
     """Observe, print, write."""
-    from ..night import run_night
+    from ..night import is_indi, run_night
     from .console import Progress, new_console, print_calibration, print_files
     if args.params is not None and not args.params.is_file():
         raise ValueError(f'{args.params} is no file; give a ROS parameter file with --params')
     if args.reference is not None and args.power_cycle != 'incremental':
         raise ValueError(f'--power-cycle {args.power_cycle}: with --reference a night is one '
                          'power-on; leave one of them out')
+    if is_indi(args.mount or ''):
+        for name, value, usual in (
+                ('scenario', args.scenario, 'default'), ('absolute', args.absolute, 'angles'),
+                ('time-scale', args.time_scale, 0.0), ('power-cycle', args.power_cycle,
+                                                       'incremental'), ('date', args.date, '')):
+            if value != usual:
+                raise ValueError(f'--{name} is for the simulated mount; leave it out with '
+                                 '--mount indi:...')
     calibration = options.harmonics_of(args)
     console = new_console()
     with Progress(console) as progress:

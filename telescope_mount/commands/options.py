@@ -69,6 +69,8 @@ SHARED = {
 MOUNT_OF_NIGHT = ('what the observer is told of the mount: altaz, equatorial, german, or '
                   'free:AZ,EL[,ROLL] (where the first axis points, degrees); default: the kind '
                   'that the scenario has')
+INDI_OF_NIGHT = ('; or indi:HOST[:PORT[:KIND]]: a mount of an INDI server in place of the '
+                 'simulated one, on the clock of this machine')
 
 
 def add(parser, *names, **changes):

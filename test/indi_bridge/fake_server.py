@@ -116,10 +116,14 @@ class FakeServer:
         elif self.obeys and tag.startswith('new'):
             name = re.search(r'name="([^"]*)"', head)[1]
             values = dict(re.findall(r'name="([^"]*)"[^>]*>\s*([^<]*?)\s*<', body))
-            if tag == 'newSwitchVector':
-                every = re.search(rf'<defSwitchVector[^>]*name="{name}".*?</defSwitchVector>',
-                                  self.properties)[0]
-                rest = re.findall(r'<defSwitch name="([^"]*)"', every)
-                self.say(switch(name, {key: values.get(key, 'Off') for key in rest}))
+            kind = tag.removeprefix('new')
+            known = re.search(rf'<def{kind} [^>]*name="{name}".*?</def{kind}>', self.properties)[0]
+            if kind == 'SwitchVector':
+                rest = re.findall(r'<defSwitch name="([^"]*)"', known)
+                values = {key: values.get(key, 'Off') for key in rest}
+                self.say(switch(name, values))
             else:
                 self.say(number(name, values, state='Busy' if 'EOD' in name else 'Ok'))
+            # whoever asks again is told what holds now
+            define = switch if kind == 'SwitchVector' else number
+            self.properties = self.properties.replace(known, define(name, values, 'def'))

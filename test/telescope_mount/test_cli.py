@@ -62,6 +62,8 @@ def test_help_imports_nothing_that_takes_time():
     (('night', '--seed', '-1'), 'whole number'),
     (('night', '--domain', '102'), 'whole number, 0 to 101'),
     (('night', '--time-scale', '-1'), 'must be 0 to 1000'),
+    (('night', '--mount', 'indi:'), 'is no INDI server; write indi:HOST or indi:HOST:PORT'),
+    (('night', '--mount', 'indi:dome', '--scenario', 'german'), '--scenario is for the simulated'),
     (('fit',), 'RUN'),
     (('fit', 'x.csv', '--encoder', 'both'), 'both'),
     (('fit', 'x.csv', '--azimuth-origin', 'E'), "'E'"),

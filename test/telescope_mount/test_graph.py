@@ -12,10 +12,12 @@ from subprocess import run
 import pytest
 
 from telescope_mount.graph import (
+    INDI,
     MEASURED,
     NIGHT,
     NODES,
     SIMULATED,
+    indi_graph,
     measured_graph,
     night_graph,
     real_graph,
@@ -192,10 +194,24 @@ def test_a_node_has_one_thread_however_it_is_started():
     assert told.stdout.split() == ['1', 'encoder_sim.camera_node']
 
 
+def test_a_night_on_indi_is_on_the_clock_of_the_machine_and_without_a_simulator():
+    sky = {'latitude_deg': 10.0}
+    specs = indi_graph(bag='bag', server={'host': 'dome', 'port': 1, 'device': 'Mount'},
+                       mount='german', sky=sky, seed=3, plan='home')
+    assert [spec.name for spec in specs] == list(INDI) and not set(SIMULATED) & set(INDI)
+    values = {spec.name: spec.parameters for spec in specs}
+    assert not any('use_sim_time' in given for given in values.values())
+    for name in ('indi_mount', 'indi_sky', 'star_observer'):
+        assert values[name]['mount'] == 'german' and values[name]['latitude_deg'] == 10.0
+    assert values['star_observer']['absolute_encoder'] is False
+    assert values['indi_sky']['host'] == 'dome' and values['indi_sky']['seed'] == 3
+
+
 def test_the_night_has_every_node_but_the_players():
     specs = night_graph(bag='bag')
     assert [spec.name for spec in specs] == list(NIGHT)
-    assert set(NIGHT) == set(NODES) - {'mcap_replay', 'run_player', 'frame_reader'}
+    assert set(NIGHT) == set(NODES) - {'mcap_replay', 'run_player', 'frame_reader', 'indi_mount',
+                                       'indi_sky'}
     assert [spec.full_name for spec in specs] == [f'/mount/{name}' for name in NIGHT]
     for spec in replay_graph('bag', '/mount/observation'):
         assert NODES[spec.name] == spec.module

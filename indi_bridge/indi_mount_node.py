@@ -1,0 +1,110 @@
+"""A mount of an INDI server in the graph: its axes as joint states, `command` as goto and track."""
+
+import sys
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
+
+from msg_tools import convert, topics
+from msg_tools.node import MountNode, Param, run_node
+from msg_tools.units import ARCSEC
+from pointing_model.sky_params import KIND_OF_MOUNT, SKY_PARAMS, mount_of, sky_of
+
+from .client import IndiError
+from .driver import MountDriver
+from .params import SERVER_PARAMS
+from .pointing import hour_angle_of
+
+PARAMS = (
+    *SERVER_PARAMS, *SKY_PARAMS, KIND_OF_MOUNT,
+    Param('tolerance_arcsec', 3.0, 'axes that are farther from their demand are sent again '
+          '[arcsec]', 0.1, 3600.0, fixed=True),
+    Param('set_site', True, 'tell the driver the site, and the time with it, where it has another',
+          fixed=True),
+    Param('period_ms', 100, 'time between two readings, where the driver can be told; 0: its own '
+          '[ms]', 0, 10000, fixed=True),
+)
+
+
+class IndiMount(MountNode):
+    """Owns the connection; what is computed stands in `driver`."""
+
+    def __init__(self, **kwargs):
+        super().__init__('indi_mount', PARAMS, hardware_id='mount of an INDI server', **kwargs)
+        value, mount = self.value, mount_of(self)
+        hour_angle_of(mount, 0.0, 0.0)  # a kind that cannot be driven is refused at once
+        self._names = mount.names.keys
+        self._driver = MountDriver(
+            value('host'), value('port'), mount, sky_of(self)[0], value('device'), value('axes'),
+            value('tolerance_arcsec') * ARCSEC, value('set_site'), value('period_ms'))
+        self._said = ''
+        self._before = None
+        self._pub = self.publisher(topics.INCREMENTAL)
+        self.subscribe(topics.COMMAND, self._on_command)
+        for name, order, done in (
+                ('home', self._driver.unpark, 'the zero is that of the driver, which is left as it '
+                 'is; the mount is ready'),
+                ('abort', self._driver.abort, 'the mount stands'),
+                ('park', self._driver.park, 'the mount goes to its park position')):
+            self.serve(name, lambda order=order, done=done: self._ordered(order, done))
+        self._driver.start()
+        self.every(0.02, self._tick)
+
+    def _on_command(self, message):
+        stamp, times, positions, _ = convert.read_trajectory(message)
+        asked = convert.joints_of(message.joint_names)
+        if asked != self._names:
+            raise ValueError(f'command for {" and ".join(asked)}: this mount has '
+                             f'{" and ".join(self._names)}')
+        self._driver.command(stamp, times, positions)
+
+    def _ordered(self, order, done):
+        try:
+            order()
+        except IndiError as err:
+            return False, str(err)
+        return True, done
+
+    def _tick(self):
+        for stamp, angles in self._driver.readings():
+            self._pub.publish(convert.joint_state(
+                stamp, angles, self._rate(stamp, angles), names=self._names))
+        try:
+            self._driver.step()
+        except IndiError as err:
+            self.reject(topics.COMMAND.name, str(err))
+        text = self._driver.state()[0]
+        if text != self._said:
+            self._said = text
+            if text:
+                self.get_logger().warning(text)
+            else:
+                self.get_logger().info('the mount is ready')
+
+    def _rate(self, stamp, angles):
+        before, self._before = self._before, (stamp, angles)
+        if before is None or not 0 < stamp - before[0] < 1e9:
+            return np.full(2, np.nan)
+        return (angles - before[1]) / ((stamp - before[0]) * 1e-9)
+
+    def problems(self):
+        """No connection, no encoders, the other side of the pier."""
+        text, lost = self._driver.state()
+        return [(DiagnosticStatus.ERROR if lost else DiagnosticStatus.WARN, text)] if text else []
+
+    def details(self):
+        """Device, side, what the driver's own model takes."""
+        return self._driver.details()
+
+    def finish(self):
+        """Leave a mount that stands."""
+        self._driver.close()
+
+
+def main(args=None):
+    """Entry point of ``ros2 run telescope_mount indi_mount``."""
+    sys.exit(run_node(IndiMount, args))
+
+
+if __name__ == '__main__':
+    main()

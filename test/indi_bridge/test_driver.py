@@ -1,0 +1,173 @@
+"""The mount as the graph knows it, at a server that says what a test wants."""
+
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from indi_bridge.client import IndiError
+from indi_bridge.driver import MountDriver
+from indi_bridge.telescope import NO_AXES
+from msg_tools.units import DEG
+from pointing_model.mounts import Mount
+from pointing_model.sky import DEFAULT_SITE, sidereal_time
+
+sys.path.append(str(Path(__file__).parent))
+
+from fake_server import TELESCOPE, FakeServer, number, switch
+
+pytest.importorskip('indipyclient', reason='indipyclient is not installed (extra indi)')
+GERMAN = Mount.equatorial(DEFAULT_SITE.latitude, 'german')
+
+
+class Bench:
+    """A driver at a server, as a context."""
+
+    def __init__(self, properties=TELESCOPE, **options):
+        self.server = FakeServer(properties)
+        self.options = options
+
+    def __enter__(self):
+        self.server.__enter__()
+        self.driver = MountDriver('localhost', self.server.port, GERMAN, DEFAULT_SITE,
+                                  **self.options)
+        self.driver.start()
+        return self
+
+    def __exit__(self, *_):
+        self.driver.close()
+        self.server.__exit__()
+
+    def until(self, condition, seconds=15.0):
+        """Go on until `condition` gives something true, and return that."""
+        end = time.monotonic() + seconds
+        while not (found := condition()):
+            assert time.monotonic() < end, self.driver.state()
+            self.driver.step()
+            self.driver.client.wait(lambda: True, '')
+            time.sleep(0.01)
+        return found
+
+    def gotos(self):
+        """Right ascension, hours, and declination, deg, of the slews that were sent."""
+        import re
+        return [tuple(map(float, re.findall(r'>([-\d.e]+)<', text))) for text in self.server.got
+                if 'name="EQUATORIAL_EOD_COORD"' in text]
+
+    def rest(self, axes):
+        """The mount has come to rest, in degrees of its axes."""
+        self.server.say(number('MOUNT_AXES', dict(zip(('PRIMARY', 'SECONDARY'), axes)))
+                        + number('EQUATORIAL_EOD_COORD', {'RA': 6, 'DEC': 30}))
+
+
+def track(angles, now=None):
+    """A track that stands on angles, deg."""
+    angles = np.array([angles, angles]) * DEG
+    return time.time_ns() if now is None else now, np.array([0.0, 100.0]), angles
+
+
+def test_axes_that_stand_are_told_and_a_command_becomes_a_slew_to_its_place_of_date():
+    with Bench() as bench:
+        stamp, angles = bench.until(bench.driver.readings)[0]
+        assert angles / DEG == pytest.approx((45.0, 30.0))
+        assert abs(stamp - time.time_ns()) < 5e9
+        bench.driver.command(*track((50.0, 20.0)))
+        ra, dec = bench.until(bench.gotos)[0]
+        lst = sidereal_time(time.time(), DEFAULT_SITE) / DEG / 15.0
+        assert dec == pytest.approx(20.0)
+        assert ra == pytest.approx((lst - 50.0 / 15.0) % 24.0, abs=0.01)
+
+
+def test_axes_beside_their_demand_are_sent_on_by_as_much():
+    with Bench() as bench:
+        bench.until(lambda: bench.driver.ready)
+        bench.driver.command(*track((50.0, 20.0)))
+        bench.until(bench.gotos)
+        # the mount says that it is under way, and comes to rest 0.2 deg beside
+        bench.until(lambda: bench.driver.telescope.slewing)
+
+        def again():
+            bench.rest((50.2, 19.9))
+            return len(bench.gotos()) > 1
+        bench.until(again)
+        (first, _), (second, dec) = bench.gotos()[:2]
+        assert dec == pytest.approx(20.1, abs=1e-6)
+        # back by the hour angle that it was ahead, and on with the time in between
+        assert (second - first) * 15.0 == pytest.approx(0.2, abs=0.05)
+
+
+def test_the_other_side_of_the_pier_is_said_and_not_chased():
+    with Bench() as bench:
+        bench.until(lambda: bench.driver.ready)
+        bench.driver.command(*track((50.0, 20.0)))
+        bench.until(bench.gotos)
+
+        def said():
+            bench.rest((230.0 - 360.0, 160.0))
+            return 'other side of the pier' in bench.driver.state()[0]
+        bench.until(said)
+        assert len(bench.gotos()) == 1
+
+
+def test_a_track_that_nobody_renews_ends_with_a_stop():
+    with Bench() as bench:
+        bench.until(lambda: bench.driver.ready)
+        bench.driver.command(*track((50.0, 20.0), time.time_ns() - 99 * 10**9))
+        bench.until(lambda: any('TELESCOPE_ABORT_MOTION' in text for text in bench.server.got))
+        assert 'TRACK_OFF">On' in ' '.join(bench.server.got)
+
+
+def test_orders_and_what_cannot_be_done_are_one_line():
+    park = switch('TELESCOPE_PARK', {'PARK': 'Off', 'UNPARK': 'On'}, 'def')
+    with Bench(TELESCOPE + park) as bench:
+        with pytest.raises(ValueError, match='no mount to command: '):
+            bench.driver.command(*track((0.0, 0.0)))
+        bench.until(lambda: bench.driver.ready)
+        bench.driver.park()
+        with pytest.raises(ValueError, match='parked; call home to unpark it'):
+            bench.driver.command(*track((0.0, 0.0)))
+        bench.until(lambda: bench.driver.telescope.parked)
+        bench.driver.unpark()
+        bench.until(lambda: not bench.driver.telescope.parked)
+        bench.driver.abort()
+    sent = ' '.join(bench.server.got)
+    assert '"PARK">On' in sent and '"UNPARK">On' in sent and '"ABORT">On' in sent
+    assert 'SYNC">On' not in sent
+
+
+def test_a_mount_of_another_kind_and_one_without_axes_are_said():
+    kind = switch('MOUNT_TYPE', {'ALTAZ': 'On', 'EQ_FORK': 'Off', 'EQ_GEM': 'Off'}, 'def')
+    with Bench(TELESCOPE + kind) as bench:
+        bench.until(lambda: bench.driver.state()[0] == 'Mount is a mount of the kind altaz, and '
+                    'the parameter mount says german')
+    axes = TELESCOPE.index('<defNumberVector device="Mount" name="MOUNT_AXES"')
+    with Bench(TELESCOPE[:axes]) as bench:
+        stamp, angles = bench.until(bench.driver.readings)[0]
+        assert bench.driver.state() == (NO_AXES, False)
+        assert angles[1] / DEG == pytest.approx(30.0)
+        lst = sidereal_time(stamp * 1e-9, DEFAULT_SITE)
+        assert np.cos(angles[0]) == pytest.approx(np.cos(lst - 90.0 * DEG), abs=1e-6)
+
+
+def test_a_driver_that_another_client_has_set_otherwise_is_made_ready_again():
+    with Bench() as bench:
+        bench.until(lambda: bench.driver.ready)
+        other = {'TRACK': 'Off', 'SLEW': 'Off', 'SYNC': 'On'}
+        bench.server.say(switch('ON_COORD_SET', other))
+        bench.until(lambda: bench.driver.telescope.get('ON_COORD_SET').on == 'SYNC')
+        bench.driver.command(*track((50.0, 20.0)))
+        with pytest.raises(IndiError, match='is set to SYNC and not to TRACK: no slew'):
+            bench.driver.step()
+        bench.until(bench.gotos)
+        assert bench.driver.telescope.get('ON_COORD_SET').on == 'TRACK'
+
+
+def test_a_server_that_is_gone_is_said_and_found_again():
+    with Bench() as bench:
+        bench.until(lambda: bench.driver.ready)
+        bench.server.drop()
+        bench.until(lambda: 'is lost' in bench.driver.state()[0] and not bench.driver.readings())
+        bench.until(lambda: bench.driver.ready)
+        assert bench.until(bench.driver.readings)
