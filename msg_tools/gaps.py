@@ -47,7 +47,7 @@ class SequenceGaps:
         below = None if number == 1 else max((n for n in following if n < number), default=None)
         # who was thought to have jumped far has not: hardly that another lost as many as lead here
         jump = self._jumps.get(number, 0)
-        if below is None or jump >= _FAR or jump > number - below:
+        if below is None or jump >= _FAR:
             self._begin(number)
             return
         self._move(below, number + 1)
