@@ -33,7 +33,7 @@ MOST_WORKERS = 8  # the slowest file takes an eighth of all
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_cmdline_main(config):
-    """A process for each core and one more (a test of nodes waits, too), a file at a time, if
+    """A process for each core and two more (tests of nodes wait, too), a file at a time, if
     pytest-xdist is there and more is asked for than a file. In no option of pyproject.toml: a
     machine with ROS may lack pytest-xdist."""
     if WORKER:
@@ -42,7 +42,7 @@ def pytest_cmdline_main(config):
     asked = [path.split('::')[0] for path in config.args]
     if getattr(option, 'numprocesses', 0) is None and option.dist == 'no' and not (
             len(set(asked)) == 1 and asked[0].endswith('.py')):
-        option.numprocesses = min((os.cpu_count() or 1) + 1, option.maxprocesses or MOST_WORKERS)
+        option.numprocesses = min((os.cpu_count() or 1) + 2, option.maxprocesses or MOST_WORKERS)
         option.dist = 'loadfile'
         option.loadscopereorder = False  # see below
 
