@@ -80,9 +80,10 @@ class CalibrationSession:
 
     @property
     def mount(self):
-        """That of the observations, else of the reference, `Mount`."""
-        parts = list(self._parts.values())[:1]
-        return (parts[0] if parts else self.reference or PointingModel({})).mount
+        """That of the observations, else of the model in force or the reference, `Mount`."""
+        first = next(iter(self._parts.values()), None)
+        known = first or self.in_force or self.reference or PointingModel({})
+        return known.mount
 
     @property
     def names(self):
@@ -118,8 +119,9 @@ class CalibrationSession:
             self.last_stamp = stamp
 
     def _check_mount(self, mount):
-        others = [('the observations before', part.mount)
-                  for part in list(self._parts.values())[:1]]
+        others = []
+        if self._parts:
+            others.append(('the observations before', self.mount))
         if self.reference is not None:
             others.append(('the reference model', self.reference.mount))
         for what, other in others:

@@ -104,7 +104,7 @@ class Telescope:
 
     def home(self):
         """Meet the marks."""
-        time.sleep(1.0)
+        time.sleep(1.0)  # the toy's marks take so long
         self._homed = True
         return ()
 
@@ -115,7 +115,7 @@ class Telescope:
             with self._lock:
                 self._advance()
                 seen.append(self._angles)
-            time.sleep(seconds / 20.0)
+            time.sleep(seconds / 20.0)  # the shutter is open: samples of where the tube looks
         middle = 0.5 * (begin + time.time())
         az, el = self._model.encoder_to_sky(*np.radians(np.mean(seen, axis=0)))
         star_az, star_el = observed_place(self._stars, middle, DEFAULT_SITE, DEFAULT_WEATHER)

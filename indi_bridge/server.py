@@ -64,7 +64,7 @@ class SimulatorServer:
                 if self._process.poll() is not None or time.monotonic() > end:
                     self.__exit__()
                     raise OSError(f'{SERVER} does not listen on port {self.port}') from None
-                time.sleep(0.05)
+                time.sleep(0.05)  # polls: another process's port gives no event to wait for
 
     def stop(self):
         """End the server, and with it the driver; the settings stay for the next start."""

@@ -54,6 +54,7 @@ class Limits(NamedTuple):
 
 ANYWHERE = Limits()
 
+
 def choose_stars(stars, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, n=30, seed=0,
                  min_el=20.0 * DEG, max_el=85.0 * DEG, mag_limit=6.0, exclude=(), duration=0.0,
                  start=None, mount=ALTAZ, limits=ANYWHERE):

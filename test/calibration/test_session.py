@@ -291,3 +291,11 @@ def test_who_cannot_be_predicted_by_harmonics_alone_is_counted():
     _, report = session(night(n=40), harmonics=HarmonicChoice('zenith', True, 4)).fit()
     assert report['expected'] is None  # of the others alone it would be too good
     assert any('outliers to the harmonics, and not to the terms' in n for n in report['notes'])
+
+
+def test_after_a_restart_the_mount_is_that_of_the_model_in_force():
+    from pointing_model.mounts import Mount
+    session = CalibrationSession()
+    assert session.names.keys == ('azimuth', 'elevation')
+    session.take_up(PointingModel({'IH': 0.1}, mount=Mount.equatorial(0.6, 'german')))
+    assert session.names.keys == ('hour_angle', 'declination')
