@@ -50,7 +50,7 @@ def test_the_mount_tells_its_axes_follows_a_command_stops_and_says_what_is_lost(
     graph.report('indi_mount', '1 messages refused')
     assert graph.call('abort').success
     assert not graph.call('park').success  # this one cannot
-    assert any('"ABORT">On' in text for text in server.got)
+    graph.wait_for(lambda: any('"ABORT">On' in text for text in server.got), 'the abort sent')
     server.drop()
     graph.report('indi_mount', 'is lost')
 
