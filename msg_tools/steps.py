@@ -39,6 +39,12 @@ class Steps:
             raise RuntimeError('work is under way')
         self._work, self._wait = work, None
 
+    def cancel(self):
+        """Give the work up, without a word to anybody."""
+        if self._work is not None:
+            self._work.close()
+        self._work = self._wait = None
+
     def advance(self):
         """Go on as far as the conditions allow."""
         if self._work is None or self._running:  # what a step sets off may call again

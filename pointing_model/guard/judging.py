@@ -81,7 +81,7 @@ class Judge:
         Parameters
         ----------
         times : array_like, shape (n,)
-            Of the knots, s; the first is now.
+            Of the knots, s from now; the first is not after it.
         angles, rates : array_like, shape (n, 2)
             rad, rad/s; cubic in between.
         state : State
@@ -123,7 +123,7 @@ class Judge:
         """Which of many boxes are surely free of horizon and Sun (of `in_axes`), bool (n,)."""
         above, apart = self._clearances(boxes, sun)[0]
         return above >= 0.0 if sun is None else (above >= 0.0) & (
-            apart >= self.limits.sun + MARGIN_SUN)
+            apart >= self.limits.sun)
 
     def _way(self, cubic, state, sun, track=None):
         """Judge the way onto a track and, where its boxes are given, what it passes of the sky."""
@@ -160,12 +160,12 @@ class Judge:
             return 'where the axes stand is not known: home the mount, or wait for its encoder'
         if np.any(times[1:] <= times[:-1]):
             return 'times of the track do not increase: give the knots in their order'
-        if abs(times[0]) > 1.0:
-            return (f'the track begins {times[0]:.1f} s from its stamp: '
-                    'its first knot is the moment of the stamp')
-        if times[-1] > LONGEST:
-            return (f'a track of {times[-1]:.0f} s: send {LONGEST:.0f} s at most, and the next one '
-                    'in time')
+        if times[0] > 1.0 or times[-1] < 0.0:
+            return (f'a track from {times[0]:.1f} to {times[-1]:.1f} s from now: '
+                    'send one that is of now')
+        if times[-1] - times[0] > LONGEST:
+            return (f'a track of {times[-1] - times[0]:.0f} s: send {LONGEST:.0f} s at most, '
+                    'and the next one in time')
         if len(times) == 1 and rates.any():
             return 'a track of one knot with a rate has no end: give the last knot too'
         if max(angles.max(), -angles.min()) > NO_ANGLE:

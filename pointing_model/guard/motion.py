@@ -151,7 +151,7 @@ class Move(NamedTuple):
     end: float
 
 
-def plan_move(here, rate, cubic, axis, top, acceleration):
+def plan_move(here, rate, cubic, axis, top, acceleration, close=CLOSE):
     """How an axis gets from where it is onto a track, as fast as it may.
 
     Parameters
@@ -162,6 +162,8 @@ def plan_move(here, rate, cubic, axis, top, acceleration):
     axis : int
     top, acceleration : float
         Of the axis, rad/s and rad/s^2.
+    close : float
+        How well its end must be on the track, rad.
 
     Returns
     -------
@@ -174,7 +176,7 @@ def plan_move(here, rate, cubic, axis, top, acceleration):
         if move is None:
             return None
         before, end = end, move.end
-        if abs(end - before) * max(abs(move.frame), CREEP) < CLOSE:
+        if abs(end - before) * max(abs(move.frame), CREEP) < close:
             return move
     # to and fro, as of a track that bends: where the guess is what comes of it
     low, high = 0.0, cubic.times[-1] + 1.0
@@ -210,6 +212,18 @@ def _trapezoid(distance, rate, top, a):
     return (rate, sign * math.copysign(a, peak - v), sign * peak, -sign * a, t1, t2, t2 + t3)
 
 
+def moment(move, cubic, t, axis):
+    """Angle and rate of one axis at `t` (s) of a slew, and of the track after it, floats."""
+    if t >= move.end:
+        angle, rate = cubic.at(t, axis)
+        return angle, rate if t <= cubic.times[-1] else 0.0
+    u, w = min(t, move.t1), min(max(t - move.t1, 0.0), move.t2 - move.t1)
+    q = max(t - move.t2, 0.0)
+    rate = move.start + move.first * t if t < move.t1 else move.cruise + move.last * q
+    return (move.origin + move.frame * t + (move.start + 0.5 * move.first * u) * u
+            + move.cruise * w + (move.cruise + 0.5 * move.last * q) * q), move.frame + rate
+
+
 def along(moves, cubic, t):
     """Angles of slews, and of the track from the end of each on.
 
@@ -238,7 +252,7 @@ def along(moves, cubic, t):
     return x
 
 
-def _chased(state, cubic, axes, t, brakes):
+def _chased(state, cubic, axes, t, brakes, timing):
     """Between what each axis may be while it runs after a fast target, whatever it aims at.
 
     Not farther than it can have come, and between where it was and where the target has been.
@@ -247,13 +261,14 @@ def _chased(state, cubic, axes, t, brakes):
     lows, highs = np.empty((2, len(t))), np.empty((2, len(t)))
     for i, axis in enumerate(axes):
         here, rate = state.angles[i], state.rates[i]
-        stop = here + rate * abs(rate) / (2.0 * axis.acceleration)
+        slowest = axis.acceleration * (timing or 1.0)
+        stop = here + rate * abs(rate) / (2.0 * slowest)
         until = np.searchsorted(fine, t + brakes[i] + np.diff(t[:2]), 'right')
         until = np.clip(until, 1, len(fine) - 1) if len(fine) > 1 else 0 * until
         least = np.minimum.accumulate(places[:, i])[until]
         most = np.maximum.accumulate(places[:, i])[until]
         # with the speed of the target it overshoots, and before it has braked
-        over = float(cubic.peak_rate[i]) ** 2 / (2.0 * axis.acceleration)
+        over = float(cubic.peak_rate[i]) ** 2 / (2.0 * slowest)
         reach = axis.rate * (t + brakes[i])
         lows[i] = np.maximum(np.minimum(min(here, stop), least - over), here - reach)
         highs[i] = np.minimum(np.maximum(max(here, stop), most + over), here + reach)
@@ -306,7 +321,7 @@ def slew_boxes(state, cubic, axes, timing, finer=1):
     near, late = x[:2, :count + 1], x[-2:, :count + 1]
     ahead = x[:2, count + 1:]
     if float(cubic.peak_rate.max()) > FAST:
-        near, ahead, late = _chased(state, cubic, axes, t, brakes[:, 0])
+        near, ahead, late = _chased(state, cubic, axes, t, brakes[:, 0], timing)
     edges = np.stack([near[:, :-1], near[:, 1:], ahead[:, :-1], ahead[:, 1:], late[:, :-1],
                       late[:, 1:]])
     low, high = edges.min(0), edges.max(0)

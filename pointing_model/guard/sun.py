@@ -41,6 +41,7 @@ class Sun:
 
     def __init__(self, site=DEFAULT_SITE):
         self._site, self._time, self._place = site, None, None
+        self.latitude = site.latitude
         self._pole = np.array([0.0, np.cos(site.latitude), np.sin(site.latitude)])
 
     def at(self, time):

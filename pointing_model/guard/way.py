@@ -1,6 +1,7 @@
 """A way around what the straight slew would pass: points to come to one after the other."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from scipy.sparse import coo_matrix
@@ -8,7 +9,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from msg_tools.units import DEG
 
-from .judging import Allowed
+from .judging import MARGIN_SUN, Allowed, Judge
 from .motion import Boxes
 
 #: between points of the grid on which a way is looked for, rad
@@ -39,6 +40,9 @@ def around(judge, cubic, state, sun=None, pole=None):
         Angles, rad, without those of the track; None where no way was found.
     """
     here, there = np.array(state.angles, float), cubic.angles[0]
+    if sun is not None and judge.limits.sun:
+        # it moves while the axes are under way
+        judge = Judge(replace(judge.limits, sun=judge.limits.sun + MARGIN_SUN))
     nodes = [_points(axis, a, b) for axis, a, b in zip(judge.limits.axes, here, there)]
     shape = tuple(map(len, nodes))
     own = judge.in_axes(sun, pole)

@@ -7,7 +7,7 @@ was told to move has moved.
 
 import numpy as np
 
-from msg_tools.units import ARCSEC
+from msg_tools.units import ARCSEC, DEG
 
 #: with which the sentences begin that `InstrumentHealth.alarms` gives
 ALARM = 'instrument '
@@ -58,6 +58,7 @@ class InstrumentHealth:
     """Takes what the instruments say, and tells what cannot be."""
 
     def __init__(self):
+        self.field = np.inf  # rad: no camera sees a star farther from its boresight
         self._faults = {}  # (instrument, kind) -> [sentence, messages without it since]
         self._stamps = {}  # instrument -> (stamp, time of the graph) of its last good message
         self._frame, self._same = None, 0
@@ -149,6 +150,10 @@ class InstrumentHealth:
         """Take a miss distance, rad; why it cannot be used, '' if it can."""
         if not np.isfinite([x, y]).all():
             return ''
+        if np.hypot(x, y) > self.field:
+            return self._fault(name, 'units', f'a miss distance of {np.hypot(x, y):.3g} rad is '
+                               f'outside its field of {self.field / DEG:g} deg: give radians')
+        self._good(name, 'units')
         self._same = self._same + 1 if (x, y) == self._frame else 1
         self._frame = x, y
         if self._same >= SAME_FRAMES:

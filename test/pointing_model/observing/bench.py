@@ -100,6 +100,12 @@ class Bench:
         self.commands.append(track)
         self.pending = track
 
+    def refusal(self, stamp):
+        return ''
+
+    def held(self):
+        return ''
+
     def send_row(self, run, stamp):
         self.rows.append(run)
 
