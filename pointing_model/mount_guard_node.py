@@ -9,7 +9,7 @@ from msg_tools import convert, topics
 from msg_tools.node import MountNode, Param, run_node
 from msg_tools.units import DEG
 
-from .guard.keeper import Keeper, Settings
+from .guard.keeper import ERROR, Keeper, Settings
 from .guard.limits import TRAVEL_DEG, Axis, Horizon, Limits, parse_horizon, parse_pair
 from .guard.sun import Sun
 from .observing.pointing import Track
@@ -48,7 +48,8 @@ PARAMS = (
           'safe on any turn is allowed', fixed=True),
     Param('renew_s', 0.5, 'between commands, each of which ends at rest; 0: the whole track at '
           'once, for a simulated mount whose time waits for events [s]', 0.0, 5.0, fixed=True),
-    Param('ahead_s', 1.5, 'a command reaches so far beyond now [s]', 0.2, 60.0, fixed=True),
+    Param('ahead_s', 1.5, 'a command reaches so far beyond now, by the time of the graph [s]', 0.2,
+          3600.0, fixed=True),
     Param('silence_s', 0.5, 'without a reading for so long the mount is stopped [s]', 0.05, 60.0,
           fixed=True),
     Param('request_timeout_s', 0.5, 'a request that is not renewed for so long is over [s]', 0.05,
@@ -119,6 +120,10 @@ class MountGuard(MountNode):
             self._look()
 
     def _on_request(self, message):
+        if not message.points:
+            self._keeper.withdraw(self._now())
+            self._look()
+            return
         stamp, times, angles, rates = convert.read_trajectory(message)
         asked = convert.joints_of(message.joint_names)
         if asked != self._names:
@@ -165,8 +170,13 @@ class MountGuard(MountNode):
         self._status_pub.publish(convert.status(
             LEVELS[keeper.level], self.get_fully_qualified_name(), keeper.reason,
             state=keeper.state, refused=keeper.refused[0], reason=keeper.refused[1]))
-        self.get_logger().info(f'{keeper.state}: {keeper.reason}') if not keeper.level else (
-            self.get_logger().warning(f'{keeper.state}: {keeper.reason}'))
+        text = f'{keeper.state}: {keeper.reason}'
+        if keeper.level == ERROR:
+            self.get_logger().error(text)
+        elif keeper.level:
+            self.get_logger().warning(text)
+        else:
+            self.get_logger().info(text)
 
     def _look_at_commanders(self):
         full = self.resolve_topic_name(topics.REQUEST.name)

@@ -75,6 +75,8 @@ NAMED_AFTER = 30.0
 SPEAKS_WITHIN = 10.0
 LEVELS = {'failed': DiagnosticStatus.ERROR, 'waiting': DiagnosticStatus.WARN,
           'cancelled': DiagnosticStatus.WARN}
+#: services that move the mount, or take its zero
+MOVING = ('home', 'power_cycle')
 #: states of the guard that end a plan
 ENDING = ('aborted', 'parking', 'parked')
 
@@ -187,15 +189,26 @@ class StarObserver(MountNode):
         self._sequencer.advance()
 
     def _on_cancel(self):
-        self._request = None
+        self._withdraw()
         if self._sequencer.cancel('by the service cancel'):
             return True, 'plan cancelled'
         return False, 'no plan is under way'
 
     def _renew(self):
         """The guard lets go of what is not asked for again."""
-        if self._request is not None and self._sequencer.busy:
+        if self._request is None:
+            return
+        if self._sequencer.busy and self._instruments.homed:
             self._request_pub.publish(self._request)
+        else:
+            self._withdraw()
+
+    def _withdraw(self):
+        """A track without points: the mount need not follow any."""
+        if self._request is not None:
+            self._request.points = []
+            self._request_pub.publish(self._request)
+        self._request = None
 
     def _look_at_publishers(self):
         for name, topic in INSTRUMENT_TOPICS.items():
@@ -268,6 +281,8 @@ class StarObserver(MountNode):
 
     def client(self, verb):
         """Of a service."""
+        if verb in MOVING and self.value('renew_request_s'):
+            self._withdraw()  # it moves the mount itself
         return self._asked[verb]
 
     def refuse_frame(self, reason):

@@ -91,7 +91,7 @@ def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time
     -------
     list of NodeSpec
     """
-    sky = dict(sky or {})
+    sky, altaz = dict(sky or {}), parse_mount(mount, 0.0).altaz
     names = (*NIGHT, *(['frame_reader'] if absolute == 'frames' else []))
     simulator = {'scenario': scenario, 'seed': seed} | (
         {'start_time': start_time} if start_time else {})
@@ -108,10 +108,13 @@ def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time
         # a simulated mount has no cables, and without time scale its time waits for events
         'mount_guard': {
             'use_sim_time': True, 'mount': mount, 'first_rate_deg_s': 6.0,
-            'second_rate_deg_s': 6.0, 'first_acceleration_deg_s2': 3.0,
-            'second_acceleration_deg_s2': 3.0, 'slew_timing': 1.0, 'least_elevation_deg': 0.0,
-        } | ({} if time_scale else {'renew_s': 0.0}) | (
-            {'first_travel_deg': '-36000,36000'} if parse_mount(mount, 0.0).altaz else {}) | {
+            'second_rate_deg_s': 4.0 if altaz else 6.0, 'first_acceleration_deg_s2': 3.0,
+            'second_acceleration_deg_s2': 2.0 if altaz else 3.0,
+            'slew_timing': 1.0,
+            'least_elevation_deg': 0.0,
+        } | ({'ahead_s': 1.5 * time_scale,
+               'behind_deg': 2.0 + time_scale} if time_scale else {'renew_s': 0.0}) | (
+            {'first_travel_deg': '-36000,36000'} if altaz else {}) | {
             name: sky[name] for name in ('latitude_deg', 'longitude_deg', 'height_m')
             if name in sky},
         'star_observer': {

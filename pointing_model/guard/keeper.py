@@ -104,6 +104,8 @@ class Keeper:
         self.readings.take(stamp, angles, rates)
         if self.readings.here is None:
             self._judge = Judge(self._limits)
+            if known:  # another power-on: what was asked for was of this one
+                self._lose(stamp, 'the encoders give no number any more: home the mount')
         elif not known and not self._settings.turn_known:
             first, second = self._limits.axes
             low, high = safe_travel(self.readings.here[0], first.low, first.high)
@@ -132,11 +134,13 @@ class Keeper:
         if track.start == self.refused[0]:
             return
         again = self._goal is not None and track.start == self._goal.start
+        if not again and track.start == self._last:
+            return  # it is over
         if self.locked:
             raise self._refuse(track, self.locked)
         self._heard, self._owner = self._wall(), owner
         if again:
-            if self.state == 'stopped':
+            if self.state == 'stopped' and not self.readings.quiet(self._settings.silence):
                 self._begin(now)
             return
         if track.start < self._last:
@@ -144,6 +148,23 @@ class Keeper:
         self._last, self._goal, self._vias = track.start, track, []
         if self.state != 'paused':
             self._begin(now)
+
+    def withdraw(self, now):
+        """Nobody asks for anything any more: stop."""
+        if self._goal is not None and not self.locked:
+            self._goal = None
+            if self._path is not None and not self._settings.whole:
+                self._brake(now)
+            self._path = None
+            self._told('idle', OK, 'the request was withdrawn')
+
+    def _lose(self, now, reason):
+        if self._goal is None and self.state != 'parking':
+            return
+        if not self._settings.whole and self._path is not None:
+            self._brake(now)
+        self._goal = self._path = None
+        self._told('stopped', OK if self._settings.whole else WARN, reason)
 
     @property
     def _alive(self):
@@ -300,7 +321,7 @@ class Keeper:
                 return
             if due and not self._out:
                 self._piece(now)
-        if self.state in ('around', 'parking') and self._vias and self._at(self._vias[0]):
+        if self.state in ('around', 'parking') and self._vias and self._at(self._vias[0], now):
             self._vias.pop(0)
             if self._vias:
                 self._next(now, self.state)
@@ -329,8 +350,6 @@ class Keeper:
                                     'look at their driver')
         if self.state != 'parking' and not self._alive:
             return stopped, WARN, 'the request is no longer renewed: stopped'
-        if self.readings.here is None:
-            return stopped, ERROR, 'the encoders give no number any more: stopped; home the mount'
         for i, word in enumerate(self._limits.mount.names.axes):
             # where it was sent to at the time of the reading
             off = abs(self.readings.here[i] - self._moment(self.readings.stamp, i)[0])
@@ -344,8 +363,13 @@ class Keeper:
         return (self.readings.here is not None
                 and float(np.nanmax(np.abs(self.readings.rate))) < STILL)
 
-    def _at(self, place):
+    def _at(self, place, now):
         here = self.readings.here
+        if self._path is None:
+            return False
+        start, moves, _ = self._path
+        if moves and (now - start) * 1e-9 < max(move.end for move in moves):
+            return False
         return here is not None and self._stands() and all(
             abs(a - b) < REACHED for a, b in zip(here, place))
 
