@@ -8,11 +8,11 @@ from setuptools import find_packages, setup
 
 NAME = 'telescope_mount'
 PARTS = ('encoder_sim', 'encoder_reading', 'pointing_model', 'calibration', 'msg_tools',
-         'telescope_mount')
+         'indi_bridge', 'telescope_mount')
 
 
 def nodes():
-    """Executables and modules from the one description of the graph, without importing it."""
+    """Executables from the one description of the graph, without importing it."""
     tree = ast.parse(Path('telescope_mount/graph.py').read_text(encoding='utf-8'))
     for item in tree.body:
         if isinstance(item, ast.Assign) and item.targets[0].id == 'NODES':
@@ -44,6 +44,7 @@ setup(
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),
         (f'share/{NAME}/launch', glob('launch/*.launch.py')),
+        (f'share/{NAME}/examples', glob('examples/*.py')),
         (f'share/{NAME}/config', glob('config/*.yaml')),
     ],
     python_requires='>=3.10',
@@ -64,11 +65,12 @@ setup(
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
         'test': [
             'pytest', 'pytest-xdist', 'ruff', 'setuptools<80', 'colcon-common-extensions',
-            'skyfield', 'skyfield-data', 'rosbags', 'astropy>=6',
+            'skyfield', 'skyfield-data', 'rosbags', 'astropy>=6', 'indipyclient>=0.9',
         ],
         'bench': ['katpoint==0.10.3'],
         'parquet': ['pyarrow'],
         'images': ['astropy>=6'],
+        'indi': ['indipyclient>=0.9'],
     },
     tests_require=['pytest'],
     zip_safe=True,
@@ -76,7 +78,7 @@ setup(
         'console_scripts': [
             'telescope-mount = telescope_mount.cli:main',
             'diagnose = telescope_mount.cli:diagnose',
-            *(f'{name} = {module}:main' for name, module in nodes().items()),
+            *(f'{name} = telescope_mount.start:{name}' for name in nodes()),
         ],
     },
 )

@@ -52,8 +52,8 @@ def sky(rng, n):
         'temperature': 12.0 - 4.0 * np.linspace(0.0, 1.0, n)**0.7 + 0.5 * rng.normal(size=n),
         'approach_az': np.sign(np.append(1.0, np.diff(az))),
         'approach_el': np.sign(np.append(1.0, np.diff(el))),
-        'magnitude': rng.uniform(1.0, 6.0, n), 'miss_x': 8.0 * ARCSEC * rng.normal(size=n),
-        'miss_y': 8.0 * ARCSEC * rng.normal(size=n),
+        'magnitude': rng.uniform(1.0, 6.0, n), 'miss_x': 15.0 * ARCSEC * rng.normal(size=n),
+        'miss_y': 15.0 * ARCSEC * rng.normal(size=n),
     }
 
 

@@ -13,11 +13,14 @@ own sigma; `slew` the degrees that the axes slew in all. `--full`: 4 dates, 3 ho
 
 import argparse
 from typing import NamedTuple
+from unittest.mock import patch
 
 import numpy as np
+import zero_drift
 
 from calibration.fit import fit_terms
 from calibration.stars_zero import zero_from_exposures
+from calibration.witnesses import check_witnesses
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.model import PointingModel
 from pointing_model.mounts import ALTAZ, Mount
@@ -31,8 +34,10 @@ from pointing_model.zero_exposures import MARK
 START, DAY = 1_768_482_000.0, 86400.0
 LATITUDES = (-80, -60, -40, -20, 0, 20, 40, 60, 80)
 TARGET, PEER = 1.3, 34.3
-PARTS = ('sixteen', 'change', 'few', 'coloured', 'mounts')
+PARTS = ('sixteen', 'change', 'few', 'coloured', 'mounts', 'witnesses')
 PACE, SLEW = 8.0, 30.0
+FIRST = 900_000  # number of a star that is exposed for a zero
+of_polaris = zero_drift.sky
 NAMES = {'altaz': lambda latitude: ALTAZ, 'fork': Mount.equatorial,
          'german': lambda latitude: Mount.equatorial(latitude, 'german')}
 
@@ -178,6 +183,45 @@ def _degrees(place, mount):
     return float(moves.max(axis=0).sum() / DEG)
 
 
+def with_stars(times, seed):
+    """As `zero_drift.sky`, with exposures of the same five stars in place of Polaris."""
+    az, el, star = of_polaris(times, seed)
+    rng = np.random.default_rng([7, seed[0]])
+    pole = slice(zero_drift.STARS, zero_drift.STARS + zero_drift.EXPOSURES)
+    group = np.repeat(np.arange(5), [4, 3, 3, 3, 3])
+    later = times[pole] - times[pole][0] + 300.0 * seed[1]  # the second night some minutes later
+    az[pole] = rng.uniform(0.0, 2.0 * np.pi, 5)[group] + 3.5e-5 * later
+    el[pole] = rng.uniform(30.0, 65.0, 5)[group] * DEG + 1.5e-5 * later
+    star[pole] = FIRST + group
+    return az, el, star
+
+
+def witnesses(nights):
+    """What the witnesses say of pairs of nights whose zeros are by the same stars."""
+    print(f'\nWitnesses by five stars, pairs of nights\n{"":30} {"nights":>6} {"alarms":>7} '
+          f'{"against the sky":>16} {"named":>6}')
+    faults = zero_drift.faults()
+    quiet = faults['no fault'][0]
+    for name, count in (('no fault', 3 * nights), ('absolute encoder slips 6"', nights),
+                        ('mount leans 8" to the north', nights)):
+        scenario, who, axis = faults[name]
+        alarms = against = named = 0
+        for seed in range(count):
+            pair = [zero_drift.Night(quiet, seed, 0), zero_drift.Night(scenario, seed, 1)]
+            with patch('zero_drift.sky', with_stars):
+                rows = [night.observe() for night in pair]
+            rows = [PointingRun({**run.columns, MARK: (run['star'] >= FIRST).astype(float)})
+                    for run in rows]
+            said = check_witnesses(rows[1], rows[0], model=fit_terms(rows[0]).model,
+                                   homings=pair[1].homings)
+            alarms += bool(said.alarms)
+            against += any(change.alarm for change in said.changes)
+            named += bool(who) and any(text.startswith(axis) and who in text
+                                       for text in said.alarms)
+        print(f'{name:30} {count:6d} {alarms:7d} {against:16d} {named if who else "":>6}',
+              flush=True)
+
+
 def line(label, got, peer, target=TARGET):
     """A row of the table."""
     said, rms = got.said / peer.said, got.rms / peer.rms
@@ -214,6 +258,10 @@ def main():
         return cases(latitude, n, moments, seeds, seed=args.seed, **options)
     print('Zeros of both axes, coordinate angles, arcsec; noise 1" an axis on the sky. '
           f'Target: sigma <= {TARGET} x that of 16 exposures of Polaris at +{PEER}, both axes.')
+    if 'witnesses' in parts:
+        witnesses(40 if args.full else 10)
+    if parts == ['witnesses']:
+        return
     peer = of(PEER, polaris=True)
     if 'sixteen' in parts:
         head('Sixteen exposures, alt-azimuth mount, white noise')

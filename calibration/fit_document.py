@@ -25,7 +25,8 @@ def fit_document(run, result, encoder='enc', held_out=None, checked=None):
         ``terms`` (``name``, ``value_arcsec``, ``sigma_arcsec``); ``before`` (as the encoders read)
         and ``after``; ``condition``, ``rank``, ``correlations`` (of all pairs of terms: ``terms``,
         ``value``), ``undetermined`` (what the stars do not determine, in words); rows, notes, and
-        places for what else a fit may give: ``harmonics``, ``predicted``, ``base_model``.
+        places for what else a fit may give: ``harmonics``, ``predicted``, ``base_model``,
+        ``origin_of_errors`` (`sky_model.Origin.document`).
     """
     told, used = rows_of_fit(run, result), run.select(result.weights > 0.0)
     matrix = result.correlations
@@ -44,7 +45,7 @@ def fit_document(run, result, encoder='enc', held_out=None, checked=None):
         'excluded': [{'row': int(one['row']), 'reason': one['reason']}
                      for one in excluded_of_fit(run, result)],
         'notes': [*run.meta.get('notes', ()), *(checked.notes if checked else ())],
-        'harmonics': None, 'predicted': None, 'base_model': None}
+        'harmonics': None, 'predicted': None, 'base_model': None, 'origin_of_errors': None}
 
 
 def refused_fit(error):
@@ -60,7 +61,8 @@ def refused_fit(error):
         'condition': None, 'rank': None, 'correlations': None, 'undetermined': None,
         'rows_read': error.rows_read, 'rows_used': error.rows_used, 'outliers': [],
         'rms_with_outliers_arcsec': None, 'columns_alike': [], 'readings': error.readings,
-        'excluded': None, 'notes': [], 'harmonics': None, 'predicted': None, 'base_model': None}
+        'excluded': None, 'notes': [], 'harmonics': None, 'predicted': None, 'base_model': None,
+        'origin_of_errors': None}
 
 
 def predicted_document(found):

@@ -333,3 +333,10 @@ def fit_chosen(rows, choice, recipe, terms=None, seed=0):
         'rcond': choice.rcond, 'rank': result.rank, 'condition': result.condition,
         'rejected': len(result.rejected), 'notes': notes, 'cross_validation': tried,
     }
+
+
+def rows_of_terms(model):
+    """As `FitResult.term_rows`, of a PointingModel."""
+    sigma = np.sqrt(np.maximum(np.diag(model.covariance), 0.0))
+    return [{'name': name, 'value_arcsec': value / ARCSEC, 'sigma_arcsec': float(s) / ARCSEC}
+            for (name, value), s in zip(model.terms.items(), sigma)]

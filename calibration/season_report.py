@@ -77,10 +77,10 @@ def season_table(judged):
         lambda axis: _number(axis.get('left_out_after_arcsec')))
     if judged['tonight']:
         tonight = [judged['tonight'][name] for name in AXES]
-        row('tonight, before Polaris, arcsec',
+        row('tonight, foretold, arcsec',
             lambda _, t: _value(t['expected_arcsec'], t['sigma_arcsec']), tonight)
         if all(t['measured_arcsec'] is not None for t in tonight):
-            row('tonight, by Polaris, arcsec',
+            row('tonight, measured, arcsec',
                 lambda _, t: _value(t['measured_arcsec'], t['measured_sigma_arcsec']), tonight)
     return out
 
@@ -161,7 +161,7 @@ def plot_season(judged, path):
             axes.set_xlabel(f'{words} [{unit}]')
             axes.set_title(f'{axis}: {found["axes"][axis]["verdict"]}', fontsize=10)
             if column == 0:
-                axes.set_ylabel('zero by Polaris since the first [arcsec]')
+                axes.set_ylabel('zero since the first [arcsec]')
     panels[0, 0].legend(fontsize=8)
     figure.suptitle('Zeros of the power-ons against what was measured at the mark')
     figure.savefig(path, dpi=110)

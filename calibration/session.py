@@ -1,6 +1,5 @@
 """What the calibration knows of a night: its observations, the zeros, the models, the report."""
 
-from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -16,15 +15,15 @@ from pointing_model.zero_exposures import is_for_zero, is_marked
 
 from .check import power_on_check, split_half, ways
 from .distrust import reasons
-from .harmonic_fit import HarmonicChoice, Recipe, fit_chosen
+from .harmonic_fit import HarmonicChoice, Recipe, fit_chosen, rows_of_terms
 from .held_out import held_out_steps
 from .judgement import FEWEST, judge
 from .publication import Candidate, Published
-from .rows import for_fitting, with_marks, zero_exposures_by_run
-from .stars_zero import zero_from_exposures, zeros_of_power_ons
+from .rows import for_fitting, with_marks
+from .stars_zero import zero_from_exposures
 from .wandering import followed
 from .witnesses import check_witnesses
-from .zero_changes import zero_change, zero_changes
+from .zero_changes import zero_change, zero_changes, zeros_of_night
 
 REPORT_FORMAT = 'telescope_mount/calibration_report'
 REPORT_VERSION = 1
@@ -157,20 +156,9 @@ class CalibrationSession:
         return PointingRun.concatenate(parts or self._parts.values())
 
     def zeros_again(self):
-        """The zeros by Polaris or stars, from the rows that are there; numbers of their power-ons.
-
-        Who has lost them must not take them for not measured.
-        """
-        parts = {}
-        for number, part in zero_exposures_by_run(self.observations()):
-            with suppress(ValueError):  # too few exposures
-                self._zeros({number: part})
-                parts[number] = part
-        self.zeros.update(self._zeros(parts))
+        """For who has lost the zeros: from the rows that are there; numbers of their power-ons."""
+        self.zeros.update(zeros_of_night(self.observations(), self.reference)[0])
         return sorted(self.zeros)
-
-    def _zeros(self, parts):
-        return zeros_of_power_ons(parts, self.reference or PointingModel({}, mount=self.mount))
 
     def calibrate_zero(self):
         """Zeros of all power-ons in which Polaris, or stars for a zero, were observed.
@@ -188,8 +176,8 @@ class CalibrationSession:
             No usable exposure for a zero in the newest power-on.
         """
         newest = self.newest
-        parts = dict(zero_exposures_by_run(self.observations()))
-        self.zeros.update(self._zeros(parts))
+        zeros, parts = zeros_of_night(self.observations(), self.reference, newest)
+        self.zeros.update(zeros)
         if newest not in parts:
             self.zeros.pop(newest, None)  # of exposures that are not trusted any more
             raise ValueError('; '.join([
@@ -281,7 +269,7 @@ class CalibrationSession:
             'zeros': self.zeros.to_list(),
             'changes': zero_changes(observed, sorted(self.zeros), model),
             'zeros_in_force': zeros.to_list(),
-            'terms': result.term_rows() if not section else _rows_of_terms(model),
+            'terms': result.term_rows() if not section else rows_of_terms(model),
             'correlations': result.correlations.tolist(),
             'condition': result.condition,
             'rejected': len(result.rejected),
@@ -458,10 +446,3 @@ class CalibrationSession:
         if self.reference is None:
             return None
         return self.reference.provenance.get('source', 'a model of an earlier night')
-
-
-def _rows_of_terms(model):
-    """As `FitResult.term_rows`."""
-    sigma = np.sqrt(np.maximum(np.diag(model.covariance), 0.0))
-    return [{'name': name, 'value_arcsec': value / ARCSEC, 'sigma_arcsec': float(s) / ARCSEC}
-            for (name, value), s in zip(model.terms.items(), sigma)]

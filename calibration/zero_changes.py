@@ -1,13 +1,47 @@
-"""How the zeros have changed from power-on to power-on, by the exposures for them alone."""
+"""The zeros of a night by the exposures for them alone, and how they have changed."""
 
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 
 import numpy as np
 
+from pointing_model.model import PointingModel
 from pointing_model.zero_exposures import is_for_zero, is_marked
 
 from .fit import fit_terms
-from .stars_zero import zero_from_exposures
+from .rows import zero_exposures_by_run
+from .stars_zero import zero_from_exposures, zeros_of_power_ons
+
+
+def zeros_of_night(rows, reference, needed=None):
+    """The zero of each power-on that has enough exposures for one.
+
+    Parameters
+    ----------
+    rows : PointingRun
+        All of the night.
+    reference : PointingModel or None
+        Of an earlier night.
+    needed : int, optional
+        A power-on that must have enough, if it has any.
+
+    Returns
+    -------
+    zeros : dict of int to MeasuredZero
+    parts : dict of int to PointingRun
+        The exposures.
+
+    Raises
+    ------
+    ValueError
+        `needed` has too few.
+    """
+    reference = reference or PointingModel({}, mount=rows.mount)
+    parts = {}
+    for number, part in zero_exposures_by_run(rows):
+        with nullcontext() if number == needed else suppress(ValueError):
+            zeros_of_power_ons({number: part}, reference)
+            parts[number] = part
+    return zeros_of_power_ons(parts, reference), parts
 
 
 def zero_changes(rows, numbers, model):

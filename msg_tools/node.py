@@ -93,7 +93,8 @@ class MountNode(Node):
         self._publishers_of = {}
         self._subscriptions_of = {}
         self.rejected = {}
-        self._hardware_id = hardware_id or name
+        # unique: two mounts may be on one graph
+        self._hardware_id = f'{self.get_fully_qualified_name()}: {hardware_id or name}'
         self._announced = None
         self._announced_at = 0.0
         self._last_counts, self._told = None, (None, None)

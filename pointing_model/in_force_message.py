@@ -10,6 +10,7 @@ import numpy as np
 from .model import PointingModel
 from .model_document import NO_MODEL, identity
 from .zero import RunZero
+from .zero_exposures import BY_POLARIS
 
 FORMAT = 'telescope_mount/in_force'
 VERSION = 1
@@ -31,7 +32,7 @@ def pair_to_text(model_text, stamp, zero):
     str
         JSON: ``model`` (the document of a pointing model, or null) and ``zero`` with
         ``stamp_ns``, ``run``, ``encoder_start`` (UTC s), ``model`` (its name), ``az_rad``,
-        ``el_rad``, ``sigma_rad`` (null where unknown).
+        ``el_rad``, ``sigma_rad`` (null where unknown), and ``by`` where it is not by Polaris.
     """
     known = bool(np.isfinite(zero.sigma).all())
     return json.dumps({
@@ -40,7 +41,8 @@ def pair_to_text(model_text, stamp, zero):
         'zero': {'stamp_ns': stamp, 'run': None if zero.run is None else int(zero.run),
                  'encoder_start': zero.started, 'model': zero.model, 'az_rad': float(zero.az),
                  'el_rad': float(zero.el),
-                 'sigma_rad': zero.sigma.tolist() if known else None}})
+                 'sigma_rad': zero.sigma.tolist() if known else None,
+                 **({} if zero.by in (None, BY_POLARIS) else {'by': zero.by})}})
 
 
 def text_to_pair(text):
@@ -67,7 +69,7 @@ def text_to_pair(text):
         zero = RunZero(
             float(told['az_rad']), float(told['el_rad']),
             None if sigma is None else np.diag(np.square(np.array(sigma, float))),
-            told['run'], told['encoder_start'], told['model'])
+            told['run'], told['encoder_start'], told['model'], told.get('by'))
         stamp = int(told['stamp_ns'])
         model_text = json.dumps(model, indent=1) if model else ''
         if model_text:

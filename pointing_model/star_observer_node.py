@@ -53,6 +53,8 @@ PARAMS = SKY_PARAMS + (
           'once [s]', 0.0, 10.0, fixed=True),
     Param('answer_timeout_s', 5.0, 'wall time after which a pointing without an answer is '
           'commanded again [s]', 0.5, 3600.0),
+    Param('absolute_encoder', True, 'whether the mount has an absolute encoder beside the one that '
+          'it is pointed with', fixed=True),
     Param('first_run', 1, 'run number of the first power-on, where the calibration has no rows of '
           'the night yet', -1000000, 1000000),
     Param('polaris_exposures', 16, 'exposures that the services zero, zero_on_polaris and '
@@ -97,7 +99,8 @@ class StarObserver(MountNode):
         self._offset_pub = self.publisher(topics.OFFSET)
         self._status_pub = self.publisher(topics.OBSERVER_STATUS)
         self._checks_pub = self.publisher(topics.CHECKS)
-        self._instruments = Instruments(self.value('first_run'), now=self.now)
+        self._instruments = Instruments(self.value('first_run'), now=self.now,
+                                        absolute=self.value('absolute_encoder'))
         self._instruments.look = self._look_at_publishers
         self._instruments.health.field = self.value('field_deg') * DEG
         self._mount = mount_of(self)
@@ -107,7 +110,8 @@ class StarObserver(MountNode):
         self._in_force = in_force_of(self, self._in_force_changed, self._mount)
         self._sequencer = Sequencer(self, self._instruments, self._in_force, self._table)
         self.subscribe(topics.INCREMENTAL, self._on_incremental)
-        self.subscribe(topics.ABSOLUTE, self._on_absolute)
+        if ABSOLUTE in self._instruments.names:
+            self.subscribe(topics.ABSOLUTE, self._on_absolute)
         self.subscribe(topics.MISS_DISTANCE, self._on_miss)
         self.subscribe(topics.GUARD_STATUS, self._on_guard)
         self._crowded = {}  # instrument with several publishers -> since when, wall s
@@ -329,7 +333,7 @@ class StarObserver(MountNode):
     def required(self):
         """The plan needs a mount and the instruments."""
         return {self.resolve_topic_name(topic.name) for topic in (
-            topics.REQUEST, topics.INCREMENTAL, topics.ABSOLUTE, topics.MISS_DISTANCE)}
+            topics.REQUEST, *map(INSTRUMENT_TOPICS.get, self._instruments.names))}
 
     def waiting_for(self):
         """Instruments that are not there yet, and nodes that are not fully connected."""

@@ -231,14 +231,14 @@ def close_all(out, *, names=ALL, seed=1, progress=None, **options):
     return report
 
 
-def _sound_run(file, azimuth_origin, mount, sky):
+def _sound_run(file, azimuth_origin, mount='', sky=None):
     """A measured run of which the columns and enough rows can be used."""
     from calibration.diagnosis import check_columns, naming_columns
     from msg_tools.units import DEG
 
     from .runs import load_run
     site = {name: sky[f'{name}_deg'] * DEG for name in ('latitude', 'longitude')
-            if f'{name}_deg' in sky}
+            if f'{name}_deg' in (sky or {})}
     with naming_columns():
         run = load_run(file, azimuth_origin=azimuth_origin,
                        **({'mount': mount, 'site': site or None} if mount else {}))

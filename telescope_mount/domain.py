@@ -67,6 +67,30 @@ def _claimed(number):
     return DomainLock(number, file)
 
 
+def join(number=None):
+    """A domain where others may be: drivers that run already.
+
+    Parameters
+    ----------
+    number : int, optional
+        Else that of ``ROS_DOMAIN_ID``, else 0.
+
+    Returns
+    -------
+    DomainLock
+        Of nothing.
+
+    Raises
+    ------
+    ValueError
+        Out of range.
+    """
+    text = str(os.environ.get('ROS_DOMAIN_ID') or 0) if number is None else str(number)
+    if not text.isdecimal() or int(text) > LAST_DOMAIN:
+        raise ValueError(f'domain {text}: must be 0 to {LAST_DOMAIN}')
+    return DomainLock(int(text), open(os.devnull))
+
+
 def claim(number=None):
     """Lock a domain.
 

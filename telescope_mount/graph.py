@@ -30,6 +30,9 @@ SIMULATED = ('mount_simulator', 'incremental_encoder', 'absolute_encoder', 'came
 NIGHT = (*SIMULATED, 'mount_guard', 'star_observer', 'pointing_corrector', 'calibration',
          'mcap_logger')
 
+#: parameters of the site
+SITE = ('latitude_deg', 'longitude_deg', 'height_m')
+
 #: a camera's images may be lost on the way; those of a simulated encoder must not be
 EVERY_FRAME = {f'qos_overrides.{NAMESPACE}/absolute/frame.subscription.{policy}': value
                for policy, value in (('reliability', 'reliable'), ('depth', 5000))}
@@ -115,8 +118,7 @@ def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time
         } | ({'ahead_s': 1.5 * time_scale,
                'behind_deg': 2.0 + time_scale} if time_scale else {'renew_s': 0.0}) | (
             {'first_travel_deg': '-36000,36000'} if altaz else {}) | {
-            name: sky[name] for name in ('latitude_deg', 'longitude_deg', 'height_m')
-            if name in sky},
+            name: sky[name] for name in SITE if name in sky},
         'star_observer': {
             'use_sim_time': True, 'renew_request_s': 0.2 if time_scale else 0.0,
             'star_seed': seed, 'model_file': model_file,
@@ -130,6 +132,39 @@ def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time
         'mcap_logger': {'use_sim_time': True, 'folder': bag},
     }
     return [NodeSpec(name, NODES[name], parameters[name]) for name in names]
+
+
+#: all but the hardware, whose drivers take the place of the simulator's nodes
+REAL = tuple(name for name in NIGHT if name not in SIMULATED)
+
+
+def real_graph(*, bag, plan='', mount='altaz', sky=None, model_file='', absolute_encoder=False,
+               calibration=None):
+    """The nodes beside the drivers of a real mount, on the time of the wall.
+
+    Parameters
+    ----------
+    bag, plan, model_file, sky, mount, calibration
+        As of `night_graph`.
+    absolute_encoder : bool
+        Whether a driver publishes `absolute/joint_states`.
+
+    Returns
+    -------
+    list of NodeSpec
+    """
+    sky = dict(sky or {})
+    parameters = {
+        'mount_guard': {'mount': mount} | {name: sky[name] for name in SITE if name in sky},
+        'star_observer': {
+            'model_file': model_file, 'mount': mount, 'absolute_encoder': absolute_encoder,
+            'wait_for_nodes': [f'{NAMESPACE}/{name}' for name in REAL],
+        } | ({'plan': plan} if plan else {}) | sky,
+        'pointing_corrector': {'model_file': model_file},
+        'calibration': {'model_file': model_file} | (calibration or {}),
+        'mcap_logger': {'folder': bag},
+    }
+    return [NodeSpec(name, NODES[name], parameters[name]) for name in REAL]
 
 
 #: with which a measured run is judged as a night is

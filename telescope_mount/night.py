@@ -7,6 +7,8 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+
 from msg_tools.status import Progress
 from pointing_model.observing.plan import night_plan, parse_plan
 
@@ -16,6 +18,8 @@ from .simulator import kind_of_mount
 
 #: wall seconds without any progress after which a night is given up
 STALL = 60.0
+#: wall seconds after which a wait is told
+SAID_AFTER = 1.5
 
 
 class NightFailed(RuntimeError):
@@ -89,13 +93,14 @@ def run_night(out, *, stars=30, polaris=16, reference=None, cycle='incremental',
         bag=str(folder / 'bag'), plan=plan, scenario=scenario,
         mount=mount or kind_of_mount(scenario),
         model_file=str(reference.resolve()) if reference else '', **graph)
-    report = observe(folder, specs, plan, partial(_write, folder), progress, domain_number,
+    report = observe(folder, specs, plan, partial(write_results, folder), progress, domain_number,
                      params_file)
     _add_truth(folder / 'bag_truth', report)
     return report
 
 
-def observe(folder, specs, plan, write, progress=None, domain_number=None, params_file=None):
+def observe(folder, specs, plan, write, progress=None, domain_number=None, params_file=None, *,
+            claim=domain.claim, drivers=(), stall=STALL, say=None):
     """Carry out a plan in a graph of processes, and write its results.
 
     Parameters
@@ -115,6 +120,14 @@ def observe(folder, specs, plan, write, progress=None, domain_number=None, param
         ROS domain; a free one if omitted.
     params_file : Path, optional
         ROS parameter file for all nodes.
+    claim : callable
+        Gives the domain: `domain.claim`, or `domain.join` where drivers run already.
+    drivers : sequence of Path
+        Python files to start beside the nodes.
+    stall : float
+        Wall seconds without any progress after which it is given up.
+    say : callable, optional
+        Called with what the plan waits for, when that changes; '' when it goes on.
 
     Raises
     ------
@@ -123,7 +136,7 @@ def observe(folder, specs, plan, write, progress=None, domain_number=None, param
     NightFailed
         A node ended, or the plan could not be carried out.
     """
-    lock = domain.claim(domain_number)
+    lock = claim(domain_number)
     from .processes import Processes
     nodes = Processes(folder / 'nodes', lock.number, params_file)
     # after the cheap checks, and while the nodes' own go on: these imports cost half a second
@@ -132,8 +145,10 @@ def observe(folder, specs, plan, write, progress=None, domain_number=None, param
     try:
         for spec in specs:
             nodes.start(spec)
+        for path in drivers:
+            nodes.start_script(path)
         watcher = Watcher('night', lock.number, nodes.environment, nodes.check)
-        _watch(watcher, nodes, plan, progress or (lambda *_: None))
+        _watch(watcher, nodes, plan, progress or (lambda *_: None), stall, say)
         if not watcher.spin_until(lambda: _complete(watcher, plan), 15.0):
             raise NightFailed('the plan is done, but its results were not published')
         with ThreadPoolExecutor(1) as pool:
@@ -166,11 +181,12 @@ def _progress(watcher):
     return Progress.read(watcher.latest.get(OBSERVER_STATUS.name))
 
 
-def _watch(watcher, nodes, plan, progress):
+def _watch(watcher, nodes, plan, progress, stall=STALL, say=None):
     """Follow the observer until the plan is done."""
     from msg_tools import topics
     total = sum(step.exposures for step in parse_plan(plan))
     last, since = None, time.monotonic()
+    waits, said = ('', since), ''
     while True:
         watcher.spin(0.2)
         nodes.check()
@@ -185,9 +201,16 @@ def _watch(watcher, nodes, plan, progress):
             progress(at.step or 'connecting the nodes', at.observations + at.lost, total)
             if at.state == 'done':
                 return
-        if time.monotonic() - since > STALL:
+            text = status.message if at.state == 'waiting' else ''
+            if text != waits[0]:
+                waits = text, time.monotonic()
+            # what is over within moments nobody need read
+            if say is not None and text != said and time.monotonic() - waits[1] > SAID_AFTER:
+                said = text
+                say(text)
+        if time.monotonic() - since > stall:
             what = status.message if status is not None else 'the star observer'
-            raise NightFailed(f'nothing went on for {STALL:g} s: waiting for {what}')
+            raise NightFailed(f'nothing went on for {stall:g} s: waiting for {what}')
 
 
 def _complete(watcher, plan):
@@ -252,9 +275,11 @@ def _add_truth(bag, report):
         change['simulated'] = {'az_arcsec': az / ARCSEC, 'el_arcsec': el / ARCSEC}
 
 
-def _write(folder, results):
+def write_results(folder, results):
     """observations.csv, model.json, report.json and the plot."""
     from calibration.night_plot import plot_night
+    from calibration.rows import for_fitting
+    from calibration.sky_model import origin_of_errors
     from msg_tools import topics
     from msg_tools.units import ARCSEC
     from pointing_model.earth import earth_orientation
@@ -268,6 +293,13 @@ def _write(folder, results):
     orientation = earth_orientation(float(run['time'][0]))
     if orientation.sigma > 0.1 * ARCSEC:
         report['notes'].append(orientation.statement())
+    stars = for_fitting(run)
+    numbers, rows = np.unique(stars['run'], return_counts=True)
+    # each power-on has a zero of its own: the one with most stars tells
+    origin = origin_of_errors(stars.select(stars['run'] == numbers[np.argmax(rows)]))
+    if origin is not None:
+        report['origin_of_errors'] = origin.document()
+        report['notes'].append(origin.sentence())
     write_csv(run, folder / 'observations.csv')
     (folder / 'model.json').write_text(results[topics.MODEL.name].data + '\n')
     (folder / 'report.json').write_text(json.dumps(report, indent=1) + '\n')

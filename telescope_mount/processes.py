@@ -201,6 +201,18 @@ class Processes:
             name=spec.name, module=spec.module, arguments=arguments,
             environment=self.environment, log=str(self.folder / f'{spec.name}.log'))
 
+    def start_script(self, path):
+        """Start a driver: a Python file of the user's, in the same namespace, with his values."""
+        path = Path(path)
+        arguments = ['--ros-args', '-r', f'__ns:={NAMESPACE}']
+        if self.params_file:
+            arguments += ['--params-file', str(self.params_file)]
+        with open(self.folder / f'{path.stem}.log', 'ab') as log:
+            self.running[path.stem] = subprocess.Popen(
+                [sys.executable, str(path), *arguments], stdin=subprocess.DEVNULL, stdout=log,
+                stderr=log, start_new_session=True,
+                env={**self.environment, 'PYTHONUNBUFFERED': '1'})
+
     def last_words(self, name):
         """The last line that a node wrote and that is no message of its log, '' for none."""
         try:

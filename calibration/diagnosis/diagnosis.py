@@ -22,7 +22,7 @@ from .scores import Bank
 from .sessions import arrange, split
 from .streamed import diagnose_streamed
 from .undecided import judge_undecided
-from .unexplained import ahead, unexplained, wander_entry
+from .unexplained import ahead, along_the_sky, unexplained, wander_entry
 from .validation import cross_validated, judge_on, partitions_of
 from .work import Work
 
@@ -122,8 +122,10 @@ def _in_memory(obs, base, alpha, rng, flips, folds, ways, progress):
     chosen = choose(problem, alpha, chance, partitions)
     found = chosen.found
     left = unexplained(problem, found, alpha)
-    errors = cross_validated(work, found.chosen, left is not None, folds, alpha, chance, rng,
-                             ways, progress) if folds else None
+    # a wander along the sky is not told from what the direction does: terms do not rest on it
+    mixed = along_the_sky(obs.context, problem.sequence) is None
+    errors = cross_validated(work, found.chosen, left is not None and mixed, folds, alpha, chance,
+                             rng, ways, progress) if folds else None
     if errors and errors.cut is not None:
         found.not_repeated = found.chosen[errors.cut:]
         del found.chosen[errors.cut:]
@@ -131,15 +133,14 @@ def _in_memory(obs, base, alpha, rng, flips, folds, ways, progress):
         chosen = settled(problem, found, alpha, chance, partitions)
         left = unexplained(problem, found, alpha)
     _refine_steps(work, found)
-    # what is not beyond chance is no reason for another fit
-    noise = problem if left else problem.plain
-    base_fit = work.fit([], noise.state([], final=True))
-    found.state = noise.state(found.chosen, final=True)
-    fitted = work.fit(found.chosen, found.state)
+    base_fit, fitted = _fits(work, found, left, mixed)
     result = _assemble(work, found, chosen.stands, (base_fit, fitted), chance)
     if left is not None:
         result.told_of_wander(wander_entry(left, problem, obs.context))
     if errors:
+        if not found.chosen:  # the model stays as it was
+            errors.before, errors.stretches = errors.after, {
+                key: errors.stretches[key.replace('before', 'after')] for key in errors.stretches}
         for entry, gain in zip(result.effects[len(work.slips):], chosen.gains):
             entry.cv_gain_arcsec = float(gain)
         for entry, one in ((result.before, errors.before), (result.after, errors.after)):
@@ -150,33 +151,45 @@ def _in_memory(obs, base, alpha, rng, flips, folds, ways, progress):
         result.expected = expected_error(
             errors.left_out, found.state.weights > 0.0, problem.sequence.order, rng,
             *ahead(problem, found.chosen, rng))
+        if not problem.sequence.timed:
+            result.expected['within'] = 'ten rows'
         judge_undecided(result, [readable(c.effect(work.problem).name) for c in
                                  found.dropped_by_cv + found.not_repeated],
                         result.ranking[0]['delta_bic'] if result.ranking else 0.0)
     if result.verdict == 'none':
         result.detectable = detectable(work.problem, chance, alpha)
-    if left is not None:
-        result.notes += _without_memory(work, found, base_fit, fitted)
+    if left is not None and mixed:
+        result.notes += _without_memory(work, found, fitted)
     if result.verdict == 'ambiguous':
         result.next_observations = propose(problem, obs, base, found, chosen.stands)
     return result
 
 
-def _without_memory(work, found, base_fit, fitted):
+def _fits(work, found, left, mixed):
+    """The exact fits without and with what was found; `found.state` is of the latter.
+
+    What is not beyond chance is no reason for another fit. Without the effects what wanders is
+    mostly what they do: before them the rows are taken as `fit` takes them.
+    """
+    plain = work.problem.plain
+    if left is None:
+        found.state = plain.state(found.chosen, final=True)
+        return work.fit([], plain.state([], final=True)), work.fit(found.chosen, found.state)
+    found.state = work.problem.state(found.chosen, final=True)
+    fitted = work.fit(found.chosen, found.state) if mixed else work.fit(
+        found.chosen, plain.state(found.chosen, final=True), found.state)
+    return (work.fit([], plain.state([], final=True)) if found.chosen else fitted), fitted
+
+
+def _without_memory(work, found, fitted):
     """A note where the same terms leave less if rows are taken to have no memory."""
-    plain, keep = work.problem.plain, found.state.weights > 0.0
-    out = []
-    for when, chosen, fit in (('before', [], base_fit), ('after', found.chosen, fitted)):
-        alone = radial_arcsec(work.fit(chosen, plain.state(chosen, final=True)).residual, keep)
-        here = radial_arcsec(fit.residual, keep)
-        if here > _MORE * alone:
-            out.append(f'{when}: {alone:.2f} in place of {here:.2f} arcsec')
-        if not found.chosen:
-            out = [text.removeprefix('before: ') for text in out]
-            break
+    keep = found.state.weights > 0.0
+    alone = work.fit(found.chosen, work.problem.plain.state(found.chosen, final=True)).residual
+    alone, here = radial_arcsec(alone, keep), radial_arcsec(fitted.residual, keep)
     return [f'the zero wanders, and the terms are fitted so; fitted as if no row had to do with '
-            f'the one before, as `fit` does, they leave less on these rows, {", ".join(out)}, for '
-            'they take up a part of what wanders'] if out else []
+            f'the one before, as `fit` does, they leave less on these rows, {alone:.2f} in place '
+            f'of {here:.2f} arcsec, for they take up a part of what wanders'
+            ] if here > _MORE * alone else []
 
 
 def _refine_steps(work, found):

@@ -248,6 +248,11 @@ class Solver:
             beyond[np.sqrt(np.square(beyond).sum(axis=1)) <= 1e-5 * length] = 0.0
         self._beyond, self.inverse = beyond, inverse_normal(beyond.copy())
 
+    def inverse_under(self, noise):
+        """Covariance of the same coefficients, if the noise is as `noise` (`Whitened`) has it."""
+        factor = noise.spread((self.inverse @ self._beyond) * self._white.root)
+        return factor @ factor.T
+
     def __call__(self, b):
         """Coefficients of the common columns, (k,), and of each run's own, (runs, j)."""
         values = self._white(b)

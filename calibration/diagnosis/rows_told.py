@@ -208,9 +208,9 @@ def expected_sentence(document):
     told = document.get('expected')
     if not told:
         return None
-    return (f'expected on fresh stars in the half hour after: {told["rms_arcsec"]:.2f} arcsec '
-            f'radial, {told["low_arcsec"]:.2f} to {told["high_arcsec"]:.2f} in '
-            f'{100 * told["confidence"]:.0f} % of cases')
+    return (f'expected on fresh stars in the {told.get("within", "half hour")} after: '
+            f'{told["rms_arcsec"]:.2f} arcsec radial, {told["low_arcsec"]:.2f} to '
+            f'{told["high_arcsec"]:.2f} in {100 * told["confidence"]:.0f} % of cases')
 
 
 def outlier_sentence(document):

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from msg_tools.units import ARCSEC
-from pointing_model.effects.base import readable
+from pointing_model.effects.base import driver_word, readable
 
 from .constants import WANDER_TESTS
 
@@ -147,7 +147,7 @@ def wander_entry(found, problem, context):
     dict
         ``p`` (at most); ``like`` (names of effects that would explain it); ``slow``: it lasts
         longer than from row to row; ``text``, a sentence; ``along_the_sky``, see
-        `_along_the_sky`; and ``axes``: of each ``sigma_arcsec`` of the process, ``memory`` and
+        `along_the_sky`; and ``axes``: of each ``sigma_arcsec`` of the process, ``memory`` and
         ``span`` (of the rows) in ``unit`` (hours, rows), ``angle`` (it is one of the azimuth axis:
         times cos E on the sky), ``moves_arcsec``: by how much two rows differ because of it (RMS)
         that are ``apart`` from one another, in ``unit``; and ``row_to_row_arcsec``, the noise
@@ -177,10 +177,11 @@ def wander_entry(found, problem, context):
         beside = axes[name]['row_to_row_arcsec']
         parts.append(f'by {moves:.2f}\u2033 in {words[axis]} (from row to row the noise is '
                      f'{beside:.2f}\u2033)')
-    step = _along_the_sky(context, sequence)
+    step = along_the_sky(context, sequence)
     if slow:
-        text = (f'the zero wanders: rows {said} apart differ by it (RMS), {" and ".join(parts)}, '
-                'and its cause is not told')
+        text = ('neighbouring rows err alike, as where the zero wanders' if step else
+                'the zero wanders') + (f': rows {said} apart differ by it (RMS), '
+                                       f'{" and ".join(parts)}, and its cause is not told')
         like = _like(found, problem)
         if like:
             text += f'; it could as well be {like}'
@@ -210,7 +211,7 @@ def _apart(sequence):
     return 60.0, 'a minute'
 
 
-def _along_the_sky(context, sequence):
+def along_the_sky(context, sequence):
     """Whether neighbours in time are neighbours on the sky: what wanders may follow the direction.
 
     Returns
@@ -238,6 +239,8 @@ def _like(found, problem):
     """What would explain it, in words: effects, and of curves what they follow."""
     effects = [c.effect(problem) for c in found.like]
     named = list(dict.fromkeys(readable(e.name) for e in effects if e.kind != 'smooth'))
-    named = [*named[:_NAMED], *([f'{len(named) - _NAMED} others'] if len(named) > _NAMED else [])]
-    drivers = dict.fromkeys(e.driver.replace('_', ' ') for e in effects if e.kind == 'smooth')
+    if len(named) > _NAMED + 1:
+        named = [*named[:_NAMED], f'{len(named) - _NAMED} others']
+    drivers = dict.fromkeys(driver_word(e.driver).replace('_', ' ') for e in effects
+                            if e.kind == 'smooth')
     return ' or '.join([*named, *([f'a curve of {" or ".join(drivers)}'] if drivers else [])])

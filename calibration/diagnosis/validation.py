@@ -150,7 +150,7 @@ def cross_validated(work, chosen, wanders, count, alpha, chance, rng, ways=None,
 
     def apart(folds):
         left, _ = nested(problem, folds, alpha, rng, wanders, whole=chance, done=told)
-        return _rms(np.square(cross_validate(fits, [], folds)), keep), np.square(left)
+        return _rms(np.square(cross_validate(problem.plain, [], folds)), keep), np.square(left)
     parts, folds_done, expected = [], 0, 0
     least, most = (ways, ways) if ways is not None else (
         (PARTITIONS, MOST_PARTITIONS) if problem.n <= MANY else (FEW_PARTITIONS, FEW_PARTITIONS))

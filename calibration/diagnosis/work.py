@@ -59,8 +59,16 @@ class Work:
                                              for r, m in zip(rows, multiples)))
         return out
 
-    def fit(self, chosen, state):
+    def fit(self, chosen, state, noise=None):
         """Exact rotations with the effects: coefficients, covariance, residual, by iteration.
+
+        Parameters
+        ----------
+        chosen : list of Choice
+        state : State
+            By which rows are weighted.
+        noise : State, optional
+            With the wander by which the covariance is, where `state` has none.
 
         Returns
         -------
@@ -82,7 +90,8 @@ class Work:
                 break
             left, _ = after_rotation(self.obs, start)
         p[geometric] = [start[common[i]] for i in geometric]
-        return Fitted(np.append(p, own), solve.inverse, start, residual.reshape(2, -1), common)
+        inverse = solve.inverse if noise is None else solve.inverse_under(noise.white)
+        return Fitted(np.append(p, own), inverse, start, residual.reshape(2, -1), common)
 
     def model(self, fitted, chosen):
         """`PointingModel` with the effects, and the terms of each run."""

@@ -107,6 +107,10 @@ def _verdict(view):
                         (document.get('noise_floor_arcsec'), floor_words(document))):
         if value is not None and not (verdict in _STAYS and text.startswith('after')):
             cards.append(f'<div><b>{arcsec(value)}</b><span>{clean(text)}</span></div>')
+    told = document.get('expected')
+    if told:
+        cards.append(f'<div><b>{arcsec(told["rms_arcsec"])}</b><span>expected on fresh stars, '
+                     f'{arcsec(told["low_arcsec"])} to {arcsec(told["high_arcsec"])}</span></div>')
     kind = verdict if verdict in _VERDICTS else ''
     return (f'<section class="verdict {kind}"><span class="badge">'
             f'{clean(_VERDICTS.get(verdict, verdict))}</span><h2>{clean(headline)}</h2>'

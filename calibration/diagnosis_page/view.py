@@ -359,16 +359,17 @@ def _found(diagnosis, found):
         found.fitted.coefficients / ARCSEC, rms, (known.min(), known.max()) if known.size else None,
         _utc if utc and e.driver == 'time' else None))
     name = readable(e.name)
-    return FoundEffect(name[:1].upper() + name[1:], sentence, _facts(found), fitted,
+    return FoundEffect(name[:1].upper() + name[1:], sentence, _facts(found, context), fitted,
                        _effect_driver(context, e), _in_words(found.ranking, context.mount))
 
 
-def _facts(found):
+def _facts(found, context):
     e = found.fitted.effect
     facts = [('Cause', e.cause), ('Look at', e.look_at), ('Formula', e.formula)]
     values = zip(e.coefficient_names, found.fitted.coefficients / ARCSEC,
                  found.fitted.sigma / ARCSEC)
-    facts += [(f'Coefficient {name}', f'{value:+.4g} ± {sigma:.2g} {e.unit}'.replace('-', '−'))
+    facts += [(f'Coefficient {context.said(name)}',
+               f'{value:+.4g} ± {sigma:.2g} {e.unit}'.replace('-', '−'))
               for name, value, sigma in values]
     if e.tpoint:
         facts.append(('TPOINT', e.tpoint))
@@ -398,13 +399,13 @@ def _effect_driver(context, e):
 def _terms(diagnosis):
     model = diagnosis.model
     sigma = np.sqrt(np.maximum(np.diag(model.covariance), 0.0)) / ARCSEC
-    own = set(diagnosis.base.own)
+    own, said = set(diagnosis.base.own), diagnosis.observations.context.said
     out = [{'name': name + (' (median of the runs)' if name in own else ''),
             'value': value / ARCSEC, 'sigma': None if name in own else float(s), 'unit': 'arcsec'}
            for (name, value), s in zip(model.terms.items(), sigma)]
     for found in diagnosis.effects:
         e, f = found.fitted.effect, found.fitted
-        out += [{'name': f'{readable(e.name)}: {name}', 'value': value / ARCSEC,
+        out += [{'name': f'{readable(e.name)}: {said(name)}', 'value': value / ARCSEC,
                  'sigma': float(s) / ARCSEC, 'unit': e.unit}
                 for name, value, s in zip(e.coefficient_names, f.coefficients, f.sigma)]
     return out

@@ -2,9 +2,13 @@
 
 import numpy as np
 
-from msg_tools.units import ARCSEC
+from msg_tools.units import ARCSEC, wrap
+from pointing_model.terms import stacked_design
 
-from .base import Effect, effect, form, offer
+from .base import Effect, Offer, effect, form, offer
+
+_MEDIAN_OF_NORMAL = 0.6745  # of its absolute value
+_LOOKS = 1.5  # sigmas by which noise may look like a scale: one in 160 is beyond 4 then
 
 
 @form
@@ -39,6 +43,47 @@ def propose(context, lacking, own):
     def build(_):
         # far beyond what was seen nothing is known of the camera
         far = 1.5 * max(np.nanmax(np.abs(context.get(m))) for m in ('miss_x', 'miss_y')) / ARCSEC
-        return [effect('camera', of=of, most=float(far)) for of in ('rotation', 'scale')]
-    yield offer('camera', 'camera rotation and scale', context, 'miss_x', build,
-                None if context.get('miss_y') is not None else 'miss_y is not known')
+        kinds = ('rotation',) if centred else ('rotation', 'scale')
+        return [effect('camera', of=of, most=float(far)) for of in kinds]
+
+    unknown = None if context.get('miss_y') is not None else 'miss_y is not known'
+    centred = '' if unknown else _too_well_centred(context)
+    yield offer('camera', 'camera rotation and scale', context, 'miss_x', build, unknown)
+    if centred:
+        yield Offer('camera', [], 'camera scale', centred)
+
+
+def _too_well_centred(context):
+    """Why a plate scale cannot be told; '' where it can.
+
+    The noise of a star is in its miss distance and in its offset alike, which looks as a scale
+    that is wrong by noise^2 / miss^2. Its sigma is noise / (miss sqrt(2 n)): it is `_LOOKS` of them
+    at most where miss > noise sqrt(2 n) / `_LOOKS`.
+    """
+    read = [context.get(f'{axis}_enc') for axis in ('az', 'el')]
+    miss = [context.get(name) for name in ('miss_x', 'miss_y')]
+    if any(value is None for value in (*read, *miss)):
+        return ''
+    offset = np.array([wrap(read[0] - context.az) * np.cos(context.el),
+                       wrap(read[1] - context.el)])
+    good = np.isfinite(offset).all(axis=0) & np.isfinite(miss).all(axis=0)
+    miss = np.array(miss)
+    az, el, run = context.az[good], context.el[good], context.get('run')
+    design = stacked_design(context.mount.names.physical, az, el, context.mount).T
+    if run is not None:  # each has zeros of its own
+        members = run[good][:, None] == np.unique(run[good])[1:]
+        none = np.zeros_like(members)
+        design = np.hstack([design, np.vstack([members * np.cos(el)[:, None], none]),
+                            np.vstack([none, members])])
+    left = offset[:, good].ravel()
+    if len(left) <= design.shape[1]:
+        return ''
+    left = left - design @ np.linalg.lstsq(design, left, rcond=None)[0]
+    noise = np.median(np.abs(left)) / _MEDIAN_OF_NORMAL
+    spread = np.sqrt(np.mean(np.square(miss[:, good])))
+    least = noise * np.sqrt(len(left)) / _LOOKS
+    if spread > least:
+        return ''
+    return (f'the stars were centred to {spread / ARCSEC:.1f} arcsec, where their noise is '
+            f'{noise / ARCSEC:.1f}: that noise looks like a scale; leave stars uncentred by more '
+            f'than {least / ARCSEC:.0f} arcsec')

@@ -144,7 +144,7 @@ class Exposer:
         target, (site, air, *_) = pointing.target, self._conditions()
         power_on, second_on = self._instruments.power_on, self._instruments.absolute_power_on
         az, el = (float(v[0]) for v in pointing.place(np.array([stamp]), site, air))
-        return {
+        row = {
             'stamp': stamp, 'time': stamp * 1e-9, 'run': self._instruments.run,
             'encoder_start': power_on.started if power_on else np.nan,
             'absolute_start': second_on.started if second_on else np.nan, 'block': block,
@@ -155,6 +155,10 @@ class Exposer:
             'temperature': air.temperature_c, 'pressure': air.pressure_hpa,
             'magnitude': target.magnitude,
         }
+        if ABSOLUTE not in self._instruments.names:  # no column: not one that gave no angle
+            for name in ('absolute_start', 'az_abs', 'el_abs'):
+                del row[name]
+        return row
 
     def expose(self, pointing):
         """Steps that command a track, again until there is an exposure on it: stamp and miss.

@@ -8,7 +8,7 @@ from msg_tools.power_on import read_frame
 from msg_tools.units import DEG, wrap
 
 from .instrument_health import InstrumentHealth
-from .pairing import Exposures
+from .pairing import ENCODERS, Exposures
 
 MOUNT, ABSOLUTE, CAMERA = 'mount and incremental encoder', 'absolute encoder', 'camera'
 #: an axis slower than this stands still, rad/s
@@ -26,6 +26,8 @@ class Instruments:
         Seconds of a clock that goes on while simulated time stands still.
     now : callable
         The graph's time, ns; 0 where it is not known.
+    absolute : bool
+        Whether there is an absolute encoder.
 
     Attributes
     ----------
@@ -42,15 +44,18 @@ class Instruments:
         none, each time that it has been homed.
     power_on, absolute_power_on : PowerOn or None
         What the incremental and the absolute encoder tell of it.
+    names : tuple of str
+        Of the instruments that there are.
     health : InstrumentHealth
         What the instruments say that cannot be.
     look : callable
         Called at each exposure, so that `health` knows who publishes.
     """
 
-    def __init__(self, first_run=1, wall=time.monotonic, now=lambda: 0):
+    def __init__(self, first_run=1, wall=time.monotonic, now=lambda: 0, absolute=True):
         self.health, self.look, self._now = InstrumentHealth(), lambda: None, now
-        self.exposures = Exposures()
+        self.names = (MOUNT, ABSOLUTE, CAMERA) if absolute else (MOUNT, CAMERA)
+        self.exposures = Exposures(ENCODERS if absolute else ENCODERS[:1])
         self.stamp, self.here, self.rate = 0, None, None
         self.homed = False
         self.run = self._newest = first_run - 1
@@ -158,7 +163,7 @@ class Instruments:
 
     def ask(self):
         """All of them are to answer from now on."""
-        self._asked = dict.fromkeys((MOUNT, ABSOLUTE, CAMERA), self._wall())
+        self._asked = dict.fromkeys(self.names, self._wall())
         self._heard = dict(self._asked)
 
     def silent(self, seconds):

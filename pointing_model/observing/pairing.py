@@ -117,10 +117,16 @@ def centred(az, el, miss_x, miss_y, beyond=False):
 
 
 class Exposures:
-    """Readings and frames since a track was commanded, and which of them belong together."""
+    """Readings and frames since a track was commanded, and which of them belong together.
 
-    def __init__(self):
-        self._readings = {encoder: deque(maxlen=20000) for encoder in ENCODERS}
+    Parameters
+    ----------
+    encoders : sequence of str
+        Of `ENCODERS`: those that an exposure must have readings of around it.
+    """
+
+    def __init__(self, encoders=ENCODERS):
+        self._readings = {encoder: deque(maxlen=20000) for encoder in encoders}
         self._frames = deque(maxlen=1000)
         self._track = None
 
@@ -174,8 +180,10 @@ class Exposures:
         """Angles and rates of an encoder at `stamp`; see `interpolate`.
 
         The absolute encoder may give one axis alone; without both of the incremental one no star
-        can be pointed at: ValueError.
+        can be pointed at: ValueError, as where there is no such encoder.
         """
+        if encoder not in self._readings:
+            raise ValueError('the mount has no such encoder')
         stamps, read = _since(self._readings[encoder], stamp - RATE_OVER)
         angles, rates = interpolate(stamps, read, stamp, RATE_OVER)
         if encoder == 'enc' and not np.isfinite(angles).all():

@@ -118,3 +118,11 @@ def night_plan(stars, exposures, reference=False, cycle='incremental'):
     again = {'incremental': 'power_cycle, home', 'absolute': 'power_cycle absolute',
              'both': 'power_cycle both, home'}[cycle]
     return f'home, stars {stars}, {zero}, {again}, {zero}, stars {stars}, fit'
+
+
+def real_plan(stars):
+    """The plan of a real mount: stars, a fit, and fresh stars blind to judge it by.
+
+    No encoder is switched off, and the zero is that of the fit.
+    """
+    return f'home, stars {stars}, fit, check {max(stars // 4, 3)}'

@@ -6,6 +6,7 @@ outbox, for all else; each new thing to know is followed by `Sequencer.advance`.
 
 import json
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -278,20 +279,11 @@ class Sequencer:
 
     def _do_zero_on_stars(self, count):
         yield from self._need_home()
-        try:
-            chosen = self._zero_choice().stars(count)
-        except ValueError as err:
-            raise Refused(str(err)) from None
+        chosen = self._zero_choice().stars(count)
         self._out.get_logger().info(chosen.words)
         self._progress.step += f': {chosen.by}'
-        self._set_waiting('')
-        rows, left = len(self._table), list(chosen.targets)
-        while left:
-            target, before = left.pop(0), len(self._table)
-            yield from self._observe(target, for_zero=True)
-            others = [other for other in left if other.number != target.number]
-            if len(self._table) == before and others:  # not there: the others have its exposures
-                left = sorted((others * len(left))[:len(left)], key=others.index)
+        rows = len(self._table)
+        yield from chosen.expose(partial(self._observe, for_zero=True), self._table)
         if len(self._table) == rows:
             raise Refused(f'none of {count} exposures shows a star for the zero: look at sky, site '
                           'and time')
@@ -305,7 +297,6 @@ class Sequencer:
             yield from self._do_zero_on_stars(count)
             return
         self._progress.step += ': Polaris'
-        self._set_waiting('')
         yield from self._do_polaris(count)
 
     def _do_satellite(self, count):
@@ -415,7 +406,15 @@ class Sequencer:
     def _check_polaris(self):
         if self._polaris is None:
             self._polaris = StarTarget(load_catalogue(hip=[POLARIS_HIP]))
-        self._check_height(self._polaris, 'Polaris', 'set the zero another way')
+        self._check_height(self._polaris, 'Polaris', 'set the zero on stars (zero_on_stars)')
+        time, mount = np.array([self._exposer.now() * 1e-9]), self._out.mount()
+        place = self._polaris.place(time, *self._out.sky())
+        highest = self._out.value('max_elevation_deg')
+        if not Limits().reached(mount, *place, highest * DEG)[0]:
+            angle = abs(mount.axes_of(*place)[1][0])
+            raise Refused(f'Polaris stands at {angle / DEG:.1f} deg of {mount.names.axes[1]}, '
+                          f'beyond max_elevation_deg = {highest}, and tells no zero of the '
+                          f'{mount.names.axes[0]} there: set it on stars (zero_on_stars)')
 
     def _check_height(self, target, name, remedy):
         lowest = self._out.value('min_elevation_deg')

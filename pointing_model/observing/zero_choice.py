@@ -34,6 +34,24 @@ class Exposures(NamedTuple):
     by: str
     words: str
 
+    def expose(self, observe, table):
+        """Steps that expose them; a star that is not there leaves its exposures to the others.
+
+        Parameters
+        ----------
+        observe : callable
+            Gives the steps of one exposure of a target.
+        table : Table
+            Has a row more after one that shows the star.
+        """
+        left = list(self.targets)
+        while left:
+            target, rows = left.pop(0), len(table)
+            yield from observe(target)
+            others = [other for other in left if other.number != target.number]
+            if len(table) == rows and others:
+                left = sorted((others * len(left))[:len(left)], key=others.index)
+
 
 class ZeroChoice:
     """The conditions under which a zero is to be set.

@@ -45,7 +45,7 @@ def which_fits(table, rows, icrs, of_date, mount):
         said += ', which cannot be told apart'
     table.meta['notes'].append(
         f'the file does not say the equinox of its catalogue: taken as {best}, for the '
-        f'{len(mount.names.physical)} terms leave {said}')
+        f'{len(mount.names.physical)} terms leave, in the median, {said}')
     return ways[best]
 
 

@@ -23,17 +23,20 @@ class Progress:
         What comes before the first count.
     after : float
         Seconds before which nothing is said on a pipe: what is fast needs no line.
+    every : float
+        Seconds after which a step has another line on a pipe.
     """
 
-    def __init__(self, console, unit='exposures', first='starting the nodes', after=0.0):
+    def __init__(self, console, unit='exposures', first='starting the nodes', after=0.0,
+                 every=float('inf')):
         from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
         self._bar = Progress(
             TextColumn('{task.description:<18}'), BarColumn(), MofNCompleteColumn(),
             TextColumn(unit), console=console, transient=True)
         self._console, self._unit, self._first = console, unit, first
-        self._quiet_until = time.monotonic() + after
+        self._quiet_until, self._every = time.monotonic() + after, every
         self._task = None
-        self._text = None
+        self._text, self._next = None, 0.0
 
     def __enter__(self):
         if self._console.is_terminal:
@@ -48,11 +51,13 @@ class Progress:
     def __call__(self, text, done, total):
         if self._task is not None:
             self._bar.update(self._task, description=text, completed=done, total=total)
-        elif time.monotonic() < self._quiet_until:
             return
-        elif text != self._text:
+        now = time.monotonic()
+        # before the first line of a step nothing is counted: that says nothing
+        if total is not None and now >= self._quiet_until and (
+                text != self._text or now >= self._next):
             self._console.print(f'{text}: {done} of {total} {self._unit} done')
-        self._text = text
+            self._text, self._next = text, now + self._every
 
 
 def print_lines(console, kind, lines):

@@ -77,7 +77,7 @@ def _run(args):
     if base:
         runs, held = ([base.taken_off(run, args.encoder) for run in each] if each else each
                       for each in (runs, held))
-    with Progress(console, 'folds', 'reading the rows', 5.0) as progress:
+    with Progress(console, 'folds', 'looking for effects', after=30.0, every=60.0) as progress:
         found = diagnose(runs, '+'.join(base.terms) if base else args.base, args.alpha,
                          holdout=held, own_terms=args.own, encoder=args.encoder, seed=args.seed,
                          sessions=args.sessions, progress=progress)

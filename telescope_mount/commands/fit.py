@@ -53,6 +53,7 @@ def _run(args):
     from calibration.diagnosis import check_columns, naming_columns
     from calibration.fit import fit_terms
     from calibration.fit_document import fit_document
+    from calibration.sky_model import origin_of_errors
     from calibration.tables import fit_tables
 
     from ..runs import load_run
@@ -82,6 +83,11 @@ def _run(args):
     if args.predict:
         model, document['predicted'] = _to_predict(observed, args, console)
     print_lines(console, 'note', checked.notes)
+    origin = origin_of_errors(observed, args.terms, encoder=args.encoder,
+                              robust=not args.no_robust)
+    if origin is not None:
+        print_lines(console, 'sides of the pier', [origin.sentence()])
+        document['origin_of_errors'] = origin.document()
     if base:
         console.print(base.table(model))
         print_lines(console, 'note', base.notes)

@@ -12,7 +12,7 @@ from pointing_model.mounts import is_beyond
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / 'benchmarks'))
 
-from simulated_mounts import PLAIN, UNDECLARED, deviations, named, night
+from simulated_mounts import PLAIN, UNDECLARED, deviations, named, night, on_its_worm
 
 
 @pytest.mark.parametrize('name', PLAIN)
@@ -35,3 +35,12 @@ def test_what_nobody_declared_is_named(name):
     result = diagnose(night(load_scenario(name), seed=2), cross_validation=False, seed=2)
     assert named(result, wanted) == (True, True)
     assert len(result.effects) == 1
+
+
+def test_a_worm_is_named_by_its_teeth():
+    scenario = load_scenario('german_worm')
+    run = on_its_worm(night(scenario, seed=2), scenario)
+    result = diagnose(run, cross_validation=False, seed=2)
+    assert result.effects[0].fitted.effect.name.startswith('hour_angle_subdivision_grating')
+    del run.meta['graduation']
+    assert not diagnose(run, cross_validation=False, seed=2).effects

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from calibration.nights import NightSeries
 from calibration.rows import zero_exposures_by_run
 from calibration.session import CalibrationSession
 from calibration.stars_zero import zero_from_exposures, zeros_of_power_ons
@@ -60,15 +61,15 @@ def drawn(rng, model):
 @pytest.mark.parametrize('mount', [ALTAZ, FORK], ids=['altaz', 'fork'])
 def test_the_errors_are_what_sigma_says_with_the_covariance_of_the_held_terms(mount):
     model, error, sigma = model_of(mount), [], []
-    for seed in range(300):
+    for seed in range(200):
         rng = np.random.default_rng([1, seed])
         zero = zero_from_exposures(exposed(rng, drawn(rng, model), ZERO), model, run=3)
         error.append(zero.angles - ZERO)
         sigma.append(zero.sigma)
     error, sigma = np.array(error), np.array(sigma)
-    assert np.all(np.abs(error.mean(axis=0)) < 4.0 * error.std(axis=0) / np.sqrt(300))
+    assert np.all(np.abs(error.mean(axis=0)) < 4.0 * error.std(axis=0) / np.sqrt(200))
     # Student's factor and the weights that reject widen it by 6 %
-    np.testing.assert_allclose(error.std(axis=0), sigma.mean(axis=0), rtol=0.16)
+    np.testing.assert_allclose(error.std(axis=0), sigma.mean(axis=0), rtol=0.18)
     inside = np.mean(np.abs(error) < sigma, axis=0)
     assert np.all(np.abs(inside - 0.683) < 0.09), inside
     # without the covariance of what is held it would say too little
@@ -89,7 +90,7 @@ def test_noise_free_exposures_give_the_zero_itself():
 def test_without_a_model_the_terms_cancel_in_the_change_of_the_same_stars():
     truth = PointingModel(dict(zip(ALTAZ.names.physical, 2.0 * VALUES)))
     error, sigma, alone = [], [], []
-    for seed in range(100):
+    for seed in range(64):
         rng = np.random.default_rng([2, seed])
         then = exposed(rng, truth, ZERO)
         now = exposed(rng, truth, ZERO + CHANGE, four(turned=3.0 * DEG), run=2)
@@ -102,8 +103,8 @@ def test_without_a_model_the_terms_cancel_in_the_change_of_the_same_stars():
         # all power-ons together tell IA and IE themselves, as far as they can
         alone.append((zeros[1].angles - ZERO - 2.0 * VALUES[:2]) / zeros[1].sigma)
     error, sigma = np.array(error), np.array(sigma)
-    assert np.all(np.abs(error.mean(axis=0)) < 4.0 * error.std(axis=0) / 10.0)
-    np.testing.assert_allclose(error.std(axis=0), sigma.mean(axis=0), rtol=0.22)
+    assert np.all(np.abs(error.mean(axis=0)) < 4.0 * error.std(axis=0) / 8.0)
+    np.testing.assert_allclose(error.std(axis=0), sigma.mean(axis=0), rtol=0.25)
     assert np.all(sigma.mean(axis=0) < [0.75 * ARCSEC, 0.5 * ARCSEC])
     assert np.all(np.sqrt(np.mean(np.square(alone), axis=0)) < 1.25)
     assert change.reference == '16 exposures of stars (4), power-on 1'
@@ -223,3 +224,47 @@ def test_exposures_for_a_zero_are_those_of_polaris_and_those_with_a_mark():
         (1, 'stars (4)'), (2, 'Polaris')]
     old = PointingRun({n: v for n, v in rows.columns.items() if n != MARK})
     assert is_for_zero(old).sum() == 16
+
+
+def test_a_power_on_with_one_exposure_does_not_keep_the_next_from_its_zero():
+    blocks = night()
+    blocks[1] = blocks[1].select(slice(0, 1))
+    collected = session(blocks)
+    run, zero = collected.calibrate_zero()
+    assert run == 2 and zero.by == 'stars (4)' and list(collected.zeros) == [2]
+    with pytest.raises(ValueError, match='one exposure for a zero'):
+        session(blocks[:2]).calibrate_zero()
+
+
+def test_nights_in_a_row_are_judged_with_zeros_by_stars():
+    series = NightSeries(1)
+    rng = np.random.default_rng(11)
+    truth = PointingModel(dict(zip(ALTAZ.names.physical, VALUES)))
+    for number in (1, 2, 3):
+        zero = ZERO + number * CHANGE
+        blocks = []
+        for k, n in enumerate((24, 16, 24)):
+            place, mark = four(turned=0.1 * number), float(k == 1)
+            if k != 1:
+                place = (rng.uniform(0.0, 2.0 * np.pi, n), np.arcsin(rng.uniform(0.35, 0.99, n)),
+                         1000.0 * number + 100.0 * k + np.arange(n))
+            block = exposed(rng, truth, zero, place, number, mark=mark)
+            time = 1e5 * number + 1e3 * k + np.arange(n)
+            blocks.append(PointingRun({**block.columns, 'time': time}))
+        for k, block in enumerate(blocks):
+            series.add(block, number * 10**12 + k)
+            if k == 1:
+                series.calibrate_zero()
+        _, report = series.fit()
+    assert [row['night'] for row in report['nights']] == [2, 3]
+    after = report['nights'][-1]['physical']
+    assert after['zero']['by'] == 'stars (4)'
+    for axis, wanted in zip(('az', 'el'), CHANGE / ARCSEC):
+        sigma = after['zero'][f'sigma_{axis}_arcsec']
+        assert abs(after[f'change_{axis}_arcsec'] - wanted) < 4.0 * np.hypot(sigma, 0.5)
+    # the mean of the stars after the zero, in units of what is expected of it
+    for axis in ('az', 'el'):
+        sigma = after['after'][f'{axis}_sigma_arcsec']
+        assert 0.2 < sigma < 1.0 and abs(after['after'][f'{axis}_mean_arcsec']) < 4.0 * sigma
+    seasons = [row['zero_arcsec'] for row in report['power_ons']]
+    np.testing.assert_allclose(np.diff(seasons, axis=0), [CHANGE / ARCSEC] * 2, atol=2.5)

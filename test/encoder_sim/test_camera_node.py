@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,7 @@ from rclpy.parameter import Parameter
 from encoder_sim.camera_node import StarCamera
 from msg_tools import convert, topics
 from msg_tools.units import ARCSEC, DEG
+from pointing_model.mounts import parse_mount
 from pointing_model.sky import DEFAULT_SITE, DEFAULT_WEATHER, observed_place
 from pointing_model.star_catalogue import load_catalogue
 from pointing_model.target import satellite_target
@@ -64,6 +67,23 @@ def test_a_star_towards_plus_a_plus_e_gives_a_positive_miss(graph, hip, shift):
         return star - shift / [np.cos(star[1]), 1.0]
     miss = shutter(angles)
     np.testing.assert_allclose(miss / ARCSEC, shift / ARCSEC, rtol=0, atol=0.2)
+
+
+def test_through_the_pole_of_where_it_stands_the_miss_is_that_of_the_tube(graph, tmp_path):
+    path = tmp_path / 'german.yaml'
+    path.write_text('based_on: ideal\nmount: {kind: german}\nincremental:\n  hour_angle: '
+                    '{mark_angle_deg: 90}\n')
+    shutter = Shutter(graph, scenario=str(path))
+    south = -20.0
+    assert graph.set_parameter(shutter.node, latitude_deg=south) == (True, '')
+    site, mount = replace(DEFAULT_SITE, latitude=south * DEG), parse_mount('german', south * DEG)
+    shift = np.array([-80.0, 60.0]) * ARCSEC
+    for beyond in (False, True):
+        def angles(stamp, beyond=beyond):
+            at = observed_place(load_catalogue(hip=[SIRIUS]), stamp * 1e-9, site, DEFAULT_WEATHER)
+            star = np.ravel(mount.axes_of(*at, beyond))
+            return star - shift / [np.cos(star[1]), 1.0]
+        np.testing.assert_allclose(shutter(angles) / ARCSEC, shift / ARCSEC, rtol=0, atol=0.2)
 
 
 def test_a_mount_that_stands_still_is_measured_in_the_middle(graph):

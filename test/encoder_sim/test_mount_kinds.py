@@ -185,6 +185,10 @@ def test_on_another_mount_the_instruments_stay_and_its_errors_do_not(tmp_path):
     bare = load_scenario(path)
     assert bare.mount == Mount(kind='german')
     assert bare.axes.elevation.travel_max == pytest.approx(270 * DEG)
+    path.write_text('based_on: fork\nmount: {kind: alt-az, ia_arcsec: 2}\n')
+    upright = load_scenario(path)
+    assert upright.mount == Mount(ia=2 * ARCSEC)
+    assert upright.axes.elevation.travel_max == pytest.approx(91 * DEG)
     # the same kind again changes nothing
     path.write_text('based_on: fork\nmount: {kind: horseshoe, ih_arcsec: 1}\n')
     assert load_scenario(path).mount.ie == fork.mount.ie

@@ -196,7 +196,7 @@ def test_diagnostics_say_what_the_node_waits_for(graph):
     status = graph.report('sample', f'waiting for a publisher of {topic}')
     assert status.level == DiagnosticStatus.WARN
     assert status.name == '/mount/sample'
-    assert status.hardware_id == 'sample'
+    assert status.hardware_id == '/mount/sample: sample'
     graph.publisher(topics.INCREMENTAL)
     status = graph.report('sample', 'ok', f'subscribes {topic}', 1)
     assert status.message == 'ok' and status.level == DiagnosticStatus.OK

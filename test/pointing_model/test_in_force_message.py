@@ -25,6 +25,13 @@ def test_a_pair_goes_there_and_back_to_the_bit():
     np.testing.assert_allclose(back.sigma, zero.sigma, rtol=1e-15)
 
 
+def test_the_way_of_a_zero_is_told_where_it_is_not_polaris():
+    text = pair_to_text('', 1, RunZero(1.0, 2.0, model='none', by='stars'))
+    assert text_to_pair(text)[2].by == 'stars'
+    by_polaris = pair_to_text('', 1, RunZero(1.0, 2.0, model='none', by='Polaris'))
+    assert by_polaris == pair_to_text('', 1, RunZero(1.0, 2.0, model='none'))
+
+
 def test_without_a_model_and_without_a_sigma():
     model, _, zero = text_to_pair(pair_to_text('', 1, RunZero(1.0, 2.0, model='none')))
     assert model == '' and zero.covariance is None and zero.run is None

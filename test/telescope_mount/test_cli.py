@@ -78,7 +78,7 @@ def test_git_ignores_what_is_written_by_default():
     commands = next(a.choices for a in _parser()._actions if a.dest == 'command')
     folders = [str(parser.get_default('out')) for parser in commands.values()
                if parser.get_default('out')]
-    assert len(folders) == 4
+    assert len(folders) == 5
     folders += ['night_bag', 'night_bag_truth', 'telescope_mount_log', 'bag', 'bag_recovered']
     root = Path(__file__).parents[2]
     if not (root / '.git').exists():

@@ -3,8 +3,11 @@
 import ast
 import functools
 import importlib
+import os
 import re
+import sys
 from pathlib import Path
+from subprocess import run
 
 import pytest
 
@@ -15,6 +18,7 @@ from telescope_mount.graph import (
     SIMULATED,
     measured_graph,
     night_graph,
+    real_graph,
     replay_graph,
 )
 
@@ -26,8 +30,11 @@ BELOW = {
     'pointing_model': ('msg_tools',),
     'calibration': ('pointing_model', 'msg_tools'),
     'encoder_sim': ('encoder_reading', 'msg_tools'),
-    'telescope_mount': ('calibration', 'pointing_model', 'encoder_reading', 'msg_tools'),
-    'launch': ('telescope_mount', 'calibration', 'pointing_model', 'encoder_reading', 'msg_tools'),
+    'indi_bridge': ('pointing_model', 'msg_tools'),
+    'telescope_mount': ('calibration', 'pointing_model', 'encoder_reading', 'indi_bridge',
+                        'msg_tools'),
+    'launch': ('telescope_mount', 'calibration', 'pointing_model', 'encoder_reading',
+               'indi_bridge', 'msg_tools'),
 }
 PACKAGES = tuple(name for name in BELOW if name != 'launch')
 #: what the simulator may use of the pointing model: the sky is the same for both, and how a mount
@@ -173,7 +180,16 @@ def test_installed_executables_are_the_nodes():
     scripts = {p.name: p.value for p in points if p.group == 'console_scripts'}
     assert scripts.pop('telescope-mount') == 'telescope_mount.cli:main'
     assert scripts.pop('diagnose') == 'telescope_mount.cli:diagnose'
-    assert scripts == {name: f'{module}:main' for name, module in NODES.items()}
+    assert scripts == {name: f'telescope_mount.start:{name}' for name in NODES}
+
+
+def test_a_node_has_one_thread_however_it_is_started():
+    told = run([sys.executable, '-c', (
+        'import os, sys, telescope_mount.start as s; assert "numpy" not in sys.modules; '
+        'print(os.environ["OPENBLAS_NUM_THREADS"], s.camera.__module__)')],
+        capture_output=True, text=True, check=True, env={
+            name: value for name, value in os.environ.items() if not name.endswith('_THREADS')})
+    assert told.stdout.split() == ['1', 'encoder_sim.camera_node']
 
 
 def test_the_night_has_every_node_but_the_players():
@@ -235,12 +251,18 @@ def test_every_parameter_of_the_graph_is_one_of_its_node():
     specs = night_graph(bag='b', start_time='2026-02-01', plan='stars 3',
                         sky={'latitude_deg': 30.0})
     for spec in [*specs, *replay_graph('b', '/mount/observation'),
+                 *real_graph(bag='b', plan='stars 3', sky={'latitude_deg': 30.0}),
                  *measured_graph(bag='b', player={'file': 'f', 'azimuth_origin': 'N',
                                                   'check_every': 3},
                                  calibration={'alpha': 0.1, 'site': '', 'diagnosis_page': ''})]:
         module = importlib.import_module(spec.module)
         known = {p.name for p in getattr(module, 'PARAMS', (*DEVICE_PARAMS, MAX_RATE))}
         assert set(spec.parameters) - {'use_sim_time'} <= known, spec.name
+
+
+def test_a_real_mount_has_the_time_of_the_wall_and_no_simulated_node():
+    for spec in real_graph(bag='b'):
+        assert spec.name not in SIMULATED and 'use_sim_time' not in spec.parameters
 
 
 def test_launch_and_command_line_start_the_same_graph():

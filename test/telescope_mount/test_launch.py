@@ -8,10 +8,12 @@ from types import ModuleType, SimpleNamespace
 import pytest
 
 from msg_tools import NAMESPACE
-from pointing_model.observing.plan import night_plan
-from telescope_mount.graph import NIGHT, night_graph
+from pointing_model.observing.plan import night_plan, real_plan
+from telescope_mount.graph import NIGHT, night_graph, real_graph
 
-FILE = Path(__file__).resolve().parents[2] / 'launch' / 'night.launch.py'
+ROOT = Path(__file__).resolve().parents[2]
+FILE = ROOT / 'launch' / 'night.launch.py'
+REAL_FILE = ROOT / 'launch' / 'real_mount.launch.py'
 
 
 class Described:
@@ -27,8 +29,8 @@ class Described:
 def stand_in(monkeypatch):
     """Modules with the names that the launch file imports, each class of its own."""
     names = {'launch': ('LaunchDescription',),
-             'launch.actions': ('DeclareLaunchArgument', 'EmitEvent', 'OpaqueFunction',
-                                'RegisterEventHandler', 'SetEnvironmentVariable'),
+             'launch.actions': ('DeclareLaunchArgument', 'EmitEvent', 'ExecuteProcess',
+                                'OpaqueFunction', 'RegisterEventHandler', 'SetEnvironmentVariable'),
              'launch.event_handlers': ('OnProcessExit',), 'launch.events': ('Shutdown',),
              'launch.substitutions': ('LaunchConfiguration',), 'launch_ros': (),
              'launch_ros.actions': ('Node',)}
@@ -39,8 +41,8 @@ def stand_in(monkeypatch):
         monkeypatch.setitem(sys.modules, module, made)
 
 
-def load():
-    spec = importlib.util.spec_from_file_location('night_launch', FILE)
+def load(path=FILE):
+    spec = importlib.util.spec_from_file_location(path.name.split('.')[0], path)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
@@ -88,6 +90,39 @@ def test_every_node_is_started_with_its_parameters_and_watched(actions, tmp_path
 def test_bad_arguments_are_refused(actions, arguments, words):
     with pytest.raises(ValueError, match=words):
         actions(**arguments)
+
+
+def real(monkeypatch, **arguments):
+    """What the launch file of a real mount makes of its arguments, by class name."""
+    stand_in(monkeypatch)
+    module, out = load(REAL_FILE), {}
+    values = {name: default for name, default, _ in module.ARGUMENTS} | arguments
+    for action in module._actions(SimpleNamespace(arguments=values)):
+        out.setdefault(type(action).__name__, []).append(action)
+    return out
+
+
+def test_a_real_mount_is_launched_with_sample_drivers_or_ones_own(monkeypatch):
+    made = real(monkeypatch, bag='b', mount='german', absolute_encoder='true')
+    wanted = real_graph(bag='b', plan=real_plan(30), mount='german', absolute_encoder=True)
+    assert [(node.values['name'], node.values['parameters']) for node in made['Node']] == [
+        (spec.name, [spec.parameters]) for spec in wanted]
+    drivers = [process.values['cmd'] for process in made['ExecuteProcess']]
+    assert sorted(Path(words[1]).name for words in drivers) == sorted(
+        path.name for path in (ROOT / 'examples').glob('*.py'))
+    assert all(words[2:] == ['--ros-args', '-r', f'__ns:={NAMESPACE}'] for words in drivers)
+    assert len(made['RegisterEventHandler']) == len(wanted) + len(drivers)
+    assert 'ExecuteProcess' not in real(monkeypatch, drivers='none')
+
+
+@pytest.mark.parametrize('arguments, words', [
+    ({'drivers': 'absent.py'}, 'drivers:= names absent.py, which is no file'),
+    ({'absolute_encoder': 'yes'}, 'absolute_encoder:=yes: write true or false'),
+    ({'plan': 'stars'}, 'write stars and a count'),
+])
+def test_bad_arguments_of_a_real_mount_are_refused(monkeypatch, arguments, words):
+    with pytest.raises(ValueError, match=words):
+        real(monkeypatch, **arguments)
 
 
 def test_a_node_that_ends_ends_all(launch_file):

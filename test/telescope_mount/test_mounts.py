@@ -1,6 +1,8 @@
 """The commands on runs of mounts that are no alt-azimuth ones."""
 
 import json
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,6 +12,10 @@ from pointing_model import geometry
 from pointing_model.mounts import Mount
 from pointing_model.run import PointingRun
 from pointing_model.run_files import read_run, write_csv
+
+sys.path.append(str(Path(__file__).parents[1] / 'calibration'))
+
+from sides import NAMES, a_run
 
 
 @pytest.fixture
@@ -70,6 +76,20 @@ def test_half_a_site_goes_with_the_half_that_the_file_tells(ended, refused, germ
                       '10,20,1700000000,30,40\n')
     assert 'longitude is not told' in refused('fit', places)
     assert read_run(places, site={'longitude': 0.1}).meta['site']['latitude'] == 31.0 * DEG
+
+
+def test_a_fit_says_whether_the_errors_go_through_the_pole(ended, tmp_path):
+    for kind, words in (('mount', 'the errors go through the pole with the mount: rows left out'),
+                        ('sky', 'the errors do not go through the pole with the mount: rows left')):
+        run, terms = a_run(kind, 7)
+        write_csv(run, tmp_path / f'{kind}.csv')
+        code, out, _ = ended('fit', tmp_path / f'{kind}.csv', '--terms', ','.join(NAMES),
+                             '--json', tmp_path / f'{kind}.json')
+        assert code == 0 and f'sides of the pier: {words}' in ' '.join(out.split())
+        told = json.loads((tmp_path / f'{kind}.json').read_text())['origin_of_errors']
+        assert told['holds'] == kind and told['rows_through_the_pole'] == 20
+        found = {row['name']: row['value_arcsec'] for row in told['terms'][kind]}
+        assert found['CH'] == pytest.approx(terms['CH'] / ARCSEC, abs=3.0)
 
 
 def test_a_fit_as_json_has_all_keys_whatever_was_asked(ended, german_csv, tmp_path):

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from calibration.diagnosis import diagnose
-from calibration.diagnosis.linear import fit_state
-from calibration.diagnosis.wander import AxisWander, Sequence, Whitened
+from calibration.diagnosis.linear import Columns, fit_state
+from calibration.diagnosis.wander import AxisWander, Sequence, White, Whitened
 from calibration.diagnosis.wander_estimate import estimate
 from calibration.diagnosis_page.plain_words import verdict_sentences
 from calibration.fit import fit_terms
@@ -206,23 +206,51 @@ def along_the_sky(seed=3):
     return PointingRun(columns, run.meta)
 
 
-def test_a_large_wander_leaves_what_a_fit_leaves_and_says_over_what():
+def test_a_wander_along_the_sky_moves_no_term_and_is_told_as_that():
     run = along_the_sky()
-    result = diagnose(run, **FAST)
-    entry, plain = result.wander, fit_terms(run).rms_arcsec().radial
+    result, plain = diagnose(run, **FAST), fit_terms(run)
+    entry = result.wander
     assert result.verdict == 'wanders' and entry['along_the_sky']['step_deg'] < 20.0
-    # its zeros are where the rows were; what the other terms follow of it is said
-    assert result.before['rms_arcsec'] < 1.6 * plain
-    assert any('fitted as if no row had to do' in note for note in result.notes)
+    # what a fit leaves is what is left; the errors are those of such a night
+    assert result.before == result.after
+    assert result.before['rms_arcsec'] == pytest.approx(plain.rms_arcsec().radial, rel=0.05)
+    assert np.sqrt(result.model.covariance[1, 1]) > 2.0 * plain.sigma[1]
     for axis in entry['axes'].values():
         assert axis['apart'] <= 0.5 * axis['span']
         assert axis['row_to_row_arcsec'] < axis['moves_arcsec']
     headline, sentences = verdict_sentences(result.to_dict())
     assert 'Neighbouring rows' in headline and 'ten minutes apart differ' in sentences[0]
     assert 'smooth of' not in sentences[0] and 'mixes the sky' in sentences[0]
-    # a night that goes back and forth says nothing of the kind
+    # a night that goes back and forth says nothing of the kind, and its terms rest on the wander
     other = diagnose(night(301, noise=correlated(0.9)), **FAST)
     assert other.wander['along_the_sky'] is None
+
+
+def test_errors_of_terms_beside_a_wander_are_those_of_all_noise():
+    rng = np.random.default_rng(4)
+    sequence = Sequence(np.sort(rng.uniform(0.0, 9000.0, 12)), np.zeros(12, int), np.ones(12))
+    wander = AxisWander(4.0, 2000.0), AxisWander(9.0, 900.0)
+    noise = Whitened(np.ones(24), sequence, wander)
+    columns = Columns(rng.normal(size=(3, 24)))
+    dense = np.eye(24)
+    for k, one in enumerate(wander):
+        part = slice(12 * k, 12 * k + 12)
+        dense[part, part] += one.variance * np.exp(
+            -np.abs(np.subtract.outer(sequence.position, sequence.position)) / one.memory)
+    gain = np.linalg.pinv(columns.common.T)
+    np.testing.assert_allclose(columns.solver(White(np.ones(24))).inverse_under(noise),
+                               gain @ dense @ gain.T, rtol=1e-9)
+
+
+def test_zeros_are_where_the_rows_were_whatever_their_memory():
+    rng = np.random.default_rng(5)
+    sequence = Sequence(60.0 * np.arange(30.0), np.zeros(30, int), np.ones(30))
+    noise = Whitened(np.full(60, 10.0), sequence, (AxisWander(25.0, 1e5), AxisWander(25.0, 1e5)))
+    zero = np.repeat(np.eye(2), 30, axis=1)
+    columns = Columns(np.vstack((zero, rng.normal(size=(2, 60)))), zeros=[0, 1])
+    b = noise.coloured(rng.normal(size=60))
+    left = b - columns.solved(b, noise) @ columns.common
+    np.testing.assert_allclose(left.reshape(2, 30).mean(axis=1), 0.0, atol=1e-12)
 
 
 def test_progress_counts_the_folds():

@@ -345,6 +345,23 @@ def test_camera_turned():
     assert np.allclose(column * angle, turned - m, atol=1e-10)
 
 
+@pytest.mark.parametrize('aim, told', [(1.0, False), (4.0, False), (60.0, True)])
+def test_the_noise_of_centred_stars_is_no_scale_of_the_camera(aim, told):
+    """It is in the miss distance and in the offset alike."""
+    n, rng = 120, np.random.default_rng(3)
+    missed, noise = rng.normal(size=(2, n)) * aim * ARCSEC, rng.normal(size=(2, n)) * ARCSEC
+    columns = make_columns(n)
+    x, y = noise  # the star's place is what the encoders read and what the camera measured
+    columns.update(az_enc=columns['az'] + x / np.cos(columns['el']), el_enc=columns['el'] + y,
+                   miss_x=missed[0] + x, miss_y=missed[1] + y,
+                   star=np.arange(n), run=np.repeat([4, 9], n // 2))
+    context = Context(columns.pop('az'), columns.pop('el'), columns)
+    effects, untestable = dictionary(context)
+    names, reasons = {e.name for e in effects}, dict(untestable)
+    assert 'camera_rotation' in names and ('camera_scale' in names) == told
+    assert ('looks like a scale' in reasons.get('camera scale', '')) != told
+
+
 @pytest.mark.parametrize('family, parameters, text', [
     ('no_such', {}, 'unknown effect'), ('encoder', {'axis': 'az'}, 'wrong parameters'),
     ('drift', {'of': 'XX', 'driver': 'time'}, 'wrong parameters'),

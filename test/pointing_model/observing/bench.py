@@ -49,7 +49,7 @@ class Service:
 class Bench:
     """Mount, encoders, camera, clocks and the other side of every topic."""
 
-    def __init__(self, plan='', homed=True, kind=ALTAZ, **settings):
+    def __init__(self, plan='', homed=True, kind=ALTAZ, absolute=True, **settings):
         self.kind = kind
         self.settings = SETTINGS | settings
         self.stamp, self.wall = START, 1000.0
@@ -57,12 +57,12 @@ class Bench:
         self.error = np.zeros(2)  # of the encoder
         self.second = tuple  # what the absolute encoder makes of angles
         self.miss = lambda number: (1e-6 * ARCSEC * number, 0.0)  # rad, None: no frame
-        self.answers = {MOUNT, ABSOLUTE, CAMERA}
+        self.answers = {MOUNT, ABSOLUTE, CAMERA} if absolute else {MOUNT, CAMERA}
         self.site, self.lacks = DEFAULT_SITE, []
         self.services, self.calls = {}, []
         self.commands, self.rows, self.tables, self.checks = [], [], [], []
         self.statuses, self.refused, self.pending = [], [], None
-        self.instruments = Instruments(1, wall=lambda: self.wall)
+        self.instruments = Instruments(1, wall=lambda: self.wall, absolute=absolute)
         self.in_force, self.table = InForce(mount=kind), Table(kind)
         self.plan = Sequencer(self, self.instruments, self.in_force, self.table)
         if homed:

@@ -190,6 +190,14 @@ def test_a_frame_without_a_reading_is_refused_with_its_reason():
     assert bench.refused and 'home the encoder' in bench.refused[0]
 
 
+def test_a_mount_without_an_absolute_encoder_is_observed_with_the_other():
+    bench = Bench('stars 3', absolute=False)
+    assert bench.run() == ('done', 'plan finished')
+    # no column: a row of NaN would be an encoder that gave no angle
+    assert len(bench.rows) == 3 and not any('az_abs' in row.columns for row in bench.rows)
+    assert bench.plan.text == 'plan finished' and bench.instruments.health.alarms == []
+
+
 def test_a_dead_axis_of_the_absolute_encoder_does_not_take_the_other_with_it():
     bench = Bench('stars 3')
     bench.second = lambda angles: (angles[0], np.nan)

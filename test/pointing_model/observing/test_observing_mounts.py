@@ -129,3 +129,10 @@ def test_what_a_star_taught_is_forgotten_after_one_that_was_not_found():
     assert bench.plan.progress.lost == 1
     first, last = (rows.offsets()[0][0] / ARCSEC for rows in bench.rows)
     assert first == pytest.approx(150.0, abs=2.0) and abs(last) < 2.0
+
+
+def test_polaris_is_refused_for_the_zero_of_an_equatorial_mount():
+    bench = Bench('stars 1, polaris 4', kind=FORK)
+    state, text = bench.run()
+    assert state == 'failed' and len(bench.rows) == 0
+    assert text.startswith('Polaris stands at 89.') and 'hour angle there: set it on stars' in text

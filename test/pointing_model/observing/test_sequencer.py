@@ -160,7 +160,7 @@ def test_polaris_too_low_is_told_before_anything_is_observed():
     bench.site = Site(-30.0 * DEG, 0.0, 0.0)
     state, text = bench.run()
     assert state == 'failed' and text.startswith('Polaris stands at -')
-    assert 'below min_elevation_deg = 20.0: set the zero another way' in text
+    assert 'below min_elevation_deg = 20.0: set the zero on stars' in text
     assert bench.commands == []
 
 

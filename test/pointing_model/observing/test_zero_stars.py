@@ -168,3 +168,19 @@ def test_no_star_in_the_field_ends_the_plan_before_the_zero():
     assert bench.run() == ('failed', 'none of 2 exposures shows a star for the zero: look at sky, '
                            'site and time')
     assert bench.calls == []
+
+
+def test_exposures_of_one_power_on_go_the_same_way():
+    bench = Bench('zero_on_stars 4, zero 4')  # Polaris is well up
+    assert bench.run() == ('done', 'plan finished')
+    assert [row[MARK][0] for row in bench.rows] == [1.0] * 8
+
+
+def test_a_star_that_is_not_there_leaves_its_exposures_to_the_others():
+    bench = Bench('zero_on_stars 8')
+    bench.miss = lambda number: (
+        np.nan if number <= 3 else 1e-6 * ARCSEC * number, 0.0)
+    assert bench.run() == ('done', 'plan finished')
+    stars = [row['star'][0] for row in bench.rows]
+    assert len(stars) == 7 and bench.plan.progress.lost == 1 and bench.plan.progress.done == 8
+    assert sum(a != b for a, b in zip(stars, stars[1:])) == len(set(stars)) - 1 >= 2

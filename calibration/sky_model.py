@@ -1,0 +1,177 @@
+"""Whether the errors of a German mount are those of its parts, or of a model applied on the sky.
+
+A part of a mount goes through the pole with it: collimation, non-perpendicularity and the zero of
+the declination axis are reversed on the sky on the other side of the pier. A program that corrects
+hour angle and declination *before* it works out the side applies the same number on both: its
+terms do not change their sign. A mount that is driven through such a program, or a simulator that
+is made so, shows errors of the second kind.
+
+Folded back to the sky, angles beyond the pole are those of a mount that never goes through it, and
+the same rotations fit them (`fold`). So both are the same fit, of the same number of coefficients,
+to the same rows; they are judged on rows left out.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import wilcoxon
+
+from msg_tools.units import ARCSEC, wrap
+from pointing_model.mounts import is_beyond, through_pole
+from pointing_model.rms import rms
+from pointing_model.run import PointingRun
+
+from .fit import fit_terms
+
+#: chance that rows of two models that predict alike differ as much, below which one is said to hold
+CHANCE = 0.01
+#: rows left out together are one of so many parts
+FOLDS = 10
+#: fewer rows of a side say nothing of it
+FEWEST = 3
+OF_MOUNT, ON_SKY = 'mount', 'sky'
+_PAIRS = (('az', 'el'), ('az_enc', 'el_enc'), ('az_abs', 'el_abs'))
+
+
+def fold(run):
+    """The run with all angles beyond the pole folded back to the sky.
+
+    Parameters
+    ----------
+    run : PointingRun
+        Of an equatorial mount.
+
+    Returns
+    -------
+    PointingRun
+        `az, el` are hour angle and declination on both sides; miss distances, and the signs of
+        the rates and approaches of these rows, are turned with them.
+    """
+    beyond = is_beyond(run['el'])
+    columns = dict(run.columns)
+    for first, second in _PAIRS:
+        if first in columns:
+            columns[first], columns[second] = through_pole(
+                columns[first], columns[second], beyond)
+    for name in ('miss_x', 'miss_y'):
+        if name in columns:
+            columns[name] = np.where(beyond, -columns[name], columns[name])
+    for name in ('el_rate', 'approach_el'):
+        if name in columns:
+            columns[name] = np.where(beyond, -columns[name], columns[name])
+    return PointingRun(columns, run.meta)
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Which of the two leaves less on rows left out.
+
+    Attributes
+    ----------
+    holds : {'mount', 'sky', ''}
+        '' where the rows do not tell.
+    chance : float
+        Of the difference, two-sided, by Wilcoxon's signed-rank test of the radial errors of each
+        row left out. It asks no distribution of them, and one wild row counts as one row.
+    left_out : dict of str to float
+        Radial RMS of rows left out of ``mount`` and ``sky``, rad.
+    fits : dict of str to FitResult
+        To all rows, of both; that of ``sky`` is to the folded run.
+    rows : int
+    beyond : int
+        Rows through the pole.
+    """
+
+    holds: str
+    chance: float
+    left_out: dict
+    fits: dict
+    rows: int
+    beyond: int
+
+    def document(self):
+        """JSON-ready."""
+        return {
+            'holds': self.holds or None, 'chance': self.chance, 'rows': self.rows,
+            'rows_through_the_pole': self.beyond,
+            'left_out_radial_arcsec': {name: value / ARCSEC
+                                       for name, value in self.left_out.items()},
+            'terms': {name: fit.term_rows() for name, fit in self.fits.items()}}
+
+    def sentence(self):
+        """For people."""
+        mount, sky = (self.left_out[name] / ARCSEC for name in (OF_MOUNT, ON_SKY))
+        figures = (f'rows left out {mount:.2f} arcsec radial as errors of the mount, {sky:.2f} '
+                   f'as errors applied on the sky before the flip (p = {self.chance:.1g})')
+        if self.holds == ON_SKY:
+            terms = ', '.join(f'{row["name"]} {row["value_arcsec"]:+.1f}'
+                              for row in self.fits[ON_SKY].term_rows())
+            return (f'the errors do not go through the pole with the mount: {figures}. A driver '
+                    f'corrects them there, or makes them; with one sign on both sides: {terms}')
+        if self.holds == OF_MOUNT:
+            return f'the errors go through the pole with the mount: {figures}'
+        return f'whether the errors go through the pole with the mount is not told: {figures}'
+
+
+def origin_of_errors(run, names=None, *, encoder='enc', robust=True):
+    """Compare both, where the run can tell.
+
+    Parameters
+    ----------
+    run : PointingRun
+    names : sequence of str, optional
+        Terms to fit; by default the mount's physical ones.
+    encoder : {'enc', 'abs'}
+    robust : bool
+        As of `fit.fit_terms`.
+
+    Returns
+    -------
+    Origin or None
+        None where nothing can be said: another mount than a German one, one side alone, no term
+        whose sign changes with the side, or too few rows.
+    """
+    names = run.mount.names.physical if names is None else tuple(names)
+    if run.mount.kind != 'german' or not {'ID', 'CH', 'NP'} & set(names):
+        return None
+    good = np.ones(len(run), bool)
+    for name in ('az', 'el', f'az_{encoder}', f'el_{encoder}'):
+        good &= np.isfinite(run[name])
+    run = run.select(good)
+    beyond = is_beyond(run['el'])
+    if min(beyond.sum(), (~beyond).sum()) < FEWEST or 2 * len(run) * (FOLDS - 1) < (
+            2 * len(names) * FOLDS):
+        return None
+    runs = {OF_MOUNT: run, ON_SKY: fold(run)}
+    try:
+        fits = {name: fit_terms(rows, names, encoder=encoder, robust=robust)
+                for name, rows in runs.items()}
+        errors = {name: _left_out(rows, names, encoder, robust, beyond)
+                  for name, rows in runs.items()}
+    except ValueError:  # what is left has too few rows for the terms
+        return None
+    lengths = {name: np.hypot(*both) for name, both in errors.items()}
+    left_out = {name: float(rms(*both)) for name, both in errors.items()}
+    difference = lengths[OF_MOUNT] - lengths[ON_SKY]
+    chance = 1.0
+    if np.abs(difference).max() > 1e-6 * ARCSEC:
+        chance = float(wilcoxon(lengths[OF_MOUNT], lengths[ON_SKY]).pvalue)
+    holds = ''
+    if chance < CHANCE:
+        holds = ON_SKY if np.median(difference) > 0.0 else OF_MOUNT
+    return Origin(holds, chance, left_out, fits, len(run), int(beyond.sum()))
+
+
+def _left_out(run, names, encoder, robust, beyond):
+    """Errors on the sky of each row by a fit without it, (x, y), rad; parts have both sides."""
+    order = np.argsort(beyond, kind='stable')
+    part = np.empty(len(run), int)
+    part[order] = np.arange(len(run)) % min(FOLDS, len(run))
+    x, y = run.offsets(encoder)
+    out = np.empty((2, len(run)))
+    for number in np.unique(part):
+        out_of = part == number
+        model = fit_terms(run.select(~out_of), names, encoder=encoder, robust=robust).model
+        model_x, model_y = model.offsets(run['az'][out_of], run['el'][out_of])
+        out[:, out_of] = x[out_of] - model_x, wrap(y[out_of] - model_y)
+    return out

@@ -1,0 +1,134 @@
+"""A toy telescope behind a TCP port: the hardware that the sample drivers talk to.
+
+A line asks, a line answers; angles are degrees, as a controller may count them:
+
+- ``axes``: time (UTC, s), both readings and both rates; nan before the marks were met
+- ``move T A E VA VE``: be at A, E at time T with these rates; it holds half a second later
+- ``stop``, ``home``
+- ``expose S``: open the shutter; the middle of the exposure (UTC, s) and where the brightest star
+  of the field is beside the boresight, to the right and to the top of the tube, arcsec
+
+What it points beside is in `TERMS`; a fit has to find that.
+"""
+
+import argparse
+import contextlib
+import socketserver
+import threading
+import time
+
+import numpy as np
+
+from pointing_model.model import PointingModel
+from pointing_model.sky import DEFAULT_SITE, DEFAULT_WEATHER, observed_place
+from pointing_model.star_catalogue import load_catalogue
+
+TERMS = {'IA': 180.0, 'IE': -90.0, 'CA': 20.0, 'NPAE': -8.0, 'AN': 12.0, 'AW': -25.0, 'TF': 15.0}
+SPEED = 15.0  # deg/s
+FIELD = np.radians(0.3)
+ARCSEC = np.radians(1.0 / 3600.0)
+
+
+class Telescope:
+    """Two axes that follow what they were told last, and a camera on them."""
+
+    def __init__(self, seed=1):
+        self._lock = threading.Lock()
+        self._rng = np.random.default_rng(seed)
+        self._at, self._angles, self._rates = time.time(), np.array([170.0, 45.0]), np.zeros(2)
+        self._wanted = None
+        self._homed = False
+        self._model = PointingModel({name: value * ARCSEC for name, value in TERMS.items()})
+        self._stars = load_catalogue(mag_limit=6.5)
+
+    def _advance(self):
+        now = time.time()
+        elapsed, self._at = now - self._at, now
+        self._rates = np.zeros(2)
+        if self._wanted is None or elapsed <= 0.0:
+            return now
+        when, angles, rates = self._wanted
+        if now > when + 0.5:  # nobody steers any more
+            self._wanted = None
+            return now
+        way = angles + rates * (now - when) - self._angles
+        step = np.clip(way, -SPEED * elapsed, SPEED * elapsed)
+        self._angles, self._rates = self._angles + step, step / elapsed
+        return now
+
+    def axes(self):
+        """Time, readings, rates."""
+        with self._lock:
+            now = self._advance()
+            if not self._homed:
+                return now, *[np.nan] * 4
+            return now, *(self._angles + self._rng.normal(0.0, 0.2 / 3600.0, 2)), *self._rates
+
+    def move(self, when, *numbers):
+        """Take a set point."""
+        with self._lock:
+            self._advance()
+            self._wanted = when, np.array(numbers[:2]), np.array(numbers[2:])
+        return ()
+
+    def stop(self):
+        """Hold."""
+        with self._lock:
+            self._advance()
+            self._wanted = None
+        return ()
+
+    def home(self):
+        """Meet the marks."""
+        time.sleep(1.0)
+        self._homed = True
+        return ()
+
+    def expose(self, seconds):
+        """Middle of the exposure and the star's place, arcsec; nan without a star."""
+        begin, seen = time.time(), []
+        while time.time() < begin + seconds:
+            with self._lock:
+                self._advance()
+                seen.append(self._angles)
+            time.sleep(seconds / 20.0)
+        middle = 0.5 * (begin + time.time())
+        az, el = self._model.encoder_to_sky(*np.radians(np.mean(seen, axis=0)))
+        star_az, star_el = observed_place(self._stars, middle, DEFAULT_SITE, DEFAULT_WEATHER)
+        beside = star_az - az
+        along = np.sin(el) * np.sin(star_el) + np.cos(el) * np.cos(star_el) * np.cos(beside)
+        right = np.cos(star_el) * np.sin(beside) / along
+        up = (np.cos(el) * np.sin(star_el) - np.sin(el) * np.cos(star_el) * np.cos(beside)) / along
+        field = (along > 0.0) & (np.hypot(right, up) < FIELD)
+        if not field.any() or np.ptp(seen, axis=0).max() > 0.02:
+            return middle, np.nan, np.nan
+        star = np.flatnonzero(field)[np.argmin(self._stars.mag[field])]
+        return middle, *(np.array([right[star], up[star]]) / ARCSEC + self._rng.normal(0, 1, 2))
+
+
+class Talk(socketserver.StreamRequestHandler):
+    """A connection."""
+
+    def handle(self):
+        """Answer line by line."""
+        with contextlib.suppress(ConnectionError):
+            for line in self.rfile:
+                verb, *numbers = line.decode().split()
+                answer = getattr(self.server.telescope, verb)(*map(float, numbers))
+                self.wfile.write((' '.join(f'{v:.9f}' for v in answer) + '\n').encode())
+
+
+class Server(socketserver.ThreadingTCPServer):
+    """The port."""
+
+    allow_reuse_address = daemon_threads = True
+
+
+if __name__ == '__main__':
+    parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
+    parser.add_argument('--port', type=int, default=7625)
+    options, _ = parser.parse_known_args()
+    with Server(('localhost', options.port), Talk) as server:
+        server.telescope = Telescope()
+        with contextlib.suppress(KeyboardInterrupt):
+            server.serve_forever()

@@ -1,0 +1,245 @@
+"""One connection to an INDI server, kept up by a thread of its own.
+
+indipyclient speaks the protocol and connects again after a connection was lost. Here are what a
+caller from another thread needs: the last values of each property, a wait with a limit, and errors
+of one line.
+"""
+
+import asyncio
+import logging
+import threading
+import time
+from dataclasses import dataclass
+
+#: s without a word after which a server is asked, and as much again after which it is lost
+SILENCE = 2
+#: s between looks at whether the server has closed the connection, and before one is tried again
+LOOK, AGAIN = 0.1, 0.5
+#: s to wait for a property unless said otherwise
+PATIENCE = 10.0
+
+
+class IndiError(RuntimeError):
+    """The server or the driver did not do what it was asked; the text is one line."""
+
+
+@dataclass(frozen=True)
+class Vector:
+    """The last values of a property.
+
+    Attributes
+    ----------
+    values : dict of str to (float or str)
+        By element: numbers as float, switches as ``On`` and ``Off``.
+    state : str
+        ``Idle``, ``Ok``, ``Busy`` or ``Alert``.
+    heard : int
+        When it came, ns since 1970 by the clock of this machine.
+    """
+
+    values: dict
+    state: str
+    heard: int
+
+    @property
+    def on(self):
+        """Name of the switch that is on, '' for none."""
+        return next((name for name, value in self.values.items() if value == 'On'), '')
+
+
+class IndiClient:
+    """A connection.
+
+    Parameters
+    ----------
+    host : str
+    port : int
+    heard : callable, optional
+        ``heard(device, name, vector)``, in the thread of the connection, as a property comes.
+    said : callable, optional
+        ``said(device, text)``: as a driver says something.
+    connection : callable, optional
+        ``connection(up)``: as it is made or lost.
+
+    Attributes
+    ----------
+    connected : bool
+    """
+
+    def __init__(self, host, port, heard=None, said=None, connection=None):
+        try:
+            import indipyclient
+        except ImportError:
+            raise IndiError('the bridge to INDI needs the package indipyclient: '
+                            './install.sh ros,indi') from None
+        logger = logging.getLogger('indipyclient')
+        logger.addHandler(logging.NullHandler())
+        # what it logs is said here in other ways, and by the callers
+        logger.propagate = False
+        self.host, self.port = host, port
+        self.connected = self._closed = False
+        self._heard, self._said, self._connection = heard, said, connection
+        self._vectors = {}
+        self._news = threading.Condition()
+        self._loop = self._client = None
+        bridge = self
+
+        class Client(indipyclient.IPyClient):
+            async def rxevent(self, event):
+                bridge._take(event)
+
+            async def hardware(self):
+                # indipyclient notices a closed connection when it next wants to send
+                while not self.stop:
+                    await asyncio.sleep(LOOK)
+                    reader = getattr(self, '_reader', None)
+                    if reader is not None and reader.at_eof():
+                        self.shutdown()
+
+        self._make = lambda: Client(host, port)
+        self._thread = threading.Thread(target=self._run, name=f'INDI {host}:{port}', daemon=True)
+
+    def __enter__(self):
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_):
+        self.close()
+
+    def start(self):
+        """Begin to connect; returns at once."""
+        self._thread.start()
+
+    def close(self):
+        """End the connection and its thread."""
+        self._closed = True
+        if self._client is not None:
+            self._client.shutdown()
+        if self._thread.is_alive():
+            self._thread.join(5.0)
+
+    def _run(self):
+        async def work():
+            self._loop = asyncio.get_running_loop()
+            while not self._closed:
+                self._client = self._make()
+                self._client.set_vector_timeouts(timeout_min=1, timeout_max=SILENCE // 2)
+                await self._client.asyncrun()
+                if not self._closed:
+                    await asyncio.sleep(AGAIN)
+
+        asyncio.run(work())
+
+    # --- what comes ---------------------------------------------------------------------------
+
+    def _take(self, event):
+        now = time.time_ns()
+        kind, device, name = event.eventtype, event.devicename, event.vectorname
+        if kind in ('ConnectionMade', 'ConnectionLost'):
+            up = kind == 'ConnectionMade'
+            with self._news:
+                changed, self.connected = self.connected != up, up
+                self._vectors.clear()
+                self._news.notify_all()
+            if changed and self._connection is not None:
+                self._connection(up)
+        elif kind in ('Define', 'Set') and event.vector.vectortype != 'BLOBVector':
+            vector = Vector(_values(event.vector), event.vector.state, now)
+            with self._news:
+                self._vectors[device, name] = vector
+                self._news.notify_all()
+            if self._heard is not None:
+                self._heard(device, name, vector)
+        elif kind == 'Delete':
+            with self._news:
+                for key in [key for key in self._vectors
+                            if key[0] == device and name in (None, key[1])]:
+                    del self._vectors[key]
+                self._news.notify_all()
+        elif kind == 'Message' and device and self._said is not None:
+            self._said(device, event.message)
+
+    def get(self, device, name):
+        """The `Vector` of a property, None if it has not come."""
+        with self._news:
+            return self._vectors.get((device, name))
+
+    def devices(self, name):
+        """Devices that have a property."""
+        with self._news:
+            return sorted({key[0] for key in self._vectors if key[1] == name})
+
+    def wait(self, condition, what, timeout=PATIENCE):
+        """Wait until `condition` gives something true, and return that.
+
+        Parameters
+        ----------
+        condition : callable
+            Asked again whenever something has come.
+        what : str
+            What is waited for, for people.
+        timeout : float
+            s.
+
+        Raises
+        ------
+        IndiError
+            It did not come in time.
+        """
+        end = time.monotonic() + timeout
+        with self._news:
+            while True:
+                found = condition()
+                if found:
+                    return found
+                left = end - time.monotonic()
+                if left <= 0.0:
+                    break
+                self._news.wait(left)
+        if not self.connected:
+            raise IndiError(f'no INDI server answers at {self.host}:{self.port}: start indiserver '
+                            'there, or give another address')
+        raise IndiError(f'{what}: not within {timeout:g} s')
+
+    def property(self, device, name, timeout=PATIENCE):
+        """As `get`, waiting for it; IndiError where it does not come."""
+        return self.wait(lambda: self._vectors.get((device, name)),
+                         f'{device} does not send its property {name}', timeout)
+
+    # --- what is sent -------------------------------------------------------------------------
+
+    def send(self, device, name, **members):
+        """Ask the driver to set a property.
+
+        Parameters
+        ----------
+        device, name : str
+        **members : float or str
+            By element; those of a number that are left out keep their value.
+
+        Raises
+        ------
+        IndiError
+            There is no connection, or no such property or element.
+        """
+        vector = self.get(device, name)
+        if vector is None or not self.connected:
+            raise IndiError(f'{name} cannot be set: '
+                            + (f'{device} has no such property' if self.connected else
+                               f'the connection to {self.host}:{self.port} is lost'))
+        unknown = set(members) - set(vector.values)
+        if unknown:
+            raise IndiError(f'{name} of {device} has no {", ".join(sorted(unknown))}')
+        asyncio.run_coroutine_threadsafe(
+            self._client.send_newVector(device, name, members={
+                key: value if isinstance(value, str) else repr(float(value))
+                for key, value in members.items()}), self._loop).result(PATIENCE)
+
+    def switch(self, device, name, member):
+        """Switch one on."""
+        self.send(device, name, **{member: 'On'})
+
+
+def _values(vector):
+    numbers = vector.vectortype == 'NumberVector'
+    return {name: vector.getfloatvalue(name) if numbers else vector[name] for name in vector}

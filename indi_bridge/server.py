@@ -1,0 +1,78 @@
+"""A server of one's own with INDI's telescope simulator, to try and to test on."""
+
+import shutil
+import socket
+import subprocess
+import tempfile
+import time
+from pathlib import Path
+
+SERVER, SIMULATOR = 'indiserver', 'indi_simulator_telescope'
+DEVICE = 'Telescope Simulator'
+
+
+def missing():
+    """What is not installed of it, in words; '' where all is."""
+    lacking = [name for name in (SERVER, SIMULATOR) if shutil.which(name) is None]
+    return f'no {" and no ".join(lacking)}: apt-get install indi-bin' if lacking else ''
+
+
+class SimulatorServer:
+    """Runs `indiserver` with the telescope simulator on a free port, as a context.
+
+    Parameters
+    ----------
+    port : int, optional
+        A free one by default.
+
+    Attributes
+    ----------
+    port : int
+
+    Raises
+    ------
+    OSError
+        It is not installed, or does not listen.
+    """
+
+    def __init__(self, port=0):
+        self.port = port
+        self._process = self._home = None
+
+    def __enter__(self):
+        if missing():
+            raise OSError(missing())
+        if not self.port:
+            with socket.socket() as probe:
+                probe.bind(('127.0.0.1', 0))
+                self.port = probe.getsockname()[1]
+        # drivers keep their settings in the home directory, and a user has his own there
+        self._home = self._home or tempfile.TemporaryDirectory()
+        home = Path(self._home.name)
+        with open(home / 'server.log', 'ab') as log:
+            self._process = subprocess.Popen(
+                [SERVER, '-p', str(self.port), SIMULATOR], stdin=subprocess.DEVNULL, stdout=log,
+                stderr=log, env={'HOME': str(home), 'PATH': '/usr/local/bin:/usr/bin:/bin'})
+        end = time.monotonic() + 10.0
+        while True:
+            try:
+                socket.create_connection(('127.0.0.1', self.port), 1.0).close()
+                return self
+            except OSError:
+                if self._process.poll() is not None or time.monotonic() > end:
+                    self.__exit__()
+                    raise OSError(f'{SERVER} does not listen on port {self.port}') from None
+                time.sleep(0.05)
+
+    def stop(self):
+        """End the server, and with it the driver; the settings stay for the next start."""
+        if self._process is not None:
+            self._process.terminate()
+            self._process.wait(5.0)
+            self._process = None
+
+    def __exit__(self, *_):
+        self.stop()
+        if self._home is not None:
+            self._home.cleanup()
+            self._home = None

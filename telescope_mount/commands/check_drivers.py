@@ -1,0 +1,47 @@
+"""The command ``check-drivers``."""
+
+from pathlib import Path
+
+from . import options
+
+
+def add(commands):
+    """Add the parser."""
+    parser = commands.add_parser(
+        'check-drivers', help='listen to the drivers of a mount and say what is wrong with them',
+        description='Listen to a running graph and judge its drivers by the contract '
+        '(docs/real_mount.md), line by line. Exit code 0 where nothing is wrong, else 1.')
+    parser.add_argument('--seconds', type=options.real(2.0, 3600.0, 's'), default=60.0,
+                        metavar='S', help='how long to listen (default: 60)')
+    parser.add_argument('--nudge', type=options.real(0.01, 2.0, 'degrees'), nargs='?', const=0.05,
+                        default=0.0, metavar='DEG', help='MOVES the mount: each axis by so much '
+                        '(0.05 if left out) and back, to see that it follows and how the camera '
+                        'lies; only where nothing else is wrong and nobody else commands it')
+    options.add(parser, 'mount', default='altaz', help='altaz (default), equatorial, german, or '
+                'free:AZ,EL[,ROLL] (where the first axis points, degrees)')
+    parser.add_argument('--namespace', default='/mount', help='of the graph (default: /mount)')
+    parser.add_argument('--json', type=Path, metavar='FILE', help='write the findings as JSON')
+    options.add(parser, 'domain', help='ROS domain (default: ROS_DOMAIN_ID, or 0)')
+
+
+def run(args):
+    """Listen, print, write."""
+    from msg_tools.units import DEG
+    from pointing_model.mounts import parse_mount
+
+    from .. import domain
+    from ..drivers.listener import check_drivers
+    from ..drivers.samples import WRONG
+    from .console import new_console
+    options.check_target(args.json)
+    mount = parse_mount(args.mount, 0.0)
+    number = domain.join(args.domain).number
+    findings = check_drivers(mount, number, args.namespace, args.seconds, args.nudge * DEG)
+    console = new_console()
+    for level, of, text in findings:
+        console.print(f'{level:<6} {of}: {text}', markup=False)
+    wrong = sum(finding.level == WRONG for finding in findings)
+    console.print(f'{wrong} wrong' if wrong else 'nothing wrong')
+    if args.json is not None:
+        options.write_json(args.json, [finding._asdict() for finding in findings])
+    return int(wrong > 0)

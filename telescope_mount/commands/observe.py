@@ -1,0 +1,56 @@
+"""The command ``observe``."""
+
+from pathlib import Path
+
+from . import options
+
+
+def add(commands):
+    """Add the parser."""
+    parser = commands.add_parser(
+        'observe', help='observe with the drivers of a real mount',
+        description='Start the nodes beside drivers (docs/real_mount.md), observe stars, fit the '
+        'pointing model, check it on fresh stars, log everything, and print the error before and '
+        'after. Time is that of the wall.')
+    options.add_out(parser, 'observed', 'log, model, observations and plot')
+    parser.add_argument('--driver', type=Path, action='append', default=[], metavar='FILE',
+                        help='a driver in Python to start as well, again for each; those that run '
+                        'already are found')
+    parser.add_argument('--stars', type=options.whole(4, 5000), default=30,
+                        help='to fit the model to; a quarter as many check it (default: 30)')
+    parser.add_argument('--plan', default='', help="steps in place of 'home, stars N, fit, check "
+                        "N/4'")
+    options.add(parser, 'mount', default='altaz', help='altaz (default), equatorial, german, or '
+                'free:AZ,EL[,ROLL] (where the first axis points, degrees)')
+    options.add(parser, 'latitude', 'longitude', 'height')
+    parser.add_argument('--absolute-encoder', action='store_true',
+                        help='a driver publishes absolute/joint_states')
+    options.add(parser, 'reference', help='model.json to begin with')
+    parser.add_argument('--params', type=Path, metavar='FILE',
+                        help='ROS parameter file, read by every node and driver')
+    options.add(parser, 'domain', help='ROS domain (default: ROS_DOMAIN_ID, or 0)')
+
+
+def run(args):
+    """Observe, print, write."""
+    from ..real_night import run_real_night
+    from .console import Progress, new_console, print_calibration, print_files
+    if args.params is not None and not args.params.is_file():
+        raise ValueError(f'{args.params} is no file; give a ROS parameter file with --params')
+    console = new_console()
+
+    def say(text):
+        console.print(f'waiting for {text}' if text else 'goes on')
+
+    with Progress(console, every=30.0) as progress:
+        report = run_real_night(
+            args.out, plan=args.plan, stars=args.stars, drivers=args.driver, mount=args.mount,
+            sky=options.sky_of(args), absolute_encoder=args.absolute_encoder,
+            reference=args.reference, domain_number=args.domain, params_file=args.params,
+            progress=progress, say=say)
+    print_calibration(console, report)
+    for check in report.get('checks', []):
+        if check['stars']:
+            console.print(f'{check["stars"]} fresh stars pointed at blind: '
+                          f'{check["rms_arcsec"]:.2f} arcsec radial RMS, {check["lost"]} lost')
+    print_files(console, report['files'])

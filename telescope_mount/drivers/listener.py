@@ -1,0 +1,209 @@
+"""Listens to the drivers of a running graph, and nudges the mount if it may."""
+
+import os
+import time
+
+import numpy as np
+import rclpy
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
+
+from msg_tools import convert, topics
+from msg_tools.executor import NodeExecutor
+from msg_tools.units import DEG
+
+from .judgement import judge
+from .nudge import judge_nudge
+from .samples import WRONG, Endpoint, Finding, Heard, Rest, Stream
+
+#: that subscribe to all, and drive nothing
+RECORDERS = ('mcap_logger', 'rosbag2_recorder')
+#: nudge: seconds of the move, to come to rest at most, and of the exposures then
+RAMP, SETTLE, LOOK = 3.0, 20.0, 6.0
+#: largest rest of a nudge's way that is waited for, rad
+NEAR = 10.0 / 3600.0 * DEG
+
+
+class Listener:
+    """A node that hears the instruments.
+
+    Parameters
+    ----------
+    mount : Mount
+    domain : int
+    namespace : str
+    """
+
+    def __init__(self, mount, domain, namespace):
+        os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+        self._mount, self._clock, self._clocked = mount, None, False
+        self._context = Context()
+        rclpy.init(context=self._context, domain_id=domain)
+        self._node = Node('check_drivers', context=self._context, namespace=namespace,
+                          start_parameter_services=False, enable_rosout=False)
+        self._executor = NodeExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        self._command = None
+        for topic, take in ((topics.INCREMENTAL, self._on_joints),
+                            (topics.ABSOLUTE, self._on_joints),
+                            (topics.MISS_DISTANCE, self._on_miss)):
+            self._node.create_subscription(
+                topic.message, topic.name,
+                lambda message, take=take, name=topic.name: take(self._streams[name], message),
+                topic.qos)
+        self._node.create_subscription(topics.CLOCK.message, topics.CLOCK.name, self._on_clock,
+                                       topics.CLOCK.qos)
+        self._forget()
+
+    def _forget(self):
+        self._streams = {topic.name: Stream(topic.name, topic.type) for topic in (
+            topics.INCREMENTAL, topics.ABSOLUTE, topics.MISS_DISTANCE)}
+
+    # --- messages -----------------------------------------------------------------------------
+
+    def _now(self):
+        return time.time() if self._clock is None else self._clock
+
+    def _on_clock(self, message):
+        self._clock = convert.from_stamp(message.clock) * 1e-9
+
+    def _on_joints(self, stream, message):
+        values = rates = (np.nan, np.nan)
+        if set(self._mount.names.keys) <= set(message.name):
+            try:
+                _, values, rates, _ = convert.read_joints(message)
+            except ValueError as err:
+                stream.refused.append(str(err))
+                return
+        self._keep(stream, message.header, values, rates, message.name)
+
+    def _on_miss(self, stream, message):
+        self._keep(stream, message.header, (message.vector.x, message.vector.y))
+
+    def _keep(self, stream, header, values, rates=(np.nan, np.nan), names=()):
+        stream.take(time.time(), convert.from_stamp(header.stamp) * 1e-9, values, rates, names,
+                    header.frame_id, self._now())
+
+    # --- the graph ----------------------------------------------------------------------------
+
+    def heard(self, seconds):
+        """A `Heard` of what has come so far."""
+        node, own = self._node, self._node.get_name()
+        for topic in (topics.INCREMENTAL, topics.ABSOLUTE, topics.MISS_DISTANCE):
+            self._streams[topic.name].endpoints = [_endpoint(info) for info in
+                node.get_publishers_info_by_topic(node.resolve_topic_name(topic.name))]
+        tails = tuple('/' + name.rsplit('/', 1)[-1] for name in self._streams)
+        ours = {node.resolve_topic_name(name) for name in self._streams}
+        space = node.get_namespace().rstrip('/') + '/'
+        return Heard(
+            self._mount, seconds, *self._streams.values(),
+            services={name.removeprefix(space)
+                      for name, _ in node.get_service_names_and_types()},
+            followers=[_endpoint(info) for info in node.get_subscriptions_info_by_topic(
+                node.resolve_topic_name(topics.COMMAND.name))
+                if info.node_name not in (*RECORDERS, own)],
+            homing=bool(node.count_publishers(node.resolve_topic_name(topics.HOMING.name))),
+            clock=self._clock is not None,
+            elsewhere=[name for name, _ in node.get_topic_names_and_types()
+                       if name.endswith(tails) and name not in ours])
+
+    def spin(self, seconds, until=lambda: False):
+        """Take what comes for so long, or until something holds; whether it does."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            self._executor.spin_once(timeout_sec=0.1)
+            if until():
+                return True
+        return False
+
+    def listen(self, seconds):
+        """A `Heard` of so many seconds."""
+        self.spin(seconds)
+        return self.heard(seconds)
+
+    # --- nudging ------------------------------------------------------------------------------
+
+    def nudge(self, step):
+        """Move each axis by `step` (rad) and back, and look.
+
+        Returns
+        -------
+        heard : Heard
+        rests : list of Rest
+
+        Raises
+        ------
+        ValueError
+            Somebody else commands the mount, or nobody tells where it is.
+        """
+        commanders = [info.node_name for info in self._node.get_publishers_info_by_topic(
+            self._node.resolve_topic_name(topics.COMMAND.name))]
+        if commanders:
+            raise ValueError(f'not nudged: {" and ".join(commanders)} may command the mount; end '
+                             'it first')
+        self._command = self._node.create_publisher(
+            topics.COMMAND.message, topics.COMMAND.name, topics.COMMAND.qos)
+        self.spin(5.0, lambda: self._command.get_subscription_count() > 0)
+        self._forget()
+        if not self.spin(5.0, lambda: self._here() is not None):
+            raise ValueError('not nudged: the encoder gives no number; call home first')
+        home = self._here()
+        # away from horizon and zenith, or from either pole
+        upward = 1.0 if np.sin(home[1]) < np.sin(0.25 * np.pi) else -1.0
+        rests = []
+        for offset in ((0.0, 0.0), (step, 0.0), (0.0, 0.0), (0.0, upward * step), (0.0, 0.0)):
+            demand = home + offset
+            self._send(self._here(), demand)
+            self.spin(RAMP)
+            self.spin(SETTLE, lambda demand=demand: np.abs(self._here() - demand).max() < NEAR)
+            begin = self._now() + 1.0
+            self.spin(LOOK + 1.0)
+            rests.append(Rest(begin, self._now(), demand))
+        return self.heard(0.0), rests
+
+    def _here(self):
+        values = self._streams[topics.INCREMENTAL.name].values
+        return np.array(values[-1]) if values and np.isfinite(values[-1]).all() else None
+
+    def _send(self, here, demand):
+        still = np.zeros((3, 2))
+        self._command.publish(convert.trajectory(
+            round(self._now() * 1e9), [0.0, RAMP, RAMP + SETTLE + LOOK + 5.0],
+            [here, demand, demand], still, self._mount.names.keys))
+
+    def close(self):
+        """Leave the graph."""
+        self._executor.shutdown()
+        self._node.destroy_node()
+        self._context.try_shutdown()
+
+
+def _endpoint(info):
+    return Endpoint(f'{info.node_namespace.rstrip("/")}/{info.node_name}', info.topic_type,
+                    info.qos_profile.reliability != ReliabilityPolicy.BEST_EFFORT,
+                    info.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+def check_drivers(mount, domain, namespace, seconds, step=0.0):
+    """Listen, nudge if `step` (rad) is not 0, and judge.
+
+    Returns
+    -------
+    list of Finding
+    """
+    listener = Listener(mount, domain, namespace)
+    try:
+        findings = judge(listener.listen(seconds))
+        if not step:
+            return findings
+        # who reads degrees is commanded in degrees: no move before the contract is kept
+        if any(finding.level == WRONG for finding in findings):
+            return [*findings, Finding(WRONG, 'nudge', 'not nudged: mend what is wrong first')]
+        try:
+            heard, rests = listener.nudge(step)
+        except ValueError as err:
+            return [*findings, Finding(WRONG, 'nudge', str(err))]
+        return [*findings, *judge_nudge(heard, rests)]
+    finally:
+        listener.close()

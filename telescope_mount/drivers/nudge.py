@@ -1,0 +1,120 @@
+"""What small moves of each axis show: the mount that follows, the camera that sees it."""
+
+import numpy as np
+
+from msg_tools.units import ARCSEC, DEG, wrap
+
+from .samples import NOTE, OK, WRONG, Finding
+
+#: by how much a camera may be turned and its scale be wrong, rad and 1
+TURNED, SCALED = 2.0 * DEG, 0.05
+#: how far a nudge may end from its demand, rad
+FOLLOWED = 30.0 * ARCSEC
+
+
+def judge_nudge(heard, rests):
+    """What small moves of each axis show.
+
+    Parameters
+    ----------
+    heard : Heard
+        Of the time of the moves.
+    rests : list of Rest
+        Five: at the begin, with the first axis moved, back, with the second one moved, back.
+
+    Returns
+    -------
+    list of Finding
+    """
+    out = []
+    stamps, values, _ = heard.incremental.arrays()
+    names = heard.mount.names.axes
+    means = []
+    for rest in rests:
+        here = values[(stamps >= rest.begin) & (stamps <= rest.end)]
+        here = here[np.isfinite(here).all(axis=1)]
+        if not len(here):
+            return [Finding(WRONG, heard.incremental.topic, 'no reading while it was nudged')]
+        means.append(rest.demand + np.column_stack(
+            [wrap(here[:, 0] - rest.demand[0]), here[:, 1] - rest.demand[1]]).mean(axis=0))
+    followed = True
+    for axis, moved in ((0, 1), (1, 3)):
+        step = rests[moved].demand - rests[moved - 1].demand
+        size = abs(step[axis])
+        went = (means[moved] - means[moved - 1]) / step[axis]
+        off = float(np.abs(means[moved] - rests[moved].demand).max())
+        text = None
+        if abs(went[axis]) < 0.2 and abs(went[1 - axis]) > 0.5:
+            text = f'axes exchanged: {names[1 - axis]} moved for {names[axis]}'
+        elif went[axis] < -0.2:
+            text = f'{names[axis]} went the other way'
+        elif abs(went[axis]) < 0.2:
+            text = f'{names[axis]} did not move for a command of {size / DEG:.3g} deg'
+        elif abs(went[axis] - 1.0) > 0.1:
+            text = f'{names[axis]} moved {went[axis]:.3g} times as far as commanded'
+        elif off > FOLLOWED:
+            text = f'{names[axis]} ended {off / ARCSEC:.0f} arcsec from the demand'
+        followed &= text is None
+        out.append(Finding(OK, 'command', f'{names[axis]} follows, to {off / ARCSEC:.1f} arcsec')
+                   if text is None else Finding(WRONG, 'command', text))
+    if followed:
+        _nudged_camera(out, heard, rests)
+    return out
+
+
+def _nudged_camera(out, heard, rests):
+    """Sign, rotation and scale from how the star moved, beside its own drift."""
+    of = heard.camera.topic
+    stamps, values, _ = heard.camera.arrays()
+    rows, seen = [], []
+    home = rests[0].demand
+    start = rests[0].begin
+    for rest in rests:
+        inside = (stamps >= rest.begin) & (stamps <= rest.end) & np.isfinite(values).all(axis=1)
+        away = (rest.demand - home) * (np.cos(home[1]), 1.0)
+        rows += [(1.0, stamp - start, *away) for stamp in stamps[inside]]
+        seen += list(values[inside])
+        if not inside.any():
+            out.append(Finding(NOTE, of, 'no star in the field at each step: camera not judged; '
+                               'point at a bright star first'))
+            return
+    rows, seen = np.array(rows), np.array(seen)
+    if len(rows) < 6:
+        out.append(Finding(NOTE, of, f'{len(rows)} exposures: too few to judge the camera'))
+        return
+    answer, *_ = np.linalg.lstsq(rows / np.abs(rows).max(axis=0), seen, rcond=None)
+    moves = (answer / np.abs(rows).max(axis=0)[:, None])[2:].T  # column k: for axis k
+    left = float(np.sqrt(np.mean((seen - rows @ (
+        answer / np.abs(rows).max(axis=0)[:, None])) ** 2)))
+    step = float(np.abs(rows[:, 2:]).max())
+    scale = float(np.sqrt(abs(np.linalg.det(moves))))
+    if left > 0.2 * step * max(scale, 0.1):
+        out.append(Finding(NOTE, of, f'the star does not move evenly ({left / ARCSEC:.0f} arcsec '
+                           'left): another star, or the mount does not rest; camera not judged'))
+        return
+    if scale < 0.1:
+        out.append(Finding(WRONG, of, 'the star does not move with the mount'))
+        return
+    mirrored = np.linalg.det(moves) < 0.0
+    unit = -moves / scale
+    if mirrored:
+        flips = ((np.diag([-1.0, 1.0]), 'x has the other sign'),
+                 (np.diag([1.0, -1.0]), 'y has the other sign'),
+                 (np.array([[0.0, 1.0], [1.0, 0.0]]), 'x and y are exchanged'))
+        gap, text = min((float(np.abs(unit - flip).max()), text) for flip, text in flips)
+        out.append(Finding(WRONG, of, f'{text}' if gap < 0.3 else
+                           'mirrored and turned: one of x and y has the other sign'))
+    else:
+        turn = float(np.arctan2(unit[1, 0] - unit[0, 1], unit[0, 0] + unit[1, 1]))
+        if abs(abs(turn) - np.pi) < 10.0 * DEG:
+            text = 'both signs are reversed: it must be star - boresight'
+        else:
+            text = f'turned by {turn / DEG:.1f} deg'
+        level = WRONG if abs(turn) > TURNED else OK
+        out.append(Finding(level, of, text + ' against the axes' * ('turned' in text)))
+    unit_of = {'arcsec for radians?': ARCSEC**-1, 'degrees for radians?': DEG**-1}
+    guess = next((text for text, value in unit_of.items() if 0.5 < scale / value < 2.0), '')
+    level = WRONG if abs(scale - 1.0) > SCALED else OK
+    out.append(Finding(level, of, f'scale {scale:.4g}, 1 would be right' * (level == WRONG)
+                       + f'scale right to {abs(scale - 1.0):.1%}' * (level == OK)
+                       + f': {guess}' * bool(guess)))

@@ -1,0 +1,123 @@
+"""What was heard of drivers, and what is said of them."""
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+OK, NOTE, WRONG = 'ok', 'note', 'wrong'
+
+
+class Finding(NamedTuple):
+    """A line: how grave (`OK`, `NOTE`, `WRONG`), of what, and the sentence."""
+
+    level: str
+    of: str
+    text: str
+
+
+class Endpoint(NamedTuple):
+    """A publisher or subscriber, as the graph knows it."""
+
+    node: str
+    type: str
+    reliable: bool = True
+    latched: bool = False
+
+
+@dataclass
+class Stream:
+    """A topic and what came on it.
+
+    Parameters
+    ----------
+    topic, type : str
+        Name, and the type that it must have.
+    endpoints : list of Endpoint
+        Its publishers.
+    arrived, stamps : list of float
+        Of each message, s: by this machine's clock, and as it says.
+    ages : list of float
+        Time of the graph at its arrival less its stamp, s.
+    names : list of sequence of str
+        Joints of each message; empty where it has none.
+    values, rates : list of (float, float)
+        First and second axis, or x and y, as they were sent.
+    frames : list of str
+        ``frame_id`` of each.
+    refused : list of str
+        Why messages could not be read at all.
+    """
+
+    topic: str
+    type: str
+    endpoints: list = field(default_factory=list)
+    arrived: list = field(default_factory=list)
+    ages: list = field(default_factory=list)
+    stamps: list = field(default_factory=list)
+    names: list = field(default_factory=list)
+    values: list = field(default_factory=list)
+    rates: list = field(default_factory=list)
+    frames: list = field(default_factory=list)
+    refused: list = field(default_factory=list)
+
+    def take(self, arrived, stamp, values, rates=(np.nan, np.nan), names=(), frame='', now=None):
+        """Keep a message; `now` is the time of the graph, that of this machine if left out."""
+        self.arrived.append(arrived)
+        self.ages.append((arrived if now is None else now) - stamp)
+        self.stamps.append(stamp)
+        self.values.append(tuple(values))
+        self.rates.append(tuple(rates))
+        self.names.append(tuple(names))
+        self.frames.append(frame)
+
+    def arrays(self):
+        """Stamps (n,), values (n, 2), rates (n, 2); those with increasing stamps."""
+        stamps = np.array(self.stamps, float)
+        keep = np.ones(len(stamps), bool)
+        if len(stamps):
+            keep[1:] = stamps[1:] > np.maximum.accumulate(stamps)[:-1]
+        return (stamps[keep], np.array(self.values, float).reshape(-1, 2)[keep],
+                np.array(self.rates, float).reshape(-1, 2)[keep])
+
+
+@dataclass
+class Heard:
+    """All that was heard of a graph.
+
+    Parameters
+    ----------
+    mount : Mount
+    seconds : float
+        How long was listened.
+    incremental, absolute, camera : Stream
+    services : set of str
+        Relative names.
+    followers : list of Endpoint
+        Subscribers of `command` that are drivers.
+    homing : bool
+        Whether `incremental/homing` is published.
+    clock : bool
+        Whether somebody publishes `/clock`.
+    elsewhere : list of str
+        Topics of instruments in other namespaces.
+    """
+
+    mount: object
+    seconds: float
+    incremental: Stream
+    absolute: Stream
+    camera: Stream
+    services: set = field(default_factory=set)
+    followers: list = field(default_factory=list)
+    homing: bool = False
+    clock: bool = False
+    elsewhere: list = field(default_factory=list)
+
+
+class Rest(NamedTuple):
+    """A time of a nudge in which the axes were to rest: from, to (UTC s), demand (2,), rad."""
+
+    begin: float
+    end: float
+    demand: np.ndarray

@@ -1,0 +1,22 @@
+"""Executables of the nodes: `ros2 run` comes through here, before numpy is imported.
+
+With several threads numpy's linear algebra adds in another order, and a log would not hold to the
+last bit when it is verified. So it has one, however a node is started; who sets the variables of
+`threads` otherwise has them so.
+"""
+
+import os
+from importlib import import_module
+
+from .threads import ONE_THREAD
+
+for _name, _value in ONE_THREAD.items():
+    os.environ.setdefault(_name, _value)
+
+
+def __getattr__(name):
+    """The ``main`` of a node, by the name of its executable."""
+    from .graph import NODES
+    if name not in NODES:
+        raise AttributeError(f'{__name__} has no executable {name}')
+    return import_module(NODES[name]).main
