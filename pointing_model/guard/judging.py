@@ -108,16 +108,18 @@ class Judge:
         reason = self._too_fast(cubic) or self._out_of_travel(boxes, 'the track')
         if reason:
             return Refused(reason)
-        return self._way(cubic, state, self.in_axes(sun, pole), boxes)
+        return self._way(cubic, state, self.in_axes(sun, pole, state), boxes)
 
     def way(self, here, there, sun=None, pole=None):
         """As `judge`, of a slew from rest to rest between two pairs of angles."""
         cubic = Cubic(np.zeros(1), np.array([there], float), np.zeros((1, 2)))
-        return self._way(cubic, State(tuple(here)), self.in_axes(sun, pole))
+        state = State(tuple(here))
+        return self._way(cubic, state, self.in_axes(sun, pole, state))
 
     def onto(self, cubic, here, sun=None, pole=None):
         """As `judge`, of a slew from rest at a pair of angles onto a `Cubic` that is allowed."""
-        return self._way(cubic, State(tuple(here)), self.in_axes(sun, pole))
+        state = State(tuple(here))
+        return self._way(cubic, state, self.in_axes(sun, pole, state))
 
     def free(self, boxes, sun):
         """Which of many boxes are surely free of horizon and Sun (of `in_axes`), bool (n,)."""
@@ -218,13 +220,16 @@ class Judge:
 
     # --- the sky ------------------------------------------------------------------------------
 
-    def in_axes(self, sun, pole):
-        """Sun and pole in the frame of the axes; None where the Sun is no matter."""
+    def in_axes(self, sun, pole, state):
+        """Sun and pole in the frame of the axes; None where the Sun is no matter from `state`."""
         if sun is None or not self.limits.sun:
             return None
-        # one that is so low is out of reach of all that is above the horizon
-        if math.asin(min(max(float(sun[2]), -1.0), 1.0)) + self.limits.sun < (
-                self.limits.horizon.least - 15.0 * DEG):
+        # one that is so low is out of reach of all that is above the horizon, or the begin
+        first, second = state.angles
+        x, y, z = self._zenith
+        up = math.cos(second) * (x * math.sin(first) + y * math.cos(first)) + z * math.sin(second)
+        lowest = min(self.limits.horizon.least, math.asin(min(max(up, -1.0), 1.0)))
+        if math.asin(min(max(float(sun[2]), -1.0), 1.0)) + self.limits.sun < lowest - 15.0 * DEG:
             return None
         return self._frame @ sun, None if pole is None else self._frame @ pole
 

@@ -268,7 +268,7 @@ def _chased(state, cubic, axes, t, brakes, timing):
         least = np.minimum.accumulate(places[:, i])[until]
         most = np.maximum.accumulate(places[:, i])[until]
         # with the speed of the target it overshoots, and before it has braked
-        over = float(cubic.peak_rate[i]) ** 2 / (2.0 * slowest)
+        over = float(cubic.peak_rate[i]) ** 2 / (2.0 * slowest) + STEP / 4.0
         reach = axis.rate * (t + brakes[i])
         lows[i] = np.maximum(np.minimum(min(here, stop), least - over), here - reach)
         highs[i] = np.minimum(np.maximum(max(here, stop), most + over), here + reach)

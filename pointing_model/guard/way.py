@@ -45,7 +45,7 @@ def around(judge, cubic, state, sun=None, pole=None):
         judge = Judge(replace(judge.limits, sun=judge.limits.sun + MARGIN_SUN))
     nodes = [_points(axis, a, b) for axis, a, b in zip(judge.limits.axes, here, there)]
     shape = tuple(map(len, nodes))
-    own = judge.in_axes(sun, pole)
+    own = judge.in_axes(sun, pole, state)
     # a step along either axis, as the box between its ends
     rows, columns, lengths = [], [], []
     index = np.arange(shape[0] * shape[1]).reshape(shape)
