@@ -114,7 +114,8 @@ def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time
             'second_rate_deg_s': 4.0 if altaz else 6.0, 'first_acceleration_deg_s2': 3.0,
             'second_acceleration_deg_s2': 2.0 if altaz else 3.0,
             'slew_timing': 1.0,
-            'least_elevation_deg': 0.0,
+            # simulated polar mounts pass below the horizon as they change their side
+            'least_elevation_deg': 0.0 if altaz else -90.0,
         } | ({'ahead_s': 1.5 * time_scale,
                'behind_deg': 2.0 + time_scale} if time_scale else {'renew_s': 0.0}) | (
             {'first_travel_deg': '-36000,36000'} if altaz else {}) | {
