@@ -16,6 +16,8 @@ from .motion import Boxes
 GRID = 5.0 * DEG
 #: an axis goes so far beyond both ends at most where its travel has no end, rad
 REACH = 2.0 * math.pi
+#: points in between keep so far from the ends of the travel, rad
+EDGE = 0.5 * DEG
 
 
 def around(judge, cubic, state, sun=None, pole=None):
@@ -96,8 +98,8 @@ def _shortened(judge, here, path, cubic, sun, pole):
 
 
 def _points(axis, here, there):
-    low = max(axis.low, min(here, there) - REACH)
-    high = min(axis.high, max(here, there) + REACH)
+    low = max(axis.low + EDGE, min(here, there) - REACH)
+    high = min(axis.high - EDGE, max(here, there) + REACH)
     low, high = min(low, here), max(high, here)
     return np.linspace(low, high, max(2, math.ceil((high - low) / GRID) + 1))
 
