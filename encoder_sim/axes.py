@@ -298,10 +298,12 @@ class MountAxes:
         rad.
     words : sequence of str, length 2
         What they are called, for people.
+    hair : float
+        Moves that are no longer leave the side from which an axis came, rad.
     """
 
-    def __init__(self, first, second, time, angles, words=AXES):
-        self.limits, self._words = (first, second), words
+    def __init__(self, first, second, time, angles, words=AXES, hair=0.0):
+        self.limits, self._words, self._hair = (first, second), words, hair
         rest = Trajectory([time], [angles], [[0.0, 0.0]])
         nothing = plan_move(0.0, 0.0, first)
         self._legs = [
@@ -364,7 +366,8 @@ class MountAxes:
     def approach(self, t):
         """Sign of the last slew of each axis at times `t`, shape (m, 2): -1, 0, 1."""
         t = np.atleast_1d(np.asarray(t, dtype=float))
-        signs = np.array([leg.approach for leg in self._legs])
+        signs = np.array([leg.approach * (np.abs([m.distance for m in leg.moves]) >= self._hair)
+                          for leg in self._legs])
         for i in range(1, len(signs)):  # an axis that was not asked to move keeps its side
             signs[i] = np.where(signs[i] == 0.0, signs[i - 1], signs[i])
         return signs[self._leg_numbers(t)]

@@ -40,16 +40,18 @@ class SimulatedMount:
         Of gusts and slips.
     latitude : float
         Where it stands if the scenario does not say, rad.
+    hair : float
+        Moves that are no longer leave the side from which an axis came, rad.
     """
 
-    def __init__(self, scenario, seed=0, latitude=DEFAULT_SITE.latitude):
+    def __init__(self, scenario, seed=0, latitude=DEFAULT_SITE.latitude, hair=0.0):
         encoders = scenario.incremental.azimuth, scenario.incremental.elevation
         self._marks = np.array([encoder.mark_angle for encoder in encoders])
         self._home_rate = np.array([encoder.home_rate for encoder in encoders])
         self._home_side = np.array(
             [1.0 if encoder.home_side == 'below' else -1.0 for encoder in encoders])
         self._axes = MountAxes(scenario.axes.azimuth, scenario.axes.elevation, 0.0,
-                               self._marks - 2.0 * DEG, scenario.mount.names.axes)
+                               self._marks - 2.0 * DEG, scenario.mount.names.axes, hair)
         self._words = scenario.mount.names.axes
         self._drives = Drives(scenario.drives, seed)
         self._wind = WindLoad(scenario.wind, seed, scenario.mount.at(

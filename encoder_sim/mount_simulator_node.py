@@ -14,7 +14,7 @@ from std_srvs.srv import Trigger
 
 from msg_tools import convert, topics
 from msg_tools.node import MountNode, Param, run_node
-from msg_tools.units import DEG
+from msg_tools.units import ARCSEC, DEG
 from pointing_model.sky import DEFAULT_SITE
 
 from .device_params import DEVICE_PARAMS, parse_utc
@@ -23,6 +23,8 @@ from .scenario_file import load_scenario, scenario_files
 
 #: change of the air's temperature that the thermometer tells, degC
 THERMOMETER_STEP = 0.05
+#: a track that is renewed moves no axis by more: the side it came from stays, rad
+HAIR = 0.05 * ARCSEC
 
 PARAMS = (
     *DEVICE_PARAMS,
@@ -47,7 +49,8 @@ class MountSimulator(MountNode):
         self._start = parse_utc(self.value('start_time'))
         scenario = load_scenario(self.value('scenario'))
         self._mount = SimulatedMount(scenario, self.value('seed'),
-                                     self.value('latitude_deg') * DEG)
+                                     self.value('latitude_deg') * DEG,
+                                     HAIR if self.value('time_scale') else 0.0)
         self._names = scenario.mount.names.keys
         # without weather of its own the air is what the observer believes
         self._air, self._warmth = scenario.weather, None
@@ -82,6 +85,8 @@ class MountSimulator(MountNode):
         if asked != self._names:
             raise ValueError(f'command for {" and ".join(asked)}: this mount has '
                              f'{" and ".join(self._names)}')
+        if self._live and self._homing is not None:
+            raise ValueError('homing is under way')
         at = (stamp - self._start) * 1e-9
         settled = self._mount.follow(max(at, self._time), at + times, positions, velocities)
         if not self._live:

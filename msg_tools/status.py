@@ -21,7 +21,7 @@ class Progress:
     Attributes
     ----------
     state : str
-        ``waiting``, ``observing``, ``done`` or ``failed``.
+        ``waiting``, ``observing``, ``done``, ``failed`` or ``cancelled``.
     step : str
         Of the plan.
     block : int

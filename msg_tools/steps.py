@@ -46,6 +46,12 @@ class Steps:
             work.close()
             self._ended(error)
 
+    def cancel(self):
+        """Give the work up, without a word to anybody."""
+        if self._work is not None:
+            self._work.close()
+        self._work = self._wait = None
+
     def advance(self):
         """Go on as far as the conditions allow."""
         if self._work is None or self._running:  # what a step sets off may call again

@@ -55,6 +55,9 @@ class Topic:
 
 
 CLOCK = Topic('/clock', 'rosgraph_msgs/msg/Clock', RELIABLE)
+# what commanders ask for; the guard judges it, and it alone publishes `command`
+REQUEST = Topic('request', 'trajectory_msgs/msg/JointTrajectory', RELIABLE)
+GUARD_STATUS = Topic('guard/status', 'diagnostic_msgs/msg/DiagnosticStatus', LATCHED)
 COMMAND = Topic('command', 'trajectory_msgs/msg/JointTrajectory', RELIABLE)
 # only the simulated hardware may subscribe to these
 TRUTH_JOINTS = Topic('truth/joint_states', 'sensor_msgs/msg/JointState', DEEP)

@@ -16,6 +16,7 @@ from msg_tools import convert, topics
 from msg_tools.node import MountNode, Param, run_node
 from msg_tools.readiness import PUBLISHES, unmatched
 from msg_tools.status import handover, observations_taken
+from msg_tools.units import DEG
 
 from .in_force_topics import MODEL_FILE, in_force_of
 from .observing.instruments import ABSOLUTE, CAMERA, MOUNT, Instruments
@@ -51,6 +52,10 @@ PARAMS = SKY_PARAMS + (
           'exposure_s that counts [arcsec]', 0.01, 3600.0),
     Param('slew_rate_deg_s', 4.0, 'slew rate of the mount, to plan how long a track must be '
           '[deg/s]', 0.01, 90.0),
+    Param('field_deg', 1.0, 'a star farther from the boresight is outside the field of the camera: '
+          'its message has another unit [deg]', 1e-3, 180.0),
+    Param('renew_request_s', 0.2, 'how often the guard is told that the request still holds; 0: '
+          'once [s]', 0.0, 10.0, fixed=True),
     Param('answer_timeout_s', 5.0, 'wall time after which a pointing without an answer is '
           'commanded again [s]', 0.5, 3600.0),
     Param('absolute_encoder', True, 'whether the mount has an absolute encoder beside the one that '
@@ -79,7 +84,12 @@ HIGHEST = 1.75
 #: wall seconds in which a calibration that is there says what it knows: a latched message, that
 #: comes within a second of the match
 SPEAKS_WITHIN = 10.0
-LEVELS = {'failed': DiagnosticStatus.ERROR, 'waiting': DiagnosticStatus.WARN}
+LEVELS = {'failed': DiagnosticStatus.ERROR, 'waiting': DiagnosticStatus.WARN,
+          'cancelled': DiagnosticStatus.WARN}
+#: services that move the mount, or take its zero
+MOVING = ('home', 'power_cycle')
+#: states of the guard that end a plan
+ENDING = ('aborted', 'parking', 'parked')
 
 
 class StarObserver(MountNode):
@@ -91,7 +101,8 @@ class StarObserver(MountNode):
     def __init__(self, **kwargs):
         super().__init__('star_observer', PARAMS, hardware_id='observer', **kwargs)
         self._sky = sky_of(self)
-        self._command_pub = self.publisher(topics.COMMAND)
+        self._request_pub, self._request = self.publisher(topics.REQUEST), None
+        self._guard, self._refused = '', (0, '')
         self._observation_pub = self.publisher(topics.OBSERVATION)
         self._observations_pub = self.publisher(topics.OBSERVATIONS)
         self._offset_pub = self.publisher(topics.OFFSET)
@@ -101,6 +112,7 @@ class StarObserver(MountNode):
                                         absolute=self.value('absolute_encoder'),
                                         live=not self.value('use_sim_time'))
         self._instruments.look = self._look_at_publishers
+        self._instruments.health.field = self.value('field_deg') * DEG
         self._mount = mount_of(self)
         self._table = Table(self._mount)
         # before the camera: an exposure is always corrected with the same reading of the
@@ -111,6 +123,7 @@ class StarObserver(MountNode):
         if ABSOLUTE in self._instruments.names:
             self.subscribe(topics.ABSOLUTE, self._on_absolute)
         self.subscribe(topics.MISS_DISTANCE, self._on_miss)
+        self.subscribe(topics.GUARD_STATUS, self._on_guard)
         self._crowded = {}  # instrument with several publishers -> since when, wall s
         self._handover = self._given = None  # a night that an observer before has begun
         self._calibration_spoke = self._has_rows = False
@@ -126,6 +139,9 @@ class StarObserver(MountNode):
             self.create_service(Trigger, service, partial(self._on_zero, verb))
         if self.value('autostart'):
             self._sequencer.start(self.value('plan'))
+        self.serve('~/cancel', self._on_cancel)
+        if self.value('renew_request_s'):
+            self.every(self.value('renew_request_s'), self._renew)
         self.every(0.5, self._look)
         # steady: the observer must see a time-out while simulated time stands still
         self.create_timer(0.05, self._sequencer.advance,
@@ -140,6 +156,7 @@ class StarObserver(MountNode):
     def parameters_changed(self, names):
         """Take a new site or weather from the next exposure on; the mount stays on its pier."""
         self._sky = sky_of(self)
+        self._instruments.health.field = self.value('field_deg') * DEG
 
     # --- messages in --------------------------------------------------------------------------
 
@@ -187,6 +204,38 @@ class StarObserver(MountNode):
         self._look_at_publishers()
         if self._sequencer.look(time.monotonic()):
             self.announce()
+
+    def _on_guard(self, message):
+        rows = {row.key: row.value for row in message.values}
+        state = rows.get('state', '')
+        self._refused = int(rows.get('refused', 0)), rows.get('reason', '')
+        if state in ENDING:
+            self._request = None
+            self._sequencer.cancel(f'by the mount guard: {message.message}')
+        self._guard = message.message if state == 'paused' else ''
+        self._sequencer.advance()
+
+    def _on_cancel(self):
+        self._withdraw()
+        if self._sequencer.cancel('by the service cancel'):
+            return True, 'plan cancelled'
+        return False, 'no plan is under way'
+
+    def _renew(self):
+        """The guard lets go of what is not asked for again."""
+        if self._request is None:
+            return
+        if self._sequencer.busy and self._instruments.homed:
+            self._request_pub.publish(self._request)
+        else:
+            self._withdraw()
+
+    def _withdraw(self):
+        """A track without points: the mount need not follow any."""
+        if self._request is not None:
+            self._request.points = []
+            self._request_pub.publish(self._request)
+        self._request = None
 
     def _look_at_publishers(self):
         for name, topic in INSTRUMENT_TOPICS.items():
@@ -259,6 +308,8 @@ class StarObserver(MountNode):
 
     def client(self, verb):
         """Of a service."""
+        if verb in MOVING and self.value('renew_request_s'):
+            self._withdraw()  # it moves the mount itself
         return self._asked[verb]
 
     def refuse_frame(self, reason):
@@ -266,8 +317,19 @@ class StarObserver(MountNode):
         self.reject(topics.MISS_DISTANCE.name, reason)
 
     def send_command(self, track):
-        """On `command`."""
-        self._command_pub.publish(convert.trajectory(*track, self._mount.names.keys))
+        """On `request`."""
+        self._request = convert.trajectory(*track, self._mount.names.keys)
+        self._request.header.frame_id = self.get_fully_qualified_name()
+        self._request_pub.publish(self._request)
+
+    def refusal(self, stamp):
+        """Why the guard refused the track that began at `stamp` (ns); '' if it did not."""
+        refused, reason = self._refused
+        return reason if refused == stamp else ''
+
+    def held(self):
+        """Why the mount may not be moved now."""
+        return self._guard
 
     def send_row(self, run, stamp):
         """On `observation` and `offset`."""
@@ -295,7 +357,7 @@ class StarObserver(MountNode):
     def required(self):
         """The plan needs a mount and the instruments."""
         return {self.resolve_topic_name(topic.name) for topic in (
-            topics.COMMAND, *map(INSTRUMENT_TOPICS.get, self._instruments.names))}
+            topics.REQUEST, *map(INSTRUMENT_TOPICS.get, self._instruments.names))}
 
     def waiting_for(self):
         """Instruments that are not there yet, and nodes that are not fully connected."""
@@ -332,6 +394,8 @@ class StarObserver(MountNode):
         state, text = self._sequencer.progress.state, self._sequencer.text
         if state == 'failed':
             return [(DiagnosticStatus.ERROR, text)]
+        if state == 'cancelled':
+            return [(DiagnosticStatus.WARN, f'plan cancelled {text}')]
         health = self._instruments.health
         found = [(DiagnosticStatus.ERROR if kind == 'silent' else DiagnosticStatus.WARN, text)
                  for (_, kind), text in health.told.items()]

@@ -15,6 +15,7 @@ NODES = {
     'absolute_encoder': 'encoder_sim.absolute_encoder_node',
     'frame_reader': 'encoder_reading.frame_reader_node',
     'camera': 'encoder_sim.camera_node',
+    'mount_guard': 'pointing_model.mount_guard_node',
     'star_observer': 'pointing_model.star_observer_node',
     'pointing_corrector': 'pointing_model.pointing_corrector_node',
     'calibration': 'calibration.calibration_node',
@@ -28,7 +29,11 @@ NODES = {
 #: of the simulated incremental encoder (paper 000): lines in a turn
 GRATING = 'grating=47200'
 SIMULATED = ('mount_simulator', 'incremental_encoder', 'absolute_encoder', 'camera')
-NIGHT = (*SIMULATED, 'star_observer', 'pointing_corrector', 'calibration', 'mcap_logger')
+NIGHT = (*SIMULATED, 'mount_guard', 'star_observer', 'pointing_corrector', 'calibration',
+         'mcap_logger')
+
+#: parameters of the site
+SITE = ('latitude_deg', 'longitude_deg', 'height_m')
 
 #: a camera's images may be lost on the way; those of a simulated encoder must not be
 EVERY_FRAME = {f'qos_overrides.{NAMESPACE}/absolute/frame.subscription.{policy}': value
@@ -91,7 +96,7 @@ def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time
     -------
     list of NodeSpec
     """
-    sky = dict(sky or {})
+    sky, altaz = dict(sky or {}), parse_mount(mount, 0.0).altaz
     names = (*NIGHT, *(['frame_reader'] if absolute == 'frames' else []))
     simulator = {'scenario': scenario, 'seed': seed} | (
         {'start_time': start_time} if start_time else {})
@@ -105,8 +110,21 @@ def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time
         'absolute_encoder': simulator | ({'publishes': 'frames'} if absolute == 'frames' else {}),
         'frame_reader': EVERY_FRAME | {'mount': parse_mount(mount, 0.0).kind},
         'camera': simulator | sky | {'satellite': satellite},
+        # a simulated mount has no cables, and without time scale its time waits for events
+        'mount_guard': {
+            'use_sim_time': True, 'mount': mount, 'first_rate_deg_s': 6.0,
+            'second_rate_deg_s': 4.0 if altaz else 6.0, 'first_acceleration_deg_s2': 3.0,
+            'second_acceleration_deg_s2': 2.0 if altaz else 3.0,
+            'slew_timing': 1.0,
+            # simulated polar mounts pass below the horizon as they change their side
+            'least_elevation_deg': 0.0 if altaz else -90.0,
+        } | ({'ahead_s': 1.5 * time_scale,
+               'behind_deg': 2.0 + time_scale} if time_scale else {'renew_s': 0.0}) | (
+            {'first_travel_deg': '-36000,36000'} if altaz else {}) | {
+            name: sky[name] for name in SITE if name in sky},
         'star_observer': {
-            'use_sim_time': True, 'star_seed': seed, 'model_file': model_file,
+            'use_sim_time': True, 'renew_request_s': 0.2 if time_scale else 0.0,
+            'star_seed': seed, 'model_file': model_file,
             'first_run': first_run, 'satellite': satellite, 'mount': mount,
             'wait_for_nodes': [f'{NAMESPACE}/{name}' for name in names],
         } | ({'plan': plan} if plan else {}) | sky,
@@ -186,12 +204,14 @@ def real_graph(*, bag, plan='', mount='altaz', sky=None, model_file='', absolute
     -------
     list of NodeSpec
     """
+    sky = dict(sky or {})
     parameters = {
+        'mount_guard': {'mount': mount} | {name: sky[name] for name in SITE if name in sky},
         'star_observer': {
             'model_file': model_file, 'mount': mount, 'absolute_encoder': absolute_encoder,
             'exposure_s': exposure,
             'wait_for_nodes': [f'{NAMESPACE}/{name}' for name in REAL],
-        } | ({'plan': plan} if plan else {}) | dict(sky or {}),
+        } | ({'plan': plan} if plan else {}) | sky,
         'pointing_corrector': {'model_file': model_file},
         'calibration': {'model_file': model_file} | (calibration or {}),
         'mcap_logger': {'folder': bag},

@@ -221,7 +221,7 @@ def _watch(watcher, nodes, plan, progress, stall=STALL, say=None):
         if now != last:
             last, since = now, time.monotonic()
         if status is not None:
-            if at.state == 'failed':
+            if at.state in ('failed', 'cancelled'):
                 raise NightFailed(status.message)
             progress(at.step or 'connecting the nodes', at.observations + at.lost, total)
             if at.state == 'done':

@@ -49,6 +49,8 @@ class Exposer:
         Begin of the last track, ns.
     exposed : int
         The last exposure, ns.
+    refusal : str
+        Why the last track was refused; '' if it was not.
     """
 
     def __init__(self, outbox, instruments, in_force, table, ready, waiting):
@@ -57,6 +59,7 @@ class Exposer:
         self.earliest = self.commanded = self.exposed = 0
         self._following = None  # what is commanded and waited for
         self._blanks = 0  # targets in a row without a star
+        self.refusal = ''
         self.forget_aim()
 
     def forget_aim(self):
@@ -89,7 +92,7 @@ class Exposer:
         Returns
         -------
         dict or None
-            The row; None where there was no star in the field.
+            The row; None where there was no star in the field, or the track was refused.
         """
         pointing = Pointing(target, self._in_force, np.zeros(2), self._out.mount(),
                             self._out.value('meridian_limit_deg') * DEG)
@@ -98,7 +101,10 @@ class Exposer:
         seen = blank = 0
         first = None
         while True:
-            stamp, miss = yield from self.expose(pointing)
+            exposed = yield from self.expose(pointing)
+            if exposed is None:
+                return None
+            stamp, miss = exposed
             if not np.isfinite(miss).all():
                 blank += 1
                 if blank < BLANKS:
@@ -180,10 +186,15 @@ class Exposer:
         return row
 
     def expose(self, pointing):
-        """Steps that command a track, again until there is an exposure on it: stamp and miss."""
+        """Steps that command a track, again until there is an exposure on it: stamp and miss.
+
+        None where it is refused.
+        """
         found = None
         while found is None:
             found = yield from self._try(pointing)
+            if self.refusal:
+                return None
             self._instruments.look()
             if found is not None and self._instruments.health.suspect:
                 self._out.refuse_frame('an exposure that may be of another instrument')
@@ -193,7 +204,11 @@ class Exposer:
     def _try(self, pointing):
         """Command once; None when nobody answered in time."""
         yield from self._ready()
-        instruments, value = self._instruments, self._out.value
+        instruments, value, held = self._instruments, self._out.value, self._out.held
+        if held():
+            self._waiting(held())
+            yield lambda: not held()
+            self._waiting('')
         self.commanded = max(self.now(), self.earliest)
         track = track_to(pointing, self.commanded, self._conditions(), value('slew_rate_deg_s'))
         instruments.exposures.begin(track.start, track.times, track.angles)
@@ -212,11 +227,13 @@ class Exposer:
             nonlocal found
             found = take()
             # a slew may take as long as the track
-            return (found is not None or instruments.silent(value('answer_timeout_s'))
+            return (found is not None or self._out.refusal(track.start) or held()
+                    or instruments.silent(value('answer_timeout_s'))
                     or not instruments.homed or instruments.stamp > track.end)
 
         yield answered
         self._following = None
+        self.refusal = '' if found is not None else self._out.refusal(track.start)
         off = self._note_motion(track, before, found is not None)
         if found is not None:
             self._waiting('')

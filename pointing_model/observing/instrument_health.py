@@ -7,7 +7,7 @@ was told to move has moved.
 
 import numpy as np
 
-from msg_tools.units import ARCSEC
+from msg_tools.units import ARCSEC, DEG
 
 MOUNT, ABSOLUTE, CAMERA = 'mount and incremental encoder', 'absolute encoder', 'camera'
 #: with which the sentences begin that `InstrumentHealth.alarms` gives
@@ -84,6 +84,7 @@ class InstrumentHealth:
 
     def __init__(self, live=False):
         self._live = live
+        self.field = BEYOND_FIELD  # rad: no camera sees a star farther from its boresight
         self._faults = {}  # (instrument, kind) -> [sentence, messages without it since]
         self._stamps = {}  # instrument -> (stamp, time of the graph) of its last good message
         self._frame, self._same = None, 0
@@ -235,9 +236,9 @@ class InstrumentHealth:
         """Take a miss distance, rad; why it cannot be used, '' if it can."""
         if not np.isfinite([x, y]).all():
             return ''
-        if np.hypot(x, y) > BEYOND_FIELD:
+        if np.hypot(x, y) > self.field:
             reason = f'a star {np.hypot(x, y):.3g} rad beside the boresight: arcsec or degrees ' \
-                'for radians?'
+                f'for radians? The field is {self.field / DEG:.3g} deg (field_deg)'
             self.unreadable(name, reason)
             return reason
         self._same = self._same + 1 if (x, y) == self._frame else 1

@@ -29,6 +29,8 @@ from .zero_choice import ZeroChoice
 
 #: what a star takes, to know that it stays within the limits until its turn, s
 SECONDS_A_STAR = 40.0
+#: targets in a row that the guard refuses, after which the plan is given up
+REFUSALS = 5
 _HOUR = 3_600_000_000_000  # ns
 
 
@@ -46,7 +48,9 @@ class Sequencer:
         - ``now()``: the (simulated) time; 0 before it is known
         - ``waiting_for()``: what the graph still lacks before a plan can begin, list of str
         - ``client(verb)``: client of a service, see `msg_tools.steps.call`
-        - ``send_command(track)``: send a `Track` to the mount
+        - ``send_command(track)``: ask for a `Track`
+        - ``refusal(stamp)``: why the guard refused the track that began then, '' if it did not
+        - ``held()``: why the mount may not be moved now, '' if it may
         - ``send_row(run, stamp)``: publish an observation, a PointingRun of one row
         - ``send_table(run, stamp)``: publish all rows so far
         - ``send_checks(text)``: publish the document of the blind checks
@@ -80,6 +84,7 @@ class Sequencer:
         self._lacks = ''  # what the graph lacks before a plan can begin, in words
         self._watch = FaultWatch(outbox, instruments, self._exposer)
         self._calibrated = 0
+        self._refusals = 0  # in a row
         self._homes = False  # the plan homes the mount itself
         self.begun = False
         self._plan, self._left = '', None
@@ -154,6 +159,17 @@ class Sequencer:
             self._watch.rest()
         self._tell()
         return changed
+
+    def cancel(self, reason):
+        """End the plan here; whether there was one."""
+        if not self._steps.busy:
+            return False
+        self._steps.cancel()
+        self._set_state('cancelled', reason)
+        self._told = self.text, self.progress
+        self._out.send_status(self.progress, self.text)
+        self._out.get_logger().warning(f'plan cancelled: {reason}')
+        return True
 
     def pointing_changed(self):
         """A new model or zero is in force."""
@@ -386,9 +402,15 @@ class Sequencer:
         row = yield from self._exposer.observe(target, self._progress.block, blind)
         if row is None:
             self._progress.lost += 1
+            why = self._exposer.refusal
             self._out.get_logger().warning(
-                f'{target.name}: nothing in the field; go on with the next')
+                f'{target.name}: {why or "nothing in the field"}; go on with the next')
+            self._refusals = self._refusals + 1 if why else 0
+            if self._refusals == REFUSALS:
+                self._refusals = 0
+                raise Refused(f'{REFUSALS} targets in a row were refused: {why}')
         else:
+            self._refusals = 0
             self._out.send_row(self._table.add({**row, MARK: float(for_zero)}), row['stamp'])
         self._progress.done += 1
 

@@ -125,7 +125,7 @@ def test_chosen_topics_only(graph, tmp_path):
 
 
 @pytest.mark.parametrize('overrides, text', [
-    ({'topics': ['ofset']}, 'ofset is not a topic of the graph; it has /clock, command'),
+    ({'topics': ['ofset']}, 'ofset is not a topic of the graph; it has /clock, request'),
     ({'compression': 'gzip'}, 'use one of zstd, lz4, none'),
     ({'flush_period_s': 0.0}, 'must be 0.05 to 60.0'),
 ])

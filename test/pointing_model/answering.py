@@ -40,7 +40,7 @@ class Instruments:
         self.readings = {}  # stamp of an exposure -> both encoders' reading
         self.pubs = {topic.name: graph.publisher(topic) for topic in (
             topics.INCREMENTAL, topics.ABSOLUTE, topics.MISS_DISTANCE, topics.CLOCK)}
-        graph.listen(topics.COMMAND, call=self._on_command)
+        graph.listen(topics.REQUEST, call=self._on_command)
         self.ticks = graph.tester.create_timer(0.05, self._tick)
         self.homed = homed
         self.awake, self.frame = True, ''
@@ -89,7 +89,8 @@ class Night:
         self.tables = graph.listen(topics.OBSERVATIONS)
         self.status = graph.listen(topics.OBSERVER_STATUS)
         self.node = graph.add(StarObserver, plan=plan, **{
-            'use_sim_time': True, 'magnitude_limit': 3.5, 'answer_timeout_s': 60.0, **overrides})
+            'use_sim_time': True, 'magnitude_limit': 3.5, 'answer_timeout_s': 60.0,
+            'renew_request_s': 0.0, **overrides})
 
     def value(self, key):
         return {row.key: row.value for row in self.status[-1].values}[key] if self.status else ''

@@ -176,7 +176,7 @@ def test_the_order_of_start_does_not_matter(graph, observer_first):
         night = Night(graph, 'stars 2')
         text = night.until('waiting', 'the graph')
         assert text
-        graph.report('star_observer', 'waiting for a subscriber of /mount/command')
+        graph.report('star_observer', 'waiting for a subscriber of /mount/request')
         Instruments(graph)
     else:
         Instruments(graph)

@@ -233,7 +233,8 @@ def test_a_measured_run_takes_the_place_of_instruments_and_observer():
         bag='the_bag', player={'file': 'run.csv', 'check_every': 5}, seed=3,
         calibration={'alpha': 0.05})}
     assert tuple(specs) == MEASURED
-    assert set(MEASURED) - {'run_player'} == set(NIGHT) - set(SIMULATED) - {'star_observer'}
+    assert set(MEASURED) - {'run_player'} == set(NIGHT) - set(SIMULATED) - {
+        'star_observer', 'mount_guard'}
     player = specs['run_player'].parameters
     assert player['file'] == 'run.csv' and player['check_every'] == 5 and player['seed'] == 3
     assert player['wait_for_nodes'] == [spec.full_name for spec in specs.values()]

@@ -61,6 +61,7 @@ class Bench:
         self.miss = lambda number: (1e-6 * ARCSEC * number, 0.0)  # rad, None: no frame
         self.answers = {MOUNT, ABSOLUTE, CAMERA} if absolute else {MOUNT, CAMERA}
         self.site, self.lacks = DEFAULT_SITE, []
+        self.no = self.hold = ''  # of the guard
         self.services, self.calls = {}, []
         self.commands, self.rows, self.tables, self.checks = [], [], [], []
         self.statuses, self.refused, self.pending = [], [], None
@@ -103,6 +104,12 @@ class Bench:
         self.commands.append(track)
         self.pending = track
 
+    def refusal(self, stamp):
+        return self.no
+
+    def held(self):
+        return self.hold
+
     def send_row(self, run, stamp):
         self.rows.append(run)
 
@@ -127,7 +134,7 @@ class Bench:
     def tick(self):
         """What has been commanded is exposed, or a tenth of a second goes by."""
         track, self.pending = self.pending, None
-        if track is None:
+        if track is None or self.no:
             self.wall += 0.1
         else:
             self.wall += 0.01

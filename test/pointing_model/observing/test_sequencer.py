@@ -404,3 +404,23 @@ def test_a_status_is_told_once():
     assert all(one != other for one, other in zip(bench.statuses, bench.statuses[1:]))
     bench.plan.advance()
     assert bench.statuses[-1][1] == 'plan finished'
+
+
+def test_targets_that_the_guard_refuses_are_left_out_and_five_end_the_plan():
+    bench = Bench('stars 8')
+    bench.no = 'the track comes below the horizon'
+    state, text = bench.run()
+    assert state == 'failed' and len(bench.commands) == 5
+    assert text == '5 targets in a row were refused: the track comes below the horizon'
+
+
+def test_a_plan_that_is_held_up_goes_on_and_one_that_is_cancelled_ends():
+    bench = Bench('stars 3')
+    bench.hold = 'paused: call resume'
+    bench.waits('paused: call resume')
+    assert not bench.commands
+    bench.hold = ''
+    bench.until(lambda: len(bench.rows) == 1)
+    assert bench.plan.cancel('by hand') and not bench.plan.busy
+    assert bench.statuses[-1][0].state == 'cancelled' and bench.statuses[-1][1] == 'by hand'
+    assert not bench.plan.cancel('again')

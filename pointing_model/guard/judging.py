@@ -1,0 +1,371 @@
+"""Judges a track before it is sent: over all of it, and the whole way of the axes onto it."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from msg_tools.units import DEG
+
+from ..earth import TURN_RATE
+from .motion import Boxes, Cubic, State, slew_boxes
+from .sun import turned
+
+_TURN = 2.0 * np.pi
+#: longest track, s
+LONGEST = 3600.0
+#: what is so near to a limit counts as beyond it, rad
+NEAR = 0.1 * DEG
+#: whoever is beyond a limit may come back: by so much he may seem to go on, rad
+SLACK = 0.05 * DEG
+#: a way around the Sun keeps away by so much more: it moves while the axes go, rad
+MARGIN_SUN = 1.0 * DEG
+#: a way that seems refused is looked at again with so many boxes for one
+FINER = 6
+#: boxes into which a way may be cut that passes close by a limit
+MOST_BOXES = 20000
+#: the largest number that is an angle, rad: a hundred turns
+NO_ANGLE = 100.0 * _TURN
+
+
+class Allowed(NamedTuple):
+    """A track that may be sent.
+
+    Attributes
+    ----------
+    cubic : Cubic
+        Its knots, the first axis on the turn that the mount takes.
+    vias : tuple of (float, float)
+        Angles, rad, that the axes must come to one after the other before; empty: straight.
+    arrival : float
+        When it is reached at the latest, without vias; s after its begin.
+    """
+
+    cubic: Cubic
+    vias: tuple = ()
+    arrival: float = 0.0
+
+
+class Refused(NamedTuple):
+    """A track that may not: one line that says what, where and what to do.
+
+    Attributes
+    ----------
+    reason : str
+    cubic : Cubic or None
+        The track, where it could be followed and only the way onto it cannot be gone.
+    """
+
+    reason: str
+    cubic: Cubic | None = None
+
+
+class Judge:
+    """Judges tracks by the limits of a mount.
+
+    Parameters
+    ----------
+    limits : limits.Limits
+    """
+
+    def __init__(self, limits):
+        self.limits, mount = limits, limits.mount
+        self._frame = np.array(mount.frame)
+        self._zenith = np.array(mount.zenith)
+        self._words = mount.names.axes
+        self._straight = bool(np.allclose(self._frame, np.eye(3)))
+
+    def judge(self, times, angles, rates, state, sun=None, pole=None):
+        """Judge a track from where the axes are.
+
+        Parameters
+        ----------
+        times : array_like, shape (n,)
+            Of the knots, s from now; the first is not after it.
+        angles, rates : array_like, shape (n, 2)
+            rad, rad/s; cubic in between.
+        state : State
+            Of the axes now, the first on the turn that it is on.
+        sun : ndarray, shape (3,), optional
+            East, north, up of the Sun now; None: it is no matter.
+        pole : ndarray, shape (3,), optional
+            The same of the celestial north pole, about which the Sun turns; None: it stands.
+
+        Returns
+        -------
+        Allowed or Refused
+        """
+        times, angles, rates = (np.asarray(v, float) for v in (times, angles, rates))
+        reason = self._no_track(times, angles, rates, state)
+        if reason:
+            return Refused(reason)
+        cubic = Cubic(times, angles, rates)
+        boxes = cubic.boxes()
+        turns = self._turns(boxes, float(angles[0, 0]), state.angles[0])
+        if turns:
+            cubic = Cubic(times, angles + [turns * _TURN, 0.0], rates)
+            boxes = cubic.boxes()
+        reason = self._too_fast(cubic) or self._out_of_travel(boxes, 'the track')
+        if reason:
+            return Refused(reason)
+        return self._way(cubic, state, self.in_axes(sun, pole, state), boxes)
+
+    def way(self, here, there, sun=None, pole=None):
+        """As `judge`, of a slew from rest to rest between two pairs of angles."""
+        cubic = Cubic(np.zeros(1), np.array([there], float), np.zeros((1, 2)))
+        state = State(tuple(here))
+        return self._way(cubic, state, self.in_axes(sun, pole, state))
+
+    def onto(self, cubic, here, sun=None, pole=None):
+        """As `judge`, of a slew from rest at a pair of angles onto a `Cubic` that is allowed."""
+        state = State(tuple(here))
+        return self._way(cubic, state, self.in_axes(sun, pole, state))
+
+    def free(self, boxes, sun):
+        """Which of many boxes are surely free of horizon and Sun (of `in_axes`), bool (n,)."""
+        above, apart = self._clearances(boxes, sun)[0]
+        return above >= 0.0 if sun is None else (above >= 0.0) & (
+            apart >= self.limits.sun)
+
+    def _way(self, cubic, state, sun, track=None):
+        """Judge the way onto a track and, where its boxes are given, what it passes of the sky."""
+        try:
+            boxes, arrival = slew_boxes(state, cubic, self.limits.axes, self.limits.timing)
+        except ValueError as err:
+            return Refused(f'{self._words[err.args[0]]} cannot catch up with the track: ask for a '
+                           'slower one')
+        reason = self._out_of_travel(boxes, 'the way to it', state)
+        if reason:
+            return Refused(reason)
+        if not self._surely_free(boxes, track, sun):
+            reason = track is not None and self.where_not(track, sun)
+            if reason:
+                return Refused(f'the track {reason}')
+            reason = self.where_not(boxes, sun, state)
+            if reason:  # what looked so may be both axes of two moments
+                limits = self.limits
+                boxes = slew_boxes(state, cubic, limits.axes, limits.timing, FINER)[0]
+                reason = self.where_not(boxes, sun, state)
+            if reason:
+                return Refused(f'the way to the track {reason}', cubic)
+        return Allowed(cubic, (), arrival)
+
+    # --- the track by itself ------------------------------------------------------------------
+
+    def _no_track(self, times, angles, rates, state):
+        if not (times.ndim == 1 and len(times) and angles.shape == rates.shape == (len(times), 2)):
+            return 'no track: give times, and angles and rates of both axes for each'
+        # a sum is not finite where a term is not
+        if not math.isfinite(float(angles.sum() + rates.sum() + times.sum())):
+            return 'a track with a value that is not finite: give numbers'
+        if not all(map(math.isfinite, (*state.angles, *state.rates))):
+            return 'where the axes stand is not known: home the mount, or wait for its encoder'
+        if np.any(times[1:] <= times[:-1]):
+            return 'times of the track do not increase: give the knots in their order'
+        if times[0] > 1.0 or times[-1] < 0.0:
+            return (f'a track from {times[0]:.1f} to {times[-1]:.1f} s from now: '
+                    'send one that is of now')
+        if times[-1] - times[0] > LONGEST:
+            return (f'a track of {times[-1] - times[0]:.0f} s: send {LONGEST:.0f} s at most, '
+                    'and the next one in time')
+        if len(times) == 1 and rates.any():
+            return 'a track of one knot with a rate has no end: give the last knot too'
+        if max(angles.max(), -angles.min()) > NO_ANGLE:
+            worst = np.abs(angles).max(0)
+            i = int(worst.argmax())
+            return (f'{self._words[i]} {worst[i]:.6g} rad is no angle of an axis: '
+                    'give radians')
+        return ''
+
+    def _turns(self, boxes, first, here):
+        """Whole turns to add to the first axis: the nearest that its travel has room for."""
+        axis = self.limits.axes[0]
+        nearest = round((here - first) / _TURN) if self.limits.mount.altaz else 0
+        fewest = math.ceil((axis.low - float(boxes.low[0].min())) / _TURN)
+        most = math.floor((axis.high - float(boxes.high[0].max())) / _TURN)
+        if fewest > most:
+            return 0
+        return min(max(nearest, fewest), most)
+
+    def _too_fast(self, cubic):
+        for i, (axis, word) in enumerate(zip(self.limits.axes, self._words)):
+            rate, bend = float(cubic.peak_rate[i]), float(cubic.peak_acceleration[i])
+            if rate > axis.rate:
+                return (f'{word} at {rate / DEG:.3g} deg/s on the track is faster than '
+                        f'{axis.rate / DEG:g} deg/s: ask for a slower one')
+            if bend > axis.acceleration:
+                return (f'{word} at {bend / DEG:.3g} deg/s^2 on the track is over '
+                        f'{axis.acceleration / DEG:g} deg/s^2: ask for a smoother one')
+        return ''
+
+    def _out_of_travel(self, boxes, what, state=None):
+        low, high = boxes.low.min(1), boxes.high.max(1)
+        if state is not None:
+            # the ends of a way onto a track are the outermost of it, but for braking at first
+            low, high = low + boxes.pad[:, 0], high - boxes.pad[:, 0]
+            for i, (axis, rate) in enumerate(zip(self.limits.axes, state.rates)):
+                stop = state.angles[i] + rate * abs(rate) / (
+                    2.0 * axis.acceleration * (self.limits.timing or 1.0))
+                low[i], high[i] = min(low[i], stop), max(high[i], stop)
+        for i, (axis, word) in enumerate(zip(self.limits.axes, self._words)):
+            least, most = axis.low, axis.high
+            if state is not None:  # whoever stands outside may come back
+                least = min(least, state.angles[i])
+                most = max(most, state.angles[i])
+            if low[i] < least - 1e-9 or high[i] > most + 1e-9:
+                return (f'{word} of {what} from {low[i] / DEG:.1f} to {high[i] / DEG:.1f} deg '
+                        f'leaves its travel of {axis.low / DEG:g} to {axis.high / DEG:g} deg: '
+                        'choose another target or the other side')
+        return ''
+
+    # --- the sky ------------------------------------------------------------------------------
+
+    def in_axes(self, sun, pole, state):
+        """Sun and pole in the frame of the axes; None where the Sun is no matter from `state`."""
+        if sun is None or not self.limits.sun:
+            return None
+        # one that is so low is out of reach of all that is above the horizon, or the begin
+        first, second = state.angles
+        x, y, z = self._zenith
+        up = math.cos(second) * (x * math.sin(first) + y * math.cos(first)) + z * math.sin(second)
+        lowest = min(self.limits.horizon.least, math.asin(min(max(up, -1.0), 1.0)))
+        if math.asin(min(max(float(sun[2]), -1.0), 1.0)) + self.limits.sun < lowest - 15.0 * DEG:
+            return None
+        return self._frame @ sun, None if pole is None else self._frame @ pole
+
+    def _surely_free(self, boxes, track, sun):
+        """Whether way and track are far from all limits; most are, and this takes less time."""
+        if track is not None:
+            boxes = Boxes(np.concatenate([boxes.low, track.low], 1),
+                          np.concatenate([boxes.high, track.high], 1),
+                          np.concatenate([boxes.time, track.time]))
+        if sun is None:
+            return bool((self._clearances(boxes, None, False)[0][0] >= 0.0).all())
+        above, apart = self._clearances(boxes, (sun[0], None), False)[0]
+        far = self.limits.sun + TURN_RATE * max(boxes.time[-1], 0.0) + 0.1 * DEG
+        return bool((above >= 0.0).all() and (apart >= far).all())
+
+    def where_not(self, boxes, sun=None, state=None):
+        """Why the axes may not be at all pairs of angles of boxes, '' if they may.
+
+        Parameters
+        ----------
+        boxes : Boxes
+        sun : tuple, optional
+            Of `in_axes`.
+        state : State, optional
+            Where they are: from where a limit is passed already, the way may lead back.
+        """
+        lowest, near_sun = 0.0, self.limits.sun
+        done = 0
+        while True:
+            (above, apart), (above_here, apart_here), half = self._clearances(boxes, sun)
+            sure = above >= lowest
+            if sun is not None:
+                sure &= apart >= near_sun
+            if sure.all():
+                return ''
+            if state is not None:
+                here, state = np.array(state.angles)[:, None], None
+                above, apart = self._clearances(Boxes(here, here, np.zeros(1)), sun)[1]
+                lowest = min(lowest, above[0] - SLACK)
+                near_sun = min(near_sun, apart[0] - SLACK) if sun is not None else near_sun
+                continue
+            bad = above_here < lowest
+            if sun is not None:
+                bad |= apart_here < near_sun
+            bad |= ~sure & (half < NEAR / 2.0)
+            done += len(sure)
+            if bad.any() or done > MOST_BOXES:
+                i = int(np.argmax(bad if bad.any() else ~sure))
+                return self._said(boxes, i, above_here[i] < lowest + NEAR or sun is None, sun)
+            boxes = _quartered(boxes, ~sure)
+
+    def _clearances(self, boxes, sun, exact=True):
+        """Elevation above the horizon and distance from the Sun: least in a box, in its middle.
+
+        And half the size of each box on the sky. What is not `exact` is too small and quick.
+        """
+        a, b = 0.5 * (boxes.low + boxes.high)
+        ha, hb = 0.5 * (boxes.high - boxes.low)
+        cos_b = np.cos(b)
+        place = np.array([cos_b * np.sin(a), cos_b * np.cos(a), np.sin(b)])
+        widest = np.minimum(np.abs(cos_b) + hb, 1.0) * ha
+        half = np.sqrt(widest * widest + hb * hb)
+        el = _arc(np.arcsin, self._zenith @ place)
+        lowest = _arc(np.arcsin, -_most(-self._zenith, boxes)) if exact else el - half
+        horizon = self.limits.horizon
+        if horizon.flat:
+            above_here, above = el - horizon.least, lowest - horizon.least
+        else:
+            az = a if self._straight and not np.any(cos_b < 0.0) else np.arctan2(
+                *(self._frame.T @ place)[:2])
+            above_here = el - horizon.at(az)
+            # of all that is so near on the sky
+            share = np.sin(np.minimum(half, np.pi / 2.0)) / np.maximum(np.cos(el), 1e-9)
+            wide = np.where((share < 1.0) & (half < np.pi / 2.0),
+                            np.arcsin(np.minimum(share, 1.0)), np.pi)
+            if self._straight:
+                wide = np.where(np.abs(b) + hb < np.pi / 2.0, np.minimum(ha, wide), wide)
+            above = lowest - horizon.highest(az, wide)
+        if sun is None:
+            return (above, None), (above_here, None), half
+        toward, pole = sun
+        if pole is not None:
+            toward = turned(toward, pole, boxes.time)
+        apart_here = _arc(np.arccos, np.sum(toward.T * place.T, -1))
+        apart = _arc(np.arccos, _most(toward, boxes)) if exact else apart_here - half
+        return (above, apart), (above_here, apart_here), half
+
+    def _said(self, boxes, i, horizon, sun):
+        first, second = 0.5 * (boxes.low[:, i] + boxes.high[:, i])
+        az, el = (float(v) for v in self.limits.mount.horizon_of(first, second))
+        where = f'azimuth {np.mod(az, _TURN) / DEG:.1f} deg, elevation {el / DEG:.1f} deg'
+        if horizon:
+            least = float(self.limits.horizon.at(az)) / DEG
+            return (f'comes below the horizon of {least:.1f} deg at {where}: choose a higher '
+                    'target')
+        return (f'comes within {self.limits.sun / DEG:g} deg of the Sun at {where}: choose '
+                'another target or wait')
+
+
+def _arc(function, value):
+    return function(np.minimum(np.maximum(value, -1.0), 1.0))
+
+
+def _most(toward, boxes):
+    """The largest cosine of the angle between a direction and those of a box, shape (n,).
+
+    Of ``z sin b + h cos b cos(a - a0)`` the largest is at an end of the range of cos(a - a0), and
+    there it is a cosine of b again.
+    """
+    x, y, z = toward
+    h = np.hypot(x, y)
+    low, high = boxes.low[0] - np.arctan2(x, y), boxes.high[0] - np.arctan2(x, y)
+    cos_low, cos_high = np.cos(low), np.cos(high)
+    most = np.where(_passes(low, high, 0.0), 1.0, np.maximum(cos_low, cos_high))
+    least = np.where(_passes(low, high, np.pi), -1.0, np.minimum(cos_low, cos_high))
+    out = -1.0
+    for cosine in (h * most, h * least):
+        size, peak = np.hypot(z, cosine), np.arctan2(z, cosine)
+        low, high = boxes.low[1] - peak, boxes.high[1] - peak
+        out = np.maximum(out, size * np.where(
+            _passes(low, high, 0.0), 1.0, np.maximum(np.cos(low), np.cos(high))))
+    return out
+
+
+def _passes(low, high, angle):
+    """Whether ranges hold an angle, on some turn."""
+    return np.floor((high - angle) / _TURN) >= np.ceil((low - angle) / _TURN)
+
+
+def _quartered(boxes, which):
+    low, high, time = boxes.low[:, which], boxes.high[:, which], boxes.time[which]
+    middle = 0.5 * (low + high)
+    lows, highs = [], []
+    for first in (0, 1):
+        for second in (0, 1):
+            side = np.array([[first], [second]]) == 1
+            lows.append(np.where(side, middle, low))
+            highs.append(np.where(side, high, middle))
+    return Boxes(np.concatenate(lows, 1), np.concatenate(highs, 1), np.tile(time, 4))

@@ -1,0 +1,432 @@
+"""Stands between who commands and the mount: judges requests, and sends what was allowed.
+
+Two ways to send. Whole: the judged track as it is, for a simulated mount whose time passes as
+events need it. In pieces: what the axes shall do within the next moments, slew and track alike, and
+then rest; renewed as long as request and readings are alive, so that a mount that hears nothing
+more stops by itself.
+"""
+
+import math
+from contextlib import suppress
+from typing import NamedTuple
+
+import numpy as np
+
+from msg_tools.units import DEG, wrap
+
+from ..observing.pointing import Track
+from .judging import Allowed, Judge, Refused
+from .limits import safe_travel
+from .motion import Cubic, State, moment, plan_move
+from .readings import Readings
+from .way import around
+
+#: of the speed and the acceleration of an axis, what a slew in pieces uses: the rest is for
+#: catching up
+SHARE = 0.8
+#: between knots of a piece, s
+KNOT = 0.25
+#: so near to a point of a way around, and slower, it is reached; rad, rad/s
+REACHED, STILL = 0.1 * DEG, 0.02 * DEG
+#: a track that begins later than this has to wait for its time, s
+LATER = 1.0
+OK, WARN, ERROR = 0, 1, 2
+
+
+class Settings(NamedTuple):
+    """How a `Keeper` sends.
+
+    Attributes
+    ----------
+    whole : bool
+        The judged track at once; nothing is renewed, and silence is no matter.
+    ahead : float
+        From now to the last moving knot of a piece, s.
+    silence, commander : float
+        Seconds without a reading, and without a renewed request, after which the axes are stopped.
+    behind : float
+        Largest distance of an axis from where it was sent, rad.
+    turn_known : bool
+        The first axis reads the turn that it is on.
+    """
+
+    whole: bool = True
+    ahead: float = 1.5
+    silence: float = 0.5
+    commander: float = 0.5
+    behind: float = 2.0 * DEG
+    turn_known: bool = True
+
+
+class Keeper:
+    """What is asked for, where the axes are, and what is sent.
+
+    Parameters
+    ----------
+    limits : limits.Limits
+    sun : sun.Sun
+    settings : Settings
+    wall : callable
+        Seconds of a clock that goes on while simulated time stands still.
+
+    Attributes
+    ----------
+    state, level, reason : str, int, str
+        ``idle``, ``following``, ``around``, ``stopping``, ``waiting``, ``stopped``, ``paused``,
+        ``aborted``, ``parking``, ``parked``; how bad that is, and why, in a sentence.
+    refused : (int, str)
+        Stamp of the last request that was refused, ns, and why.
+    """
+
+    def __init__(self, limits, sun, settings, wall):
+        self._limits, self._judge, self._sun = limits, Judge(limits), sun
+        self._settings, self._wall = settings, wall
+        self._pole = np.array([0.0, math.cos(sun.latitude), math.sin(sun.latitude)])
+        self.readings = Readings(limits, wall)
+        self.state, self.level, self.reason = 'idle', OK, 'no request'
+        self.refused = (0, '')
+        self._goal = self._path = None
+        self._vias, self._heard, self._owner, self._last = [], 0.0, '', 0
+        self._out = []
+
+    # --- what comes in ------------------------------------------------------------------------
+
+    @property
+    def locked(self):
+        """Why no request is taken now; '' if one is."""
+        if self.state in ('aborted', 'parking', 'parked'):
+            return f'{self.state}: call resume'
+        return ''
+
+    def take_reading(self, stamp, angles, rates):
+        """A reading of the encoders, rad and rad/s; ValueError for one that cannot be."""
+        known = self.readings.here is not None
+        self.readings.take(stamp, angles, rates)
+        if self.readings.here is None:
+            self._judge = Judge(self._limits)
+            if known:  # another power-on: what was asked for was of this one
+                self._lose(stamp, 'the encoders give no number any more: home the mount')
+        elif not known and not self._settings.turn_known:
+            first, second = self._limits.axes
+            low, high = safe_travel(self.readings.here[0], first.low, first.high)
+            self._judge = Judge(self._limits.__class__(
+                self._limits.mount, (first._replace(low=low, high=high), second),
+                self._limits.horizon, self._limits.sun, self._limits.timing))
+
+    def take_request(self, track, now, owner=''):
+        """A track that is asked for, or the one before once more: it is still wanted.
+
+        Parameters
+        ----------
+        track : Track
+        now : int
+            ns.
+        owner : str
+            Who asks.
+
+        Raises
+        ------
+        ValueError
+            It is refused; one line says why.
+        """
+        if owner and self._owner and owner != self._owner and self._alive:
+            raise ValueError(f'{owner} asks while {self._owner} commands: end one of them')
+        if track.start == self.refused[0]:
+            return
+        again = self._goal is not None and track.start == self._goal.start
+        if not again and track.start == self._last:
+            return  # it is over
+        if self.locked:
+            raise self._refuse(track, self.locked)
+        self._heard, self._owner = self._wall(), owner
+        if again:
+            if self.state == 'stopped' and not self.readings.quiet(self._settings.silence):
+                self._begin(now)
+            return
+        if track.start < self._last:
+            raise self._refuse(track, 'a request older than the one before: check its stamp')
+        self._last, self._goal, self._vias = track.start, track, []
+        if self.state != 'paused':
+            self._begin(now)
+
+    def withdraw(self, now):
+        """Nobody asks for anything any more: stop."""
+        if self._goal is not None and not self.locked:
+            self._goal = None
+            if self._path is not None and not self._settings.whole:
+                self._brake(now)
+            self._path = None
+            self._told('idle', OK, 'the request was withdrawn')
+
+    def _lose(self, now, reason):
+        if self._goal is None and self.state != 'parking':
+            return
+        if not self._settings.whole and self._path is not None:
+            self._brake(now)
+        self._goal = self._path = None
+        self._told('stopped', OK if self._settings.whole else WARN, reason)
+
+    @property
+    def _alive(self):
+        return self._goal is not None and (
+            self._settings.whole or self._wall() - self._heard <= self._settings.commander)
+
+    def _refuse(self, track, reason):
+        self.refused = track.start, reason
+        return ValueError(reason)
+
+    # --- a request ----------------------------------------------------------------------------
+
+    def _begin(self, now):
+        """Judge what is asked for from where the axes are, and set out."""
+        goal, late = self._goal, 0.0
+        if self.readings.here is None or (
+                not self._settings.whole and self.readings.quiet(self._settings.silence)):
+            self._told('waiting', WARN, 'where the axes stand is not known: home the mount, or '
+                       'wait for its encoder')
+            return
+        if not self._settings.whole:
+            late = (now - goal.start) * 1e-9
+            if late < -LATER:
+                self._told('waiting', OK, 'the track begins later')
+                return
+        state = self._here(now)
+        sun = self._sun_at(max(now, goal.start))
+        found = self._judge.judge(goal.times - late, goal.angles, goal.rates, state, sun,
+                                  self._pole)
+        if isinstance(found, Allowed):
+            if self._set_out(found.cubic, state, now, 'following'):
+                return
+            found = Refused('the track is too fast for the mount: ask for a slower one')
+        if found.cubic is not None:
+            if max(map(abs, state.rates)) > 2.0 * STILL:
+                self._brake(now)
+                self._told('stopping', OK, f'{found.reason.partition(":")[0]}: '
+                           'stopping, to go around')
+                return
+            vias = around(self._judge, found.cubic, State(state.angles), sun, self._pole)
+            if vias:
+                self._vias = list(vias)
+                self._to_via(now)
+                return
+        self._goal = None
+        if self._path is not None:
+            self._brake(now)
+        self._told('stopped', WARN, f'refused: {found.reason}')
+        raise self._refuse(goal, found.reason)
+
+    def _to_via(self, now):
+        there = np.array([self._vias[0]])
+        found = self._judge.way(self._here(now).angles, there[0], self._sun_at(now), self._pole)
+        if not isinstance(found, Allowed):  # the Sun has come into the way since
+            self._vias = []
+            self._told('waiting', WARN, found.reason)
+            return
+        self._set_out(Cubic(np.zeros(1), there, np.zeros((1, 2))), self._here(now), now, 'around',
+                      f'{len(self._vias)} points to pass')
+
+    def _sun_at(self, now):
+        return self._sun.at(now * 1e-9) if self._limits.sun else None
+
+    def _here(self, now):
+        """Of the axes now: where they were sent, while they follow, else their reading."""
+        if self._path is not None and not self._settings.whole:
+            points = [self._moment(now, i) for i in (0, 1)]
+            return State(*zip(*points))
+        return State(tuple(map(float, self.readings.here)), tuple(
+            float(v) if math.isfinite(v) else 0.0 for v in self.readings.rate))
+
+    def _moment(self, now, axis):
+        start, moves, cubic = self._path
+        return moment(moves[axis], cubic, (now - start) * 1e-9, axis)
+
+    def _set_out(self, cubic, state, now, name, text=''):
+        if self._settings.whole:
+            start = self._goal.start if name == 'following' else now
+            self._out.append(Track(start, cubic.times, cubic.angles, cubic.rates))
+            self._path = start, None, cubic
+        else:
+            moves = [plan_move(state.angles[i], state.rates[i], cubic, i, SHARE * axis.rate,
+                               SHARE * axis.acceleration, 1e-9)
+                     for i, axis in enumerate(self._limits.axes)]
+            if None in moves:
+                return False
+            self._path = now, moves, cubic
+            self._piece(now)
+        self._told(name, OK, text or 'as requested')
+        return True
+
+    def _piece(self, now):
+        """The next moments, and rest."""
+        start, moves, cubic = self._path
+        count = max(1, round(self._settings.ahead / KNOT))
+        t = (now - start) * 1e-9 + KNOT * np.arange(count + 1)
+        points = np.array([[moment(moves[i], cubic, at, i) for i in (0, 1)] for at in t.tolist()])
+        self._send_braked(now, KNOT * np.arange(count + 1), points[:, :, 0], points[:, :, 1])
+
+    def _send_braked(self, now, times, angles, rates):
+        """A track with a last knot at rest."""
+        last = rates[-1]
+        brake = max(0.1, *(abs(v) / axis.acceleration
+                           for v, axis in zip(last.tolist(), self._limits.axes)))
+        self._out.append(Track(now, np.append(times, times[-1] + brake),
+                               np.vstack([angles, angles[-1] + 0.5 * brake * last]),
+                               np.vstack([rates, np.zeros(2)])))
+
+    def _brake(self, now):
+        """Stop now."""
+        if self.readings.here is None and (self._path is None or self._settings.whole):
+            return
+        state = self._here(now)
+        self._send_braked(now, np.zeros(1), np.array([state.angles]), np.array([state.rates]))
+        self._path = None
+
+    # --- as time goes on ----------------------------------------------------------------------
+
+    def is_request(self, track):
+        """Whether a track to send is what was asked for, unchanged."""
+        return (self._settings.whole and self._goal is not None
+                and track.angles is self._goal.angles)
+
+    def step(self, now, due=True):
+        """Look after all of it.
+
+        Parameters
+        ----------
+        now : int
+            ns.
+        due : bool
+            It is time to renew what was sent last.
+
+        Returns
+        -------
+        list of Track
+            What to send to the mount.
+        """
+        with suppress(ValueError):  # a refusal, which `state` tells
+            self._step(now, due)
+        out, self._out = self._out, []
+        return out
+
+    def _step(self, now, due):
+        known = self.readings.here is not None
+        if self._alive and known and (
+                self.state == 'waiting' or (self.state == 'stopping' and self._stands())):
+            self._begin(now)
+        if not self._settings.whole and self._path is not None:
+            reason = self._why_stop(now)
+            if reason:
+                self._brake(now)
+                self._told(*reason)
+                return
+            if due and not self._out:
+                self._piece(now)
+        if self.state in ('around', 'parking') and self._vias and self._at(self._vias[0], now):
+            self._vias.pop(0)
+            if self._vias:
+                self._next(now, self.state)
+            elif self.state == 'parking':
+                self._path = None
+                self._told('parked', OK, 'parked: call resume')
+            else:
+                self._begin(now)
+        if self.state == 'following' and not self._settings.whole and self._path is not None:
+            start, _, cubic = self._path
+            if (now - start) * 1e-9 > cubic.times[-1] + self._settings.ahead:
+                self._path = self._goal = None
+                self._told('idle', OK, 'the track has ended')
+
+    def _next(self, now, state):
+        self._to_via(now)
+        if state == 'parking' and self.state == 'around':
+            self._told(state, OK, 'on the way to the park position')
+
+    def _why_stop(self, now):
+        # one that parks has nobody to ask for it again
+        stopped = 'aborted' if self.state == 'parking' else 'stopped'
+        quiet = self.readings.quiet(self._settings.silence)
+        if quiet:
+            return stopped, ERROR, (f'no reading of the encoders for {quiet:.1f} s: stopped; '
+                                    'look at their driver')
+        if self.state != 'parking' and not self._alive:
+            return stopped, WARN, 'the request is no longer renewed: stopped'
+        for i, word in enumerate(self._limits.mount.names.axes):
+            # where it was sent to at the time of the reading
+            off = abs(self.readings.here[i] - self._moment(self.readings.stamp, i)[0])
+            if off > self._settings.behind and self.readings.stamp > self._path[0]:
+                return 'aborted', ERROR, (
+                    f'the {word} is {off / DEG:.1f} deg from where it was sent: stopped; look at '
+                    'its drive and encoder, and call resume')
+        return None
+
+    def _stands(self):
+        return (self.readings.here is not None
+                and float(np.nanmax(np.abs(self.readings.rate))) < STILL)
+
+    def _at(self, place, now):
+        here = self.readings.here
+        if self._path is None:
+            return False
+        start, moves, _ = self._path
+        if moves and (now - start) * 1e-9 < max(move.end for move in moves):
+            return False
+        return here is not None and self._stands() and all(
+            abs(a - b) < REACHED for a, b in zip(here, place))
+
+    # --- services -----------------------------------------------------------------------------
+
+    def abort(self, now):
+        """Stop, forget the request, and take none until `resume`."""
+        self._brake(now)
+        self._goal, self._vias = None, []
+        self._told('aborted', WARN, 'aborted: call resume')
+
+    def pause(self, now):
+        """Stop, and go on with the request at `resume`; ValueError where that is no matter."""
+        if self.locked:
+            raise ValueError(self.locked)
+        if self._path is not None:
+            self._brake(now)
+        self._told('paused', WARN, 'paused: call resume')
+
+    def resume(self, now):
+        """Go on; ValueError where nothing holds the mount up."""
+        if self.state not in ('paused', 'aborted', 'parked', 'parking', 'stopped'):
+            raise ValueError('nothing is paused')
+        self._told('idle', OK, 'resumed')
+        if self._alive:
+            self._vias = []
+            self._begin(now)
+
+    def park(self, now, place):
+        """Go to a pair of angles, rad, and take no request until `resume`.
+
+        Raises
+        ------
+        ValueError
+            It cannot go there: one line.
+        """
+        if self.readings.here is None:
+            raise ValueError('where the axes stand is not known: home the mount first')
+        state = self._here(now)
+        if max(map(abs, state.rates)) > 2.0 * STILL:
+            self._brake(now)  # it is a way of its own from there
+            state = State(tuple(self._out[-1].angles[-1].tolist()))
+        there = np.array([place[0], place[1]], float)
+        if self._limits.mount.altaz:
+            there[0] = state.angles[0] + wrap(place[0] - state.angles[0])
+            axis = self._judge.limits.axes[0]
+            if not axis.low <= there[0] <= axis.high:
+                there[0] = place[0]
+        sun = self._sun_at(now)
+        found, vias = self._judge.way(state.angles, there, sun, self._pole), []
+        if not isinstance(found, Allowed):
+            vias = found.cubic is not None and around(
+                self._judge, found.cubic, State(state.angles), sun, self._pole)
+            if not vias:
+                raise ValueError(f'park: {found.reason}')
+        self._goal, self._vias = None, [*vias, tuple(there.tolist())]
+        self._next(now, 'parking')
+
+    def _told(self, state, level, reason):
+        self.state, self.level, self.reason = state, level, reason

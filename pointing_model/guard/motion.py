@@ -1,0 +1,332 @@
+"""How the axes go: a slew that catches up with a track, then the track, as boxes of axis angles.
+
+A `Box` holds every pair of angles that the axes may have in a stretch of time, however much of
+their speed they use. Boxes are rows of arrays; what must hold of every pair is then asked of all
+of them at once.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from msg_tools.units import DEG
+
+#: the boxes of a slew are about so large, rad, and not more than so many
+STEP, MOST = 2.0 * DEG, 120
+#: a track is cut so that it leaves the straight line between cuts by less, rad
+BENT = 0.02 * DEG
+#: the place of an arrival is known to so much, rad; a target moves so fast at least, rad/s
+CLOSE, CREEP = 0.01 * DEG, 0.005 * DEG
+#: a track that is faster is run after in ways that are the mount's own, rad/s
+FAST = 0.05 * DEG
+_AXES = (0, 1)
+
+
+class State(NamedTuple):
+    """Of both axes: angles, rad, and rates, rad/s."""
+
+    angles: tuple
+    rates: tuple = (0.0, 0.0)
+
+
+class Boxes(NamedTuple):
+    """Pairs of angles.
+
+    Attributes
+    ----------
+    low, high : ndarray, shape (2, n)
+        rad.
+    time : ndarray, shape (n,)
+        Of the middle of each, seconds after the begin of the track.
+    pad : ndarray, shape (2, 1), or float
+        By how much they are larger than the ends of the axes' ways in them, rad.
+    """
+
+    low: np.ndarray
+    high: np.ndarray
+    time: np.ndarray
+    pad: object = 0.0
+
+
+class Cubic:
+    """A track: cubic Hermite between its knots.
+
+    Parameters
+    ----------
+    times : ndarray, shape (n,)
+        Seconds.
+    angles, rates : ndarray, shape (n, 2)
+        rad, rad/s.
+
+    Attributes
+    ----------
+    peak_rate, peak_acceleration : ndarray, shape (2,)
+        The largest of each axis, rad/s and rad/s^2.
+    """
+
+    def __init__(self, times, angles, rates):
+        self.times, self.angles, self.rates = times, angles, rates
+        if len(times) == 1:
+            self._fine = times, angles
+            self.peak_rate, self.peak_acceleration = np.abs(rates[0]), np.zeros(2)
+            self._bent = np.zeros(2)
+            return
+        h = (times[1:] - times[:-1])[:, None]
+        step = angles[1:] - angles[:-1]
+        v0, v1 = rates[:-1], rates[1:]
+        mean = step / h
+        first = (6.0 * mean - 4.0 * v0 - 2.0 * v1) / h
+        last = (-6.0 * mean + 2.0 * v0 + 4.0 * v1) / h
+        change = first - last
+        at = np.minimum(np.maximum(first / np.where(change == 0.0, 1.0, change), 0.0), 1.0)
+        between = v0 + h * (first * at - 0.5 * change * at * at)
+        self.peak_rate = np.maximum(np.abs(rates).max(0), np.abs(between).max(0))
+        bend = np.maximum(np.abs(first), np.abs(last))
+        self.peak_acceleration = bend.max(0)
+        bent = bend.max(1, keepdims=True) * h * h / 8.0
+        way = (np.abs(step).max(1, keepdims=True)
+               + np.abs(v0).max(1, keepdims=True) * h * (bent > BENT))
+        cuts = np.ceil(np.maximum(way / STEP, np.sqrt(bent / BENT)))
+        cuts = int(min(max(float(cuts.max()), 1.0), 400.0))
+        self._bent = bend.max(0) * float((h.max() / cuts) ** 2) / 8.0
+        if cuts == 1:
+            self._fine = times, angles
+            return
+        s = np.arange(cuts) / cuts
+        s = s[None, :, None]
+        h, v0, v1, step = h[:, None], v0[:, None], v1[:, None], step[:, None]
+        fine = (angles[:-1, None] + s * s * (3.0 - 2.0 * s) * step
+                + h * s * (1.0 - s) * ((1.0 - s) * v0 - s * v1))
+        self._fine = (np.append((times[:-1, None] + h[:, :, 0] * s[:, :, 0]).ravel(), times[-1]),
+                      np.concatenate([fine.reshape(-1, 2), angles[-1:]]))
+
+    def at(self, t, axis):
+        """Angle and rate of one axis at `t`, floats; the end stands for what is after it."""
+        times = self.times
+        t = min(max(t, times[0]), times[-1])
+        i = min(int(times.searchsorted(t, 'right')) - 1, len(times) - 2)
+        if len(times) == 1:
+            return float(self.angles[0, axis]), float(self.rates[0, axis])
+        t0, t1 = float(times[i]), float(times[i + 1])
+        p0, p1 = float(self.angles[i, axis]), float(self.angles[i + 1, axis])
+        v0, v1 = float(self.rates[i, axis]), float(self.rates[i + 1, axis])
+        h, step = t1 - t0, p1 - p0
+        s = (t - t0) / h
+        return (p0 + s * s * (3.0 - 2.0 * s) * step
+                + h * s * (1.0 - s) * ((1.0 - s) * v0 - s * v1),
+                6.0 * s * (1.0 - s) * step / h + (1.0 - s) * (1.0 - 3.0 * s) * v0
+                + s * (3.0 * s - 2.0) * v1)
+
+    def near(self, t, axis):
+        """Angles of one axis at times `t` (n,), to within `BENT`."""
+        return np.interp(t, self._fine[0], self._fine[1][:, axis])
+
+    def boxes(self):
+        """`Boxes` of all of it."""
+        times, angles = self._fine
+        if len(times) == 1:
+            return Boxes(angles.T, angles.T, times)
+        a, b = angles[:-1].T, angles[1:].T
+        pad = self._bent[:, None]
+        return Boxes(np.minimum(a, b) - pad, np.maximum(a, b) + pad,
+                     0.5 * (times[:-1] + times[1:]))
+
+
+class Move(NamedTuple):
+    """A slew of one axis in the frame of what it catches up with: numbers of its formula.
+
+    ``x(t) = origin + frame t + (start u + first u^2 / 2) + cruise w + (cruise q + last q^2 / 2)``
+    with u, w, q the parts of t before `t1`, `t2` and `end`.
+    """
+
+    origin: float
+    frame: float
+    start: float
+    first: float
+    cruise: float
+    last: float
+    t1: float
+    t2: float
+    end: float
+
+
+def plan_move(here, rate, cubic, axis, top, acceleration, close=CLOSE):
+    """How an axis gets from where it is onto a track, as fast as it may.
+
+    Parameters
+    ----------
+    here, rate : float
+        Of the axis, rad and rad/s.
+    cubic : Cubic
+    axis : int
+    top, acceleration : float
+        Of the axis, rad/s and rad/s^2.
+    close : float
+        How well its end must be on the track, rad.
+
+    Returns
+    -------
+    Move or None
+        None where it cannot catch up.
+    """
+    end = 0.0
+    for _ in range(12):
+        move = _caught_at(end, here, rate, cubic, axis, top, acceleration)
+        if move is None:
+            return None
+        before, end = end, move.end
+        if abs(end - before) * max(abs(move.frame), CREEP) < close:
+            return move
+    # to and fro, as of a track that bends: where the guess is what comes of it
+    low, high = 0.0, cubic.times[-1] + 1.0
+    while (move := _caught_at(high, here, rate, cubic, axis, top, acceleration)) is not None and (
+            move.end > high):
+        high *= 2.0
+    while move is not None and high - low > 0.01:
+        end = 0.5 * (low + high)
+        move = _caught_at(end, here, rate, cubic, axis, top, acceleration)
+        low, high = (end, high) if move is None or move.end > end else (low, end)
+    return move
+
+
+def _caught_at(end, here, rate, cubic, axis, top, acceleration):
+    target, frame = cubic.at(end, axis)
+    if end > cubic.times[-1]:
+        frame = 0.0
+    speed = top - abs(frame)
+    if speed <= 0.0:
+        return None
+    return Move(here, frame, *_trapezoid(target - frame * end - here, rate - frame, speed,
+                                         acceleration))
+
+
+def _trapezoid(distance, rate, top, a):
+    beyond = distance - rate * abs(rate) / (2.0 * a)
+    sign = math.copysign(1.0, beyond if beyond != 0.0 else rate)
+    d, v = sign * distance, sign * rate
+    peak = min(math.sqrt(max(a * d + 0.5 * v * v, 0.0)), top)
+    t1, t3 = abs(peak - v) / a, peak / a
+    rest = d - 0.5 * (peak + v) * t1 - 0.5 * peak * t3
+    t2 = t1 + (max(rest, 0.0) / peak if peak > 0.0 else 0.0)
+    return (rate, sign * math.copysign(a, peak - v), sign * peak, -sign * a, t1, t2, t2 + t3)
+
+
+def moment(move, cubic, t, axis):
+    """Angle and rate of one axis at `t` (s) of a slew, and of the track after it, floats."""
+    if t >= move.end:
+        angle, rate = cubic.at(t, axis)
+        return angle, rate if t <= cubic.times[-1] else 0.0
+    u, w = min(t, move.t1), min(max(t - move.t1, 0.0), move.t2 - move.t1)
+    q = max(t - move.t2, 0.0)
+    rate = move.start + move.first * t if t < move.t1 else move.cruise + move.last * q
+    return (move.origin + move.frame * t + (move.start + 0.5 * move.first * u) * u
+            + move.cruise * w + (move.cruise + 0.5 * move.last * q) * q), move.frame + rate
+
+
+def along(moves, cubic, t):
+    """Angles of slews, and of the track from the end of each on.
+
+    Parameters
+    ----------
+    moves : sequence of Move, length m
+        Those of the first axis and the second in turn.
+    cubic : Cubic
+    t : ndarray, shape (m, n)
+        Seconds.
+
+    Returns
+    -------
+    ndarray, shape (m, n)
+    """
+    origin, frame, start, first, cruise, last, t1, t2, end = np.array(moves).T[:, :, None]
+    u = np.minimum(t, t1)
+    w = np.minimum(np.maximum(t - t1, 0.0), t2 - t1)
+    q = np.minimum(np.maximum(t - t2, 0.0), end - t2)
+    x = (origin + frame * np.minimum(t, end) + (start + 0.5 * first * u) * u + cruise * w
+         + (cruise + 0.5 * last * q) * q)
+    if len(cubic.times) > 1:
+        for k, move in enumerate(moves):
+            late = t[k] > move.end
+            x[k, late] = cubic.near(t[k, late], k % 2)
+    return x
+
+
+def _chased(state, cubic, axes, t, brakes, timing):
+    """Between what each axis may be while it runs after a fast target, whatever it aims at.
+
+    Not farther than it can have come, and between where it was and where the target has been.
+    """
+    fine, places = cubic._fine
+    lows, highs = np.empty((2, len(t))), np.empty((2, len(t)))
+    for i, axis in enumerate(axes):
+        here, rate = state.angles[i], state.rates[i]
+        slowest = axis.acceleration * (timing or 1.0)
+        stop = here + rate * abs(rate) / (2.0 * slowest)
+        until = np.searchsorted(fine, t + brakes[i] + np.diff(t[:2]), 'right')
+        until = np.clip(until, 1, len(fine) - 1) if len(fine) > 1 else 0 * until
+        least = np.minimum.accumulate(places[:, i])[until]
+        most = np.maximum.accumulate(places[:, i])[until]
+        # with the speed of the target it overshoots, and before it has braked
+        over = float(cubic.peak_rate[i]) ** 2 / (2.0 * slowest) + STEP / 4.0
+        reach = axis.rate * (t + brakes[i])
+        lows[i] = np.maximum(np.minimum(min(here, stop), least - over), here - reach)
+        highs[i] = np.minimum(np.maximum(max(here, stop), most + over), here + reach)
+    return lows, highs, highs
+
+
+def slew_boxes(state, cubic, axes, timing, finer=1):
+    """`Boxes` of the way onto a track, however late either axis is.
+
+    Parameters
+    ----------
+    state : State
+    cubic : Cubic
+    axes : sequence of limits.Axis, length 2
+    timing : float
+        Of `limits.Limits`.
+    finer : int
+        So many boxes for one.
+
+    Returns
+    -------
+    boxes : Boxes
+    arrival : float
+        When the last of them is passed, s.
+
+    Raises
+    ------
+    ValueError
+        The track is too fast to be caught up with; the text is the axis, 0 or 1.
+    """
+    fast, slow = [], []
+    for i in _AXES:
+        here, rate, axis = float(state.angles[i]), float(state.rates[i]), axes[i]
+        for moves, share in ((fast, 1.0), (slow, timing)) if 0.0 < timing < 1.0 else ((fast, 1.0),):
+            move = plan_move(here, rate, cubic, i, share * axis.rate, share * axis.acceleration)
+            if move is None:
+                raise ValueError(i)
+            moves.append(move)
+    slow = slow or fast
+    arrival = max(move.end for move in slow)
+    # stopped on the way, an axis goes on for as long as it brakes, and the other may stand already
+    brakes = np.array([[abs(move.cruise) / axis.acceleration] for move, axis in zip(fast, axes)])
+    way = max(abs(float(cubic.angles[0, i]) - state.angles[i]) for i in _AXES)
+    count = finer * int(min(max(way / STEP, 8.0), MOST))
+    dt = arrival / count
+    t = dt * np.arange(count + 1)
+    later = np.concatenate([np.broadcast_to(t, (2, count + 1)), t + brakes], 1)
+    moves = fast if slow is fast else fast + slow
+    x = along(moves, cubic, later if slow is fast else np.concatenate([later, later]))
+    near, late = x[:2, :count + 1], x[-2:, :count + 1]
+    ahead = x[:2, count + 1:]
+    if float(cubic.peak_rate.max()) > FAST:
+        near, ahead, late = _chased(state, cubic, axes, t, brakes[:, 0], timing)
+    edges = np.stack([near[:, :-1], near[:, 1:], ahead[:, :-1], ahead[:, 1:], late[:, :-1],
+                      late[:, 1:]])
+    low, high = edges.min(0), edges.max(0)
+    pad = np.array([[axis.acceleration] for axis in axes]) * dt * dt / 8.0 + BENT
+    if timing == 0.0:  # in any order: all pairs of what each axis passes
+        low, high = low.min(1, keepdims=True), high.max(1, keepdims=True)
+        return Boxes(low - pad, high + pad, np.array([0.5 * arrival]), pad), arrival
+    return Boxes(low - pad, high + pad, t[:-1] + 0.5 * dt, pad), arrival

@@ -1,0 +1,240 @@
+"""The mount guard: what is asked for on `request` goes to the mount on `command`, if it may."""
+
+import sys
+import time
+
+from diagnostic_msgs.msg import DiagnosticStatus
+
+from msg_tools import convert, topics
+from msg_tools.node import MountNode, Param, run_node
+from msg_tools.units import DEG
+
+from .guard.keeper import ERROR, Keeper, Settings
+from .guard.limits import TRAVEL_DEG, Axis, Horizon, Limits, parse_horizon, parse_pair
+from .guard.sun import Sun
+from .observing.pointing import Track
+from .sky import Site
+from .sky_params import KIND_OF_MOUNT, SKY_PARAMS, mount_of
+
+
+def _travel(name, which):
+    return Param(name, '', f'ends of the travel of the {which} axis, turns counted: -270,270; '
+                 'empty: what mounts of this kind have [deg]',
+                 check=lambda text: parse_pair(text, 'both ends in degrees'), fixed=True)
+
+
+PARAMS = (
+    KIND_OF_MOUNT,
+    *SKY_PARAMS[:3],
+    _travel('first_travel_deg', 'first'),
+    _travel('second_travel_deg', 'second'),
+    Param('first_rate_deg_s', 4.0, 'largest speed of the first axis [deg/s]', 1e-3, 360.0,
+          fixed=True),
+    Param('second_rate_deg_s', 4.0, 'largest speed of the second axis [deg/s]', 1e-3, 360.0,
+          fixed=True),
+    Param('first_acceleration_deg_s2', 2.0, 'its largest acceleration [deg/s^2]', 1e-3, 3600.0,
+          fixed=True),
+    Param('second_acceleration_deg_s2', 2.0, 'its largest acceleration [deg/s^2]', 1e-3, 3600.0,
+          fixed=True),
+    Param('least_elevation_deg', 10.0, 'the tube never points lower [deg]', -90.0, 90.0,
+          fixed=True),
+    Param('horizon', '', 'corners of the skyline, azimuth and elevation: 0 12, 45 20.5, 180 8; or '
+          'a file with one on each line [deg]', check=parse_horizon, fixed=True),
+    Param('sun_distance_deg', 20.0, 'least distance from the Sun, on the way too; 0: it is no '
+          'matter [deg]', 0.0, 90.0, fixed=True),
+    Param('slew_timing', 0.5, 'the axes slew with no less than this share of speed and '
+          'acceleration; 0: in any order', 0.0, 1.0, fixed=True),
+    Param('turn_known', True, 'the first axis reads the turn that it is on; else only what is '
+          'safe on any turn is allowed', fixed=True),
+    Param('renew_s', 0.5, 'between commands, each of which ends at rest; 0: the whole track at '
+          'once, for a simulated mount whose time waits for events [s]', 0.0, 5.0, fixed=True),
+    Param('ahead_s', 1.5, 'a command reaches so far beyond now, by the time of the graph [s]', 0.2,
+          3600.0, fixed=True),
+    Param('silence_s', 0.5, 'without a reading for so long the mount is stopped [s]', 0.05, 60.0,
+          fixed=True),
+    Param('request_timeout_s', 0.5, 'a request that is not renewed for so long is over [s]', 0.05,
+          60.0, fixed=True),
+    Param('behind_deg', 2.0, 'an axis so far from where it was sent is stopped [deg]', 0.01, 180.0,
+          fixed=True),
+    Param('park_deg', '', 'angles of both axes at which the mount is parked: 180,80 [deg]',
+          check=lambda text: parse_pair(text, 'the angles of both axes in degrees'), fixed=True),
+)
+#: steady seconds between looks at it all
+LOOK = 0.05
+LEVELS = (DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR)
+
+
+class MountGuard(MountNode):
+    """Publishes `command`: it alone, and nothing that the mount must not follow.
+
+    What is judged and sent stands in `guard.keeper`, which knows no ROS.
+    """
+
+    def __init__(self, **kwargs):
+        super().__init__('mount_guard', PARAMS, hardware_id='mount guard', **kwargs)
+        self._mount, value = mount_of(self), self.value
+        self._names, self._whole = self._mount.names.keys, value('renew_s') == 0.0
+        limits = Limits(
+            self._mount, tuple(self._axis(i, name) for i, name in enumerate(('first', 'second'))),
+            Horizon(value('least_elevation_deg') * DEG, parse_horizon(value('horizon'))),
+            value('sun_distance_deg') * DEG, value('slew_timing'))
+        self._park = parse_pair(value('park_deg'))
+        self._keeper = Keeper(limits, Sun(_site(self)), Settings(
+            self._whole, max(value('ahead_s'), value('renew_s') + 2.0 * LOOK), value('silence_s'),
+            value('request_timeout_s'), value('behind_deg') * DEG, value('turn_known')),
+            time.monotonic)
+        self._said, self._renewed, self._crowd = None, 0.0, ''
+        self._request = None  # the message as it came
+        self._command_pub = self.publisher(topics.COMMAND)
+        self._status_pub = self.publisher(topics.GUARD_STATUS)
+        self.subscribe(topics.INCREMENTAL, self._on_reading)
+        self.subscribe(topics.REQUEST, self._on_request)
+        self.serve('abort', lambda: self._do('aborted', self._keeper.abort))
+        self.serve('pause', lambda: self._do('paused', self._keeper.pause))
+        self.serve('resume', lambda: self._do('resumed', self._keeper.resume))
+        self.serve('park', self._on_park)
+        self.every(LOOK, self._look)
+        self.every(0.5, self._look_at_commanders)
+
+    def _axis(self, i, name):
+        low, high = parse_pair(self.value(f'{name}_travel_deg')) or TRAVEL_DEG[self._mount.kind][i]
+        return Axis(low * DEG, high * DEG, self.value(f'{name}_rate_deg_s') * DEG,
+                    self.value(f'{name}_acceleration_deg_s2') * DEG)
+
+    def check_together(self, values):
+        """Travel and park position must be such."""
+        for name in ('first_travel_deg', 'second_travel_deg'):
+            low, high = parse_pair(values[name]) or (0.0, 1.0)
+            if low >= high:
+                raise ValueError(f'{name} = {values[name]}: give the smaller end first')
+
+    # --- messages -----------------------------------------------------------------------------
+
+    def _on_reading(self, message):
+        if convert.joints_of(message.name) != self._names:
+            return  # of another mount: the observer says so
+        stamp, angles, rates, _ = convert.read_joints(message)
+        angles = self._mount.on_travel(*angles)
+        self._keeper.take_reading(stamp, angles, rates)
+        if self._keeper.state in ('waiting', 'around', 'stopping', 'parking'):
+            self._look()
+
+    def _on_request(self, message):
+        if not message.points:
+            self._keeper.withdraw(self._now())
+            self._look()
+            return
+        stamp, times, angles, rates = convert.read_trajectory(message)
+        asked = convert.joints_of(message.joint_names)
+        if asked != self._names:
+            raise ValueError(f'request for {" and ".join(asked)}: the parameter mount says '
+                             f'{" and ".join(self._names)}')
+        owner = message.header.frame_id
+        if self._crowd and not owner:
+            raise ValueError(self._crowd)
+        try:
+            self._keeper.take_request(Track(stamp, times, angles, rates), self._now(), owner)
+            self._request = message
+        finally:
+            self._look()
+
+    def _now(self):
+        """ns; of a mount that answers of a time to come, that of its readings."""
+        now = self.get_clock().now().nanoseconds
+        return max(now, self._keeper.readings.stamp) if self._whole else now
+
+    def _look(self):
+        """Send what is due."""
+        now = time.monotonic()
+        due = now - self._renewed >= self.value('renew_s')
+        tracks = self._keeper.step(self._now(), due)
+        for track in tracks:
+            self._send(track)
+        if tracks:
+            self._renewed = now
+        self._tell()
+
+    def _send(self, track):
+        message = self._request
+        if not self._keeper.is_request(track) or message is None:
+            message = convert.trajectory(*track, self._names)
+        message.header.frame_id = ''
+        self._command_pub.publish(message)
+
+    def _tell(self):
+        keeper = self._keeper
+        told = keeper.state, keeper.reason, keeper.refused
+        if told == self._said:
+            return
+        self._said = told
+        self._status_pub.publish(convert.status(
+            LEVELS[keeper.level], self.get_fully_qualified_name(), keeper.reason,
+            state=keeper.state, refused=keeper.refused[0], reason=keeper.refused[1]))
+        text = f'{keeper.state}: {keeper.reason}'
+        if keeper.level == ERROR:
+            self.get_logger().error(text)
+        elif keeper.level:
+            self.get_logger().warning(text)
+        else:
+            self.get_logger().info(text)
+
+    def _look_at_commanders(self):
+        full = self.resolve_topic_name(topics.REQUEST.name)
+        crowd = ''
+        if self.count_publishers(full) > 1:
+            names = sorted({f'{info.node_namespace.rstrip("/")}/{info.node_name}'
+                            for info in self.get_publishers_info_by_topic(full)})
+            if len(names) > 1:
+                crowd = f'{" and ".join(names)} publish {full}: end all but one'
+        if crowd and crowd != self._crowd:
+            self.get_logger().error(crowd)
+        self._crowd = crowd
+
+    # --- services -----------------------------------------------------------------------------
+
+    def _do(self, done, call, *args):
+        try:
+            call(self._now(), *args)
+        except ValueError as err:
+            return False, str(err)
+        self._look()
+        return True, done
+
+    def _on_park(self):
+        if self._park is None:
+            return False, 'no park position: set the parameter park_deg'
+        return self._do('on the way to the park position', self._keeper.park,
+                        tuple(angle * DEG for angle in self._park))
+
+    # --- diagnostics --------------------------------------------------------------------------
+
+    def required(self):
+        """Readings, and a mount."""
+        return {self.resolve_topic_name(topic.name) for topic in (
+            topics.INCREMENTAL, topics.COMMAND)}
+
+    def problems(self):
+        """What holds the mount up."""
+        keeper = self._keeper
+        found = [(LEVELS[keeper.level], keeper.reason)] if keeper.level else []
+        if self._crowd:
+            found.insert(0, (DiagnosticStatus.ERROR, self._crowd))
+        return found
+
+    def details(self):
+        """What the mount does."""
+        return [('mount', self._keeper.state), ('why', self._keeper.reason)]
+
+
+def _site(node):
+    latitude, longitude, height = (node.value(param.name) for param in SKY_PARAMS[:3])
+    return Site(latitude * DEG, longitude * DEG, height)
+
+
+def main(args=None):
+    """Entry point of ``ros2 run telescope_mount mount_guard``."""
+    sys.exit(run_node(MountGuard, args))
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,202 @@
+"""What is sent to a mount, moment by moment, and what is not. The mount obeys."""
+
+import numpy as np
+import pytest
+
+from msg_tools.units import DEG
+from pointing_model.guard.keeper import Keeper, Settings
+from pointing_model.guard.limits import Axis, Horizon, Limits
+from pointing_model.guard.motion import Cubic
+from pointing_model.guard.sun import Sun
+from pointing_model.observing.pointing import Track
+
+START = 1_768_482_000 * 10**9  # 2026-01-15T13:00:00, night at the default site
+NOON = START + 15 * 3600 * 10**9
+AXIS = 4.0 * DEG, 2.0 * DEG
+
+
+class Mount:
+    """Axes that are where the last command says, and a guard before them."""
+
+    def __init__(self, start=START, here=(20.0, 50.0), **settings):
+        limits = Limits(axes=(Axis(-270.0 * DEG, 270.0 * DEG, *AXIS),
+                              Axis(-5.0 * DEG, 95.0 * DEG, *AXIS)), horizon=Horizon(10.0 * DEG))
+        self.time, self.start = 0.0, start
+        self.keeper = Keeper(limits, Sun(), Settings(**{'whole': False, **settings}),
+                             lambda: self.time)
+        self.here, self.speed = np.array(here) * DEG, np.zeros(2)
+        self.sent, self.asked, self.reads = [], None, True
+        self.path = []
+
+    @property
+    def now(self):
+        return self.start + round(self.time * 1e9)
+
+    def ask(self, az, el, rate=0.004):
+        """Ask for a star, again and again."""
+        times = np.arange(0.0, 601.0, 20.0)
+        rates = np.full((len(times), 2), rate * DEG)
+        self.asked = Track(self.now, times, np.array([az, el]) * DEG + times[:, None] * rates,
+                           rates)
+        self.keeper.take_request(self.asked, self.now, 'observer')
+        return self
+
+    def run(self, seconds):
+        for _ in range(round(seconds / 0.05)):
+            self.time += 0.05
+            if self.sent:
+                track = self.sent[-1]
+                t = (self.now - track.start) * 1e-9
+                before = self.here
+                cubic = Cubic(track.times, track.angles, track.rates)
+                self.here = np.array([cubic.at(t, i)[0] for i in (0, 1)])
+                self.speed = (self.here - before) / 0.05
+            self.path.append(self.here)
+            if self.reads:
+                self.keeper.take_reading(self.now, self.here, self.speed)
+            if self.asked is not None and round(self.time / 0.05) % 4 == 0:
+                self.keeper.take_request(self.asked, self.now, 'observer')
+            tracks = self.keeper.step(self.now, round(self.time / 0.05) % 10 == 0)
+            assert all(not track.rates[-1].any() for track in tracks)  # at rest, whatever comes
+            self.sent += tracks
+        return self
+
+    @property
+    def state(self):
+        return self.keeper.state
+
+
+@pytest.fixture
+def mount():
+    return Mount().run(0.2)
+
+
+def off(mount):
+    """Of the axes from what is asked for now, arcsec."""
+    t = (mount.now - mount.asked.start) * 1e-9
+    want = [np.interp(t, mount.asked.times, angle) for angle in mount.asked.angles.T]
+    return np.abs(mount.here - want).max() / DEG * 3600.0
+
+
+def test_the_mount_comes_to_the_star_and_stays_on_it_within_its_limits(mount):
+    mount.ask(80.0, 30.0).run(40.0)
+    assert mount.state == 'following' and off(mount) < 0.01
+    speed = np.abs(np.diff(mount.path, axis=0)).max(0) / 0.05
+    assert np.all(speed <= AXIS[0])
+
+
+def test_without_its_commander_it_stands_within_half_a_second_and_its_braking(mount):
+    mount.ask(200.0, 30.0).run(5.0)
+    assert np.abs(mount.speed).max() > 2.0 * DEG
+    mount.asked = None
+    mount.run(0.5 + 0.05)
+    assert mount.state == 'stopped' and 'no longer renewed' in mount.keeper.reason
+    mount.run(AXIS[0] / AXIS[1])
+    assert not mount.speed.any()
+
+
+def test_without_the_guard_it_stops_by_itself(mount):
+    mount.ask(200.0, 30.0).run(5.0)
+    mount.keeper.step = lambda *_: []
+    mount.asked = None
+    mount.run(1.5 + 0.5 + AXIS[0] / AXIS[1])
+    assert not mount.speed.any()
+
+
+def test_a_silent_encoder_stops_it_and_it_goes_on_when_that_speaks(mount):
+    mount.ask(200.0, 30.0).run(5.0)
+    mount.reads = False
+    mount.run(0.6)
+    assert mount.state == 'stopped' and mount.keeper.level == 2
+    assert 'no reading of the encoders for 0.5 s' in mount.keeper.reason
+    mount.reads = True
+    assert mount.run(60.0).state == 'following' and off(mount) < 0.01
+
+
+def test_it_goes_around_the_sun():
+    sun = Sun().at(NOON * 1e-9)
+    az, el = np.arctan2(sun[0], sun[1]) / DEG, np.arcsin(sun[2]) / DEG
+    assert el > 10.0
+    mount = Mount(NOON, (az - 40.0, el)).run(0.2)
+    mount.ask(az + 40.0, el).run(1.0)
+    assert mount.state == 'around'
+    mount.run(120.0)
+    assert mount.state == 'following' and off(mount) < 0.01
+    first, second = np.array(mount.path).T
+    toward = np.array([np.cos(second) * np.sin(first), np.cos(second) * np.cos(first),
+                       np.sin(second)])
+    assert np.arccos(sun @ toward).min() > 20.0 * DEG
+
+
+def test_pause_holds_it_and_resume_goes_on(mount):
+    mount.ask(80.0, 30.0).run(3.0)
+    mount.keeper.pause(mount.now)
+    mount.run(4.0)
+    assert mount.state == 'paused' and not mount.speed.any()
+    mount.keeper.resume(mount.now)
+    assert mount.run(40.0).state == 'following' and off(mount) < 0.01
+
+
+def test_after_an_abort_nothing_moves_until_resume(mount):
+    mount.ask(80.0, 30.0).run(3.0)
+    mount.keeper.abort(mount.now)
+    mount.asked = None
+    mount.run(4.0)
+    here = mount.here
+    with pytest.raises(ValueError, match='aborted: call resume'):
+        mount.ask(90.0, 40.0)
+    mount.asked = None
+    assert np.array_equal(mount.run(2.0).here, here)
+    mount.keeper.resume(mount.now)
+    assert mount.ask(90.0, 40.0).run(40.0).state == 'following'
+
+
+def test_it_parks(mount):
+    mount.ask(80.0, 30.0).run(3.0)
+    mount.asked = None
+    mount.keeper.park(mount.now, (-90.0 * DEG, 80.0 * DEG))
+    mount.run(80.0)
+    assert mount.state == 'parked' and np.allclose(mount.here / DEG, (-90.0, 80.0), atol=0.01)
+    assert not mount.speed.any()
+
+
+def test_it_has_one_commander(mount):
+    mount.ask(80.0, 30.0).run(1.0)
+    with pytest.raises(ValueError, match='player asks while observer commands'):
+        mount.keeper.take_request(mount.asked._replace(start=mount.now), mount.now, 'player')
+
+
+def test_a_refusal_is_told_once_and_stops_what_was_under_way(mount):
+    mount.ask(200.0, 30.0).run(3.0)
+    with pytest.raises(ValueError, match='below the horizon'):
+        mount.ask(120.0, 2.0)
+    mount.run(4.0)
+    assert mount.state == 'stopped' and not mount.speed.any()
+    assert mount.keeper.refused[0] == mount.asked.start
+
+
+@pytest.mark.parametrize('angles, words', [
+    ((200.0, 50.0), 'cannot be: give radians'), ((0.35, 45.0), 'cannot be: give radians'),
+    ((2.0, 0.87), 'jumped by'), ((1000.0, 0.8), 'cannot be')])
+def test_readings_that_cannot_be_are_refused(mount, angles, words):
+    mount.time += 0.05
+    with pytest.raises(ValueError, match=words):
+        mount.keeper.take_reading(mount.now, angles, (0.0, 0.0))
+
+
+def test_an_axis_that_does_not_follow_is_stopped_for_good(mount):
+    mount.ask(80.0, 30.0).run(2.0)
+    mount.sent = []  # deaf
+    mount.here = mount.here.copy()
+    while mount.state == 'following' and mount.time < 60.0:
+        mount.run(0.05)
+        mount.sent = []
+    assert mount.state == 'aborted' and 'from where it was sent' in mount.keeper.reason
+
+
+def test_whole_tracks_are_passed_as_they_were_asked_for():
+    mount = Mount(whole=True).run(0.2)
+    mount.ask(80.0, 30.0)
+    out, = mount.keeper.step(mount.now)
+    assert mount.keeper.is_request(out) and out.start == mount.asked.start
+    assert out.angles is mount.asked.angles

@@ -1,0 +1,90 @@
+"""The guard between a commander and a mount that the test plays."""
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
+
+from msg_tools import convert, topics
+from msg_tools.units import DEG
+from pointing_model.mount_guard_node import MountGuard
+
+TIMES = np.array([0.0, 20.0, 40.0])
+
+
+class Played:
+    """A mount whose encoders read where it was told to be, and a commander."""
+
+    def __init__(self, graph):
+        self.graph, self.reads, self.request = graph, True, None
+        self.here = np.array([20.0, 50.0]) * DEG
+        self.commands = graph.listen(topics.COMMAND)
+        self.status = graph.listen(topics.GUARD_STATUS)
+        self.readings = graph.publisher(topics.INCREMENTAL)
+        self.requests = graph.publisher(topics.REQUEST)
+        graph.tester.create_timer(0.05, self._tick)
+
+    def now(self):
+        return self.graph.tester.get_clock().now().nanoseconds
+
+    def _tick(self):
+        now = self.now()
+        if self.commands:
+            stamp, times, angles, _ = convert.read_trajectory(self.commands[-1])
+            self.here = np.array([np.interp((now - stamp) * 1e-9, times, a) for a in angles.T])
+        if self.reads:
+            self.readings.publish(convert.joint_state(now, self.here, [0.0, 0.0]))
+        if self.request is not None:
+            self.requests.publish(self.request)
+
+    def ask(self, az, el):
+        rates = np.full((3, 2), 0.004 * DEG)
+        self.request = convert.trajectory(
+            self.now(), TIMES, np.array([az, el]) * DEG + TIMES[:, None] * rates, rates)
+
+    def until(self, state, text=''):
+        def there():
+            last = self.status[-1] if self.status else None
+            rows = {row.key: row.value for row in last.values} if last else {}
+            return rows.get('state') == state and text in last.message + rows['reason']
+        self.graph.wait_for(there, lambda: f'{state} {text}; last: {self.status[-1:]}')
+        return self.status[-1]
+
+
+def test_the_guard_leads_the_mount_and_stops_it_when_the_encoder_is_silent(graph):
+    graph.add(MountGuard, renew_s=0.1)
+    mount = Played(graph)
+    graph.connect()
+    mount.ask(24.0, 52.0)
+    mount.until('following')
+    graph.wait_for(lambda: np.allclose(mount.here / DEG, (24.0, 52.0), atol=0.2), 'the star')
+    assert all(not any(command.points[-1].velocities) for command in mount.commands)
+    mount.reads = False
+    told = mount.until('stopped', 'no reading of the encoders')
+    assert told.level == DiagnosticStatus.ERROR
+    graph.report('mount_guard', 'no reading of the encoders')
+    mount.reads = True
+    mount.until('following')
+    mount.ask(24.0, 2.0)
+    assert 'below the horizon of 10.0 deg' in mount.until('stopped', 'refused').message
+    mount.request = None
+
+
+def test_services_of_the_guard_stop_the_mount_and_park_it(graph):
+    graph.add(MountGuard, renew_s=0.1, park_deg='22,51')
+    mount = Played(graph)
+    graph.connect()
+    mount.ask(24.0, 52.0)
+    mount.until('following')
+    assert graph.call('pause').success
+    mount.until('paused')
+    assert graph.call('resume').success
+    mount.until('following')
+    assert graph.call('abort').success
+    mount.request = None
+    mount.until('aborted')
+    mount.ask(25.0, 52.0)
+    mount.until('aborted', 'call resume')
+    mount.request = None
+    assert graph.call('park').success
+    mount.until('parked')
+    assert np.allclose(mount.here / DEG, (22.0, 51.0), atol=0.05)
+    assert not graph.call('pause').success
