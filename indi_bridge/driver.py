@@ -22,6 +22,8 @@ TAKES_IT = 0.6
 RETRY = 3.0
 #: a track that begins farther from the last is another part of the driver's model, rad
 FAR = 10.0 * DEG
+#: a track at rest that is over so soon is a stop, s
+STOP = 0.25
 
 
 class MountDriver:
@@ -56,7 +58,6 @@ class MountDriver:
         self._sent, self._told, self._beside = 0.0, 0, ''
         self._readings = deque(maxlen=10_000)
         self._lock, self._wake, self._closed = threading.Lock(), threading.Event(), False
-        self._parking = False
         self._ticks = Ticks(self._take)
         self.client = IndiClient(host, port, heard=self._ticks, connection=self._connection)
         self._worker = threading.Thread(target=self._keep_ready, daemon=True)
@@ -70,7 +71,7 @@ class MountDriver:
         """Leave a mount that stands: nobody would renew what it tracks."""
         self._closed = True
         self._wake.set()
-        if self.ready and not self.telescope.parked and not self._parking:
+        if self.ready and not self.telescope.parked:
             with contextlib.suppress(IndiError):  # the connection is gone, too
                 self.telescope.abort()
         self.client.close()
@@ -81,7 +82,8 @@ class MountDriver:
         if not up:
             self.ready, self.telescope, self._ticks.telescope = False, None, None
             self._track = self._fresh = None
-            self.why = f'the connection to {self.client.host}:{self.client.port} is lost'
+            self.why = (f'the connection to {self.client.host}:{self.client.port} is lost: a mount '
+                        'whose driver still runs goes where it was sent last')
         self._wake.set()
 
     def _keep_ready(self):
@@ -110,7 +112,7 @@ class MountDriver:
         if self._period_ms and telescope.get('POLLING_PERIOD') is not None:
             self.client.send(device, 'POLLING_PERIOD', PERIOD_MS=float(self._period_ms))
         self.telescope = self._ticks.telescope = telescope
-        self.ready, self.why, self._parking = True, '', False
+        self.ready, self.why = True, ''
 
     # --- readings -----------------------------------------------------------------------------
 
@@ -160,8 +162,11 @@ class MountDriver:
 
     # --- orders -------------------------------------------------------------------------------
 
-    def command(self, start, times, angles):
-        """Take a track.
+    def command(self, start, times, angles, rates=None):
+        """Take a track: a new one, or the next piece of the one that is followed.
+
+        A piece that goes on with the track within the tolerance sends nothing to the driver. A
+        track at rest that is over within `STOP` is a stop.
 
         Parameters
         ----------
@@ -169,28 +174,35 @@ class MountDriver:
             ns.
         times : ndarray, shape (n,)
             s since then.
-        angles : ndarray, shape (n, 2)
-            Of the axes, rad.
+        angles, rates : ndarray, shape (n, 2)
+            Of the axes, rad and rad/s.
 
         Raises
         ------
         ValueError
-            The mount is not ready, or is parked.
+            The mount is not ready.
         """
         if not self.ready:
             raise ValueError(f'no mount to command: {self.why}')
-        if self._parking:
-            raise ValueError('the mount is parked; call home to unpark it')
-        if self._track is None or np.abs(wrap(
-                self.demand(max(start * 1e-9, time.time()))[0] - angles[0])).max() > FAR:
+        if times[-1] <= STOP and not np.any(rates):
+            if self._track is not None:
+                self.abort()
+            return
+        track = start * 1e-9 + np.asarray(times, float), np.asarray(angles, float)
+        beside = np.inf
+        if self._track is not None:
+            now = max(track[0][0], time.time())
+            beside = np.abs(wrap(self.demand(now) - _at(track, now))).max()
+        self._track = track
+        if beside <= self._follower.tolerance:
+            return
+        if beside > FAR:
             self._follower.begin()
-        self._track = start * 1e-9 + np.asarray(times, float), np.asarray(angles, float)
         self._fresh, self._sent, self._beside = None, 0.0, ''
 
     def demand(self, now):
         """Angles of the commanded track at a time, rad, shape (1, 2)."""
-        times, angles = self._track
-        return np.array([[np.interp(now, times, axis) for axis in angles.T]])
+        return _at(self._track, now)
 
     def step(self):
         """Send the mount on where its axes are not on the track.
@@ -209,7 +221,7 @@ class MountDriver:
 
     def _step(self):
         telescope, track = self.telescope, self._track
-        if not self.ready or telescope is None or track is None or self._parking:
+        if not self.ready or telescope is None or track is None:
             return
         now = time.time()
         if now > track[0][-1]:
@@ -249,18 +261,11 @@ class MountDriver:
         self._track = None
         self._need().abort()
 
-    def park(self):
-        """Slew to the driver's park position; commands are refused from now on."""
-        self._track = None
-        self._need().park()
-        self._parking = True
-
     def unpark(self):
         """Be ready for commands."""
         telescope = self._need()
-        if self._parking or telescope.parked:
+        if telescope.parked:
             telescope.prepare()
-            self._parking = False
 
     def _need(self):
         if not self.ready or self.telescope is None:
@@ -291,3 +296,9 @@ class MountDriver:
                 ('through the pole', str(bool(is_beyond(last[1][1]))) if last else ''),
                 ('sent farther than demanded [deg]',
                  ', '.join(f'{v / DEG:.4f}' for v in self._follower.correction))]
+
+
+def _at(track, now):
+    """Angles of a track, (times, angles), at a time, rad, shape (1, 2)."""
+    times, angles = track
+    return np.array([[np.interp(now, times, axis) for axis in angles.T]])

@@ -7,8 +7,6 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 
-import numpy as np
-
 from msg_tools.status import Progress
 from pointing_model.observing.plan import night_plan, parse_plan
 
@@ -304,8 +302,6 @@ def _add_truth(bag, report):
 def write_results(folder, results):
     """observations.csv, model.json, report.json and the plot."""
     from calibration.night_plot import plot_night
-    from calibration.rows import for_fitting
-    from calibration.sky_model import origin_of_errors
     from msg_tools import topics
     from msg_tools.units import ARCSEC
     from pointing_model.earth import earth_orientation
@@ -319,13 +315,6 @@ def write_results(folder, results):
     orientation = earth_orientation(float(run['time'][0]))
     if orientation.sigma > 0.1 * ARCSEC:
         report['notes'].append(orientation.statement())
-    stars = for_fitting(run)
-    numbers, rows = np.unique(stars['run'], return_counts=True)
-    # each power-on has a zero of its own: the one with most stars tells
-    origin = origin_of_errors(stars.select(stars['run'] == numbers[np.argmax(rows)]))
-    if origin is not None:
-        report['origin_of_errors'] = origin.document()
-        report['notes'].append(origin.sentence())
     write_csv(run, folder / 'observations.csv')
     (folder / 'model.json').write_text(results[topics.MODEL.name].data + '\n')
     (folder / 'report.json').write_text(json.dumps(report, indent=1) + '\n')
