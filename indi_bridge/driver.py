@@ -11,6 +11,7 @@ from msg_tools.units import DEG, wrap
 from pointing_model.mounts import is_beyond
 
 from .client import IndiClient, IndiError
+from .dead_man import DeadMan
 from .pointing import AxisFollower, axes_at
 from .telescope import NO_AXES, SIDE, TRACK, IndiTelescope, Ticks, find_device
 
@@ -18,6 +19,8 @@ from .telescope import NO_AXES, SIDE, TRACK, IndiTelescope, Ticks, find_device
 STILL = 0.2
 #: s after an order in which a driver says that it is under way
 TAKES_IT = 0.6
+#: s between two signs of life to the process that stops the mount if this one dies
+HEARTBEAT = 0.2
 #: another try to make the mount ready, s
 RETRY = 3.0
 #: a track that begins farther from the last is another part of the driver's model, rad
@@ -44,13 +47,18 @@ class MountDriver:
         Whether the driver is told the site.
     period_ms : int
         Of its readings, where it can be told; 0: as it is.
+    dead_man : bool
+        Whether a process of its own stops the mount where this one dies.
+    retry : float
+        Time between two tries to make the mount ready, s.
     """
 
     def __init__(self, host, port, mount, site, device='', axes='', tolerance=1.5e-5,
-                 set_site=True, period_ms=0):
+                 set_site=True, period_ms=0, dead_man=True, retry=RETRY):
         self.mount, self.site = mount, site
         self._device, self._axes, self._set_site = device, axes, set_site
-        self._period_ms = period_ms
+        self._period_ms, self._retry = period_ms, retry
+        self._dead_man, self._wants_one, self._told_it = None, dead_man, 0.0
         self.telescope = None
         self.ready, self.why = False, f'connecting to {host}:{port}'
         self._follower = AxisFollower(mount, site, tolerance)
@@ -74,6 +82,10 @@ class MountDriver:
         if self.ready and not self.telescope.parked:
             with contextlib.suppress(IndiError):  # the connection is gone, too
                 self.telescope.abort()
+                self._track = None
+        if self._dead_man is not None:
+            self._dead_man.tell(self._track is not None)
+            self._dead_man.close()
         self.client.close()
 
     # --- getting ready ------------------------------------------------------------------------
@@ -93,7 +105,7 @@ class MountDriver:
                     self._make_ready()
                 except (IndiError, ValueError, OSError) as err:
                     self.why = str(err)
-            self._wake.wait(RETRY)
+            self._wake.wait(self._retry)
             self._wake.clear()
 
     def _make_ready(self):
@@ -111,6 +123,8 @@ class MountDriver:
         telescope.prepare(self.site if apart else None)
         if self._period_ms and telescope.get('POLLING_PERIOD') is not None:
             self.client.send(device, 'POLLING_PERIOD', PERIOD_MS=float(self._period_ms))
+        if self._wants_one and self._dead_man is None:
+            self._dead_man = DeadMan(self.client.host, self.client.port, device)
         self.telescope = self._ticks.telescope = telescope
         self.ready, self.why = True, ''
 
@@ -213,11 +227,23 @@ class MountDriver:
             The driver does not take it: it is made ready again.
         """
         try:
+            self._tell_dead_man()
             self._step()
         except IndiError as err:
             self.ready, self.why, self._sent = False, str(err), 0.0
             self._wake.set()
             raise
+
+    def _tell_dead_man(self):
+        now = time.monotonic()
+        if self._dead_man is None or now - self._told_it < HEARTBEAT:
+            return
+        self._told_it = now
+        # lost with the connection is not stopped: it stays armed
+        if not self._dead_man.tell(self._track is not None or not self.ready):
+            self._dead_man = None
+            raise IndiError('the process that stops the mount if this one dies has ended: it is '
+                            'started again')
 
     def _step(self):
         telescope, track = self.telescope, self._track

@@ -208,8 +208,9 @@ class IndiTelescope:
             s.
         """
         self.connect(timeout)
-        if self.slewing:  # to where somebody else sent it, or who was before
-            self.abort()
+        tracks = self.get(TRACK)
+        if self.slewing or (tracks is not None and tracks.on == 'TRACK_ON'):
+            self.abort()  # nobody here has sent it, and nobody would renew it
         if site is not None:
             self.set_site(site, timeout)
         if self.parked:

@@ -70,7 +70,7 @@ def ask_server(text, sky=None):
             telescope.connect()
             knows_where_it_looks(telescope)
             kind = told or telescope.kind or ('german' if telescope.get(SIDE) else '')
-            site = telescope.site
+            site, simulated = telescope.site, is_simulator(telescope)
     except IndiError as err:
         raise ValueError(str(err)) from None
     if not kind:
@@ -80,7 +80,7 @@ def ask_server(text, sky=None):
         site = DEFAULT_SITE.latitude, DEFAULT_SITE.longitude, DEFAULT_SITE.height
     there = {name: value / unit for (name, unit), value in zip(SITE, site)}
     server = {'host': host, 'port': port, 'device': telescope.device}
-    return server, kind, there | (sky or {}), is_simulator(telescope)
+    return server, kind, there | (sky or {}), simulated
 
 
 def specs(mount, *, stars, sky=None, **graph):

@@ -27,7 +27,7 @@ class Bench:
 
     def __init__(self, properties=TELESCOPE, **options):
         self.server = FakeServer(properties)
-        self.options = options
+        self.options = {'dead_man': False, 'retry': 0.1, **options}
 
     def __enter__(self):
         self.server.__enter__()
