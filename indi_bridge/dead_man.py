@@ -5,7 +5,7 @@ this process beside it, and writes to its input: `ARMED` and `SAFE`, again and a
 input ends, or nothing comes for `SILENCE` seconds, while it is armed, it stops the mount at the
 server by a connection of its own.
 
-    python -I -S dead_man.py HOST PORT DEVICE
+    python -I -S dead_man.py HOST PORT DEVICE [SILENCE]
 """
 
 import contextlib
@@ -36,11 +36,13 @@ class DeadMan:
     host : str
     port : int
     device : str
+    silence : float
+        As of `watch`.
     """
 
-    def __init__(self, host, port, device):
+    def __init__(self, host, port, device, silence=SILENCE):
         self._process = subprocess.Popen(
-            [sys.executable, '-I', '-S', __file__, host, str(port), device],
+            [sys.executable, '-I', '-S', __file__, host, str(port), device, str(silence)],
             stdin=subprocess.PIPE, start_new_session=True)
         os.set_blocking(self._process.stdin.fileno(), False)
 
@@ -107,4 +109,4 @@ def watch(stream, host, port, device, silence=SILENCE):
 if __name__ == '__main__':
     # who ends the commander by the keyboard ends it alone
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    watch(0, sys.argv[1], int(sys.argv[2]), sys.argv[3])
+    watch(0, sys.argv[1], int(sys.argv[2]), *sys.argv[3:4], *map(float, sys.argv[4:]))

@@ -21,6 +21,8 @@ STILL = 0.2
 TAKES_IT = 0.6
 #: s between two signs of life to the process that stops the mount if this one dies
 HEARTBEAT = 0.2
+#: s in which axes are told anew after the site was set
+NEW_SITE = 1.0
 #: another try to make the mount ready, s
 RETRY = 3.0
 #: a track that begins farther from the last is another part of the driver's model, rad
@@ -120,9 +122,14 @@ class MountDriver:
             self.site.latitude, self.site.longitude))).max() > 1e-6
         if apart and not self._set_site:
             raise IndiError(f'{device} stands elsewhere than the parameters of the site say')
-        telescope.prepare(self.site if apart else None)
         if self._period_ms and telescope.get('POLLING_PERIOD') is not None:
             self.client.send(device, 'POLLING_PERIOD', PERIOD_MS=float(self._period_ms))
+        telescope.prepare(self.site if apart else None)
+        if apart and telescope.has_axes:
+            # its axes may stand at another hour angle now; some say so only where they do
+            told = time.time_ns()
+            with contextlib.suppress(IndiError):
+                self.client.wait(lambda: telescope.axes[1] > told, 'no reading', NEW_SITE)
         if self._wants_one and self._dead_man is None:
             self._dead_man = DeadMan(self.client.host, self.client.port, device)
         self.telescope = self._ticks.telescope = telescope

@@ -45,7 +45,7 @@ def prepare_folder(folder):
 
 def run_night(out, *, stars=30, polaris=16, reference=None, cycle='incremental',
               domain_number=None, params_file=None, progress=None, scenario='default', mount='',
-              **graph):
+              say=None, **graph):
     """Observe a night in a graph of processes.
 
     Parameters
@@ -67,6 +67,8 @@ def run_night(out, *, stars=30, polaris=16, reference=None, cycle='incremental',
     mount : str
         As of `graph.night_graph`; empty: the kind that the scenario is. ``indi:HOST:PORT``: a
         mount of an INDI server takes the place of the simulated one.
+    say : callable, optional
+        As of `observe`, of a mount of an INDI server.
     **graph
         As of `graph.night_graph`: ``seed``, ``time_scale``, ...
 
@@ -84,7 +86,7 @@ def run_night(out, *, stars=30, polaris=16, reference=None, cycle='incremental',
     """
     if is_indi(mount):
         return _run_on_indi(out, mount, stars, reference, domain_number, params_file, progress,
-                            **{name: graph[name] for name in ('seed', 'sky', 'calibration')
+                            say, **{name: graph[name] for name in ('seed', 'sky', 'calibration')
                                if name in graph})
     plan = night_plan(stars, polaris, reference is not None, cycle)
     parse_plan(plan)
@@ -102,17 +104,18 @@ def run_night(out, *, stars=30, polaris=16, reference=None, cycle='incremental',
     return report
 
 
-def _run_on_indi(out, mount, stars, reference, domain_number, params_file, progress, **graph):
+def _run_on_indi(out, mount, stars, reference, domain_number, params_file, progress, say, **graph):
     """As `run_night`, of a mount of an INDI server, on the clock of this machine."""
     from .indi_night import specs
+    from .real_night import STALL, write_with_checks
     if reference is not None:
         from pointing_model.model import PointingModel
         PointingModel.load(reference)
     plan, nodes = specs(mount, stars=stars, bag=str(Path(out) / 'bag'),
                         model_file=str(reference.resolve()) if reference else '', **graph)
     folder = prepare_folder(out)
-    return observe(folder, nodes, plan, partial(write_results, folder), progress, domain_number,
-                   params_file)
+    return observe(folder, nodes, plan, partial(write_with_checks, folder), progress,
+                   domain_number, params_file, stall=STALL, say=say)
 
 
 def is_indi(mount):

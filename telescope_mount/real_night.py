@@ -61,12 +61,12 @@ def run_real_night(out, *, plan='', stars=30, drivers=(), domain_number=None, pa
     specs = real_graph(bag=str(folder / 'bag'), plan=plan,
                        model_file=str(reference.resolve()) if reference else '', **graph)
     return night.observe(
-        folder, specs, plan, partial(_write, folder), progress, domain_number, params_file,
-        claim=domain.join, drivers=drivers, stall=STALL, say=say)
+        folder, specs, plan, partial(write_with_checks, folder), progress, domain_number,
+        params_file, claim=domain.join, drivers=drivers, stall=STALL, say=say)
 
 
-def _write(folder, results):
-    """As of a simulated night, with the blind checks."""
+def write_with_checks(folder, results):
+    """As `night.write_results`, with the blind checks in the report."""
     from msg_tools import topics
     report = night.write_results(folder, results)
     if topics.CHECKS.name in results:

@@ -53,8 +53,4 @@ def run(args):
             reference=args.reference, domain_number=args.domain, params_file=args.params,
             progress=progress, say=say)
     print_calibration(console, report)
-    for check in report.get('checks', []):
-        if check['stars']:
-            console.print(f'{check["stars"]} fresh stars pointed at blind: '
-                          f'{check["rms_arcsec"]:.2f} arcsec radial RMS, {check["lost"]} lost')
     print_files(console, report['files'])

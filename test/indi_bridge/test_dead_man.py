@@ -32,7 +32,7 @@ def until(condition, seconds=10.0):
 @pytest.mark.parametrize('silent', [False, True])
 def test_a_mount_is_stopped_when_its_commander_dies_or_hangs(silent):
     with FakeServer() as server:
-        process = DeadMan('localhost', server.port, 'Mount')
+        process = DeadMan('localhost', server.port, 'Mount', 0.3)
         assert process.tell(False) and process.tell(True)
         if not silent:
             process.close()

@@ -1,5 +1,6 @@
 """The mount as the graph knows it, at a server that says what a test wants."""
 
+import re
 import sys
 import time
 from pathlib import Path
@@ -26,6 +27,9 @@ class Bench:
     """A driver at a server, as a context."""
 
     def __init__(self, properties=TELESCOPE, **options):
+        there = DEFAULT_SITE.latitude / DEG, DEFAULT_SITE.longitude / DEG
+        for name, value in zip(('LAT', 'LONG'), there):  # a site that is set takes a second
+            properties = re.sub(rf'(name="{name}"[^>]*>)[^<]*', rf'\g<1>{value!r}', properties)
         self.server = FakeServer(properties)
         self.options = {'dead_man': False, 'retry': 0.1, **options}
 
@@ -52,7 +56,6 @@ class Bench:
 
     def gotos(self):
         """Right ascension, hours, and declination, deg, of the slews that were sent."""
-        import re
         return [tuple(map(float, re.findall(r'>([-\d.e]+)<', text))) for text in self.server.got
                 if 'name="EQUATORIAL_EOD_COORD"' in text]
 
