@@ -62,7 +62,7 @@ def test_a_kind_of_mount_that_cannot_be_driven_is_refused(graph):
 def test_the_sky_is_that_of_a_simulator_at_its_ticks(graph, server):
     frames = graph.listen(topics.MISS_DISTANCE)
     node = graph.add(IndiSky, port=server.port, mount='german', field_deg=5.0, rate_hz=20.0)
-    graph.wait_for(lambda: node._ticks.telescope, 'the telescope')
+    graph.wait_for(lambda: node._source.ticks.telescope, 'the telescope')
     lst = sidereal_time(time.time(), DEFAULT_SITE) / DEG / 15.0
 
     def seen():
