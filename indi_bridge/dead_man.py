@@ -57,11 +57,11 @@ class DeadMan:
         return self._process.poll() is None
 
     def close(self):
-        """End it; what was told last counts."""
+        """End it; what was told last counts, and goes on without who told it."""
         with contextlib.suppress(OSError):
             self._process.stdin.close()
         with contextlib.suppress(subprocess.TimeoutExpired):
-            self._process.wait(5.0)
+            self._process.wait(1.0)
 
 
 def stop(host, port, device):

@@ -84,8 +84,9 @@ def a_star():
     stars = load_catalogue(mag_limit=3.0)
     ra, dec = stars.at_j2000[:2]
     az, el = icrs_to_observed(ra, dec, time.time(), DEFAULT_SITE, DEFAULT_WEATHER)
-    still = np.hypot(*stars.at_j2000[2:4]) < 0.02 * ARCSEC  # a solve is of J2000
-    row = np.flatnonzero((el > 40.0 * DEG) & (np.abs(dec) < 60.0 * DEG) & still)[0]
+    up = np.flatnonzero((el > 40.0 * DEG) & (np.abs(dec) < 60.0 * DEG))
+    # a solve is of J2000: one that hardly moves
+    row = up[np.argmin(np.hypot(*stars.at_j2000[2:4])[up])]
     return ra[row], dec[row], float(stars.mag[row])
 
 
