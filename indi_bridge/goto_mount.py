@@ -66,6 +66,7 @@ class GotoMount:
         self._sent, self._told, self._beside = 0.0, 0, ''
         self._readings = deque(maxlen=10_000)
         self._lock, self._wake, self._closed = threading.Lock(), threading.Event(), False
+        self._is_ready = threading.Event()
         self._worker = threading.Thread(target=self._keep_ready, daemon=True)
 
     def open(self):
@@ -103,6 +104,7 @@ class GotoMount:
     def lost(self):
         """The connection is lost."""
         self.ready, self.telescope = False, None
+        self._is_ready.clear()
         self._track = self._fresh = None
         self.why = (f'the connection to {self.where} is lost: a mount whose driver still runs '
                     'goes where it was sent last')
@@ -112,12 +114,17 @@ class GotoMount:
         """Look at once whether the mount can be made ready."""
         self._wake.set()
 
+    def wait_ready(self, seconds):
+        """Wait until it is, or so long (s)."""
+        self._is_ready.wait(0.0 if self.ready else seconds)
+
     def _keep_ready(self):
         while not self._closed:
             if not self.ready:
                 try:
                     self.telescope = self.find()
                     self.ready, self.why = True, ''
+                    self._is_ready.set()
                 except (BridgeError, ValueError, OSError) as err:
                     self.why = str(err)
             self._wake.wait(self._retry)
@@ -232,6 +239,7 @@ class GotoMount:
             self._step()
         except BridgeError as err:
             self.ready, self.why, self._sent = False, str(err), 0.0
+            self._is_ready.clear()
             self._wake.set()
             raise
 

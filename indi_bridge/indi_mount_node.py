@@ -10,8 +10,8 @@ from msg_tools.node import MountNode, Param, run_node
 from msg_tools.units import ARCSEC
 from pointing_model.sky_params import KIND_OF_MOUNT, SKY_PARAMS, mount_of, sky_of
 
-from .client import IndiError
 from .driver import MountDriver
+from .goto_mount import BridgeError
 from .params import SERVER_PARAMS
 from .pointing import hour_angle_of
 
@@ -24,6 +24,8 @@ PARAMS = (
     Param('period_ms', 100, 'time between two readings, where the driver can be told; 0: its own '
           '[ms]', 0, 10000, fixed=True),
 )
+#: s in which home waits for a mount that is being made ready
+WAIT = 5.0
 
 
 class IndiMount(MountNode):
@@ -55,8 +57,9 @@ class IndiMount(MountNode):
 
     def _home(self):
         try:
+            self._driver.wait_ready(WAIT)
             self._driver.unpark()
-        except IndiError as err:
+        except BridgeError as err:
             return False, str(err)
         return True, ('the zero is that of the driver, which is left as it is; the mount is ready')
 
@@ -66,7 +69,7 @@ class IndiMount(MountNode):
                 stamp, angles, self._rate(stamp, angles), names=self._names))
         try:
             self._driver.step()
-        except IndiError as err:
+        except BridgeError as err:
             self.reject(topics.COMMAND.name, str(err))
         text = self._driver.state()[0]
         if text != self._said:
