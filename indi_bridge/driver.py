@@ -66,7 +66,8 @@ class MountDriver(GotoMount):
             raise IndiError(f'{device} stands elsewhere than the parameters of the site say')
         if self._period_ms and telescope.get('POLLING_PERIOD') is not None:
             self.client.send(device, 'POLLING_PERIOD', PERIOD_MS=float(self._period_ms))
-        telescope.prepare(self.site if apart else None)
+        # told again where it is the same: drivers that have it from a file may not act on it
+        telescope.prepare(self.site if self._set_site else None)
         if telescope.has_axes:
             told = time.time_ns()
             with contextlib.suppress(IndiError):

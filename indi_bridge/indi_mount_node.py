@@ -17,9 +17,9 @@ from .pointing import hour_angle_of
 
 PARAMS = (
     *SERVER_PARAMS, *SKY_PARAMS, KIND_OF_MOUNT,
-    Param('tolerance_arcsec', 3.0, 'axes that are farther from their demand are sent again '
+    Param('tolerance_arcsec', 1.0, 'axes that are farther from their demand are sent again '
           '[arcsec]', 0.1, 3600.0, fixed=True),
-    Param('set_site', True, 'tell the driver the site, and the time with it, where it has another',
+    Param('set_site', True, 'tell the driver the site, and the time with it',
           fixed=True),
     Param('period_ms', 100, 'time between two readings, where the driver can be told; 0: its own '
           '[ms]', 0, 10000, fixed=True),
