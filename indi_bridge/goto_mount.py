@@ -277,6 +277,8 @@ class GotoMount:
             stamp, reading = fresh.stamp * 1e-9, np.array(self.mount.on_travel(*fresh.axes))
         elif self._last is not None:
             stamp, reading = self._last[0] * 1e-9, self._last[1]
+            if stamp < self._sent + TAKES_IT:
+                return
         else:
             return
         demand = self.demand(stamp)[0]

@@ -31,14 +31,13 @@ WAIT = 5.0
 class IndiMount(MountNode):
     """Owns the connection; what is computed stands in `driver`."""
 
-    def __init__(self, **kwargs):
-        super().__init__('indi_mount', PARAMS, hardware_id='mount of an INDI server', **kwargs)
-        value, mount = self.value, mount_of(self)
+    def __init__(self, name='indi_mount', params=PARAMS, hardware_id='mount of an INDI server',
+                 **kwargs):
+        super().__init__(name, params, hardware_id=hardware_id, **kwargs)
+        mount = mount_of(self)
         hour_angle_of(mount, 0.0, 0.0)  # a kind that cannot be driven is refused at once
         self._names = mount.names.keys
-        self._driver = MountDriver(
-            value('host'), value('port'), mount, sky_of(self)[0], value('device'), value('axes'),
-            value('tolerance_arcsec') * ARCSEC, value('set_site'), value('period_ms'))
+        self._driver = self.make_driver(mount)
         self._said = ''
         self._before = None
         self._pub = self.publisher(topics.INCREMENTAL)
@@ -46,6 +45,13 @@ class IndiMount(MountNode):
         self.serve('home', self._home)
         self._driver.start()
         self.every(0.02, self._tick)
+
+    def make_driver(self, mount):
+        """That of the parameters, a `goto_mount.GotoMount`."""
+        value = self.value
+        return MountDriver(
+            value('host'), value('port'), mount, sky_of(self)[0], value('device'), value('axes'),
+            value('tolerance_arcsec') * ARCSEC, value('set_site'), value('period_ms'))
 
     def _on_command(self, message):
         stamp, times, positions, rates = convert.read_trajectory(message)

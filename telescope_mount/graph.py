@@ -24,6 +24,7 @@ NODES = {
     'run_player': 'pointing_model.run_player_node',
     'indi_mount': 'indi_bridge.indi_mount_node',
     'indi_sky': 'indi_bridge.indi_sky_node',
+    'alpaca_mount': 'alpaca_bridge.alpaca_mount_node',
 }
 
 #: of the simulated incremental encoder (paper 000): lines in a turn
