@@ -32,7 +32,7 @@ FAR = 10.0 * DEG
 STOP = 0.25
 #: s after a stop in which one that still moves is stopped again, and in which it stands for sure;
 #: longest time that is waited for that at the end
-STOP_AGAIN, STANDS, LONGEST = 0.4, 1.5, 4.0
+STOP_AGAIN, STANDS, LONGEST = 0.2, 1.5, 4.0
 
 
 class BridgeError(RuntimeError):
