@@ -50,6 +50,8 @@ PARAMS = SKY_PARAMS + (
           '[s]', 0.0, 3600.0),
     Param('smear_arcsec', 5.0, 'largest way of the axes beside their track in an exposure of '
           'exposure_s that counts [arcsec]', 0.01, 3600.0),
+    Param('camera_late_s', 0.0, "by how much the camera's stamps are later than the encoder's of "
+          'the same moment, as the step clocks measures it: taken off them [s]', -10.0, 10.0),
     Param('slew_rate_deg_s', 4.0, 'slew rate of the mount, to plan how long a track must be '
           '[deg/s]', 0.01, 90.0),
     Param('field_deg', 1.0, 'a star farther from the boresight is outside the field of the camera: '
@@ -197,7 +199,8 @@ class StarObserver(MountNode):
 
     def _on_miss(self, message):
         self._instruments.take_frame(
-            convert.from_stamp(message.header.stamp), message.vector.x, message.vector.y)
+            convert.from_stamp(message.header.stamp) - round(1e9 * self.value('camera_late_s')),
+            message.vector.x, message.vector.y)
         self._sequencer.advance()
 
     def _look(self):

@@ -180,6 +180,9 @@ class Exposer:
             'temperature': air.temperature_c, 'pressure': air.pressure_hpa,
             'magnitude': target.magnitude,
         }
+        for name, parameter in (('exposure', 'exposure_s'), ('camera_late', 'camera_late_s')):
+            if self._out.value(parameter):  # as before where neither is used
+                row[name] = self._out.value(parameter)
         if ABSOLUTE not in self._instruments.names:  # no column: not one that gave no angle
             for name in ('absolute_start', 'az_abs', 'el_abs'):
                 del row[name]
