@@ -7,6 +7,7 @@ import sys
 import time
 from functools import partial
 
+import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.clock import Clock, ClockType
 from std_msgs.msg import String
@@ -126,6 +127,8 @@ class StarObserver(MountNode):
             self.subscribe(topics.ABSOLUTE, self._on_absolute)
         self.subscribe(topics.MISS_DISTANCE, self._on_miss)
         self.subscribe(topics.GUARD_STATUS, self._on_guard)
+        self._command = None
+        self.subscribe(topics.COMMAND, self._on_command)
         self._crowded = {}  # instrument with several publishers -> since when, wall s
         self._handover = self._given = None  # a night that an observer before has begun
         self._calibration_spoke = self._has_rows = False
@@ -217,6 +220,9 @@ class StarObserver(MountNode):
             self._sequencer.cancel(f'by the mount guard: {message.message}')
         self._guard = message.message if state == 'paused' else ''
         self._sequencer.advance()
+
+    def _on_command(self, message):
+        self._command = convert.read_trajectory(message)
 
     def _on_cancel(self):
         self._withdraw()
@@ -329,6 +335,13 @@ class StarObserver(MountNode):
         """Why the guard refused the track that began at `stamp` (ns); '' if it did not."""
         refused, reason = self._refused
         return reason if refused == stamp else ''
+
+    def sent(self, stamp):
+        """Where the guard sent the mount at `stamp` (ns), rad, shape (2,); None if unknown."""
+        if self._command is None:
+            return None
+        start, times, angles, _ = self._command
+        return np.array([np.interp((stamp - start) * 1e-9, times, axis) for axis in angles.T])
 
     def held(self):
         """Why the mount may not be moved now."""

@@ -76,7 +76,8 @@ class Exposer:
             text = (f'moves by {swings[-1] / ARCSEC:.2g} arcsec beside its track within an '
                     f'exposure, smear_arcsec = {self._out.value("smear_arcsec"):g}')
         instruments.health.axes(
-            MOUNT, self._following.say(instruments.stamp, instruments.here) or text)
+            MOUNT, self._following.say(instruments.stamp, instruments.here,
+                                       self._out.sent(instruments.stamp)) or text)
 
     def observe(self, target, block, blind=False):
         """Steps that point at `target` and centre it where it is far off.

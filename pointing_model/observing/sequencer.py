@@ -34,6 +34,7 @@ class Sequencer:
         - ``client(verb)``: client of a service, see `msg_tools.steps.call`
         - ``send_command(track)``: ask for a `Track`
         - ``refusal(stamp)``: why the guard refused the track that began then, '' if it did not
+        - ``sent(stamp)``: where the guard sent the mount then, rad, shape (2,), None if unknown
         - ``held()``: why the mount may not be moved now, '' if it may
         - ``send_row(run, stamp)``: publish an observation, a PointingRun of one row
         - ``send_table(run, stamp)``: publish all rows so far

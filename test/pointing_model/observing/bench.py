@@ -108,6 +108,9 @@ class Bench:
     def refusal(self, stamp):
         return self.no
 
+    def sent(self, stamp):
+        return None
+
     def held(self):
         return self.hold
 
