@@ -39,6 +39,8 @@ class NightSteps:
         As of a `Sequencer`.
     wake : callable
         Goes on with the plan: no message need follow an answer.
+    keep : callable
+        Called with a row before it is published.
 
     Attributes
     ----------
@@ -59,9 +61,9 @@ class NightSteps:
         Rows of this step that an observer before has taken.
     """
 
-    def __init__(self, outbox, instruments, in_force, table, wake):
+    def __init__(self, outbox, instruments, in_force, table, wake, keep):
         self._out, self._instruments, self._in_force = outbox, instruments, in_force
-        self._table, self._wake = table, wake
+        self._table, self._wake, self._keep = table, wake, keep
         self.exposer = Exposer(outbox, instruments, in_force, table, self._need_home,
                                self.set_waiting)
         self.progress, self.text = Progress(), 'the start'
@@ -206,7 +208,9 @@ class NightSteps:
                 raise Refused(f'{REFUSALS} targets in a row were refused: {why}')
         else:
             self._refusals = 0
-            self._out.send_row(self._table.add({**row, MARK: float(for_zero)}), row['stamp'])
+            row = {**row, MARK: float(for_zero)}
+            self._keep(row)
+            self._out.send_row(self._table.add(row), row['stamp'])
         self.progress.done += 1
 
     def _fresh_stars(self, count):

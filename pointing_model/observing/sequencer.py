@@ -14,8 +14,12 @@ from msg_tools.steps import Refused, Steps
 from ..earth import earth_orientation
 from .blind_checks import blind_summary
 from .fault_watch import FaultWatch
+from .night_file import NoFile
 from .night_steps import NightSteps
 from .plan import POWER_CYCLES, parse_plan
+
+#: steps that need no exposure of their own, and make what is in force
+MADE = ('calibrate_zero', 'fit', 'diagnose', 'judge')
 
 
 class Sequencer:
@@ -45,6 +49,8 @@ class Sequencer:
     instruments : Instruments
     in_force : InForce
     table : Table
+    memory : NightFile, optional
+        Keeps the night beyond the end of the process.
 
     Attributes
     ----------
@@ -54,10 +60,11 @@ class Sequencer:
         Whether a plan has ever got beyond waiting for the graph.
     """
 
-    def __init__(self, outbox, instruments, in_force, table):
+    def __init__(self, outbox, instruments, in_force, table, memory=None):
         self._out, self._instruments, self._in_force = outbox, instruments, in_force
-        self._table = table
-        self._night = NightSteps(outbox, instruments, in_force, table, self.advance)
+        self._table, self._memory = table, memory or NoFile()
+        self._night = NightSteps(outbox, instruments, in_force, table, self.advance,
+                                 self._memory.row)
         self._steps = Steps(self._ended)
         self.earth = ''
         self._told = None
@@ -65,6 +72,8 @@ class Sequencer:
         self._watch = FaultWatch(outbox, instruments, self._night.exposer)
         self.begun = False
         self._plan, self._left = '', None
+        self._before = None  # rows of the night before this plan, None where nobody knows
+        self._calibration_is_new = False
 
     @property
     def text(self):
@@ -84,8 +93,13 @@ class Sequencer:
         return replace(self._night.progress, observations=len(self._table),
                        run=self._instruments.run, plan=self._plan)
 
-    def start(self, plan):
-        """Take up a plan; it begins with the next `advance`."""
+    def start(self, plan, anew=False):
+        """Take up a plan; it begins with the next `advance`.
+
+        One that has ended before its end goes on where it stopped, unless it shall begin `anew`.
+        """
+        if anew or self._left is None or plan != self._plan:
+            self._left, self._before = None, len(self._table)
         self._plan = plan
         self._steps.start(self._follow(plan))
 
@@ -96,6 +110,12 @@ class Sequencer:
         self._steps.advance()
         self._tell()
 
+    def stopped_at(self, plan):
+        """Where `plan` ended before its end, in words; '' where it did not."""
+        if self._left is None or self._left.plan != plan:
+            return ''
+        return f'step {self._left.block + 1}, {self._left.step}'
+
     def _tell(self):
         words = self._night.text
         if self.busy:
@@ -104,6 +124,8 @@ class Sequencer:
         now = words, self.progress
         if now != self._told:
             self._told = now
+            if self.begun:
+                self._memory.stands(self.progress, self._night.evening, self._before or 0)
             self._out.send_status(self.progress, words)
 
     @property
@@ -144,9 +166,12 @@ class Sequencer:
             return False
         self._steps.cancel()
         self._night.set_state('cancelled', reason)
-        self._told = self._night.text, self.progress
-        self._out.send_status(self.progress, self._night.text)
-        self._out.get_logger().warning(f'plan cancelled: {reason}')
+        self._remember()
+        self._tell()
+        where = self.stopped_at(self._plan)
+        self._out.get_logger().warning(f'plan cancelled: {reason}' + (
+            f'; stopped at {where}: observe goes on there, star_observer/anew begins anew'
+            if where else ''))
         return True
 
     def pointing_changed(self):
@@ -158,6 +183,7 @@ class Sequencer:
         """So many observations have reached the calibration."""
         if count < self._night.calibrated:
             # it was started anew and knows nothing of the night so far
+            self._calibration_is_new = not count
             self._send_table(again=True)
         self._night.calibrated = count
         self.advance()
@@ -189,6 +215,22 @@ class Sequencer:
             The last that was heard of the plan.
         """
         self._table.restore(run, stamp)
+        self._before = None
+        self._taken_up(run, left)
+
+    def take_up_file(self, plan):
+        """As `take_up`, from what `memory` has kept, if it is of `plan` and not over."""
+        rows, left, evening, before = self._memory.kept
+        if left is None or left.plan != plan or left.state == 'done' or not rows:
+            self._memory.forget()
+            return
+        self._plan, self._table.rows = plan, list(rows)
+        self._night.evening, self._before = evening, before
+        # of the calibration nobody knows yet whether it has them
+        self._night.calibrated = len(rows)
+        self._taken_up(self._table.all(), left)
+
+    def _taken_up(self, run, left):
         self._instruments.remember_runs(run['run'], run.get('encoder_start'))
         self._left = left
         self._out.get_logger().info(
@@ -205,15 +247,30 @@ class Sequencer:
                                  f'{self._night.progress.lost} stars lost')
         else:
             self._night.set_state('failed', str(error))
-            self._out.get_logger().error(str(error))
+            self._remember()
+            where = self.stopped_at(self._plan)
+            self._out.get_logger().error(f'{error}' + (
+                f'; stopped at {where}: observe goes on there, star_observer/anew begins anew'
+                if where else ''))
+
+    def _remember(self):
+        """Where the plan has ended before its end; of that step only what has a row is done."""
+        if self.begun:
+            progress = self.progress
+            self._left = replace(progress, done=self._rows_of(progress.block))
+
+    def _rows_of(self, block):
+        """How many of the last rows are of a step of this plan."""
+        return min(self._table.trailing(block), len(self._table) - (self._before or 0))
 
     def _follow(self, plan):
         """The night as a generator of conditions to wait for."""
         self._night.set_state('waiting', 'the graph')
         yield lambda: not self._out.waiting_for()
         yield lambda: self._out.now() > 0
-        self._night.evening = self._out.now()
-        orientation = earth_orientation(self._night.evening * 1e-9)
+        if self._left is None or self._before is None:
+            self._night.evening = self._out.now()
+        orientation = earth_orientation(self._out.now() * 1e-9)
         self.earth = orientation.statement()
         self._out.get_logger().info(self.earth)
         self._night.exposer.exposed = self._table.newest or self._night.evening + 1
@@ -224,6 +281,8 @@ class Sequencer:
         if any(step.verb == 'polaris' for step in steps):
             self._night.check_polaris()  # now, not after a block of stars
         first, done = self._where_it_stood(plan, steps)
+        if first and self._calibration_is_new:
+            yield from self._make_again(steps, first, done)
         for number, step in enumerate(steps):
             if number < first:
                 continue
@@ -240,29 +299,48 @@ class Sequencer:
         left, self._left, self._night.earlier = self._left, None, 0
         if left is None or not len(self._table):
             return 0, 0
-        if left.plan != plan or left.state not in ('observing', 'waiting'):
+        if left.plan != plan or left.state == 'done':
             self._out.get_logger().info('the plan of these observations is another or is over: '
                                         'this one begins at its start')
             return 0, 0
         first, done = left.block, left.done
-        self._night.earlier = self._table.trailing(first)
+        self._night.earlier = rows_of_it = self._rows_of(first)
+        if left.state in ('failed', 'cancelled'):
+            done = rows_of_it  # what it has lost is tried again
+        elif rows_of_it > done:  # the last row was made, and nobody was told
+            done = rows_of_it if self._before is not None else done + 1
         self._night.homes = any(step.verb == 'home' for step in steps[:first])
         rows = self._table.rows
         waited = max((n for n, step in enumerate(steps[:first]) if step.verb == 'wait'),
                      default=-1)
         # when the night began nobody tells: about when its first star was observed
-        self._night.evening = next((row['stamp'] for row in rows if row['block'] > waited),
-                             rows[-1]['stamp'])
+        if self._before is None:
+            self._night.evening = next((row['stamp'] for row in rows if row['block'] > waited),
+                                       rows[-1]['stamp'])
         self._night.progress = replace(self._night.progress, lost=left.lost)
-        for number in {int(row['block']) for row in rows if row['check'] and row['block'] < first}:
+        judged = () if self._night.checks else rows[self._before or 0:]
+        for number in {int(row['block']) for row in judged
+                       if row['check'] and row['block'] < first}:
             self._night.checks.append({'block': number, **blind_summary(
-                [[row['miss_x'], row['miss_y']] for row in rows if row['block'] == number])})
+                [[row['miss_x'], row['miss_y']] for row in judged if row['block'] == number])})
         if steps[first].verb == 'power_cycle' and self._has_been_off(steps[first].what, rows):
             first += 1  # the power has been off since the last row
         self._out.get_logger().info(
             f'the plan goes on at step {first + 1} of {len(steps)}, {steps[first]}'
             + (f', of which {done} are done' if done else ''))
         return first, done
+
+    def _make_again(self, steps, first, done):
+        """Zero and model of a calibration that was lost with the rest of the graph."""
+        fits = [n for n, step in enumerate(steps[:first]) if step.verb == 'fit']
+        zeros = [n for n, step in enumerate(steps[:first]) if step.verb == 'calibrate_zero']
+        begin = fits[-1] if fits else zeros[-1] if zeros else first
+        for step in steps[begin:first]:
+            if step.verb in MADE:
+                self._night.progress = replace(
+                    self._night.progress, step=f'{step}, once more', block=first, done=done)
+                self._night.set_state('observing', f'{step}, once more')
+                yield from self._night.do(step)
 
     def _has_been_off(self, what, rows):
         """Whether the encoders that a `power_cycle` switches tell a power-on without a row."""

@@ -52,7 +52,7 @@ class Bench:
     """Mount, encoders, camera, clocks and the other side of every topic."""
 
     def __init__(self, plan='', homed=True, kind=ALTAZ, absolute=True, live=False,
-                 **settings):
+                 memory=None, **settings):
         self.kind = kind
         self.settings = SETTINGS | settings
         self.stamp, self.wall = START, 1000.0
@@ -69,7 +69,7 @@ class Bench:
         self.instruments = Instruments(1, wall=lambda: self.wall, absolute=absolute,
                                        live=live, now=lambda: self.stamp if live else 0)
         self.in_force, self.table = InForce(mount=kind), Table(kind)
-        self.plan = Sequencer(self, self.instruments, self.in_force, self.table)
+        self.plan = Sequencer(self, self.instruments, self.in_force, self.table, memory)
         if homed:
             self.read(self.stamp, self.position)
         if plan:
