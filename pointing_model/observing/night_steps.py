@@ -27,6 +27,9 @@ from .zero_choice import ZeroChoice
 SECONDS_A_STAR = 40.0
 #: targets in a row that the guard refuses, after which the plan is given up
 REFUSALS = 5
+#: what to do where `home` is not there, or has been called and does not answer
+AFTER_HOME = ("start the mount's driver, or leave home out of the plan",
+              "it homes the mount; if the axes stand, look at the mount's driver")
 _HOUR = 3_600_000_000_000  # ns
 
 
@@ -291,7 +294,12 @@ class NightSteps:
                                    'the encoder to be homed (call home)')
 
     def _call(self, verb):
-        answer = yield from call(verb, self._out.client(verb), self._wake, self._until)
+        def wait(condition, what):
+            if verb == 'home':
+                what = f'{what}: {AFTER_HOME[what.endswith("to answer")]}'
+            return self._until(condition, what)
+
+        answer = yield from call(verb, self._out.client(verb), self._wake, wait)
         self._out.get_logger().info(answer)
 
     def _until(self, condition, what):

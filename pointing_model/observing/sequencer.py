@@ -289,8 +289,7 @@ class Sequencer:
             self._night.progress = Progress(step=str(step), block=number, total=step.exposures,
                                       lost=self._night.progress.lost, done=done)
             self._night.set_state('observing', str(step))
-            if not (done and done >= step.count):
-                yield from self._night.do(step, done)
+            yield from self._night.do(step, done)
             done = self._night.earlier = 0
             self._send_table()
 
@@ -309,6 +308,8 @@ class Sequencer:
             done = rows_of_it  # what it has lost is tried again
         elif rows_of_it > done:  # the last row was made, and nobody was told
             done = rows_of_it if self._before is not None else done + 1
+        if steps[first].exposures and done >= steps[first].exposures:
+            first, done = first + 1, 0
         self._night.homes = any(step.verb == 'home' for step in steps[:first])
         rows = self._table.rows
         waited = max((n for n, step in enumerate(steps[:first]) if step.verb == 'wait'),
@@ -323,6 +324,10 @@ class Sequencer:
                        if row['check'] and row['block'] < first}:
             self._night.checks.append({'block': number, **blind_summary(
                 [[row['miss_x'], row['miss_y']] for row in judged if row['block'] == number])})
+        if self._night.checks:
+            self._night.send_checks()
+        if first == len(steps):
+            return first, done
         if steps[first].verb == 'power_cycle' and self._has_been_off(steps[first].what, rows):
             first += 1  # the power has been off since the last row
         self._out.get_logger().info(

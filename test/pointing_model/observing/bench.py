@@ -44,7 +44,8 @@ class Service:
         self.bench.calls.append(self.verb)
         answer = self.bench.services[self.verb]()
         return SimpleNamespace(
-            done=lambda: True, add_done_callback=lambda callback: callback(None),
+            done=lambda: answer is not None,
+            add_done_callback=lambda callback: answer and callback(None),
             result=lambda: SimpleNamespace(success=answer[0], message=answer[1]))
 
 
