@@ -122,6 +122,8 @@ class StarObserver(MountNode):
         """Take a new site or weather from the next exposure on; the mount stays on its pier."""
         self._sky = sky_of(self)
         self._instruments.health.field = self.value('field_deg') * DEG
+        if 'camera_late_s' in names:
+            self._sequencer.forget_clocks()
 
     # --- messages in --------------------------------------------------------------------------
 
@@ -380,6 +382,9 @@ class StarObserver(MountNode):
                  for (_, kind), text in health.told.items()]
         found.sort(key=lambda issue: issue[0], reverse=True)
         found += [(DiagnosticStatus.WARN, text) for text in self._in_force.complaints()]
+        told, off = self._sequencer.clocks
+        if off:
+            found.append((DiagnosticStatus.WARN, told))
         if state == 'waiting' and self._sequencer.busy:
             found.insert(0, (DiagnosticStatus.WARN, f'waiting for {text}'))
         return found
@@ -391,6 +396,7 @@ class StarObserver(MountNode):
                 ('observations', str(progress.observations)),
                 ('stars lost', str(progress.lost)),
                 ('zero follows', self._in_force.following() or 'nothing'),
+                ('clocks', self._sequencer.clocks[0] or 'not compared'),
                 ('earth orientation', self._sequencer.earth)]
 
 

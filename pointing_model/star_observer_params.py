@@ -32,6 +32,8 @@ PARAMS = SKY_PARAMS + (
           'exposure_s that counts [arcsec]', 0.01, 3600.0),
     Param('camera_late_s', 0.0, "by how much the camera's stamps are later than the encoder's of "
           'the same moment, as the step clocks measures it: taken off them [s]', -10.0, 10.0),
+    Param('clock_rate_arcsec_s', 30.0, 'how fast the axes drift past a star in the step clocks '
+          '[arcsec/s]', 1.0, 600.0),
     Param('slew_rate_deg_s', 4.0, 'slew rate of the mount, to plan how long a track must be '
           '[deg/s]', 0.01, 90.0),
     Param('field_deg', 1.0, 'a star farther from the boresight is outside the field of the camera: '

@@ -4,6 +4,7 @@ import json
 from functools import partial
 from pathlib import Path
 
+from pointing_model.observing.clocks import sentence
 from pointing_model.observing.night_file import NightFile
 from pointing_model.observing.plan import parse_plan, real_plan
 
@@ -109,5 +110,10 @@ def _write(folder, bag, results):
     report = night.write_results(folder, results)
     report['files']['log'] = str(bag)
     if topics.CHECKS.name in results:
-        report['checks'] = json.loads(results[topics.CHECKS.name].data)['checks']
+        told = json.loads(results[topics.CHECKS.name].data)
+        report['checks'] = told['checks']
+        if 'clocks' in told:
+            found = told['clocks']
+            report['notes'].append(sentence(found['found'], found['camera_late_s'],
+                                            found['absolute']))
     return report

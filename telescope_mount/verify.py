@@ -19,6 +19,7 @@ from msg_tools.homing import cloud_to_homing
 from msg_tools.units import DEG
 from pointing_model.effects import declared_graduation
 from pointing_model.model import PointingModel
+from pointing_model.observing.clocks import offset_of
 from pointing_model.run_messages import cloud_to_run
 from pointing_model.zero_message import joints_to_zero
 
@@ -146,7 +147,8 @@ def _read(log, prefix, check):
     """One pass; observations are compared with their readings on the way."""
     rows, pairing = _Rows(), Pairing(log, prefix, check)
     names = (*rows.said, *RAW, 'observation', 'observations', 'offset', 'camera/miss_distance',
-             'incremental/homing')
+             'incremental/homing', 'observer/checks')
+    clocks = {}
     for message in log.messages([*(prefix + name for name in names), '/diagnostics']):
         name = message.topic.removeprefix(prefix)
         if name in RAW:
@@ -168,12 +170,20 @@ def _read(log, prefix, check):
             pairing.offsets[from_stamp(data.header.stamp)] = data.vector.x, data.vector.y
         elif name == 'camera/miss_distance':
             pairing.frames[from_stamp(data.header.stamp)] = data.vector.x, data.vector.y
+        elif name == 'observer/checks':
+            found = _document(data.data).get('clocks')
+            if found:
+                clocks[str(found['exposures'])] = found
         elif name == 'incremental/homing':
             rows.homings.append((message.log_time, partial(homings_of, cloud_to_homing(data))))
         else:
             rows.diagnosed += [(message.log_time, partial(homings_from_diagnostics, values))
                                for values in encoder_diagnostics(data)]
     pairing.finish(rows.observations)
+    for found in clocks.values():
+        check.compare('clocks', json.dumps([found['found'], found['absolute']]), json.dumps(
+            [offset_of(found[name]) for name in ('exposures', 'absolute_exposures')]),
+            f'star {found["star"]}')
     return rows
 
 

@@ -15,6 +15,7 @@ from msg_tools.units import DEG
 from ..star_catalogue import POLARIS_HIP, load_catalogue
 from ..target import StarTarget, satellite_target
 from ..zero_exposures import MARK
+from . import clocks
 from .blind_checks import CHECKS_FORMAT, CHECKS_VERSION, blind_summary
 from .exposing import Exposer
 from .instruments import MOUNT
@@ -30,6 +31,8 @@ REFUSALS = 5
 #: what to do where `home` is not there, or has been called and does not answer
 AFTER_HOME = ("start the mount's driver, or leave home out of the plan",
               "it homes the mount; if the axes stand, look at the mount's driver")
+#: elevation of a star that both axes follow evenly, deg
+BEST = 35.0, 65.0
 _HOUR = 3_600_000_000_000  # ns
 
 
@@ -56,6 +59,8 @@ class NightSteps:
         When the night began, or its last `wait` was over, ns.
     checks : list of dict
         Blind checks so far.
+    clocks : dict
+        What the last step `clocks` has measured.
     calibrated : int
         Observations that have reached the calibration.
     homes : bool
@@ -72,6 +77,7 @@ class NightSteps:
         self.progress, self.text = Progress(), 'the start'
         self.evening, self.checks, self.calibrated = 0, [], 0
         self.homes, self.earlier = False, 0
+        self.clocks = {}
         self._refusals = 0  # in a row
         self._catalogue = self._polaris = None
 
@@ -89,8 +95,16 @@ class NightSteps:
 
     def send_checks(self):
         """Publish the blind checks."""
+        clocks_too = {'clocks': self.clocks} if self.clocks else {}
         self._out.send_checks(json.dumps({
-            'format': CHECKS_FORMAT, 'version': CHECKS_VERSION, 'checks': self.checks}))
+            'format': CHECKS_FORMAT, 'version': CHECKS_VERSION, 'checks': self.checks,
+            **clocks_too}))
+
+    @property
+    def clocks_told(self):
+        """What is known of the clocks of camera and encoder, '' where nothing is."""
+        return self.clocks and clocks.sentence(
+            self.clocks['found'], self.clocks['camera_late_s'], self.clocks['absolute']) or ''
 
     # --- the steps ----------------------------------------------------------------------------
 
@@ -109,6 +123,35 @@ class NightSteps:
         self.checks.append({'block': self.progress.block, **blind_summary(
             [[row['miss_x'], row['miss_y']] for row in self._table.rows[first:]],
             self.progress.lost - lost, self._in_force.model)})
+        self.send_checks()
+
+    def _do_clocks(self, count):
+        """Drift past one star to and fro: what the readings differ by is the clocks' offset."""
+        yield from self._need_home()
+        exposer, value = self.exposer, self._out.value
+        (star,) = self._fresh_stars(1, BEST)
+        if (yield from exposer.observe(star, self.progress.block)) is None:
+            self._out.get_logger().warning(f'{star.name}: nothing in the field; the offset of the '
+                                           'clocks is not measured')
+            return
+        pointing, place = exposer.aimed_at(star), np.zeros(2)
+        rows, seconds = [], []
+        full = clocks.rate_for(value('exposure_s'), value('clock_rate_arcsec_s'))
+        for rate in clocks.legs(count, full):
+            out = np.abs(place) > clocks.FARTHEST  # an exposure that took long led too far
+            rate = np.where(out, -np.sign(place) * np.abs(rate), rate)
+            row, second, place = yield from exposer.drift(pointing, rate, place)
+            rows += [row] if row else []
+            seconds += [second] if second else []
+            if exposer.refusal:
+                break
+        self.clocks = {
+            'star': star.number, 'camera_late_s': value('camera_late_s'),
+            'found': clocks.offset_of(rows), 'exposures': rows,
+            'absolute': clocks.offset_of(seconds), 'absolute_exposures': seconds}
+        found = self.clocks['found']
+        log = self._out.get_logger()
+        (log.warning if found is None or clocks.is_off(found) else log.info)(self.clocks_told)
         self.send_checks()
 
     def _do_polaris(self, count):
@@ -216,13 +259,19 @@ class NightSteps:
             self._out.send_row(self._table.add(row), row['stamp'])
         self.progress.done += 1
 
-    def _fresh_stars(self, count):
-        """Targets all over the sky that were not observed tonight, in observing order."""
+    def _fresh_stars(self, count, between=(0.0, 90.0)):
+        """Targets all over the sky that were not observed tonight, in observing order.
+
+        No lower and no higher than `between`, deg, as far as the limits leave it.
+        """
         value = self._out.value
+        lowest, highest = value('min_elevation_deg'), value('max_elevation_deg')
+        if max(lowest, between[0]) < min(highest, between[1]):
+            lowest, highest = max(lowest, between[0]), min(highest, between[1])
         rows = choose_stars(
             self._stars(), self.exposer.now() * 1e-9, *self._out.sky(), count,
-            value('star_seed') + self.progress.block, value('min_elevation_deg') * DEG,
-            value('max_elevation_deg') * DEG, value('magnitude_limit'),
+            value('star_seed') + self.progress.block, lowest * DEG, highest * DEG,
+            value('magnitude_limit'),
             exclude=[*self._table.stars_since(self.evening), POLARIS_HIP],
             duration=count * SECONDS_A_STAR, start=self._instruments.here,
             mount=self._out.mount(), limits=self._limits())

@@ -13,6 +13,7 @@ from msg_tools.steps import Refused, Steps
 
 from ..earth import earth_orientation
 from .blind_checks import blind_summary
+from .clocks import is_off
 from .fault_watch import FaultWatch
 from .night_file import NoFile
 from .night_steps import NightSteps
@@ -127,6 +128,16 @@ class Sequencer:
             if self.begun:
                 self._memory.stands(self.progress, self._night.evening, self._before or 0)
             self._out.send_status(self.progress, words)
+
+    @property
+    def clocks(self):
+        """What is known of the clocks of camera and encoder, and whether they are off."""
+        found = self._night.clocks.get('found')
+        return self._night.clocks_told, is_off(found)
+
+    def forget_clocks(self):
+        """What was measured of the clocks no longer holds."""
+        self._night.clocks = {}
 
     @property
     def faults(self):
