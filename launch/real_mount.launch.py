@@ -33,6 +33,8 @@ ARGUMENTS = (
     ('absolute_encoder', 'false', 'whether a driver publishes absolute/joint_states'),
     ('exposure', '0.0', "length of the camera's exposures, s, in which the mount must rest on its "
      'track; 0: it is judged in their middle'),
+    ('state_file', '', 'file in which the night is kept: started again with it (and another bag), '
+     'a plan that was interrupted goes on; none: not kept'),
     ('plan', real_plan(30), 'steps of the observer'),
     ('params_file', '', 'ROS parameter file (site, limits), read by all nodes and drivers'),
 )
@@ -65,7 +67,8 @@ def _actions(context):
         cmd=[sys.executable, path, '--ros-args', '-r', f'__ns:={NAMESPACE}', *given],
         name=Path(path).stem, output='screen') for path in drivers]
     specs = real_graph(bag=value['bag'], plan=value['plan'], mount=value['mount'],
-                       absolute_encoder=value['absolute_encoder'] == 'true', exposure=exposure)
+                       absolute_encoder=value['absolute_encoder'] == 'true', exposure=exposure,
+                       state_file=value['state_file'])
     started += [Node(package='telescope_mount', executable=spec.name, name=spec.name,
                      namespace=NAMESPACE, parameters=[spec.parameters, *more], output='screen')
                 for spec in specs]

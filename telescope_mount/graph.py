@@ -187,7 +187,7 @@ REAL = tuple(name for name in NIGHT if name not in SIMULATED)
 
 
 def real_graph(*, bag, plan='', mount='altaz', sky=None, model_file='', absolute_encoder=False,
-               exposure=0.0, calibration=None):
+               exposure=0.0, state_file='', calibration=None):
     """The nodes beside the drivers of a real mount, on the time of the wall.
 
     Parameters
@@ -199,6 +199,8 @@ def real_graph(*, bag, plan='', mount='altaz', sky=None, model_file='', absolute
     exposure : float
         Length of the camera's exposures, s, over which the mount must rest on its track; 0: it is
         judged in their middle.
+    state_file : str
+        Where the observer keeps the night, so that it goes on after the graph was killed.
 
     Returns
     -------
@@ -209,7 +211,7 @@ def real_graph(*, bag, plan='', mount='altaz', sky=None, model_file='', absolute
         'mount_guard': {'mount': mount} | {name: sky[name] for name in SITE if name in sky},
         'star_observer': {
             'model_file': model_file, 'mount': mount, 'absolute_encoder': absolute_encoder,
-            'exposure_s': exposure,
+            'exposure_s': exposure, 'state_file': state_file,
             'wait_for_nodes': [f'{NAMESPACE}/{name}' for name in REAL],
         } | ({'plan': plan} if plan else {}) | sky,
         'pointing_corrector': {'model_file': model_file},

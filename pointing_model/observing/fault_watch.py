@@ -1,7 +1,7 @@
 """What is wrong while a plan is under way: named, logged once a change, and when to give up."""
 
 #: a wait of so long is told, wall s
-TOLD_AFTER = 1.5
+TOLD_AFTER = 1.0
 #: steps that wait for no instrument: how long they take nobody can say
 PATIENT = ('wait', 'calibrate_zero', 'fit', 'diagnose', 'judge')
 WAITING = 'plan', 'waiting'
@@ -69,7 +69,7 @@ class FaultWatch:
         found = dict(self._instruments.health.told)
         if waits != self._waits[0]:
             self._waits = waits, now
-        if waits and now - self._waits[1] > TOLD_AFTER:
+        if waits and now - self._waits[1] >= TOLD_AFTER:
             found[WAITING] = f'waiting for {waits}'
         changed = self._changed(found)
         return changed, self._too_long(now, begun, verb, rows)
