@@ -11,6 +11,7 @@ from msg_tools.units import DEG, wrap
 from pointing_model.mounts import is_beyond
 
 from .client import IndiClient, IndiError
+from .dead_man import DeadMan
 from .pointing import AxisFollower, axes_at
 from .telescope import NO_AXES, SIDE, TRACK, IndiTelescope, Ticks, find_device
 
@@ -18,10 +19,16 @@ from .telescope import NO_AXES, SIDE, TRACK, IndiTelescope, Ticks, find_device
 STILL = 0.2
 #: s after an order in which a driver says that it is under way
 TAKES_IT = 0.6
+#: s between two signs of life to the process that stops the mount if this one dies
+HEARTBEAT = 0.2
+#: s in which axes are told anew after the site was set
+NEW_SITE = 1.0
 #: another try to make the mount ready, s
 RETRY = 3.0
 #: a track that begins farther from the last is another part of the driver's model, rad
 FAR = 10.0 * DEG
+#: a track at rest that is over so soon is a stop, s
+STOP = 0.25
 
 
 class MountDriver:
@@ -42,13 +49,18 @@ class MountDriver:
         Whether the driver is told the site.
     period_ms : int
         Of its readings, where it can be told; 0: as it is.
+    dead_man : bool
+        Whether a process of its own stops the mount where this one dies.
+    retry : float
+        Time between two tries to make the mount ready, s.
     """
 
     def __init__(self, host, port, mount, site, device='', axes='', tolerance=1.5e-5,
-                 set_site=True, period_ms=0):
+                 set_site=True, period_ms=0, dead_man=True, retry=RETRY):
         self.mount, self.site = mount, site
         self._device, self._axes, self._set_site = device, axes, set_site
-        self._period_ms = period_ms
+        self._period_ms, self._retry = period_ms, retry
+        self._dead_man, self._wants_one, self._told_it = None, dead_man, 0.0
         self.telescope = None
         self.ready, self.why = False, f'connecting to {host}:{port}'
         self._follower = AxisFollower(mount, site, tolerance)
@@ -56,7 +68,6 @@ class MountDriver:
         self._sent, self._told, self._beside = 0.0, 0, ''
         self._readings = deque(maxlen=10_000)
         self._lock, self._wake, self._closed = threading.Lock(), threading.Event(), False
-        self._parking = False
         self._ticks = Ticks(self._take)
         self.client = IndiClient(host, port, heard=self._ticks, connection=self._connection)
         self._worker = threading.Thread(target=self._keep_ready, daemon=True)
@@ -70,9 +81,13 @@ class MountDriver:
         """Leave a mount that stands: nobody would renew what it tracks."""
         self._closed = True
         self._wake.set()
-        if self.ready and not self.telescope.parked and not self._parking:
+        if self.ready and not self.telescope.parked:
             with contextlib.suppress(IndiError):  # the connection is gone, too
                 self.telescope.abort()
+                self._track = None
+        if self._dead_man is not None:
+            self._dead_man.tell(self._track is not None)
+            self._dead_man.close()
         self.client.close()
 
     # --- getting ready ------------------------------------------------------------------------
@@ -81,7 +96,8 @@ class MountDriver:
         if not up:
             self.ready, self.telescope, self._ticks.telescope = False, None, None
             self._track = self._fresh = None
-            self.why = f'the connection to {self.client.host}:{self.client.port} is lost'
+            self.why = (f'the connection to {self.client.host}:{self.client.port} is lost: a mount '
+                        'whose driver still runs goes where it was sent last')
         self._wake.set()
 
     def _keep_ready(self):
@@ -91,7 +107,7 @@ class MountDriver:
                     self._make_ready()
                 except (IndiError, ValueError, OSError) as err:
                     self.why = str(err)
-            self._wake.wait(RETRY)
+            self._wake.wait(self._retry)
             self._wake.clear()
 
     def _make_ready(self):
@@ -106,11 +122,18 @@ class MountDriver:
             self.site.latitude, self.site.longitude))).max() > 1e-6
         if apart and not self._set_site:
             raise IndiError(f'{device} stands elsewhere than the parameters of the site say')
-        telescope.prepare(self.site if apart else None)
         if self._period_ms and telescope.get('POLLING_PERIOD') is not None:
             self.client.send(device, 'POLLING_PERIOD', PERIOD_MS=float(self._period_ms))
+        telescope.prepare(self.site if apart else None)
+        if apart and telescope.has_axes:
+            # its axes may stand at another hour angle now; some say so only where they do
+            told = time.time_ns()
+            with contextlib.suppress(IndiError):
+                self.client.wait(lambda: telescope.axes[1] > told, 'no reading', NEW_SITE)
+        if self._wants_one and self._dead_man is None:
+            self._dead_man = DeadMan(self.client.host, self.client.port, device)
         self.telescope = self._ticks.telescope = telescope
-        self.ready, self.why, self._parking = True, '', False
+        self.ready, self.why = True, ''
 
     # --- readings -----------------------------------------------------------------------------
 
@@ -160,8 +183,11 @@ class MountDriver:
 
     # --- orders -------------------------------------------------------------------------------
 
-    def command(self, start, times, angles):
-        """Take a track.
+    def command(self, start, times, angles, rates=None):
+        """Take a track: a new one, or the next piece of the one that is followed.
+
+        A piece that goes on with the track within the tolerance sends nothing to the driver. A
+        track at rest that is over within `STOP` is a stop.
 
         Parameters
         ----------
@@ -169,28 +195,35 @@ class MountDriver:
             ns.
         times : ndarray, shape (n,)
             s since then.
-        angles : ndarray, shape (n, 2)
-            Of the axes, rad.
+        angles, rates : ndarray, shape (n, 2)
+            Of the axes, rad and rad/s.
 
         Raises
         ------
         ValueError
-            The mount is not ready, or is parked.
+            The mount is not ready.
         """
         if not self.ready:
             raise ValueError(f'no mount to command: {self.why}')
-        if self._parking:
-            raise ValueError('the mount is parked; call home to unpark it')
-        if self._track is None or np.abs(wrap(
-                self.demand(max(start * 1e-9, time.time()))[0] - angles[0])).max() > FAR:
+        if times[-1] <= STOP and not np.any(rates):
+            if self._track is not None:
+                self.abort()
+            return
+        track = start * 1e-9 + np.asarray(times, float), np.asarray(angles, float)
+        beside = np.inf
+        if self._track is not None:
+            now = max(track[0][0], time.time())
+            beside = np.abs(wrap(self.demand(now) - _at(track, now))).max()
+        self._track = track
+        if beside <= self._follower.tolerance:
+            return
+        if beside > FAR:
             self._follower.begin()
-        self._track = start * 1e-9 + np.asarray(times, float), np.asarray(angles, float)
         self._fresh, self._sent, self._beside = None, 0.0, ''
 
     def demand(self, now):
         """Angles of the commanded track at a time, rad, shape (1, 2)."""
-        times, angles = self._track
-        return np.array([[np.interp(now, times, axis) for axis in angles.T]])
+        return _at(self._track, now)
 
     def step(self):
         """Send the mount on where its axes are not on the track.
@@ -201,15 +234,27 @@ class MountDriver:
             The driver does not take it: it is made ready again.
         """
         try:
+            self._tell_dead_man()
             self._step()
         except IndiError as err:
             self.ready, self.why, self._sent = False, str(err), 0.0
             self._wake.set()
             raise
 
+    def _tell_dead_man(self):
+        now = time.monotonic()
+        if self._dead_man is None or now - self._told_it < HEARTBEAT:
+            return
+        self._told_it = now
+        # lost with the connection is not stopped: it stays armed
+        if not self._dead_man.tell(self._track is not None or not self.ready):
+            self._dead_man = None
+            raise IndiError('the process that stops the mount if this one dies has ended: it is '
+                            'started again')
+
     def _step(self):
         telescope, track = self.telescope, self._track
-        if not self.ready or telescope is None or track is None or self._parking:
+        if not self.ready or telescope is None or track is None:
             return
         now = time.time()
         if now > track[0][-1]:
@@ -249,18 +294,11 @@ class MountDriver:
         self._track = None
         self._need().abort()
 
-    def park(self):
-        """Slew to the driver's park position; commands are refused from now on."""
-        self._track = None
-        self._need().park()
-        self._parking = True
-
     def unpark(self):
         """Be ready for commands."""
         telescope = self._need()
-        if self._parking or telescope.parked:
+        if telescope.parked:
             telescope.prepare()
-            self._parking = False
 
     def _need(self):
         if not self.ready or self.telescope is None:
@@ -291,3 +329,9 @@ class MountDriver:
                 ('through the pole', str(bool(is_beyond(last[1][1]))) if last else ''),
                 ('sent farther than demanded [deg]',
                  ', '.join(f'{v / DEG:.4f}' for v in self._follower.correction))]
+
+
+def _at(track, now):
+    """Angles of a track, (times, angles), at a time, rad, shape (1, 2)."""
+    times, angles = track
+    return np.array([[np.interp(now, times, axis) for axis in angles.T]])

@@ -41,29 +41,24 @@ class IndiMount(MountNode):
         self._before = None
         self._pub = self.publisher(topics.INCREMENTAL)
         self.subscribe(topics.COMMAND, self._on_command)
-        for name, order, done in (
-                ('home', self._driver.unpark, 'the zero is that of the driver, which is left as it '
-                 'is; the mount is ready'),
-                ('abort', self._driver.abort, 'the mount stands'),
-                ('park', self._driver.park, 'the mount goes to its park position')):
-            self.serve(name, lambda order=order, done=done: self._ordered(order, done))
+        self.serve('home', self._home)
         self._driver.start()
         self.every(0.02, self._tick)
 
     def _on_command(self, message):
-        stamp, times, positions, _ = convert.read_trajectory(message)
+        stamp, times, positions, rates = convert.read_trajectory(message)
         asked = convert.joints_of(message.joint_names)
         if asked != self._names:
             raise ValueError(f'command for {" and ".join(asked)}: this mount has '
                              f'{" and ".join(self._names)}')
-        self._driver.command(stamp, times, positions)
+        self._driver.command(stamp, times, positions, rates)
 
-    def _ordered(self, order, done):
+    def _home(self):
         try:
-            order()
+            self._driver.unpark()
         except IndiError as err:
             return False, str(err)
-        return True, done
+        return True, ('the zero is that of the driver, which is left as it is; the mount is ready')
 
     def _tick(self):
         for stamp, angles in self._driver.readings():

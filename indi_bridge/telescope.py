@@ -79,11 +79,15 @@ def find_device(client, wanted='', timeout=PATIENCE):
     return found[0]
 
 
+def is_simulator(telescope):
+    """Whether it is INDI's telescope simulator."""
+    driver = telescope.get('DRIVER_INFO')
+    return driver is not None and driver.values.get('DRIVER_EXEC') == SIMULATOR
+
+
 def knows_where_it_looks(telescope):
     """Raise IndiError where the position that a driver reports is what it believes."""
-    driver = telescope.get('DRIVER_INFO')
-    simulated = driver is not None and driver.values.get('DRIVER_EXEC') == SIMULATOR
-    if telescope.get(TRUE_PLACE) is None and not simulated:
+    if telescope.get(TRUE_PLACE) is None and not is_simulator(telescope):
         raise IndiError(f'{telescope.device} reports what it believes, not what is seen: start a '
                         'camera of your own that publishes camera/miss_distance, and leave '
                         'indi_sky out')
@@ -194,7 +198,7 @@ class IndiTelescope:
     # --- orders -------------------------------------------------------------------------------
 
     def prepare(self, site=None, timeout=PATIENCE):
-        """Make it ready to be pointed: not parked, tracking after a slew, at its fastest.
+        """Make it ready to be pointed: standing, not parked, tracking after a slew, at its fastest.
 
         Parameters
         ----------
@@ -204,6 +208,9 @@ class IndiTelescope:
             s.
         """
         self.connect(timeout)
+        tracks = self.get(TRACK)
+        if self.slewing or (tracks is not None and tracks.on == 'TRACK_ON'):
+            self.abort()  # nobody here has sent it, and nobody would renew it
         if site is not None:
             self.set_site(site, timeout)
         if self.parked:
@@ -217,7 +224,6 @@ class IndiTelescope:
         rates = self.get(RATE)
         if rates is not None and rates.values:
             self.client.switch(self.device, RATE, list(rates.values)[-1])
-        self.track(True)
 
     def set_site(self, site, timeout=PATIENCE):
         """Tell the driver where it stands, and the time where it takes it."""
@@ -241,6 +247,10 @@ class IndiTelescope:
         if on_set is None or on_set.on != 'TRACK':
             raise IndiError(f'{self.device} is set to {on_set.on if on_set else "nothing"} and '
                             'not to TRACK: no slew')
+        tracks = self.get(TRACK)
+        if tracks is not None and tracks.on != 'TRACK_ON':
+            # some go on as they did before the slew
+            self.track(True)
         self.client.send(self.device, PLACE, RA=float(np.mod(ra, 2.0 * np.pi)) / HOUR,
                          DEC=dec / DEG)
 

@@ -9,6 +9,7 @@ from msg_tools import convert, topics
 from msg_tools.node import MountNode, Param, run_node
 from msg_tools.units import DEG
 
+from .guard.goto import GotoKeeper
 from .guard.keeper import ERROR, Keeper, Settings
 from .guard.limits import TRAVEL_DEG, Axis, Horizon, Limits, parse_horizon, parse_pair
 from .guard.sun import Sun
@@ -50,6 +51,8 @@ PARAMS = (
           'once, for a simulated mount whose time waits for events [s]', 0.0, 5.0, fixed=True),
     Param('ahead_s', 1.5, 'a command reaches so far beyond now, by the time of the graph [s]', 0.2,
           3600.0, fixed=True),
+    Param('goto', False, 'the driver is told places, and slews to them as it likes: commands hold '
+          'the track alone, and any way in between must be free', fixed=True),
     Param('silence_s', 0.5, 'without a reading for so long the mount is stopped [s]', 0.05, 60.0,
           fixed=True),
     Param('request_timeout_s', 0.5, 'a request that is not renewed for so long is over [s]', 0.05,
@@ -79,7 +82,8 @@ class MountGuard(MountNode):
             Horizon(value('least_elevation_deg') * DEG, parse_horizon(value('horizon'))),
             value('sun_distance_deg') * DEG, value('slew_timing'))
         self._park = parse_pair(value('park_deg'))
-        self._keeper = Keeper(limits, Sun(_site(self)), Settings(
+        keeper = GotoKeeper if value('goto') else Keeper
+        self._keeper = keeper(limits, Sun(_site(self)), Settings(
             self._whole, max(value('ahead_s'), value('renew_s') + 2.0 * LOOK), value('silence_s'),
             value('request_timeout_s'), value('behind_deg') * DEG, value('turn_known')),
             time.monotonic)
@@ -107,6 +111,9 @@ class MountGuard(MountNode):
             low, high = parse_pair(values[name]) or (0.0, 1.0)
             if low >= high:
                 raise ValueError(f'{name} = {values[name]}: give the smaller end first')
+        if values['goto'] and not values['renew_s']:
+            raise ValueError('renew_s = 0 with goto: nothing would stop such a driver; set it to '
+                             '0.5')
 
     # --- messages -----------------------------------------------------------------------------
 

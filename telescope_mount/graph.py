@@ -138,12 +138,12 @@ def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time
 
 
 #: of a night on a mount that INDI simulates; with a real one a camera takes the place of indi_sky
-INDI = ('indi_mount', 'indi_sky', 'star_observer', 'pointing_corrector', 'calibration',
-        'mcap_logger')
+INDI = ('indi_mount', 'indi_sky', 'mount_guard', 'star_observer', 'pointing_corrector',
+        'calibration', 'mcap_logger')
 
 
 def indi_graph(*, bag, server, mount, sky, seed=1, plan='', model_file='', first_run=1,
-               calibration=None):
+               calibration=None, slews=None):
     """The nodes of a night on a mount of an INDI server, on the clock of this machine.
 
     Parameters
@@ -160,6 +160,8 @@ def indi_graph(*, bag, server, mount, sky, seed=1, plan='', model_file='', first
         Of the choice of stars, and the noise of what is seen.
     plan, model_file, first_run, calibration
         As of `night_graph`.
+    slews : dict, optional
+        Parameters of the guard where it is known how the driver slews; by default nothing is.
 
     Returns
     -------
@@ -169,6 +171,10 @@ def indi_graph(*, bag, server, mount, sky, seed=1, plan='', model_file='', first
     parameters = {
         'indi_mount': bridge,
         'indi_sky': bridge | {'seed': seed},
+        # near the pole, and not at it, where places say nothing of the first axis
+        'mount_guard': {'mount': mount, 'goto': True,
+                        'park_deg': '90,80' if mount == 'german' else '0,80'} | (
+            slews or {'slew_timing': 0.0}) | {name: sky[name] for name in SITE if name in sky},
         'star_observer': {
             'star_seed': seed, 'model_file': model_file, 'first_run': first_run, 'mount': mount,
             # the driver chooses its side at the meridian by itself

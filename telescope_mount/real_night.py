@@ -72,8 +72,8 @@ def run_real_night(out, *, plan='', stars=30, drivers=(), domain_number=None, pa
     specs = real_graph(bag=str(bag), plan=plan, state_file=str(folder / STATE),
                        model_file=str(reference.resolve()) if reference else '', **graph)
     return night.observe(
-        folder, specs, plan, partial(_write, folder, bag), progress, domain_number, params_file,
-        claim=domain.join, drivers=drivers, stall=STALL, say=say, again=again)
+        folder, specs, plan, partial(write_with_checks, folder, bag=bag), progress, domain_number,
+        params_file, claim=domain.join, drivers=drivers, stall=STALL, say=say, again=again)
 
 
 def _folder(out, plan, mount, anew, note):
@@ -104,11 +104,12 @@ def _free(path):
     return free
 
 
-def _write(folder, bag, results):
-    """As of a simulated night, with the blind checks."""
+def write_with_checks(folder, results, bag=None):
+    """As `night.write_results`, with the blind checks in the report; `bag`: another log."""
     from msg_tools import topics
     report = night.write_results(folder, results)
-    report['files']['log'] = str(bag)
+    if bag is not None:
+        report['files']['log'] = str(bag)
     if topics.CHECKS.name in results:
         told = json.loads(results[topics.CHECKS.name].data)
         report['checks'] = told['checks']

@@ -350,14 +350,20 @@ class Keeper:
                                     'look at their driver')
         if self.state != 'parking' and not self._alive:
             return stopped, WARN, 'the request is no longer renewed: stopped'
+        astray = self._astray()
+        if astray:
+            return 'aborted', ERROR, astray
+        return None
+
+    def _astray(self):
+        """Which axis does not go where it was sent, in a sentence; '' for none."""
         for i, word in enumerate(self._limits.mount.names.axes):
             # where it was sent to at the time of the reading
             off = abs(self.readings.here[i] - self._moment(self.readings.stamp, i)[0])
             if off > self._settings.behind and self.readings.stamp > self._path[0]:
-                return 'aborted', ERROR, (
-                    f'the {word} is {off / DEG:.1f} deg from where it was sent: stopped; look at '
-                    'its drive and encoder, and call resume')
-        return None
+                return (f'the {word} is {off / DEG:.1f} deg from where it was sent: stopped; look '
+                        'at its drive and encoder, and call resume')
+        return ''
 
     def _stands(self):
         return (self.readings.here is not None

@@ -56,8 +56,4 @@ def run(args):
             progress=progress, say=say,
             note=lambda text: console.print(text, markup=False))
     print_calibration(console, report)
-    for check in report.get('checks', []):
-        if check['stars']:
-            console.print(f'{check["stars"]} fresh stars pointed at blind: '
-                          f'{check["rms_arcsec"]:.2f} arcsec radial RMS, {check["lost"]} lost')
     print_files(console, report['files'])
