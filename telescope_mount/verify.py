@@ -184,7 +184,7 @@ def _read(log, prefix, check):
             rows.homings.append((message.log_time, partial(homings_of, cloud_to_homing(data))))
         else:
             rows.diagnosed += [(message.log_time, partial(homings_from_diagnostics, values))
-                               for values in encoder_diagnostics(data)]
+                               for values in encoder_diagnostics(data, prefix)]
     pairing.finish(rows.observations)
     return rows
 
