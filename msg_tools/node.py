@@ -202,8 +202,11 @@ class MountNode(ParameterNode):
             reason = earlier_rival(self._instance, self.get_fully_qualified_name(), self._sole,
                                    status)
             if reason:
+                # topics such as /clock are in no namespace
+                place = '' if reason.startswith(f'{CLOCK.name} ') else (
+                    'namespace (-r __ns:=/NAME) or ')
                 raise BadInput(f'{self.get_name()}: {reason}: end that graph, or start this one in '
-                               'another namespace (-r __ns:=/NAME) or ROS_DOMAIN_ID')
+                               f'another {place}ROS_DOMAIN_ID')
 
     def reject(self, source, reason):
         """Count a message that could not be used, and say so in the log the first times."""
@@ -341,6 +344,10 @@ def run_node(make_node, args=None):
     # KeyboardInterrupt could fall into the middle of a record of the log; rclpy shuts the
     # context down at either signal, and that ends `spin`
     signal.signal(signal.SIGINT, lambda *_: None)
+    # a terminal that is closed ends a node as Ctrl-C does, and not in the middle of a record;
+    # not where it was told to go on (nohup)
+    if signal.getsignal(signal.SIGHUP) == signal.SIG_DFL:
+        signal.signal(signal.SIGHUP, lambda *_: signal.raise_signal(signal.SIGTERM))
     try:
         rclpy.init(args=args)
         running = True
@@ -373,6 +380,6 @@ def run_node(make_node, args=None):
             node.destroy_node()
         rclpy.try_shutdown()
         # a second signal would find rclpy's handlers gone and end the process hard
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, signal.SIG_IGN)
     return 0
