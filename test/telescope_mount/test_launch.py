@@ -39,7 +39,9 @@ def stand_in(monkeypatch):
              'launch.event_handlers': ('OnProcessExit',), 'launch.events': ('Shutdown',),
              'launch.substitutions': ('LaunchConfiguration',), 'launch_ros': (),
              'launch_ros.actions': ('Node',)}
-    monkeypatch.delitem(sys.modules, 'telescope_mount.launching', raising=False)
+    # imported anew here, and forgotten afterwards
+    monkeypatch.setitem(sys.modules, 'telescope_mount.launching', None)
+    del sys.modules['telescope_mount.launching']
     for module, classes in names.items():
         made = ModuleType(module)
         for name in classes:
