@@ -190,7 +190,9 @@ class MountGuard(MountNode):
         crowd = ''
         if self.count_publishers(full) > 1:
             names = sorted({f'{info.node_namespace.rstrip("/")}/{info.node_name}'
-                            for info in self.get_publishers_info_by_topic(full)})
+                            for info in self.get_publishers_info_by_topic(full)
+                            # right after its discovery the name of a node is not known
+                            if 'UNKNOWN' not in info.node_name})
             if len(names) > 1:
                 crowd = f'{" and ".join(names)} publish {full}: end all but one'
         if crowd and crowd != self._crowd:

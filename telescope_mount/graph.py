@@ -35,10 +35,6 @@ NIGHT = (*SIMULATED, 'mount_guard', 'star_observer', 'pointing_corrector', 'cali
 #: parameters of the site
 SITE = ('latitude_deg', 'longitude_deg', 'height_m')
 
-#: a camera's images may be lost on the way; those of a simulated encoder must not be
-EVERY_FRAME = {f'qos_overrides.{NAMESPACE}/absolute/frame.subscription.{policy}': value
-               for policy, value in (('reliability', 'reliable'), ('depth', 5000))}
-
 
 @dataclass(frozen=True)
 class NodeSpec:
@@ -50,13 +46,14 @@ class NodeSpec:
 
     @property
     def full_name(self):
-        """Fully qualified node name."""
+        """Fully qualified node name, in the namespace of the command line."""
         return f'{NAMESPACE}/{self.name}'
 
 
 def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time_scale=0.0,
                 model_file='', first_run=1, sky=None, reference_age=0, satellite='',
-                sample_rate_hz=None, calibration=None, absolute='angles', mount='altaz'):
+                sample_rate_hz=None, calibration=None, absolute='angles', mount='altaz',
+                namespace=NAMESPACE):
     """The nodes of a simulated night.
 
     Parameters
@@ -91,6 +88,8 @@ def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time
         The simulated absolute encoder reads itself, or publishes images that `frame_reader` reads.
     mount : str
         What the observer is told of the kind of mount, see `pointing_model.mounts.parse_mount`.
+    namespace : str
+        In which the nodes will be started.
 
     Returns
     -------
@@ -108,7 +107,7 @@ def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time
             else {'sample_rate_hz': 10.0} if time_scale else {}),
         'incremental_encoder': dict(simulator),
         'absolute_encoder': simulator | ({'publishes': 'frames'} if absolute == 'frames' else {}),
-        'frame_reader': EVERY_FRAME | {'mount': parse_mount(mount, 0.0).kind},
+        'frame_reader': every_frame(namespace) | {'mount': parse_mount(mount, 0.0).kind},
         'camera': simulator | sky | {'satellite': satellite},
         # a simulated mount has no cables, and without time scale its time waits for events
         'mount_guard': {
@@ -126,7 +125,7 @@ def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time
             'use_sim_time': True, 'renew_request_s': 0.2 if time_scale else 0.0,
             'star_seed': seed, 'model_file': model_file,
             'first_run': first_run, 'satellite': satellite, 'mount': mount,
-            'wait_for_nodes': [f'{NAMESPACE}/{name}' for name in names],
+            'wait_for_nodes': [f'{namespace}/{name}' for name in names],
         } | ({'plan': plan} if plan else {}) | sky,
         'pointing_corrector': {'use_sim_time': True, 'model_file': model_file},
         'calibration': {'use_sim_time': True, 'model_file': model_file, 'split_seed': seed,
@@ -135,6 +134,12 @@ def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time
         'mcap_logger': {'use_sim_time': True, 'folder': bag},
     }
     return [NodeSpec(name, NODES[name], parameters[name]) for name in names]
+
+
+def every_frame(namespace=NAMESPACE):
+    """A camera's images may be lost on the way; those of a simulated encoder must not be."""
+    return {f'qos_overrides.{namespace}/absolute/frame.subscription.{policy}': value
+            for policy, value in (('reliability', 'reliable'), ('depth', 5000))}
 
 
 #: of a night on a mount that INDI simulates; with a real one a camera takes the place of indi_sky
@@ -193,12 +198,12 @@ REAL = tuple(name for name in NIGHT if name not in SIMULATED)
 
 
 def real_graph(*, bag, plan='', mount='altaz', sky=None, model_file='', absolute_encoder=False,
-               exposure=0.0, state_file='', calibration=None):
+               exposure=0.0, state_file='', calibration=None, namespace=NAMESPACE):
     """The nodes beside the drivers of a real mount, on the time of the wall.
 
     Parameters
     ----------
-    bag, plan, model_file, sky, mount, calibration
+    bag, plan, model_file, sky, mount, calibration, namespace
         As of `night_graph`.
     absolute_encoder : bool
         Whether a driver publishes `absolute/joint_states`.
@@ -218,7 +223,7 @@ def real_graph(*, bag, plan='', mount='altaz', sky=None, model_file='', absolute
         'star_observer': {
             'model_file': model_file, 'mount': mount, 'absolute_encoder': absolute_encoder,
             'exposure_s': exposure, 'state_file': state_file,
-            'wait_for_nodes': [f'{NAMESPACE}/{name}' for name in REAL],
+            'wait_for_nodes': [f'{namespace}/{name}' for name in REAL],
         } | ({'plan': plan} if plan else {}) | sky,
         'pointing_corrector': {'model_file': model_file},
         'calibration': {'model_file': model_file} | (calibration or {}),

@@ -178,7 +178,7 @@ def _read(log, prefix, check):
             rows.homings.append((message.log_time, partial(homings_of, cloud_to_homing(data))))
         else:
             rows.diagnosed += [(message.log_time, partial(homings_from_diagnostics, values))
-                               for values in encoder_diagnostics(data)]
+                               for values in encoder_diagnostics(data, prefix)]
     pairing.finish(rows.observations)
     for found in clocks.values():
         check.compare('clocks', json.dumps([found['found'], found['absolute']]), json.dumps(

@@ -309,6 +309,17 @@ def test_a_clock_below_zero_is_refused_and_the_node_lives_on(graph):
     graph.wait_for(lambda: node.get_clock().now().nanoseconds == 5_000_000_007)
 
 
+def test_a_second_one_ends_and_says_beside_whom(graph, process):
+    import os
+    graph.add(Sample)  # publishes `zero`, as the calibration does
+    second = process('calibration.calibration_node')
+    graph.wait_for(lambda: second.poll() is not None, 'the second one to end')
+    err = second.communicate()[1].splitlines()
+    assert second.returncode == 2
+    assert err[-1].startswith('error: calibration: /mount/zero is published by /mount/sample (')
+    assert f'process {os.getpid()}' in err[-1] and 'another namespace' in err[-1]
+
+
 @pytest.mark.parametrize('name', ['SIGINT', 'SIGTERM'])
 def test_signals_end_a_process_cleanly(graph, process, name):
     import signal
