@@ -5,6 +5,7 @@ their speed they use. Boxes are rows of arrays; what must hold of every pair is 
 of them at once.
 """
 
+import copy
 import math
 from typing import NamedTuple
 
@@ -63,6 +64,8 @@ class Cubic:
     ----------
     peak_rate, peak_acceleration : ndarray, shape (2,)
         The largest of each axis, rad/s and rad/s^2.
+    low, high : list of float
+        Ends of the angles of each axis, rad.
     """
 
     def __init__(self, times, angles, rates):
@@ -71,6 +74,7 @@ class Cubic:
             self._fine = times, angles
             self.peak_rate, self.peak_acceleration = np.abs(rates[0]), np.zeros(2)
             self._bent = np.zeros(2)
+            self.low = self.high = angles[0].tolist()
             return
         h = (times[1:] - times[:-1])[:, None]
         step = angles[1:] - angles[:-1]
@@ -92,6 +96,7 @@ class Cubic:
         self._bent = bend.max(0) * float((h.max() / cuts) ** 2) / 8.0
         if cuts == 1:
             self._fine = times, angles
+            self._bound()
             return
         s = np.arange(cuts) / cuts
         s = s[None, :, None]
@@ -100,6 +105,21 @@ class Cubic:
                 + h * s * (1.0 - s) * ((1.0 - s) * v0 - s * v1))
         self._fine = (np.append((times[:-1, None] + h[:, :, 0] * s[:, :, 0]).ravel(), times[-1]),
                       np.concatenate([fine.reshape(-1, 2), angles[-1:]]))
+        self._bound()
+
+    def _bound(self):
+        places = self._fine[1]
+        self.low = (places.min(0) - self._bent).tolist()
+        self.high = (places.max(0) + self._bent).tolist()
+
+    def turned(self, turns):
+        """The same, with whole turns added to the first axis."""
+        add = turns * 2.0 * math.pi
+        out = copy.copy(self)
+        out.angles = self.angles + [add, 0.0]
+        out._fine = self._fine[0], self._fine[1] + [add, 0.0]
+        out.low, out.high = [self.low[0] + add, self.low[1]], [self.high[0] + add, self.high[1]]
+        return out
 
     def at(self, t, axis):
         """Angle and rate of one axis at `t`, floats; the end stands for what is after it."""
@@ -122,15 +142,37 @@ class Cubic:
         """Angles of one axis at times `t` (n,), to within `BENT`."""
         return np.interp(t, self._fine[0], self._fine[1][:, axis])
 
-    def boxes(self):
-        """`Boxes` of all of it."""
+    def brakes(self, slow):
+        """How far each axis goes on at most when it is stopped on the track, rad, floats.
+
+        Parameters
+        ----------
+        slow : tuple of float
+            Accelerations with which the axes brake, rad/s^2.
+        """
+        return [v * v / (2.0 * a) for v, a in zip(self.peak_rate.tolist(), slow)]
+
+    def boxes(self, slow=None):
+        """`Boxes` of all of it, and of where the axes come to rest if they are stopped on it.
+
+        Parameters
+        ----------
+        slow : tuple of float, optional
+            As of `brakes`; without, they are not stopped.
+        """
         times, angles = self._fine
         if len(times) == 1:
             return Boxes(angles.T, angles.T, times)
         a, b = angles[:-1].T, angles[1:].T
-        pad = self._bent[:, None]
-        return Boxes(np.minimum(a, b) - pad, np.maximum(a, b) + pad,
-                     0.5 * (times[:-1] + times[1:]))
+        low, high = np.minimum(a, b), np.maximum(a, b)
+        if slow is not None and max(self.brakes(slow)) > BENT:
+            h = times[1:] - times[:-1]
+            bend = 0.5 * self.peak_acceleration[:, None] * h
+            rate, slow = (b - a) / h, 2.0 * np.array(slow)[:, None]
+            low = low - np.minimum(rate - bend, 0.0) ** 2 / slow
+            high = high + np.maximum(rate + bend, 0.0) ** 2 / slow
+        pad = self._bent[:, None] + BENT
+        return Boxes(low - pad, high + pad, 0.5 * (times[:-1] + times[1:]))
 
 
 class Move(NamedTuple):
@@ -290,9 +332,7 @@ def slew_boxes(state, cubic, axes, timing, finer=1):
 
     Returns
     -------
-    boxes : Boxes
-    arrival : float
-        When the last of them is passed, s.
+    Boxes
 
     Raises
     ------
@@ -328,5 +368,5 @@ def slew_boxes(state, cubic, axes, timing, finer=1):
     pad = np.array([[axis.acceleration] for axis in axes]) * dt * dt / 8.0 + BENT
     if timing == 0.0:  # in any order: all pairs of what each axis passes
         low, high = low.min(1, keepdims=True), high.max(1, keepdims=True)
-        return Boxes(low - pad, high + pad, np.array([0.5 * arrival]), pad), arrival
-    return Boxes(low - pad, high + pad, t[:-1] + 0.5 * dt, pad), arrival
+        return Boxes(low - pad, high + pad, np.array([0.5 * arrival]), pad)
+    return Boxes(low - pad, high + pad, t[:-1] + 0.5 * dt, pad)
