@@ -34,7 +34,7 @@ from pointing_model.mounts import ALTAZ, Mount
 from pointing_model.sky import Site
 
 #: by what a drive that is controlled in steps of 0.05 s itself goes too far, rad
-ROUNDING = 0.1 * DEG
+ROUNDING = 0.05 * DEG
 #: allowed commands keep so far from everything, rad
 MARGIN = 2.5 * DEG
 #: targets that are faster are counted by themselves, rad/s

@@ -292,10 +292,11 @@ def carry_out(cases, shares, waits=None, beside=0.0):
         target, speed = np.where(going, target, via), np.where(going, speed, 0.0)
         error = target - angle
         size = np.abs(error)
-        # as fast as can still be braked, within a step and in relation to the target
-        half = 0.5 * most * STEP
-        way = np.sqrt(2.0 * most * size + half * half) - half
-        wanted = speed + np.sign(error) * np.minimum(way, size / STEP)
+        # as fast as can still be braked after this step, relative to the target
+        half, sign = 0.5 * most * STEP, np.sign(error)
+        room = half * half + 2.0 * most * size - 2.0 * half * sign * (rate - speed)
+        way = np.sqrt(np.maximum(room, 0.0)) - half
+        wanted = speed + sign * np.minimum(way, size / STEP)
         wanted = np.minimum(np.maximum(wanted, -top), top)
         if waits is not None:
             wanted = np.where(step * STEP < waits.T, 0.0, wanted)

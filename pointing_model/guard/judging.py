@@ -18,7 +18,8 @@ LONGEST = 3600.0
 NEAR = 0.1 * DEG
 #: whoever is beyond a limit may come back: by so much he may seem to go on, rad
 SLACK = 0.05 * DEG
-#: a way around the Sun keeps away by so much more: it moves while the axes go, rad
+#: a way around the Sun, or of axes whose timing is not known, keeps away by so much more: it
+#: moves while they go, rad
 MARGIN_SUN = 1.0 * DEG
 #: a way that seems refused is looked at again with so many boxes for one
 FINER = 6
@@ -70,6 +71,8 @@ class Judge:
         self._zenith = np.array(mount.zenith)
         self._words = mount.names.axes
         self._slow = tuple(axis.acceleration * (limits.timing or 1.0) for axis in limits.axes)
+        # without any timing nothing is known of when either
+        self._sun = limits.sun + (MARGIN_SUN if limits.sun and not limits.timing else 0.0)
         self._straight = bool(np.allclose(self._frame, np.eye(3)))
 
     def judge(self, times, angles, rates, state, sun=None, pole=None):
@@ -97,10 +100,13 @@ class Judge:
         if reason:
             return Refused(reason)
         cubic = Cubic(times, angles, rates)
+        reason = self._too_fast(cubic)
+        if reason:
+            return Refused(reason)
         turns = self._turns(cubic, state.angles[0])
         if turns:
             cubic = cubic.turned(turns)
-        reason = self._too_fast(cubic) or self._track_out_of_travel(cubic)
+        reason = self._track_out_of_travel(cubic)
         if reason:
             return Refused(reason)
         return self._way(cubic, state, self.in_axes(sun, pole, state), True)
@@ -133,8 +139,10 @@ class Judge:
         if not self.limits.mount.altaz:
             return []
         axis, first = self.limits.axes[0], float(cubic.angles[0, 0])
-        turns = [n for n in range(math.ceil((axis.low - cubic.low[0]) / _TURN),
-                                  math.floor((axis.high - cubic.high[0]) / _TURN) + 1) if n]
+        brake = cubic.brakes(self._slow)[0]
+        turns = [n for n in range(math.ceil((axis.low - cubic.low[0] + brake) / _TURN),
+                                  math.floor((axis.high - cubic.high[0] - brake) / _TURN) + 1)
+                 if n]
         turns.sort(key=lambda n: abs(first + n * _TURN - state.angles[0]))
         return [cubic.turned(n) for n in turns[:2]]
 
@@ -142,7 +150,7 @@ class Judge:
         """Which of many boxes are surely free of horizon and Sun (of `in_axes`), bool (n,)."""
         above, apart = self._clearances(boxes, sun)[0]
         return above >= 0.0 if sun is None else (above >= 0.0) & (
-            apart >= self.limits.sun)
+            apart >= self._sun)
 
     def _way(self, cubic, state, sun, track=False, quick=False):
         """Judge the way onto a track and, if told so, what it passes of the sky itself."""
@@ -153,14 +161,14 @@ class Judge:
         except ValueError as err:
             return Refused(f'{self._words[err.args[0]]} cannot catch up with the track: ask for a '
                            'slower one')
-        reason = self._out_of_travel(boxes, 'the way to it', state)
-        if reason:
-            return Refused(reason)
+        out = self._out_of_travel(boxes, 'the way to it', state)
         track = cubic.boxes(self._slow) if track else None
-        if not self._surely_free(boxes, track, sun):
+        if out or not self._surely_free(boxes, track, sun):
             reason = track is not None and self.where_not(track, sun)
             if reason:
                 return Refused(f'the track {reason}')
+            if out:
+                return Refused(out, cubic)
             reason = self.where_not(boxes, sun, state, QUICK if quick else MOST_BOXES)
             if reason and not quick:  # what looked so may be both axes of two moments
                 limits = self.limits
@@ -199,7 +207,7 @@ class Judge:
         if sun is None:
             return True
         near = math.acos(max(min(_largest(sun[0], *ends), 1.0), -1.0))
-        return near > limits.sun + TURN_RATE * seconds + BENT
+        return near > self._sun + TURN_RATE * seconds + BENT
 
     # --- the track by itself ------------------------------------------------------------------
 
@@ -234,8 +242,9 @@ class Judge:
         nearest = 0
         if self.limits.mount.altaz:
             nearest = round((here - float(cubic.angles[0, 0])) / _TURN)
-        fewest = math.ceil((axis.low - cubic.low[0]) / _TURN)
-        most = math.floor((axis.high - cubic.high[0]) / _TURN)
+        brake = cubic.brakes(self._slow)[0]
+        fewest = math.ceil((axis.low - cubic.low[0] + brake) / _TURN)
+        most = math.floor((axis.high - cubic.high[0] - brake) / _TURN)
         if fewest > most:
             return 0
         return min(max(nearest, fewest), most)
@@ -243,10 +252,10 @@ class Judge:
     def _too_fast(self, cubic):
         for i, (axis, word) in enumerate(zip(self.limits.axes, self._words)):
             rate, bend = float(cubic.peak_rate[i]), float(cubic.peak_acceleration[i])
-            if rate > axis.rate:
+            if not rate <= axis.rate:  # one that is no number neither
                 return (f'{word} at {rate / DEG:.3g} deg/s on the track is faster than '
                         f'{axis.rate / DEG:g} deg/s: ask for a slower one')
-            if bend > axis.acceleration:
+            if not bend <= axis.acceleration:
                 return (f'{word} at {bend / DEG:.3g} deg/s^2 on the track is over '
                         f'{axis.acceleration / DEG:g} deg/s^2: ask for a smoother one')
         return ''
@@ -304,7 +313,7 @@ class Judge:
         if sun is None:
             return bool((self._clearances(boxes, None, False)[0][0] >= 0.0).all())
         above, apart = self._clearances(boxes, (sun[0], None), False)[0]
-        far = self.limits.sun + TURN_RATE * max(boxes.time[-1], 0.0) + 0.1 * DEG
+        far = self._sun + TURN_RATE * max(boxes.time[-1], 0.0) + 0.1 * DEG
         return bool((above >= 0.0).all() and (apart >= far).all())
 
     def where_not(self, boxes, sun=None, state=None, most=MOST_BOXES):
@@ -320,7 +329,7 @@ class Judge:
         most : int
             Boxes into which they may be cut.
         """
-        lowest, near_sun = 0.0, self.limits.sun
+        lowest, near_sun = 0.0, self._sun
         done = 0
         while True:
             (above, apart), (above_here, apart_here), half = self._clearances(boxes, sun)

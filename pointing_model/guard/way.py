@@ -10,7 +10,7 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 
 from msg_tools.units import DEG
 
-from .judging import MARGIN_SUN, NEAR, Allowed, Judge
+from .judging import MARGIN_SUN, Allowed, Judge
 from .motion import Boxes, State
 
 #: between points of the grids on which a way is looked for, one after the other, rad
@@ -130,7 +130,7 @@ class _Grid:
         free = np.ones(len(self.row), bool)
         if sun is not None:
             near = np.flatnonzero(sun[0] @ self.place
-                                  > np.cos(min(judge.limits.sun + 0.5 * step + NEAR, np.pi)))
+                                  > np.cos(min(judge.limits.sun + MARGIN_SUN + step, np.pi)))
             free[near] = judge.free(Boxes(self.boxes.low[:, near], self.boxes.high[:, near],
                                           self.boxes.time[near]), sun)
         return coo_matrix((self.seconds[free], (self.row[free], self.column[free])),
