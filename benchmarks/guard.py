@@ -40,7 +40,7 @@ MARGIN = 2.5 * DEG
 #: targets that are faster are counted by themselves, rad/s
 FAST = 0.05 * DEG
 KINDS = ('star', 'satellite', 'nonsense', 'not a number')
-OF_A_SETTING = 100
+OF_A_SETTING = 200
 
 
 def setting(rng, number):

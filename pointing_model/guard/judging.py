@@ -8,7 +8,8 @@ import numpy as np
 from msg_tools.units import DEG
 
 from ..earth import TURN_RATE
-from .motion import BENT, FAST, Boxes, Cubic, State, slew_boxes
+from .boxes import Boxes, arc, largest_cosine, most_cosine, quartered
+from .motion import BENT, FAST, Cubic, State, slew_boxes
 from .sun import turned
 
 _TURN = 2.0 * np.pi
@@ -201,12 +202,12 @@ class Judge:
         if self._straight and ends[1][1] <= 0.5 * math.pi and ends[1][0] >= -0.5 * math.pi:
             lowest = ends[1][0]
         else:
-            lowest = math.asin(max(min(-_largest(-self._zenith, *ends), 1.0), -1.0))
+            lowest = math.asin(max(min(-largest_cosine(-self._zenith, *ends), 1.0), -1.0))
         if lowest < limits.horizon.top:
             return False
         if sun is None:
             return True
-        near = math.acos(max(min(_largest(sun[0], *ends), 1.0), -1.0))
+        near = math.acos(max(min(largest_cosine(sun[0], *ends), 1.0), -1.0))
         return near > self._sun + TURN_RATE * seconds + BENT
 
     # --- the track by itself ------------------------------------------------------------------
@@ -330,9 +331,9 @@ class Judge:
             Boxes into which they may be cut.
         """
         lowest, near_sun = 0.0, self._sun
-        done = 0
+        done, exact = 0, False
         while True:
-            (above, apart), (above_here, apart_here), half = self._clearances(boxes, sun)
+            (above, apart), (above_here, apart_here), half = self._clearances(boxes, sun, exact)
             sure = above >= lowest
             if sun is not None:
                 sure &= apart >= near_sun
@@ -347,12 +348,14 @@ class Judge:
             bad = above_here < lowest
             if sun is not None:
                 bad |= apart_here < near_sun
-            bad |= ~sure & (half < NEAR / 2.0)
-            done += len(sure)
+            if exact:
+                bad |= ~sure & (half < NEAR / 2.0)
+                done += len(sure)
             if bad.any() or done > most:
                 i = int(np.argmax(bad if bad.any() else ~sure))
                 return self._said(boxes, i, above_here[i] < lowest + NEAR or sun is None, sun)
-            boxes = _quartered(boxes, ~sure)
+            boxes = quartered(boxes, ~sure) if exact else boxes.of(~sure)
+            exact = not exact
 
     def _clearances(self, boxes, sun, exact=True):
         """Elevation above the horizon and distance from the Sun: least in a box, in its middle.
@@ -365,8 +368,8 @@ class Judge:
         place = np.array([cos_b * np.sin(a), cos_b * np.cos(a), np.sin(b)])
         widest = np.minimum(np.abs(cos_b) + hb, 1.0) * ha
         half = np.sqrt(widest * widest + hb * hb)
-        el = _arc(np.arcsin, self._zenith @ place)
-        lowest = _arc(np.arcsin, -_most(-self._zenith, boxes)) if exact else el - half
+        el = arc(np.arcsin, self._zenith @ place)
+        lowest = arc(np.arcsin, -most_cosine(-self._zenith, boxes)) if exact else el - half
         horizon = self.limits.horizon
         if horizon.flat:
             above_here, above = el - horizon.least, lowest - horizon.least
@@ -386,8 +389,8 @@ class Judge:
         toward, pole = sun
         if pole is not None:
             toward = turned(toward, pole, boxes.time)
-        apart_here = _arc(np.arccos, np.sum(toward.T * place.T, -1))
-        apart = _arc(np.arccos, _most(toward, boxes)) if exact else apart_here - half
+        apart_here = arc(np.arccos, np.sum(toward.T * place.T, -1))
+        apart = arc(np.arccos, most_cosine(toward, boxes)) if exact else apart_here - half
         return (above, apart), (above_here, apart_here), half
 
     def _said(self, boxes, i, horizon, sun):
@@ -400,66 +403,3 @@ class Judge:
                     'target')
         return (f'comes within {self.limits.sun / DEG:g} deg of the Sun at {where}: choose '
                 'another target or wait')
-
-
-def _arc(function, value):
-    return function(np.minimum(np.maximum(value, -1.0), 1.0))
-
-
-def _most(toward, boxes):
-    """The largest cosine of the angle between a direction and those of a box, shape (n,).
-
-    Of ``z sin b + h cos b cos(a - a0)`` the largest is at an end of the range of cos(a - a0), and
-    there it is a cosine of b again.
-    """
-    x, y, z = toward
-    h = np.hypot(x, y)
-    low, high = boxes.low[0] - np.arctan2(x, y), boxes.high[0] - np.arctan2(x, y)
-    cos_low, cos_high = np.cos(low), np.cos(high)
-    most = np.where(_passes(low, high, 0.0), 1.0, np.maximum(cos_low, cos_high))
-    least = np.where(_passes(low, high, np.pi), -1.0, np.minimum(cos_low, cos_high))
-    out = -1.0
-    for cosine in (h * most, h * least):
-        size, peak = np.hypot(z, cosine), np.arctan2(z, cosine)
-        low, high = boxes.low[1] - peak, boxes.high[1] - peak
-        out = np.maximum(out, size * np.where(
-            _passes(low, high, 0.0), 1.0, np.maximum(np.cos(low), np.cos(high))))
-    return out
-
-
-def _largest(toward, first, second):
-    """As `_most`, of one box: ends of both axes as pairs of floats."""
-    x, y, z = map(float, toward)
-    h, zero = math.hypot(x, y), math.atan2(x, y)
-    low, high = first[0] - zero, first[1] - zero
-    ends = math.cos(low), math.cos(high)
-    most = 1.0 if _holds(low, high, 0.0) else max(ends)
-    least = -1.0 if _holds(low, high, math.pi) else min(ends)
-    out = -1.0
-    for cosine in (h * most, h * least):
-        size, peak = math.hypot(z, cosine), math.atan2(z, cosine)
-        low, high = second[0] - peak, second[1] - peak
-        out = max(out, size * (1.0 if _holds(low, high, 0.0)
-                               else max(math.cos(low), math.cos(high))))
-    return out
-
-
-def _holds(low, high, angle):
-    return math.floor((high - angle) / _TURN) >= math.ceil((low - angle) / _TURN)
-
-
-def _passes(low, high, angle):
-    """Whether ranges hold an angle, on some turn."""
-    return np.floor((high - angle) / _TURN) >= np.ceil((low - angle) / _TURN)
-
-
-def _quartered(boxes, which):
-    low, high, time = boxes.low[:, which], boxes.high[:, which], boxes.time[which]
-    middle = 0.5 * (low + high)
-    lows, highs = [], []
-    for first in (0, 1):
-        for second in (0, 1):
-            side = np.array([[first], [second]]) == 1
-            lows.append(np.where(side, middle, low))
-            highs.append(np.where(side, high, middle))
-    return Boxes(np.concatenate(lows, 1), np.concatenate(highs, 1), np.tile(time, 4))

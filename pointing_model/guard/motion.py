@@ -1,8 +1,7 @@
 """How the axes go: a slew that catches up with a track, then the track, as boxes of axis angles.
 
-A `Box` holds every pair of angles that the axes may have in a stretch of time, however much of
-their speed they use. Boxes are rows of arrays; what must hold of every pair is then asked of all
-of them at once.
+A row of `Boxes` holds every pair of angles that the axes may have in a stretch of time, however
+much of their speed they use; what must hold of every pair is then asked of all of them at once.
 """
 
 import copy
@@ -12,6 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from msg_tools.units import DEG
+
+from .boxes import Boxes
 
 #: the boxes of a slew are about so large, rad, and not more than so many
 STEP, MOST = 2.0 * DEG, 120
@@ -29,25 +30,6 @@ class State(NamedTuple):
 
     angles: tuple
     rates: tuple = (0.0, 0.0)
-
-
-class Boxes(NamedTuple):
-    """Pairs of angles.
-
-    Attributes
-    ----------
-    low, high : ndarray, shape (2, n)
-        rad.
-    time : ndarray, shape (n,)
-        Of the middle of each, seconds after the begin of the track.
-    pad : ndarray, shape (2, 1), or float
-        By how much they are larger than the ends of the axes' ways in them, rad.
-    """
-
-    low: np.ndarray
-    high: np.ndarray
-    time: np.ndarray
-    pad: object = 0.0
 
 
 class Cubic:
@@ -303,7 +285,7 @@ def _chased(state, cubic, axes, t, brakes, timing):
     lows, highs = np.empty((2, len(t))), np.empty((2, len(t)))
     for i, axis in enumerate(axes):
         here, rate = state.angles[i], state.rates[i]
-        slowest = axis.acceleration * (timing or 1.0)
+        slowest = axis.acceleration * timing
         stop = here + rate * abs(rate) / (2.0 * slowest)
         until = np.searchsorted(fine, t + brakes[i] + np.diff(t[:2]), 'right')
         until = np.clip(until, 1, len(fine) - 1) if len(fine) > 1 else 0 * until
@@ -315,6 +297,19 @@ def _chased(state, cubic, axes, t, brakes, timing):
         lows[i] = np.maximum(np.minimum(min(here, stop), least - over), here - reach)
         highs[i] = np.minimum(np.maximum(max(here, stop), most + over), here + reach)
     return lows, highs, highs
+
+
+def _hull(state, cubic, axes):
+    ends = []
+    for i, axis in enumerate(axes):
+        here, rate = state.angles[i], state.rates[i]
+        brake, stop = cubic.brakes((axis.acceleration,) * 2)[i], rate * abs(rate) / (
+            2.0 * axis.acceleration)
+        ends.append((min(here, here + stop, cubic.low[i] - brake),
+                     max(here, here + stop, cubic.high[i] + brake)))
+    low, high = np.array(ends).T[:, :, None]
+    pad = np.full((2, 1), BENT)
+    return Boxes(low - pad, high + pad, np.array([0.5 * cubic.times[-1]]), pad)
 
 
 def slew_boxes(state, cubic, axes, timing, finer=1):
@@ -339,10 +334,12 @@ def slew_boxes(state, cubic, axes, timing, finer=1):
     ValueError
         The track is too fast to be caught up with; the text is the axis, 0 or 1.
     """
+    if timing == 0.0:  # in any order, at any time: all pairs of what each axis may pass
+        return _hull(state, cubic, axes)
     fast, slow = [], []
     for i in _AXES:
         here, rate, axis = float(state.angles[i]), float(state.rates[i]), axes[i]
-        for moves, share in ((fast, 1.0), (slow, timing)) if 0.0 < timing < 1.0 else ((fast, 1.0),):
+        for moves, share in ((fast, 1.0), (slow, timing)) if timing < 1.0 else ((fast, 1.0),):
             move = plan_move(here, rate, cubic, i, share * axis.rate, share * axis.acceleration)
             if move is None:
                 raise ValueError(i)
@@ -366,7 +363,4 @@ def slew_boxes(state, cubic, axes, timing, finer=1):
                       late[:, 1:]])
     low, high = edges.min(0), edges.max(0)
     pad = np.array([[axis.acceleration] for axis in axes]) * dt * dt / 8.0 + BENT
-    if timing == 0.0:  # in any order: all pairs of what each axis passes
-        low, high = low.min(1, keepdims=True), high.max(1, keepdims=True)
-        return Boxes(low - pad, high + pad, np.array([0.5 * arrival]), pad)
     return Boxes(low - pad, high + pad, t[:-1] + 0.5 * dt, pad)

@@ -10,8 +10,9 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 
 from msg_tools.units import DEG
 
+from .boxes import Boxes
 from .judging import MARGIN_SUN, Allowed, Judge
-from .motion import Boxes, State
+from .motion import State
 
 #: between points of the grids on which a way is looked for, one after the other, rad
 GRIDS = (5.0 * DEG, 1.5 * DEG)
@@ -118,7 +119,7 @@ class _Grid:
             seconds.append((high[-1][axis] - low[-1][axis]) / judge.limits.axes[axis].rate)
         low, high = np.concatenate(low, 1), np.concatenate(high, 1)
         free = judge.free(Boxes(low, high, np.zeros(low.shape[1])), None)
-        self.boxes = Boxes(low[:, free], high[:, free], np.zeros(int(free.sum())))
+        self.boxes = Boxes(low, high, np.zeros(low.shape[1])).of(free)
         self.row, self.column, self.seconds = (
             np.concatenate(v)[free] for v in (row, column, seconds))
         middle = 0.5 * (self.boxes.low + self.boxes.high)
@@ -131,8 +132,7 @@ class _Grid:
         if sun is not None:
             near = np.flatnonzero(sun[0] @ self.place
                                   > np.cos(min(judge.limits.sun + MARGIN_SUN + step, np.pi)))
-            free[near] = judge.free(Boxes(self.boxes.low[:, near], self.boxes.high[:, near],
-                                          self.boxes.time[near]), sun)
+            free[near] = judge.free(self.boxes.of(near), sun)
         return coo_matrix((self.seconds[free], (self.row[free], self.column[free])),
                           shape=(self.size, self.size)).tocsr()
 
