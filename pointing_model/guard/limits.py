@@ -52,11 +52,17 @@ class Horizon:
     points : sequence of (float, float)
         Azimuth and elevation of the corners of a higher skyline, rad; straight between them, all
         round.
+
+    Attributes
+    ----------
+    top : float
+        The highest of it, rad.
     """
 
     def __init__(self, least, points=()):
         self.least, self.points = least, tuple(points)
         self.flat = not self.points
+        self.top = max([least, *(el for _, el in self.points)])
         if self.flat:
             return
         az, el = np.array(sorted((az % _TURN, el) for az, el in self.points)).T
