@@ -80,7 +80,7 @@ class Solver:
 
 
 def a_star():
-    """One that is well up now and hardly moves, and its angles of perfect axes, not through the pole."""
+    """One that is well up now and hardly moves; its angles of perfect axes, not through the pole."""
     stars = load_catalogue(mag_limit=3.0)
     ra, dec = stars.at_j2000[:2]
     az, el = icrs_to_observed(ra, dec, time.time(), DEFAULT_SITE, DEFAULT_WEATHER)
