@@ -237,8 +237,9 @@ class InstrumentHealth:
         if not np.isfinite([x, y]).all():
             return ''
         if np.hypot(x, y) > self.field:
-            reason = f'a star {np.hypot(x, y):.3g} rad beside the boresight: arcsec or degrees ' \
-                f'for radians? The field is {self.field / DEG:.3g} deg (field_deg)'
+            # the same words each time: one line of the log, not one a message
+            reason = 'a star outside the field, of ' \
+                f'{self.field / DEG:.3g} deg (field_deg): arcsec or degrees for radians?'
             self.unreadable(name, reason)
             return reason
         self._same = self._same + 1 if (x, y) == self._frame else 1
