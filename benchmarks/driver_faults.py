@@ -126,19 +126,33 @@ def called(night, begun):
     return float(path.read_text()) if path.exists() and path.read_text() else None
 
 
+def star_seen(night, begun):
+    """When the first image with a star came."""
+    return night.mount.first_star
+
+
+def homed(night, begun):
+    """When the first reading with a number came."""
+    return night.mount.first_number
+
+
+def second_image(night, begun):
+    """Of one alone nobody knows when the next is due."""
+    after = [when for when in night.mount.images_at if when > begun]
+    return after[1] if len(after) > 1 else None
+
+
 UNITS = 'arcsec or degrees for radians'
 FAULTS = {
-    'camera in arcsec': Fault(UNITS, camera(1.0 / ARCSEC)),
-    'camera in degrees': Fault(UNITS, camera(1.0 / DEG)),
+    'camera in arcsec': Fault(UNITS, camera(1.0 / ARCSEC), first=True, shown=star_seen),
+    'camera in degrees': Fault(UNITS, camera(1.0 / DEG), first=True, shown=star_seen),
     'encoders in degrees': Fault('degrees for radians', readings(
-        lambda stamp, angles: (stamp, angles / DEG))),
+        lambda stamp, angles: (stamp, angles / DEG)), first=True, shown=homed),
     'stamps 0': Fault('stamps are 0', readings(lambda stamp, angles: (0, angles))),
     'stamps in the future': Fault("ahead of this machine's clock", readings(
         lambda stamp, angles: (stamp + 3600 * 10**9, angles))),
     'camera slow': Fault('slower than answer_timeout_s', slow, 'observing', first=True,
-                         shown=lambda night, begun: (night.mount.first_images[1]
-                                                     if len(night.mount.first_images) > 1
-                                                     else None)),
+                         shown=second_image),
     'camera sign flipped': Fault('contradicts the commanded motion', flipped, first=True,
                                  shown=lambda night, begun: night.shown),
     'encoder dead': Fault('silent|no reading of the encoders', silent('reading')),
@@ -146,8 +160,8 @@ FAULTS = {
                         shown=lambda night, begun: night.mount.sent_far),
     'absolute encoder absent': Fault('the mount has none: absolute_encoder: false', nothing,
                                      'waiting', first=True),
-    'home hanging': Fault('/mount/home to answer: it homes', nothing, first=True, shown=called),
-    'names wrong': Fault('joint', names),
+    'home hanging': Fault('home to answer: it homes', nothing, first=True, shown=called),
+    'names wrong': Fault('joint names', names, first=True),
     'commander stops': Fault('no longer renewed', commander, 'observing'),
     'camera silent': Fault('camera: silent', silent('miss')),
 }

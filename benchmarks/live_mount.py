@@ -94,7 +94,8 @@ class LiveMount:
         self.joints, self.deaf = ('azimuth', 'elevation'), False
         self.images, self.beyond, self.commands = IMAGES, [], 0
         self.sent_far = self.last_reading = self.last_image = None
-        self.first_images, self.longest = [], 0.0
+        self.images_at, self.longest = [], 0.0
+        self.first_star = self.first_number = None
         self._stars = load_catalogue(mag_limit=6.5)
         self._places = None
         self._last = time.monotonic()
@@ -158,6 +159,8 @@ class LiveMount:
             out = self.reading(stamp, angles)
             if out is not None:
                 self.last_reading = time.time()
+                if self.homed and self.first_number is None:
+                    self.first_number = self.last_reading
                 self._reads.publish(self._joints(*out))
         if now >= self._next[1]:
             self._next[1] = max(now, self._next[1] + self.images)
@@ -166,7 +169,9 @@ class LiveMount:
                 if self.last_image is not None:
                     self.longest = max(self.longest, time.time() - self.last_image)
                 self.last_image = time.time()
-                self.first_images = (self.first_images + [self.last_image])[:2]
+                self.images_at.append(self.last_image)
+                if np.isfinite(out[1]) and self.first_star is None:
+                    self.first_star = self.last_image
                 self._sees.publish(convert.vector(*out, 'camera'))
 
     def _joints(self, stamp, angles):

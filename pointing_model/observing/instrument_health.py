@@ -229,7 +229,8 @@ class InstrumentHealth:
                                    'and the time of the graph does not')
         self._stamps[name] = stamp, now
         self._good(name, 'stamps')
-        self._good(name, 'message')
+        if name != CAMERA:  # an image without a star says nothing of its unit
+            self._good(name, 'message')
         return ''
 
     def frame(self, name, x, y):
@@ -242,6 +243,7 @@ class InstrumentHealth:
                 f'{self.field / DEG:.3g} deg (field_deg): arcsec or degrees for radians?'
             self.unreadable(name, reason)
             return reason
+        self._good(name, 'message')
         self._same = self._same + 1 if (x, y) == self._frame else 1
         self._frame = x, y
         if self._same >= SAME_FRAMES:
