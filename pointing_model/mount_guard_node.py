@@ -13,6 +13,7 @@ from .guard.goto import GotoKeeper
 from .guard.keeper import ERROR, Keeper, Settings
 from .guard.limits import TRAVEL_DEG, Axis, Horizon, Limits, parse_horizon, parse_pair
 from .guard.sun import Sun
+from .observing.instrument_health import AHEAD_LIVE, BEHIND_LIVE
 from .observing.pointing import Track
 from .sky import Site
 from .sky_params import KIND_OF_MOUNT, SKY_PARAMS, mount_of
@@ -121,6 +122,9 @@ class MountGuard(MountNode):
         if convert.joints_of(message.name) != self._names:
             return  # of another mount: the observer says so
         stamp, angles, rates, _ = convert.read_joints(message)
+        if not self.value('use_sim_time') and not (
+                -BEHIND_LIVE <= stamp - self.get_clock().now().nanoseconds <= AHEAD_LIVE):
+            raise ValueError("stamps of another clock than this machine's")  # as silent
         angles = self._mount.on_travel(*angles)
         self._keeper.take_reading(stamp, angles, rates)
         if self._keeper.state in ('waiting', 'around', 'stopping', 'parking'):

@@ -145,7 +145,7 @@ class StarObserver(MountNode):
                                  f'{self.value(KIND_OF_MOUNT.name)}: {" and ".join(wanted)}')
             stamp, angles, rates, effort = convert.read_joints(message)
             if self._mount.altaz and abs(angles[1]) > HIGHEST:
-                raise ValueError(f'an elevation of {angles[1]:.4g} rad: degrees for radians, or '
+                raise ValueError('an elevation beyond the zenith: degrees for radians, or '
                                  'exchanged axes?')
         except ValueError as err:
             self._instruments.spoke(instrument)

@@ -19,6 +19,8 @@ from .pointing import Conditions, Pointing, track_to
 BLANKS = 3
 #: exposures of a star that is centred again and again
 CENTRINGS = 3
+#: one that is so much farther off after it was centred moves the wrong way
+WORSE = 1.2
 #: exposures in a row in which the axes swing that are no settling any more
 RESTLESS = 5
 #: after so long a commanded axis moves, s
@@ -136,7 +138,8 @@ class Exposer:
             off = float(np.hypot(*miss))
             first = off if first is None else first
             near = off <= self._out.value('recentre_arcsec') * ARCSEC
-            if near or seen == CENTRINGS:
+            # farther off than before: what is left of it would lead farther still
+            if near or seen == CENTRINGS or off > WORSE * first:
                 break
         if first is not None and not near and not self._instruments.health.centres(
                 CAMERA, first, off):

@@ -67,8 +67,10 @@ class FaultWatch:
             self._instruments.watch(self._out.value('answer_timeout_s'))
             self._exposer.watch()
         found = dict(self._instruments.health.told)
-        if waits != self._waits[0]:
+        # what the graph lacks comes and goes while it is discovered
+        if waits.partition(':')[0] != self._waits[0].partition(':')[0]:
             self._waits = waits, now
+        self._waits = waits, self._waits[1]
         if waits and now - self._waits[1] >= TOLD_AFTER:
             found[WAITING] = f'waiting for {waits}'
         changed = self._changed(found)

@@ -180,7 +180,8 @@ FAULTS = [
     (lambda bench: stamped(MOUNT, lambda _, at=bench.stamp: at)(bench),
      f'instrument {MOUNT}: a stamp not after the one before'),
     (set_to(frame=lambda miss: (40.0, 20.0)),
-     f'instrument {CAMERA}: a star 44.7 rad beside the boresight: arcsec or degrees for radians?'),
+     f'instrument {CAMERA}: a star outside the field, of 5.73 deg (field_deg): arcsec or '
+     'degrees for radians?'),
     (set_to(reads=lambda angles: (np.nan, np.nan)), 'the encoder to be homed (call home)'),
 ]
 
