@@ -11,6 +11,8 @@ import threading
 import time
 from dataclasses import dataclass
 
+from .goto_mount import BridgeError
+
 #: s without a word after which a server is asked, and as much again after which it is lost
 SILENCE = 2
 #: s between looks at whether the server has closed the connection, and before one is tried again
@@ -19,7 +21,7 @@ LOOK, AGAIN = 0.1, 0.5
 PATIENCE = 10.0
 
 
-class IndiError(RuntimeError):
+class IndiError(BridgeError):
     """The server or the driver did not do what it was asked; the text is one line."""
 
 

@@ -5,7 +5,7 @@ this process beside it, and writes to its input: `ARMED` and `SAFE`, again and a
 input ends, or nothing comes for `SILENCE` seconds, while it is armed, it stops the mount at the
 server by a connection of its own.
 
-    python -I -S dead_man.py HOST PORT DEVICE [SILENCE]
+    python -I -S dead_man.py KIND HOST PORT DEVICE [SILENCE]
 """
 
 import contextlib
@@ -18,6 +18,8 @@ import sys
 import time
 
 ARMED, SAFE = b'1', b'0'
+#: kinds of servers
+INDI, ALPACA = 'indi', 'alpaca'
 #: s
 SILENCE = 3.0
 #: s between tries where the server does not answer, and until it is given up
@@ -36,13 +38,15 @@ class DeadMan:
     host : str
     port : int
     device : str
+        Of an Alpaca server its number.
     silence : float
         As of `watch`.
+    kind : {'indi', 'alpaca'}
     """
 
-    def __init__(self, host, port, device, silence=SILENCE):
+    def __init__(self, host, port, device, silence=SILENCE, kind=INDI):
         self._process = subprocess.Popen(
-            [sys.executable, '-I', '-S', __file__, host, str(port), device, str(silence)],
+            [sys.executable, '-I', '-S', __file__, kind, host, str(port), device, str(silence)],
             stdin=subprocess.PIPE, start_new_session=True)
         os.set_blocking(self._process.stdin.fileno(), False)
 
@@ -57,36 +61,50 @@ class DeadMan:
         return self._process.poll() is None
 
     def close(self):
-        """End it; what was told last counts."""
+        """End it; what was told last counts, and goes on without who told it."""
         with contextlib.suppress(OSError):
             self._process.stdin.close()
         with contextlib.suppress(subprocess.TimeoutExpired):
-            self._process.wait(5.0)
+            self._process.wait(1.0)
 
 
-def stop(host, port, device):
+def stop(kind, host, port, device):
     """Stop the mount; whether the server has taken it."""
     end = time.monotonic() + LONGEST
     while time.monotonic() < end:
         try:
-            with socket.create_connection((host, port), 2.0) as connection:
-                name = device.replace('&', '&amp;').replace('"', '&quot;').replace('<', '&lt;')
-                connection.sendall(
-                    f'<getProperties version="1.7" device="{name}"/>\n'.encode()
-                    + _STOP.format(device=name).encode())
-                # whoever closes at once takes back what was not read yet
-                connection.settimeout(0.5)
-                with contextlib.suppress(TimeoutError):
-                    until = time.monotonic() + 1.0
-                    while time.monotonic() < until and connection.recv(65536):
-                        pass
-                return True
+            (_stop_alpaca if kind == ALPACA else _stop_indi)(host, port, device)
+            return True
         except OSError:
             time.sleep(AGAIN)  # polls: another machine's port gives no event to wait for
     return False
 
 
-def watch(stream, host, port, device, silence=SILENCE):
+def _stop_indi(host, port, device):
+    name = device.replace('&', '&amp;').replace('"', '&quot;').replace('<', '&lt;')
+    with socket.create_connection((host, port), 2.0) as connection:
+        connection.sendall(f'<getProperties version="1.7" device="{name}"/>\n'.encode()
+                           + _STOP.format(device=name).encode())
+        # whoever closes at once takes back what was not read yet
+        connection.settimeout(0.5)
+        with contextlib.suppress(TimeoutError):
+            until = time.monotonic() + 1.0
+            while time.monotonic() < until and connection.recv(65536):
+                pass
+
+
+def _stop_alpaca(host, port, device):
+    from http.client import HTTPConnection
+    for order, body in (('abortslew', ''), ('tracking', 'Tracking=False&')):
+        connection = HTTPConnection(host, port, timeout=2.0)
+        with contextlib.closing(connection):
+            connection.request('PUT', f'/api/v1/telescope/{device}/{order}',
+                               f'{body}ClientID=65000&ClientTransactionID=1',
+                               {'Content-Type': 'application/x-www-form-urlencoded'})
+            connection.getresponse().read()
+
+
+def watch(stream, kind, host, port, device, silence=SILENCE):
     """Listen until the input ends; stops the mount where it ends, or is silent, while armed."""
     armed = False
     while True:
@@ -97,8 +115,8 @@ def watch(stream, host, port, device, silence=SILENCE):
             continue
         if armed:
             why = 'has died' if ready else f'says nothing for {silence:g} s'
-            done = stop(host, port, device)
-            print(f'indi_mount {why}: {device} '
+            done = stop(kind, host, port, device)
+            print(f'who commanded the mount {why}: {device} '
                   + ('is stopped' if done else f'may still move: nobody answers at {host}:{port}'),
                   file=sys.stderr, flush=True)
             armed = False
@@ -109,4 +127,4 @@ def watch(stream, host, port, device, silence=SILENCE):
 if __name__ == '__main__':
     # who ends the commander by the keyboard ends it alone
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    watch(0, sys.argv[1], int(sys.argv[2]), *sys.argv[3:4], *map(float, sys.argv[4:]))
+    watch(0, *sys.argv[1:3], int(sys.argv[3]), sys.argv[4], *map(float, sys.argv[5:]))

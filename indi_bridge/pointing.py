@@ -98,7 +98,7 @@ class AxisFollower:
     #: a step of the correction is no larger: what differs by more is not near yet, rad
     LARGEST = 2.0 * DEG
 
-    def __init__(self, mount, site, tolerance=3.0 * ARCSEC):
+    def __init__(self, mount, site, tolerance=1.0 * ARCSEC):
         self.mount, self.site, self.tolerance = mount, site, tolerance
         self.correction = np.zeros(2)
 

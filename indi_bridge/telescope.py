@@ -24,9 +24,6 @@ RATE, KIND, CLOCK, CONNECTION = 'TELESCOPE_SLEW_RATE', 'MOUNT_TYPE', 'TIME_UTC',
 KINDS = {'ALTAZ': 'altaz', 'EQ_FORK': 'equatorial', 'EQ_GEM': 'german'}
 #: readings that come within so much of each other are of one tick, ns: a driver sends them at once
 TICK = 30_000_000
-#: axes that are not told: a sentence for people
-NO_AXES = ('the driver tells no axis angles: the position that it reports is taken for them, and '
-           'what its own model corrects cannot be measured')
 
 
 class Tick(NamedTuple):
@@ -158,6 +155,23 @@ class IndiTelescope:
         return told is not None and told.on == 'PARK'
 
     @property
+    def tracks(self):
+        """Whether it says that it follows the sky; None where it does not say."""
+        told = self.get(TRACK)
+        return None if told is None else told.on == 'TRACK_ON'
+
+    @property
+    def side(self):
+        """Side of the pier as the driver calls it, '' where it does not say."""
+        told = self.get(SIDE)
+        return '' if told is None else told.on
+
+    @property
+    def beyond(self):
+        """Whether it says that it looks through the pole; None where it does not say."""
+        return {'PIER_WEST': True, 'PIER_EAST': False}.get(self.side)
+
+    @property
     def slewing(self):
         """Whether it is under way."""
         told = self.get(PLACE)
@@ -208,8 +222,7 @@ class IndiTelescope:
             s.
         """
         self.connect(timeout)
-        tracks = self.get(TRACK)
-        if self.slewing or (tracks is not None and tracks.on == 'TRACK_ON'):
+        if self.slewing or self.tracks:
             self.abort()  # nobody here has sent it, and nobody would renew it
         if site is not None:
             self.set_site(site, timeout)
@@ -247,8 +260,7 @@ class IndiTelescope:
         if on_set is None or on_set.on != 'TRACK':
             raise IndiError(f'{self.device} is set to {on_set.on if on_set else "nothing"} and '
                             'not to TRACK: no slew')
-        tracks = self.get(TRACK)
-        if tracks is not None and tracks.on != 'TRACK_ON':
+        if self.tracks is False:
             # some go on as they did before the slew
             self.track(True)
         self.client.send(self.device, PLACE, RA=float(np.mod(ra, 2.0 * np.pi)) / HOUR,

@@ -24,6 +24,7 @@ NODES = {
     'run_player': 'pointing_model.run_player_node',
     'indi_mount': 'indi_bridge.indi_mount_node',
     'indi_sky': 'indi_bridge.indi_sky_node',
+    'alpaca_mount': 'alpaca_bridge.alpaca_mount_node',
 }
 
 #: of the simulated incremental encoder (paper 000): lines in a turn
@@ -184,6 +185,8 @@ def indi_graph(*, bag, server, mount, sky, seed=1, plan='', model_file='', first
             'star_seed': seed, 'model_file': model_file, 'first_run': first_run, 'mount': mount,
             # the driver chooses its side at the meridian by itself
             'absolute_encoder': False, 'meridian_limit_deg': 0.0,
+            # it comes to rest beside the star first, and is sent on
+            'on_target_arcsec': 3.0,
             'wait_for_nodes': [f'{NAMESPACE}/{name}' for name in INDI],
         } | ({'plan': plan} if plan else {}) | sky,
         'pointing_corrector': {'model_file': model_file},

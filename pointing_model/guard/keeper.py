@@ -180,8 +180,8 @@ class Keeper:
     def _begin(self, now):
         """Judge what is asked for from where the axes are, and set out."""
         goal, late = self._goal, 0.0
-        if self.readings.here is None or (
-                not self._settings.whole and self.readings.quiet(self._settings.silence)):
+        if self.readings.here is None or (not self._settings.whole and (
+                self.readings.doubtful or self.readings.quiet(self._settings.silence))):
             self._told('waiting', WARN, 'where the axes stand is not known: home the mount, or '
                        'wait for its encoder')
             return

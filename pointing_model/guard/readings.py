@@ -79,6 +79,11 @@ class Readings:
         rate[unknown] = step[unknown] / seconds
         self.here, self.rate, self.stamp = self.here + step, rate, stamp
 
+    @property
+    def doubtful(self):
+        """Whether the last reading contradicts `here`, and is not believed yet."""
+        return self._jumped is not None
+
     def _again(self, angles):
         """Whether readings keep to where one jumped to."""
         near = self._jumped is not None and np.all(np.abs(angles - self._jumped) < FARTHER)

@@ -80,13 +80,13 @@ class Solver:
 
 
 def a_star():
-    """One that is well up now and hardly moves; its angles of perfect axes, not through the pole."""
+    """One that is well up now and alone, and its angles of perfect axes, not through the pole."""
     stars = load_catalogue(mag_limit=3.0)
     ra, dec = stars.at_j2000[:2]
     az, el = icrs_to_observed(ra, dec, time.time(), DEFAULT_SITE, DEFAULT_WEATHER)
-    good = np.flatnonzero((el > 40.0 * DEG) & (np.abs(dec) < 60.0 * DEG))
-    # the solver below knows places of J2000 alone
-    row = good[np.argmin(np.hypot(stars.pm_ra_cosdec, stars.pm_dec)[good])]
+    up = np.flatnonzero((el > 40.0 * DEG) & (np.abs(dec) < 60.0 * DEG))
+    # a solve is of J2000: one that hardly moves
+    row = up[np.argmin(np.hypot(*stars.at_j2000[2:4])[up])]
     return ra[row], dec[row], float(stars.mag[row])
 
 

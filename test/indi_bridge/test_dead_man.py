@@ -48,5 +48,5 @@ def test_one_that_was_left_safely_is_not_stopped(monkeypatch):
         with ours, theirs:
             ours.sendall(dead_man.SAFE + dead_man.ARMED + last)
             ours.shutdown(socket.SHUT_WR)
-            dead_man.watch(theirs.fileno(), 'host', 1, 'Mount')
-    assert calls == [('host', 1, 'Mount')]
+            dead_man.watch(theirs.fileno(), 'indi', 'host', 1, 'Mount')
+    assert calls == [('indi', 'host', 1, 'Mount')]

@@ -10,7 +10,7 @@ import pytest
 
 from indi_bridge.client import IndiError
 from indi_bridge.driver import MountDriver
-from indi_bridge.telescope import NO_AXES
+from indi_bridge.goto_mount import NO_AXES
 from msg_tools.units import DEG
 from pointing_model.mounts import Mount
 from pointing_model.sky import DEFAULT_SITE, sidereal_time
@@ -31,7 +31,7 @@ class Bench:
         for name, value in zip(('LAT', 'LONG'), there):  # a site that is set takes a second
             properties = re.sub(rf'(name="{name}"[^>]*>)[^<]*', rf'\g<1>{value!r}', properties)
         self.server = FakeServer(properties)
-        self.options = {'dead_man': False, 'retry': 0.1, **options}
+        self.options = {'dead_man': False, 'retry': 0.1, 'fresh': 0.0, **options}
 
     def __enter__(self):
         self.server.__enter__()

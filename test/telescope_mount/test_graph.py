@@ -33,6 +33,7 @@ BELOW = {
     'calibration': ('pointing_model', 'msg_tools'),
     'encoder_sim': ('encoder_reading', 'msg_tools'),
     'indi_bridge': ('pointing_model', 'msg_tools'),
+    'alpaca_bridge': ('indi_bridge', 'pointing_model', 'msg_tools'),
     'telescope_mount': ('calibration', 'pointing_model', 'encoder_reading', 'indi_bridge',
                         'msg_tools'),
     'launch': ('telescope_mount', 'calibration', 'pointing_model', 'encoder_reading',
@@ -211,7 +212,7 @@ def test_the_night_has_every_node_but_the_players():
     specs = night_graph(bag='bag')
     assert [spec.name for spec in specs] == list(NIGHT)
     assert set(NIGHT) == set(NODES) - {'mcap_replay', 'run_player', 'frame_reader', 'indi_mount',
-                                       'indi_sky'}
+                                       'indi_sky', 'alpaca_mount'}
     assert [spec.full_name for spec in specs] == [f'/mount/{name}' for name in NIGHT]
     for spec in replay_graph('bag', '/mount/observation'):
         assert NODES[spec.name] == spec.module

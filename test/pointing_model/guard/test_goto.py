@@ -1,6 +1,7 @@
 """Drivers that are told places: what they are sent, and what stops them."""
 
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -51,8 +52,10 @@ class Driver(Renewed):
                     self.here = self.here + self.way * step
             self.speed = (self.here - before) / 0.05
             sent, self.sent = self.sent, []  # the axes are those here
-            super().run(0.05)
-            self.sent = sent + self.sent
+            try:
+                super().run(0.05)
+            finally:
+                self.sent = sent + self.sent
         return self
 
 
@@ -126,3 +129,20 @@ def test_it_parks_and_pauses():
     driver.run(30.0)
     assert driver.state == 'parked' and np.abs(driver.here / DEG - 90.0).max() < 0.2
     assert driver.sent[-1].start < driver.now - 10**10
+
+
+def test_a_mount_that_is_found_again_elsewhere_is_judged_from_there():
+    """A server that was restarted: its axes are where they are parked, and that is a jump."""
+    driver = Driver().run(0.2).ask(60.0, 40.0).run(20.0)
+    driver.reads = False
+    driver.run(2.0)
+    assert driver.state == 'stopped' and driver.keeper.level == 2
+    driver.reads, sent = True, len(driver.sent)
+    driver.here = np.array([90.0, 90.0]) * DEG
+    for _ in range(4):
+        with suppress(ValueError):
+            driver.run(0.05)
+        assert driver.state != 'following' and len(driver.sent) == sent
+    with suppress(ValueError):
+        driver.run(0.05)
+    assert driver.run(20.0).state == 'following' and off(driver) < 1.0
