@@ -52,7 +52,7 @@ PARAMS = (
           3600.0, fixed=True),
     Param('silence_s', 0.5, 'without a reading for so long the mount is stopped [s]', 0.05, 60.0,
           fixed=True),
-    Param('request_timeout_s', 0.5, 'a request that is not renewed for so long is over [s]', 0.05,
+    Param('request_timeout_s', 0.45, 'a request that is not renewed for so long is over [s]', 0.05,
           60.0, fixed=True),
     Param('behind_deg', 2.0, 'an axis so far from where it was sent is stopped [deg]', 0.01, 180.0,
           fixed=True),

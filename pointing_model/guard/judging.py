@@ -76,7 +76,7 @@ class Judge:
         self._sun = limits.sun + (MARGIN_SUN if limits.sun and not limits.timing else 0.0)
         self._straight = bool(np.allclose(self._frame, np.eye(3)))
 
-    def judge(self, times, angles, rates, state, sun=None, pole=None):
+    def judge(self, times, angles, rates, state, sun=None, pole=None, turns=None):
         """Judge a track from where the axes are.
 
         Parameters
@@ -91,6 +91,8 @@ class Judge:
             East, north, up of the Sun now; None: it is no matter.
         pole : ndarray, shape (3,), optional
             The same of the celestial north pole, about which the Sun turns; None: it stands.
+        turns : int, optional
+            Whole turns to add to the azimuth; without, those to the nearest that it can take.
 
         Returns
         -------
@@ -104,7 +106,7 @@ class Judge:
         reason = self._too_fast(cubic)
         if reason:
             return Refused(reason)
-        turns = self._turns(cubic, state.angles[0])
+        turns = self._turns(cubic, state.angles[0]) if turns is None else turns
         if turns:
             cubic = cubic.turned(turns)
         reason = self._track_out_of_travel(cubic)
@@ -225,7 +227,7 @@ class Judge:
         if times[0] > 1.0 or times[-1] < 0.0:
             return (f'a track from {times[0]:.1f} to {times[-1]:.1f} s from now: '
                     'send one that is of now')
-        if times[-1] - times[0] > LONGEST:
+        if times[-1] - times[0] > LONGEST + 60.0:  # and braking at its end
             return (f'a track of {times[-1] - times[0]:.0f} s: send {LONGEST:.0f} s at most, '
                     'and the next one in time')
         if len(times) == 1 and rates.any():
