@@ -10,7 +10,7 @@ from msg_tools.node import MountNode, Param, run_node
 from msg_tools.units import DEG
 
 from .guard.keeper import ERROR, Keeper, Settings
-from .guard.limits import TRAVEL_DEG, Axis, Horizon, Limits, parse_horizon, parse_pair
+from .guard.limits import Axis, Horizon, Limits, parse_horizon, parse_pair, travel_of
 from .guard.sun import Sun
 from .observing.pointing import Track
 from .sky import Site
@@ -74,10 +74,16 @@ class MountGuard(MountNode):
         super().__init__('mount_guard', PARAMS, hardware_id='mount guard', **kwargs)
         self._mount, value = mount_of(self), self.value
         self._names, self._whole = self._mount.names.keys, value('renew_s') == 0.0
-        limits = Limits(
+        self._limits = limits = Limits(
             self._mount, tuple(self._axis(i, name) for i, name in enumerate(('first', 'second'))),
             Horizon(value('least_elevation_deg') * DEG, parse_horizon(value('horizon'))),
             value('sun_distance_deg') * DEG, value('slew_timing'))
+        blocked = limits.blocked_pole
+        if blocked:
+            self.get_logger().warning(
+                f'the pole through which the mount changes its side is {blocked[0] / DEG:.1f} deg '
+                f'high, the horizon there {blocked[1] / DEG:.1f} deg: it cannot change it; set '
+                'least_elevation_deg and horizon lower there')
         self._park = parse_pair(value('park_deg'))
         self._keeper = Keeper(limits, Sun(_site(self)), Settings(
             self._whole, max(value('ahead_s'), value('renew_s') + 2.0 * LOOK), value('silence_s'),
@@ -97,7 +103,7 @@ class MountGuard(MountNode):
         self.every(0.5, self._look_at_commanders)
 
     def _axis(self, i, name):
-        low, high = parse_pair(self.value(f'{name}_travel_deg')) or TRAVEL_DEG[self._mount.kind][i]
+        low, high = parse_pair(self.value(f'{name}_travel_deg')) or travel_of(self._mount)[i]
         return Axis(low * DEG, high * DEG, self.value(f'{name}_rate_deg_s') * DEG,
                     self.value(f'{name}_acceleration_deg_s2') * DEG)
 
@@ -114,7 +120,7 @@ class MountGuard(MountNode):
         if convert.joints_of(message.name) != self._names:
             return  # of another mount: the observer says so
         stamp, angles, rates, _ = convert.read_joints(message)
-        angles = self._mount.on_travel(*angles)
+        angles = self._limits.on_travel(*angles)
         self._keeper.take_reading(stamp, angles, rates)
         if self._keeper.state in ('waiting', 'around', 'stopping', 'parking'):
             self._look()

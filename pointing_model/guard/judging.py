@@ -107,8 +107,9 @@ class Judge:
         if reason:
             return Refused(reason)
         turns = self._turns(cubic, state.angles[0]) if turns is None else turns
-        if turns:
-            cubic = cubic.turned(turns)
+        second = 0 if self.limits.mount.altaz else self._middle(cubic, 1)
+        if turns or second:
+            cubic = cubic.turned(turns, second)
         reason = self._track_out_of_travel(cubic)
         if reason:
             return Refused(reason)
@@ -242,15 +243,19 @@ class Judge:
     def _turns(self, cubic, here):
         """Whole turns to add to the first axis: the nearest that its travel has room for."""
         axis = self.limits.axes[0]
-        nearest = 0
-        if self.limits.mount.altaz:
-            nearest = round((here - float(cubic.angles[0, 0])) / _TURN)
+        nearest = (round((here - float(cubic.angles[0, 0])) / _TURN) if self.limits.mount.altaz
+                   else self._middle(cubic, 0))
         brake = cubic.brakes(self._slow)[0]
         fewest = math.ceil((axis.low - cubic.low[0] + brake) / _TURN)
         most = math.floor((axis.high - cubic.high[0] - brake) / _TURN)
         if fewest > most:
             return 0
         return min(max(nearest, fewest), most)
+
+    def _middle(self, cubic, i):
+        """Whole turns that lead nearest to the middle of the travel of an axis."""
+        axis = self.limits.axes[i]
+        return round((0.5 * (axis.low + axis.high) - float(cubic.angles[0, i])) / _TURN)
 
     def _too_fast(self, cubic):
         for i, (axis, word) in enumerate(zip(self.limits.axes, self._words)):
