@@ -28,6 +28,8 @@ FINER = 6
 MOST_BOXES = 20000
 #: the same where many ways are tried
 QUICK = 200
+#: knots are apart by so much at least, s
+SOON = 1e-6
 #: the largest number that is an angle, rad: a hundred turns
 NO_ANGLE = 100.0 * _TURN
 
@@ -223,8 +225,10 @@ class Judge:
             return 'a track with a value that is not finite: give numbers'
         if not all(map(math.isfinite, (*state.angles, *state.rates))):
             return 'where the axes stand is not known: home the mount, or wait for its encoder'
-        if np.any(times[1:] <= times[:-1]):
+        if np.any(times[1:] - times[:-1] < SOON):
             return 'times of the track do not increase: give the knots in their order'
+        if max(rates.max(), -rates.min()) > NO_ANGLE:
+            return 'a rate of the track that is none of an axis: give radians a second'
         if times[0] > 1.0 or times[-1] < 0.0:
             return (f'a track from {times[0]:.1f} to {times[-1]:.1f} s from now: '
                     'send one that is of now')
