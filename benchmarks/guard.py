@@ -26,7 +26,7 @@ from guard_drives import KNOTS, Many, Setting, carry_out, hermite
 
 from msg_tools.units import DEG
 from pointing_model.guard.judging import Allowed, Judge
-from pointing_model.guard.limits import TRAVEL_DEG, Axis, Horizon, Limits
+from pointing_model.guard.limits import Axis, Horizon, Limits, travel_of
 from pointing_model.guard.motion import State
 from pointing_model.guard.sun import Sun
 from pointing_model.guard.way import lead, stopped
@@ -55,7 +55,13 @@ def setting(rng, number):
     sun.at(seconds - rng.uniform(0.0, 590.0))
     rate = rng.uniform(1.0, 8.0, 2) * DEG
     acceleration = rate / rng.uniform(0.5, 3.0, 2)  # s in which it brakes
-    travel = np.array(TRAVEL_DEG[kind]) * DEG
+    pole, mount = None, ALTAZ
+    if kind == 'free':
+        pole = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(-80.0, 80.0) * DEG
+        mount = Mount.free(*pole)
+    elif kind != 'altaz':
+        pole, mount = (0.0, latitude), Mount.equatorial(latitude, kind)
+    travel = np.array(travel_of(mount)) * DEG
     if rng.random() < 0.3:
         travel = travel + rng.uniform(0.0, 60.0, (2, 2)) * [1.0, -1.0] * DEG * (0.5, 0.3)
     corners = np.zeros((0, 2))
@@ -65,12 +71,6 @@ def setting(rng, number):
     least = rng.uniform(0.0, 20.0) * DEG
     away = rng.uniform(10.0, 40.0) * DEG if rng.random() < 0.7 else 0.0
     timing = rng.uniform(0.3, 1.0) if rng.random() < 0.9 else 0.0
-    pole, mount = None, ALTAZ
-    if kind == 'free':
-        pole = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(-80.0, 80.0) * DEG
-        mount = Mount.free(*pole)
-    elif kind != 'altaz':
-        pole, mount = (0.0, latitude), Mount.equatorial(latitude, kind)
     limits = Limits(mount, tuple(Axis(*ends, r, a) for ends, r, a in zip(
         travel.tolist(), rate.tolist(), acceleration.tolist())),
         Horizon(least, [tuple(c) for c in corners.tolist()]), away, timing)
@@ -206,6 +206,10 @@ def allowed(case):
     if np.any(np.abs(speed) > 0.9 * slow * own.rate) or (
             len(bend) and np.any(bend > 0.9 * slow * own.acceleration)):
         return False
+    if not own.timing:  # in any order: where one axis was and the other will be
+        ends = [np.arange(low, high + 0.2 * DEG, 0.2 * DEG) for low, high in
+                zip(place.min(0), place.max(0))]
+        place = np.stack(np.meshgrid(*ends), -1).reshape(-1, 2)
     # and braked from it by the slowest drive
     over = np.abs(speed).max(0)**2 / (2.0 * slow * own.acceleration)
     if own.found is None:

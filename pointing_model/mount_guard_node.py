@@ -11,7 +11,7 @@ from msg_tools.units import DEG
 
 from .guard.goto import GotoKeeper
 from .guard.keeper import ERROR, Keeper, Settings
-from .guard.limits import TRAVEL_DEG, Axis, Horizon, Limits, parse_horizon, parse_pair
+from .guard.limits import Axis, Horizon, Limits, parse_horizon, parse_pair, travel_of
 from .guard.sun import Sun
 from .observing.instrument_health import AHEAD_LIVE, BEHIND_LIVE
 from .observing.pointing import Track
@@ -56,7 +56,7 @@ PARAMS = (
           'the track alone, and any way in between must be free', fixed=True),
     Param('silence_s', 0.5, 'without a reading for so long the mount is stopped [s]', 0.05, 60.0,
           fixed=True),
-    Param('request_timeout_s', 0.5, 'a request that is not renewed for so long is over [s]', 0.05,
+    Param('request_timeout_s', 0.45, 'a request that is not renewed for so long is over [s]', 0.05,
           60.0, fixed=True),
     Param('behind_deg', 2.0, 'an axis so far from where it was sent is stopped [deg]', 0.01, 180.0,
           fixed=True),
@@ -78,10 +78,16 @@ class MountGuard(MountNode):
         super().__init__('mount_guard', PARAMS, hardware_id='mount guard', **kwargs)
         self._mount, value = mount_of(self), self.value
         self._names, self._whole = self._mount.names.keys, value('renew_s') == 0.0
-        limits = Limits(
+        self._limits = limits = Limits(
             self._mount, tuple(self._axis(i, name) for i, name in enumerate(('first', 'second'))),
             Horizon(value('least_elevation_deg') * DEG, parse_horizon(value('horizon'))),
             value('sun_distance_deg') * DEG, value('slew_timing'))
+        blocked = limits.blocked_pole
+        if blocked:
+            self.get_logger().warning(
+                f'the pole through which the mount changes its side is {blocked[0] / DEG:.1f} deg '
+                f'high, the horizon there {blocked[1] / DEG:.1f} deg: it cannot change it; set '
+                'least_elevation_deg and horizon lower there')
         self._park = parse_pair(value('park_deg'))
         keeper = GotoKeeper if value('goto') else Keeper
         self._keeper = keeper(limits, Sun(_site(self)), Settings(
@@ -102,7 +108,7 @@ class MountGuard(MountNode):
         self.every(0.5, self._look_at_commanders)
 
     def _axis(self, i, name):
-        low, high = parse_pair(self.value(f'{name}_travel_deg')) or TRAVEL_DEG[self._mount.kind][i]
+        low, high = parse_pair(self.value(f'{name}_travel_deg')) or travel_of(self._mount)[i]
         return Axis(low * DEG, high * DEG, self.value(f'{name}_rate_deg_s') * DEG,
                     self.value(f'{name}_acceleration_deg_s2') * DEG)
 
@@ -125,7 +131,7 @@ class MountGuard(MountNode):
         if not self.value('use_sim_time') and not (
                 -BEHIND_LIVE <= stamp - self.get_clock().now().nanoseconds <= AHEAD_LIVE):
             raise ValueError("stamps of another clock than this machine's")  # as silent
-        angles = self._mount.on_travel(*angles)
+        angles = self._limits.on_travel(*angles)
         self._keeper.take_reading(stamp, angles, rates)
         if self._keeper.state in ('waiting', 'around', 'stopping', 'parking'):
             self._look()

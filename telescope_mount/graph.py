@@ -97,6 +97,7 @@ def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time
     list of NodeSpec
     """
     sky, altaz = dict(sky or {}), parse_mount(mount, 0.0).altaz
+    below = parse_mount(mount, 0.0).kind == 'german' and sky.get('latitude_deg', 90.0) < 0.0
     names = (*NIGHT, *(['frame_reader'] if absolute == 'frames' else []))
     simulator = {'scenario': scenario, 'seed': seed} | (
         {'start_time': start_time} if start_time else {})
@@ -116,11 +117,12 @@ def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time
             'second_rate_deg_s': 4.0 if altaz else 6.0, 'first_acceleration_deg_s2': 3.0,
             'second_acceleration_deg_s2': 2.0 if altaz else 3.0,
             'slew_timing': 1.0,
-            # simulated polar mounts pass below the horizon as they change their side
-            'least_elevation_deg': 0.0 if altaz else -90.0,
+            # one that is simulated in the south goes through the pole below the horizon
+            'least_elevation_deg': -90.0 if below else 0.0,
         } | ({'ahead_s': 1.5 * time_scale,
                'behind_deg': 2.0 + time_scale} if time_scale else {'renew_s': 0.0}) | (
-            {'first_travel_deg': '-36000,36000'} if altaz else {}) | {
+            {'first_travel_deg': '-36000,36000'} if altaz
+            else {'second_travel_deg': '-90,270'} if below else {}) | {
             name: sky[name] for name in SITE if name in sky},
         'star_observer': {
             'use_sim_time': True, 'renew_request_s': 0.2 if time_scale else 0.0,

@@ -28,6 +28,8 @@ FINER = 6
 MOST_BOXES = 20000
 #: the same where many ways are tried
 QUICK = 200
+#: knots are apart by so much at least, s
+SOON = 1e-6
 #: the largest number that is an angle, rad: a hundred turns
 NO_ANGLE = 100.0 * _TURN
 
@@ -76,7 +78,7 @@ class Judge:
         self._sun = limits.sun + (MARGIN_SUN if limits.sun and not limits.timing else 0.0)
         self._straight = bool(np.allclose(self._frame, np.eye(3)))
 
-    def judge(self, times, angles, rates, state, sun=None, pole=None):
+    def judge(self, times, angles, rates, state, sun=None, pole=None, turns=None):
         """Judge a track from where the axes are.
 
         Parameters
@@ -91,6 +93,8 @@ class Judge:
             East, north, up of the Sun now; None: it is no matter.
         pole : ndarray, shape (3,), optional
             The same of the celestial north pole, about which the Sun turns; None: it stands.
+        turns : int, optional
+            Whole turns to add to the azimuth; without, those to the nearest that it can take.
 
         Returns
         -------
@@ -104,9 +108,10 @@ class Judge:
         reason = self._too_fast(cubic)
         if reason:
             return Refused(reason)
-        turns = self._turns(cubic, state.angles[0])
-        if turns:
-            cubic = cubic.turned(turns)
+        turns = self._turns(cubic, state.angles[0]) if turns is None else turns
+        second = 0 if self.limits.mount.altaz else self._middle(cubic, 1)
+        if turns or second:
+            cubic = cubic.turned(turns, second)
         reason = self._track_out_of_travel(cubic)
         if reason:
             return Refused(reason)
@@ -220,12 +225,14 @@ class Judge:
             return 'a track with a value that is not finite: give numbers'
         if not all(map(math.isfinite, (*state.angles, *state.rates))):
             return 'where the axes stand is not known: home the mount, or wait for its encoder'
-        if np.any(times[1:] <= times[:-1]):
+        if np.any(times[1:] - times[:-1] < SOON):
             return 'times of the track do not increase: give the knots in their order'
+        if max(rates.max(), -rates.min()) > NO_ANGLE:
+            return 'a rate of the track that is none of an axis: give radians a second'
         if times[0] > 1.0 or times[-1] < 0.0:
             return (f'a track from {times[0]:.1f} to {times[-1]:.1f} s from now: '
                     'send one that is of now')
-        if times[-1] - times[0] > LONGEST:
+        if times[-1] - times[0] > LONGEST + 60.0:  # and braking at its end
             return (f'a track of {times[-1] - times[0]:.0f} s: send {LONGEST:.0f} s at most, '
                     'and the next one in time')
         if len(times) == 1 and rates.any():
@@ -240,15 +247,19 @@ class Judge:
     def _turns(self, cubic, here):
         """Whole turns to add to the first axis: the nearest that its travel has room for."""
         axis = self.limits.axes[0]
-        nearest = 0
-        if self.limits.mount.altaz:
-            nearest = round((here - float(cubic.angles[0, 0])) / _TURN)
+        nearest = (round((here - float(cubic.angles[0, 0])) / _TURN) if self.limits.mount.altaz
+                   else self._middle(cubic, 0))
         brake = cubic.brakes(self._slow)[0]
         fewest = math.ceil((axis.low - cubic.low[0] + brake) / _TURN)
         most = math.floor((axis.high - cubic.high[0] - brake) / _TURN)
         if fewest > most:
             return 0
         return min(max(nearest, fewest), most)
+
+    def _middle(self, cubic, i):
+        """Whole turns that lead nearest to the middle of the travel of an axis."""
+        axis = self.limits.axes[i]
+        return round((0.5 * (axis.low + axis.high) - float(cubic.angles[0, i])) / _TURN)
 
     def _too_fast(self, cubic):
         for i, (axis, word) in enumerate(zip(self.limits.axes, self._words)):

@@ -8,6 +8,7 @@ more stops by itself.
 
 import math
 from contextlib import suppress
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +20,8 @@ from .judging import Allowed, Judge, Refused
 from .limits import safe_travel
 from .motion import Cubic, State, moment, plan_move
 from .readings import Readings
-from .way import around
+from .rest import braked, ended
+from .way import around, lead
 
 #: of the speed and the acceleration of an axis, what a slew in pieces uses: the rest is for
 #: catching up
@@ -53,7 +55,7 @@ class Settings(NamedTuple):
     whole: bool = True
     ahead: float = 1.5
     silence: float = 0.5
-    commander: float = 0.5
+    commander: float = 0.45
     behind: float = 2.0 * DEG
     turn_known: bool = True
 
@@ -79,6 +81,8 @@ class Keeper:
     """
 
     def __init__(self, limits, sun, settings, wall):
+        if not settings.whole:
+            limits = replace(limits, timing=min(limits.timing, SHARE))
         self._limits, self._judge, self._sun = limits, Judge(limits), sun
         self._settings, self._wall = settings, wall
         self._pole = np.array([0.0, math.cos(sun.latitude), math.sin(sun.latitude)])
@@ -87,6 +91,7 @@ class Keeper:
         self.refused = (0, '')
         self._goal = self._path = None
         self._vias, self._heard, self._owner, self._last = [], 0.0, '', 0
+        self._turns = None  # of the first axis, where a way led to the goal on another turn
         self._out = []
 
     # --- what comes in ------------------------------------------------------------------------
@@ -109,9 +114,8 @@ class Keeper:
         elif not known and not self._settings.turn_known:
             first, second = self._limits.axes
             low, high = safe_travel(self.readings.here[0], first.low, first.high)
-            self._judge = Judge(self._limits.__class__(
-                self._limits.mount, (first._replace(low=low, high=high), second),
-                self._limits.horizon, self._limits.sun, self._limits.timing))
+            self._judge = Judge(replace(
+                self._limits, axes=(first._replace(low=low, high=high), second)))
 
     def take_request(self, track, now, owner=''):
         """A track that is asked for, or the one before once more: it is still wanted.
@@ -145,7 +149,8 @@ class Keeper:
             return
         if track.start < self._last:
             raise self._refuse(track, 'a request older than the one before: check its stamp')
-        self._last, self._goal, self._vias = track.start, track, []
+        self._last, self._vias, self._turns = track.start, [], None
+        self._goal = track if self._settings.whole else ended(track, self._limits.axes)
         if self.state != 'paused':
             self._begin(now)
 
@@ -193,7 +198,7 @@ class Keeper:
         state = self._here(now)
         sun = self._sun_at(max(now, goal.start))
         found = self._judge.judge(goal.times - late, goal.angles, goal.rates, state, sun,
-                                  self._pole)
+                                  self._pole, self._turns)
         if isinstance(found, Allowed):
             if self._set_out(found.cubic, state, now, 'following'):
                 return
@@ -204,10 +209,14 @@ class Keeper:
                 self._told('stopping', OK, f'{found.reason.partition(":")[0]}: '
                            'stopping, to go around')
                 return
-            vias = around(self._judge, found.cubic, State(state.angles), sun, self._pole)
-            if vias:
-                self._vias = list(vias)
-                self._to_via(now)
+            led = lead(self._judge, found.cubic, State(state.angles), sun, self._pole)
+            if led is not None:
+                self._vias, cubic = list(led[0]), led[1]
+                self._turns = round(float(cubic.angles[0, 0] - goal.angles[0, 0]) / (2.0 * math.pi))
+                if self._vias:
+                    self._to_via(now)
+                else:
+                    self._set_out(cubic, state, now, 'following')
                 return
         self._goal = None
         if self._path is not None:
@@ -265,13 +274,8 @@ class Keeper:
         self._send_braked(now, KNOT * np.arange(count + 1), points[:, :, 0], points[:, :, 1])
 
     def _send_braked(self, now, times, angles, rates):
-        """A track with a last knot at rest."""
-        last = rates[-1]
-        brake = max(0.1, *(abs(v) / axis.acceleration
-                           for v, axis in zip(last.tolist(), self._limits.axes)))
-        self._out.append(Track(now, np.append(times, times[-1] + brake),
-                               np.vstack([angles, angles[-1] + 0.5 * brake * last]),
-                               np.vstack([rates, np.zeros(2)])))
+        """A track that ends at rest."""
+        self._out.append(Track(now, *braked(times, angles, rates, self._limits.axes)))
 
     def _brake(self, now):
         """Stop now."""

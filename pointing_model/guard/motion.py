@@ -94,13 +94,12 @@ class Cubic:
         self.low = (places.min(0) - self._bent).tolist()
         self.high = (places.max(0) + self._bent).tolist()
 
-    def turned(self, turns):
-        """The same, with whole turns added to the first axis."""
-        add = turns * 2.0 * math.pi
+    def turned(self, first, second=0):
+        """The same, with whole turns added to the axes."""
+        add = np.array([first, second]) * 2.0 * math.pi
         out = copy.copy(self)
-        out.angles = self.angles + [add, 0.0]
-        out._fine = self._fine[0], self._fine[1] + [add, 0.0]
-        out.low, out.high = [self.low[0] + add, self.low[1]], [self.high[0] + add, self.high[1]]
+        out.angles, out._fine = self.angles + add, (self._fine[0], self._fine[1] + add)
+        out.low, out.high = (list(map(float, ends + add)) for ends in (self.low, self.high))
         return out
 
     def at(self, t, axis):
