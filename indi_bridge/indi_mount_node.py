@@ -1,12 +1,14 @@
 """A mount of an INDI server in the graph: its axes as joint states, `command` as goto and track."""
 
 import sys
+from contextlib import suppress
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from msg_tools import convert, topics
-from msg_tools.node import MountNode, Param, run_node
+from msg_tools.lifecycle import ManagedNode
+from msg_tools.node import Param, run_node
 from msg_tools.units import ARCSEC
 from pointing_model.sky_params import KIND_OF_MOUNT, SKY_PARAMS, mount_of, sky_of
 
@@ -26,7 +28,7 @@ PARAMS = (
 )
 
 
-class IndiMount(MountNode):
+class IndiMount(ManagedNode):
     """Owns the connection; what is computed stands in `driver`."""
 
     def __init__(self, **kwargs):
@@ -47,10 +49,23 @@ class IndiMount(MountNode):
                 ('abort', self._driver.abort, 'the mount stands'),
                 ('park', self._driver.park, 'the mount goes to its park position')):
             self.serve(name, lambda order=order, done=done: self._ordered(order, done))
-        self._driver.start()
+        self._started = False
         self.every(0.02, self._tick)
 
+    def configured(self):
+        """Connect; once, then the connection is kept up."""
+        if not self._started:
+            self._started = True
+            self._driver.start()
+
+    def deactivated(self):
+        """Stop the mount."""
+        with suppress(IndiError):  # it is not connected: whatever it does, nothing was asked for
+            self._driver.abort()
+
     def _on_command(self, message):
+        if not self.active:
+            raise ValueError(self.inactive)
         stamp, times, positions, _ = convert.read_trajectory(message)
         asked = convert.joints_of(message.joint_names)
         if asked != self._names:
@@ -59,6 +74,8 @@ class IndiMount(MountNode):
         self._driver.command(stamp, times, positions)
 
     def _ordered(self, order, done):
+        if not self.active and order != self._driver.abort:
+            return False, self.inactive
         try:
             order()
         except IndiError as err:
@@ -94,11 +111,12 @@ class IndiMount(MountNode):
 
     def details(self):
         """Device, side, what the driver's own model takes."""
-        return self._driver.details()
+        return [*super().details(), *self._driver.details()]
 
     def finish(self):
         """Leave a mount that stands."""
-        self._driver.close()
+        if self._started:
+            self._driver.close()
 
 
 def main(args=None):

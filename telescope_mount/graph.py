@@ -192,7 +192,7 @@ REAL = tuple(name for name in NIGHT if name not in SIMULATED)
 
 
 def real_graph(*, bag, plan='', mount='altaz', sky=None, model_file='', absolute_encoder=False,
-               exposure=0.0, calibration=None, namespace=NAMESPACE):
+               exposure=0.0, calibration=None, namespace=NAMESPACE, autostart=True):
     """The nodes beside the drivers of a real mount, on the time of the wall.
 
     Parameters
@@ -204,6 +204,8 @@ def real_graph(*, bag, plan='', mount='altaz', sky=None, model_file='', absolute
     exposure : float
         Length of the camera's exposures, s, over which the mount must rest on its track; 0: it is
         judged in their middle.
+    autostart : bool
+        Whether the guard becomes active by itself.
 
     Returns
     -------
@@ -211,7 +213,7 @@ def real_graph(*, bag, plan='', mount='altaz', sky=None, model_file='', absolute
     """
     sky = dict(sky or {})
     parameters = {
-        'mount_guard': {'mount': mount} | {name: sky[name] for name in SITE if name in sky},
+        'mount_guard': {'mount': mount, 'autostart': autostart} | {name: sky[name] for name in SITE if name in sky},
         'star_observer': {
             'model_file': model_file, 'mount': mount, 'absolute_encoder': absolute_encoder,
             'exposure_s': exposure,
