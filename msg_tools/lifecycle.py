@@ -76,7 +76,8 @@ class ManagedNode(LifecycleNodeMixin, MountNode):
         if self.active:
             return ''
         state = self._state_machine.current_state[1]
-        return f'{self.get_name()} is {state}: activate it'
+        what = {'unconfigured': 'configure and activate it', 'finalized': 'start it anew'}
+        return f'{self.get_name()} is {state}: {what.get(state, "activate it")}'
 
     # --- transitions ---------------------------------------------------------------------------
 

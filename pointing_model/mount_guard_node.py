@@ -2,6 +2,7 @@
 
 import sys
 import time
+from contextlib import suppress
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
@@ -218,8 +219,12 @@ class MountGuard(ManagedNode):
 
     def deactivated(self):
         """Stop the mount, and follow nothing."""
-        self._resting = self._keeper.state != 'paused' and self._do('', self._keeper.pause)[0]
-        self._look()
+        now, before = self._now(), self._keeper.state
+        with suppress(ValueError):  # it is aborted or parked, and stands
+            self._keeper.pause(now)
+            self._resting = before != 'paused'
+        for track in self._keeper.step(now, False):
+            self._send(track)
 
     # --- services -----------------------------------------------------------------------------
 

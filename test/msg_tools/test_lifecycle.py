@@ -49,7 +49,7 @@ def test_without_autostart_it_waits_and_lives_through_what_its_state_does_not_ha
     drive = graph.add(Drive, autostart=False)
     status = graph.report('drive', 'waiting for activation', 'lifecycle', 'unconfigured')
     assert status.level == DiagnosticStatus.WARN
-    assert drive.inactive == 'drive is unconfigured: activate it'
+    assert drive.inactive == 'drive is unconfigured: configure and activate it'
     assert not change(graph, Transition.TRANSITION_ACTIVATE)
     assert not change(graph, label='levitate') and not change(graph, 199)
     assert change(graph, Transition.TRANSITION_CONFIGURE)
