@@ -16,7 +16,8 @@ ARGUMENTS = (
     ('absolute_encoder', 'false', 'whether a driver publishes absolute/joint_states'),
     ('exposure', '0.0', "length of the camera's exposures, s, in which the mount must rest on its "
      'track; 0: it is judged in their middle'),
-    ('autostart', 'true', 'false: nothing moves before the guard is activated (ros2 lifecycle set)'),
+    ('autostart', 'true', 'false: nothing moves before the guard is configured and activated '
+     '(ros2 lifecycle set)'),
     ('plan', real_plan(30), 'steps of the observer'),
 )
 

@@ -213,7 +213,8 @@ def real_graph(*, bag, plan='', mount='altaz', sky=None, model_file='', absolute
     """
     sky = dict(sky or {})
     parameters = {
-        'mount_guard': {'mount': mount, 'autostart': autostart} | {name: sky[name] for name in SITE if name in sky},
+        'mount_guard': {'mount': mount, 'autostart': autostart} | {
+            name: sky[name] for name in SITE if name in sky},
         'star_observer': {
             'model_file': model_file, 'mount': mount, 'absolute_encoder': absolute_encoder,
             'exposure_s': exposure,
