@@ -18,6 +18,8 @@ ARGUMENTS = (
      'track; 0: it is judged in their middle'),
     ('state_file', '', 'file in which the night is kept: started again with it (and another bag), '
      'a plan that was interrupted goes on; none: not kept'),
+    ('autostart', 'true', 'false: nothing moves before the guard is configured and activated '
+     '(ros2 lifecycle set)'),
     ('plan', real_plan(30), 'steps of the observer'),
 )
 
@@ -33,7 +35,7 @@ def nodes(values):
         bag=values['bag'], plan=values['plan'], mount=values['mount'],
         absolute_encoder=values.truth('absolute_encoder'),
         exposure=values.number(float, 'exposure'), state_file=values['state_file'],
-        namespace=values['namespace']), drivers)
+        namespace=values['namespace'], autostart=values.truth('autostart')), drivers)
 
 
 def generate_launch_description():

@@ -2,15 +2,17 @@
 
 import sys
 import time
+from contextlib import suppress
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from msg_tools import convert, topics
-from msg_tools.node import MountNode, Param, run_node
+from msg_tools.lifecycle import ManagedNode
+from msg_tools.node import Param, run_node
 from msg_tools.units import DEG
 
 from .guard.goto import GotoKeeper
-from .guard.keeper import ERROR, Keeper, Settings
+from .guard.keeper import ERROR, WARN, Keeper, Settings
 from .guard.limits import Axis, Horizon, Limits, parse_horizon, parse_pair, travel_of
 from .guard.sun import Sun
 from .observing.instrument_health import AHEAD_LIVE, BEHIND_LIVE
@@ -65,10 +67,12 @@ PARAMS = (
 )
 #: steady seconds between looks at it all
 LOOK = 0.05
+#: s in which a node of a graph finds the others
+LOOK_AROUND = 1.0
 LEVELS = (DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR)
 
 
-class MountGuard(MountNode):
+class MountGuard(ManagedNode):
     """Publishes `command`: it alone, and nothing that the mount must not follow.
 
     What is judged and sent stands in `guard.keeper`, which knows no ROS.
@@ -78,6 +82,7 @@ class MountGuard(MountNode):
         super().__init__('mount_guard', PARAMS, hardware_id='mount guard', **kwargs)
         self._mount, value = mount_of(self), self.value
         self._names, self._whole = self._mount.names.keys, value('renew_s') == 0.0
+        self._resting = False
         self._limits = limits = Limits(
             self._mount, tuple(self._axis(i, name) for i, name in enumerate(('first', 'second'))),
             Horizon(value('least_elevation_deg') * DEG, parse_horizon(value('horizon'))),
@@ -141,6 +146,8 @@ class MountGuard(MountNode):
             self._keeper.withdraw(self._now())
             self._look()
             return
+        if not self.active and not self._resting:
+            return  # it is renewed while it is wanted; the status says why nothing follows
         stamp, times, angles, rates = convert.read_trajectory(message)
         asked = convert.joints_of(message.joint_names)
         if asked != self._names:
@@ -162,6 +169,9 @@ class MountGuard(MountNode):
 
     def _look(self):
         """Send what is due."""
+        if not self.active:
+            self._tell()
+            return
         now = time.monotonic()
         due = now - self._renewed >= self.value('renew_s')
         tracks = self._keeper.step(self._now(), due)
@@ -180,17 +190,20 @@ class MountGuard(MountNode):
 
     def _tell(self):
         keeper = self._keeper
-        told = keeper.state, keeper.reason, keeper.refused
+        state, level, reason = keeper.state, keeper.level, keeper.reason
+        if not self.active:
+            state, level, reason = 'inactive', WARN, self.inactive
+        told = state, reason, keeper.refused
         if told == self._said:
             return
         self._said = told
         self._status_pub.publish(convert.status(
-            LEVELS[keeper.level], self.get_fully_qualified_name(), keeper.reason,
-            state=keeper.state, refused=keeper.refused[0], reason=keeper.refused[1]))
-        text = f'{keeper.state}: {keeper.reason}'
-        if keeper.level == ERROR:
+            LEVELS[level], self.get_fully_qualified_name(), reason,
+            state=state, refused=keeper.refused[0], reason=keeper.refused[1]))
+        text = f'{state}: {reason}'
+        if level == ERROR:
             self.get_logger().error(text)
-        elif keeper.level:
+        elif level:
             self.get_logger().warning(text)
         else:
             self.get_logger().info(text)
@@ -209,9 +222,32 @@ class MountGuard(MountNode):
             self.get_logger().error(crowd)
         self._crowd = crowd
 
+    # --- lifecycle ----------------------------------------------------------------------------
+
+    def look_around(self):
+        """A second guard must not have sent anything when it finds the first one."""
+        return LOOK_AROUND if self.value('renew_s') else 0.0
+
+    def activated(self):
+        """Go on with the request that is renewed."""
+        if self._resting and self._keeper.state == 'paused':
+            self._do('', self._keeper.resume)
+        self._resting = False
+
+    def deactivated(self):
+        """Stop the mount, and follow nothing."""
+        now, before = self._now(), self._keeper.state
+        with suppress(ValueError):  # it is aborted or parked, and stands
+            self._keeper.pause(now)
+            self._resting = before != 'paused'
+        for track in self._keeper.step(now, False):
+            self._send(track)
+
     # --- services -----------------------------------------------------------------------------
 
     def _do(self, done, call, *args):
+        if not self.active:
+            return False, self.inactive
         try:
             call(self._now(), *args)
         except ValueError as err:
@@ -242,7 +278,7 @@ class MountGuard(MountNode):
 
     def details(self):
         """What the mount does."""
-        return [('mount', self._keeper.state), ('why', self._keeper.reason)]
+        return [*super().details(), ('mount', self._keeper.state), ('why', self._keeper.reason)]
 
 
 def _site(node):

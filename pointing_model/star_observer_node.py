@@ -180,7 +180,7 @@ class StarObserver(MountNode):
         if state in ENDING:
             self._request = None
             self._sequencer.cancel(f'by the mount guard: {message.message}')
-        self._guard = message.message if state == 'paused' else ''
+        self._guard = message.message if state in ('paused', 'inactive') else ''
         self._sequencer.advance()
 
     def _on_command(self, message):

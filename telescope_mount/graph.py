@@ -203,7 +203,8 @@ REAL = tuple(name for name in NIGHT if name not in SIMULATED)
 
 
 def real_graph(*, bag, plan='', mount='altaz', sky=None, model_file='', absolute_encoder=False,
-               exposure=0.0, state_file='', calibration=None, namespace=NAMESPACE):
+               exposure=0.0, state_file='', calibration=None, namespace=NAMESPACE,
+               autostart=True):
     """The nodes beside the drivers of a real mount, on the time of the wall.
 
     Parameters
@@ -217,6 +218,8 @@ def real_graph(*, bag, plan='', mount='altaz', sky=None, model_file='', absolute
         judged in their middle.
     state_file : str
         Where the observer keeps the night, so that it goes on after the graph was killed.
+    autostart : bool
+        Whether the guard becomes active by itself.
 
     Returns
     -------
@@ -224,7 +227,8 @@ def real_graph(*, bag, plan='', mount='altaz', sky=None, model_file='', absolute
     """
     sky = dict(sky or {})
     parameters = {
-        'mount_guard': {'mount': mount} | {name: sky[name] for name in SITE if name in sky},
+        'mount_guard': {'mount': mount, 'autostart': autostart} | {
+            name: sky[name] for name in SITE if name in sky},
         'star_observer': {
             'model_file': model_file, 'mount': mount, 'absolute_encoder': absolute_encoder,
             'exposure_s': exposure, 'state_file': state_file,
