@@ -34,7 +34,7 @@ BELOW = {
     'encoder_sim': ('encoder_reading', 'msg_tools'),
     'indi_bridge': ('pointing_model', 'msg_tools'),
     'alpaca_bridge': ('indi_bridge', 'pointing_model', 'msg_tools'),
-    'telescope_mount': ('calibration', 'pointing_model', 'encoder_reading', 'indi_bridge',
+    'telescope_mount': ('calibration', 'pointing_model', 'encoder_reading', 'indi_bridge', 'alpaca_bridge',
                         'msg_tools'),
     'launch': ('telescope_mount', 'calibration', 'pointing_model', 'encoder_reading',
                'indi_bridge', 'msg_tools'),
@@ -274,7 +274,8 @@ def test_every_parameter_of_the_graph_is_one_of_its_node():
                                  calibration={'alpha': 0.1, 'site': '', 'diagnosis_page': ''})]:
         module = importlib.import_module(spec.module)
         known = {p.name for p in getattr(module, 'PARAMS', (*DEVICE_PARAMS, MAX_RATE))}
-        assert set(spec.parameters) - {'use_sim_time'} <= known, spec.name
+        # the latter of those with a lifecycle
+        assert set(spec.parameters) - {'use_sim_time', 'autostart'} <= known, spec.name
 
 
 def test_a_real_mount_has_the_time_of_the_wall_and_no_simulated_node():
