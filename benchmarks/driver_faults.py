@@ -131,6 +131,11 @@ def star_seen(night, begun):
     return night.mount.first_star
 
 
+def spoken(night, begun):
+    """When the observer said its first word."""
+    return next((when for when, where, _ in night.heard if where == 'status'), None)
+
+
 def homed(night, begun):
     """When the first reading with a number came."""
     return night.mount.first_number
@@ -159,7 +164,7 @@ FAULTS = {
     'mount deaf': Fault('no axis has moved|from where it was sent', deaf, 'cancelled',
                         shown=lambda night, begun: night.mount.sent_far),
     'absolute encoder absent': Fault('the mount has none: absolute_encoder: false', nothing,
-                                     'waiting', first=True),
+                                     'waiting', first=True, shown=spoken),
     'home hanging': Fault('home to answer: it homes', nothing, first=True, shown=called),
     'names wrong': Fault('joint names', names, first=True),
     'commander stops': Fault('no longer renewed', commander, 'observing'),
@@ -194,9 +199,9 @@ def run(name, seed):
             night.mount.offer_home()
         if fault.first:
             fault.begin(night)
+        begun = time.time()
         night.start()
         night.until(lambda: night.text(), 20.0)
-        begun = time.time()
         if not fault.first:
             night.until(lambda: night.progress().observations > 0, 60.0)
             night.lasts(rng.uniform(0.0, 5.0))

@@ -1,7 +1,7 @@
 """What is wrong while a plan is under way: named, logged once a change, and when to give up."""
 
-#: a wait of so long is told, wall s
-TOLD_AFTER = 1.0
+#: a wait of so long is told, wall s: at the third look, half a second apart
+TOLD_AFTER = 0.9
 #: steps that wait for no instrument: how long they take nobody can say
 PATIENT = ('wait', 'calibrate_zero', 'fit', 'diagnose', 'judge')
 WAITING = 'plan', 'waiting'
