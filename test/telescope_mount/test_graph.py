@@ -211,7 +211,7 @@ def test_the_night_has_every_node_but_the_players():
     specs = night_graph(bag='bag')
     assert [spec.name for spec in specs] == list(NIGHT)
     assert set(NIGHT) == set(NODES) - {'mcap_replay', 'run_player', 'frame_reader', 'indi_mount',
-                                       'indi_sky'}
+                                       'indi_sky', 'mount_display'}
     assert [spec.full_name for spec in specs] == [f'/mount/{name}' for name in NIGHT]
     for spec in replay_graph('bag', '/mount/observation'):
         assert NODES[spec.name] == spec.module
