@@ -13,7 +13,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from msg_tools import convert, topics
-from msg_tools.lifecycle import ManagedNode
+from msg_tools.lifecycle import AUTOSTART, ManagedNode
 from msg_tools.node import Param, run_node
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.sky import DEFAULT_SITE
@@ -28,7 +28,7 @@ THERMOMETER_STEP = 0.05
 HAIR = 0.05 * ARCSEC
 
 PARAMS = (
-    *DEVICE_PARAMS,
+    AUTOSTART, *DEVICE_PARAMS,
     Param('time_scale', 0.0, 'simulated seconds a second; 0: as fast as the graph answers',
           0.0, 1000.0, fixed=True),
     Param('sample_rate_hz', 2.0, 'true angles a second of simulated time; with time_scale 0 only '

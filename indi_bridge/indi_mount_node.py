@@ -7,7 +7,7 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from msg_tools import convert, topics
-from msg_tools.lifecycle import ManagedNode
+from msg_tools.lifecycle import AUTOSTART, ManagedNode
 from msg_tools.node import Param, run_node
 from msg_tools.units import ARCSEC
 from pointing_model.sky_params import KIND_OF_MOUNT, SKY_PARAMS, mount_of, sky_of
@@ -18,7 +18,7 @@ from .params import SERVER_PARAMS
 from .pointing import hour_angle_of
 
 PARAMS = (
-    *SERVER_PARAMS, *SKY_PARAMS, KIND_OF_MOUNT,
+    AUTOSTART, *SERVER_PARAMS, *SKY_PARAMS, KIND_OF_MOUNT,
     Param('tolerance_arcsec', 1.0, 'axes that are farther from their demand are sent again '
           '[arcsec]', 0.1, 3600.0, fixed=True),
     Param('set_site', True, 'tell the driver the site, and the time with it',

@@ -20,16 +20,16 @@ SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FA
 class ManagedNode(LifecycleNodeMixin, MountNode):
     """A `MountNode` with the states unconfigured, inactive, active and finalized.
 
-    What it subscribes to and publishes is there in all of them; what moves the mount a subclass
-    does only while `active`.
+    `AUTOSTART` is among its parameters. What it subscribes to and publishes is there in all
+    states; what moves the mount a subclass does only while `active`.
 
     Attributes
     ----------
     active : bool
     """
 
-    def __init__(self, name, params=(), **kwargs):
-        MountNode.__init__(self, name, (*params, AUTOSTART), **kwargs)
+    def __init__(self, name, params, **kwargs):
+        MountNode.__init__(self, name, params, **kwargs)
         LifecycleNodeMixin.__init__(self)
         self.active, self._change = False, self._service_change_state.callback
         self._service_change_state.callback = self._on_change_state

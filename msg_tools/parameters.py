@@ -5,7 +5,7 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValu
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from .params import BadInput
+from .params import OF_SITE, BadInput
 
 
 class ParameterNode(Node):
@@ -33,7 +33,8 @@ class ParameterNode(Node):
         self._params = {}
         self.declare(params)
         unknown = [key for key in self._parameter_overrides
-                   if not self.has_parameter(key) and not key.startswith('qos_overrides.')]
+                   if not self.has_parameter(key) and not key.startswith('qos_overrides.')
+                   and key not in OF_SITE]
         if unknown:
             import difflib
             close = difflib.get_close_matches(unknown[0], list(self._params), 1)
@@ -71,7 +72,7 @@ class ParameterNode(Node):
     def check_overrides(self):
         """BadInput where a QoS override fits no endpoint; all endpoints must have been made."""
         for key in self._parameter_overrides:
-            if not self.has_parameter(key):
+            if not self.has_parameter(key) and key not in OF_SITE:
                 raise BadInput(f'{self.get_name()}: {key} fits no topic and policy of this node; '
                                f'see ros2 param list {self.get_fully_qualified_name()}')
 

@@ -98,3 +98,8 @@ IN_FORCE = Topic('in_force', 'std_msgs/msg/String', LATCHED)
 DIAGNOSTICS = Topic('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', RELIABLE, many=True)
 
 ALL = tuple(value for value in list(globals().values()) if isinstance(value, Topic))
+
+# pictures of what the others say, which no log needs: for RViz and Foxglove, from `mount_display`
+ROBOT_DESCRIPTION = Topic('robot_description', 'std_msgs/msg/String', LATCHED)
+JOINTS = Topic('joint_states', 'sensor_msgs/msg/JointState', RELIABLE)
+MARKERS = Topic('markers', 'visualization_msgs/msg/MarkerArray', RELIABLE)

@@ -7,7 +7,7 @@ from contextlib import suppress
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from msg_tools import convert, topics
-from msg_tools.lifecycle import ManagedNode
+from msg_tools.lifecycle import AUTOSTART, ManagedNode
 from msg_tools.node import Param, run_node
 from msg_tools.units import DEG
 
@@ -28,7 +28,7 @@ def _travel(name, which):
 
 
 PARAMS = (
-    KIND_OF_MOUNT,
+    AUTOSTART, KIND_OF_MOUNT,
     *SKY_PARAMS[:3],
     _travel('first_travel_deg', 'first'),
     _travel('second_travel_deg', 'second'),

@@ -19,6 +19,7 @@ NODES = {
     'star_observer': 'pointing_model.star_observer_node',
     'pointing_corrector': 'pointing_model.pointing_corrector_node',
     'calibration': 'calibration.calibration_node',
+    'mount_display': 'pointing_model.mount_display_node',
     'mcap_logger': 'msg_tools.mcap_logger_node',
     'mcap_replay': 'msg_tools.mcap_replay_node',
     'run_player': 'pointing_model.run_player_node',

@@ -6,6 +6,8 @@ import re
 import sys
 from pathlib import Path
 
+import yaml
+from ament_index_python.packages import get_package_prefix
 from launch.actions import (
     DeclareLaunchArgument,
     EmitEvent,
@@ -21,6 +23,10 @@ from launch_ros.actions import Node
 
 from launch import LaunchDescription
 from msg_tools import NAMESPACE
+from msg_tools.units import DEG
+from pointing_model.mount_shape import urdf
+from pointing_model.mounts import parse_mount
+from pointing_model.sky import DEFAULT_SITE
 
 from .parent import PARENT
 from .threads import ONE_THREAD
@@ -28,6 +34,8 @@ from .threads import ONE_THREAD
 #: that every launch file takes: name, default, text
 SHARED = (
     ('namespace', NAMESPACE, 'of the graph: a mount has one of its own'),
+    ('display', 'true', 'mount_display, and robot_state_publisher where it is installed: RViz and '
+     'Foxglove show the mount'),
     ('params_file', '', 'ROS parameter file (site, limits), read by all nodes after the values '
      'above'),
 )
@@ -104,13 +112,44 @@ def started(values, specs, drivers=()):
         cmd=[sys.executable, '-m', 'telescope_mount.parent', path, '--ros-args', '-r',
              f'__ns:={values["namespace"]}', *given],
         name=Path(path).stem, output='screen') for path in drivers]
+    pictures = _pictures(values, specs) if values.truth('display') else []
     processes += [Node(package='telescope_mount', executable=spec.name, name=spec.name,
                        namespace=values['namespace'], output='screen',
                        parameters=[spec.parameters, *values.files]) for spec in specs]
     # a night without one of them would wait for ever
-    return processes + [
+    return processes + pictures + [
         RegisterEventHandler(OnProcessExit(target_action=process, on_exit=end_all))
         for process in processes]
+
+
+def _pictures(values, specs):
+    """What shows the mount; a night goes on without it."""
+    told = next(spec.parameters for spec in specs if spec.name == 'star_observer')
+    own = {name: told[name] for name in ('mount', 'use_sim_time') if name in told}
+    place = {'namespace': values['namespace'], 'output': 'screen'}
+    display = {'package': 'telescope_mount', 'executable': 'mount_display',
+               'name': 'mount_display', **place}
+    try:
+        get_package_prefix('robot_state_publisher')
+    except (LookupError, OSError):  # no tf: markers show it
+        return [Node(parameters=[own, *values.files], **display)]
+    shape = urdf(parse_mount(own['mount'], _latitude(values.files) * DEG))
+    return [Node(parameters=[own | {'description': False}, *values.files], **display),
+            Node(package='robot_state_publisher', executable='robot_state_publisher',
+                 name='robot_state_publisher', **place, parameters=[{
+                     'robot_description': shape,
+                     'use_sim_time': own.get('use_sim_time', False)}])]
+
+
+def _latitude(files):
+    """Of a parameter file that has one for all nodes, degrees; else the default."""
+    for path in files:
+        read = yaml.safe_load(Path(path).read_text(encoding='utf-8')) or {}
+        for node in ('/**', '/**/star_observer'):
+            found = read.get(node, {}).get('ros__parameters', {})
+            if 'latitude_deg' in found:
+                return float(found['latitude_deg'])
+    return DEFAULT_SITE.latitude / DEG
 
 
 def end_all(event, context):

@@ -6,7 +6,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 
-from msg_tools.lifecycle import ManagedNode
+from msg_tools.lifecycle import AUTOSTART, ManagedNode
 
 
 class Drive(ManagedNode):
@@ -15,7 +15,7 @@ class Drive(ManagedNode):
     fault = None
 
     def __init__(self, **kwargs):
-        super().__init__('drive', **kwargs)
+        super().__init__('drive', (AUTOSTART,), **kwargs)
         self.done = []
 
     def configured(self):

@@ -34,8 +34,8 @@ BELOW = {
     'encoder_sim': ('encoder_reading', 'msg_tools'),
     'indi_bridge': ('pointing_model', 'msg_tools'),
     'alpaca_bridge': ('indi_bridge', 'pointing_model', 'msg_tools'),
-    'telescope_mount': ('calibration', 'pointing_model', 'encoder_reading', 'indi_bridge', 'alpaca_bridge',
-                        'msg_tools'),
+    'telescope_mount': ('calibration', 'pointing_model', 'encoder_reading', 'indi_bridge',
+                        'alpaca_bridge', 'msg_tools'),
     'launch': ('telescope_mount', 'calibration', 'pointing_model', 'encoder_reading',
                'indi_bridge', 'msg_tools'),
 }
@@ -212,7 +212,7 @@ def test_the_night_has_every_node_but_the_players():
     specs = night_graph(bag='bag')
     assert [spec.name for spec in specs] == list(NIGHT)
     assert set(NIGHT) == set(NODES) - {'mcap_replay', 'run_player', 'frame_reader', 'indi_mount',
-                                       'indi_sky', 'alpaca_mount'}
+                                       'indi_sky', 'alpaca_mount', 'mount_display'}
     assert [spec.full_name for spec in specs] == [f'/mount/{name}' for name in NIGHT]
     for spec in replay_graph('bag', '/mount/observation'):
         assert NODES[spec.name] == spec.module
@@ -274,8 +274,7 @@ def test_every_parameter_of_the_graph_is_one_of_its_node():
                                  calibration={'alpha': 0.1, 'site': '', 'diagnosis_page': ''})]:
         module = importlib.import_module(spec.module)
         known = {p.name for p in getattr(module, 'PARAMS', (*DEVICE_PARAMS, MAX_RATE))}
-        # the latter of those with a lifecycle
-        assert set(spec.parameters) - {'use_sim_time', 'autostart'} <= known, spec.name
+        assert set(spec.parameters) - {'use_sim_time'} <= known, spec.name
 
 
 def test_a_real_mount_has_the_time_of_the_wall_and_no_simulated_node():

@@ -8,9 +8,12 @@ from functools import partial
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
+import numpy as np
 import pytest
 
 from msg_tools import NAMESPACE
+from pointing_model.mount_shape import urdf
+from pointing_model.mounts import parse_mount
 from pointing_model.observing.plan import night_plan, real_plan
 from telescope_mount.graph import NIGHT, night_graph, real_graph
 from telescope_mount.parent import PARENT
@@ -82,7 +85,7 @@ def real(monkeypatch):
 def test_every_node_is_started_with_its_parameters_and_watched(night, tmp_path):
     (tmp_path / 'site.yaml').write_text('')
     actions = night(scenario='ideal', seed='7', bag='b', params_file=str(tmp_path / 'site.yaml'))
-    nodes = [node.values for node in actions['Node']]
+    *nodes, display = [node.values for node in actions['Node']]
     assert [node['executable'] for node in nodes] == [node['name'] for node in nodes] == list(NIGHT)
     wanted = {spec.name: spec.parameters for spec in night_graph(
         bag='b', scenario='ideal', seed=7, plan=night_plan(30, 16))}
@@ -93,7 +96,11 @@ def test_every_node_is_started_with_its_parameters_and_watched(night, tmp_path):
         assert more == str(tmp_path / 'site.yaml')
     watched = [handler.args[0].values['target_action']
                for handler in actions['RegisterEventHandler']]
-    assert watched == actions['Node']
+    assert watched == actions['Node'][:-1]
+    # the picture is none of the night: without it all goes on
+    assert display['executable'] == 'mount_display'
+    assert display['parameters'][0] == {'mount': 'altaz', 'use_sim_time': True}
+    assert len(night(display='false')['Node']) == len(nodes)
     # and none outlives the launch
     assert [PARENT, str(os.getpid())] in [
         list(action.args) for action in actions['SetEnvironmentVariable']]
@@ -129,8 +136,24 @@ def test_every_scenario_plan_and_namespace_can_be_launched(night):
         assert '/dome/north/camera' in told['wait_for_nodes']
 
 
+def test_with_robot_state_publisher_the_mount_is_described_by_it(night, tmp_path, monkeypatch):
+    index = tmp_path / 'share/ament_index/resource_index/packages'
+    index.mkdir(parents=True)
+    (index / 'robot_state_publisher').touch()
+    monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path))
+    (tmp_path / 'site.yaml').write_text('/**: {ros__parameters: {latitude_deg: -30.0}}')
+    *_, display, state = night(
+        scenario='german', params_file=str(tmp_path / 'site.yaml'))['Node']
+    assert state.values['executable'] == 'robot_state_publisher'
+    assert state.values['parameters'][0] == {'use_sim_time': True, 'robot_description': urdf(
+        parse_mount('german', np.radians(-30.0)))}
+    # which publishes robot_description: it has one publisher
+    assert display.values['parameters'][0]['description'] is False
+
+
 def test_a_real_mount_is_launched_with_sample_drivers_or_ones_own(real):
-    actions = real(bag='b', mount='german', absolute_encoder='true', exposure='1')
+    actions = real(bag='b', mount='german', absolute_encoder='true', exposure='1',
+                   display='false')
     wanted = real_graph(bag='b', plan=real_plan(30), mount='german', absolute_encoder=True,
                         exposure=1.0)
     assert [(node.values['name'], node.values['parameters']) for node in actions['Node']] == [
