@@ -30,6 +30,8 @@ SHARE = 0.8
 KNOT = 0.25
 #: so near to a point of a way around, and slower, it is reached; rad, rad/s
 REACHED, STILL = 0.1 * DEG, 0.02 * DEG
+#: an axis that moves may be behind by the way of so long, s
+LAG = 0.5
 #: a track that begins later than this has to wait for its time, s
 LATER = 1.0
 OK, WARN, ERROR = 0, 1, 2
@@ -363,8 +365,10 @@ class Keeper:
         """Which axis does not go where it was sent, in a sentence; '' for none."""
         for i, word in enumerate(self._limits.mount.names.axes):
             # where it was sent to at the time of the reading
-            off = abs(self.readings.here[i] - self._moment(self.readings.stamp, i)[0])
-            if off > self._settings.behind and self.readings.stamp > self._path[0]:
+            angle, rate = self._moment(self.readings.stamp, i)
+            off = abs(self.readings.here[i] - angle)
+            if off > self._settings.behind + LAG * abs(rate) and (
+                    self.readings.stamp > self._path[0]):
                 return (f'the {word} is {off / DEG:.1f} deg from where it was sent: stopped; look '
                         'at its drive and encoder, and call resume')
         return ''
