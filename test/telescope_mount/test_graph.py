@@ -37,7 +37,7 @@ BELOW = {
     'telescope_mount': ('calibration', 'pointing_model', 'encoder_reading', 'indi_bridge',
                         'alpaca_bridge', 'msg_tools'),
     'launch': ('telescope_mount', 'calibration', 'pointing_model', 'encoder_reading',
-               'indi_bridge', 'msg_tools'),
+               'indi_bridge', 'alpaca_bridge', 'msg_tools'),
 }
 PACKAGES = tuple(name for name in BELOW if name != 'launch')
 #: what the simulator may use of the pointing model: the sky is the same for both, and how a mount
