@@ -24,6 +24,8 @@ INDI, ALPACA = 'indi', 'alpaca'
 SILENCE = 3.0
 #: s between tries where the server does not answer, and until it is given up
 AGAIN, LONGEST = 0.5, 30.0
+#: the order to stop is sent so often
+TIMES = 4
 _STOP = ''.join(
     f'<newSwitchVector device="{{device}}" name="{name}"><oneSwitch name="{member}">On</oneSwitch>'
     '</newSwitchVector>\n' for name, member in (
@@ -83,25 +85,30 @@ def stop(kind, host, port, device):
 def _stop_indi(host, port, device):
     name = device.replace('&', '&amp;').replace('"', '&quot;').replace('<', '&lt;')
     with socket.create_connection((host, port), 2.0) as connection:
-        connection.sendall(f'<getProperties version="1.7" device="{name}"/>\n'.encode()
-                           + _STOP.format(device=name).encode())
-        # whoever closes at once takes back what was not read yet
-        connection.settimeout(0.5)
-        with contextlib.suppress(TimeoutError):
-            until = time.monotonic() + 1.0
-            while time.monotonic() < until and connection.recv(65536):
-                pass
+        connection.sendall(f'<getProperties version="1.7" device="{name}"/>\n'.encode())
+        connection.settimeout(0.1)
+        # a slew that is aborted may end as it would have, tracking: so once more, and again
+        for _ in range(TIMES):
+            connection.sendall(_STOP.format(device=name).encode())
+            until = time.monotonic() + AGAIN
+            while time.monotonic() < until:
+                with contextlib.suppress(TimeoutError):
+                    if not connection.recv(65536):
+                        return
 
 
 def _stop_alpaca(host, port, device):
     from http.client import HTTPConnection
-    for order, body in (('abortslew', ''), ('tracking', 'Tracking=False&')):
-        connection = HTTPConnection(host, port, timeout=2.0)
-        with contextlib.closing(connection):
-            connection.request('PUT', f'/api/v1/telescope/{device}/{order}',
-                               f'{body}ClientID=65000&ClientTransactionID=1',
-                               {'Content-Type': 'application/x-www-form-urlencoded'})
-            connection.getresponse().read()
+    for n in range(TIMES):
+        for order, body in (('abortslew', ''), ('tracking', 'Tracking=False&')):
+            connection = HTTPConnection(host, port, timeout=2.0)
+            with contextlib.closing(connection):
+                connection.request('PUT', f'/api/v1/telescope/{device}/{order}',
+                                   f'{body}ClientID=65000&ClientTransactionID=1',
+                                   {'Content-Type': 'application/x-www-form-urlencoded'})
+                connection.getresponse().read()
+        if n < TIMES - 1:
+            time.sleep(AGAIN)  # polls: nothing tells when a driver has taken up its track again
 
 
 def watch(stream, kind, host, port, device, silence=SILENCE):

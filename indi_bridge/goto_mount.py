@@ -30,6 +30,9 @@ RETRY = 3.0
 FAR = 10.0 * DEG
 #: a track at rest that is over so soon is a stop, s
 STOP = 0.25
+#: s after a stop in which one that still moves is stopped again, and in which it stands for sure;
+#: longest time that is waited for that at the end
+STOP_AGAIN, STANDS, LONGEST = 0.2, 1.5, 4.0
 
 
 class BridgeError(RuntimeError):
@@ -64,6 +67,7 @@ class GotoMount:
         self._follower = AxisFollower(mount, site, tolerance)
         self._track = self._last = self._fresh = None
         self._sent, self._told, self._beside = 0.0, 0, ''
+        self._stopping, self._stopped = False, 0.0
         self._readings = deque(maxlen=10_000)
         self._lock, self._wake, self._closed = threading.Lock(), threading.Event(), False
         self._is_ready = threading.Event()
@@ -86,14 +90,25 @@ class GotoMount:
         self.open()
         self._worker.start()
 
-    def close(self):
-        """Leave a mount that stands: nobody would renew what it tracks."""
+    def close(self, patience=LONGEST):
+        """Leave a mount that stands: nobody would renew what it tracks.
+
+        Parameters
+        ----------
+        patience : float
+            So long, s, it is waited for that a mount that moved stands.
+        """
         self._closed = True
         self._wake.set()
-        if self.ready and not self.telescope.parked:
+        telescope = self.telescope
+        if self.ready and telescope is not None and not telescope.parked:
+            moves = self._stopping or telescope.slewing or telescope.tracks
             with contextlib.suppress(BridgeError):  # the connection is gone, too
-                self.telescope.abort()
-                self._track = None
+                self.abort()
+                end = time.monotonic() + patience
+                while moves and self._stopping and self.ready and time.monotonic() < end:
+                    self._make_stand(telescope)
+                    time.sleep(0.02)  # polls: of what the thread of the connection hears
         if self.stopper is not None:
             self.stopper.tell(self._track is not None or not self.ready)
             self.stopper.close()
@@ -123,6 +138,8 @@ class GotoMount:
             if not self.ready:
                 try:
                     self.telescope = self.find()
+                    # what was found moving, and stopped
+                    self._stopping, self._stopped = True, time.monotonic()
                     self.ready, self.why = True, ''
                     self._is_ready.set()
                 except (BridgeError, ValueError, OSError) as err:
@@ -215,7 +232,7 @@ class GotoMount:
         if self._track is not None:
             now = max(track[0][0], time.time())
             beside = np.abs(wrap(self.demand(now) - _at(track, now))).max()
-        self._track = track
+        self._track, self._stopping = track, False
         if beside <= self._follower.tolerance:
             return
         if beside > FAR:
@@ -256,13 +273,15 @@ class GotoMount:
 
     def _step(self):
         telescope, track = self.telescope, self._track
-        if not self.ready or telescope is None or track is None:
+        if not self.ready or telescope is None:
+            return
+        if track is None:
+            self._make_stand(telescope)
             return
         now = time.time()
         if now > track[0][-1]:
             # nobody renewed it: what is not commanded is not followed
-            self._track = None
-            telescope.abort()
+            self.abort()
             return
         if not self._sent:
             self._send(telescope, now)
@@ -296,7 +315,20 @@ class GotoMount:
     def abort(self):
         """Stop at once, and stand."""
         self._track = None
-        self._need().abort()
+        telescope = self._need()
+        self._stopping, self._stopped = True, time.monotonic()
+        telescope.abort()
+
+    def _make_stand(self, telescope):
+        """A slew that is aborted may end as it would have: tracking."""
+        if not self._stopping:
+            return
+        passed = time.monotonic() - self._stopped
+        if telescope.slewing or telescope.tracks:
+            if passed > STOP_AGAIN:
+                self.abort()
+        elif passed > STANDS:
+            self._stopping = False
 
     def unpark(self):
         """Be ready for commands."""

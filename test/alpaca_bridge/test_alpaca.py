@@ -111,7 +111,7 @@ class Bench:
         return self
 
     def __exit__(self, *_):
-        self.driver.close()
+        self.driver.close(0.0)
 
     def until(self, condition, seconds=15.0):
         """Go on until `condition` gives something true, and return that."""
@@ -141,10 +141,12 @@ def test_it_is_unparked_tells_its_position_is_pointed_and_stopped():
         lst = sidereal_time(stamp * 1e-9, DEFAULT_SITE)
         assert np.cos(axes[0] - (lst - 75.0 * DEG)) == pytest.approx(1.0, abs=1e-9)
         assert axes[1] / DEG == pytest.approx(60.0)
+        star = track(30.0, 20.0)
         for _ in range(3):
-            bench.driver.command(*track(30.0, 20.0))
+            bench.driver.command(*star)
             bench.driver.step()
-        told, = bench.until(lambda: server.orders('slewtocoordinatesasync'))
+        told = bench.until(lambda: server.orders('slewtocoordinatesasync'))[0]
+        assert len(server.orders('slewtocoordinatesasync')) == 1
         assert float(told['Declination']) == pytest.approx(20.0)
         assert server.state['Tracking'] is True
         assert float(told['RightAscension']) * 15.0 == pytest.approx(

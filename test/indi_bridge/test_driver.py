@@ -41,7 +41,7 @@ class Bench:
         return self
 
     def __exit__(self, *_):
-        self.driver.close()
+        self.driver.close(0.0)
         self.server.__exit__()
 
     def until(self, condition, seconds=15.0):

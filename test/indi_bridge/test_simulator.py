@@ -79,7 +79,7 @@ class Guarded:
         return self
 
     def __exit__(self, *_):
-        self.driver.close()
+        self.driver.close(0.0)
 
     def ask(self, first, second):
         """Ask for a place of the sky, by angles of the axes, deg."""
@@ -145,6 +145,11 @@ def _behind_the_guard(server):
         mount.asked = None
         mount.until(lambda: not telescope.slewing and mount.keeper.state == 'stopped', 3.0)
         assert np.all(mount.here / DEG > 70.0)
+        # and stands: an aborted slew goes on tracking, whatever it was told with the abort
+        mount.until(lambda: not mount.driver._stopping, 4.0)
+        here, end = telescope.axes[0], time.monotonic() + 0.5
+        mount.until(lambda: time.monotonic() > end)
+        assert not telescope.tracks and np.all(telescope.axes[0] == here)
         # and a server that dies in the middle of one
         mount.ask(60.0, 60.0)
         mount.until(lambda: telescope.slewing)
