@@ -76,7 +76,7 @@ def setting(rng, number):
         Horizon(least, [tuple(c) for c in corners.tolist()]), away, timing)
     own = Setting(kind, pole, latitude, longitude, seconds, travel, rate, acceleration, least,
                   corners, away, timing)
-    own.judge = Judge(limits)
+    own.judge, own.over = Judge(limits), sun
     own.sky = (sun.at(seconds), np.array([0.0, np.cos(latitude), np.sin(latitude)]))
     if not away:
         own.sky = (None, None)

@@ -41,6 +41,7 @@ class Setting:
     def __init__(self, kind, pole, latitude, longitude, time, travel, rate, acceleration, least,
                  corners, sun, timing):
         self.kind, self.least, self.sun, self.timing = kind, least, sun, timing
+        self.time = time
         self.travel, self.rate = np.array(travel, float), np.array(rate, float)
         self.acceleration, self.corners = np.array(acceleration, float), np.array(corners, float)
         if kind == 'altaz':

@@ -35,6 +35,7 @@ LAG = 0.5
 #: a track that begins later than this has to wait for its time, s
 LATER = 1.0
 OK, WARN, ERROR = 0, 1, 2
+UNKNOWN = 'where the axes stand is not known: home the mount, or wait for its encoder'
 
 
 class Settings(NamedTuple):
@@ -93,6 +94,7 @@ class Keeper:
         self.refused = (0, '')
         self._goal = self._path = None
         self._vias, self._heard, self._owner, self._last = [], 0.0, '', 0
+        self._until = 0  # when what was sent last brakes, ns
         self._turns = None  # of the first axis, where a way led to the goal on another turn
         self._out = []
 
@@ -189,14 +191,11 @@ class Keeper:
         goal, late = self._goal, 0.0
         if self.readings.here is None or (not self._settings.whole and (
                 self.readings.doubtful or self.readings.quiet(self._settings.silence))):
-            self._told('waiting', WARN, 'where the axes stand is not known: home the mount, or '
-                       'wait for its encoder')
-            return
+            return self._told('waiting', WARN, UNKNOWN)
         if not self._settings.whole:
             late = (now - goal.start) * 1e-9
             if late < -LATER:
-                self._told('waiting', OK, 'the track begins later')
-                return
+                return self._told('waiting', OK, 'the track begins later')
         state = self._here(now)
         sun = self._sun_at(max(now, goal.start))
         found = self._judge.judge(goal.times - late, goal.angles, goal.rates, state, sun,
@@ -208,9 +207,8 @@ class Keeper:
         if found.cubic is not None:
             if max(map(abs, state.rates)) > 2.0 * STILL:
                 self._brake(now)
-                self._told('stopping', OK, f'{found.reason.partition(":")[0]}: '
-                           'stopping, to go around')
-                return
+                return self._told('stopping', OK, f'{found.reason.partition(":")[0]}: '
+                                  'stopping, to go around')
             led = lead(self._judge, found.cubic, State(state.angles), sun, self._pole)
             if led is not None:
                 self._vias, cubic = list(led[0]), led[1]
@@ -231,8 +229,7 @@ class Keeper:
         found = self._judge.way(self._here(now).angles, there[0], self._sun_at(now), self._pole)
         if not isinstance(found, Allowed):  # the Sun has come into the way since
             self._vias = []
-            self._told('waiting', WARN, found.reason)
-            return
+            return self._told('waiting', WARN, found.reason)
         self._set_out(Cubic(np.zeros(1), there, np.zeros((1, 2))), self._here(now), now, 'around',
                       f'{len(self._vias)} points to pass')
 
@@ -312,6 +309,8 @@ class Keeper:
         with suppress(ValueError):  # a refusal, which `state` tells
             self._step(now, due)
         out, self._out = self._out, []
+        if out:
+            self._until = out[-1].start + round(self._settings.ahead * 1e9)
         return out
 
     def _step(self, now, due):
@@ -320,6 +319,10 @@ class Keeper:
                 self.state == 'waiting' or (self.state == 'stopping' and self._stands())):
             self._begin(now)
         if not self._settings.whole and self._path is not None:
+            if not self._out and now > self._until:  # the guard hung, and the mount has braked
+                self._path = None
+                state = 'aborted' if self.state == 'parking' else 'stopping'
+                return self._told(state, WARN, 'nothing was sent in time: the mount has stopped')
             reason = self._why_stop(now)
             if reason:
                 self._brake(now)
@@ -363,12 +366,13 @@ class Keeper:
 
     def _astray(self):
         """Which axis does not go where it was sent, in a sentence; '' for none."""
+        if self.readings.stamp <= self._path[0]:
+            return ''
         for i, word in enumerate(self._limits.mount.names.axes):
             # where it was sent to at the time of the reading
             angle, rate = self._moment(self.readings.stamp, i)
             off = abs(self.readings.here[i] - angle)
-            if off > self._settings.behind + LAG * abs(rate) and (
-                    self.readings.stamp > self._path[0]):
+            if off > self._settings.behind + LAG * abs(rate):
                 return (f'the {word} is {off / DEG:.1f} deg from where it was sent: stopped; look '
                         'at its drive and encoder, and call resume')
         return ''
@@ -382,9 +386,8 @@ class Keeper:
         if self._path is None:
             return False
         start, moves, _ = self._path
-        if moves and (now - start) * 1e-9 < max(move.end for move in moves):
-            return False
-        return here is not None and self._stands() and all(
+        over = not moves or (now - start) * 1e-9 >= max(move.end for move in moves)
+        return over and here is not None and self._stands() and all(
             abs(a - b) < REACHED for a, b in zip(here, place))
 
     # --- services -----------------------------------------------------------------------------
@@ -421,7 +424,7 @@ class Keeper:
             It cannot go there: one line.
         """
         if self.readings.here is None:
-            raise ValueError('where the axes stand is not known: home the mount first')
+            raise ValueError(UNKNOWN)
         state = self._here(now)
         if max(map(abs, state.rates)) > 2.0 * STILL:
             self._brake(now)  # it is a way of its own from there

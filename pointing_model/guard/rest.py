@@ -8,6 +8,8 @@ from ..observing.pointing import Track
 SOONEST = 0.1
 #: braking at the end of a track takes so much more time than it might
 GENTLE = 1.25
+#: no axis has such a rate, rad/s
+NO_RATE = 1e3
 
 
 def braked(times, angles, rates, axes):
@@ -41,8 +43,8 @@ def braked(times, angles, rates, axes):
 def ended(track, axes):
     """A `Track` that ends at rest: with a knot more, where its last one has a rate."""
     rate = track.rates[-1]
-    if not (np.isfinite(track.rates).all() and rate.any()):
-        return track
+    if not (np.abs(track.rates).max() < NO_RATE and rate.any()):
+        return track  # one that is no number too: it will be refused
     brake = max(SOONEST, GENTLE * max(abs(v) / axis.acceleration
                                       for v, axis in zip(rate.tolist(), axes)))
     return Track(track.start, np.append(track.times, track.times[-1] + brake),
