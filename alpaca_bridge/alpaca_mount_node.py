@@ -3,6 +3,7 @@
 import sys
 
 from indi_bridge.indi_mount_node import IndiMount
+from msg_tools.lifecycle import AUTOSTART
 from msg_tools.node import Param, run_node
 from msg_tools.units import ARCSEC
 from pointing_model.sky_params import KIND_OF_MOUNT, SKY_PARAMS, sky_of
@@ -11,6 +12,7 @@ from . import PORT
 from .driver import AlpacaDriver
 
 PARAMS = (
+    AUTOSTART,
     Param('host', 'localhost', 'where the Alpaca server runs', fixed=True),
     Param('port', PORT, 'its port', 1, 65535, fixed=True),
     Param('number', 0, 'of the telescope on the server', 0, 255, fixed=True),

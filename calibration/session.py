@@ -309,15 +309,13 @@ class CalibrationSession:
         self.model, self._follows = new.model, follows
         return new.published(), report
 
-    def diagnose(self, alpha=0.01, site=None, until=0):
+    def diagnose(self, alpha=0.01, site=None, until=0, progress=None):
         """What the fitted model lacks, and the model with it; see `session_diagnosis`.
 
         Parameters
         ----------
-        alpha : float
-            Chance that a clean night gets any effect.
-        site : dict, optional
-            ``latitude``, ``longitude`` in rad.
+        alpha, site, progress
+            As of `session_diagnosis.amend`.
         until : int
             Rows after this stamp (ns) were not known then; 0: all are. For replays.
 
@@ -338,7 +336,7 @@ class CalibrationSession:
         zeros = self._first_zeros(rows) if self.model is None else self.zeros_in_force
         provenance = {'last_stamp_ns': self.last_stamp, 'reference': self._source()}
         amended = amend(rows, zeros, self.model, provenance, alpha, site, self._follows,
-                        self._harmonics.base(self._degree))
+                        self._harmonics.base(self._degree), progress)
         amended.document['last_stamp_ns'] = until or self.last_stamp
         amended.document['published'] |= changed
         self.zeros_in_force = amended.zeros

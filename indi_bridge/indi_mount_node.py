@@ -1,12 +1,14 @@
 """A mount of an INDI server in the graph: its axes as joint states, `command` as goto and track."""
 
 import sys
+from contextlib import suppress
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from msg_tools import convert, topics
-from msg_tools.node import MountNode, Param, run_node
+from msg_tools.lifecycle import AUTOSTART, ManagedNode
+from msg_tools.node import Param, run_node
 from msg_tools.units import ARCSEC
 from pointing_model.sky_params import KIND_OF_MOUNT, SKY_PARAMS, mount_of, sky_of
 
@@ -16,7 +18,7 @@ from .params import SERVER_PARAMS
 from .pointing import hour_angle_of
 
 PARAMS = (
-    *SERVER_PARAMS, *SKY_PARAMS, KIND_OF_MOUNT,
+    AUTOSTART, *SERVER_PARAMS, *SKY_PARAMS, KIND_OF_MOUNT,
     Param('tolerance_arcsec', 1.0, 'axes that are farther from their demand are sent again '
           '[arcsec]', 0.1, 3600.0, fixed=True),
     Param('set_site', True, 'tell the driver the site, and the time with it',
@@ -28,7 +30,7 @@ PARAMS = (
 WAIT = 5.0
 
 
-class IndiMount(MountNode):
+class IndiMount(ManagedNode):
     """Owns the connection; what is computed stands in `driver`."""
 
     def __init__(self, name='indi_mount', params=PARAMS, hardware_id='mount of an INDI server',
@@ -43,7 +45,7 @@ class IndiMount(MountNode):
         self._pub = self.publisher(topics.INCREMENTAL)
         self.subscribe(topics.COMMAND, self._on_command)
         self.serve('home', self._home)
-        self._driver.start()
+        self._started = False
         self.every(0.02, self._tick)
 
     def make_driver(self, mount):
@@ -53,7 +55,20 @@ class IndiMount(MountNode):
             value('host'), value('port'), mount, sky_of(self)[0], value('device'), value('axes'),
             value('tolerance_arcsec') * ARCSEC, value('set_site'), value('period_ms'))
 
+    def configured(self):
+        """Connect; once, then the connection is kept up."""
+        if not self._started:
+            self._started = True
+            self._driver.start()
+
+    def deactivated(self):
+        """Stop the mount."""
+        with suppress(BridgeError):  # it is not connected: whatever it does, nothing was asked for
+            self._driver.abort()
+
     def _on_command(self, message):
+        if not self.active:
+            raise ValueError(self.inactive)
         stamp, times, positions, rates = convert.read_trajectory(message)
         asked = convert.joints_of(message.joint_names)
         if asked != self._names:
@@ -62,6 +77,8 @@ class IndiMount(MountNode):
         self._driver.command(stamp, times, positions, rates)
 
     def _home(self):
+        if not self.active:
+            return False, self.inactive
         try:
             self._driver.wait_ready(WAIT)
             self._driver.unpark()
@@ -98,11 +115,12 @@ class IndiMount(MountNode):
 
     def details(self):
         """Device, side, what the driver's own model takes."""
-        return self._driver.details()
+        return [*super().details(), *self._driver.details()]
 
     def finish(self):
         """Leave a mount that stands."""
-        self._driver.close()
+        if self._started:
+            self._driver.close()
 
 
 def main(args=None):

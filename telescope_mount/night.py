@@ -18,6 +18,8 @@ from .simulator import kind_of_mount
 STALL = 60.0
 #: wall seconds after which a wait is told
 SAID_AFTER = 1.5
+#: in the folder of a real mount's night: where its plan stands
+STATE = 'plan_state.jsonl'
 
 
 class NightFailed(RuntimeError):
@@ -124,7 +126,7 @@ def is_indi(mount):
 
 
 def observe(folder, specs, plan, write, progress=None, domain_number=None, params_file=None, *,
-            claim=domain.claim, drivers=(), stall=STALL, say=None):
+            claim=domain.claim, drivers=(), stall=STALL, say=None, again=False):
     """Carry out a plan in a graph of processes, and write its results.
 
     Parameters
@@ -152,6 +154,8 @@ def observe(folder, specs, plan, write, progress=None, domain_number=None, param
         Wall seconds without any progress after which it is given up.
     say : callable, optional
         Called with what is wrong or waited for, when that changes; '' when it goes on.
+    again : bool
+        A night goes on whose files are in `folder` already.
 
     Raises
     ------
@@ -161,6 +165,7 @@ def observe(folder, specs, plan, write, progress=None, domain_number=None, param
         A node ended, or the plan could not be carried out.
     """
     lock = claim(domain_number)
+    bag = next(spec.parameters['folder'] for spec in specs if spec.name == 'mcap_logger')
     from .processes import Processes
     nodes = Processes(folder / 'nodes', lock.number, params_file)
     # after the cheap checks, and while the nodes' own go on: these imports cost half a second
@@ -186,12 +191,13 @@ def observe(folder, specs, plan, write, progress=None, domain_number=None, param
         return out
     except RuntimeError as err:
         nodes.stop()
-        if watcher is None or not _progress(watcher).observations:
-            # nothing was observed: let the next try have the folder
-            for name in ('bag', 'bag_truth', 'nodes'):
-                shutil.rmtree(folder / name, ignore_errors=True)
-            raise NightFailed(str(err)) from None
-        raise NightFailed(f'{err} (the log so far is {folder / "bag"})') from None
+        if again or (watcher is not None and _progress(watcher).observations):
+            raise NightFailed(f'{err} (the log so far is {bag})') from None
+        # nothing was observed: let the next try have the folder
+        for name in ('bag', 'bag_truth', 'nodes'):
+            shutil.rmtree(folder / name, ignore_errors=True)
+        (folder / STATE).unlink(missing_ok=True)
+        raise NightFailed(str(err)) from None
     finally:
         if watcher is not None:
             watcher.close()

@@ -65,7 +65,8 @@ class Readings:
             self.here, self.stamp, self.rate = angles, stamp, np.array(rates, float)
             return
         step = angles - self.here
-        step[0] = wrap(step[0])
+        if self._limits.mount.altaz:  # others stay on their turn, however far they went
+            step[0] = wrap(step[0])
         most = FARTHER + FASTER * seconds * np.array([axis.rate for axis in self._limits.axes])
         if np.any(np.abs(step) > most) and not self._again(angles):
             i = int(np.argmax(np.abs(step) - most))

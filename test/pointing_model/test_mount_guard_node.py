@@ -69,10 +69,19 @@ def test_the_guard_leads_the_mount_and_stops_it_when_the_encoder_is_silent(graph
 
 
 def test_services_of_the_guard_stop_the_mount_and_park_it(graph):
-    graph.add(MountGuard, renew_s=0.1, park_deg='22,51')
+    guard = graph.add(MountGuard, renew_s=0.1, park_deg='22,51')
     mount = Played(graph)
     graph.connect()
     mount.ask(24.0, 52.0)
+    mount.until('following')
+    # a managed node: at rest while it is not active, whatever is asked for
+    guard.trigger_deactivate()
+    mount.until('inactive', 'mount_guard is inactive: activate it')
+    sent = convert.from_stamp(mount.commands[-1].header.stamp)
+    assert not graph.call('pause').success
+    graph.wait_for(lambda: mount.now() > sent + 5 * 10**8)
+    assert convert.from_stamp(mount.commands[-1].header.stamp) - sent < 10**8
+    guard.trigger_activate()
     mount.until('following')
     assert graph.call('pause').success
     mount.until('paused')
