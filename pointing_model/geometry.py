@@ -27,7 +27,8 @@ import numpy as np
 
 from msg_tools.units import ARCSEC, wrap
 
-from .mounts import ALTAZ, CANONICAL, OF_MOUNT, sides
+from .mount_names import CANONICAL
+from .mounts import ALTAZ, OF_MOUNT, sides
 
 #: The coefficients that this module understands, of an alt-azimuth mount.
 GEOMETRIC = CANONICAL

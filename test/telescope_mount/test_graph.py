@@ -44,7 +44,7 @@ PACKAGES = tuple(name for name in BELOW if name != 'launch')
 #: stands under it
 SKY = tuple(f'pointing_model.{name}' for name in (
     'star_catalogue', 'earth', 'sky', 'sky_params', 'target', 'satellite_elements',
-    'satellite', 'mounts'))
+    'satellite', 'mounts', 'mount_names'))
 #: the one door from outside to the simulator; besides, `NODES` of graph.py names its nodes
 DOOR = ROOT / 'telescope_mount' / 'simulator.py'
 #: functions whose text argument is the name of a package, or a part of a path
