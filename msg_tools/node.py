@@ -209,10 +209,10 @@ class MountNode(ParameterNode):
                                f'another {place}ROS_DOMAIN_ID')
 
     def reject(self, source, reason):
-        """Count a message that could not be used, and say so in the log the first times."""
-        count, _ = self.rejected.get(source, (0, ''))
+        """Count a message that could not be used; in the log the first times, each reason once."""
+        count, before = self.rejected.get(source, (0, ''))
         self.rejected[source] = (count + 1, reason)
-        if count < 5:
+        if count < 5 and reason != before:
             self.get_logger().warning(f'{source}: message refused: {reason}')
 
     # --- diagnostics ------------------------------------------------------------------------

@@ -11,9 +11,11 @@ from msg_tools.lifecycle import AUTOSTART, ManagedNode
 from msg_tools.node import Param, run_node
 from msg_tools.units import DEG
 
+from .guard.goto import GotoKeeper
 from .guard.keeper import ERROR, WARN, Keeper, Settings
-from .guard.limits import TRAVEL_DEG, Axis, Horizon, Limits, parse_horizon, parse_pair
+from .guard.limits import Axis, Horizon, Limits, parse_horizon, parse_pair, travel_of
 from .guard.sun import Sun
+from .observing.instrument_health import AHEAD_LIVE, BEHIND_LIVE
 from .observing.pointing import Track
 from .sky import Site
 from .sky_params import KIND_OF_MOUNT, SKY_PARAMS, mount_of
@@ -52,9 +54,11 @@ PARAMS = (
           'once, for a simulated mount whose time waits for events [s]', 0.0, 5.0, fixed=True),
     Param('ahead_s', 1.5, 'a command reaches so far beyond now, by the time of the graph [s]', 0.2,
           3600.0, fixed=True),
+    Param('goto', False, 'the driver is told places, and slews to them as it likes: commands hold '
+          'the track alone, and any way in between must be free', fixed=True),
     Param('silence_s', 0.5, 'without a reading for so long the mount is stopped [s]', 0.05, 60.0,
           fixed=True),
-    Param('request_timeout_s', 0.5, 'a request that is not renewed for so long is over [s]', 0.05,
+    Param('request_timeout_s', 0.45, 'a request that is not renewed for so long is over [s]', 0.05,
           60.0, fixed=True),
     Param('behind_deg', 2.0, 'an axis so far from where it was sent is stopped [deg]', 0.01, 180.0,
           fixed=True),
@@ -79,12 +83,19 @@ class MountGuard(ManagedNode):
         self._mount, value = mount_of(self), self.value
         self._names, self._whole = self._mount.names.keys, value('renew_s') == 0.0
         self._resting = False
-        limits = Limits(
+        self._limits = limits = Limits(
             self._mount, tuple(self._axis(i, name) for i, name in enumerate(('first', 'second'))),
             Horizon(value('least_elevation_deg') * DEG, parse_horizon(value('horizon'))),
             value('sun_distance_deg') * DEG, value('slew_timing'))
+        blocked = limits.blocked_pole
+        if blocked:
+            self.get_logger().warning(
+                f'the pole through which the mount changes its side is {blocked[0] / DEG:.1f} deg '
+                f'high, the horizon there {blocked[1] / DEG:.1f} deg: it cannot change it; set '
+                'least_elevation_deg and horizon lower there')
         self._park = parse_pair(value('park_deg'))
-        self._keeper = Keeper(limits, Sun(_site(self)), Settings(
+        keeper = GotoKeeper if value('goto') else Keeper
+        self._keeper = keeper(limits, Sun(_site(self)), Settings(
             self._whole, max(value('ahead_s'), value('renew_s') + 2.0 * LOOK), value('silence_s'),
             value('request_timeout_s'), value('behind_deg') * DEG, value('turn_known')),
             time.monotonic)
@@ -102,7 +113,7 @@ class MountGuard(ManagedNode):
         self.every(0.5, self._look_at_commanders)
 
     def _axis(self, i, name):
-        low, high = parse_pair(self.value(f'{name}_travel_deg')) or TRAVEL_DEG[self._mount.kind][i]
+        low, high = parse_pair(self.value(f'{name}_travel_deg')) or travel_of(self._mount)[i]
         return Axis(low * DEG, high * DEG, self.value(f'{name}_rate_deg_s') * DEG,
                     self.value(f'{name}_acceleration_deg_s2') * DEG)
 
@@ -112,6 +123,9 @@ class MountGuard(ManagedNode):
             low, high = parse_pair(values[name]) or (0.0, 1.0)
             if low >= high:
                 raise ValueError(f'{name} = {values[name]}: give the smaller end first')
+        if values['goto'] and not values['renew_s']:
+            raise ValueError('renew_s = 0 with goto: nothing would stop such a driver; set it to '
+                             '0.5')
 
     # --- messages -----------------------------------------------------------------------------
 
@@ -119,7 +133,10 @@ class MountGuard(ManagedNode):
         if convert.joints_of(message.name) != self._names:
             return  # of another mount: the observer says so
         stamp, angles, rates, _ = convert.read_joints(message)
-        angles = self._mount.on_travel(*angles)
+        if not self.value('use_sim_time') and not (
+                -BEHIND_LIVE <= stamp - self.get_clock().now().nanoseconds <= AHEAD_LIVE):
+            raise ValueError("stamps of another clock than this machine's")  # as silent
+        angles = self._limits.on_travel(*angles)
         self._keeper.take_reading(stamp, angles, rates)
         if self._keeper.state in ('waiting', 'around', 'stopping', 'parking'):
             self._look()

@@ -12,10 +12,14 @@ two sides of the pier. Catalogue places of a run are the axis angles of a perfec
 side that it was on*, so second angles beyond 90 degrees are ordinary. What an axis does then has
 one formula on both sides, and what changes its sign on the sky follows from the geometry; what
 gravity or the sky does is turned from the horizon into the axes, see `Mount.toward`.
+
+A program that corrects hour angle and declination *before* it works out the side of the pier has
+errors of another kind: they act on the sky, the same on both sides (`Mount.errors`).
 """
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
@@ -25,6 +29,8 @@ from msg_tools.units import DEG, wrap
 CANONICAL = ('IA', 'IE', 'CA', 'NPAE', 'AN', 'AW', 'TF')
 #: frames that differ by less are one, rad: 0.0002", where a latitude has been rounded
 SAME = 1e-9
+#: whose the errors of a mount are, see `Mount`
+OF_MOUNT, ON_SKY = 'mount', 'sky'
 _AXES = ('azimuth', 'elevation')
 _WORDS = re.compile(r'\b(?:azimuth|elevation)\b')
 _HORIZON = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -141,15 +147,19 @@ class Mount:
         Of `KINDS`.
     frame : tuple of tuple of float
         The axes x, y, z of its frame, each as (east, north, up): a rotation.
+    errors : {'mount', 'sky'}
+        Whose its terms are: of the parts of the mount, which go through the pole with it, or, of a
+        German mount, of a program that applies them on the sky before it works out the side.
 
     Raises
     ------
     ValueError
-        Unknown kind, or the frame is no rotation.
+        Unknown kind or errors, or the frame is no rotation.
     """
 
     kind: str = 'altaz'
     frame: tuple = _HORIZON
+    errors: str = OF_MOUNT
 
     def __post_init__(self):
         if self.kind not in KINDS:
@@ -159,6 +169,21 @@ class Mount:
                 or np.linalg.det(matrix) < 0.0:
             raise ValueError('the frame of a mount is no rotation of the horizon')
         object.__setattr__(self, 'frame', tuple(map(tuple, matrix.tolist())))
+        if self.errors not in (OF_MOUNT, ON_SKY):
+            raise ValueError(f'errors of a mount that act on {self.errors!r}; choose from '
+                             f'{OF_MOUNT}, {ON_SKY}')
+        if self.on_sky and self.kind != 'german':
+            raise ValueError(f'errors that act on the sky before the flip, of a mount that is '
+                             f'{self.kind}: it has none')
+
+    @property
+    def on_sky(self):
+        """Whether its terms act on the sky, the same on both sides of the pier."""
+        return self.errors == ON_SKY
+
+    def with_errors(self, errors):
+        """The same mount, whose errors are of the mount or on the sky."""
+        return _with_errors(self, errors)
 
     @classmethod
     def equatorial(cls, latitude, kind='equatorial'):
@@ -213,12 +238,18 @@ class Mount:
         Returns
         -------
         dict
-            ``mount`` (the kind) and ``mount_axes``; empty for an alt-azimuth mount.
+            ``mount`` (the kind) and ``mount_axes``; empty for an alt-azimuth mount. Where its
+            errors act on the sky, ``errors_act`` says so.
         """
-        return {} if self.altaz else {'mount': self.kind, 'mount_axes': list(self.names.axes)}
+        if self.altaz:
+            return {}
+        return {'mount': self.kind, 'mount_axes': list(self.names.axes),
+                **({'errors_act': ON_SKY} if self.on_sky else {})}
 
     def agrees(self, other):
         """Whether it is the same mount, but for the rounding of the angles that it was given by.
+
+        Whose its errors are is a matter of the model, and not asked.
 
         Parameters
         ----------
@@ -346,6 +377,11 @@ class Mount:
         return tuple(np.tensordot(frame, one, 1) for one in both)
 
 
+@cache
+def _with_errors(mount, errors):
+    return replace(mount, errors=errors)
+
+
 #: azimuth from north through east, elevation
 ALTAZ = Mount()
 
@@ -366,6 +402,26 @@ def through_pole(first, second, beyond):
     """
     return (np.where(beyond, wrap(first + np.pi), first),
             np.where(beyond, wrap(np.pi - second), second))
+
+
+def sides(first, second):
+    """Axis angles folded back to the sky, and the sign there of what grows along them.
+
+    Parameters
+    ----------
+    first, second : float or ndarray
+        Radians.
+
+    Returns
+    -------
+    first, second : ndarray
+        Not through the pole, radians.
+    side : ndarray
+        -1 where they were: what is added to the first angle is the same, but the cosine of the
+        second is not, and the second runs backwards.
+    """
+    beyond = is_beyond(second)
+    return (*through_pole(first, second, beyond), np.where(beyond, -1.0, 1.0))
 
 
 def is_beyond(second):

@@ -36,7 +36,7 @@ def preload():
 
 
 def run_node(request):
-    """In the forked child: become the node, and end as any interpreter does."""
+    """In the forked child: become the node, and end with its exit code."""
     code = 1
     try:
         os.setsid()
@@ -59,7 +59,10 @@ def run_node(request):
     except Exception:
         import traceback
         traceback.print_exc()
-    sys.exit(code)
+    sys.stdout.flush()
+    sys.stderr.flush()
+    # all is destroyed; to take the interpreter apart copies each page shared with the others, 0.2 s
+    os._exit(code)
 
 
 def main():

@@ -25,6 +25,7 @@ NODES = {
     'run_player': 'pointing_model.run_player_node',
     'indi_mount': 'indi_bridge.indi_mount_node',
     'indi_sky': 'indi_bridge.indi_sky_node',
+    'alpaca_mount': 'alpaca_bridge.alpaca_mount_node',
 }
 
 #: of the simulated incremental encoder (paper 000): lines in a turn
@@ -97,6 +98,7 @@ def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time
     list of NodeSpec
     """
     sky, altaz = dict(sky or {}), parse_mount(mount, 0.0).altaz
+    below = parse_mount(mount, 0.0).kind == 'german' and sky.get('latitude_deg', 90.0) < 0.0
     names = (*NIGHT, *(['frame_reader'] if absolute == 'frames' else []))
     simulator = {'scenario': scenario, 'seed': seed} | (
         {'start_time': start_time} if start_time else {})
@@ -116,11 +118,12 @@ def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time
             'second_rate_deg_s': 4.0 if altaz else 6.0, 'first_acceleration_deg_s2': 3.0,
             'second_acceleration_deg_s2': 2.0 if altaz else 3.0,
             'slew_timing': 1.0,
-            # simulated polar mounts pass below the horizon as they change their side
-            'least_elevation_deg': 0.0 if altaz else -90.0,
+            # one that is simulated in the south goes through the pole below the horizon
+            'least_elevation_deg': -90.0 if below else 0.0,
         } | ({'ahead_s': 1.5 * time_scale,
                'behind_deg': 2.0 + time_scale} if time_scale else {'renew_s': 0.0}) | (
-            {'first_travel_deg': '-36000,36000'} if altaz else {}) | {
+            {'first_travel_deg': '-36000,36000'} if altaz
+            else {'second_travel_deg': '-90,270'} if below else {}) | {
             name: sky[name] for name in SITE if name in sky},
         'star_observer': {
             'use_sim_time': True, 'renew_request_s': 0.2 if time_scale else 0.0,
@@ -144,12 +147,12 @@ def every_frame(namespace=NAMESPACE):
 
 
 #: of a night on a mount that INDI simulates; with a real one a camera takes the place of indi_sky
-INDI = ('indi_mount', 'indi_sky', 'star_observer', 'pointing_corrector', 'calibration',
-        'mcap_logger')
+INDI = ('indi_mount', 'indi_sky', 'mount_guard', 'star_observer', 'pointing_corrector',
+        'calibration', 'mcap_logger')
 
 
 def indi_graph(*, bag, server, mount, sky, seed=1, plan='', model_file='', first_run=1,
-               calibration=None):
+               calibration=None, slews=None):
     """The nodes of a night on a mount of an INDI server, on the clock of this machine.
 
     Parameters
@@ -166,6 +169,8 @@ def indi_graph(*, bag, server, mount, sky, seed=1, plan='', model_file='', first
         Of the choice of stars, and the noise of what is seen.
     plan, model_file, first_run, calibration
         As of `night_graph`.
+    slews : dict, optional
+        Parameters of the guard where it is known how the driver slews; by default nothing is.
 
     Returns
     -------
@@ -175,10 +180,16 @@ def indi_graph(*, bag, server, mount, sky, seed=1, plan='', model_file='', first
     parameters = {
         'indi_mount': bridge,
         'indi_sky': bridge | {'seed': seed},
+        # near the pole, and not at it, where places say nothing of the first axis
+        'mount_guard': {'mount': mount, 'goto': True,
+                        'park_deg': '90,80' if mount == 'german' else '0,80'} | (
+            slews or {'slew_timing': 0.0}) | {name: sky[name] for name in SITE if name in sky},
         'star_observer': {
             'star_seed': seed, 'model_file': model_file, 'first_run': first_run, 'mount': mount,
             # the driver chooses its side at the meridian by itself
             'absolute_encoder': False, 'meridian_limit_deg': 0.0,
+            # it comes to rest beside the star first, and is sent on
+            'on_target_arcsec': 3.0,
             'wait_for_nodes': [f'{NAMESPACE}/{name}' for name in INDI],
         } | ({'plan': plan} if plan else {}) | sky,
         'pointing_corrector': {'model_file': model_file},
@@ -193,7 +204,8 @@ REAL = tuple(name for name in NIGHT if name not in SIMULATED)
 
 
 def real_graph(*, bag, plan='', mount='altaz', sky=None, model_file='', absolute_encoder=False,
-               exposure=0.0, calibration=None, namespace=NAMESPACE, autostart=True):
+               exposure=0.0, state_file='', calibration=None, namespace=NAMESPACE,
+               autostart=True):
     """The nodes beside the drivers of a real mount, on the time of the wall.
 
     Parameters
@@ -205,6 +217,8 @@ def real_graph(*, bag, plan='', mount='altaz', sky=None, model_file='', absolute
     exposure : float
         Length of the camera's exposures, s, over which the mount must rest on its track; 0: it is
         judged in their middle.
+    state_file : str
+        Where the observer keeps the night, so that it goes on after the graph was killed.
     autostart : bool
         Whether the guard becomes active by itself.
 
@@ -218,7 +232,7 @@ def real_graph(*, bag, plan='', mount='altaz', sky=None, model_file='', absolute
             name: sky[name] for name in SITE if name in sky},
         'star_observer': {
             'model_file': model_file, 'mount': mount, 'absolute_encoder': absolute_encoder,
-            'exposure_s': exposure,
+            'exposure_s': exposure, 'state_file': state_file,
             'wait_for_nodes': [f'{namespace}/{name}' for name in REAL],
         } | ({'plan': plan} if plan else {}) | sky,
         'pointing_corrector': {'model_file': model_file},

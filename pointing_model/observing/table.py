@@ -72,6 +72,7 @@ class Table:
         return self._run(self.rows)
 
     def _run(self, rows):
-        names = [name for name in rows[0] if name != 'stamp']
+        # what a parameter adds in the night, the rows before have not
+        names = [name for name in dict.fromkeys(n for row in rows for n in row) if name != 'stamp']
         return PointingRun({name: np.array([row.get(name, np.nan) for row in rows], float)
                             for name in names}, self._meta)
