@@ -94,7 +94,7 @@ class Keeper:
         self.refused = (0, '')
         self._goal = self._path = None
         self._vias, self._heard, self._owner, self._last = [], 0.0, '', 0
-        self._until = 0  # when what was sent last brakes, ns
+        self._sent = 0  # when something was sent last, ns
         self._turns = None  # of the first axis, where a way led to the goal on another turn
         self._out = []
 
@@ -310,7 +310,7 @@ class Keeper:
             self._step(now, due)
         out, self._out = self._out, []
         if out:
-            self._until = out[-1].start + round(self._settings.ahead * 1e9)
+            self._sent = out[-1].start
         return out
 
     def _step(self, now, due):
@@ -319,8 +319,9 @@ class Keeper:
                 self.state == 'waiting' or (self.state == 'stopping' and self._stands())):
             self._begin(now)
         if not self._settings.whole and self._path is not None:
-            if not self._out and now > self._until:  # the guard hung, and the mount has braked
-                self._path = None
+            ahead = round(self._settings.ahead * 1e9)
+            if now > max(self._sent, self._path[0]) + ahead:  # it hung, and the mount has braked
+                self._path, self._out = None, []
                 state = 'aborted' if self.state == 'parking' else 'stopping'
                 return self._told(state, WARN, 'nothing was sent in time: the mount has stopped')
             reason = self._why_stop(now)
