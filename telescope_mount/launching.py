@@ -107,15 +107,18 @@ def started(values, specs, drivers=()):
     -------
     list
     """
+    # a busy machine takes longer than launch's 5 s to close the files of all
+    patient = {'output': 'screen',
+               'sigterm_timeout': LaunchConfiguration('sigterm_timeout', default='20')}
     given = [word for path in values.files for word in ('--params-file', path)]
     processes = [ExecuteProcess(
         cmd=[sys.executable, '-m', 'telescope_mount.parent', path, '--ros-args', '-r',
              f'__ns:={values["namespace"]}', *given],
-        name=Path(path).stem, output='screen') for path in drivers]
+        name=Path(path).stem, **patient) for path in drivers]
     pictures = _pictures(values, specs) if values.truth('display') else []
     processes += [Node(package='telescope_mount', executable=spec.name, name=spec.name,
-                       namespace=values['namespace'], output='screen',
-                       parameters=[spec.parameters, *values.files]) for spec in specs]
+                       namespace=values['namespace'],
+                       parameters=[spec.parameters, *values.files], **patient) for spec in specs]
     # a night without one of them would wait for ever
     return processes + pictures + [
         RegisterEventHandler(OnProcessExit(target_action=process, on_exit=end_all))
