@@ -55,7 +55,7 @@ class Fault:
     begin : callable
         ``begin(night)`` makes it fail.
     ends : str
-        State in which the plan ends or goes on.
+        States in which the plan ends or goes on.
     give_up : float
         Parameter of the observer, s.
     first : bool
@@ -164,7 +164,8 @@ FAULTS = {
     'camera sign flipped': Fault('contradicts the commanded motion', flipped, first=True,
                                  shown=lambda night, begun: night.shown),
     'encoder dead': Fault('silent|no reading of the encoders', silent('reading')),
-    'mount deaf': Fault('no axis has moved|from where it was sent', deaf, 'cancelled',
+    'mount deaf': Fault('no axis has moved|from where it was sent|from its demand', deaf,
+                        'cancelled failed',
                         shown=lambda night, begun: night.mount.sent_far),
     'absolute encoder absent': Fault('the mount has none: absolute_encoder: false', nothing,
                                      'waiting', first=True, shown=spoken),
@@ -268,7 +269,7 @@ def main():
               + f' {commands:7} {beyond:10}', flush=True)
         total['named'] += sum(all(one.get(where, np.inf) <= 2.0 for where in (
             'status', 'diagnostics', 'log')) for one in out)
-        total['ended'] += sum(one['state'] == FAULTS[name].ends for one in out)
+        total['ended'] += sum(one['state'] in FAULTS[name].ends.split() for one in out)
         total['nights'] += len(out)
         total['commands'] += commands
         total['beyond'] += beyond
