@@ -97,8 +97,8 @@ def flipped(night):
     def miss(stamp, x, y):
         if np.isfinite(x):
             seen.append(np.hypot(x, y))
-            if night.shown is None and len(seen) > 1 and seen[-1] > 1.2 * max(
-                    seen[0], 60.0 * ARCSEC):
+            if night.shown is None and len(seen) > 1 and seen[-1] > max(
+                    1.3 * seen[-2], 100.0 * ARCSEC):
                 night.shown = time.time()
         return stamp, -x, -y
     night.mount.miss = miss
