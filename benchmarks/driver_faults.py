@@ -55,7 +55,7 @@ class Fault:
     begin : callable
         ``begin(night)`` makes it fail.
     ends : str
-        State in which the plan ends or goes on.
+        States in which the plan ends or goes on.
     give_up : float
         Parameter of the observer, s.
     first : bool
@@ -97,8 +97,8 @@ def flipped(night):
     def miss(stamp, x, y):
         if np.isfinite(x):
             seen.append(np.hypot(x, y))
-            if night.shown is None and len(seen) > 1 and seen[-1] > 1.2 * max(
-                    seen[0], 60.0 * ARCSEC):
+            if night.shown is None and len(seen) > 1 and seen[-1] > max(
+                    1.3 * seen[-2], 100.0 * ARCSEC):
                 night.shown = time.time()
         return stamp, -x, -y
     night.mount.miss = miss
@@ -164,7 +164,8 @@ FAULTS = {
     'camera sign flipped': Fault('contradicts the commanded motion', flipped, first=True,
                                  shown=lambda night, begun: night.shown),
     'encoder dead': Fault('silent|no reading of the encoders', silent('reading')),
-    'mount deaf': Fault('no axis has moved|from where it was sent', deaf, 'cancelled',
+    'mount deaf': Fault('no axis has moved|from where it was sent|from its demand', deaf,
+                        'cancelled failed',
                         shown=lambda night, begun: night.mount.sent_far),
     'absolute encoder absent': Fault('the mount has none: absolute_encoder: false', nothing,
                                      'waiting', first=True, shown=spoken),
@@ -268,7 +269,7 @@ def main():
               + f' {commands:7} {beyond:10}', flush=True)
         total['named'] += sum(all(one.get(where, np.inf) <= 2.0 for where in (
             'status', 'diagnostics', 'log')) for one in out)
-        total['ended'] += sum(one['state'] == FAULTS[name].ends for one in out)
+        total['ended'] += sum(one['state'] in FAULTS[name].ends.split() for one in out)
         total['nights'] += len(out)
         total['commands'] += commands
         total['beyond'] += beyond

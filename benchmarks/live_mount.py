@@ -122,7 +122,7 @@ class LiveMount:
         self.commands += 1
         self._judge(path)
         end = path[2][-1]
-        if self.sent_far is None and np.abs(end - self.position).max() > 0.5 * DEG:
+        if self.sent_far is None and np.abs(end - self.position).max() > 0.1 * DEG:
             self.sent_far = time.time()
         if not self.deaf:
             self._path = path

@@ -79,8 +79,7 @@ class StarObserver(MountNode):
             self.value('state_file'), self.value(KIND_OF_MOUNT.name))
         self._sequencer = Sequencer(self, self._instruments, self._in_force, self._table,
                                     memory or None)
-        if memory:
-            self._sequencer.take_up_file(self.value('plan'))
+        over = bool(memory) and self._sequencer.take_up_file(self.value('plan'))
         self.subscribe(topics.INCREMENTAL, self._on_incremental)
         if ABSOLUTE in self._instruments.names:
             self.subscribe(topics.ABSOLUTE, self._on_absolute)
@@ -102,7 +101,7 @@ class StarObserver(MountNode):
         for service, verb in (('zero', 'zero'), ('zero_on_polaris', 'polaris'),
                               ('zero_on_stars', 'zero_on_stars')):
             self.create_service(Trigger, service, partial(self._on_zero, verb))
-        if self.value('autostart'):
+        if self.value('autostart') and not over:
             self._sequencer.start(self.value('plan'))
         self.serve('~/cancel', self._on_cancel)
         if self.value('renew_request_s'):

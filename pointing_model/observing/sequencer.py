@@ -19,6 +19,8 @@ from .night_file import NoFile
 from .night_steps import NightSteps
 from .plan import POWER_CYCLES, parse_plan
 
+#: said of a plan that was finished by an observer before
+OVER = 'plan finished before this start: observe, or star_observer/anew, begins it anew'
 #: steps that need no exposure of their own, and make what is in force
 MADE = ('calibrate_zero', 'fit', 'diagnose', 'judge')
 
@@ -230,16 +232,24 @@ class Sequencer:
         self._taken_up(run, left)
 
     def take_up_file(self, plan):
-        """As `take_up`, from what `memory` has kept, if it is of `plan` and not over."""
+        """As `take_up`, from what `memory` has kept of `plan`; whether it was over then.
+
+        One that is over is not begun again by itself.
+        """
         rows, left, evening, before = self._memory.kept
-        if left is None or left.plan != plan or left.state == 'done' or not rows:
+        if left is None or left.plan != plan or not rows:
             self._memory.forget()
-            return
+            return False
         self._plan, self._table.rows = plan, list(rows)
         self._night.evening, self._before = evening, before
         # of the calibration nobody knows yet whether it has them
         self._night.calibrated = len(rows)
         self._taken_up(self._table.all(), left)
+        if left.state == 'done':
+            self._left, self._night.progress = None, left
+            self._night.set_state('done', OVER)
+            self._tell()
+        return left.state == 'done'
 
     def _taken_up(self, run, left):
         self._instruments.remember_runs(run['run'], run.get('encoder_start'))

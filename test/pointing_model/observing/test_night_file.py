@@ -28,8 +28,8 @@ def observer(path, plan=PLAN, after=None):
     bench.homes()
     bench.offers('fit', lambda: bench.takes_model(bench.table.newest))
     bench.miss = lambda number: np.array([3.0, 4.0 + 1e-6 * number]) * ARCSEC
-    bench.plan.take_up_file(plan)
-    bench.plan.start(plan)
+    if not bench.plan.take_up_file(plan):
+        bench.plan.start(plan)
     return bench
 
 
@@ -93,13 +93,24 @@ def test_it_says_that_it_goes_on_and_where(tmp_path, caplog):
     assert f'the plan goes on at step 2 of 4, stars 4, of which {done} are done' in caplog.text
 
 
-def test_a_plan_that_is_over_or_another_one_begins_at_its_start(tmp_path):
+def test_a_plan_that_is_over_is_not_begun_again_by_itself(tmp_path):
     first = go_on(observer(tmp_path / 'f'))
     again = observer(tmp_path / 'f', after=first)
-    assert len(again.table) == 0 and (tmp_path / 'f.before').exists()
-    go_on(again, 4)
-    other = go_on(observer(tmp_path / 'f', 'stars 2', after=again))
+    assert not again.plan.busy and len(again.table) == 7
+    assert again.statuses[-1][0].state == 'done'
+    assert 'star_observer/anew, begins it anew' in again.statuses[-1][1]
+    again.plan.calibration_has(0)  # started anew as well
+    assert len(again.tables) == 1
+    again.plan.start(PLAN)
+    go_on(again)
+    assert again.plan.progress.state == 'done' and len(again.table) == 14
+
+
+def test_another_plan_begins_at_its_start(tmp_path):
+    first = go_on(observer(tmp_path / 'f'), 4)
+    other = go_on(observer(tmp_path / 'f', 'stars 2', after=first))
     assert other.plan.progress.state == 'done' and len(other.table) == 2
+    assert (tmp_path / 'f.before').exists()
 
 
 def test_numbers_are_kept_to_the_bit(tmp_path):
