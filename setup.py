@@ -44,7 +44,7 @@ setup(
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),
         (f'share/{NAME}/launch', glob('launch/*.launch.py')),
-        (f'share/{NAME}/examples', glob('examples/*.py')),
+        (f'share/{NAME}/examples', glob('examples/*.*')),
         (f'share/{NAME}/config', glob('config/*.yaml')),
     ],
     python_requires='>=3.10',

@@ -56,6 +56,8 @@ class Fault:
         ``begin(night)`` makes it fail.
     ends : str
         State in which the plan ends or goes on.
+    give_up : float
+        Parameter of the observer, s.
     first : bool
         It is there from the beginning of the night.
     shown : callable
@@ -65,6 +67,7 @@ class Fault:
     words: str
     begin: object
     ends: str = 'failed'
+    give_up: float = GIVE_UP
     first: bool = False
     shown: object = lambda night, begun: begun
 
@@ -156,7 +159,7 @@ FAULTS = {
     'stamps 0': Fault('stamps are 0', readings(lambda stamp, angles: (0, angles))),
     'stamps in the future': Fault("ahead of this machine's clock", readings(
         lambda stamp, angles: (stamp + 3600 * 10**9, angles))),
-    'camera slow': Fault('slower than answer_timeout_s', slow, 'observing', first=True,
+    'camera slow': Fault('slower than answer_timeout_s', slow, 'observing', 60.0, first=True,
                          shown=second_image),
     'camera sign flipped': Fault('contradicts the commanded motion', flipped, first=True,
                                  shown=lambda night, begun: night.shown),
@@ -186,7 +189,7 @@ def run(name, seed):
     specs = [
         NodeSpec('mount_guard', NODES['mount_guard'], GUARD),
         NodeSpec('star_observer', NODES['star_observer'], {
-            'plan': 'home, stars 200', 'absolute_encoder': absolute, 'give_up_s': GIVE_UP,
+            'plan': 'home, stars 200', 'absolute_encoder': absolute, 'give_up_s': fault.give_up,
             'slew_rate_deg_s': 16.0, 'star_seed': seed, 'field_deg': 1.0, 'wait_for_nodes': [''],
             'recentre_arcsec': 60.0})]
     with tempfile.TemporaryDirectory() as folder, Night(folder, specs, seed) as night:

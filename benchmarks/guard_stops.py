@@ -201,7 +201,7 @@ def main():
         time.sleep(3.0)
         print(f'{"killed":16} {"times":>5} {"guard stops it":>16} '
               f'{"at rest after":>16}  s: median, worst')
-        for name in KILLED:
+        for name in KILLED if args.times else ():
             found = np.array([kill_one(name, running, telescope, listener, k)
                               for k in range(args.times)])
             columns = [f'{np.nanmedian(c):.2f}, {np.nanmax(c):.2f}' if np.isfinite(c).any() else '-'

@@ -100,6 +100,7 @@ class MountGuard(ManagedNode):
             value('request_timeout_s'), value('behind_deg') * DEG, value('turn_known')),
             time.monotonic)
         self._said, self._renewed, self._crowd = None, 0.0, ''
+        self._ticked, self._late = 0.0, False
         self._request = None  # the message as it came
         self._command_pub = self.publisher(topics.COMMAND)
         self._status_pub = self.publisher(topics.GUARD_STATUS)
@@ -109,7 +110,7 @@ class MountGuard(ManagedNode):
         self.serve('pause', lambda: self._do('paused', self._keeper.pause))
         self.serve('resume', lambda: self._do('resumed', self._keeper.resume))
         self.serve('park', self._on_park)
-        self.every(LOOK, self._look)
+        self.every(LOOK, self._tick)
         self.every(0.5, self._look_at_commanders)
 
     def _axis(self, i, name):
@@ -166,6 +167,13 @@ class MountGuard(ManagedNode):
         """ns; of a mount that answers of a time to come, that of its readings."""
         now = self.get_clock().now().nanoseconds
         return max(now, self._keeper.readings.stamp) if self._whole else now
+
+    def _tick(self):
+        """Look; where this process was held up, once more what waits is heard before."""
+        before, self._ticked = self._ticked, time.monotonic()
+        self._late = self._ticked - before > 3.0 * LOOK and not self._late
+        if not self._late:
+            self._look()
 
     def _look(self):
         """Send what is due."""

@@ -9,6 +9,7 @@ import numpy as np
 from msg_tools.convert import read_joints, read_trajectory
 from pointing_model.mounts import is_beyond
 from pointing_model.observing.pairing import (
+    CLOCK_JUMP,
     RATE_OVER,
     centred,
     centred_second,
@@ -53,9 +54,10 @@ class Pairing:
     def reading(self, encoder, message):
         """Keep a reading; decoded only if an observation falls beside it."""
         stamp = _stamp_in(message)
-        if stamp is None:
-            return
-        self._readings[encoder].append((stamp, message))
+        readings = self._readings[encoder]
+        if stamp is None or (readings and 0 <= readings[-1][0] - stamp < CLOCK_JUMP):
+            return  # the observer refuses it: two encoders on one topic
+        readings.append((stamp, message))
         if self._waiting:
             self._go_on()
 

@@ -94,7 +94,7 @@ class Keeper:
         self.refused = (0, '')
         self._goal = self._path = None
         self._vias, self._heard, self._owner, self._last = [], 0.0, '', 0
-        self._until = 0  # when what was sent last brakes, ns
+        self._sent = 0  # when something was sent last, ns
         self._turns = None  # of the first axis, where a way led to the goal on another turn
         self._out = []
 
@@ -213,11 +213,8 @@ class Keeper:
             if led is not None:
                 self._vias, cubic = list(led[0]), led[1]
                 self._turns = round(float(cubic.angles[0, 0] - goal.angles[0, 0]) / (2.0 * math.pi))
-                if self._vias:
-                    self._to_via(now)
-                else:
-                    self._set_out(cubic, state, now, 'following')
-                return
+                return (self._to_via(now) if self._vias
+                        else self._set_out(cubic, state, now, 'following'))
         self._goal = None
         if self._path is not None:
             self._brake(now)
@@ -230,19 +227,23 @@ class Keeper:
         if not isinstance(found, Allowed):  # the Sun has come into the way since
             self._vias = []
             return self._told('waiting', WARN, found.reason)
-        self._set_out(Cubic(np.zeros(1), there, np.zeros((1, 2))), self._here(now), now, 'around',
-                      f'{len(self._vias)} points to pass')
+        cubic = Cubic(np.zeros(1), there, np.zeros((1, 2)))
+        self._set_out(cubic, self._here(now), now, 'around', f'{len(self._vias)} points to pass')
 
     def _sun_at(self, now):
         return self._sun.at(now * 1e-9) if self._limits.sun else None
 
     def _here(self, now):
         """Of the axes now: where they were sent, while they follow, else their reading."""
-        if self._path is not None and not self._settings.whole:
+        if self._path is not None and not self._settings.whole and not self._hung(now):
             points = [self._moment(now, i) for i in (0, 1)]
             return State(*zip(*points))
         return State(tuple(map(float, self.readings.here)), tuple(
             float(v) if math.isfinite(v) else 0.0 for v in self.readings.rate))
+
+    def _hung(self, now):
+        """Whether nothing was sent in time, and the mount has braked."""
+        return now > max(self._sent, self._path[0]) + round(self._settings.ahead * 1e9)
 
     def _moment(self, now, axis):
         start, moves, cubic = self._path
@@ -310,7 +311,7 @@ class Keeper:
             self._step(now, due)
         out, self._out = self._out, []
         if out:
-            self._until = out[-1].start + round(self._settings.ahead * 1e9)
+            self._sent = out[-1].start
         return out
 
     def _step(self, now, due):
@@ -319,8 +320,8 @@ class Keeper:
                 self.state == 'waiting' or (self.state == 'stopping' and self._stands())):
             self._begin(now)
         if not self._settings.whole and self._path is not None:
-            if not self._out and now > self._until:  # the guard hung, and the mount has braked
-                self._path = None
+            if self._hung(now):
+                self._path, self._out = None, []
                 state = 'aborted' if self.state == 'parking' else 'stopping'
                 return self._told(state, WARN, 'nothing was sent in time: the mount has stopped')
             reason = self._why_stop(now)

@@ -46,21 +46,16 @@ def survey(wanted):
         return observer.run(wanted)
 
 
-def test_its_model_is_found_and_that_it_acts_on_the_sky():
-    """Few pointings that lie near each other; the full size is in benchmarks/indi.py."""
+@pytest.fixture(scope='module')
+def surveyed():
+    """The pointings of four servers, which wait for their slews beside other tests."""
+    # few that lie near each other; the full size is in benchmarks/indi.py
     wanted = places(8, SEED, SITE.latitude, hour_angles=(40.0 * DEG, 85.0 * DEG),
                     south=45.0 * DEG)
+    east = wanted[:, 0] < 0.0
+    parts = [*np.split(wanted[east], 2), *np.split(wanted[~east], 2)]
     with ThreadPoolExecutor(4) as pool:
-        east = wanted[:, 0] < 0.0
-        parts = [*np.split(wanted[east], 2), *np.split(wanted[~east], 2)]
-        run = PointingRun.concatenate(list(pool.map(survey, parts)))
-    assert is_beyond(run['el_enc']).sum() == 4
-    terms, origin = draw_model(SEED), origin_of_errors(run, tuple(MODEL))
-    assert origin.holds == ON_SKY and origin.left_out['mount'] > 20.0 * ARCSEC
-    model = fit_terms(with_errors(run, ON_SKY), tuple(MODEL)).model
-    off = {name: (model.terms[name] - terms[name]) / ARCSEC for name in MODEL}
-    assert abs(off.pop('IH')) < 3.0
-    assert np.abs(list(off.values())).max() < 2.0
+        yield [pool.submit(survey, part) for part in parts]
 
 
 class Guarded:
@@ -118,7 +113,7 @@ class Guarded:
         return np.abs(self.here - want).max() / ARCSEC
 
 
-def test_behind_the_guard_it_points_stands_and_says_what_is_lost():
+def test_behind_the_guard_it_points_stands_and_says_what_is_lost(surveyed):
     with SimulatorServer() as server:
         with IndiClient('localhost', server.port) as client:
             telescope = IndiTelescope(client, DEVICE)
@@ -157,3 +152,14 @@ def _behind_the_guard(server):
         mount.until(lambda: 'no reading of the encoders' in mount.keeper.reason)
         assert 'is lost: a mount whose driver still runs goes where it was sent last' in (
             mount.driver.state()[0])
+
+
+def test_its_model_is_found_and_that_it_acts_on_the_sky(surveyed):
+    run = PointingRun.concatenate([part.result() for part in surveyed])
+    assert is_beyond(run['el_enc']).sum() == 4
+    terms, origin = draw_model(SEED), origin_of_errors(run, tuple(MODEL))
+    assert origin.holds == ON_SKY and origin.left_out['mount'] > 20.0 * ARCSEC
+    model = fit_terms(with_errors(run, ON_SKY), tuple(MODEL)).model
+    off = {name: (model.terms[name] - terms[name]) / ARCSEC for name in MODEL}
+    assert abs(off.pop('IH')) < 3.0
+    assert np.abs(list(off.values())).max() < 2.0
