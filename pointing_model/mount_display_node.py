@@ -1,6 +1,7 @@
 """What RViz and Foxglove draw: the mount as it stands, where it looks, where it is sent."""
 
 import sys
+import time
 
 import numpy as np
 from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
@@ -20,6 +21,8 @@ PARAMS = (
           'which does', fixed=True),
 )
 BORESIGHT, STAR = (0.2, 0.7, 1.0), (1.0, 0.85, 0.2)
+#: s after which it is drawn again for those who came late
+AGAIN = 1.0
 #: numbers of the markers that are no parts
 LOOKS, SENT = 1000, 1001
 
@@ -32,7 +35,7 @@ class MountDisplay(MountNode):
         self._mount = mount_of(self)
         self._parts = parts_of(self._mount)
         self._reading = self._star = None
-        self._new = True
+        self._new, self._drawn = True, 0.0
         if self.value('description'):
             self.publisher(topics.ROBOT_DESCRIPTION).publish(String(data=urdf(self._mount)))
         self._joints_pub = self.publisher(topics.JOINTS)
@@ -58,15 +61,17 @@ class MountDisplay(MountNode):
         self._star = self._mount.direction(*angles[0])
 
     def _draw(self):
-        if not self._new:
+        new, self._new = self._new, False
+        if not new and time.monotonic() - self._drawn < AGAIN:
             return
-        self._new = False
+        self._drawn = time.monotonic()
         stamp, frames = 0, frames_of(self._mount, (0.0, 0.0))
         if self._reading is not None:
             stamp, angles, rates = self._reading
             frames = frames_of(self._mount, angles)
-            self._joints_pub.publish(convert.joint_state(
-                stamp, angles, rates, names=self._mount.names.keys))
+            if new:
+                self._joints_pub.publish(convert.joint_state(
+                    stamp, angles, rates, names=self._mount.names.keys))
         self._markers_pub.publish(MarkerArray(markers=[
             *self._solid(stamp, frames), *self._lines(stamp)]))
 
