@@ -188,6 +188,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--times', type=int, default=3)
+    parser.add_argument('--killed', default=','.join(KILLED), help='which of them')
     parser.add_argument('--quiet-seconds', type=float, default=0.0)
     parser.add_argument('--busy', type=int, default=8)
     args = parser.parse_args()
@@ -201,7 +202,7 @@ def main():
         time.sleep(3.0)
         print(f'{"killed":16} {"times":>5} {"guard stops it":>16} '
               f'{"at rest after":>16}  s: median, worst')
-        for name in KILLED if args.times else ():
+        for name in args.killed.split(',') if args.times else ():
             found = np.array([kill_one(name, running, telescope, listener, k)
                               for k in range(args.times)])
             columns = [f'{np.nanmedian(c):.2f}, {np.nanmax(c):.2f}' if np.isfinite(c).any() else '-'

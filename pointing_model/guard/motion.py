@@ -6,6 +6,7 @@ much of their speed they use; what must hold of every pair is then asked of all 
 
 import copy
 import math
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -53,10 +54,7 @@ class Cubic:
     def __init__(self, times, angles, rates):
         self.times, self.angles, self.rates = times, angles, rates
         if len(times) == 1:
-            self._fine = times, angles
             self.peak_rate, self.peak_acceleration = np.abs(rates[0]), np.zeros(2)
-            self._bent = np.zeros(2)
-            self.low = self.high = angles[0].tolist()
             return
         h = (times[1:] - times[:-1])[:, None]
         step = angles[1:] - angles[:-1]
@@ -70,35 +68,49 @@ class Cubic:
         self.peak_rate = np.maximum(np.abs(rates).max(0), np.abs(between).max(0))
         bend = np.maximum(np.abs(first), np.abs(last))
         self.peak_acceleration = bend.max(0)
+        self._parts = h, step, v0, v1, bend
+
+    @cached_property
+    def _fine(self):
+        """Times and angles of cuts, and by how much the track leaves the lines between them."""
+        times, angles = self.times, self.angles
+        if len(times) == 1:
+            return times, angles, np.zeros(2)
+        h, step, v0, v1, bend = self._parts
         bent = bend.max(1, keepdims=True) * h * h / 8.0
         way = (np.abs(step).max(1, keepdims=True)
                + np.abs(v0).max(1, keepdims=True) * h * (bent > BENT))
         cuts = np.ceil(np.maximum(way / STEP, np.sqrt(bent / BENT)))
         cuts = int(min(max(float(cuts.max()), 1.0), 400.0))
-        self._bent = bend.max(0) * float((h.max() / cuts) ** 2) / 8.0
+        bent = bend.max(0) * float((h.max() / cuts) ** 2) / 8.0
         if cuts == 1:
-            self._fine = times, angles
-            self._bound()
-            return
+            return times, angles, bent
         s = np.arange(cuts) / cuts
         s = s[None, :, None]
         h, v0, v1, step = h[:, None], v0[:, None], v1[:, None], step[:, None]
         fine = (angles[:-1, None] + s * s * (3.0 - 2.0 * s) * step
                 + h * s * (1.0 - s) * ((1.0 - s) * v0 - s * v1))
-        self._fine = (np.append((times[:-1, None] + h[:, :, 0] * s[:, :, 0]).ravel(), times[-1]),
-                      np.concatenate([fine.reshape(-1, 2), angles[-1:]]))
-        self._bound()
+        return (np.append((times[:-1, None] + h[:, :, 0] * s[:, :, 0]).ravel(), times[-1]),
+                np.concatenate([fine.reshape(-1, 2), angles[-1:]]), bent)
 
-    def _bound(self):
-        places = self._fine[1]
-        self.low = (places.min(0) - self._bent).tolist()
-        self.high = (places.max(0) + self._bent).tolist()
+    @cached_property
+    def low(self):
+        """See above."""
+        _, places, bent = self._fine
+        return (places.min(0) - bent).tolist()
+
+    @cached_property
+    def high(self):
+        """See above."""
+        _, places, bent = self._fine
+        return (places.max(0) + bent).tolist()
 
     def turned(self, first, second=0):
         """The same, with whole turns added to the axes."""
         add = np.array([first, second]) * 2.0 * math.pi
         out = copy.copy(self)
-        out.angles, out._fine = self.angles + add, (self._fine[0], self._fine[1] + add)
+        times, places, bent = self._fine
+        out.angles, out._fine = self.angles + add, (times, places + add, bent)
         out.low, out.high = (list(map(float, ends + add)) for ends in (self.low, self.high))
         return out
 
@@ -141,7 +153,7 @@ class Cubic:
         slow : tuple of float, optional
             As of `brakes`; without, they are not stopped.
         """
-        times, angles = self._fine
+        times, angles, bent = self._fine
         if len(times) == 1:
             return Boxes(angles.T, angles.T, times)
         a, b = angles[:-1].T, angles[1:].T
@@ -152,7 +164,7 @@ class Cubic:
             rate, slow = (b - a) / h, 2.0 * np.array(slow)[:, None]
             low = low - np.minimum(rate - bend, 0.0) ** 2 / slow
             high = high + np.maximum(rate + bend, 0.0) ** 2 / slow
-        pad = self._bent[:, None] + BENT
+        pad = bent[:, None] + BENT
         return Boxes(low - pad, high + pad, 0.5 * (times[:-1] + times[1:]))
 
 
@@ -280,7 +292,7 @@ def _chased(state, cubic, axes, t, brakes, timing):
 
     Not farther than it can have come, and between where it was and where the target has been.
     """
-    fine, places = cubic._fine
+    fine, places, _ = cubic._fine
     lows, highs = np.empty((2, len(t))), np.empty((2, len(t)))
     for i, axis in enumerate(axes):
         here, rate = state.angles[i], state.rates[i]

@@ -50,11 +50,18 @@ class Played:
 
 
 def test_the_guard_leads_the_mount_and_stops_it_when_the_encoder_is_silent(graph):
-    graph.add(MountGuard, renew_s=0.1)
+    guard = graph.add(MountGuard, renew_s=0.1)
     mount = Played(graph)
     graph.connect()
     mount.ask(24.0, 52.0)
+    mount.request.header.frame_id = '/mount/star_observer'
     mount.until('following')
+    other = convert.trajectory(mount.now(), TIMES, np.full((3, 2), 0.5), np.zeros((3, 2)))
+    other.header.frame_id = '/mount/player'
+    mount.requests.publish(other)
+    graph.wait_for(lambda: guard.rejected, 'the second commander refused')
+    assert 'player asks while /mount/star_observer commands' in guard.rejected[
+        topics.REQUEST.name][1]
     graph.wait_for(lambda: np.allclose(mount.here / DEG, (24.0, 52.0), atol=0.2), 'the star')
     assert all(not any(command.points[-1].velocities) for command in mount.commands)
     mount.reads = False
