@@ -26,6 +26,8 @@ class ManagedNode(LifecycleNodeMixin, MountNode):
     Attributes
     ----------
     active : bool
+    starting : bool
+        It is about to become active by itself: nobody need be told that it is not.
     """
 
     def __init__(self, name, params, **kwargs):
@@ -33,11 +35,13 @@ class ManagedNode(LifecycleNodeMixin, MountNode):
         LifecycleNodeMixin.__init__(self)
         self.active, self._change = False, self._service_change_state.callback
         self._service_change_state.callback = self._on_change_state
+        self.starting = self.value(AUTOSTART.name)
         # when it is made, and its executor runs
         self._begin = self.every(max(1e-3, self.look_around()), self._on_begin)
 
     def _on_begin(self):
         self.destroy_timer(self._begin)
+        self.starting = False
         if self.value(AUTOSTART.name) and self._state_machine.current_state[1] == 'unconfigured':
             self.trigger_configure()
             if self._state_machine.current_state[1] == 'inactive':
@@ -126,7 +130,8 @@ class ManagedNode(LifecycleNodeMixin, MountNode):
 
     def waiting_for(self):
         """Activation, too."""
-        return [*super().waiting_for(), *(['activation'] if not self.active else [])]
+        inactive = not self.active and not self.starting
+        return [*super().waiting_for(), *(['activation'] if inactive else [])]
 
     def details(self):
         """The state."""

@@ -178,7 +178,8 @@ class MountGuard(ManagedNode):
     def _look(self):
         """Send what is due."""
         if not self.active:
-            self._tell()
+            if not self.starting:
+                self._tell()
             return
         now = time.monotonic()
         due = now - self._renewed >= self.value('renew_s')
