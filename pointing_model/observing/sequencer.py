@@ -248,6 +248,8 @@ class Sequencer:
         if left.state == 'done':
             self._left, self._night.progress = None, left
             self._night.set_state('done', OVER)
+            self._night.calibrated = 0
+            self._send_table(again=True)
             self._tell()
         return left.state == 'done'
 
