@@ -103,9 +103,8 @@ class Keeper:
     @property
     def locked(self):
         """Why no request is taken now; '' if one is."""
-        if self.state in ('aborted', 'parking', 'parked'):
-            return f'{self.state}: call resume'
-        return ''
+        locked = self.state in ('aborted', 'parking', 'parked')
+        return f'{self.state}: call resume' if locked else ''
 
     def take_reading(self, stamp, angles, rates):
         """A reading of the encoders, rad and rad/s; ValueError for one that cannot be."""
@@ -242,8 +241,10 @@ class Keeper:
             float(v) if math.isfinite(v) else 0.0 for v in self.readings.rate))
 
     def _hung(self, now):
-        """Whether nothing was sent in time, and the mount has braked."""
-        return now > max(self._sent, self._path[0]) + round(self._settings.ahead * 1e9)
+        """Whether nothing was sent in time, and the mount has braked; or has not begun at all."""
+        ahead = round(self._settings.ahead * 1e9)
+        return now > max(self._sent, self._path[0]) + ahead or (
+            bool(self._out) and now > self._out[-1].start + ahead // 5)
 
     def _moment(self, now, axis):
         start, moves, cubic = self._path
@@ -383,13 +384,12 @@ class Keeper:
                 and float(np.nanmax(np.abs(self.readings.rate))) < STILL)
 
     def _at(self, place, now):
-        here = self.readings.here
         if self._path is None:
             return False
         start, moves, _ = self._path
         over = not moves or (now - start) * 1e-9 >= max(move.end for move in moves)
-        return over and here is not None and self._stands() and all(
-            abs(a - b) < REACHED for a, b in zip(here, place))
+        return over and self._stands() and all(
+            abs(a - b) < REACHED for a, b in zip(self.readings.here, place))
 
     # --- services -----------------------------------------------------------------------------
 
