@@ -145,8 +145,9 @@ def homed(night, begun):
 
 
 def second_image(night, begun):
-    """Of one alone nobody knows when the next is due."""
-    after = [when for when in night.mount.images_at if when > begun]
+    """That the observer hears: of one alone nobody knows when the next is due."""
+    hears = spoken(night, begun)
+    after = [when for when in night.mount.images_at if hears is not None and when > hears]
     return after[1] if len(after) > 1 else None
 
 
