@@ -18,8 +18,8 @@ def add(commands):
                         'already are found')
     parser.add_argument('--stars', type=options.whole(4, 5000), default=30,
                         help='to fit the model to; a quarter as many check it (default: 30)')
-    parser.add_argument('--plan', default='', help="steps in place of 'home, stars N, clocks 24, fit, "
-                        "check N/4'")
+    parser.add_argument('--plan', default='', help="steps in place of 'home, stars N, clocks 24, "
+                        "fit, check N/4'")
     options.add(parser, 'mount', default='altaz', help='altaz (default), equatorial, german, or '
                 'free:AZ,EL[,ROLL] (where the first axis points, degrees)')
     options.add(parser, 'latitude', 'longitude', 'height')
