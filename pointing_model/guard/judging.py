@@ -66,6 +66,12 @@ class Judge:
     Parameters
     ----------
     limits : limits.Limits
+
+    Attributes
+    ----------
+    limits : limits.Limits
+    keep_out : float
+        Distance that is kept from the Sun, rad.
     """
 
     def __init__(self, limits):
@@ -75,7 +81,7 @@ class Judge:
         self._words = mount.names.axes
         self._slow = tuple(axis.acceleration * (limits.timing or 1.0) for axis in limits.axes)
         # without any timing nothing is known of when either
-        self._sun = limits.sun + (MARGIN_SUN if limits.sun and not limits.timing else 0.0)
+        self.keep_out = limits.sun + (MARGIN_SUN if limits.sun and not limits.timing else 0.0)
         self._straight = bool(np.allclose(self._frame, np.eye(3)))
 
     def judge(self, times, angles, rates, state, sun=None, pole=None, turns=None):
@@ -156,7 +162,7 @@ class Judge:
         """Which of many boxes are surely free of horizon and Sun (of `in_axes`), bool (n,)."""
         above, apart = self._clearances(boxes, sun)[0]
         return above >= 0.0 if sun is None else (above >= 0.0) & (
-            apart >= self._sun)
+            apart >= self.keep_out)
 
     def _way(self, cubic, state, sun, track=False, quick=False):
         """Judge the way onto a track and, if told so, what it passes of the sky itself."""
@@ -213,7 +219,7 @@ class Judge:
         if sun is None:
             return True
         near = math.acos(max(min(largest_cosine(sun[0], *ends), 1.0), -1.0))
-        return near > self._sun + TURN_RATE * seconds + BENT
+        return near > self.keep_out + TURN_RATE * seconds + BENT
 
     # --- the track by itself ------------------------------------------------------------------
 
@@ -325,7 +331,7 @@ class Judge:
         if sun is None:
             return bool((self._clearances(boxes, None, False)[0][0] >= 0.0).all())
         above, apart = self._clearances(boxes, (sun[0], None), False)[0]
-        far = self._sun + TURN_RATE * max(boxes.time[-1], 0.0) + 0.1 * DEG
+        far = self.keep_out + TURN_RATE * max(boxes.time[-1], 0.0) + 0.1 * DEG
         return bool((above >= 0.0).all() and (apart >= far).all())
 
     def where_not(self, boxes, sun=None, state=None, most=MOST_BOXES):
@@ -341,7 +347,7 @@ class Judge:
         most : int
             Boxes into which they may be cut.
         """
-        lowest, near_sun = 0.0, self._sun
+        lowest, near_sun = 0.0, self.keep_out
         done, exact = 0, False
         while True:
             (above, apart), (above_here, apart_here), half = self._clearances(boxes, sun, exact)

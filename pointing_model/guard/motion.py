@@ -55,6 +55,7 @@ class Cubic:
         self.times, self.angles, self.rates = times, angles, rates
         if len(times) == 1:
             self.peak_rate, self.peak_acceleration = np.abs(rates[0]), np.zeros(2)
+            self._between = np.zeros((0, 2))
             return
         h = (times[1:] - times[:-1])[:, None]
         step = angles[1:] - angles[:-1]
@@ -68,7 +69,7 @@ class Cubic:
         self.peak_rate = np.maximum(np.abs(rates).max(0), np.abs(between).max(0))
         bend = np.maximum(np.abs(first), np.abs(last))
         self.peak_acceleration = bend.max(0)
-        self._parts = h, step, v0, v1, bend
+        self._between, self._parts = between, (h, step, v0, v1, bend)
 
     @cached_property
     def _fine(self):
@@ -134,6 +135,20 @@ class Cubic:
     def near(self, t, axis):
         """Angles of one axis at times `t` (n,), to within `BENT`."""
         return np.interp(t, self._fine[0], self._fine[1][:, axis])
+
+    def change(self, begin, end, axis):
+        """By how much the rate of one axis changes at most from `begin` to `end`, rad/s.
+
+        At the end of the track it stands still.
+        """
+        times = self.times
+        first = max(int(times.searchsorted(begin, 'right')) - 1, 0)
+        last = max(int(times.searchsorted(end)), first + 1)
+        rates = np.concatenate([self.rates[first:last + 1, axis], self._between[first:last, axis]])
+        low, high = float(rates.min()), float(rates.max())
+        if end > times[-1]:
+            low, high = min(low, 0.0), max(high, 0.0)
+        return high - low
 
     def brakes(self, slow):
         """How far each axis goes on at most when it is stopped on the track, rad, floats.
@@ -287,10 +302,11 @@ def along(moves, cubic, t):
     return x
 
 
-def _chased(state, cubic, axes, t, brakes, timing):
+def _chased(state, cubic, axes, t, brakes, timing, moves):
     """Between what each axis may be while it runs after a fast target, whatever it aims at.
 
     Not farther than it can have come, and between where it was and where the target has been.
+    `moves` are the soonest and the latest of either axis.
     """
     fine, places, _ = cubic._fine
     lows, highs = np.empty((2, len(t))), np.empty((2, len(t)))
@@ -304,6 +320,9 @@ def _chased(state, cubic, axes, t, brakes, timing):
         most = np.maximum.accumulate(places[:, i])[until]
         # with the speed of the target it overshoots, and before it has braked
         over = float(cubic.peak_rate[i]) ** 2 / (2.0 * slowest) + STEP / 4.0
+        # and where the target brakes while the axis does, relative to it
+        begin, end = min(m.t2 for m in moves[i::2]), max(m.end for m in moves[i::2])
+        over += cubic.change(begin, end, i) * abs(moves[-2 + i].cruise) / slowest
         reach = axis.rate * (t + brakes[i])
         lows[i] = np.maximum(np.minimum(min(here, stop), least - over), here - reach)
         highs[i] = np.minimum(np.maximum(max(here, stop), most + over), here + reach)
@@ -369,7 +388,7 @@ def slew_boxes(state, cubic, axes, timing, finer=1):
     near, late = x[:2, :count + 1], x[-2:, :count + 1]
     ahead = x[:2, count + 1:]
     if float(cubic.peak_rate.max()) > FAST:
-        near, ahead, late = _chased(state, cubic, axes, t, brakes[:, 0], timing)
+        near, ahead, late = _chased(state, cubic, axes, t, brakes[:, 0], timing, moves)
     edges = np.stack([near[:, :-1], near[:, 1:], ahead[:, :-1], ahead[:, 1:], late[:, :-1],
                       late[:, 1:]])
     low, high = edges.min(0), edges.max(0)

@@ -10,9 +10,11 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 
 from msg_tools.units import DEG
 
+from ..earth import TURN_RATE
 from .boxes import Boxes
-from .judging import MARGIN_SUN, Allowed, Judge
-from .motion import State
+from .judging import Allowed, Judge
+from .motion import Cubic, State, plan_move
+from .sun import turned
 
 #: between points of the grids on which a way is looked for, one after the other, rad
 GRIDS = (5.0 * DEG, 1.5 * DEG)
@@ -20,6 +22,10 @@ GRIDS = (5.0 * DEG, 1.5 * DEG)
 REACH = 2.0 * math.pi
 #: points in between keep so far from the ends of the travel, rad
 EDGE = 0.5 * DEG
+#: a way is looked for that is clear of the Sun for so long, s; the next where it takes longer
+WINDOWS = (480.0, 1500.0, 3600.0)
+#: at a point in between the mount comes to rest within so much more, s
+SETTLED = 2.0
 
 
 def stopped(judge, state):
@@ -41,12 +47,12 @@ def lead(judge, cubic, state, sun=None, pole=None):
     (list of (float, float), motion.Cubic) or None
         Points as of `around`, none where the straight slew is allowed; the track on its turn.
     """
-    for turned in (cubic, *judge.other_turns(cubic, state)):
-        if _ok(judge.onto(turned, state.angles, sun, pole)):
-            return [], turned
-        vias = around(judge, turned, state, sun, pole)
+    for track in (cubic, *judge.other_turns(cubic, state)):
+        if _ok(judge.onto(track, state.angles, sun, pole)):
+            return [], track
+        vias = around(judge, track, state, sun, pole)
         if vias is not None:
-            return vias, turned
+            return vias, track
     return None
 
 
@@ -71,21 +77,49 @@ def around(judge, cubic, state, sun=None, pole=None):
     list of (float, float) or None
         Angles, rad, without those of the track; None where no way was found.
     """
-    if sun is not None and judge.limits.sun:
-        judge = _wider(judge)
+    for seconds in WINDOWS if sun is not None and judge.limits.sun else (math.inf,):
+        clear, then = judge, sun
+        if math.isfinite(seconds):  # where the Sun is in the middle of it, and so much wider
+            clear = _wider(judge, 0.5 * seconds * TURN_RATE)
+            then = sun if pole is None else turned(sun, pole, 0.5 * seconds)
+        vias, clean = _free_of_all(clear, cubic, state, then, pole)
+        if not clean:
+            return None
+        if _lead_time(judge, state.angles, vias) <= seconds:
+            return vias
+    return None
+
+
+def _free_of_all(judge, cubic, state, sun, pole):
+    """The points of `around` for a Sun that stays; whether the track is clear of it too."""
     own = judge.in_axes(sun, pole, state)
     for step in GRIDS:
         path = _path(judge, cubic, state, own, step, sun, pole)
         vias = path and _shortened(judge, tuple(map(float, state.angles)), path, cubic, sun, pole)
         if vias:
-            return vias
-    return None
+            return vias, not judge.where_not(cubic.boxes(), own)
+    return None, False
+
+
+def _lead_time(judge, here, vias):
+    """Seconds until the axes have passed all points at the latest."""
+    timing = judge.limits.timing
+    if not timing:
+        return 0.0  # as long as they like: each leg is judged once more when it begins
+    seconds = 0.0
+    for via in vias:
+        cubic = Cubic(np.zeros(1), np.array([via]), np.zeros((1, 2)))
+        seconds += SETTLED + max(
+            plan_move(here[i], 0.0, cubic, i, timing * axis.rate, timing * axis.acceleration).end
+            for i, axis in enumerate(judge.limits.axes))
+        here = via
+    return seconds
 
 
 @lru_cache(16)
-def _wider(judge):
-    """A judge that keeps farther from the Sun: it moves while the axes are under way."""
-    return Judge(replace(judge.limits, sun=judge.limits.sun + MARGIN_SUN))
+def _wider(judge, margin):
+    """A judge that keeps farther from the Sun, which moves while the axes are under way."""
+    return Judge(replace(judge.limits, sun=judge.limits.sun + margin))
 
 
 class _Grid:
@@ -131,7 +165,7 @@ class _Grid:
         free = np.ones(len(self.row), bool)
         if sun is not None:
             near = np.flatnonzero(sun[0] @ self.place
-                                  > np.cos(min(judge.limits.sun + MARGIN_SUN + step, np.pi)))
+                                  > np.cos(min(judge.keep_out + step, np.pi)))
             free[near] = judge.free(self.boxes.of(near), sun)
         return coo_matrix((self.seconds[free], (self.row[free], self.column[free])),
                           shape=(self.size, self.size)).tocsr()

@@ -14,7 +14,7 @@ from pointing_model.guard.limits import (
     travel_of,
 )
 from pointing_model.guard.motion import Cubic, State
-from pointing_model.guard.sun import Sun, sun_place
+from pointing_model.guard.sun import Sun, sun_place, turned
 from pointing_model.guard.way import around, lead
 from pointing_model.mounts import Mount
 
@@ -93,6 +93,23 @@ def test_the_way_past_the_sun_is_refused_and_led_around(judge):
     places = [state.angles, *vias]
     assert all(isinstance(judge.way(a, b, sun, POLE), Allowed) for a, b in zip(places, vias))
     assert 'the track comes within' in refused(judge, *star(10.0, 40.0), state, sun, POLE)
+
+
+def test_a_slow_mount_on_its_way_around_keeps_away_from_where_the_sun_will_be():
+    slow = tuple(Axis(*ends, 0.5 * DEG, 0.3 * DEG) for ends in (
+        (-270.0 * DEG, 270.0 * DEG), (-5.0 * DEG, 95.0 * DEG)))
+    judge = Judge(Limits(axes=slow, horizon=Horizon(15.0 * DEG), timing=0.4))
+    sun = toward(-15.0, 40.0)
+    track, state = star(-70.0, 35.0, (0.0, 0.0)), at(40.0, 35.0)
+    vias = around(judge, judge.judge(*track, state, sun, POLE).cubic, state, sun, POLE)
+    seconds, here = 0.0, state.angles
+    for there in (*vias, (-70.0 * DEG, 35.0 * DEG)):
+        assert isinstance(judge.way(here, there, turned(sun, POLE, seconds), POLE), Allowed)
+        assert isinstance(judge.way(here, there, turned(sun, POLE, 0.4 * seconds), POLE), Allowed)
+        way = np.abs(np.subtract(there, here))
+        seconds += (way / (0.2 * DEG)).max() + 0.5 / (0.4 * 0.3)  # and up to speed
+        here = there
+    assert seconds > 600.0  # in which the Sun goes 2.5 deg
 
 
 def test_whoever_stands_too_low_or_by_the_sun_may_come_out(judge):
@@ -176,6 +193,16 @@ def test_a_track_that_ends_in_motion_has_room_to_stop(judge):
     assert isinstance(judge.judge(*fast, at(30.0, 40.0)), Allowed)
     high = fast[0], fast[1] + np.array([0.0, 4.8]) * DEG, fast[2]
     assert 'elevation of the track from' in refused(judge, *high, at(30.0, 44.5))
+
+
+def test_an_axis_in_full_speed_goes_beyond_a_target_that_stops_before_it():
+    axes = tuple(Axis(*ends, 6.8 * DEG, 3.4 * DEG) for ends in (
+        (-270.0 * DEG, 270.0 * DEG), (-5.0 * DEG, 95.0 * DEG)))
+    down = (np.array([0.0, 13.0]), np.array([[171.0, 27.6], [186.0, 5.3]]) * DEG,
+            np.tile([15.0, -22.3], (2, 1)) / 13.0 * DEG)
+    judge = Judge(Limits(axes=axes, horizon=Horizon(4.2 * DEG), timing=0.9))
+    assert 'below the horizon' in refused(judge, *down, at(111.0, 82.0))
+    assert isinstance(judge.judge(*down, at(171.0, 30.0)), Allowed)  # it is there in time
 
 
 @pytest.mark.parametrize('times, rates', [([0.0, 20.0], 1e300), ([0.0, 1e-300], 0.1),
