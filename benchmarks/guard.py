@@ -8,8 +8,8 @@ pass is carried out by drives that are simulated step by step (`guard_drives.py`
 of the guard): each axis by a controller of its own with a speed and an acceleration of its own
 within what the guard is told, and where it is told nothing of their timing, one after the other.
 At each step both axes or one of them are also stopped. A violation is a place beyond the travel,
-below the skyline or nearer to the Sun than allowed, or than it was at the start. Where the straight
-way is refused the mount stops, if it moves, and the way around is gone, point after point.
+below the skyline or nearer to the Sun than allowed, or than where it began. Where the straight way
+is refused the mount stops, if it moves, and the way around is gone, point after point.
 
 A command is allowed where some way leads to it: at rest or stopped the axes are, as the track is
 all the time, in one and the same region of pairs of angles that keeps 2.5 degrees from horizon, Sun

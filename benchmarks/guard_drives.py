@@ -254,7 +254,7 @@ def carry_out(cases, shares, waits=None, beside=0.0):
     -------
     worst, start : ndarray, shape (n, 3)
         rad: travel, skyline, Sun; `worst` relative to the limit or, where they began beyond it, to
-        their begin.
+        their begin; of the Sun, to what it would be had they stayed there.
     """
     settings = list({id(c['setting']): c['setting'] for c in cases}.values())
     number = {id(s): k for k, s in enumerate(settings)}
@@ -270,7 +270,8 @@ def carry_out(cases, shares, waits=None, beside=0.0):
     top = many.rate * shares[:, :, 0].T
     most = many.acceleration * shares[:, :, 1].T
     first = np.array([many.inside(angle), *many.clearances(angle, np.zeros(n), beside)])
-    worst, ids = first.copy(), np.arange(n)
+    worst, ids, begin = first.copy(), np.arange(n), angle.copy()
+    worst[2] -= np.minimum(first[2], 0.0)
     leg, since, error = np.zeros(n, int), np.zeros(n), np.ones((2, n))
     via = vias[ids, 0].T
     for step in range(int(SECONDS / STEP)):
@@ -282,6 +283,7 @@ def carry_out(cases, shares, waits=None, beside=0.0):
             if alive.mean() < 0.9:
                 many.keep(alive)
                 tracks.keep(alive)
+                begin = begin[:, alive]
                 angle, rate, top, most = angle[:, alive], rate[:, alive], top[:, alive], \
                     most[:, alive]
                 leg, since, count, ids = leg[alive], since[alive], count[alive], ids[alive]
@@ -312,11 +314,12 @@ def carry_out(cases, shares, waits=None, beside=0.0):
                 via = vias[np.arange(len(leg)), leg].T
         if step % LOOK == 0:
             _look(many, angle, angle + rate * np.abs(rate) / (2.0 * most), step * STEP, worst, ids,
-                  beside)
-    return (worst - np.minimum(first, 0.0)).T, first.T
+                  beside, begin)
+    worst[:2] -= np.minimum(first[:2], 0.0)
+    return worst.T, first.T
 
 
-def _look(many, here, stop, seconds, worst, ids, beside):
+def _look(many, here, stop, seconds, worst, ids, beside, begin):
     """The worst of where both axes are, and where they are if one or both of them are stopped."""
     inside = np.minimum(many.inside(here), many.inside(stop))
     sines, cosines = np.sin([here, stop]), np.cos([here, stop])
@@ -337,4 +340,8 @@ def _look(many, here, stop, seconds, worst, ids, beside):
                                         - many.lowest(low, at, beside))
     flat = np.arcsin(np.clip(least_up, -1.0, 1.0)) - many.least
     apart = np.where(many._by_sun, np.arccos(np.clip(near, -1.0, 1.0)) - many.sun, np.inf)
+    place = np.array(many.sky(*np.sin(begin[:1]), *np.cos(begin[:1]), *np.sin(begin[1:]),
+                              *np.cos(begin[1:])))
+    stayed = np.arccos(np.clip(np.sum(sun * place, 0), -1.0, 1.0)) - many.sun
+    apart = apart - np.where(many._by_sun, np.minimum(stayed, 0.0), 0.0)
     worst[:, ids] = np.minimum(worst[:, ids], [inside, np.minimum(above, flat), apart])
