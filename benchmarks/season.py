@@ -1,0 +1,142 @@
+"""Causes of a season: how often one is found where there is none, and found where there is one.
+
+    python benchmarks/season.py [--full] [--arc FOLDER]
+
+Seasons of 30 nights whose terms wander and scatter by sigmas that are drawn anew each time, with a
+temperature that follows the year: without any cause; with scatter that has long tails; with a term
+that follows the temperature; with a step that nobody has declared. Then, of measured runs, each
+night's terms by the nights before it alone against the last night's and the mean of them.
+"""
+
+import argparse
+import time
+
+import numpy as np
+
+from calibration.season_terms.causes import candidates, choose_causes
+from calibration.season_terms.filter import Told, find_wander, forecast, levels, smoothed
+from calibration.season_terms.nights import Night, Nights, days, nights_of
+from msg_tools.units import ARCSEC
+from pointing_model.mounts import ALTAZ
+from pointing_model.run_files import read_run
+from pointing_model.terms import design
+
+NAMES = ('IA', 'IE', 'CA', 'AN', 'AW', 'TF')
+STATES = ('nothing', 'long tails', 'temperature', 'a step')
+
+
+def season(rng, what, count=30):
+    """A `Nights` of terms that wander; the term that is moved, and from which night."""
+    k = len(NAMES)
+    day = np.sort(rng.uniform(0.0, 700.0, count))
+    walk = rng.choice([0.0, 1.0], k) * rng.uniform(0.1, 2.0, k)
+    scatter = rng.uniform(1.0, 10.0, k)
+    level = np.cumsum(rng.standard_normal((count, k)) * walk
+                      * np.sqrt(np.diff(day, prepend=day[0]))[:, None], axis=0)
+    tails = rng.standard_t(3, (count, k)) / np.sqrt(3.0) if what == 'long tails' else (
+        rng.standard_normal((count, k)))
+    values = level + scatter * tails
+    temperature = (10.0 - 8.0 * np.cos(2.0 * np.pi * day / 365.25)
+                   + 3.0 * rng.standard_normal(count))
+    term, at = int(rng.integers(k)), int(rng.integers(5, count - 5))
+    noise = np.hypot(scatter[term], walk[term] * np.sqrt(np.median(np.diff(day))))
+    if what == 'temperature':
+        values[:, term] += 2.0 * noise * (temperature - 10.0) / 6.4  # 2 sigma of a night, RMS
+    if what == 'a step':
+        values[at:, term] += 6.0 * noise
+    sigma = rng.uniform(0.5, 2.0, (count, k))
+    values += sigma * rng.standard_normal((count, k))
+    nights = [Night(f'night {i}', 86400.0 * d, 40, v * ARCSEC, np.diag(s**2) * ARCSEC**2, 0.0,
+                    {'temperature': (t, 1.0)})
+              for i, (d, v, s, t) in enumerate(zip(day, values, sigma, temperature))]
+    return Nights(NAMES, ALTAZ, nights, []), term, at
+
+
+def told_of(found):
+    """As of `filter.Told`, without columns."""
+    n, k = len(found.nights), len(found.names)
+    return Told(days(found.nights), np.array([night.values for night in found.nights]),
+                np.array([night.covariance for night in found.nights]), np.zeros((n, k, 0)))
+
+
+def of_chance(count, seed):
+    """Rows of the table."""
+    rows = []
+    for number, what in enumerate(STATES):
+        claimed = right = where = wrong = 0
+        for trial in range(count):
+            rng = np.random.default_rng([seed, number, trial])
+            nights, term, at = season(rng, what)
+            told = told_of(nights)
+            got, _ = choose_causes(told, candidates(nights, told.days))
+            claimed += bool(got)
+            names = [(c.cause.kind, c.cause.terms) for c in got]
+            kind = {'temperature': 'column', 'a step': 'step'}.get(what)
+            right += (kind, (term,)) in names
+            wrong += sum(n != (kind, (term,)) for n in names)
+            where += any(c.cause.text == f'night {at}' for c in got if c.cause.terms == (term,))
+        rows.append((what, count, claimed, right, where, wrong))
+    return rows
+
+
+def foretold(folder):
+    """RMS on the rows of each night, rad: by the nights before it, the last one, its own fit."""
+    import glob
+    runs = []
+    for path in sorted(glob.glob(f'{folder}/*.dat')):
+        try:
+            runs.append(read_run(path))
+        except ValueError:
+            continue
+    found = nights_of(runs, NAMES)
+    told, out, wander = told_of(found), [], None
+    by_name = {run.meta['source'].rsplit('/', 1)[-1]: run for run in runs}
+    k = len(NAMES)
+    for i in range(8, len(found.nights)):
+        past = Told(*(part[:i] for part in told))
+        wander, _ = find_wander(past._replace(columns=levels(i, k)), wander)
+        mean, cov = forecast(smoothed(past, wander), wander, told.days[i] - told.days[i - 1],
+                             np.zeros((k, 0)))
+        run = by_name[found.nights[i].source]
+        x_of, y_of = design(NAMES, run['az'], run['el'])
+        off = np.concatenate([np.angle(np.exp(1j * (run['az_enc'] - run['az'])))
+                              * np.cos(run['el']), run['el_enc'] - run['el']])
+        rows = np.concatenate([x_of, y_of])
+        n = len(run)
+        left = [off - rows @ p for p in (mean, past.values[-1], past.values.mean(0),
+                                         told.values[i])]
+        # the middle, as a false star is in some runs
+        size = [np.median(np.hypot(v[:n], v[n:])) for v in left]
+        at_once = told.values[i] - mean
+        chi = at_once @ np.linalg.solve(cov + told.covariances[i], at_once) / k
+        out.append([*size, chi])
+    return np.array(out)
+
+
+def main():
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('--full', action='store_true', help='200 seasons of each instead of 5')
+    parser.add_argument('--seasons', type=int)
+    parser.add_argument('--seed', type=int, default=1)
+    parser.add_argument('--arc', metavar='FOLDER', help='TPOINT files of a season')
+    args = parser.parse_args()
+    began = time.perf_counter()
+    print(f'{"season":14}{"seasons":>9}{"a cause":>9}{"the one":>9}{"its night":>11}{"others":>8}')
+    for what, *numbers in of_chance(args.seasons or (200 if args.full else 5), args.seed):
+        print(f'{what:14}' + ''.join(f'{v:>{w}}' for v, w in zip(numbers, (9, 9, 9, 11, 8))))
+    if args.arc:
+        found = foretold(args.arc)
+        own = found[:, 3]
+        print(f'\n{len(found)} nights by the ones before, median miss by its own fit taken as 1:')
+        for name, column in zip(('foretold', 'terms of the night before', 'mean of all before'),
+                                found.T):
+            ratio = column / own
+            print(f'  {name:28} median {np.median(ratio):5.2f}, 90 % {np.quantile(ratio, .9):6.2f}')
+        print(f'  chi^2 of the forecast, a term: {found[:, 4].mean():.2f}')
+    print(f'# {time.perf_counter() - began:.0f} s')
+
+
+if __name__ == '__main__':
+    main()

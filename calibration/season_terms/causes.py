@@ -1,0 +1,215 @@
+"""What moves the terms from night to night: temperature, time, the year, a date of maintenance.
+
+Each candidate is a column beside a level that wanders by itself, so that what drifts is not called
+a cause because both drift; wander and scatter are estimated anew with it.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.stats import f as fisher
+
+from .filter import find_wander, levels, log_likelihood, normal_equations
+
+#: chance that a season without causes shows one
+ALPHA = 0.01
+#: nights on either side of a step that nobody has declared, and of one that somebody has
+_BESIDE, _BESIDE_DECLARED = 3, 1
+#: candidates that are looked at closely, and most causes of a season
+_CLOSER, _MOST = 4, 8
+#: part of the nights that must have a cause's value
+_ENOUGH = 0.8
+_YEAR = 365.25
+
+
+class Cause(NamedTuple):
+    """What may move terms.
+
+    Attributes
+    ----------
+    kind : str
+        ``column``, ``trend``, ``year``, ``declared`` or ``step``.
+    text : str
+        For people.
+    terms : tuple of int
+        Numbers of the terms that it moves.
+    shape : ndarray, shape (n, m)
+        Of it at each night; each term has a coefficient for each.
+    unit : str
+        Of a coefficient, after arcsec.
+    tonight : callable
+        From days since the first night and the causes of that night to the (m,) of a night to come.
+    """
+
+    kind: str
+    text: str
+    terms: tuple
+    shape: np.ndarray
+    unit: str
+    tonight: object
+
+    def columns(self, k):
+        """As of `filter.Told`, shape (n, k, c)."""
+        n, m = self.shape.shape
+        out = np.zeros((n, k, len(self.terms), m))
+        for place, term in enumerate(self.terms):
+            out[:, term, place] = self.shape
+        return out.reshape(n, k, -1)
+
+    def columns_of(self, day, values, k):
+        """The same of a night to come, shape (k, c)."""
+        out = np.zeros((k, len(self.terms), self.shape.shape[1]))
+        for place, term in enumerate(self.terms):
+            out[term, place] = self.tonight(day, values)
+        return out.reshape(k, -1)
+
+
+class Found(NamedTuple):
+    """A cause that was found.
+
+    Attributes
+    ----------
+    cause : Cause
+    p : float
+        Chance that a season without it shows as much anywhere among the candidates.
+    """
+
+    cause: Cause
+    p: float
+
+
+def candidates(season, day, declared=()):
+    """All that may move the terms of a season.
+
+    Parameters
+    ----------
+    season : nights.Nights
+    day : ndarray, shape (n,)
+        Since the first night.
+    declared : sequence of (float, str)
+        Days since the first night on which something was done to the mount, and what.
+
+    Returns
+    -------
+    list of Cause
+    """
+    k, n = len(season.names), len(day)
+    every = [(term,) for term in range(k)]
+    out = []
+    for name in sorted({name for night in season.nights for name in night.causes}):
+        values, within = np.array([night.causes.get(name, (np.nan, np.nan))
+                                   for night in season.nights]).T
+        known = np.isfinite(values)
+        if known.mean() < _ENOUGH or np.ptp(values[known]) <= 0.0:
+            continue
+        # what a night runs through, such as the angle of a rotator, has no mean that counts
+        if name not in season.columns and np.median(within[known]) > 2.0 * values[known].std():
+            continue
+        middle = float(values[known].mean())
+        shape = np.where(known, values - middle, 0.0)[:, None]
+
+        def tonight(_, causes, name=name, middle=middle):
+            value = causes.get(name, np.nan)
+            return [value - middle if np.isfinite(value) else 0.0]
+        out += [Cause('column', name, terms, shape, f'per unit of {name}', tonight)
+                for terms in every]
+    half = float(day.mean())
+    out += [Cause('trend', 'time', terms, (day[:, None] - half) / _YEAR, 'a year',
+                  lambda at, _: [(at - half) / _YEAR]) for terms in every]
+    if day[-1] - day[0] > 1.5 * _YEAR and n >= 12:
+        def of_year(at, _=None):
+            return np.stack([np.cos(2.0 * np.pi * np.asarray(at) / _YEAR),
+                             np.sin(2.0 * np.pi * np.asarray(at) / _YEAR)], axis=-1)
+        out += [Cause('year', 'the time of the year', terms, of_year(day), 'of cosine and sine',
+                      of_year) for terms in every]
+    for when, text in declared:
+        after = day >= when
+        if min(after.sum(), n - after.sum()) < _BESIDE_DECLARED:
+            continue
+        out += [_step('declared', text, terms, after, when) for terms in (*every, tuple(range(k)))]
+    for i in range(_BESIDE, n - _BESIDE + 1):
+        out += [_step('step', season.nights[i].source, terms, day >= day[i], day[i])
+                for terms in every if day[i] > day[i - 1]]
+    return out
+
+
+def _step(kind, text, terms, after, when):
+    return Cause(kind, text, terms, after.astype(float)[:, None], 'at once',
+                 lambda at, _: [float(at >= when)])
+
+
+def choose_causes(told, asked, alpha=ALPHA):
+    """Add causes one after the other while each is beyond chance.
+
+    Parameters
+    ----------
+    told : filter.Told
+        Without columns.
+    asked : list of Cause
+    alpha : float
+
+    Returns
+    -------
+    found : list of Found
+    wander : filter.Wander
+        With them, by REML.
+    """
+    n, k = told.values.shape
+    own, found, asked = levels(n, k), [], list(asked)
+    told = told._replace(columns=own)
+    wander, base = find_wander(told, restricted=False)
+    # a step by each of its dates, all else by itself: as many chances as were asked
+    while asked and len(found) < _MOST:
+        best = None
+        for number in _likely(told, asked, wander):
+            cause = asked[number]
+            with_it = told._replace(columns=np.concatenate(
+                [told.columns, cause.columns(k)], axis=2))
+            new, value = find_wander(with_it, wander, restricted=False)
+            p = _chance(2.0 * (value - base), cause.columns(k).shape[2], n) * len(asked)
+            if best is None or p < best[0]:
+                best = p, number, with_it, new, value
+        if best is None or best[0] >= alpha:
+            break
+        p, number, told, wander, base = best
+        cause = asked.pop(number)
+        found.append(Found(cause, min(p, 1.0)))
+        asked = [other for other in asked if not _alike(other, cause)]
+    return found, find_wander(told, wander)[0]
+
+
+def _chance(ratio, extra, n):
+    """Of twice a difference of log likelihoods, by F: nights are few."""
+    rest = n - 1 - extra
+    if rest < 1:
+        return 1.0
+    return float(fisher.sf(np.expm1(max(ratio, 0.0) / n) * rest / extra, extra, rest))
+
+
+def _likely(told, asked, wander):
+    """Numbers of the candidates that promise most while wander and scatter stay."""
+    n, k = told.values.shape
+    columns = [cause.columns(k) for cause in asked]
+    ends = np.cumsum([0, *(c.shape[2] for c in columns)])
+    first = 1 + told.columns.shape[2]
+    gram, log_det = normal_equations(
+        told._replace(columns=np.concatenate([told.columns, *columns], axis=2)),
+        np.square(wander.walk)[None], np.square(wander.scatter)[None])
+    base = log_likelihood(gram[:, :first, :first], log_det, False)[0]
+    chances = []
+    for low, high in zip(first + ends[:-1], first + ends[1:]):
+        take = np.r_[0:first, low:high]
+        part = gram[:, take][:, :, take]
+        if np.linalg.cond(part[0, 1:, 1:]) > 1e12:  # the same as what is there
+            chances.append(1.0)
+            continue
+        value = log_likelihood(part, log_det, False)[0]
+        chances.append(_chance(2.0 * (value - base), high - low, n))
+    order = np.argsort(chances, kind='stable')[:_CLOSER]
+    return [int(i) for i in order if chances[i] < 1.0]
+
+
+def _alike(one, other):
+    """Whether a candidate is no other cause than one that was taken."""
+    return bool(set(one.terms) & set(other.terms)) and one.kind == other.kind and (
+        one.kind != 'column' and one.kind != 'step' or one.text == other.text)
