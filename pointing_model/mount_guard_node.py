@@ -5,6 +5,7 @@ import time
 from contextlib import suppress
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.duration import Duration
 
 from msg_tools import convert, topics
 from msg_tools.lifecycle import AUTOSTART, ManagedNode
@@ -69,6 +70,10 @@ PARAMS = (
 LOOK = 0.05
 #: s in which a node of a graph finds the others
 LOOK_AROUND = 1.0
+#: states in which the mount is led somewhere
+LEADING = ('following', 'around', 'parking', 'waiting')
+#: s in which drivers take the last command
+HEARD = 0.3
 LEVELS = (DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR)
 
 
@@ -252,6 +257,12 @@ class MountGuard(ManagedNode):
         for track in self._keeper.step(now, False):
             self._send(track)
 
+    def stop(self):
+        """Have a mount that is led somewhere stop: this process ends, and the mount may not."""
+        if self.active and not self._whole and self._keeper.state in LEADING:
+            self._do('', self._keeper.abort)
+            self._command_pub.wait_for_all_acked(Duration(seconds=HEARD))
+
     # --- services -----------------------------------------------------------------------------
 
     def _do(self, done, call, *args):
@@ -297,7 +308,7 @@ def _site(node):
 
 def main(args=None):
     """Entry point of ``ros2 run telescope_mount mount_guard``."""
-    sys.exit(run_node(MountGuard, args))
+    sys.exit(run_node(MountGuard, args, last=MountGuard.stop))
 
 
 if __name__ == '__main__':
