@@ -144,8 +144,8 @@ class StarObserver(MountNode):
                                  f'{self.value(KIND_OF_MOUNT.name)}: {" and ".join(wanted)}')
             stamp, angles, rates, effort = convert.read_joints(message)
             if self._mount.altaz and abs(angles[1]) > HIGHEST:
-                raise ValueError('an elevation beyond the zenith: degrees for radians, or '
-                                 'exchanged axes?')
+                raise ValueError(f'an elevation of {angles[1]:.3g} rad, beyond the zenith: degrees '
+                                 'for radians, or exchanged axes?')
         except ValueError as err:
             self._instruments.spoke(instrument)
             self._instruments.health.unreadable(instrument, str(err))

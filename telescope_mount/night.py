@@ -253,7 +253,10 @@ def _watch(watcher, nodes, plan, progress, stall=STALL, say=None):
         if now != last:
             last, since = now, time.monotonic()
         if status is not None:
-            if at.state in ('failed', 'cancelled'):
+            if at.state == 'cancelled':  # nobody can resume what ends with this
+                reason = status.message.removesuffix(': call resume')
+                raise NightFailed(f'plan cancelled {reason}')
+            if at.state == 'failed':
                 raise NightFailed(status.message)
             progress(at.step or 'connecting the nodes', at.observations + at.lost, total)
             if at.state == 'done':

@@ -204,12 +204,12 @@ class NightSteps:
         before = self._instruments.stamp
         while not self._instruments.homed_since(before):
             yield from self._call('home')
-            # an encoder that was connected late has missed the crossing: home again when it has
-            # fallen silent
+            # an encoder that was connected late has missed the crossing: home again when it says
+            # nothing at all; one whose readings are refused would be homed for ever
             self._instruments.hear(MOUNT)
             yield from self._until(
-                lambda: self._instruments.homed_since(before) or MOUNT in self._instruments.silent(
-                    self._out.value('answer_timeout_s')),
+                lambda: self._instruments.homed_since(before) or self._instruments.mute(
+                    MOUNT, self._out.value('answer_timeout_s')),
                 'the encoder to be homed')
 
     def _do_power_cycle(self, what):

@@ -8,6 +8,8 @@ import pytest
 from msg_tools.units import DEG
 from telescope_mount import ending
 from telescope_mount.ending import AtRest, come_to_rest
+from telescope_mount.graph import night_graph, real_graph
+from telescope_mount.night import _at_rest_after
 
 pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportError)
 
@@ -128,6 +130,15 @@ def test_what_hinders_the_end_is_said_and_no_wait_is_for_ever(monkeypatch):
 
 def test_a_guard_that_has_never_spoken_is_not_waited_for(monkeypatch):
     assert Graph(monkeypatch, '').end() == 0.0
+
+
+@pytest.mark.parametrize('simulated', [True, False])
+def test_a_night_that_fails_ends_at_rest_where_the_mount_is_not_simulated(monkeypatch, simulated):
+    specs = night_graph(bag='') if simulated else real_graph(bag='')
+    graph = Graph(monkeypatch, 'following')
+    with pytest.raises(RuntimeError), _at_rest_after(graph, specs, graph.told.append):
+        raise RuntimeError('a node has ended')
+    assert (graph.called, graph.rate) == (([], 9.6) if simulated else (['abort'], 0.0))
 
 
 def test_a_second_ctrl_c_ends_it_at_once(monkeypatch):
