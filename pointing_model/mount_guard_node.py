@@ -16,6 +16,7 @@ from .guard.goto import GotoKeeper
 from .guard.keeper import ERROR, WARN, Keeper, Settings
 from .guard.limits import Axis, Horizon, Limits, parse_horizon, parse_pair, travel_of
 from .guard.sun import Sun
+from .observing.allowed_sky import rows_of
 from .observing.instrument_health import AHEAD_LIVE, BEHIND_LIVE
 from .observing.pointing import Track
 from .sky import Site
@@ -92,6 +93,7 @@ class MountGuard(ManagedNode):
             self._mount, tuple(self._axis(i, name) for i, name in enumerate(('first', 'second'))),
             Horizon(value('least_elevation_deg') * DEG, parse_horizon(value('horizon'))),
             value('sun_distance_deg') * DEG, value('slew_timing'))
+        self._sky = rows_of(limits)
         blocked = limits.blocked_pole
         if blocked:
             self.get_logger().warning(
@@ -213,7 +215,7 @@ class MountGuard(ManagedNode):
         self._said = told
         self._status_pub.publish(convert.status(
             LEVELS[level], self.get_fully_qualified_name(), reason,
-            state=state, refused=keeper.refused[0], reason=keeper.refused[1]))
+            state=state, refused=keeper.refused[0], reason=keeper.refused[1], **self._sky))
         text = f'{state}: {reason}'
         if level == ERROR:
             self.get_logger().error(text)

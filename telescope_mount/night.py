@@ -158,7 +158,7 @@ def observe(folder, specs, plan, write, progress=None, domain_number=None, param
     say : callable, optional
         Called with what is wrong or waited for, when that changes; '' when it goes on.
     note : callable, optional
-        Called with what the mount does at the end.
+        Called with each star that the guard refuses, and with what the mount does at the end.
     again : bool
         A night goes on whose files are in `folder` already.
 
@@ -183,7 +183,7 @@ def observe(folder, specs, plan, write, progress=None, domain_number=None, param
             nodes.start_script(path)
         watcher = Watcher('night', lock.number, nodes.environment, nodes.check)
         with _at_rest_after(watcher, specs, note or (lambda _: None)):
-            _watch(watcher, nodes, plan, progress or (lambda *_: None), stall, say)
+            _watch(watcher, nodes, plan, progress or (lambda *_: None), stall, say, note)
             return _results(watcher, specs, plan, write)
     except RuntimeError as err:
         nodes.stop()
@@ -215,6 +215,12 @@ def _at_rest_after(watcher, specs, note):
         come_to_rest(watcher, _progress(watcher).state == 'done', note)
 
 
+def _refusal(status, count):
+    """Which star the guard has refused, and why; of several at once the last."""
+    last = next((row.value for row in status.values if row.key == 'refusal'), 'a target')
+    return f'refused by the guard: {last}' + (f' (and {count - 1} before)' if count > 1 else '')
+
+
 def _results(watcher, specs, plan, write):
     """What `write` makes of the results, when the log has them too."""
     if not watcher.spin_until(lambda: _complete(watcher, plan), 15.0):
@@ -236,14 +242,14 @@ def _progress(watcher):
     return Progress.read(watcher.latest.get(OBSERVER_STATUS.name))
 
 
-def _watch(watcher, nodes, plan, progress, stall=STALL, say=None):
+def _watch(watcher, nodes, plan, progress, stall=STALL, say=None, note=None):
     """Follow the observer until the plan is done."""
     from diagnostic_msgs.msg import DiagnosticStatus
 
     from msg_tools import topics
     total = sum(step.exposures for step in parse_plan(plan))
     last, since = None, time.monotonic()
-    waits, said = ('', since), ''
+    waits, said, refused = ('', since), '', 0
     while True:
         watcher.spin(0.2)
         nodes.check()
@@ -253,6 +259,9 @@ def _watch(watcher, nodes, plan, progress, stall=STALL, say=None):
         if now != last:
             last, since = now, time.monotonic()
         if status is not None:
+            if note is not None and at.refused > refused:
+                note(_refusal(status, at.refused - refused))
+            refused = at.refused
             if at.state == 'cancelled':  # nobody can resume what ends with this
                 reason = status.message.removesuffix(': call resume')
                 raise NightFailed(f'plan cancelled {reason}')
