@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from msg_tools.units import DEG, wrap
-from pointing_model.guard.limits import Horizon, Limits, parse_horizon
+from pointing_model.guard.limits import Axis, Horizon, Limits, parse_horizon
 from pointing_model.guard.sun import Sun
+from pointing_model.mounts import parse_mount
 from pointing_model.observing import star_choice
-from pointing_model.observing.allowed_sky import NEAR_HORIZON, AllowedSky, rows_of
+from pointing_model.observing.allowed_sky import NEAR, AllowedSky, rows_of
 from pointing_model.observing.star_choice import choose_stars
 from pointing_model.observing.zero_stars import zero_stars
 from pointing_model.sky import DEFAULT_SITE, observed_place
@@ -34,7 +35,7 @@ def test_what_the_guard_tells_is_what_it_keeps():
     horizon = Horizon(15.0 * DEG, parse_horizon(SKYLINE))
     sky = told(horizon=horizon, sun=25.0 * DEG)
     az = np.linspace(0.0, 2.0 * np.pi, 2000)
-    above = horizon.at(az) + NEAR_HORIZON
+    above = horizon.at(az) + NEAR
     assert sky(NIGHT, az, above + 1e-6).all() and not sky(NIGHT, az, above - 1e-6).any()
     east, north, up = Sun(DEFAULT_SITE).at(DAY)
     sun_az, sun_el = np.arctan2(east, north), np.arcsin(up)
@@ -42,6 +43,12 @@ def test_what_the_guard_tells_is_what_it_keeps():
     off = np.radians([0.0, 24.0, 26.9, 27.1])
     assert sky(DAY, np.full(4, sun_az), sun_el + off).tolist() == [False, False, False, True]
     assert told(horizon=Horizon(0.0), sun=0.0)(DAY, np.array([sun_az]), np.array([sun_el])).all()
+    axes = tuple(Axis(low * DEG, high * DEG, 1.0, 1.0) for low, high in ((20, 330), (-5, 80)))
+    sky, near = told(axes=axes, horizon=Horizon(0.0), sun=0.0), NEAR / DEG
+    az = np.array([20.0 - 1.0, 20.0 + near + 1.0, 330.0 - near - 1.0, 331.0, 359.0, 100.0])
+    assert sky(NIGHT, az * DEG, np.full(6, 0.9)).tolist() == [False, True, True, False, False, True]
+    assert not sky(NIGHT, np.ones(1), np.array([80.0 * DEG]))[0]
+    assert not told(mount=parse_mount('german', 0.5)).travel  # of readings through the pole
     assert AllowedSky.of_rows({'state': 'idle'}, DEFAULT_SITE) is None  # an older guard
 
 
