@@ -11,6 +11,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.executors import ExternalShutdownException
 from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.signals import SignalHandlerOptions
 from rclpy.time_source import TimeSource
 from std_srvs.srv import Trigger
 
@@ -326,13 +327,15 @@ class MountNode(ParameterNode):
         """Close files; called once at the end, when the ROS context may already be gone."""
 
 
-def run_node(make_node, args=None):
+def run_node(make_node, args=None, *, last=None):
     """Run a node until Ctrl-C, SIGTERM or shutdown.
 
     Parameters
     ----------
     make_node : callable
         Returns the node; raises ValueError or OSError with one line for bad input.
+    last : callable, optional
+        ``last(node)`` is called after a signal, while its topics still work.
 
     Returns
     -------
@@ -349,13 +352,20 @@ def run_node(make_node, args=None):
     if signal.getsignal(signal.SIGHUP) == signal.SIG_DFL:
         signal.signal(signal.SIGHUP, lambda *_: signal.raise_signal(signal.SIGTERM))
     try:
-        rclpy.init(args=args)
-        running = True
+        rclpy.init(args=args, signal_handler_options=None if last is None
+                   else SignalHandlerOptions.NO)
+        running, told = True, []
+        if last is not None:
+            for number in (signal.SIGINT, signal.SIGTERM):
+                signal.signal(number, lambda *_: told.append(True))
         node = make_node()
         node.check_overrides()
         executor = NodeExecutor()
         executor.add_node(node)
-        executor.spin()
+        while not told and rclpy.ok():
+            executor.spin_once()  # a node has timers: it looks at itself ten times a second
+        if told:
+            last(node)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     except (ValueError, OSError) as err:

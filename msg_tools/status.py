@@ -34,6 +34,8 @@ class Progress:
         Number of the power-on.
     plan : str
         All steps, separated by commas; '' in older logs.
+    refused : int
+        Targets that the guard refused, of the whole plan; 0 in older logs.
     """
 
     state: str = 'waiting'
@@ -45,6 +47,7 @@ class Progress:
     run: int = 0
     lost: int = 0
     plan: str = ''
+    refused: int = 0
 
     def rows(self):
         """Key and value of each row, dict."""
@@ -61,7 +64,7 @@ class Progress:
         """
         if message is None:
             return cls()
-        rows = {'plan': '', **{row.key: row.value for row in message.values}}
+        rows = {'plan': '', 'refused': 0, **{row.key: row.value for row in message.values}}
         return cls(**{field.name: field.type(_row(rows, field.name)) for field in fields(cls)})
 
 

@@ -5,6 +5,7 @@ import time
 from contextlib import suppress
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.duration import Duration
 
 from msg_tools import convert, topics
 from msg_tools.lifecycle import AUTOSTART, ManagedNode
@@ -15,6 +16,7 @@ from .guard.goto import GotoKeeper
 from .guard.keeper import ERROR, WARN, Keeper, Settings
 from .guard.limits import Axis, Horizon, Limits, parse_horizon, parse_pair, travel_of
 from .guard.sun import Sun
+from .observing.allowed_sky import rows_of
 from .observing.instrument_health import AHEAD_LIVE, BEHIND_LIVE
 from .observing.pointing import Track
 from .sky import Site
@@ -69,6 +71,10 @@ PARAMS = (
 LOOK = 0.05
 #: s in which a node of a graph finds the others
 LOOK_AROUND = 1.0
+#: states in which the mount is led somewhere
+LEADING = ('following', 'around', 'parking', 'waiting')
+#: s in which drivers take the last command
+HEARD = 0.3
 LEVELS = (DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR)
 
 
@@ -87,6 +93,7 @@ class MountGuard(ManagedNode):
             self._mount, tuple(self._axis(i, name) for i, name in enumerate(('first', 'second'))),
             Horizon(value('least_elevation_deg') * DEG, parse_horizon(value('horizon'))),
             value('sun_distance_deg') * DEG, value('slew_timing'))
+        self._sky = rows_of(limits)
         blocked = limits.blocked_pole
         if blocked:
             self.get_logger().warning(
@@ -208,7 +215,7 @@ class MountGuard(ManagedNode):
         self._said = told
         self._status_pub.publish(convert.status(
             LEVELS[level], self.get_fully_qualified_name(), reason,
-            state=state, refused=keeper.refused[0], reason=keeper.refused[1]))
+            state=state, refused=keeper.refused[0], reason=keeper.refused[1], **self._sky))
         text = f'{state}: {reason}'
         if level == ERROR:
             self.get_logger().error(text)
@@ -251,6 +258,12 @@ class MountGuard(ManagedNode):
             self._resting = before != 'paused'
         for track in self._keeper.step(now, False):
             self._send(track)
+
+    def stop(self):
+        """Have a mount that is led somewhere stop: this process ends, and the mount may not."""
+        if self.active and not self._whole and self._keeper.state in LEADING:
+            self._do('', self._keeper.abort)
+            self._command_pub.wait_for_all_acked(Duration(seconds=HEARD))
 
     # --- services -----------------------------------------------------------------------------
 
@@ -297,7 +310,7 @@ def _site(node):
 
 def main(args=None):
     """Entry point of ``ros2 run telescope_mount mount_guard``."""
-    sys.exit(run_node(MountGuard, args))
+    sys.exit(run_node(MountGuard, args, last=MountGuard.stop))
 
 
 if __name__ == '__main__':

@@ -20,6 +20,7 @@ from msg_tools.status import handover, observations_taken
 from msg_tools.units import DEG
 
 from .in_force_topics import in_force_of
+from .observing.allowed_sky import AllowedSky
 from .observing.instruments import ABSOLUTE, CAMERA, MOUNT, Instruments
 from .observing.night_file import NightFile
 from .observing.sequencer import Sequencer
@@ -59,7 +60,7 @@ class StarObserver(MountNode):
         super().__init__('star_observer', PARAMS, hardware_id='observer', **kwargs)
         self._sky = sky_of(self)
         self._request_pub, self._request = self.publisher(topics.REQUEST), None
-        self._guard, self._refused = '', (0, '')
+        self._guard, self._refused, self._allowed = '', (0, ''), None
         self._observation_pub = self.publisher(topics.OBSERVATION)
         self._observations_pub = self.publisher(topics.OBSERVATIONS)
         self._offset_pub = self.publisher(topics.OFFSET)
@@ -144,8 +145,8 @@ class StarObserver(MountNode):
                                  f'{self.value(KIND_OF_MOUNT.name)}: {" and ".join(wanted)}')
             stamp, angles, rates, effort = convert.read_joints(message)
             if self._mount.altaz and abs(angles[1]) > HIGHEST:
-                raise ValueError('an elevation beyond the zenith: degrees for radians, or '
-                                 'exchanged axes?')
+                raise ValueError(f'an elevation of {angles[1]:.3g} rad, beyond the zenith: degrees '
+                                 'for radians, or exchanged axes?')
         except ValueError as err:
             self._instruments.spoke(instrument)
             self._instruments.health.unreadable(instrument, str(err))
@@ -176,6 +177,7 @@ class StarObserver(MountNode):
         rows = {row.key: row.value for row in message.values}
         state = rows.get('state', '')
         self._refused = int(rows.get('refused', 0)), rows.get('reason', '')
+        self._allowed = AllowedSky.of_rows(rows, self._sky[0])
         if state in ENDING:
             self._request = None
             self._sequencer.cancel(f'by the mount guard: {message.message}')
@@ -311,6 +313,10 @@ class StarObserver(MountNode):
         """Why the mount may not be moved now."""
         return self._guard
 
+    def allowed(self):
+        """Where the guard lets the tube look, an `AllowedSky`; None where it does not tell."""
+        return self._allowed
+
     def send_row(self, run, stamp):
         """On `observation` and `offset`."""
         self._observation_pub.publish(run_to_cloud(run, stamp))
@@ -330,7 +336,7 @@ class StarObserver(MountNode):
         least = DiagnosticStatus.WARN if self._sequencer.faults else DiagnosticStatus.OK
         self._status_pub.publish(convert.status(
             LEVELS.get(progress.state, least), self.get_fully_qualified_name(),
-            text, **progress.rows()))
+            text, **progress.rows(), refusal=self._sequencer.refusal))
 
     # --- diagnostics --------------------------------------------------------------------------
 

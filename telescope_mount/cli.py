@@ -2,6 +2,7 @@
 
 import argparse
 import os
+import signal
 import sys
 from importlib import import_module
 
@@ -34,7 +35,7 @@ def _module(name):
 def main(argv=None):
     """Entry point; returns the exit code.
 
-    0 done, 1 a check found a difference, 2 bad input, 130 ended by Ctrl-C.
+    0 done, 1 a check found a difference, 2 bad input, 130 ended by Ctrl-C, 143 by SIGTERM.
     """
     parser = _parser()
     args, unknown = parser.parse_known_args(argv)
@@ -43,9 +44,11 @@ def main(argv=None):
             f'unrecognized arguments: {" ".join(unknown)}')
     try:
         return _module(args.command.replace('-', '_')).run(args) or 0
-    except KeyboardInterrupt:
-        print('ended by Ctrl-C; what was logged is closed and readable', file=sys.stderr)
-        return 130
+    except KeyboardInterrupt as end:
+        number = end.args[0] if end.args else signal.SIGINT
+        by = 'Ctrl-C' if number == signal.SIGINT else signal.Signals(number).name
+        print(f'ended by {by}; what was logged is closed and readable', file=sys.stderr)
+        return 128 + number
     except BrokenPipeError:
         return 0
     except (ValueError, OSError, RuntimeError) as err:

@@ -4,6 +4,7 @@ import json
 import shutil
 import time
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from msg_tools.status import Progress
 from pointing_model.observing.plan import night_plan, parse_plan
 
 from . import domain
+from .ending import come_to_rest
 from .graph import night_graph
 from .simulator import kind_of_mount
 
@@ -47,7 +49,7 @@ def prepare_folder(folder):
 
 def run_night(out, *, stars=30, polaris=16, reference=None, cycle='incremental',
               domain_number=None, params_file=None, progress=None, scenario='default', mount='',
-              say=None, **graph):
+              say=None, note=None, **graph):
     """Observe a night in a graph of processes.
 
     Parameters
@@ -69,7 +71,7 @@ def run_night(out, *, stars=30, polaris=16, reference=None, cycle='incremental',
     mount : str
         As of `graph.night_graph`; empty: the kind that the scenario is. ``indi:HOST:PORT``: a
         mount of an INDI server takes the place of the simulated one.
-    say : callable, optional
+    say, note : callable, optional
         As of `observe`, of a mount of an INDI server.
     **graph
         As of `graph.night_graph`: ``seed``, ``time_scale``, ...
@@ -88,8 +90,8 @@ def run_night(out, *, stars=30, polaris=16, reference=None, cycle='incremental',
     """
     if is_indi(mount):
         return _run_on_indi(out, mount, stars, reference, domain_number, params_file, progress,
-                            say, **{name: graph[name] for name in ('seed', 'sky', 'calibration')
-                               if name in graph})
+                            say, note, **{name: graph[name] for name in (
+                                'seed', 'sky', 'calibration') if name in graph})
     plan = night_plan(stars, polaris, reference is not None, cycle)
     parse_plan(plan)
     if reference is not None:
@@ -106,7 +108,8 @@ def run_night(out, *, stars=30, polaris=16, reference=None, cycle='incremental',
     return report
 
 
-def _run_on_indi(out, mount, stars, reference, domain_number, params_file, progress, say, **graph):
+def _run_on_indi(out, mount, stars, reference, domain_number, params_file, progress, say, note,
+                 **graph):
     """As `run_night`, of a mount of an INDI server, on the clock of this machine."""
     from .indi_night import specs
     from .real_night import STALL, write_with_checks
@@ -117,7 +120,7 @@ def _run_on_indi(out, mount, stars, reference, domain_number, params_file, progr
                         model_file=str(reference.resolve()) if reference else '', **graph)
     folder = prepare_folder(out)
     return observe(folder, nodes, plan, partial(write_with_checks, folder), progress,
-                   domain_number, params_file, stall=STALL, say=say)
+                   domain_number, params_file, stall=STALL, say=say, note=note)
 
 
 def is_indi(mount):
@@ -126,7 +129,7 @@ def is_indi(mount):
 
 
 def observe(folder, specs, plan, write, progress=None, domain_number=None, params_file=None, *,
-            claim=domain.claim, drivers=(), stall=STALL, say=None, again=False):
+            claim=domain.claim, drivers=(), stall=STALL, say=None, note=None, again=False):
     """Carry out a plan in a graph of processes, and write its results.
 
     Parameters
@@ -154,6 +157,8 @@ def observe(folder, specs, plan, write, progress=None, domain_number=None, param
         Wall seconds without any progress after which it is given up.
     say : callable, optional
         Called with what is wrong or waited for, when that changes; '' when it goes on.
+    note : callable, optional
+        Called with each star that the guard refuses, and with what the mount does at the end.
     again : bool
         A night goes on whose files are in `folder` already.
 
@@ -177,18 +182,9 @@ def observe(folder, specs, plan, write, progress=None, domain_number=None, param
         for path in drivers:
             nodes.start_script(path)
         watcher = Watcher('night', lock.number, nodes.environment, nodes.check)
-        _watch(watcher, nodes, plan, progress or (lambda *_: None), stall, say)
-        if not watcher.spin_until(lambda: _complete(watcher, plan), 15.0):
-            raise NightFailed('the plan is done, but its results were not published')
-        with ThreadPoolExecutor(1) as pool:
-            # files and picture are made while the last messages reach the log
-            written = pool.submit(write, dict(watcher.latest))
-            missing = watcher.wait_for_log([spec.full_name for spec in specs], 15.0)
-            out = written.result()
-        if missing:
-            raise NightFailed('the logger could not keep up; it lacks messages of '
-                              + ', '.join(missing))
-        return out
+        with _at_rest_after(watcher, specs, note or (lambda _: None)):
+            _watch(watcher, nodes, plan, progress or (lambda *_: None), stall, say, note)
+            return _results(watcher, specs, plan, write)
     except RuntimeError as err:
         nodes.stop()
         if again or (watcher is not None and _progress(watcher).observations):
@@ -205,20 +201,55 @@ def observe(folder, specs, plan, write, progress=None, domain_number=None, param
         lock.release()
 
 
+@contextmanager
+def _at_rest_after(watcher, specs, note):
+    """However it ends, the mount stands before its guard goes; of a simulated one no matter."""
+    if not any(spec.name == 'mount_guard' and not spec.parameters.get('use_sim_time')
+               for spec in specs):
+        yield
+        return
+    watcher.client('abort')
+    try:
+        yield
+    finally:
+        come_to_rest(watcher, _progress(watcher).state == 'done', note)
+
+
+def _refusal(status, count):
+    """Which star the guard has refused, and why; of several at once the last."""
+    last = next((row.value for row in status.values if row.key == 'refusal'), 'a target')
+    return f'refused by the guard: {last}' + (f' (and {count - 1} before)' if count > 1 else '')
+
+
+def _results(watcher, specs, plan, write):
+    """What `write` makes of the results, when the log has them too."""
+    if not watcher.spin_until(lambda: _complete(watcher, plan), 15.0):
+        raise NightFailed('the plan is done, but its results were not published')
+    with ThreadPoolExecutor(1) as pool:
+        # files and picture are made while the last messages reach the log
+        written = pool.submit(write, dict(watcher.latest))
+        missing = watcher.wait_for_log([spec.full_name for spec in specs], 15.0)
+        out = written.result()
+    if missing:
+        raise NightFailed('the logger could not keep up; it lacks messages of '
+                          + ', '.join(missing))
+    return out
+
+
 def _progress(watcher):
     """How far the observer is."""
     from msg_tools.topics import OBSERVER_STATUS
     return Progress.read(watcher.latest.get(OBSERVER_STATUS.name))
 
 
-def _watch(watcher, nodes, plan, progress, stall=STALL, say=None):
+def _watch(watcher, nodes, plan, progress, stall=STALL, say=None, note=None):
     """Follow the observer until the plan is done."""
     from diagnostic_msgs.msg import DiagnosticStatus
 
     from msg_tools import topics
     total = sum(step.exposures for step in parse_plan(plan))
     last, since = None, time.monotonic()
-    waits, said = ('', since), ''
+    waits, said, refused = ('', since), '', 0
     while True:
         watcher.spin(0.2)
         nodes.check()
@@ -228,7 +259,13 @@ def _watch(watcher, nodes, plan, progress, stall=STALL, say=None):
         if now != last:
             last, since = now, time.monotonic()
         if status is not None:
-            if at.state in ('failed', 'cancelled'):
+            if note is not None and at.refused > refused:
+                note(_refusal(status, at.refused - refused))
+            refused = at.refused
+            if at.state == 'cancelled':  # nobody can resume what ends with this
+                reason = status.message.removesuffix(': call resume')
+                raise NightFailed(f'plan cancelled {reason}')
+            if at.state == 'failed':
                 raise NightFailed(status.message)
             progress(at.step or 'connecting the nodes', at.observations + at.lost, total)
             if at.state == 'done':

@@ -39,7 +39,7 @@ def run_real_night(out, *, plan='', stars=30, drivers=(), domain_number=None, pa
     anew : bool
         A night that was interrupted begins once more instead.
     note : callable
-        Called with where a night that was interrupted goes on.
+        Called with where a night that was interrupted goes on, and as of `night.observe`.
     params_file, progress, say
         As of `night.observe`.
     **graph
@@ -73,7 +73,8 @@ def run_real_night(out, *, plan='', stars=30, drivers=(), domain_number=None, pa
                        model_file=str(reference.resolve()) if reference else '', **graph)
     return night.observe(
         folder, specs, plan, partial(write_with_checks, folder, bag=bag), progress, domain_number,
-        params_file, claim=domain.join, drivers=drivers, stall=STALL, say=say, again=again)
+        params_file, claim=domain.join, drivers=drivers, stall=STALL, say=say, note=note,
+        again=again)
 
 
 def _folder(out, plan, mount, anew, note):

@@ -13,6 +13,9 @@ from msg_tools import NAMESPACE, topics
 from msg_tools.executor import NodeExecutor
 from msg_tools.readiness import GraphReports, unreceived
 
+#: signals that end what it does
+ENDING = (signal.SIGINT, signal.SIGTERM)
+
 
 class Watcher:
     """Subscribes to status, diagnostics and results of a graph.
@@ -37,17 +40,19 @@ class Watcher:
     """
 
     KEPT = (topics.OBSERVER_STATUS, topics.CALIBRATION_STATUS, topics.OBSERVATIONS, topics.MODEL,
-            topics.CALIBRATION_REPORT, topics.ZERO, topics.DIAGNOSIS, topics.CHECKS)
+            topics.CALIBRATION_REPORT, topics.ZERO, topics.DIAGNOSIS, topics.CHECKS,
+            topics.GUARD_STATUS)
 
     def __init__(self, name, domain, environment, check):
         os.environ.update({key: value for key, value in environment.items()
                            if key.startswith(('ROS_', 'FASTDDS_', 'FASTRTPS_'))})
         self._check = check
         # raised in the middle of a message, rclpy makes another error of it
-        self._interrupted = False
-        self._on_ctrl_c = signal.getsignal(signal.SIGINT)
-        if self._on_ctrl_c is signal.default_int_handler:
-            signal.signal(signal.SIGINT, self._interrupt)
+        self._interrupted = 0
+        self._before = {number: signal.getsignal(number) for number in ENDING}
+        for number, handler in self._before.items():
+            if handler in (signal.default_int_handler, signal.SIG_DFL):
+                signal.signal(number, self._interrupt)
         self._context = Context()
         # Ctrl-C belongs to the command line, which ends the nodes in order
         rclpy.init(context=self._context, domain_id=domain,
@@ -57,6 +62,7 @@ class Watcher:
         self._executor = NodeExecutor(context=self._context)
         self._executor.add_node(self.node)
         self.latest = {}
+        self._clients = {}
         self.reports = GraphReports(self.node.get_namespace())
         for topic in self.KEPT:
             self.node.create_subscription(
@@ -66,8 +72,8 @@ class Watcher:
             topics.DIAGNOSTICS.message, topics.DIAGNOSTICS.name, self.reports.take,
             topics.DIAGNOSTICS.qos)
 
-    def _interrupt(self, *_):
-        self._interrupted = True
+    def _interrupt(self, number, _):
+        self._interrupted = number
 
     def spin(self, seconds):
         """Take what comes for at most `seconds`; returns early after something came.
@@ -75,11 +81,12 @@ class Watcher:
         Raises
         ------
         KeyboardInterrupt
-            Ctrl-C since the last time.
+            Ctrl-C or SIGTERM since the last time, with the number of the signal.
         """
         self._executor.spin_once(timeout_sec=seconds)
-        if self._interrupted:
-            raise KeyboardInterrupt
+        number, self._interrupted = self._interrupted, 0
+        if number:
+            raise KeyboardInterrupt(number)
 
     def spin_until(self, condition, timeout):
         """Spin until `condition()`; False when `timeout` seconds went by.
@@ -108,7 +115,7 @@ class Watcher:
             It did not answer or refused.
         """
         from std_srvs.srv import Trigger
-        client = self.node.create_client(Trigger, service)
+        client = self.client(service)
         if not self.spin_until(client.service_is_ready, timeout):
             raise RuntimeError(f'no node offers the service {client.srv_name}')
         future = client.call_async(Trigger.Request())
@@ -118,6 +125,13 @@ class Watcher:
         if not answer.success:
             raise RuntimeError(f'{service}: {answer.message}')
         return answer.message
+
+    def client(self, service):
+        """Of a Trigger service, always the same one: it takes a moment to find its server."""
+        from std_srvs.srv import Trigger
+        if service not in self._clients:
+            self._clients[service] = self.node.create_client(Trigger, service)
+        return self._clients[service]
 
     def wait_for_log(self, nodes, timeout):
         """Wait until the logger has all that the nodes have published by now.
@@ -154,4 +168,5 @@ class Watcher:
         self._executor.shutdown()
         self.node.destroy_node()
         self._context.try_shutdown()
-        signal.signal(signal.SIGINT, self._on_ctrl_c)
+        for number, handler in self._before.items():
+            signal.signal(number, handler)

@@ -243,6 +243,12 @@ class Instruments:
         return [name for name, heard in self._heard.items() if now - heard > seconds
                 and now - heard > 3.0 * np.nan_to_num(self.usual(name, 1))]
 
+    def mute(self, name, seconds):
+        """Whether one has sent nothing for so long, of use or not, since `hear`."""
+        last = max(self._last.get(name, -np.inf), self._heard.get(name, -np.inf))
+        passed = self._wall() - last
+        return passed > seconds and passed > 3.0 * np.nan_to_num(self.usual(name, 1))
+
     def unanswered(self, seconds):
         """Names of those that have not answered `ask`, else of those silent for so long."""
         mute = [name for name, heard in self._heard.items() if heard == self._asked.get(name)]

@@ -67,6 +67,8 @@ class NightSteps:
         Whether the plan homes the mount itself.
     earlier : int
         Rows of this step that an observer before has taken.
+    refusal : str
+        The last target that the guard has refused, and why.
     """
 
     def __init__(self, outbox, instruments, in_force, table, wake, keep):
@@ -78,7 +80,8 @@ class NightSteps:
         self.evening, self.checks, self.calibrated = 0, [], 0
         self.homes, self.earlier = False, 0
         self.clocks = {}
-        self._refusals = 0  # in a row
+        self._refusals, self._refused = 0, set()  # in a row; stars, by their numbers
+        self.refusal = ''
         self._catalogue = self._polaris = None
 
     def do(self, step, done=0):
@@ -110,16 +113,14 @@ class NightSteps:
 
     def _do_stars(self, count):
         yield from self._need_home()  # the choice begins at where the mount stands
-        for target in self._fresh_stars(count):
-            yield from self._observe(target)
+        yield from self._observe_fresh(count)
 
     def _do_check(self, count):
         """Point at fresh stars blind: the miss distance is the pointing error."""
         yield from self._need_home()
         first = len(self._table) - self.earlier
         lost = self.progress.lost
-        for target in self._fresh_stars(count):
-            yield from self._observe(target, blind=True)
+        yield from self._observe_fresh(count, blind=True)
         self.checks.append({'block': self.progress.block, **blind_summary(
             [[row['miss_x'], row['miss_y']] for row in self._table.rows[first:]],
             self.progress.lost - lost, self._in_force.model)})
@@ -129,8 +130,13 @@ class NightSteps:
         """Drift past one star to and fro: what the readings differ by is the clocks' offset."""
         yield from self._need_home()
         exposer, value = self.exposer, self._out.value
-        (star,) = self._fresh_stars(1, BEST)
-        if (yield from exposer.observe(star, self.progress.block)) is None:
+        while True:
+            (star,) = self._fresh_stars(1, BEST)
+            row = yield from exposer.observe(star, self.progress.block)
+            if row is not None or not exposer.refusal:
+                break
+            self._note_refusal(star)
+        if row is None:
             self._out.get_logger().warning(f'{star.name}: nothing in the field; the offset of the '
                                            'clocks is not measured')
             return
@@ -197,6 +203,7 @@ class NightSteps:
         """Stand still until so many hours after the last evening: the next one."""
         yield from self._need_home()
         self.evening = self.exposer.earliest = self.evening + count * _HOUR
+        self._refused.clear()  # the Sun is elsewhere then
         yield from self.exposer.expose(Standing(self._instruments.here, self._out.mount()))
 
     def _do_home(self, count=0):
@@ -204,12 +211,12 @@ class NightSteps:
         before = self._instruments.stamp
         while not self._instruments.homed_since(before):
             yield from self._call('home')
-            # an encoder that was connected late has missed the crossing: home again when it has
-            # fallen silent
+            # an encoder that was connected late has missed the crossing: home again when it says
+            # nothing at all; one whose readings are refused would be homed for ever
             self._instruments.hear(MOUNT)
             yield from self._until(
-                lambda: self._instruments.homed_since(before) or MOUNT in self._instruments.silent(
-                    self._out.value('answer_timeout_s')),
+                lambda: self._instruments.homed_since(before) or self._instruments.mute(
+                    MOUNT, self._out.value('answer_timeout_s')),
                 'the encoder to be homed')
 
     def _do_power_cycle(self, what):
@@ -241,23 +248,52 @@ class NightSteps:
 
     # --- parts of steps -----------------------------------------------------------------------
 
-    def _observe(self, target, blind=False, for_zero=False):
+    def _observe_fresh(self, count, blind=False):
+        """Observe so many fresh stars; for one that the guard refuses another one is chosen."""
+        targets = self._fresh_stars(count)
+        while targets:
+            refused = 0
+            for target in targets:
+                refused += not (yield from self._observe(target, blind, fresh=True))
+            try:
+                targets = self._fresh_stars(refused) if refused else []
+            except ValueError as err:
+                self._out.get_logger().warning(f'{refused} stars fewer: {err}')
+                self.progress.lost += refused
+                return
+
+    def _observe(self, target, blind=False, for_zero=False, fresh=False):
+        """Observe a target; whether it counts: a `fresh` one that the guard refuses does not."""
         row = yield from self.exposer.observe(target, self.progress.block, blind)
-        if row is None:
-            self.progress.lost += 1
-            why = self.exposer.refusal
-            self._out.get_logger().warning(
-                f'{target.name}: {why or "nothing in the field"}; go on with the next')
-            self._refusals = self._refusals + 1 if why else 0
-            if self._refusals == REFUSALS:
-                self._refusals = 0
-                raise Refused(f'{REFUSALS} targets in a row were refused: {why}')
+        refused = row is None and bool(self.exposer.refusal)
+        if refused:
+            self._note_refusal(target)
         else:
             self._refusals = 0
+        if row is not None:
             row = {**row, MARK: float(for_zero)}
             self._keep(row)
             self._out.send_row(self._table.add(row), row['stamp'])
+        elif not refused:
+            self._out.get_logger().warning(f'{target.name}: nothing in the field; go on with the '
+                                           'next')
+        if refused and fresh:
+            return False
+        self.progress.lost += row is None
         self.progress.done += 1
+        return True
+
+    def _note_refusal(self, target):
+        """The guard refuses a target; `Refused` where it does so again and again."""
+        why = self.exposer.refusal
+        self.refusal = f'{target.name}: {why}'
+        self.progress.refused += 1
+        self._refused.add(target.number)
+        self._out.get_logger().warning(f'{self.refusal}; go on with another')
+        self._refusals += 1
+        if self._refusals == REFUSALS:
+            self._refusals = 0
+            raise Refused(f'{REFUSALS} targets in a row were refused: {why}')
 
     def _fresh_stars(self, count, between=(0.0, 90.0)):
         """Targets all over the sky that were not observed tonight, in observing order.
@@ -272,13 +308,14 @@ class NightSteps:
             self._stars(), self.exposer.now() * 1e-9, *self._out.sky(), count,
             value('star_seed') + self.progress.block, lowest * DEG, highest * DEG,
             value('magnitude_limit'),
-            exclude=[*self._table.stars_since(self.evening), POLARIS_HIP],
+            exclude=[*self._table.stars_since(self.evening), *self._refused, POLARIS_HIP],
             duration=count * SECONDS_A_STAR, start=self._instruments.here,
             mount=self._out.mount(), limits=self._limits())
         return [StarTarget(self._catalogue.select([row])) for row in rows]
 
     def _limits(self):
-        return Limits(*(self._out.value(f'{name}_limit_deg') * DEG for name in Limits._fields))
+        return Limits(*(self._out.value(f'{name}_limit_deg') * DEG
+                        for name in ('meridian', 'hour_angle')), self._out.allowed())
 
     def _stars(self):
         if self._catalogue is None:
@@ -304,7 +341,7 @@ class NightSteps:
         time, mount = np.array([self.exposer.now() * 1e-9]), self._out.mount()
         place = self._polaris.place(time, *self._out.sky())
         highest = self._out.value('max_elevation_deg')
-        if not Limits().reached(mount, *place, highest * DEG)[0]:
+        if not Limits().reached(mount, *place, highest * DEG, time[0])[0]:
             angle = abs(mount.axes_of(*place)[1][0])
             raise Refused(f'Polaris stands at {angle / DEG:.1f} deg of {mount.names.axes[1]}, '
                           f'beyond max_elevation_deg = {highest}, and tells no zero of the '

@@ -43,6 +43,7 @@ class Sequencer:
         - ``refusal(stamp)``: why the guard refused the track that began then, '' if it did not
         - ``sent(stamp)``: where the guard sent the mount then, rad, shape (2,), None if unknown
         - ``held()``: why the mount may not be moved now, '' if it may
+        - ``allowed()``: an `AllowedSky`, where the guard lets the tube look; None if unknown
         - ``send_row(run, stamp)``: publish an observation, a PointingRun of one row
         - ``send_table(run, stamp)``: publish all rows so far
         - ``send_checks(text)``: publish the document of the blind checks
@@ -82,6 +83,11 @@ class Sequencer:
     def text(self):
         """What it does or waits for."""
         return self._night.text
+
+    @property
+    def refusal(self):
+        """The last target that the guard has refused, and why; '' for none."""
+        return self._night.refusal
 
     # --- from outside -------------------------------------------------------------------------
 
@@ -310,7 +316,8 @@ class Sequencer:
             if number < first:
                 continue
             self._night.progress = Progress(step=str(step), block=number, total=step.exposures,
-                                      lost=self._night.progress.lost, done=done)
+                                      lost=self._night.progress.lost, done=done,
+                                      refused=self._night.progress.refused)
             self._night.set_state('observing', str(step))
             yield from self._night.do(step, done)
             done = self._night.earlier = 0

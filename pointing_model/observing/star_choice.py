@@ -25,13 +25,16 @@ class Limits(NamedTuple):
         Past the meridian, of a German mount.
     hour_angle : float
         On either side, of the first axis of a mount that does not go through the pole.
+    allowed : callable, optional
+        As an `allowed_sky.AllowedSky`: where the guard lets the tube look.
     """
 
     meridian: float = 5.0 * DEG
     hour_angle: float = np.pi
+    allowed: object = None
 
-    def reached(self, mount, az, el, most):
-        """Whether the axes reach places of the horizon, no nearer to the pole than `most`.
+    def reached(self, mount, az, el, most, time):
+        """Whether the axes may reach places of the horizon, no nearer to the pole than `most`.
 
         Parameters
         ----------
@@ -40,16 +43,19 @@ class Limits(NamedTuple):
             Radians.
         most : float
             Largest angle from the equator of the axes, radians.
+        time : float
+            UTC, s.
 
         Returns
         -------
         ndarray of bool, shape (n,)
         """
+        allowed = True if self.allowed is None else self.allowed(time, az, el)
         if mount.altaz:
-            return el <= most
+            return allowed & (el <= most)
         first, second = mount.axes_of(az, el)
         free = mount.kind == 'german'  # on one side or the other
-        return (np.abs(second) <= most) & (free | (np.abs(first) <= self.hour_angle))
+        return allowed & (np.abs(second) <= most) & (free | (np.abs(first) <= self.hour_angle))
 
 
 ANYWHERE = Limits()
@@ -114,8 +120,8 @@ def choose_stars(stars, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, n=30, 
     bright = np.flatnonzero(stars.mag <= mag_limit)
     moments = [time] if duration == 0.0 else [time, time + duration / 2.0, time + duration]
     places = [observed_place(stars.select(bright), t, site, weather) for t in moments]
-    up = np.all([(el >= min_el) & limits.reached(mount, az, el, max_el) for az, el in places],
-                axis=0)
+    up = np.all([(el >= min_el) & limits.reached(mount, az, el, max_el, t)
+                 for t, (az, el) in zip(moments, places)], axis=0)
     highest = max_el if mount.altaz else np.pi / 2.0
     known = np.isin(stars.hip[bright], np.fromiter(exclude, int))
     lonely = np.ones(len(bright), bool)
@@ -125,7 +131,9 @@ def choose_stars(stars, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, n=30, 
         if not np.any(up):
             raise ValueError(
                 f'no star visible to Hp {mag_limit:g} between {min_el / DEG:g} and '
-                f'{max_el / DEG:g} degrees of elevation: widen the limits')
+                f'{max_el / DEG:g} degrees of elevation'
+                f'{", where the guard lets the tube look" * bool(limits.allowed)}: widen the '
+                'limits')
         raise ValueError(
             f'{n} stars asked for, {np.count_nonzero(good)} available: of {np.count_nonzero(up)} '
             f'to Hp {mag_limit:g} between {min_el / DEG:g} and {max_el / DEG:g} degrees of '

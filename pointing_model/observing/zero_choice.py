@@ -100,6 +100,8 @@ class ZeroChoice:
 
     def way(self, n):
         """By Polaris or by stars, a `zero_stars.Way`; `n` exposures."""
+        if not self._polaris_is_allowed():
+            return Way(False, 'the guard does not let the tube look at Polaris')
         for rows, why in ((self._now, 'as the exposures of this power-on so far'),
                           ([] if is_a_model(self._model) else self._earlier,
                            'as the power-on before, since which the change is wanted')):
@@ -129,6 +131,13 @@ class ZeroChoice:
         heights = np.array([observed_place(star, t, self._site, self._weather)[1][0]
                             for t in times])
         return heights, *self._axes(np.zeros(n, int), star)
+
+    def _polaris_is_allowed(self):
+        if self._reach.allowed is None:
+            return True
+        star = load_catalogue(hip=[POLARIS_HIP])
+        return bool(self._reach.allowed(self._time, *observed_place(
+            star, self._time, self._site, self._weather))[0])
 
     def _polaris_is_up(self, n):
         heights = self._polaris(n)[0]

@@ -22,17 +22,17 @@ def add(commands):
 def run(args):
     """List, or change."""
     from .. import domain
-    from ..managed import ManagedNodes
+    from ..graph_client import GraphClient
     if args.node and not args.transition:
         raise ValueError(f'{args.node}: name a transition, {", ".join(TRANSITIONS)}')
-    nodes = ManagedNodes(domain.join(args.domain).number, args.namespace)
+    nodes = GraphClient(domain.join(args.domain).number, args.namespace, 'lifecycle')
     try:
         if args.node:
             done = nodes.change(args.node, args.transition)
             print(f'{args.node}: {nodes.state(args.node)}' + (
                 '' if done else f'; the transition {args.transition} was not made'))
             return int(not done)
-        for name in nodes.names():
+        for name in nodes.managed():
             print(f'{name}: {nodes.state(name)}')
     finally:
         nodes.close()

@@ -68,6 +68,7 @@ def run(args):
             mount=args.mount or '', cycle=args.power_cycle, domain_number=args.domain,
             time_scale=args.time_scale,
             params_file=args.params, sky=options.sky_of(args), absolute=args.absolute,
-            calibration=calibration, progress=progress, say=say)
+            calibration=calibration, progress=progress, say=say,
+            note=lambda text: console.print(text, markup=False))
     print_calibration(console, report)
     print_files(console, report['files'])

@@ -1,19 +1,15 @@
 """Listens to the drivers of a running graph, and nudges the mount if it may."""
 
-import os
 import time
 
 import numpy as np
-import rclpy
-from rclpy.context import Context
-from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from std_srvs.srv import Trigger
 
 from msg_tools import convert, topics
-from msg_tools.executor import NodeExecutor
 from msg_tools.units import DEG
 
+from ..graph_client import GraphClient
 from .asking import Asking
 from .judgement import judge
 from .nudge import judge_nudge
@@ -44,15 +40,10 @@ class Listener:
     """
 
     def __init__(self, mount, domain, namespace, guard=None, params=None):
-        os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-        self._mount, self._clock, self._clocked = mount, None, False
-        self._context = Context()
-        rclpy.init(context=self._context, domain_id=domain, args=[
+        self._mount, self._clock = mount, None
+        self._graph = GraphClient(domain, namespace, 'check_drivers', [
             '--ros-args', '--params-file', str(params)] if params else None)
-        self._node = Node('check_drivers', context=self._context, namespace=namespace,
-                          start_parameter_services=False, enable_rosout=False)
-        self._executor = NodeExecutor(context=self._context)
-        self._executor.add_node(self._node)
+        self._node, self.spin = self._graph.node, self._graph.spin
         self._asking, self._guard = None, dict(guard or {})
         for topic, take in ((topics.INCREMENTAL, self._on_joints),
                             (topics.ABSOLUTE, self._on_joints),
@@ -117,15 +108,6 @@ class Listener:
             elsewhere=[name for name, _ in node.get_topic_names_and_types()
                        if name.endswith(tails) and name not in ours])
 
-    def spin(self, seconds, until=lambda: False):
-        """Take what comes for so long, or until something holds; whether it does."""
-        end = time.monotonic() + seconds
-        while time.monotonic() < end:
-            self._executor.spin_once(timeout_sec=0.1)
-            if until():
-                return True
-        return False
-
     def listen(self, seconds):
         """A `Heard` of so many seconds."""
         self.spin(seconds)
@@ -162,7 +144,7 @@ class Listener:
         ValueError
             Somebody else commands the mount, or nobody tells where it is.
         """
-        self._asking = asking = Asking(self._node, self._executor, self._mount, self.spin,
+        self._asking = asking = Asking(self._node, self._graph.executor, self._mount, self.spin,
                                        self._guard)
         self._forget()
         if not self.spin(5.0, lambda: self._here() is not None):
@@ -191,9 +173,7 @@ class Listener:
         """Leave the graph."""
         if self._asking is not None:
             self._asking.close()
-        self._executor.shutdown()
-        self._node.destroy_node()
-        self._context.try_shutdown()
+        self._graph.close()
 
 
 def _endpoint(info):

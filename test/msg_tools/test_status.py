@@ -20,7 +20,7 @@ def test_progress_goes_there_and_back():
 
 
 @pytest.mark.parametrize('name', [field.name for field in fields(Progress)
-                                  if field.name != 'plan'])
+                                  if field.name not in ('plan', 'refused')])
 def test_a_row_that_is_missing_is_told(name):
     rows = Progress().rows()
     del rows[name]
@@ -31,7 +31,8 @@ def test_a_row_that_is_missing_is_told(name):
 def test_the_rows_that_others_read():
     # what is written in logs and read by those who watch: a change of these is one of the format
     assert list(Progress().rows()) == [
-        'state', 'step', 'block', 'done', 'total', 'observations', 'run', 'lost', 'plan']
+        'state', 'step', 'block', 'done', 'total', 'observations', 'run', 'lost', 'plan',
+        'refused']
     assert OBSERVATIONS == 'observations'
 
 

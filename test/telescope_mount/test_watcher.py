@@ -14,6 +14,7 @@ def listens():
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)
+    assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
 
 
 @pytest.fixture
@@ -23,17 +24,19 @@ def watcher(ros_domain):
     watcher.close()
 
 
-def test_ctrl_c_waits_for_the_end_of_a_message(watcher):
-    ended = []
+def test_ctrl_c_waits_for_the_end_of_a_message_and_so_does_the_next(watcher):
+    for number in (signal.SIGINT, signal.SIGTERM):
+        ended = []
 
-    def answer():
-        os.kill(os.getpid(), signal.SIGINT)
-        ended.append(True)
-    timer = watcher.node.create_timer(0.01, answer)
-    with pytest.raises(KeyboardInterrupt):
-        watcher.spin_until(lambda: False, 30.0)
-    assert ended == [True]
-    timer.cancel()
+        def answer(ended=ended, number=number):
+            os.kill(os.getpid(), number)
+            ended.append(True)
+        timer = watcher.node.create_timer(0.01, answer)
+        with pytest.raises(KeyboardInterrupt) as end:
+            watcher.spin_until(lambda: False, 30.0)
+        assert ended == [True] and end.value.args == (number,)
+        timer.cancel()
+    watcher.spin(0.01)  # each is told once
 
 
 def test_ctrl_c_is_as_before_when_it_has_left(ros_domain):

@@ -275,6 +275,29 @@ def test_a_home_that_never_answers_is_named_and_ends_the_plan(caplog, offered, w
     assert bench.plan.progress.state == 'done' and len(bench.rows) == 3
 
 
+@pytest.mark.parametrize('speaks', [True, False])
+def test_the_mount_is_homed_again_where_its_encoder_says_nothing_and_not_where_it_is_refused(
+        speaks):
+    bench = Live('home, stars 3', give_up_s=60.0)
+    bench.offers('home')
+    words = 'an elevation of 45 rad, beyond the zenith: degrees for radians, or exchanged axes?'
+
+    def refuse(stamp, *_):
+        if speaks:
+            bench.instruments.spoke(MOUNT, stamp)
+            bench.instruments.health.unreadable(MOUNT, words)
+            raise ValueError(words)
+
+    bench.instruments.take_incremental = refuse
+    bench.lasts(50.0)
+    assert (bench.calls == ['home']) == speaks and len(bench.calls) < 11
+    if speaks:
+        bench.until(lambda: not bench.plan.busy, 3000)
+        assert bench.plan.text.startswith('given up after 60 s without an observation: ')
+        assert 'waiting for the encoder to be homed' in bench.plan.text
+        assert words in bench.plan.text
+
+
 def test_what_the_graph_lacks_is_logged_and_never_given_up(caplog):
     bench = Live('stars 3', give_up_s=5.0)
     bench.lacks = ['a publisher of /mount/absolute/joint_states']

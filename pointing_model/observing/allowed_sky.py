@@ -1,0 +1,93 @@
+"""Where a guard lets the tube look: told by it in words, and known where stars are chosen."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from msg_tools.units import DEG
+
+from ..guard.limits import Horizon, parse_horizon, parse_pair
+from ..guard.sun import Sun
+
+#: a star keeps so far from horizon and ends of travel, and from the Sun, which moves while it is
+#: gone to, rad: readings are beside places of the sky by zero, model and refraction, and the guard
+#: looks at tracks in boxes
+NEAR, NEAR_SUN = 1.5 * DEG, 2.0 * DEG
+#: rows of `guard/status`
+LEAST, HORIZON, SUN = 'least_elevation_deg', 'horizon', 'sun_distance_deg'
+TRAVEL = 'first_travel_deg', 'second_travel_deg'
+_TURN = 2.0 * np.pi
+
+
+def rows_of(limits):
+    """What of a guard's limits a chooser of stars must know: rows of `guard/status`.
+
+    Parameters
+    ----------
+    limits : guard.limits.Limits
+
+    Returns
+    -------
+    dict of str to str
+        Degrees; the corners of the skyline as its parameter has them.
+    """
+    corners = ', '.join(f'{az / DEG:.10g} {el / DEG:.10g}' for az, el in limits.horizon.points)
+    travel = {} if not limits.mount.altaz else {
+        name: f'{axis.low / DEG:.10g},{axis.high / DEG:.10g}'
+        for name, axis in zip(TRAVEL, limits.axes)}
+    return {LEAST: f'{limits.horizon.least / DEG:.10g}', HORIZON: corners,
+            SUN: f'{limits.sun / DEG:.10g}', **travel}
+
+
+class AllowedSky(NamedTuple):
+    """The sky that a guard allows.
+
+    Attributes
+    ----------
+    horizon : guard.limits.Horizon
+    distance : float
+        From the Sun, rad; 0: it is no matter.
+    sun : guard.sun.Sun
+    travel : tuple of (float, float)
+        Ends of azimuth, with turns counted, and elevation, rad; empty for other axes.
+    """
+
+    horizon: Horizon
+    distance: float
+    sun: Sun
+    travel: tuple = ()
+
+    @classmethod
+    def of_rows(cls, rows, site):
+        """From the rows of a status; None where it does not tell. ValueError for bad ones."""
+        if not {LEAST, HORIZON, SUN} <= rows.keys():
+            return None
+        return cls(Horizon(float(rows[LEAST]) * DEG, parse_horizon(rows[HORIZON])),
+                   float(rows[SUN]) * DEG, Sun(site),
+                   tuple(tuple(end * DEG for end in parse_pair(rows[name]))
+                         for name in TRAVEL if name in rows))
+
+    def __call__(self, time, az, el):
+        """Whether places of the horizon system are allowed.
+
+        Parameters
+        ----------
+        time : float
+            UTC, s.
+        az, el : ndarray, shape (n,)
+            rad.
+
+        Returns
+        -------
+        ndarray of bool, shape (n,)
+        """
+        up = el >= self.horizon.at(az) + NEAR
+        if self.travel:
+            (low, high), (lowest, highest) = self.travel
+            # on whatever turn
+            up &= np.mod(az - low - NEAR, _TURN) <= high - low - 2.0 * NEAR
+            up &= (el >= lowest + NEAR) & (el <= highest - NEAR)
+        if not self.distance:
+            return up
+        place = np.stack([np.cos(el) * np.sin(az), np.cos(el) * np.cos(az), np.sin(el)], axis=-1)
+        return up & (place @ self.sun.at(time) < np.cos(self.distance + NEAR_SUN))

@@ -1,0 +1,48 @@
+"""The command ``guard``: what the mount may do, and a hand to stop it, where there is no `ros2`."""
+
+from . import options
+
+#: services of the guard
+VERBS = ('abort', 'pause', 'resume', 'park')
+
+
+def add(commands):
+    """Add the parser."""
+    parser = commands.add_parser(
+        'guard', help='stop, park or release the mount of a running graph; what its guard says',
+        description='Ask the guard of a running graph (docs/guard.md): abort and pause stop the '
+        'mount, park sends it to its park position, resume lets it go on. Without a verb: its '
+        'state. Exit code 0, or 1 where it refuses.')
+    parser.add_argument('verb', nargs='?', choices=VERBS)
+    parser.add_argument('--namespace', default='/mount', help='of the graph (default: /mount)')
+    options.add(parser, 'domain', help='ROS domain (default: ROS_DOMAIN_ID, or 0)')
+
+
+def run(args):
+    """Ask, print."""
+    from msg_tools import topics
+
+    from .. import domain
+    from ..graph_client import GraphClient
+    graph = GraphClient(domain.join(args.domain).number, args.namespace, 'guard_client')
+    try:
+        if args.verb:
+            done, text = graph.trigger(args.verb)
+            print(text if done else f'{args.verb} refused: {text}')
+            return int(not done)
+        status = graph.last(topics.GUARD_STATUS)
+        if status is None:
+            raise ValueError(f'no guard in {args.namespace}{graph.where_else()}')
+        print(sentence(status))
+    finally:
+        graph.close()
+    return 0
+
+
+def sentence(status):
+    """What a message on `guard/status` says, a line or two."""
+    rows = {row.key: row.value for row in status.values}
+    lines = [f'{rows["state"]}: {status.message}']
+    if rows.get('reason'):
+        lines.append(f'last refused: {rows["reason"]}')
+    return '\n'.join(lines)

@@ -1,0 +1,136 @@
+"""The end of a graph that moves a mount: it is at rest before its guard goes."""
+
+import time
+from collections import deque
+
+import numpy as np
+
+from msg_tools.units import DEG, wrap
+
+#: readings that are apart by so long (s), in which the axes moved slower (rad/s; the sky turns
+#: 0.004 deg/s), are of a mount that stands
+APART, STILL = 0.3, 0.03 * DEG
+#: so long may it take to stop, and to be parked, s
+STOPPED, PARKED = 30.0, 600.0
+#: a wait of so long is told, s
+TOLD = 1.0
+#: encoders that say nothing for so long will not say more, s
+SILENT = 3.0
+#: so long the guard may take to answer, s
+ANSWERED = 2.0
+#: its states in which it leads the mount nowhere any more
+LOCKED = ('aborted', 'parked')
+
+
+class AtRest:
+    """Whether the axes of a mount stand, by their readings alone.
+
+    Attributes
+    ----------
+    stands : bool
+        False before it is known.
+    unknown : bool
+        The last reading is no number: the mount was not homed, and the guard led it nowhere.
+    """
+
+    def __init__(self):
+        self._kept = deque()
+        self.stands = self.unknown = False
+
+    def take(self, at, angles):
+        """A reading: when, s, and both angles, rad."""
+        angles = np.array(angles, float)
+        self.unknown = not np.isfinite(angles).all()
+        if self.unknown or (self._kept and at <= self._kept[-1][0]):
+            return
+        self._kept.append((at, angles))
+        # one that is as old stays: an encoder may be slow
+        while len(self._kept) > 2 and at - self._kept[1][0] >= APART:
+            self._kept.popleft()
+        then, before = self._kept[0]
+        moved = max(float(np.abs(wrap(angles - other)).max()) for _, other in self._kept)
+        self.stands = at - then >= APART and moved <= STILL * (at - then)
+
+
+def come_to_rest(watcher, done, note):
+    """Have the guard of a graph stop the mount, or park it where it is about to, and wait.
+
+    Parameters
+    ----------
+    watcher : watcher.Watcher
+        Of the graph, whose nodes still run.
+    done : bool
+        The plan has come to its end by itself.
+    note : callable
+        Called with what is waited for, and what came of it.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        Whoever waits has had enough.
+    """
+    from msg_tools import convert, topics
+
+    def state():
+        message = watcher.latest.get(topics.GUARD_STATUS.name)
+        return '' if message is None else next(
+            (row.value for row in message.values if row.key == 'state'), '')
+
+    if not state():
+        return  # it has never spoken, and led the mount nowhere
+    if state() == 'parking':
+        note('waiting until the mount is parked; Ctrl-C ends at once, and the mount stops')
+        if not _spin(watcher, lambda: state() != 'parking', PARKED):
+            note(f'not parked after {PARKED:g} s: the mount is stopped')
+    if state() == 'parked':
+        note('parked')
+        return
+    rest, heard = AtRest(), [time.monotonic()]
+
+    def take(message):
+        heard[0] = time.monotonic()
+        try:
+            stamp, angles, *_ = convert.read_joints(message)
+        except ValueError:
+            return
+        rest.take(stamp * 1e-9, angles)
+
+    moves = not (state() in LOCKED or (done and state() == 'idle'))
+    subscription = watcher.node.create_subscription(
+        topics.INCREMENTAL.message, topics.INCREMENTAL.name, take, topics.INCREMENTAL.qos)
+    try:
+        if moves and not _aborted(watcher):
+            note('the guard does not answer: the mount stops by itself at the end of its last '
+                 'command')
+        heard[0] = time.monotonic()
+
+        def over():
+            return rest.stands or rest.unknown or time.monotonic() - heard[0] > SILENT
+
+        if not _spin(watcher, over, TOLD):
+            note('waiting until the mount stands; Ctrl-C ends at once')
+            _spin(watcher, over, STOPPED)
+        if not (rest.stands or rest.unknown):
+            note('whether the mount stands is not known: look at it; ' + (
+                'its encoders say nothing' if over() else f'it has moved for {STOPPED:g} s'))
+    finally:
+        watcher.node.destroy_subscription(subscription)
+
+
+def _aborted(watcher):
+    """Call `abort` of the guard; whether it answers."""
+    from std_srvs.srv import Trigger
+    client = watcher.client('abort')
+    if not _spin(watcher, client.service_is_ready, ANSWERED):
+        return False
+    return _spin(watcher, client.call_async(Trigger.Request()).done, ANSWERED)
+
+
+def _spin(watcher, until, seconds):
+    """Spin until something holds; whether it did. A node that has ended is no matter any more."""
+    end = time.monotonic() + seconds
+    while not until():
+        if time.monotonic() > end:
+            return False
+        watcher.spin(0.05)
+    return True

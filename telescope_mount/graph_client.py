@@ -1,0 +1,151 @@
+"""A client of a running graph, from outside: its services, states and latched messages."""
+
+import os
+import time
+
+import rclpy
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from std_srvs.srv import Trigger
+
+from msg_tools.executor import NodeExecutor
+
+#: s in which nodes of a graph are found, and answer
+FOUND, ANSWERED = 3.0, 30.0
+
+
+class GraphClient:
+    """A node that asks the nodes of a namespace.
+
+    Parameters
+    ----------
+    domain : int
+    namespace : str
+    name : str
+        Of the node.
+    args : list of str, optional
+        As of `rclpy.init`.
+
+    Attributes
+    ----------
+    node : rclpy.node.Node
+    executor : NodeExecutor
+    """
+
+    def __init__(self, domain, namespace, name, args=None):
+        os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+        self._context = Context()
+        rclpy.init(context=self._context, domain_id=domain, args=args,
+                   signal_handler_options=SignalHandlerOptions.NO)
+        self.node = Node(name, context=self._context, namespace=namespace,
+                         start_parameter_services=False, enable_rosout=False)
+        self.executor = NodeExecutor(context=self._context)
+        self.executor.add_node(self.node)
+        self._within = self.node.get_namespace().rstrip('/') + '/'
+
+    def spin(self, seconds, until=lambda: False):
+        """Take what comes for so long, or until something holds; whether it does."""
+        end = time.monotonic() + seconds
+        while not until():
+            if time.monotonic() > end:
+                return False
+            self.executor.spin_once(0.05)
+        return True
+
+    def ask(self, kind, name, request):
+        """Call a service; ValueError where nobody offers it or answers."""
+        client = self.node.create_client(kind, name)
+        if not self.spin(FOUND, client.service_is_ready):
+            raise ValueError(f'no node offers {self._within}{name}{self.where_else()}')
+        future = client.call_async(request)
+        if not self.spin(ANSWERED, future.done):
+            raise ValueError(f'{self._within}{name} did not answer within {ANSWERED:g} s')
+        self.node.destroy_client(client)
+        return future.result()
+
+    def trigger(self, name):
+        """Call a Trigger service: whether it was done, and a sentence; ValueError as of `ask`."""
+        answer = self.ask(Trigger, name, Trigger.Request())
+        return answer.success, answer.message
+
+    def last(self, topic):
+        """The last message of a latched topic; None where none is published."""
+        got = []
+        subscription = self.node.create_subscription(
+            topic.message, topic.name, got.append, topic.qos)
+        self.spin(FOUND, lambda: got)
+        self.node.destroy_subscription(subscription)
+        return got[-1] if got else None
+
+    def where_else(self):
+        """Where to look for a graph, '; ...' after a sentence that there is none; '' if one is."""
+        domain = self._context.get_domain_id()
+        own = self.node.get_name(), self.node.get_namespace()
+        spaces = {space for name, space in self.node.get_node_names_and_namespaces()
+                  if (name, space) != own}
+        return elsewhere(domain, self.node.get_namespace(), spaces)
+
+    # --- managed nodes ------------------------------------------------------------------------
+
+    def managed(self):
+        """Names of the nodes that have states, in order; ValueError where there is none."""
+        self.spin(FOUND)
+        found = sorted(
+            name.removeprefix(self._within).removesuffix('/change_state')
+            for name, _ in self.node.get_service_names_and_types()
+            if name.startswith(self._within) and name.endswith('/change_state'))
+        if not found:
+            raise ValueError(f'no managed node in {self._within} of domain '
+                             f'{self._context.get_domain_id()}{self.where_else()}')
+        return found
+
+    def state(self, name):
+        """Of a managed node; ValueError where it does not answer."""
+        return self.ask(GetState, f'{name}/get_state', GetState.Request()).current_state.label
+
+    def change(self, name, transition):
+        """Have a node make a transition; whether it did. ValueError where it does not answer.
+
+        `shutdown` is one of three transitions, by the state that it begins in.
+        """
+        if transition == 'shutdown':
+            transition = f'{self.state(name)}_shutdown'
+        number = getattr(Transition, f'TRANSITION_{transition.upper()}', None)
+        return number is not None and self.ask(
+            ChangeState, f'{name}/change_state',
+            ChangeState.Request(transition=Transition(id=number))).success
+
+    def close(self):
+        """Leave the graph."""
+        self.executor.shutdown()
+        self.node.destroy_node()
+        self._context.try_shutdown()
+
+
+def elsewhere(domain, namespace, spaces):
+    """What to do where no graph is found.
+
+    Parameters
+    ----------
+    domain : int
+    namespace : str
+        In which it was looked for.
+    spaces : set of str
+        Namespaces in which nodes were found.
+
+    Returns
+    -------
+    str
+        To be put after a sentence; '' where there are nodes in the namespace.
+    """
+    if namespace in spaces:
+        return ''
+    if not spaces:
+        return (f'; there is no node at all in domain {domain}: give the ROS domain of the graph '
+                'with --domain or ROS_DOMAIN_ID; on another computer set '
+                'ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET on both')
+    return (f'; domain {domain} has nodes in {", ".join(sorted(spaces))} and none in {namespace}: '
+            'they must be in one namespace (--namespace, -r __ns:=/mount)')

@@ -1,0 +1,45 @@
+"""The commands `guard` and `lifecycle` beside a guard that runs."""
+
+import os
+
+import pytest
+
+from telescope_mount.commands.guard import sentence
+
+pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportError)
+
+from msg_tools import convert
+from telescope_mount import graph_client
+from telescope_mount.graph_client import elsewhere
+
+
+def test_the_guard_is_asked_from_the_command_line(process, ros_domain, ended, monkeypatch):
+    monkeypatch.setitem(os.environ, 'ROS_DOMAIN_ID', str(ros_domain))
+    monkeypatch.setattr(graph_client, 'FOUND', 60.0)
+    process('pointing_model.mount_guard_node', park_deg='180,45')
+    assert ended('guard') == (0, 'idle: no request\n', '')
+    assert ended('guard', 'resume') == (1, 'resume refused: nothing is paused\n', '')
+    code, out, _ = ended('guard', 'park')
+    assert code == 1 and out.startswith('park refused: where the axes stand is not known')
+    assert ended('guard', 'abort') == (0, 'aborted\n', '')
+    assert ended('guard') == (0, 'aborted: aborted: call resume\n', '')
+    assert ended('lifecycle', 'mount_guard', 'deactivate')[:2] == (0, 'mount_guard: inactive\n')
+    code, out, _ = ended('guard', 'resume')
+    assert code == 1 and 'mount_guard is inactive' in out
+    monkeypatch.setattr(graph_client, 'FOUND', 1.0)
+    code, out, err = ended('guard', 'abort', '--namespace', '/other')
+    assert code == 2 and out == '' and err.startswith(
+        f'error: no node offers /other/abort; domain {ros_domain} has nodes in /mount and none in '
+        '/other')
+
+
+def test_where_no_node_is_found_domain_and_namespace_are_named():
+    assert elsewhere(3, '/mount', {'/mount', '/b'}) == ''
+    assert 'no node at all in domain 3: give the ROS domain' in elsewhere(3, '/mount', set())
+    assert 'has nodes in /a, /b and none in /mount' in elsewhere(3, '/mount', {'/b', '/a'})
+
+
+def test_the_last_refusal_is_told_with_the_state():
+    assert sentence(convert.status(b'\0', 'guard', 'as requested', state='following',
+                                   refused=7, reason='below the horizon')) == (
+        'following: as requested\nlast refused: below the horizon')
