@@ -287,7 +287,8 @@ class Calibration(MountNode):
         self._publish_model(model)
         held_out = report['steps'][-1]['held_out']['radial']
         done = (f'{report["stars"]} stars fitted; {report["steps"][-1]["step"]}: '
-                f'{held_out:.2f} arcsec radial on stars held out')
+                f'{held_out:.2f} arcsec radial on stars held out'
+                + (f'; {report["rejected"]} rejected' if report['rejected'] else ''))
         if 'refused' in report:
             done = self._refused = report['refused']
         self._say(done, DiagnosticStatus.WARN if 'refused' in report else DiagnosticStatus.OK)

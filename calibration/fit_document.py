@@ -1,10 +1,16 @@
 """The result of a fit to a measured run, as JSON."""
 
+from datetime import datetime, timezone
+
 import numpy as np
 
+from msg_tools.units import ARCSEC
 from pointing_model.rms import rms_arcsec
 
-from .diagnosis.rows_told import RMS_KEYS, excluded_of_fit, rows_of_fit
+from .diagnosis.rows_told import RMS_KEYS, excluded_of_fit, far_text, rows_of_fit
+from .few_rows import few_lines
+
+_NAMED = 5  # rejected rows that a report names in words, at most
 
 
 def fit_document(run, result, encoder='enc', held_out=None, checked=None):
@@ -22,17 +28,20 @@ def fit_document(run, result, encoder='enc', held_out=None, checked=None):
     Returns
     -------
     dict
-        ``terms`` (``name``, ``value_arcsec``, ``sigma_arcsec``); ``before`` (as the encoders read)
-        and ``after``; ``condition``, ``rank``, ``correlations`` (of all pairs of terms: ``terms``,
-        ``value``), ``undetermined`` (what the stars do not determine, in words); rows, notes, and
-        places for what else a fit may give: ``harmonics``, ``predicted``, ``base_model``,
-        ``origin_of_errors`` (`sky_model.Origin.document`).
+        ``terms`` (``name``, ``value_arcsec``, ``sigma_arcsec``, ``within95_arcsec`` by Student's t
+        with ``degrees_of_freedom``, null where the noise is given); the ``degrees_of_freedom`` of
+        the fit; ``before`` (as the encoders read) and ``after``; ``condition``, ``rank``,
+        ``correlations`` (of all pairs of terms: ``terms``, ``value``), ``undetermined`` (what the
+        stars do not determine, in words); rows, notes, and places for what else a fit may give:
+        ``harmonics``, ``predicted``, ``base_model``, ``origin_of_errors``
+        (`sky_model.Origin.document`).
     """
     told, used = rows_of_fit(run, result), run.select(result.weights > 0.0)
     matrix = result.correlations
     return {
         **run.mount.entries(), 'observations': told.used,
-        'terms': result.term_rows(),
+        'terms': result.term_rows(interval=True),
+        'degrees_of_freedom': result.degrees_of_freedom,
         'before': _entry(rms_arcsec(*used.offsets(encoder))),
         'after': _entry(result.rms_arcsec(rejected=False), held_out),
         'condition': float(result.condition) if np.isfinite(result.condition) else None,
@@ -58,11 +67,52 @@ def refused_fit(error):
     nothing = _entry(None)
     return {
         'observations': error.rows_used, 'terms': None, 'before': nothing, 'after': dict(nothing),
-        'condition': None, 'rank': None, 'correlations': None, 'undetermined': None,
+        'degrees_of_freedom': None, 'condition': None, 'rank': None, 'correlations': None,
+        'undetermined': None,
         'rows_read': error.rows_read, 'rows_used': error.rows_used, 'outliers': [],
         'rms_with_outliers_arcsec': None, 'columns_alike': [], 'readings': error.readings,
         'excluded': None, 'notes': [], 'harmonics': None, 'predicted': None, 'base_model': None,
         'origin_of_errors': None}
+
+
+def told_entries(rows, result):
+    """What the report of a night has of a fit that rejected rows, or has few; else nothing.
+
+    Parameters
+    ----------
+    rows : PointingRun
+    result : FitResult
+
+    Returns
+    -------
+    dict
+        ``outliers``: ``star``, ``time``, ``x_arcsec``, ``y_arcsec`` of the rejected rows, the
+        farthest first; ``degrees_of_freedom``.
+    """
+    far = np.hypot(result.residual_x, result.residual_y)
+    away = result.rejected[np.argsort(-far[result.rejected], kind='stable')]
+    found = {}
+    if len(away):
+        found['outliers'] = [{
+            'star': int(rows['star'][i]),
+            'time': float(rows['time'][i]) if 'time' in rows else None,
+            'x_arcsec': float(result.residual_x[i]) / ARCSEC,
+            'y_arcsec': float(result.residual_y[i]) / ARCSEC} for i in away]
+    if result.few:
+        found['degrees_of_freedom'] = result.degrees_of_freedom
+    return found
+
+
+def told_lines(rows, result):
+    """The same in words, list of str."""
+    named = []
+    for one in told_entries(rows, result).get('outliers', ()):
+        when = one['time'] and datetime.fromtimestamp(one['time'], timezone.utc)
+        far = far_text(np.hypot(one['x_arcsec'], one['y_arcsec']))
+        named.append(f'star {one["star"]}{f" at {when:%H:%M:%S} UTC" if when else ""} is rejected: '
+                     f'{far} off')
+    more = [f'{len(named) - _NAMED} rows more are rejected'] * (len(named) > _NAMED)
+    return [*named[:_NAMED], *more, *few_lines(result)]
 
 
 def predicted_document(found):

@@ -9,7 +9,8 @@ from pointing_model.model import PointingModel
 from pointing_model.rms import rms, rms_arcsec
 from pointing_model.zero import Zeros
 
-from .least_squares import covariance_of, spectrum_of
+from .few_rows import FEW, interval_factor
+from .least_squares import covariance_of, freedom_of, spectrum_of
 
 
 @dataclass(frozen=True)
@@ -45,8 +46,11 @@ class FitResult:
     excluded : list of dict
         ``row`` and ``reason`` of the rows that could not be used.
     robust : bool
-        Whether rows were downweighted (never with fewer than 1.5 values a coefficient).
+        Whether rows were downweighted (never with fewer than 1.5 values a coefficient) or, where
+        they are few, judged (`few_rows`).
     iterations : int
+    freedom : ndarray, shape (k,)
+        Degrees of freedom of each standard error; infinite from given sigmas.
     run_zeros : Zeros, optional
         By how much the zero of each run lies above that of the first.
     """
@@ -66,6 +70,7 @@ class FitResult:
     excluded: list
     robust: bool
     iterations: int
+    freedom: np.ndarray
     run_zeros: Zeros | None = None
 
     @property
@@ -73,11 +78,41 @@ class FitResult:
         """Standard errors of the coefficients, radians, shape (k,)."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
 
-    def term_rows(self):
-        """``name``, ``value_arcsec``, ``sigma_arcsec`` of each coefficient; JSON-ready."""
-        return [{'name': name, 'value_arcsec': float(value) / ARCSEC,
+    @property
+    def degrees_of_freedom(self):
+        """Values of the rows with a weight, less the coefficients that they determine."""
+        return 2 * int(np.count_nonzero(self.weights > 0.0)) - self.rank
+
+    @property
+    def few(self):
+        """Whether sigmas mislead for want of rows: 95 % are not within two of them."""
+        return self.degrees_of_freedom < FEW and self.covariance_from == 'measured scatter'
+
+    @property
+    def within95(self):
+        """How far from the truth a coefficient is in 95 % of cases, radians, shape (k,).
+
+        `sigma` times the point of Student's t for its degrees of freedom.
+        """
+        return self.sigma * interval_factor(self.freedom)
+
+    def term_rows(self, interval=None):
+        """``name``, ``value_arcsec``, ``sigma_arcsec`` of each coefficient; JSON-ready.
+
+        Parameters
+        ----------
+        interval : bool, optional
+            With ``within95_arcsec`` and ``degrees_of_freedom`` (of its sigma; None: the noise is
+            known); by default where the rows are `few`.
+        """
+        rows = [{'name': name, 'value_arcsec': float(value) / ARCSEC,
                  'sigma_arcsec': float(sigma) / ARCSEC}
                 for name, value, sigma in zip(self.names, self.coefficients, self.sigma)]
+        if self.few if interval is None else interval:
+            for row, wide, dof in zip(rows, self.within95, self.freedom):
+                row['within95_arcsec'] = float(wide) / ARCSEC
+                row['degrees_of_freedom'] = float(dof) if np.isfinite(dof) else None
+        return rows
 
     @property
     def correlations(self):
@@ -153,8 +188,14 @@ def make_result(run, names, used, solved, make_model, provenance, notes):
     row_weights = solved.row_weights
     if row_weights is not None:
         row_weights = row_weights * feasible
-    covariance, scatter = covariance_of(
-        solution, solved.base, row_weights, sigmas is not None, int(np.sum(~feasible)))
+    if solved.few:  # rows count in full or are lost
+        lost = int(np.sum(~feasible if row_weights is None else row_weights == 0.0))
+        noise = solved.base, None
+    else:
+        lost, noise = int(np.sum(~feasible)), (solved.base, row_weights)
+    covariance, scatter = covariance_of(solution, *noise, sigmas is not None, lost)
+    freedom = (freedom_of(solution, *noise, basis, lost) if sigmas is None
+               else np.full(len(solved.p), np.inf))
     if basis is not None:
         covariance = basis @ covariance @ basis.T
     n = len(rows_used)
@@ -196,4 +237,5 @@ def make_result(run, names, used, solved, make_model, provenance, notes):
         coefficients=solved.p, covariance=covariance, covariance_from=covariance_from,
         scatter=scatter, rank=solution.rank, singular_values=solved.spectrum.s[::-1],
         dropped=dropped, residual_x=residual_x, residual_y=residual_y, weights=w,
-        excluded=excluded, robust=row_weights is not None, iterations=solved.iterations)
+        excluded=excluded, robust=row_weights is not None, iterations=solved.iterations,
+        freedom=freedom)

@@ -10,6 +10,7 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 
+from .few_rows import are_few, kept_rows, satterthwaite
 from .robust import (
     BISQUARE_INFLATION,
     BISQUARE_VARIANCE,
@@ -220,6 +221,42 @@ def covariance_of(solution, base, row_weights, given, lost=0):
     scatter : tuple of float
         Standard deviation of x and y, in the unit of the residual (sigmas if they were given).
     """
+    inverse = solution.inverse
+    inflation, variances, _ = _noises(solution, base, row_weights, lost)
+    scatter = variances[0] ** 0.5, variances[1] ** 0.5
+    if given:
+        return inflation * inverse, scatter
+    # H^-1 (vx Gx + vy Gy) H^-1 with Gy = H - Gx
+    covariance = inverse @ solution.x_normal @ inverse
+    covariance *= inflation * (variances[0] - variances[1])
+    covariance += (inflation * variances[1]) * inverse
+    return covariance, scatter
+
+
+def freedom_of(solution, base, row_weights, basis=None, lost=0):
+    """Degrees of freedom of the standard error of each coefficient, if the scatter gives it.
+
+    Each axis has its own (the rows less what the coefficients took of them), and a coefficient
+    that both determine one between them: `few_rows.satterthwaite`. Parameters as of
+    `covariance_of`.
+
+    Returns
+    -------
+    ndarray, shape (k,)
+    """
+    _, variances, free = _noises(solution, base, row_weights, lost)
+    if len(free) == 1:
+        return np.full(len(solution.p if basis is None else basis), free[0])
+    by_x = solution.inverse @ solution.x_normal @ solution.inverse
+    parts = [by_x * variances[0], (solution.inverse - by_x) * variances[1]]
+    if basis is not None:
+        parts = [basis @ part @ basis.T for part in parts]
+    return satterthwaite(np.stack([np.maximum(part.diagonal(), 0.0) for part in parts], axis=1),
+                         np.array(free))
+
+
+def _noises(solution, base, row_weights, lost):
+    """Inflation by robust weights, variance of each axis, its degrees of freedom; one: of both."""
     inverse, rank = solution.inverse, solution.rank
     r = solution.residual if base is None else solution.residual * np.sqrt(base)
     n = len(r) // 2
@@ -234,17 +271,10 @@ def covariance_of(solution, base, row_weights, given, lost=0):
     used = float(np.vdot(inverse, solution.x_normal))  # trace of the product
     pooled = (squares[0] + squares[1]) / max(2 * total - rank, 1e-9)
     free = total - used, total - rank + used
-    variances = [
-        (square / dof if dof > 0.5 else pooled) / consistency for square, dof in zip(squares, free)
-    ]
-    scatter = variances[0] ** 0.5, variances[1] ** 0.5
-    if given:
-        return inflation * inverse, scatter
-    # H^-1 (vx Gx + vy Gy) H^-1 with Gy = H - Gx
-    covariance = inverse @ solution.x_normal @ inverse
-    covariance *= inflation * (variances[0] - variances[1])
-    covariance += (inflation * variances[1]) * inverse
-    return covariance, scatter
+    if min(free) <= 0.5:  # an axis that tells nothing of its noise has that of both
+        return inflation, [pooled / consistency] * 2, (max(2 * total - rank, 1.0),)
+    variances = [square / dof / consistency for square, dof in zip(squares, free)]
+    return inflation, variances, free
 
 
 def need_rows(n, k, given):
@@ -265,7 +295,8 @@ class Solved(NamedTuple):
     basis: np.ndarray | None  # directions kept, (k, r); None if all are
     spectrum: Spectrum  # of the first-order design
     base: np.ndarray | None
-    row_weights: np.ndarray | None
+    row_weights: np.ndarray | None  # 0 or 1 where the rows are few
+    few: bool  # whether they are, so that rows are rejected by a test and not weighed
     feasible: np.ndarray
     iterations: int
 
@@ -283,6 +314,7 @@ def gauss_newton(start, first_order, sigmas, robust, rcond, linear):
     normals = normal_matrices(first_order, first_order if base is None else first_order * base)
     spectrum = spectrum_of(first_order, base, normals[1])
     rank = spectrum.rank(rcond)
+    few = are_few(2 * n - rank, rank)
     basis = None if rank == k else spectrum.vectors[:, -rank:] / spectrum.scale[:, None]
     p = np.zeros(k)
     scales = row_weights = None
@@ -298,7 +330,15 @@ def gauss_newton(start, first_order, sigmas, robust, rcond, linear):
         if not feasible.all():
             both = np.concatenate((feasible, feasible)).astype(float)
             weights = both if base is None else base * both
-        if robust:
+        if robust and few:
+            if iteration <= 3:  # as below; then it is settled, or the iteration need not end
+                keep = kept_rows(rows, residual, weights, TOLERANCE if base is None else 1.0)
+                row_weights = None if keep is None else keep.astype(float)
+            if row_weights is not None:
+                both = np.concatenate((row_weights, row_weights))
+                weights = both if weights is None else weights * both
+            solution = weighted_solve(rows, residual, weights, _INNER * rcond)
+        elif robust:
             if iteration <= 2:
                 scales = None  # the linearisation at zero can be seconds of arc off
             solution, scales, row_weights = robust_solve(
@@ -311,9 +351,10 @@ def gauss_newton(start, first_order, sigmas, robust, rcond, linear):
         if linear:
             break
         if np.abs(solution.residual - residual).max() < TOLERANCE and (
-                not robust or iteration > 2):
+                not robust or iteration > (3 if few else 2)):
             break
     else:
         raise ValueError(
             'the fit does not converge; look for rows with degrees of error or fit fewer terms')
-    return Solved(p, solution, rows, basis, spectrum, weights, row_weights, feasible, iteration)
+    return Solved(p, solution, rows, basis, spectrum, weights, row_weights, few, feasible,
+                  iteration)

@@ -14,6 +14,7 @@ from pointing_model.zero_exposures import is_for_zero, is_marked
 
 from .check import power_on_check, split_half, ways
 from .distrust import reasons
+from .fit_document import told_entries, told_lines
 from .harmonic_fit import HarmonicChoice, Recipe, fit_chosen, rows_of_terms
 from .held_out import held_out_steps
 from .judgement import FEWEST, judge
@@ -258,6 +259,7 @@ class CalibrationSession:
             notes.append(f'the stars do not determine {dropped["text"]}')
         for row in result.excluded:
             notes.append(f'row {row["row"]} left out: {row["reason"]}')
+        notes += told_lines(rows, result)
         report = {
             'format': REPORT_FORMAT, 'version': REPORT_VERSION,
             'last_stamp_ns': self.last_stamp, **rows.mount.entries(),
@@ -270,7 +272,7 @@ class CalibrationSession:
             'terms': result.term_rows() if not section else rows_of_terms(model),
             'correlations': result.correlations.tolist(),
             'condition': result.condition,
-            'rejected': len(result.rejected),
+            'rejected': len(result.rejected), **told_entries(rows, result),
             'steps': held_out_steps(
                 rows, self._fit_terms, self._recipe, split_half(stars, self._split_seed),
                 self.reference, self._first_zeros(rows), ways(self.zeros.values()), notes,

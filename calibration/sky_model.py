@@ -14,7 +14,6 @@ all that is fitted, judged and published later has it.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import wilcoxon
 
 from msg_tools.units import ARCSEC, wrap
 from pointing_model.mounts import OF_MOUNT, ON_SKY, is_beyond
@@ -156,6 +155,7 @@ def origin_of_errors(run, names=None, *, encoder='enc', robust=True):
     difference = lengths[OF_MOUNT] - lengths[ON_SKY]
     chance = 1.0
     if np.abs(difference).max() > 1e-6 * ARCSEC:
+        from scipy.stats import wilcoxon  # half a second
         chance = float(wilcoxon(lengths[OF_MOUNT], lengths[ON_SKY]).pvalue)
     holds = ''
     if chance < CHANCE:

@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.mounts import is_beyond
@@ -347,6 +346,8 @@ def _with_noise(run):
 
 def _extra(left, sigma):
     """Standard deviation that `left` has beside `sigma`, by maximum likelihood."""
+    from scipy.optimize import minimize_scalar
+
     def cost(extra):
         variance = np.square(sigma) + extra * extra
         return float(np.sum(np.log(variance) + np.square(left) / variance))

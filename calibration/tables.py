@@ -12,6 +12,7 @@ from .diagnosis.rows_told import (
     rows_of_fit,
     used_sentence,
 )
+from .few_rows import few_lines
 from .harmonic_fit import READ_AS
 from .held_out import RAW
 
@@ -123,15 +124,18 @@ def terms_table(terms):
     Parameters
     ----------
     terms : list of dict
-        With ``name``, ``value_arcsec``, ``sigma_arcsec``.
+        With ``name``, ``value_arcsec``, ``sigma_arcsec``; of few rows ``within95_arcsec``.
 
     Returns
     -------
     rich.table.Table
     """
-    out = new_table('Terms, encoder − catalogue, arcsec', 'term', 'value', 'sigma')
+    wide = any('within95_arcsec' in term for term in terms)
+    out = new_table('Terms, encoder − catalogue, arcsec', 'term', 'value', 'sigma',
+                    *(['95 % within'] * wide))
     for term in terms:
-        out.add_row(term['name'], f'{term["value_arcsec"]:+.2f}', f'{term["sigma_arcsec"]:.2f}')
+        out.add_row(term['name'], f'{term["value_arcsec"]:+.2f}', f'{term["sigma_arcsec"]:.2f}',
+                    *([f'± {term["within95_arcsec"]:.2f}'] if wide else ()))
     return out
 
 
@@ -163,7 +167,8 @@ def fit_tables(run, result, encoder='enc', held_out=None):
                       *_rms_cells(held_out._asdict()))
     lines = [f'sigma from the {result.covariance_from.removeprefix("measured ")}'
              f'{"" if result.covariance_from == "given sigmas" else " of the residuals"}; '
-             f'condition {result.condition:.0f}, rank {result.rank} of {len(result.names)}']
+             f'condition {result.condition:.0f}, rank {result.rank} of {len(result.names)}',
+             *few_lines(result)]
     strong = _strong_correlations(result)
     if strong:
         lines.append(f'correlations above 0.9: {strong}')

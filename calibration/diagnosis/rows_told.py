@@ -33,7 +33,8 @@ class RowsTold:
     copies : int
         Rows that are there twice.
     outliers : list of dict
-        ``row`` (the line in the file), ``source`` (of several files), ``x_arcsec``, ``y_arcsec``:
+        ``row`` (the line in the file), ``source`` (of several files), ``star`` (its number, where
+        a fit has it), ``x_arcsec``, ``y_arcsec``:
         how far from the model, on the sky; the farthest first.
     rms_with : float or None
         Radial RMS in arcsec with the outliers.
@@ -100,7 +101,8 @@ def rows_of_fit(run, result):
     usable = np.isfinite(result.residual_x)
     left = np.stack((result.residual_x, result.residual_y))[:, usable]
     return _told(left, result.weights[usable],
-                 [*run.meta.get('excluded', ()), *result.excluded], run.lines[usable])
+                 [*run.meta.get('excluded', ()), *result.excluded], run.lines[usable],
+                 stars=run['star'][usable] if 'star' in run else None)
 
 
 def excluded_of_fit(run, result):
@@ -109,12 +111,14 @@ def excluded_of_fit(run, result):
             *({**one, 'row': run.lines[one['row']]} for one in result.excluded)]
 
 
-def _told(left, weights, excluded, lines, sources=None):
+def _told(left, weights, excluded, lines, sources=None, stars=None):
     lost, copies = _lost(excluded)
     away = np.flatnonzero(~(weights > 0.0))
     away = away[np.argsort(-np.hypot(*left[:, away]), kind='stable')]
     outliers = [{'row': int(lines[i]),
                  **({} if sources is None else {'source': PurePath(str(sources[i])).name}),
+                 **({} if stars is None or not np.isfinite(stars[i]) else
+                    {'star': int(stars[i])}),
                  'x_arcsec': float(left[0, i]) / ARCSEC, 'y_arcsec': float(left[1, i]) / ARCSEC}
                 for i in away]
     n = left.shape[1]
@@ -230,7 +234,8 @@ def outlier_sentence(document):
         return ''
     named = ', '.join(
         (f'{row["source"]} ' if 'source' in row else '')
-        + f'row {row["row"]} ({_far(np.hypot(row["x_arcsec"], row["y_arcsec"]))} off)'
+        + f'row {row["row"]} ({_star(row)}'
+        f'{far_text(np.hypot(row["x_arcsec"], row["y_arcsec"]))} off)'
         for row in rows[:_NAMED])
     more = f' and {len(rows) - _NAMED} more' if len(rows) > _NAMED else ''
     what = 'An outlier' if len(rows) == 1 else f'{len(rows)} outliers'
@@ -239,7 +244,12 @@ def outlier_sentence(document):
             f'{document["rms_with_outliers_arcsec"]:.1f} arcsec.')
 
 
-def _far(arcsec):
+def _star(row):
+    return f'star {row["star"]}, ' if 'star' in row else ''
+
+
+def far_text(arcsec):
+    """An amount of error in words."""
     return f'{arcsec:.0f} arcsec' if arcsec < 3600.0 else f'{arcsec / 3600.0:.2f} deg'
 
 
