@@ -158,6 +158,11 @@ class AlpacaTelescope:
         return self._state.get('Tracking')
 
     @property
+    def taken_up(self):
+        """When it was heard last that it follows the sky, ns; 0 where it does not."""
+        return self._heard if self.tracks else 0
+
+    @property
     def side(self):
         """Side of the pier by ASCOM's name, '' where it does not say."""
         return SIDES.get(int(self._state.get('SideOfPier', -1)), '')

@@ -161,6 +161,12 @@ class IndiTelescope:
         return None if told is None else told.on == 'TRACK_ON'
 
     @property
+    def taken_up(self):
+        """When it said last that it follows the sky, ns; 0 where it says that it does not."""
+        told = self.get(TRACK)
+        return told.heard if told is not None and told.on == 'TRACK_ON' else 0
+
+    @property
     def side(self):
         """Side of the pier as the driver calls it, '' where it does not say."""
         told = self.get(SIDE)
