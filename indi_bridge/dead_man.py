@@ -22,7 +22,7 @@ ARMED, SAFE = b'1', b'0'
 #: kinds of servers
 INDI, ALPACA = 'indi', 'alpaca'
 #: s; an order to an Alpaca server may take a second until it is answered, one to INDI's does not
-SILENCE = {INDI: 0.5, ALPACA: 3.0}
+SILENCE = {INDI: 1.0, ALPACA: 3.0}
 #: s between tries where the server does not answer, and until it is given up
 AGAIN, LONGEST = 0.5, 30.0
 #: the order to stop is sent so often, and more often where the driver takes up its track

@@ -45,8 +45,8 @@ class GotoMount:
 
     What blocks is done by a thread of its own; `step` is called often, by one thread. Who speaks
     a protocol gives `open`, `shut` and `find`, and a telescope with ``device``, ``has_axes``,
-    ``axes``, ``place``, ``tracks``, ``beyond``, ``side``, ``slewing``, ``parked``, ``goto``,
-    ``taken_up``, ``abort`` and ``prepare`` as `telescope.IndiTelescope` has them.
+    ``believed``, ``axes``, ``place``, ``tracks``, ``taken_up``, ``beyond``, ``side``, ``slewing``,
+    ``parked``, ``goto``, ``abort`` and ``prepare`` as `telescope.IndiTelescope` has them.
 
     Parameters
     ----------
@@ -352,7 +352,7 @@ class GotoMount:
         if self._beside:
             return self._beside, False
         telescope = self.telescope
-        if telescope is not None and not telescope.has_axes:
+        if telescope is not None and telescope.believed:
             return NO_AXES, False
         return '', False
 
