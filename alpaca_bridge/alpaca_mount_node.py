@@ -8,15 +8,11 @@ from msg_tools.node import Param, run_node
 from msg_tools.units import ARCSEC
 from pointing_model.sky_params import KIND_OF_MOUNT, SKY_PARAMS, sky_of
 
-from . import PORT
 from .driver import AlpacaDriver
+from .params import SERVER_PARAMS
 
 PARAMS = (
-    AUTOSTART,
-    Param('host', 'localhost', 'where the Alpaca server runs', fixed=True),
-    Param('port', PORT, 'its port', 1, 65535, fixed=True),
-    Param('number', 0, 'of the telescope on the server', 0, 255, fixed=True),
-    *SKY_PARAMS, KIND_OF_MOUNT,
+    AUTOSTART, *SERVER_PARAMS, *SKY_PARAMS, KIND_OF_MOUNT,
     Param('tolerance_arcsec', 1.0, 'axes that are farther from their demand are sent again '
           '[arcsec]', 0.1, 3600.0, fixed=True),
     Param('set_site', True, 'tell the driver the site where it has another', fixed=True),

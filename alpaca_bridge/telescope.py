@@ -21,6 +21,9 @@ OF_DATE = (0, 1)
 SIDES = {0: 'pierEast', 1: 'pierWest'}
 #: what is asked for at each tick
 ASKED = ('RightAscension', 'Declination', 'Slewing', 'Tracking', 'SideOfPier', 'AtPark')
+#: action of the simulator here: right ascension and declination of date at which its tube looks,
+#: and the angle of its second axis, rad
+TRUE_PLACE = 'TelescopeMount:TruePlace'
 #: a place that is older is none, s
 OLD = 1.0
 
@@ -66,7 +69,7 @@ class AlpacaTelescope:
     """
 
     #: the protocol tells no axis angles
-    has_axes, axes = False, None
+    has_axes, believed, axes = False, True, None
 
     def __init__(self, host, port, number=0):
         with _asking(f'{host}:{port}'):
@@ -94,9 +97,33 @@ class AlpacaTelescope:
             setattr(self._device, name, value)
 
     def call(self, name, *args):
-        """Call a method."""
+        """Call a method; what it answers."""
         with _asking(f'{self.device}, {name}'):
-            getattr(self._device, name)(*args)
+            return getattr(self._device, name)(*args)
+
+    def true_place(self):
+        """Where a simulator's tube looks, right ascension, declination and second axis, rad.
+
+        Returns
+        -------
+        stamp : int
+            ns, in the middle of the question.
+        ndarray, shape (3,)
+
+        Raises
+        ------
+        AlpacaError
+            It is no simulator that tells it.
+        """
+        before = time.time_ns()
+        text = self.call('Action', TRUE_PLACE, '')
+        return (before + time.time_ns()) // 2, np.array(text.split(), float)
+
+    def knows_where_it_looks(self):
+        """Raise AlpacaError where the position that it reports is what it believes."""
+        if TRUE_PLACE not in self.ask('SupportedActions', []):
+            raise AlpacaError(f'{self.device} reports what it believes, not what is seen: a camera '
+                              'has to see the sky')
 
     # --- its state ----------------------------------------------------------------------------
 
@@ -156,6 +183,11 @@ class AlpacaTelescope:
     def tracks(self):
         """Whether it says that it follows the sky."""
         return self._state.get('Tracking')
+
+    @property
+    def taken_up(self):
+        """When it was heard last that it follows the sky, ns; 0 where it does not."""
+        return self._heard if self.tracks else 0
 
     @property
     def side(self):

@@ -3,13 +3,14 @@
 A driver that was told a place goes there, and tracks, whoever told it. So whoever commands has
 this process beside it, and writes to its input: `ARMED` and `SAFE`, again and again. Where the
 input ends, or nothing comes for `SILENCE` seconds, while it is armed, it stops the mount at the
-server by a connection of its own.
+server by a connection of its own, and again where the driver says that it has taken up its track.
 
     python -I -S dead_man.py KIND HOST PORT DEVICE [SILENCE]
 """
 
 import contextlib
 import os
+import re
 import select
 import signal
 import socket
@@ -20,12 +21,15 @@ import time
 ARMED, SAFE = b'1', b'0'
 #: kinds of servers
 INDI, ALPACA = 'indi', 'alpaca'
-#: s
-SILENCE = 3.0
+#: s; an order to an Alpaca server may take a second until it is answered, one to INDI's does not
+SILENCE = {INDI: 1.0, ALPACA: 3.0}
 #: s between tries where the server does not answer, and until it is given up
 AGAIN, LONGEST = 0.5, 30.0
-#: the order to stop is sent so often
-TIMES = 4
+#: the order to stop is sent so often, and more often where the driver takes up its track
+TIMES, MOST = 4, 20
+#: as INDI drivers tell whether they track
+_TRACKS = re.compile(rb'<setSwitchVector[^>]*"TELESCOPE_TRACK_STATE".*?</setSwitchVector>', re.S)
+_ON = re.compile(rb'"TRACK_ON"[^>]*>\s*On\s*<')
 _STOP = ''.join(
     f'<newSwitchVector device="{{device}}" name="{name}"><oneSwitch name="{member}">On</oneSwitch>'
     '</newSwitchVector>\n' for name, member in (
@@ -41,14 +45,15 @@ class DeadMan:
     port : int
     device : str
         Of an Alpaca server its number.
-    silence : float
-        As of `watch`.
+    silence : float, optional
+        As of `watch`; that of the kind.
     kind : {'indi', 'alpaca'}
     """
 
-    def __init__(self, host, port, device, silence=SILENCE, kind=INDI):
+    def __init__(self, host, port, device, silence=None, kind=INDI):
         self._process = subprocess.Popen(
-            [sys.executable, '-I', '-S', __file__, kind, host, str(port), device, str(silence)],
+            [sys.executable, '-I', '-S', __file__, kind, host, str(port), device,
+             str(silence or SILENCE[kind])],
             stdin=subprocess.PIPE, start_new_session=True)
         os.set_blocking(self._process.stdin.fileno(), False)
 
@@ -86,15 +91,24 @@ def _stop_indi(host, port, device):
     name = device.replace('&', '&amp;').replace('"', '&quot;').replace('<', '&lt;')
     with socket.create_connection((host, port), 2.0) as connection:
         connection.sendall(f'<getProperties version="1.7" device="{name}"/>\n'.encode())
-        connection.settimeout(0.1)
         # a slew that is aborted may end as it would have, tracking: so once more, and again
-        for _ in range(TIMES):
-            connection.sendall(_STOP.format(device=name).encode())
-            until = time.monotonic() + AGAIN
-            while time.monotonic() < until:
-                with contextlib.suppress(TimeoutError):
-                    if not connection.recv(65536):
-                        return
+        sent, due, heard = 0, 0.0, b''
+        connection.settimeout(0.05)
+        end = time.monotonic() + TIMES * AGAIN
+        while time.monotonic() < end:
+            if time.monotonic() >= due and sent < MOST:
+                connection.sendall(_STOP.format(device=name).encode())
+                sent, due = sent + 1, time.monotonic() + AGAIN
+            with contextlib.suppress(TimeoutError):
+                data = connection.recv(65536)
+                if not data:
+                    return
+                heard, taken = heard + data, 0
+                for told in _TRACKS.finditer(heard):
+                    taken = told.end()
+                    if _ON.search(told[0]):
+                        due = 0.0
+                heard = heard[taken:][-4096:]
 
 
 def _stop_alpaca(host, port, device):
@@ -111,7 +125,7 @@ def _stop_alpaca(host, port, device):
             time.sleep(AGAIN)  # polls: nothing tells when a driver has taken up its track again
 
 
-def watch(stream, kind, host, port, device, silence=SILENCE):
+def watch(stream, kind, host, port, device, silence=SILENCE[INDI]):
     """Listen until the input ends; stops the mount where it ends, or is silent, while armed."""
     armed = False
     while True:

@@ -6,7 +6,7 @@ import time
 from .client import IndiClient, IndiError
 from .dead_man import DeadMan
 from .goto_mount import RETRY, GotoMount
-from .telescope import IndiTelescope, Ticks, find_device
+from .telescope import IndiTelescope, Ticks, check_kind, find_device
 
 #: s in which a driver that was just connected, or told its site, tells its axes anew; one whose
 #: mount stands may tell nothing
@@ -59,8 +59,9 @@ class MountDriver(GotoMount):
     def find(self):
         """The telescope of the server, ready to be pointed."""
         device = find_device(self.client, self._device)
-        telescope = IndiTelescope(self.client, device, self._axes)
+        telescope = IndiTelescope(self.client, device, self._axes, self.mount.altaz)
         telescope.connect()
+        check_kind(telescope, self.mount.kind)
         apart = self.check(telescope)
         if apart and not self._set_site:
             raise IndiError(f'{device} stands elsewhere than the parameters of the site say')

@@ -23,16 +23,17 @@ STILL = 0.2
 #: s after an order in which a driver says that it is under way
 TAKES_IT = 0.6
 #: s between two signs of life to the process that stops the mount if this one dies
-HEARTBEAT = 0.2
+HEARTBEAT = 0.1
 #: another try to make the mount ready, s
 RETRY = 3.0
 #: a track that begins farther from the last is another part of the driver's model, rad
 FAR = 10.0 * DEG
 #: a track at rest that is over so soon is a stop, s
 STOP = 0.25
-#: s after a stop in which one that still moves is stopped again, and in which it stands for sure;
-#: longest time that is waited for that at the end
-STOP_AGAIN, STANDS, LONGEST = 0.2, 1.5, 4.0
+#: s after a stop in which one that still moves is stopped again, at once where it says that it has
+#: taken up a track since, and in which it stands for sure; longest time that is waited for that at
+#: the end
+STOP_AGAIN, AT_ONCE, STANDS, LONGEST = 0.2, 0.03, 1.5, 4.0
 
 
 class BridgeError(RuntimeError):
@@ -44,8 +45,8 @@ class GotoMount:
 
     What blocks is done by a thread of its own; `step` is called often, by one thread. Who speaks
     a protocol gives `open`, `shut` and `find`, and a telescope with ``device``, ``has_axes``,
-    ``axes``, ``place``, ``tracks``, ``beyond``, ``side``, ``slewing``, ``parked``, ``goto``,
-    ``abort`` and ``prepare`` as `telescope.IndiTelescope` has them.
+    ``believed``, ``axes``, ``place``, ``tracks``, ``taken_up``, ``beyond``, ``side``, ``slewing``,
+    ``parked``, ``goto``, ``abort`` and ``prepare`` as `telescope.IndiTelescope` has them.
 
     Parameters
     ----------
@@ -67,7 +68,7 @@ class GotoMount:
         self._follower = AxisFollower(mount, site, tolerance)
         self._track = self._last = self._fresh = None
         self._sent, self._told, self._beside = 0.0, 0, ''
-        self._stopping, self._stopped = False, 0.0
+        self._stopping, self._stopped, self._stop_sent = False, 0.0, 0
         self._readings = deque(maxlen=10_000)
         self._lock, self._wake, self._closed = threading.Lock(), threading.Event(), False
         self._is_ready = threading.Event()
@@ -317,6 +318,7 @@ class GotoMount:
         self._track = None
         telescope = self._need()
         self._stopping, self._stopped = True, time.monotonic()
+        self._stop_sent = time.time_ns()
         telescope.abort()
 
     def _make_stand(self, telescope):
@@ -325,7 +327,7 @@ class GotoMount:
             return
         passed = time.monotonic() - self._stopped
         if telescope.slewing or telescope.tracks:
-            if passed > STOP_AGAIN:
+            if passed > (AT_ONCE if telescope.taken_up > self._stop_sent else STOP_AGAIN):
                 self.abort()
         elif passed > STANDS:
             self._stopping = False
@@ -350,7 +352,7 @@ class GotoMount:
         if self._beside:
             return self._beside, False
         telescope = self.telescope
-        if telescope is not None and not telescope.has_axes:
+        if telescope is not None and telescope.believed:
             return NO_AXES, False
         return '', False
 

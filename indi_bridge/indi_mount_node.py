@@ -15,7 +15,7 @@ from pointing_model.sky_params import KIND_OF_MOUNT, SKY_PARAMS, mount_of, sky_o
 from .driver import MountDriver
 from .goto_mount import BridgeError
 from .params import SERVER_PARAMS
-from .pointing import hour_angle_of
+from .pointing import check_kind
 
 PARAMS = (
     AUTOSTART, *SERVER_PARAMS, *SKY_PARAMS, KIND_OF_MOUNT,
@@ -37,7 +37,7 @@ class IndiMount(ManagedNode):
                  **kwargs):
         super().__init__(name, params, hardware_id=hardware_id, **kwargs)
         mount = mount_of(self)
-        hour_angle_of(mount, 0.0, 0.0)  # a kind that cannot be driven is refused at once
+        check_kind(mount)  # a kind that cannot be driven is refused at once
         self._names = mount.names.keys
         self._driver = self.make_driver(mount)
         self._said = ''

@@ -3,32 +3,45 @@
 import numpy as np
 
 from msg_tools.units import ARCSEC, DEG, wrap
-from pointing_model.mounts import is_beyond, through_pole
+from pointing_model.mounts import Mount, is_beyond, through_pole
 from pointing_model.sky import sidereal_time
 
 #: one hour of right ascension, rad
 HOUR = 15.0 * DEG
 
 
-def hour_angle_of(mount, first, second):
+def check_kind(mount):
+    """Raise ValueError where a mount cannot be told its axes by right ascension and declination."""
+    if mount.kind not in ('equatorial', 'german', 'altaz'):
+        raise ValueError(f'a mount that is {mount.kind} cannot be told its axes by right ascension '
+                         'and declination alone; this bridge drives altaz, equatorial, german')
+
+
+def hour_angle_of(mount, first, second, site):
     """Hour angle and declination at which perfect axes look.
 
     Parameters
     ----------
     mount : Mount
-        Equatorial or alt-azimuth; a free frame by its horizon.
+        Equatorial or alt-azimuth.
     first, second : float or ndarray
         Axis angles, rad; the second may be beyond the pole.
+    site : Site
 
     Returns
     -------
     hour_angle, declination : float or ndarray
         Not through the pole, rad.
+
+    Raises
+    ------
+    ValueError
+        A mount of another kind.
     """
-    if mount.kind in ('equatorial', 'german'):
-        return through_pole(first, second, is_beyond(second))
-    raise ValueError(f'a mount that is {mount.kind} cannot be told its axes by right ascension '
-                     'and declination alone')
+    check_kind(mount)
+    if mount.altaz:
+        return Mount.equatorial(site.latitude).axes_of(first, second)
+    return through_pole(first, second, is_beyond(second))
 
 
 def place_of_date(mount, axes, time, site):
@@ -48,7 +61,7 @@ def place_of_date(mount, axes, time, site):
     ra, dec : float
         rad; `ra` in [0, 2 pi).
     """
-    hour_angle, dec = hour_angle_of(mount, *axes)
+    hour_angle, dec = hour_angle_of(mount, *axes, site)
     return float(np.mod(sidereal_time(time, site) - hour_angle, 2.0 * np.pi)), float(dec)
 
 
@@ -69,9 +82,11 @@ def axes_at(mount, ra, dec, time, site, beyond):
     Returns
     -------
     first, second : ndarray
-        rad.
+        rad; an azimuth is from 0 to 2 pi.
     """
     hour_angle = wrap(sidereal_time(time, site) - ra)
+    if mount.altaz:
+        return Mount.equatorial(site.latitude).horizon_of(hour_angle, dec)
     return mount.on_travel(*through_pole(hour_angle, dec, beyond))
 
 

@@ -9,6 +9,8 @@ from pathlib import Path
 
 SERVER, SIMULATOR = 'indiserver', 'indi_simulator_telescope'
 DEVICE = 'Telescope Simulator'
+#: what `two_axes_server` calls its driver
+TWO_AXES = 'two_axes'
 
 
 def missing():

@@ -11,6 +11,7 @@ from pointing_model.mounts import is_beyond
 
 from .camera import IndiCamera
 from .client import IndiClient, IndiError
+from .goto_mount import BridgeError
 from .telescope import IndiTelescope, Ticks, find_device, knows_where_it_looks
 
 #: s between two tries to find what is looked through
@@ -18,15 +19,18 @@ RETRY = 3.0
 
 
 class Source:
-    """Keeps a connection and finds what it needs there, in a thread of its own.
+    """Finds what it needs, in a thread of its own.
 
     Parameters
     ----------
-    host, port : str, int
     field : StarField
+    where : str
+        Host and port, for people.
 
     Attributes
     ----------
+    on : bool
+        Whether exposures are wanted; a camera is left alone where not.
     seen : deque of (int, ndarray)
         Stamp (ns) and miss distance (rad; NaN: no star) of each exposure.
     why : str
@@ -35,22 +39,25 @@ class Source:
         What is odd, though exposures come.
     """
 
-    def __init__(self, host, port, field, **heard):
-        self.field, self.seen = field, deque(maxlen=100)
-        self.why, self.note = 'connecting', ''
-        self.client = IndiClient(host, port, connection=self._connection, **heard)
+    def __init__(self, field, where):
+        self.field, self.where, self.seen, self.on = field, where, deque(maxlen=100), True
+        self.why, self.note = f'connecting to {where}', ''
         self._wake, self._closed = threading.Event(), False
 
     def start(self):
         """Begin; returns at once."""
-        self.client.start()
         threading.Thread(target=self._find, daemon=True).start()
 
     def close(self):
-        """End the connection."""
+        """End it."""
         self._closed = True
         self._wake.set()
-        self.client.close()
+
+    def switch(self, on):
+        """Begin with exposures, or end with them."""
+        self.on = on
+        self.seen.clear()
+        self._wake.set()
 
     def take_axes(self, second):
         """Angle of the second axis, rad, for who does not hear it itself."""
@@ -59,32 +66,58 @@ class Source:
         """The connection is lost."""
 
     def work(self):
-        """Find what is needed, and with a camera: expose; IndiError where that fails."""
+        """Find what is needed, and with a camera: expose; BridgeError where that fails."""
         raise NotImplementedError
-
-    def _connection(self, up):
-        if not up:
-            self.lose()
-            self.why = f'the connection to {self.client.host}:{self.client.port} is lost'
-        self._wake.set()
 
     def _find(self):
         while not self._closed:
             try:
                 self.work()
-            except (IndiError, ValueError, OSError) as err:
+            except (BridgeError, ValueError, OSError) as err:
                 self.why = str(err)
             self._wake.wait(RETRY)
             self._wake.clear()
 
 
-class TrueSky(Source):
+class IndiSource(Source):
+    """As `Source`, with a connection to an INDI server.
+
+    Parameters
+    ----------
+    host, port : str, int
+    field : StarField
+    **heard
+        As of `client.IndiClient`.
+    """
+
+    def __init__(self, host, port, field, **heard):
+        super().__init__(field, f'{host}:{port}')
+        self.client = IndiClient(host, port, connection=self._connection, **heard)
+
+    def start(self):
+        """Begin; returns at once."""
+        self.client.start()
+        super().start()
+
+    def close(self):
+        """End the connection."""
+        super().close()
+        self.client.close()
+
+    def _connection(self, up):
+        if not up:
+            self.lose()
+            self.why = f'the connection to {self.where} is lost'
+        self._wake.set()
+
+
+class TrueSky(IndiSource):
     """A simulator that tells where it truly looks: an exposure at its ticks.
 
     Parameters
     ----------
     host, port, field
-        As of `Source`.
+        As of `IndiSource`.
     device, axes : str
         As of `telescope.find_device` and `telescope.IndiTelescope`.
     rate : float
@@ -105,7 +138,7 @@ class TrueSky(Source):
         """Find the telescope."""
         if self.ticks.telescope is None:
             telescope = IndiTelescope(self.client, find_device(self.client, self._device),
-                                      self._axes)
+                                      self._axes, self.field.mount.altaz)
             telescope.connect()
             knows_where_it_looks(telescope)
             self.ticks.telescope, self.why = telescope, ''
@@ -122,13 +155,13 @@ class TrueSky(Source):
         self.seen.append((before.stamp, self.field.miss(before.stamp, place, before.axes[1])))
 
 
-class SolvedSky(Source):
+class SolvedSky(IndiSource):
     """Plate solves of a camera: one exposure after the other.
 
     Parameters
     ----------
     host, port, field
-        As of `Source`.
+        As of `IndiSource`.
     camera : str
         Its name on the server.
     solver : pointing_model.plate_solved.solvers.Solver
@@ -151,10 +184,11 @@ class SolvedSky(Source):
         self._second = float(second)
 
     def work(self):
-        """Expose and solve, until something is missing."""
+        """Expose and solve, until something is missing or nobody wants it."""
         from pointing_model.plate_solved.solvers import NotSolved
         self.camera.connect()
-        while not self._closed:
+        self.why = ''
+        while self.on and not self._closed:
             image = self.camera.expose(self._exposure)
             self.why, self.note = '', image.note
             if self._second is None:

@@ -14,9 +14,11 @@ from msg_tools.units import DEG, wrap
 
 from .client import PATIENCE, IndiError
 from .pointing import HOUR
-from .server import SIMULATOR
+from .server import SIMULATOR, TWO_AXES
 
 PLACE, TRUE_PLACE, AXES = 'EQUATORIAL_EOD_COORD', 'EQUATORIAL_PE', 'MOUNT_AXES'
+#: of an alt-azimuth mount, where it reports that it looks, degrees
+HORIZONTAL = 'HORIZONTAL_COORD'
 PARK, ABORT, TRACK = 'TELESCOPE_PARK', 'TELESCOPE_ABORT_MOTION', 'TELESCOPE_TRACK_STATE'
 ON_SET, SITE, SIDE = 'ON_COORD_SET', 'GEOGRAPHIC_COORD', 'TELESCOPE_PIER_SIDE'
 RATE, KIND, CLOCK, CONNECTION = 'TELESCOPE_SLEW_RATE', 'MOUNT_TYPE', 'TIME_UTC', 'CONNECTION'
@@ -77,9 +79,21 @@ def find_device(client, wanted='', timeout=PATIENCE):
 
 
 def is_simulator(telescope):
-    """Whether it is INDI's telescope simulator."""
+    """Whether it is INDI's telescope simulator, or `two_axes_server`."""
+    return _driver(telescope) in (SIMULATOR, TWO_AXES)
+
+
+def _driver(telescope):
     driver = telescope.get('DRIVER_INFO')
-    return driver is not None and driver.values.get('DRIVER_EXEC') == SIMULATOR
+    return driver and driver.values.get('DRIVER_EXEC')
+
+
+def check_kind(telescope, kind):
+    """Raise IndiError where a driver of an alt-azimuth mount tells axes of another one."""
+    if kind == 'altaz' and _driver(telescope) == SIMULATOR:
+        raise IndiError(f'{telescope.device} is set to ALTAZ, and its axes are hour angle and '
+                        'declination all the same: set its MOUNT_TYPE to EQ_FORK or EQ_GEM; for an '
+                        'alt-azimuth one: python -m indi_bridge.simulator --kind altaz')
 
 
 def knows_where_it_looks(telescope):
@@ -101,12 +115,17 @@ class IndiTelescope:
         As of `find_device`.
     axes : str
         Property with the axis angles and its two elements, degrees, ``NAME:FIRST,SECOND``; ''
-        for `AXES` where the driver has it, else the place that it reports.
+        for `AXES` where the driver has it, of an alt-azimuth mount `HORIZONTAL`, else the place
+        that it reports.
+    altaz : bool
+        Whether it is an alt-azimuth mount.
     """
 
-    def __init__(self, client, device, axes=''):
+    def __init__(self, client, device, axes='', altaz=False):
         self.client, self.device = client, device
-        self._axes_property, _, elements = (axes or f'{AXES}:PRIMARY,SECONDARY').partition(':')
+        self._reported = altaz and not axes
+        axes = axes or (f'{HORIZONTAL}:AZ,ALT' if altaz else f'{AXES}:PRIMARY,SECONDARY')
+        self._axes_property, _, elements = axes.partition(':')
         self._elements = tuple(elements.split(','))
         if len(self._elements) != 2:
             raise ValueError(f'{axes!r}: write the property of the axis angles as '
@@ -130,6 +149,11 @@ class IndiTelescope:
     def has_axes(self):
         """Whether it tells axis angles: encoders, or what its driver takes for them."""
         return self.get(self._axes_property) is not None
+
+    @property
+    def believed(self):
+        """Whether its axes are those of the position that it reports, with its own model in it."""
+        return self._reported or not self.has_axes
 
     @property
     def kind(self):
@@ -159,6 +183,12 @@ class IndiTelescope:
         """Whether it says that it follows the sky; None where it does not say."""
         told = self.get(TRACK)
         return None if told is None else told.on == 'TRACK_ON'
+
+    @property
+    def taken_up(self):
+        """When it said last that it follows the sky, ns; 0 where it says that it does not."""
+        told = self.get(TRACK)
+        return told.heard if told is not None and told.on == 'TRACK_ON' else 0
 
     @property
     def side(self):

@@ -184,14 +184,16 @@ def indi_graph(*, bag, server, mount, sky, seed=1, plan='', model_file='', first
         'indi_sky': bridge | {'seed': seed},
         # near the pole, and not at it, where places say nothing of the first axis
         'mount_guard': {'mount': mount, 'goto': True,
-                        'park_deg': '90,80' if mount == 'german' else '0,80'} | (
+                        'park_deg': '90,80' if mount == 'german' else '0,80',
+                        # a driver stops a moment after it is told
+                        'request_timeout_s': 0.35} | (
             slews or {'slew_timing': 0.0}) | {name: sky[name] for name in SITE if name in sky},
         'star_observer': {
             'star_seed': seed, 'model_file': model_file, 'first_run': first_run, 'mount': mount,
             # the driver chooses its side at the meridian by itself
             'absolute_encoder': False, 'meridian_limit_deg': 0.0,
             # it comes to rest beside the star first, and is sent on
-            'on_target_arcsec': 3.0,
+            'on_target_arcsec': 3.0, 'renew_request_s': 0.1,
             'wait_for_nodes': [f'{NAMESPACE}/{name}' for name in INDI],
         } | ({'plan': plan} if plan else {}) | sky,
         'pointing_corrector': {'model_file': model_file},

@@ -1,19 +1,16 @@
 """Mounts of an Alpaca server: at one that a test writes, and at the simulators of the package."""
 
 import importlib.util
-import json
 import socket
 import subprocess
 import sys
-import threading
 import time
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from urllib.parse import parse_qs
 
 import numpy as np
 import pytest
 
 from alpaca_bridge.driver import AlpacaDriver
+from alpaca_bridge.server import AlpacaServer
 from alpaca_bridge.telescope import AlpacaError, AlpacaTelescope
 from indi_bridge.dead_man import ALPACA, DeadMan
 from indi_bridge.goto_mount import NO_AXES
@@ -27,55 +24,26 @@ GERMAN = Mount.equatorial(DEFAULT_SITE.latitude, 'german')
 SITE = {'SiteLatitude': DEFAULT_SITE.latitude / DEG, 'SiteLongitude': DEFAULT_SITE.longitude / DEG}
 
 
-class Server:
-    """Alpaca as far as a telescope needs it, as a context; `got` is what clients have set."""
+class Server(AlpacaServer):
+    """A telescope as a test wants it; `got` is what clients have set."""
 
     def __init__(self, port=0, **state):
+        super().__init__(port)
         self.state = {
             'Connected': False, 'AlignmentMode': 1, 'EquatorialSystem': 1, 'CanSlewAsync': True,
             'SiteElevation': 0.0, 'RightAscension': 5.0, 'Declination': 60.0, 'Slewing': False,
             'Tracking': False, 'SideOfPier': 0, 'AtPark': True, **SITE, **state}
         self.got = []
-        named = {name.lower(): name for name in self.state}
-        outer = self
+        self._named = {name.lower(): name for name in self.state}
 
-        class Handler(BaseHTTPRequestHandler):
-            protocol_version = 'HTTP/1.1'
+    def tell(self, name):
+        """As it was told last."""
+        return self.state[self._named[name]]
 
-            def answer(self, value, number=0, text=''):
-                data = json.dumps({'Value': value, 'ErrorNumber': number, 'ErrorMessage': text,
-                                   'ClientTransactionID': 1, 'ServerTransactionID': 1}).encode()
-                self.send_response(200)
-                self.send_header('Content-Type', 'application/json')
-                self.send_header('Content-Length', str(len(data)))
-                self.end_headers()
-                self.wfile.write(data)
-
-            def do_GET(self):
-                name = named.get(self.path.split('?')[0].rpartition('/')[2])
-                if name is None:
-                    self.answer(None, 0x400, 'not implemented')
-                else:
-                    self.answer(outer.state[name])
-
-            def do_PUT(self):
-                order = self.path.rpartition('/')[2]
-                size = int(self.headers.get('Content-Length', 0))
-                told = {key: value[0] for key, value in parse_qs(
-                    self.rfile.read(size).decode()).items()}
-                outer.got.append((order, told))
-                outer.obey(order, named.get(order), told)
-                self.answer(None)
-
-            def log_message(self, *_):
-                pass
-
-        self._http = ThreadingHTTPServer(('127.0.0.1', port), Handler)
-        self._http.daemon_threads = True
-        self.port = self._http.server_port
-
-    def obey(self, order, name, told):
+    def obey(self, order, told):
         """The mount is there at once."""
+        self.got.append((order, told))
+        name = self._named.get(order)
         if name is not None:
             value = told[name]
             self.state[name] = (value == 'True' if value in ('True', 'False') else float(value))
@@ -88,14 +56,6 @@ class Server:
     def orders(self, name):
         """What was told of one kind."""
         return [told for order, told in list(self.got) if order == name]
-
-    def __enter__(self):
-        threading.Thread(target=self._http.serve_forever, args=(0.05,), daemon=True).start()
-        return self
-
-    def __exit__(self, *_):
-        self._http.shutdown()
-        self._http.server_close()
 
 
 class Bench:

@@ -2,6 +2,7 @@
 
 import socket
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from indi_bridge.dead_man import DeadMan
 
 sys.path.append(str(Path(__file__).parent))
 
-from fake_server import FakeServer
+from fake_server import FakeServer, switch
 
 
 def stopped(server):
@@ -50,3 +51,17 @@ def test_one_that_was_left_safely_is_not_stopped(monkeypatch):
             ours.shutdown(socket.SHUT_WR)
             dead_man.watch(theirs.fileno(), 'indi', 'host', 1, 'Mount')
     assert calls == [('indi', 'host', 1, 'Mount')]
+
+
+def test_one_that_takes_up_its_track_is_stopped_again_at_once(monkeypatch):
+    monkeypatch.setattr(dead_man, 'AGAIN', 3.0)
+    monkeypatch.setattr(dead_man, 'TIMES', 1)
+    with FakeServer() as server:
+        thread = threading.Thread(target=dead_man.stop, args=('indi', 'localhost', server.port,
+                                                              'Mount'))
+        thread.start()
+        assert until(lambda: stopped(server))
+        server.say(switch('TELESCOPE_TRACK_STATE', {'TRACK_ON': 'On', 'TRACK_OFF': 'Off'}))
+        assert until(lambda: sum('"ABORT">On' in text for text in server.got) == 2)
+        server.drop()
+        thread.join()

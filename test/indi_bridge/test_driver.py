@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from indi_bridge import goto_mount
 from indi_bridge.client import IndiError
 from indi_bridge.driver import MountDriver
 from indi_bridge.goto_mount import NO_AXES
@@ -147,6 +148,24 @@ def test_pieces_of_one_track_are_one_slew_and_a_rest_that_is_over_is_a_stop():
         bench.until(lambda: any('"ABORT">On' in text for text in bench.server.got))
         assert len(bench.gotos()) == 2  # and none to where it is to stand
         bench.until(lambda: bench.driver.telescope.get('TELESCOPE_TRACK_STATE').on == 'TRACK_OFF')
+
+
+def test_one_that_takes_up_its_track_after_a_stop_is_stopped_again_at_once(monkeypatch):
+    monkeypatch.setattr(goto_mount, 'STOP_AGAIN', 1e6)
+
+    def stops():
+        return sum('"ABORT">On' in text for text in bench.server.got)
+    with Bench() as bench:
+        bench.until(lambda: bench.driver.ready)
+        bench.driver.command(*piece(50.0))
+        bench.until(bench.gotos)
+        bench.server.say(number('EQUATORIAL_EOD_COORD', {'RA': 6, 'DEC': 30}))
+        bench.until(lambda: not bench.driver.telescope.slewing)
+        bench.driver.abort()
+        bench.until(lambda: bench.driver.telescope.tracks is False)
+        assert stops() == 1
+        bench.server.say(switch('TELESCOPE_TRACK_STATE', {'TRACK_ON': 'On', 'TRACK_OFF': 'Off'}))
+        bench.until(lambda: stops() == 2 and bench.driver.telescope.tracks is False)
 
 
 def test_what_cannot_be_done_is_one_line_and_home_unparks():

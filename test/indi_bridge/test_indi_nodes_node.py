@@ -55,8 +55,8 @@ def test_the_mount_tells_its_axes_follows_a_command_stops_and_says_what_is_lost(
 
 
 def test_a_kind_of_mount_that_cannot_be_driven_is_refused(graph):
-    with pytest.raises((BadInput, ValueError), match='a mount that is altaz cannot be told'):
-        graph.add(IndiMount, mount='altaz')
+    with pytest.raises((BadInput, ValueError), match='a mount that is free cannot be told'):
+        graph.add(IndiMount, mount='free:0,0')
 
 
 def test_the_sky_is_that_of_a_simulator_at_its_ticks(graph, server):
@@ -72,6 +72,9 @@ def test_the_sky_is_that_of_a_simulator_at_its_ticks(graph, server):
         return len(frames) > 1
     graph.wait_for(seen, 'frames')
     assert np.hypot(frames[-1].vector.x, frames[-1].vector.y) < 5.1 * DEG
+    assert node.trigger_deactivate().name == 'SUCCESS'
+    assert node._source.ticks.telescope and not node._source.on
+    graph.report('indi_sky', 'waiting for activation')
 
 
 def test_what_a_driver_of_a_real_mount_believes_is_not_taken_for_what_is_seen(graph):

@@ -1,0 +1,88 @@
+"""As much of an Alpaca server as a telescope needs, to try and to test on."""
+
+import json
+import threading
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from urllib.parse import parse_qs, urlsplit
+
+#: error numbers of ASCOM
+NOT_IMPLEMENTED, INVALID_VALUE = 0x400, 0x401
+
+
+class AlpacaServer:
+    """Serves one device, as a context.
+
+    Parameters
+    ----------
+    port : int
+        A free one by default.
+
+    Attributes
+    ----------
+    port : int
+    """
+
+    def __init__(self, port=0):
+        outer = self
+
+        class Handler(BaseHTTPRequestHandler):
+            protocol_version = 'HTTP/1.1'
+
+            def answer(self, call, *args):
+                value, number, text = None, 0, ''
+                try:
+                    value = call(*args)
+                except KeyError as missing:
+                    number, text = NOT_IMPLEMENTED, f'{missing} is not implemented'
+                except ValueError as error:
+                    number, text = INVALID_VALUE, str(error)
+                data = json.dumps({'Value': value, 'ErrorNumber': number, 'ErrorMessage': text,
+                                   'ClientTransactionID': 1, 'ServerTransactionID': 1}).encode()
+                self.send_response(200)
+                self.send_header('Content-Type', 'application/json')
+                self.send_header('Content-Length', str(len(data)))
+                self.end_headers()
+                self.wfile.write(data)
+
+            def do_GET(self):
+                self.answer(outer.tell, urlsplit(self.path).path.rpartition('/')[2])
+
+            def do_PUT(self):
+                size = int(self.headers.get('Content-Length', 0))
+                told = {key: value[0] for key, value in parse_qs(
+                    self.rfile.read(size).decode(), keep_blank_values=True).items()}
+                self.answer(outer.obey, self.path.rpartition('/')[2], told)
+
+            def log_message(self, *_):
+                pass
+
+        self._http = ThreadingHTTPServer(('127.0.0.1', port), Handler)
+        self._http.daemon_threads = True
+        self.port = self._http.server_port
+
+    def tell(self, name):
+        """Value of a property, its name in small letters; KeyError where there is none."""
+        raise NotImplementedError
+
+    def obey(self, order, told):
+        """Carry out an order, its name in small letters; what it answers.
+
+        Parameters
+        ----------
+        order : str
+        told : dict of str to str
+
+        Raises
+        ------
+        KeyError, ValueError
+            There is no such order; it cannot be carried out so.
+        """
+        raise NotImplementedError
+
+    def __enter__(self):
+        threading.Thread(target=self._http.serve_forever, args=(0.05,), daemon=True).start()
+        return self
+
+    def __exit__(self, *_):
+        self._http.shutdown()
+        self._http.server_close()

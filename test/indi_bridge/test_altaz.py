@@ -1,0 +1,103 @@
+"""An alt-azimuth mount of an INDI server: its axes, tracks, stops, and the errors of its parts."""
+
+import re
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calibration.fit import fit_terms
+from indi_bridge.client import IndiClient, IndiError
+from indi_bridge.driver import MountDriver
+from indi_bridge.goto_mount import NO_AXES
+from indi_bridge.pointing import axes_at
+from indi_bridge.server import SIMULATOR
+from indi_bridge.telescope import IndiTelescope, check_kind, find_device
+from indi_bridge.two_axes import TwoAxes, draw_errors
+from indi_bridge.two_axes_server import TwoAxesServer
+from msg_tools.units import ARCSEC, DEG, wrap
+from pointing_model.mounts import ALTAZ
+from pointing_model.run import PointingRun
+from pointing_model.sky import DEFAULT_SITE, sidereal_time
+
+sys.path.append(str(Path(__file__).parent))
+
+from fake_server import TELESCOPE, FakeServer, switch
+
+pytest.importorskip('indipyclient', reason='indipyclient is not installed (extra indi)')
+
+
+def test_it_is_brought_onto_its_track_by_places_and_stands_after_a_stop():
+    telescope = TwoAxes(ALTAZ, DEFAULT_SITE, draw_errors(4, 'altaz'))
+    with TwoAxesServer(telescope) as server:
+        driver = MountDriver('localhost', server.port, ALTAZ, DEFAULT_SITE, dead_man=False,
+                             retry=0.1, fresh=0.0)
+        driver.start()
+        last = []
+
+        def until(condition, seconds=20.0):
+            end = time.monotonic() + seconds
+            while not condition():
+                assert time.monotonic() < end, driver.state()
+                last.extend(driver.readings())
+                if driver.ready:
+                    driver.step()
+                time.sleep(0.01)  # polls: another thread's doing
+        until(lambda: last)
+        assert driver.state() == (NO_AXES, False)  # HORIZONTAL_COORD is what the driver believes
+        assert last[-1][1] / DEG == pytest.approx((0.0, 80.0))
+        # across north, by a track of azimuths that goes on below 0; a star's, and 200" beside it
+        times = np.arange(0.0, 60.1, 5.0)
+        start = time.time_ns()
+        hour_angle, dec = 20.0 * DEG, 80.0 * DEG
+        ra = sidereal_time(start * 1e-9, DEFAULT_SITE) - hour_angle
+        star = np.array(axes_at(ALTAZ, ra, dec, start * 1e-9 + times, DEFAULT_SITE, False)).T
+        angles = star + np.array([200.0, -100.0]) * ARCSEC - (2.0 * np.pi, 0.0)
+        driver.command(start, times, angles, np.gradient(angles, times, axis=0))
+
+        def off():
+            stamp, axes = last[-1]
+            want = [np.interp((stamp - start) * 1e-9, times, axis) for axis in angles.T]
+            return np.abs(wrap(np.array(axes) - want)).max() / ARCSEC
+        until(lambda: telescope.tracking and not telescope.slewing and off() < 1.5)
+        driver.abort()
+        until(lambda: not telescope.tracking and driver.telescope.tracks is False)
+        driver.close(0.0)
+
+
+def test_its_errors_are_found_as_terms():
+    errors = draw_errors(5, 'altaz')
+    now, rows = [1_768_482_000.0], []
+    telescope = TwoAxes(ALTAZ, DEFAULT_SITE, errors, clock=lambda: now[0])
+    rng = np.random.default_rng(5)
+    for az, el in zip(rng.uniform(0.0, 360.0, 16), rng.uniform(20.0, 75.0, 16)):
+        telescope.goto(*np.array(_place(az * DEG, el * DEG, now[0])))
+        for _ in range(2):
+            now[0] += 60.0
+            axes, _, true = telescope.look()
+        rows.append((now[0], *axes_at(ALTAZ, *true, now[0], DEFAULT_SITE, False), *axes))
+    run = PointingRun(dict(zip(('time', 'az', 'el', 'az_enc', 'el_enc'), np.array(rows).T)),
+                      {'mount': ALTAZ, 'site': DEFAULT_SITE})
+    model = fit_terms(run, tuple(errors)).model
+    off = {name: (model.terms[name] - errors[name]) / ARCSEC for name in errors}
+    # the parts are turned in another order than the model has them: second order
+    assert max(map(abs, off.values())) < 1.0
+
+
+def _place(az, el, now):
+    from indi_bridge.pointing import place_of_date
+    return place_of_date(ALTAZ, (az, el), now, DEFAULT_SITE)
+
+
+def test_indis_simulator_set_to_altaz_is_refused_as_its_axes_are_of_another_mount():
+    kind = switch('MOUNT_TYPE', {'ALTAZ': 'On', 'EQ_FORK': 'Off', 'EQ_GEM': 'Off'}, 'def')
+    properties = re.sub('(<defText name="DRIVER_INTERFACE">5</defText>)',
+                        rf'\1<defText name="DRIVER_EXEC">{SIMULATOR}</defText>', TELESCOPE + kind)
+    with FakeServer(properties) as server, IndiClient('localhost', server.port) as client:
+        telescope = IndiTelescope(client, find_device(client))
+        telescope.connect()
+        assert telescope.kind == 'altaz'
+        with pytest.raises(IndiError, match='its axes are hour angle and declination all the same'):
+            check_kind(telescope, telescope.kind)
