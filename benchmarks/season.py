@@ -12,6 +12,7 @@ import argparse
 import time
 
 import numpy as np
+from scipy.stats import chi2
 
 from calibration.season_terms.causes import candidates, choose_causes
 from calibration.season_terms.filter import Told, find_wander, forecast, levels, smoothed
@@ -134,7 +135,10 @@ def main():
                                 found.T):
             ratio = column / own
             print(f'  {name:28} median {np.median(ratio):5.2f}, 90 % {np.quantile(ratio, .9):6.2f}')
-        print(f'  chi^2 of the forecast, a term: {found[:, 4].mean():.2f}')
+        k = len(NAMES)
+        beyond = np.count_nonzero(found[:, 4] * k > chi2.isf(0.01, k))
+        print(f'  chi^2 of the forecast, a term: median {np.median(found[:, 4]):.2f}; beyond what one '
+              f'in 100 is: {beyond}')
     print(f'# {time.perf_counter() - began:.0f} s')
 
 
