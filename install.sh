@@ -1,7 +1,7 @@
 #!/bin/sh
 # Makes .venv beside this file and installs telescope_mount into it, with the ROS wheels.
 #   ./install.sh [EXTRAS]     EXTRAS: ros (default), or ros,test or ros,test,bench; images: FITS;
-#                             indi: mounts of an INDI server
+#                             indi: mounts of an INDI server; alpaca: of an Alpaca server
 # A second run changes nothing unless the requirements changed.
 set -eu
 cd "$(dirname "$0")"

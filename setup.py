@@ -8,7 +8,7 @@ from setuptools import find_packages, setup
 
 NAME = 'telescope_mount'
 PARTS = ('encoder_sim', 'encoder_reading', 'pointing_model', 'calibration', 'msg_tools',
-         'indi_bridge', 'telescope_mount')
+         'indi_bridge', 'alpaca_bridge', 'telescope_mount')
 
 
 def nodes():
@@ -44,7 +44,7 @@ setup(
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),
         (f'share/{NAME}/launch', glob('launch/*.launch.py')),
-        (f'share/{NAME}/examples', glob('examples/*.py')),
+        (f'share/{NAME}/examples', glob('examples/*.*')),
         (f'share/{NAME}/config', glob('config/*.yaml')),
     ],
     python_requires='>=3.10',
@@ -66,11 +66,13 @@ setup(
         'test': [
             'pytest', 'pytest-xdist', 'ruff', 'setuptools<80', 'colcon-common-extensions',
             'skyfield', 'skyfield-data', 'rosbags', 'astropy>=6', 'indipyclient>=0.9',
+            'alpyca>=3.1.3',
         ],
         'bench': ['katpoint==0.10.3'],
         'parquet': ['pyarrow'],
         'images': ['astropy>=6'],
         'indi': ['indipyclient>=0.9'],
+        'alpaca': ['alpyca>=3.1.3'],
     },
     tests_require=['pytest'],
     zip_safe=True,

@@ -161,7 +161,7 @@ def _percentiles(latency_ns):
 def run(rate, seconds, core, scenario, realtime, frames):
     """Measure; returns the figures as a dict."""
     from telescope_mount import domain
-    from telescope_mount.graph import EVERY_FRAME, NODES, NodeSpec
+    from telescope_mount.graph import NODES, NodeSpec, every_frame
     from telescope_mount.processes import Processes, dds_environment
     with tempfile.TemporaryDirectory() as folder:
         lock = domain.claim()
@@ -170,7 +170,7 @@ def run(rate, seconds, core, scenario, realtime, frames):
         parameters = {'absolute_encoder': {'scenario': scenario}}
         if frames:
             parameters['absolute_encoder']['publishes'] = 'frames'
-            parameters['frame_reader'] = EVERY_FRAME
+            parameters['frame_reader'] = every_frame()
         for name, values in parameters.items():
             processes.start(NodeSpec(name, NODES[name], values))
         pid = processes.running[name].pid

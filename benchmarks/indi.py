@@ -18,7 +18,7 @@ import time
 import numpy as np
 
 from calibration.fit import fit_terms
-from calibration.sky_model import ON_SKY, fold, origin_of_errors
+from calibration.sky_model import ON_SKY, origin_of_errors, with_errors
 from indi_bridge.client import IndiClient
 from indi_bridge.server import DEVICE, SimulatorServer, missing
 from indi_bridge.survey import MODEL, Survey, draw_model, places, set_model
@@ -53,14 +53,11 @@ def judge(terms, run, checks):
     """Errors of the terms, what is left by both hypotheses, blind errors; arcsec."""
     names = tuple(MODEL)
     origin = origin_of_errors(run, names)
-    fit = fit_terms(fold(run), names)
+    fit = fit_terms(with_errors(run, ON_SKY), names)
     off = {name: (fit.model.terms[name] - terms[name]) / ARCSEC for name in names}
     blind = np.nan
     if len(checks):
-        folded = fold(checks)
-        x, y = folded.offsets()
-        model_x, model_y = fit.model.offsets(folded['az'], folded['el'])
-        blind = float(rms(x - model_x, y - model_y)) / ARCSEC
+        blind = float(rms(*fit.model.residuals(checks))) / ARCSEC
     return off, origin, blind
 
 

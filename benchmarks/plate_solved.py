@@ -280,9 +280,9 @@ def _frames(folder, nights):
 
 def _solver(folder, images):
     from pointing_model.plate_solved.mapping import load_mapping
+    from pointing_model.plate_solved.solvers import NoSolver, find_solver
     from telescope_mount.runs import load_run
     from telescope_mount.solving.folder import solve_folder
-    from telescope_mount.solving.solvers import NoSolver, find_solver
     try:
         solver = find_solver('solve-field', 60.0, (50.0, 70.0))
     except NoSolver as error:

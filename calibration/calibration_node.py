@@ -2,6 +2,7 @@
 
 import json
 import sys
+from copy import deepcopy
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -13,6 +14,7 @@ from std_srvs.srv import Trigger
 
 from msg_tools import convert, topics
 from msg_tools.homing import cloud_to_homing
+from msg_tools.long_work import LongWork
 from msg_tools.node import MountNode, Param, run_node
 from msg_tools.status import OBSERVATIONS, Progress, handover_rows
 from msg_tools.units import ARCSEC, DEG
@@ -106,15 +108,20 @@ class Calibration(MountNode):
         self._diagnosis_pub = self.publisher(topics.DIAGNOSIS)
         self._status_pub = self.publisher(topics.CALIBRATION_STATUS)
         self._table_pub = self.publisher(topics.CALIBRATION_TABLE)
-        self.subscribe(topics.OBSERVATION, self._on_observation)
-        # latched: after a restart it brings back the night so far
-        self.subscribe(topics.OBSERVATIONS, self._on_table)
-        self.subscribe(topics.HOMING, self._on_homing)
-        self.subscribe(topics.OBSERVER_STATUS, self._on_observer)
-        self.subscribe(topics.IN_FORCE, self._on_in_force)
+        self._long = LongWork(self)
+        # OBSERVATIONS is latched: after a restart it brings back the night so far
+        for topic, call in ((topics.OBSERVATION, self._on_observation),
+                            (topics.OBSERVATIONS, self._on_table),
+                            (topics.HOMING, self._on_homing),
+                            (topics.OBSERVER_STATUS, self._on_observer),
+                            (topics.IN_FORCE, self._on_in_force)):
+            self.subscribe(topic, self._long.waiting(call))
         for name, work in (('calibrate_zero', self._work_zero), ('fit', self._work_fit),
-                           ('diagnose', self._work_diagnosis), ('judge', self._work_judge)):
+                           ('judge', self._work_judge)):
             self.create_service(Trigger, name, partial(self._answer, work))
+        self.create_service(Trigger, 'diagnose', self._on_diagnose)
+        self.serve('~/cancel', self._long.cancel)
+        self.every(1.0, self._tell_stage)
         self._say('knows nothing of the night yet: no observation, no zero, no model')
 
     def _on_observation(self, message):
@@ -208,6 +215,7 @@ class Calibration(MountNode):
     def _answer(self, work, request, response):
         """What `work` has done, or why it could not."""
         try:
+            self._refuse_beside_another()
             response.message = work()
             response.success = True
         except (ValueError, np.linalg.LinAlgError) as err:
@@ -317,12 +325,35 @@ class Calibration(MountNode):
             by=measured and measured.by,
             covariance=None if measured is None else measured.with_fitted_terms))
 
-    def _work_diagnosis(self):
-        # the node hears nothing until it is done: seconds
-        self._say('diagnosing')
-        self._refuse_contradicted()
-        found = self._session.diagnose(self.value('alpha'), _site(self.value('site')),
-                                       self.value('diagnosed_at'))
+    def _refuse_beside_another(self):
+        if self._long.name:
+            raise ValueError(f'{self._long.name} is under way: wait for its end, or call '
+                             'calibration/cancel')
+
+    async def _on_diagnose(self, request, response):
+        """Seconds or more: in a thread, on a session that counts only when it is done."""
+        try:
+            self._refuse_beside_another()
+            self._say('diagnosing')
+            self._refuse_contradicted()
+            session = deepcopy(self._session)
+            found = await self._long.run('diagnosing', partial(
+                session.diagnose, self.value('alpha'), _site(self.value('site')),
+                self.value('diagnosed_at')))
+            self._session = session
+            response.message, response.success = self._diagnosed(found), True
+        except (ValueError, np.linalg.LinAlgError) as err:
+            response.message = str(err)
+            self._say(response.message)
+        self._long.caught_up(lambda call, err: self.reject(call.__name__, str(err)))
+        return response
+
+    def _tell_stage(self):
+        stage, self._long.stage = self._long.stage, ''
+        if self._long.name and stage:
+            self._say(f'{self._long.name}: {stage}')
+
+    def _diagnosed(self, found):
         document = found.document
         done = (f'{self._publish_finding(found)}; {document["before"]["rms_arcsec"]:.2f} arcsec '
                 f'radial before, {document["after"]["rms_arcsec"]:.2f} after')
@@ -372,6 +403,10 @@ class Calibration(MountNode):
         self._say(done, DiagnosticStatus.WARN if self._refused else DiagnosticStatus.OK,
                   verdict=document['verdict'], effects=', '.join(document['applied']),
                   published=document['published'])
+
+    def finish(self):
+        """Wait for nothing."""
+        self._long.close()
 
     def required(self):
         """It needs observations."""

@@ -234,13 +234,13 @@ class NightSeries:
         self._expected[number] = self._season.expected(number)
         return self._expected[number]
 
-    def diagnose(self, alpha=0.01, site=None, until=0):
+    def diagnose(self, alpha=0.01, site=None, until=0, progress=None):
         """What tonight's model lacks; see `CalibrationSession.diagnose`.
 
         Later nights keep the model without the effects as their reference: what follows the time
         of one night says nothing about another.
         """
-        return self._sessions[self.newest].diagnose(alpha, site, until)
+        return self._sessions[self.newest].diagnose(alpha, site, until, progress)
 
     def judge(self, site=None):
         """What was published tonight, before blind stars; see `CalibrationSession.judge`."""

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from msg_tools.units import wrap
+from pointing_model.mounts import told
 from pointing_model.run import PointingRun
 from pointing_model.zero import NO_ZERO
 from pointing_model.zero_exposures import MARK, is_for_zero
@@ -143,3 +144,18 @@ def usable(run, encoder='enc', zero=NO_ZERO):
     if sigmas is not None:
         sigmas = np.concatenate([s[keep] for s in sigmas])
     return Usable(np.flatnonzero(good), *(v[keep] for v in columns.values()), sigmas, excluded)
+
+
+def check_mount(mount, others):
+    """ValueError where observations are of another mount than what they are to go with.
+
+    Parameters
+    ----------
+    mount : Mount
+    others : dict of str to (Mount or None)
+        By what they are of, in words; None: not known.
+    """
+    for what, other in others.items():
+        if other is not None and not mount.agrees(other):
+            raise ValueError(f'an observation of another mount ({told(mount)}) than {what} '
+                             f'({told(other)})')

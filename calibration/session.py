@@ -8,7 +8,6 @@ from msg_tools.units import ARCSEC
 from pointing_model.following import KEY as FOLLOWS
 from pointing_model.following import Following
 from pointing_model.model import PointingModel
-from pointing_model.mounts import told
 from pointing_model.run import PointingRun
 from pointing_model.zero import NO_ZERO, Zeros, zeros_in_force
 from pointing_model.zero_exposures import is_for_zero, is_marked
@@ -19,7 +18,8 @@ from .harmonic_fit import HarmonicChoice, Recipe, fit_chosen, rows_of_terms
 from .held_out import held_out_steps
 from .judgement import FEWEST, judge
 from .publication import Candidate, Published
-from .rows import for_fitting, with_marks
+from .rows import check_mount, for_fitting, with_marks
+from .sky_model import origin_of_night, with_errors
 from .stars_zero import zero_from_exposures
 from .wandering import followed
 from .witnesses import check_witnesses
@@ -54,6 +54,8 @@ class CalibrationSession:
         self._degree = None  # of the harmonics of the last fit
         #: the terms alone, as `fit` found them last, and the zeros that belong to them
         self.terms_alone = None
+        #: whose the errors of the mount are, as the last fit found or an earlier model has it
+        self._errors = None if reference is None else reference.mount.errors
         self._split_seed = split_seed
         self._yesterday = yesterday
         #: how Polaris and the encoders stand to each other tonight, from `fit` on
@@ -113,21 +115,12 @@ class CalibrationSession:
         for name in ('star', 'run'):
             if name not in run:
                 raise ValueError(f'observation without column {name}')
-        self._check_mount(run.mount)
+        check_mount(run.mount, {
+            'the observations before': self.mount if self._parts else None,
+            'the reference model': self.reference and self.reference.mount})
         if stamp > self.last_stamp:
             self._parts[stamp] = with_marks(run)
             self.last_stamp = stamp
-
-    def _check_mount(self, mount):
-        others = []
-        if self._parts:
-            others.append(('the observations before', self.mount))
-        if self.reference is not None:
-            others.append(('the reference model', self.reference.mount))
-        for what, other in others:
-            if not mount.agrees(other):
-                raise ValueError(f'an observation of another mount ({told(mount)}) than {what} '
-                                 f'({told(other)})')
 
     def take_table(self, run, stamp):
         """Take the table of all rows so far, if there is more in it than here.
@@ -155,7 +148,8 @@ class CalibrationSession:
         if not self._parts:
             raise ValueError('no observation has come yet; observe first')
         parts = [part for stamp, part in self._parts.items() if not until or stamp <= until]
-        return PointingRun.concatenate(parts or self._parts.values())
+        run = PointingRun.concatenate(parts or self._parts.values())
+        return with_errors(run, self._errors) if self._errors else run
 
     def zeros_again(self):
         """For who has lost the zeros: from the rows that are there; numbers of their power-ons."""
@@ -205,7 +199,7 @@ class CalibrationSession:
             What it says of its zeros is damaged.
         """
         zeros, follows = zeros_in_force(model), Following.of(model)
-        self.in_force = model
+        self.in_force, self._errors = model, model.mount.errors
         if zeros:
             self._published.replace(Candidate(model, zeros, follows), len(self))
 
@@ -238,6 +232,8 @@ class CalibrationSession:
         ValueError
             Too few stars, or what `check` says.
         """
+        origin = origin_of_night(for_fitting(self.observations()))
+        self._errors = (origin and origin.holds) or self._errors
         observed = for_fitting(self.observations())
         follows = followed(observed)
         rows = follows.corrected(observed)
@@ -289,6 +285,9 @@ class CalibrationSession:
         }
         if section:
             report['harmonics'] = section
+        if origin is not None:
+            report['origin_of_errors'] = origin.document()
+            notes.append(origin.sentence())
         from .session_diagnosis import expected_of_fit, replaces
         expected = report['expected'] = expected_of_fit(
             rows, zeros, self._harmonics.base(self._degree)) if not misfits else None
@@ -310,15 +309,13 @@ class CalibrationSession:
         self.model, self._follows = new.model, follows
         return new.published(), report
 
-    def diagnose(self, alpha=0.01, site=None, until=0):
+    def diagnose(self, alpha=0.01, site=None, until=0, progress=None):
         """What the fitted model lacks, and the model with it; see `session_diagnosis`.
 
         Parameters
         ----------
-        alpha : float
-            Chance that a clean night gets any effect.
-        site : dict, optional
-            ``latitude``, ``longitude`` in rad.
+        alpha, site, progress
+            As of `session_diagnosis.amend`.
         until : int
             Rows after this stamp (ns) were not known then; 0: all are. For replays.
 
@@ -339,7 +336,7 @@ class CalibrationSession:
         zeros = self._first_zeros(rows) if self.model is None else self.zeros_in_force
         provenance = {'last_stamp_ns': self.last_stamp, 'reference': self._source()}
         amended = amend(rows, zeros, self.model, provenance, alpha, site, self._follows,
-                        self._harmonics.base(self._degree))
+                        self._harmonics.base(self._degree), progress)
         amended.document['last_stamp_ns'] = until or self.last_stamp
         amended.document['published'] |= changed
         self.zeros_in_force = amended.zeros

@@ -63,7 +63,7 @@ class Amended:
 
 
 def amend(rows, zeros, fitted=None, provenance=None, alpha=0.01, site=None,
-          follows=NOTHING_FOLLOWS, base='physical'):
+          follows=NOTHING_FOLLOWS, base='physical', progress=None):
     """Diagnose a night, and add what is found.
 
     Stars alone are diagnosed, without the exposures for a zero: many rows in one direction would
@@ -90,6 +90,8 @@ def amend(rows, zeros, fitted=None, provenance=None, alpha=0.01, site=None,
         The declared model, that `fitted` has (`diagnosis.base.Base.parse`). Its terms and
         harmonics are fitted with the effects, so that what harmonics can hold is no effect; to
         harmonics alone the physical terms are effects that may lack.
+    progress : callable, optional
+        As of `diagnosis.diagnose`.
 
     Returns
     -------
@@ -109,7 +111,7 @@ def amend(rows, zeros, fitted=None, provenance=None, alpha=0.01, site=None,
     if len(stars) == 0:
         raise ValueError('no star to diagnose has come yet; observe first')
     # a service must answer soon: rows kept out judge beside the cross-validation
-    result = diagnose(stars, base, alpha, sessions=0.0, partitions=1)
+    result = diagnose(stars, base, alpha, sessions=0.0, partitions=1, progress=progress)
     old = Candidate(fitted, zeros, follows)
     if fitted is None:
         old = Candidate(result.base_model, _shifted(zeros, result, result.base_model), follows)

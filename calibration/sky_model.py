@@ -6,9 +6,9 @@ hour angle and declination *before* it works out the side applies the same numbe
 terms do not change their sign. A mount that is driven through such a program, or a simulator that
 is made so, shows errors of the second kind.
 
-Folded back to the sky, angles beyond the pole are those of a mount that never goes through it, and
-the same rotations fit them (`fold`). So both are the same fit, of the same number of coefficients,
-to the same rows; they are judged on rows left out.
+Both are models of the same number of coefficients, fitted to the same rows (`Mount.errors`); they
+are judged on rows left out. What holds is the mount of the run from then on (`settled`), so that
+all that is fitted, judged and published later has it.
 """
 
 from dataclasses import dataclass
@@ -17,9 +17,10 @@ import numpy as np
 from scipy.stats import wilcoxon
 
 from msg_tools.units import ARCSEC, wrap
-from pointing_model.mounts import is_beyond, through_pole
+from pointing_model.mounts import OF_MOUNT, ON_SKY, is_beyond
 from pointing_model.rms import rms
 from pointing_model.run import PointingRun
+from pointing_model.zero_exposures import is_for_zero
 
 from .fit import fit_terms
 
@@ -29,37 +30,37 @@ CHANCE = 0.01
 FOLDS = 10
 #: fewer rows of a side say nothing of it
 FEWEST = 3
-OF_MOUNT, ON_SKY = 'mount', 'sky'
-_PAIRS = (('az', 'el'), ('az_enc', 'el_enc'), ('az_abs', 'el_abs'))
 
 
-def fold(run):
-    """The run with all angles beyond the pole folded back to the sky.
+def with_errors(run, errors):
+    """The run, of a mount whose errors are of its parts or act on the sky.
 
     Parameters
     ----------
     run : PointingRun
-        Of an equatorial mount.
+        Of a German mount.
+    errors : {'mount', 'sky'}
+    """
+    return PointingRun(run.columns, {**run.meta, 'mount': run.mount.with_errors(errors)})
+
+
+def settled(run, names=None, *, encoder='enc', robust=True):
+    """The run with the errors that hold, where it can tell; else as it is.
+
+    Parameters
+    ----------
+    run, names, encoder, robust
+        As of `origin_of_errors`.
 
     Returns
     -------
-    PointingRun
-        `az, el` are hour angle and declination on both sides; miss distances, and the signs of
-        the rates and approaches of these rows, are turned with them.
+    run : PointingRun
+    origin : Origin or None
     """
-    beyond = is_beyond(run['el'])
-    columns = dict(run.columns)
-    for first, second in _PAIRS:
-        if first in columns:
-            columns[first], columns[second] = through_pole(
-                columns[first], columns[second], beyond)
-    for name in ('miss_x', 'miss_y'):
-        if name in columns:
-            columns[name] = np.where(beyond, -columns[name], columns[name])
-    for name in ('el_rate', 'approach_el'):
-        if name in columns:
-            columns[name] = np.where(beyond, -columns[name], columns[name])
-    return PointingRun(columns, run.meta)
+    origin = origin_of_errors(run, names, encoder=encoder, robust=robust)
+    if origin is not None and origin.holds:
+        run = with_errors(run, origin.holds)
+    return run, origin
 
 
 @dataclass(frozen=True)
@@ -142,7 +143,7 @@ def origin_of_errors(run, names=None, *, encoder='enc', robust=True):
     if min(beyond.sum(), (~beyond).sum()) < FEWEST or 2 * len(run) * (FOLDS - 1) < (
             2 * len(names) * FOLDS):
         return None
-    runs = {OF_MOUNT: run, ON_SKY: fold(run)}
+    runs = {errors: with_errors(run, errors) for errors in (OF_MOUNT, ON_SKY)}
     try:
         fits = {name: fit_terms(rows, names, encoder=encoder, robust=robust)
                 for name, rows in runs.items()}
@@ -160,6 +161,23 @@ def origin_of_errors(run, names=None, *, encoder='enc', robust=True):
     if chance < CHANCE:
         holds = ON_SKY if np.median(difference) > 0.0 else OF_MOUNT
     return Origin(holds, chance, left_out, fits, len(run), int(beyond.sum()))
+
+
+def origin_of_night(rows):
+    """As `origin_of_errors`, of the stars of the power-on that has most.
+
+    Each power-on has a zero of its own.
+
+    Parameters
+    ----------
+    rows : PointingRun
+        With a column `run`.
+    """
+    stars = rows.select(~is_for_zero(rows))
+    numbers, counts = np.unique(stars['run'], return_counts=True)
+    if not len(numbers):
+        return None
+    return origin_of_errors(stars.select(stars['run'] == numbers[np.argmax(counts)]))
 
 
 def _left_out(run, names, encoder, robust, beyond):

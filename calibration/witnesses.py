@@ -75,12 +75,13 @@ def homings_of(axes, run):
             for axis, told in axes.items()]
 
 
-def encoder_diagnostics(message):
+def encoder_diagnostics(message, within='/'):
     """Rows of the statuses in a DiagnosticArray that speak of marks, as a list of dict.
 
-    For `homings_from_diagnostics`.
+    For `homings_from_diagnostics`. Nodes of another namespace than `within` are of another mount.
     """
-    told = [{row.key: row.value for row in status.values} for status in message.status]
+    told = [{row.key: row.value for row in status.values} for status in message.status
+            if status.name.startswith(within)]
     return [values for values in told if f'{AXES[0]} homed' in values]
 
 

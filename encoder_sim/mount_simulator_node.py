@@ -13,7 +13,8 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from msg_tools import convert, topics
-from msg_tools.node import MountNode, Param, run_node
+from msg_tools.lifecycle import AUTOSTART, ManagedNode
+from msg_tools.node import Param, run_node
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.sky import DEFAULT_SITE
 
@@ -27,7 +28,7 @@ THERMOMETER_STEP = 0.05
 HAIR = 0.05 * ARCSEC
 
 PARAMS = (
-    *DEVICE_PARAMS,
+    AUTOSTART, *DEVICE_PARAMS,
     Param('time_scale', 0.0, 'simulated seconds a second; 0: as fast as the graph answers',
           0.0, 1000.0, fixed=True),
     Param('sample_rate_hz', 2.0, 'true angles a second of simulated time; with time_scale 0 only '
@@ -41,7 +42,7 @@ PARAMS = (
 )
 
 
-class MountSimulator(MountNode):
+class MountSimulator(ManagedNode):
     """Follows commanded tracks; simulated time passes as events need it."""
 
     def __init__(self, **kwargs):
@@ -80,6 +81,8 @@ class MountSimulator(MountNode):
     # --- commands -----------------------------------------------------------------------------
 
     def _on_command(self, message):
+        if not self.active:
+            raise ValueError(self.inactive)
         stamp, times, positions, velocities = convert.read_trajectory(message)
         asked = convert.joints_of(message.joint_names)
         if asked != self._names:
@@ -94,8 +97,8 @@ class MountSimulator(MountNode):
 
     async def _on_home(self, request, response):
         """Pass the marks; where one was not noticed, again and slower."""
-        if self._homing is not None:
-            response.message = 'homing is under way'
+        if self._homing is not None or not self.active:
+            response.message = self.inactive or 'homing is under way'
             return response
         reason = ''
         for attempt in range(HOME_ATTEMPTS):
@@ -224,6 +227,13 @@ class MountSimulator(MountNode):
         self._time = max(self._time, now)
         self._clock_pub.publish(
             ClockMessage(clock=convert.to_stamp(self._start + round(self._time * 1e9))))
+
+    def deactivated(self):
+        """Stand still where the axes are."""
+        if self._live:
+            now = (time.monotonic() - self._began) * self.value('time_scale')
+            here = self._mount.truth(np.array([now]))[0]
+            self._mount.follow(now, np.array([now]), here, np.zeros((1, 2)))
 
     def problems(self):
         """Pointings without an encoder to close the servo on."""

@@ -11,6 +11,8 @@ import threading
 import time
 from dataclasses import dataclass
 
+from .goto_mount import BridgeError
+
 #: s without a word after which a server is asked, and as much again after which it is lost
 SILENCE = 2
 #: s between looks at whether the server has closed the connection, and before one is tried again
@@ -19,7 +21,7 @@ LOOK, AGAIN = 0.1, 0.5
 PATIENCE = 10.0
 
 
-class IndiError(RuntimeError):
+class IndiError(BridgeError):
     """The server or the driver did not do what it was asked; the text is one line."""
 
 
@@ -60,13 +62,16 @@ class IndiClient:
         ``said(device, text)``: as a driver says something.
     connection : callable, optional
         ``connection(up)``: as it is made or lost.
+    blob : callable, optional
+        ``blob(device, values, formats)``: bytes and their format by name, as images come that
+        `enable_blobs` has asked for.
 
     Attributes
     ----------
     connected : bool
     """
 
-    def __init__(self, host, port, heard=None, said=None, connection=None):
+    def __init__(self, host, port, heard=None, said=None, connection=None, blob=None):
         try:
             import indipyclient
         except ImportError:
@@ -78,7 +83,7 @@ class IndiClient:
         logger.propagate = False
         self.host, self.port = host, port
         self.connected = self._closed = False
-        self._heard, self._said, self._connection = heard, said, connection
+        self._heard, self._said, self._connection, self._blob = heard, said, connection, blob
         self._vectors = {}
         self._news = threading.Condition()
         self._loop = self._client = None
@@ -150,6 +155,9 @@ class IndiClient:
                 self._news.notify_all()
             if self._heard is not None:
                 self._heard(device, name, vector)
+        elif kind == 'SetBLOB' and self._blob is not None:
+            self._blob(device, dict(event), {
+                member: form for member, (_, form) in event.sizeformat.items()})
         elif kind == 'Delete':
             with self._news:
                 for key in [key for key in self._vectors
@@ -234,6 +242,11 @@ class IndiClient:
             self._client.send_newVector(device, name, members={
                 key: value if isinstance(value, str) else repr(float(value))
                 for key, value in members.items()}), self._loop).result(PATIENCE)
+
+    def enable_blobs(self, device):
+        """Have the images of a device sent."""
+        asyncio.run_coroutine_threadsafe(
+            self._client.send_enableBLOB('Also', device), self._loop).result(PATIENCE)
 
     def switch(self, device, name, member):
         """Switch one on."""

@@ -1,69 +1,90 @@
 """A mount of an INDI server in the graph: its axes as joint states, `command` as goto and track."""
 
 import sys
+from contextlib import suppress
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from msg_tools import convert, topics
-from msg_tools.node import MountNode, Param, run_node
+from msg_tools.lifecycle import AUTOSTART, ManagedNode
+from msg_tools.node import Param, run_node
 from msg_tools.units import ARCSEC
 from pointing_model.sky_params import KIND_OF_MOUNT, SKY_PARAMS, mount_of, sky_of
 
-from .client import IndiError
 from .driver import MountDriver
+from .goto_mount import BridgeError
 from .params import SERVER_PARAMS
 from .pointing import hour_angle_of
 
 PARAMS = (
-    *SERVER_PARAMS, *SKY_PARAMS, KIND_OF_MOUNT,
-    Param('tolerance_arcsec', 3.0, 'axes that are farther from their demand are sent again '
+    AUTOSTART, *SERVER_PARAMS, *SKY_PARAMS, KIND_OF_MOUNT,
+    Param('tolerance_arcsec', 1.0, 'axes that are farther from their demand are sent again '
           '[arcsec]', 0.1, 3600.0, fixed=True),
-    Param('set_site', True, 'tell the driver the site, and the time with it, where it has another',
+    Param('set_site', True, 'tell the driver the site, and the time with it',
           fixed=True),
     Param('period_ms', 100, 'time between two readings, where the driver can be told; 0: its own '
           '[ms]', 0, 10000, fixed=True),
 )
+#: s in which home waits for a mount that is being made ready
+WAIT = 5.0
 
 
-class IndiMount(MountNode):
+class IndiMount(ManagedNode):
     """Owns the connection; what is computed stands in `driver`."""
 
-    def __init__(self, **kwargs):
-        super().__init__('indi_mount', PARAMS, hardware_id='mount of an INDI server', **kwargs)
-        value, mount = self.value, mount_of(self)
+    def __init__(self, name='indi_mount', params=PARAMS, hardware_id='mount of an INDI server',
+                 **kwargs):
+        super().__init__(name, params, hardware_id=hardware_id, **kwargs)
+        mount = mount_of(self)
         hour_angle_of(mount, 0.0, 0.0)  # a kind that cannot be driven is refused at once
         self._names = mount.names.keys
-        self._driver = MountDriver(
-            value('host'), value('port'), mount, sky_of(self)[0], value('device'), value('axes'),
-            value('tolerance_arcsec') * ARCSEC, value('set_site'), value('period_ms'))
+        self._driver = self.make_driver(mount)
         self._said = ''
         self._before = None
         self._pub = self.publisher(topics.INCREMENTAL)
         self.subscribe(topics.COMMAND, self._on_command)
-        for name, order, done in (
-                ('home', self._driver.unpark, 'the zero is that of the driver, which is left as it '
-                 'is; the mount is ready'),
-                ('abort', self._driver.abort, 'the mount stands'),
-                ('park', self._driver.park, 'the mount goes to its park position')):
-            self.serve(name, lambda order=order, done=done: self._ordered(order, done))
-        self._driver.start()
+        self.serve('home', self._home)
+        self._started = False
         self.every(0.02, self._tick)
 
+    def make_driver(self, mount):
+        """That of the parameters, a `goto_mount.GotoMount`."""
+        value = self.value
+        return MountDriver(
+            value('host'), value('port'), mount, sky_of(self)[0], value('device'), value('axes'),
+            value('tolerance_arcsec') * ARCSEC, value('set_site'), value('period_ms'))
+
+    def configured(self):
+        """Connect; once, then the connection is kept up."""
+        if not self._started:
+            self._started = True
+            self._driver.start()
+
+    def deactivated(self):
+        """Stop the mount."""
+        with suppress(BridgeError):  # it is not connected: whatever it does, nothing was asked for
+            self._driver.abort()
+
     def _on_command(self, message):
-        stamp, times, positions, _ = convert.read_trajectory(message)
+        if not self.active:
+            raise ValueError(self.inactive)
+        stamp, times, positions, rates = convert.read_trajectory(message)
         asked = convert.joints_of(message.joint_names)
         if asked != self._names:
             raise ValueError(f'command for {" and ".join(asked)}: this mount has '
                              f'{" and ".join(self._names)}')
-        self._driver.command(stamp, times, positions)
+        self._driver.command(stamp, times, positions, rates)
 
-    def _ordered(self, order, done):
+    def _home(self):
+        if not self.active:
+            return False, self.inactive
         try:
-            order()
-        except IndiError as err:
+            self._driver.wait_ready(WAIT)
+            self._driver.unpark()
+        except BridgeError as err:
             return False, str(err)
-        return True, done
+        return True, ('the zero is that of the driver, which is left as it is; the mount is ready')
 
     def _tick(self):
         for stamp, angles in self._driver.readings():
@@ -71,7 +92,7 @@ class IndiMount(MountNode):
                 stamp, angles, self._rate(stamp, angles), names=self._names))
         try:
             self._driver.step()
-        except IndiError as err:
+        except BridgeError as err:
             self.reject(topics.COMMAND.name, str(err))
         text = self._driver.state()[0]
         if text != self._said:
@@ -94,11 +115,12 @@ class IndiMount(MountNode):
 
     def details(self):
         """Device, side, what the driver's own model takes."""
-        return self._driver.details()
+        return [*super().details(), *self._driver.details()]
 
     def finish(self):
         """Leave a mount that stands."""
-        self._driver.close()
+        if self._started:
+            self._driver.close()
 
 
 def main(args=None):

@@ -1,12 +1,10 @@
-"""The camera of a mount that INDI simulates: where the brightest star is that it would see.
+"""The sky that a mount of an INDI server sees: where a star lies from the boresight.
 
-Only of a simulator, which knows where it truly looks. What a driver of a real mount reports is what
-it believes, and no camera: there a node of the user's own publishes `camera/miss_distance`.
+By the plate solves of any camera of the server; or, without one, by what a simulator tells of
+where it truly looks. What a driver of a real mount reports is what it believes, and no camera.
 """
 
 import sys
-import threading
-from collections import deque
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
@@ -15,94 +13,88 @@ from msg_tools.node import MountNode, Param, run_node
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.sky_params import KIND_OF_MOUNT, SKY_PARAMS, mount_of, sky_of
 
-from .client import IndiClient, IndiError
 from .params import SERVER_PARAMS
 from .seen import StarField
-from .telescope import IndiTelescope, Ticks, find_device, knows_where_it_looks
+from .sources import SolvedSky, TrueSky
 
 PARAMS = (
     *SERVER_PARAMS, *SKY_PARAMS, KIND_OF_MOUNT,
+    Param('camera', '', 'name of the camera on the server whose images are solved; empty: a '
+          'simulator tells where it looks', fixed=True),
+    Param('exposure_s', 1.0, 'of the camera [s]', 1e-3, 600.0, fixed=True),
+    Param('solver', '', 'solve-field or astap, or the path of one; empty: the first that is '
+          'installed', fixed=True),
+    Param('solve_timeout_s', 20.0, 'for one image [s]', 1.0, 600.0, fixed=True),
+    Param('least_scale_arcsec', 0.0, 'least scale of the images, arcsec a pixel; 0: not known '
+          '[arcsec]', 0.0, 3600.0, fixed=True),
+    Param('greatest_scale_arcsec', 0.0, 'greatest scale of the images; 0: not known [arcsec]',
+          0.0, 3600.0, fixed=True),
     Param('field_deg', 0.33, 'radius of the field [deg]', 0.01, 5.0, fixed=True),
     Param('magnitude_limit', 8.0, 'faintest star, Hipparcos magnitude', -2.0, 12.0, fixed=True),
-    Param('noise_arcsec', 0.3, 'noise of each axis [arcsec]', 0.0, 60.0, fixed=True),
+    Param('noise_arcsec', 0.3, 'of a simulator, noise of each axis [arcsec]', 0.0, 60.0,
+          fixed=True),
     Param('seed', 1, 'of the noise', 0, 2**31 - 1, fixed=True),
-    Param('rate_hz', 2.0, 'exposures a second at most [Hz]', 0.1, 20.0, fixed=True),
+    Param('rate_hz', 2.0, 'of a simulator, exposures a second at most [Hz]', 0.1, 20.0,
+          fixed=True),
 )
-#: s
-RETRY = 3.0
 
 
 class IndiSky(MountNode):
-    """An exposure at a tick of the driver; NaN says that no star was measured."""
+    """Publishes each exposure; NaN says that no star was measured."""
 
     def __init__(self, **kwargs):
-        super().__init__('indi_sky', PARAMS, hardware_id='what an INDI simulator sees', **kwargs)
+        super().__init__('indi_sky', PARAMS, hardware_id='what an INDI mount sees', **kwargs)
         value = self.value
-        self._field = StarField(
+        field = StarField(
             mount_of(self), *sky_of(self), value('field_deg') * DEG, value('magnitude_limit'),
             value('noise_arcsec') * ARCSEC, value('seed'))
-        self._tick, self._seen = None, deque(maxlen=100)
-        self._last, self._without = 0, 0
-        self._why, self._said = 'connecting', ''
+        where = value('host'), value('port'), field
+        if value('camera'):
+            self._source = SolvedSky(*where, value('camera'), self._solver(), value('exposure_s'))
+            self.subscribe(topics.INCREMENTAL, self._on_reading)
+        else:
+            self._source = TrueSky(*where, value('device'), value('axes'), value('rate_hz'))
+        self._without, self._said = 0, ''
         self._pub = self.publisher(topics.MISS_DISTANCE)
-        self._ticks = Ticks(self._take)
-        self._client = IndiClient(value('host'), value('port'), heard=self._ticks,
-                                  connection=self._connection)
-        self._wake, self._closed = threading.Event(), False
-        self._client.start()
-        threading.Thread(target=self._find, daemon=True).start()
+        self._source.start()
         self.every(0.05, self._expose)
 
-    def _connection(self, up):
-        if not up:
-            self._ticks.telescope, self._tick = None, None
-            self._why = f'the connection to {self._client.host}:{self._client.port} is lost'
-        self._wake.set()
+    def _solver(self):
+        from pointing_model.plate_solved.solvers import find_solver
+        scale = self.value('least_scale_arcsec'), self.value('greatest_scale_arcsec')
+        return find_solver(self.value('solver') or None, self.value('solve_timeout_s'),
+                           scale if all(scale) else None)
 
-    def _find(self):
-        while not self._closed:
-            if self._ticks.telescope is None:
-                try:
-                    telescope = IndiTelescope(
-                        self._client, find_device(self._client, self.value('device')),
-                        self.value('axes'))
-                    telescope.connect()
-                    knows_where_it_looks(telescope)
-                    self._ticks.telescope, self._why = telescope, ''
-                except (IndiError, OSError) as err:
-                    self._why = str(err)
-            self._wake.wait(RETRY)
-            self._wake.clear()
+    def check_together(self, values):
+        """Both ends of the scale, the lower one first."""
+        low, high = values['least_scale_arcsec'], values['greatest_scale_arcsec']
+        if bool(low) != bool(high) or low > high:
+            raise ValueError(f'scale of the images from {low:g} to {high:g} arcsec a pixel: give '
+                             'both, the least first')
 
-    def _take(self, tick):
-        """The place of a tick is known when the next one begins: unchanged, it is not sent."""
-        before, telescope = self._tick, self._ticks.telescope
-        if tick.place is not None:
-            self._tick = tick
-            return
-        self._tick = tick
-        if before is None or before.stamp - self._last < 1e9 / self.value('rate_hz'):
-            return
-        place = before.place if before.place is not None else telescope.place[0]
-        self._last = before.stamp
-        self._seen.append((before.stamp, place, before.axes[1]))
+    def _on_reading(self, message):
+        self._source.take_axes(convert.read_joints(message)[1][1])
 
     def _expose(self):
-        while self._seen:
-            stamp, place, second = self._seen.popleft()
-            miss = self._field.miss(stamp, place, second)
+        source = self._source
+        while source.seen:
+            stamp, miss = source.seen.popleft()
             self._without += int(miss[0] != miss[0])
             self._pub.publish(convert.vector(stamp, *miss, 'camera'))
-        if self._why != self._said:
-            self._said = self._why
-            if self._why:
-                self.get_logger().warning(self._why)
+        text = source.why or source.note
+        if text != self._said:
+            self._said = text
+            if text:
+                self.get_logger().warning(text)
             else:
-                self.get_logger().info('the simulator tells where it looks')
+                self.get_logger().info('exposures come')
 
     def problems(self):
-        """No connection, or a driver that does not know where it looks."""
-        return [(DiagnosticStatus.ERROR, self._why)] if self._why else []
+        """No connection, no camera, or a driver that does not know where it looks."""
+        source = self._source
+        if source.why:
+            return [(DiagnosticStatus.ERROR, source.why)]
+        return [(DiagnosticStatus.WARN, source.note)] if source.note else []
 
     def details(self):
         """Exposures without a star."""
@@ -110,9 +102,7 @@ class IndiSky(MountNode):
 
     def finish(self):
         """End the connection."""
-        self._closed = True
-        self._wake.set()
-        self._client.close()
+        self._source.close()
 
 
 def main(args=None):

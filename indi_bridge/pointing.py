@@ -95,10 +95,10 @@ class AxisFollower:
         By how much farther the axes are sent than demanded, rad.
     """
 
-    #: a step of the correction is no larger: what differs by more is not near yet, rad
+    #: the correction is no larger: what was judged is where the axes are demanded, rad
     LARGEST = 2.0 * DEG
 
-    def __init__(self, mount, site, tolerance=3.0 * ARCSEC):
+    def __init__(self, mount, site, tolerance=1.0 * ARCSEC):
         self.mount, self.site, self.tolerance = mount, site, tolerance
         self.correction = np.zeros(2)
 
@@ -122,8 +122,8 @@ class AxisFollower:
         """Take where the axes came to rest; True where they are to be sent again."""
         if self.arrived(demand, reading) or self.other_side(demand, reading):
             return False
-        self.correction = self.correction + np.clip(
-            self.off(demand, reading), -self.LARGEST, self.LARGEST)
+        self.correction = np.clip(self.correction + self.off(demand, reading), -self.LARGEST,
+                                  self.LARGEST)
         return True
 
     def target(self, demand, time):

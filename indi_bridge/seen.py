@@ -4,7 +4,7 @@ import numpy as np
 
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.mounts import is_beyond
-from pointing_model.sky import observed_place
+from pointing_model.sky import icrs_to_observed, observed_place
 from pointing_model.star_catalogue import load_catalogue
 
 from .pointing import axes_at
@@ -48,8 +48,27 @@ class StarField:
         second : float
             Angle of the second axis, which says whether that is through the pole, rad.
         """
-        time = stamp * 1e-9
-        axes = axes_at(self.mount, *place, time, self.site, bool(is_beyond(second)))
+        axes = axes_at(self.mount, *place, stamp * 1e-9, self.site, bool(is_beyond(second)))
+        return self.miss_of(stamp * 1e-9, axes,
+                            self._noise * np.random.default_rng([self._seed, stamp]).normal(size=2))
+
+    def looks_at(self, time, ra, dec, beyond):
+        """Axes of a perfect mount that looks at an ICRS place through the air, rad, shape (2,).
+
+        Parameters
+        ----------
+        time : float
+            UTC, s since 1970.
+        ra, dec : float
+            rad.
+        beyond : bool
+            Whether it looks there through the pole.
+        """
+        az, el = icrs_to_observed(np.array([ra]), np.array([dec]), time, self.site, self.weather)
+        return np.array(self.mount.on_travel(*self.mount.axes_of(az[0], el[0], beyond)))
+
+    def miss_of(self, time, axes, noise=0.0):
+        """As `miss`, of a mount whose perfect axes are `axes` (rad) at a time (s since 1970)."""
         forward = self.mount.direction(*map(np.asarray, axes))
         stars = self._around(time, forward)
         directions = _directions(*observed_place(stars, time, self.site, self.weather))
@@ -59,9 +78,7 @@ class StarField:
         star = directions[:, inside[np.argmin(stars.mag[inside])]]
         # about the boresight, to the right and the top of the tube, whatever its side
         right, top = self.mount.tangents(*map(np.asarray, axes))
-        rng = np.random.default_rng([self._seed, stamp])
-        return (np.array([star @ right, star @ top]) / (star @ forward)
-                + self._noise * rng.normal(size=2))
+        return np.array([star @ right, star @ top]) / (star @ forward) + noise
 
     def _around(self, time, forward):
         if self._about is None or forward @ self._about < np.cos(MOVED):

@@ -131,11 +131,11 @@ class Survey:
                 self._news.wait(0.2)
         return found
 
-    def run(self, wanted, progress=lambda done: None):
-        """Observe all of `wanted`, shape (n, 2); a `PointingRun`."""
+    def run(self, wanted, progress=lambda done: None, ticks=4):
+        """Observe all of `wanted`, shape (n, 2), as `observe` does; a `PointingRun`."""
         rows = []
         for hour_angle, dec in wanted:
-            rows.append(self.observe(hour_angle, dec))
+            rows.append(self.observe(hour_angle, dec, ticks))
             progress(len(rows))
         return PointingRun({name: np.array([row[name] for row in rows]) for name in rows[0]},
                            {'mount': self.mount, 'source': self.telescope.device,

@@ -24,9 +24,6 @@ RATE, KIND, CLOCK, CONNECTION = 'TELESCOPE_SLEW_RATE', 'MOUNT_TYPE', 'TIME_UTC',
 KINDS = {'ALTAZ': 'altaz', 'EQ_FORK': 'equatorial', 'EQ_GEM': 'german'}
 #: readings that come within so much of each other are of one tick, ns: a driver sends them at once
 TICK = 30_000_000
-#: axes that are not told: a sentence for people
-NO_AXES = ('the driver tells no axis angles: the position that it reports is taken for them, and '
-           'what its own model corrects cannot be measured')
 
 
 class Tick(NamedTuple):
@@ -79,11 +76,15 @@ def find_device(client, wanted='', timeout=PATIENCE):
     return found[0]
 
 
+def is_simulator(telescope):
+    """Whether it is INDI's telescope simulator."""
+    driver = telescope.get('DRIVER_INFO')
+    return driver is not None and driver.values.get('DRIVER_EXEC') == SIMULATOR
+
+
 def knows_where_it_looks(telescope):
     """Raise IndiError where the position that a driver reports is what it believes."""
-    driver = telescope.get('DRIVER_INFO')
-    simulated = driver is not None and driver.values.get('DRIVER_EXEC') == SIMULATOR
-    if telescope.get(TRUE_PLACE) is None and not simulated:
+    if telescope.get(TRUE_PLACE) is None and not is_simulator(telescope):
         raise IndiError(f'{telescope.device} reports what it believes, not what is seen: start a '
                         'camera of your own that publishes camera/miss_distance, and leave '
                         'indi_sky out')
@@ -154,6 +155,23 @@ class IndiTelescope:
         return told is not None and told.on == 'PARK'
 
     @property
+    def tracks(self):
+        """Whether it says that it follows the sky; None where it does not say."""
+        told = self.get(TRACK)
+        return None if told is None else told.on == 'TRACK_ON'
+
+    @property
+    def side(self):
+        """Side of the pier as the driver calls it, '' where it does not say."""
+        told = self.get(SIDE)
+        return '' if told is None else told.on
+
+    @property
+    def beyond(self):
+        """Whether it says that it looks through the pole; None where it does not say."""
+        return {'PIER_WEST': True, 'PIER_EAST': False}.get(self.side)
+
+    @property
     def slewing(self):
         """Whether it is under way."""
         told = self.get(PLACE)
@@ -194,7 +212,7 @@ class IndiTelescope:
     # --- orders -------------------------------------------------------------------------------
 
     def prepare(self, site=None, timeout=PATIENCE):
-        """Make it ready to be pointed: not parked, tracking after a slew, at its fastest.
+        """Make it ready to be pointed: standing, not parked, tracking after a slew, at its fastest.
 
         Parameters
         ----------
@@ -204,6 +222,8 @@ class IndiTelescope:
             s.
         """
         self.connect(timeout)
+        if self.slewing or self.tracks:
+            self.abort()  # nobody here has sent it, and nobody would renew it
         if site is not None:
             self.set_site(site, timeout)
         if self.parked:
@@ -217,7 +237,6 @@ class IndiTelescope:
         rates = self.get(RATE)
         if rates is not None and rates.values:
             self.client.switch(self.device, RATE, list(rates.values)[-1])
-        self.track(True)
 
     def set_site(self, site, timeout=PATIENCE):
         """Tell the driver where it stands, and the time where it takes it."""
@@ -241,6 +260,9 @@ class IndiTelescope:
         if on_set is None or on_set.on != 'TRACK':
             raise IndiError(f'{self.device} is set to {on_set.on if on_set else "nothing"} and '
                             'not to TRACK: no slew')
+        if self.tracks is False:
+            # some go on as they did before the slew
+            self.track(True)
         self.client.send(self.device, PLACE, RA=float(np.mod(ra, 2.0 * np.pi)) / HOUR,
                          DEC=dec / DEG)
 

@@ -6,14 +6,10 @@ import sys
 import time
 
 import rclpy
-from rcl_interfaces.msg import SetParametersResult
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
-from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.executors import ExternalShutdownException
-from rclpy.node import Node
-from rclpy.parameter import Parameter
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.time_source import TimeSource
 from std_srvs.srv import Trigger
@@ -21,8 +17,10 @@ from std_srvs.srv import Trigger
 from . import NAMESPACE
 from .executor import NodeExecutor
 from .gaps import SequenceGaps
+from .parameters import ParameterNode
 from .params import BadInput, Param
 from .readiness import LAST, PUBLISHED, PUBLISHES, SUBSCRIBES, GraphReports
+from .rivals import INSTANCE, earlier_rival, new_instance
 from .topics import CLOCK, DIAGNOSTICS
 
 __all__ = ['BadInput', 'Counter', 'MountNode', 'NO_PUBLISHER_EVENTS', 'NO_SUBSCRIPTION_EVENTS',
@@ -32,6 +30,8 @@ __all__ = ['BadInput', 'Counter', 'MountNode', 'NO_PUBLISHER_EVENTS', 'NO_SUBSCR
 # half of a node's time. Incompatible endpoints are found once a second in the graph instead.
 NO_PUBLISHER_EVENTS = PublisherEventCallbacks(use_default_callbacks=False)
 NO_SUBSCRIPTION_EVENTS = SubscriptionEventCallbacks(use_default_callbacks=False)
+#: s between two looks whether a node is alone in its place
+RIVALS = 0.25
 
 
 class Counter:
@@ -62,7 +62,7 @@ class Counter:
             self.sequence.add(number)
 
 
-class MountNode(Node):
+class MountNode(ParameterNode):
     """A node of the graph.
 
     Parameters
@@ -86,12 +86,10 @@ class MountNode(Node):
 
     def __init__(self, name, params=(), *, hardware_id='', context=None, overrides=None,
                  namespace=NAMESPACE):
-        given = [Parameter(key, value=value) for key, value in (overrides or {}).items()]
-        super().__init__(name, context=context, namespace=namespace, parameter_overrides=given,
-                         start_parameter_services=True, enable_rosout=True)
-        self._params = {}
+        super().__init__(name, params, context=context, overrides=overrides, namespace=namespace)
         self._publishers_of = {}
         self._subscriptions_of = {}
+        self._instance, self._sole, self._overheard = new_instance(), [], None
         self.rejected = {}
         # unique: two mounts may be on one graph
         self._hardware_id = f'{self.get_fully_qualified_name()}: {hardware_id or name}'
@@ -99,84 +97,12 @@ class MountNode(Node):
         self._announced_at = 0.0
         self._last_counts, self._told = None, (None, None)
         self._unmatched, self._warned = set(), set()
-        self.declare(params)
-        unknown = [key for key in self._parameter_overrides
-                   if not self.has_parameter(key) and not key.startswith('qos_overrides.')]
-        if unknown:
-            import difflib
-            close = difflib.get_close_matches(unknown[0], list(self._params), 1)
-            hint = f'did you mean {close[0]}?' if close else f'it has {", ".join(self._params)}'
-            raise BadInput(f'{name}: unknown parameter {unknown[0]}; {hint}')
-        try:
-            self.check_together({key: self.value(key) for key in self._params})
-        except ValueError as err:
-            raise BadInput(f'{name}: {err}') from None
-        self.add_on_set_parameters_callback(self._validate)
-        self.add_post_set_parameters_callback(self._apply)
         self._diagnostics = self.create_publisher(
             DIAGNOSTICS.message, DIAGNOSTICS.name, DIAGNOSTICS.qos,
             event_callbacks=NO_PUBLISHER_EVENTS)
         # diagnostics go on while simulated time stands still
         self.every(0.1, self._diagnose)
-
-    # --- parameters -------------------------------------------------------------------------
-
-    def declare(self, params):
-        """Declare `params`; BadInput where a start-up value is refused."""
-        for param in params:
-            try:
-                value = self.declare_parameter(
-                    param.name, param.default, param.descriptor()).value
-            except InvalidParameterValueException:
-                given = self._parameter_overrides[param.name].value
-                raise BadInput(f'{self.get_name()}: {param.name} = {given}: '
-                               f'must be {param.low} to {param.high}') from None
-            except InvalidParameterTypeException:
-                given = self._parameter_overrides[param.name].value
-                kind = type(param.default).__name__
-                if kind == 'float' and isinstance(given, int):
-                    kind += f', write {given}.0'
-                raise BadInput(
-                    f'{self.get_name()}: {param.name} = {given!r}: must be a {kind}') from None
-            reason = param.refuse(value)
-            if reason:
-                raise BadInput(f'{self.get_name()}: {reason}')
-            self._params[param.name] = param
-
-    def check_overrides(self):
-        """BadInput where a QoS override fits no endpoint; all endpoints must have been made."""
-        for key in self._parameter_overrides:
-            if not self.has_parameter(key):
-                raise BadInput(f'{self.get_name()}: {key} fits no topic and policy of this node; '
-                               f'see ros2 param list {self.get_fully_qualified_name()}')
-
-    def value(self, name):
-        """The value of parameter `name`."""
-        return self.get_parameter(name).value
-
-    def _validate(self, parameters):
-        for parameter in parameters:
-            known = self._params.get(parameter.name)
-            reason = known.refuse(parameter.value) if known else None
-            if reason:
-                return SetParametersResult(successful=False, reason=reason)
-        try:
-            self.check_together({name: self.value(name) for name in self._params}
-                                | {p.name: p.value for p in parameters})
-        except ValueError as err:
-            return SetParametersResult(successful=False, reason=str(err))
-        return SetParametersResult(successful=True)
-
-    def check_together(self, values):
-        """Raise ValueError where parameter values do not go together; for subclasses."""
-
-    def _apply(self, parameters):
-        names = {p.name for p in parameters} & set(self._params)
-        if names:
-            self.parameters_changed(names)
-
-    def parameters_changed(self, names):
-        """Called after `names` have new, valid values."""
+        self.every(RIVALS, self._look_for_rivals)
 
     # --- topics -----------------------------------------------------------------------------
 
@@ -188,6 +114,8 @@ class MountNode(Node):
             qos_overriding_options=QoSOverridingOptions.with_default_policies())
         counter = Counter()
         self._publishers_of[pub.topic_name] = (pub, counter)
+        if not topic.many:
+            self._sole.append(pub.topic_name)
         publish = pub.publish
 
         def counted(message):
@@ -242,17 +170,49 @@ class MountNode(Node):
         self.create_service(Trigger, name, answer)
 
     def graph_reports(self):
-        """What the nodes of the graph report of themselves: a `GraphReports`, kept up to date."""
-        reports = GraphReports()
-        self.create_subscription(DIAGNOSTICS.message, DIAGNOSTICS.name, reports.take,
-                                 DIAGNOSTICS.qos, event_callbacks=NO_SUBSCRIPTION_EVENTS)
+        """What the nodes of its namespace report of themselves: a `GraphReports`, kept up to date.
+
+        Returns
+        -------
+        GraphReports
+        """
+        reports = GraphReports(self.get_namespace())
+        self._hear_diagnostics(reports.take)
         return reports
 
+    def _hear_diagnostics(self, call):
+        return self.create_subscription(DIAGNOSTICS.message, DIAGNOSTICS.name, call,
+                                        DIAGNOSTICS.qos, event_callbacks=NO_SUBSCRIPTION_EVENTS)
+
+    # --- one graph in a namespace -----------------------------------------------------------
+
+    def _look_for_rivals(self):
+        """While another is, or publishes, what this node does, listen who it is."""
+        own = self.get_name(), self.get_namespace()
+        crowd = (any(self.count_publishers(topic) > 1 for topic in self._sole)
+                 or self.get_node_names_and_namespaces().count(own) > 1)
+        if crowd and self._overheard is None:
+            self._overheard = self._hear_diagnostics(self._on_overheard)
+        elif not crowd and self._overheard is not None:
+            self.destroy_subscription(self._overheard)
+            self._overheard = None
+
+    def _on_overheard(self, message):
+        for status in message.status:
+            reason = earlier_rival(self._instance, self.get_fully_qualified_name(), self._sole,
+                                   status)
+            if reason:
+                # topics such as /clock are in no namespace
+                place = '' if reason.startswith(f'{CLOCK.name} ') else (
+                    'namespace (-r __ns:=/NAME) or ')
+                raise BadInput(f'{self.get_name()}: {reason}: end that graph, or start this one in '
+                               f'another {place}ROS_DOMAIN_ID')
+
     def reject(self, source, reason):
-        """Count a message that could not be used, and say so in the log the first times."""
-        count, _ = self.rejected.get(source, (0, ''))
+        """Count a message that could not be used; in the log the first times, each reason once."""
+        count, before = self.rejected.get(source, (0, ''))
         self.rejected[source] = (count + 1, reason)
-        if count < 5:
+        if count < 5 and reason != before:
             self.get_logger().warning(f'{source}: message refused: {reason}')
 
     # --- diagnostics ------------------------------------------------------------------------
@@ -352,8 +312,9 @@ class MountNode(Node):
             name=self.get_fully_qualified_name(),
             message='; '.join(text for _, text in issues) or 'ok',
             hardware_id=self._hardware_id)
-        rows = rows + rates + [(f'refused {source}', f'{count} (last: {reason})')
-                               for source, (count, reason) in self.rejected.items()]
+        rows = [(INSTANCE, self._instance), *rows, *rates,
+                *((f'refused {source}', f'{count} (last: {reason})')
+                  for source, (count, reason) in self.rejected.items())]
         status.values = [KeyValue(key=k, value=v) for k, v in [*rows, *self.details()]]
         message = DIAGNOSTICS.message(status=[status])
         message.header.stamp = self.get_clock().now().to_msg()
@@ -383,6 +344,10 @@ def run_node(make_node, args=None):
     # KeyboardInterrupt could fall into the middle of a record of the log; rclpy shuts the
     # context down at either signal, and that ends `spin`
     signal.signal(signal.SIGINT, lambda *_: None)
+    # a terminal that is closed ends a node as Ctrl-C does, and not in the middle of a record;
+    # not where it was told to go on (nohup)
+    if signal.getsignal(signal.SIGHUP) == signal.SIG_DFL:
+        signal.signal(signal.SIGHUP, lambda *_: signal.raise_signal(signal.SIGTERM))
     try:
         rclpy.init(args=args)
         running = True
@@ -415,6 +380,6 @@ def run_node(make_node, args=None):
             node.destroy_node()
         rclpy.try_shutdown()
         # a second signal would find rclpy's handlers gone and end the process hard
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, signal.SIG_IGN)
     return 0

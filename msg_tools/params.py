@@ -7,6 +7,9 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 
 #: in the constraints of a parameter's descriptor, see `Param.truth`
 OF_TRUTH = 'what only the simulator knows: kept out of the log that a calibration reads'
+#: of the site: one file tells them to all nodes (`/**`), and who has no use for them lets them be
+OF_SITE = ('latitude_deg', 'longitude_deg', 'height_m', 'pressure_hpa', 'temperature_c', 'humidity',
+           'wavelength_um')
 
 
 @dataclass(frozen=True)

@@ -11,12 +11,23 @@ PUBLISHED, LAST = 'published', 'last'  # messages, the last one's sequence numbe
 
 
 class GraphReports(dict):
-    """What the nodes of a graph last reported of themselves: node name -> what `parse` returned."""
+    """What the nodes of a graph last reported of themselves: node name -> what `parse` returned.
+
+    Parameters
+    ----------
+    namespace : str
+        Of the graph; what others report is left alone.
+    """
+
+    def __init__(self, namespace):
+        super().__init__()
+        self._within = namespace.rstrip('/') + '/'
 
     def take(self, message):
         """Keep the reports in a DiagnosticArray."""
         for status in message.status:
-            self[status.name] = parse(status)
+            if status.name.startswith(self._within):
+                self[status.name] = parse(status)
 
 
 def parse(status):

@@ -36,11 +36,14 @@ class Topic:
         As in ``ros2 topic list -t``, for instance ``sensor_msgs/msg/JointState``.
     qos : rclpy.qos.QoSProfile
         What both sides ask for; a user may override it by parameter.
+    many : bool
+        Whether several nodes may publish it; else one that starts beside another ends.
     """
 
     name: str
     type: str
     qos: QoSProfile
+    many: bool = False
 
     @property
     def message(self):
@@ -56,7 +59,7 @@ class Topic:
 
 CLOCK = Topic('/clock', 'rosgraph_msgs/msg/Clock', RELIABLE)
 # what commanders ask for; the guard judges it, and it alone publishes `command`
-REQUEST = Topic('request', 'trajectory_msgs/msg/JointTrajectory', RELIABLE)
+REQUEST = Topic('request', 'trajectory_msgs/msg/JointTrajectory', RELIABLE, many=True)
 GUARD_STATUS = Topic('guard/status', 'diagnostic_msgs/msg/DiagnosticStatus', LATCHED)
 COMMAND = Topic('command', 'trajectory_msgs/msg/JointTrajectory', RELIABLE)
 # only the simulated hardware may subscribe to these
@@ -87,11 +90,16 @@ CALIBRATION_STATUS = Topic(
     'calibration/status', 'diagnostic_msgs/msg/DiagnosticStatus', LATCHED)
 # the rows of the night, for an observer that was started anew and has none
 CALIBRATION_TABLE = Topic('calibration/table', 'sensor_msgs/msg/PointCloud2', LATCHED)
-TARGET = Topic('target', 'trajectory_msgs/msg/JointTrajectory', RELIABLE)
+TARGET = Topic('target', 'trajectory_msgs/msg/JointTrajectory', RELIABLE, many=True)
 DEMAND = Topic('demand', 'trajectory_msgs/msg/JointTrajectory', RELIABLE)
 DEMAND_SIGMA = Topic('demand_sigma', 'geometry_msgs/msg/Vector3Stamped', RELIABLE)
 # model and zero as one: JSON, see pointing_model/in_force_message.py
 IN_FORCE = Topic('in_force', 'std_msgs/msg/String', LATCHED)
-DIAGNOSTICS = Topic('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', RELIABLE)
+DIAGNOSTICS = Topic('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', RELIABLE, many=True)
 
 ALL = tuple(value for value in list(globals().values()) if isinstance(value, Topic))
+
+# pictures of what the others say, which no log needs: for RViz and Foxglove, from `mount_display`
+ROBOT_DESCRIPTION = Topic('robot_description', 'std_msgs/msg/String', LATCHED)
+JOINTS = Topic('joint_states', 'sensor_msgs/msg/JointState', RELIABLE)
+MARKERS = Topic('markers', 'visualization_msgs/msg/MarkerArray', RELIABLE)

@@ -7,7 +7,7 @@ import numpy as np
 
 from msg_tools.units import ARCSEC, wrap
 
-from .mounts import ALTAZ, is_beyond
+from .mounts import ALTAZ, OF_MOUNT, is_beyond
 from .run import COLUMNS
 from .terms import Trig
 
@@ -92,7 +92,8 @@ class Context:
     def __init__(self, az, el, columns=None, latitude=None, longitude=None, mount=ALTAZ):
         self.az, self.el = (np.atleast_1d(np.asarray(v, float)) for v in (az, el))
         self.mount = mount
-        self.trig = Trig(self.az, self.el, mount)
+        #: of the axes; `term` takes terms where they act
+        self.trig = Trig(self.az, self.el, mount.with_errors(OF_MOUNT))
         self.columns = dict(columns or {})
         self.latitude, self.longitude = latitude, longitude
         #: False where time counts from an arbitrary start, or the angles are no raw readings

@@ -14,7 +14,8 @@ degrees of elevation.
 
 In another frame the names are others (IH ID CH NP MA ME; `Mount.names`) and the rotations the
 same. A place (a, e) with e beyond the pole is reached there with cos e < 0: of the two solutions
-the one on that side is taken, so that signs which change with the side need not be known.
+the one on that side is taken, so that signs which change with the side need not be known. Where
+errors act on the sky (`Mount.errors`), all of this is done at the place folded back to it.
 
 E in the flexure TF cos E is the catalogue elevation, as in the design columns and in every
 other empirical term; it is undone by iteration, which shrinks an error by TF in each step. It
@@ -26,7 +27,8 @@ import numpy as np
 
 from msg_tools.units import ARCSEC, wrap
 
-from .mounts import ALTAZ, CANONICAL
+from .mount_names import CANONICAL
+from .mounts import ALTAZ, OF_MOUNT, sides
 
 #: The coefficients that this module understands, of an alt-azimuth mount.
 GEOMETRIC = CANONICAL
@@ -137,8 +139,12 @@ def sky_to_encoder(az, el, coefficients, mount=ALTAZ):
     ValueError
         A name in `coefficients` is not geometric.
     """
-    ia, ie, ca, npae, an, aw, tf = _values(coefficients, mount)
     az, el = np.asarray(az, float), np.asarray(el, float)
+    if mount.on_sky:
+        a, e, side = sides(az, el)
+        a_enc, e_enc = sky_to_encoder(a, e, coefficients, mount.with_errors(OF_MOUNT))
+        return az + wrap(a_enc - a), el + side * wrap(e_enc - e)
+    ia, ie, ca, npae, an, aw, tf = _values(coefficients, mount)
     bend = tf * np.cos(el) if mount.altaz else 0.0
     if ca or npae or an or aw or (tf and not mount.altaz):
         a, e = _axes(az, el, ca, npae, an, aw, tf, mount)[:2]
@@ -173,8 +179,10 @@ def encoder_to_sky(az_enc, el_enc, coefficients, added=None, mount=ALTAZ):
     ValueError
         A name in `coefficients` is not geometric.
     """
-    ia, ie, ca, npae, an, aw, tf = _values(coefficients, mount)
     az_enc, el_enc = np.asarray(az_enc, float), np.asarray(el_enc, float)
+    if mount.on_sky:
+        return _folded(az_enc, el_enc, coefficients, added, mount.with_errors(OF_MOUNT))
+    ia, ie, ca, npae, an, aw, tf = _values(coefficients, mount)
     sin_c, cos_c, sin_n, cos_n = np.sin(ca), np.cos(ca), np.sin(npae), np.cos(npae)
 
     def look(a, e, star=None):
@@ -209,6 +217,19 @@ def encoder_to_sky(az_enc, el_enc, coefficients, added=None, mount=ALTAZ):
         if not open_.any():
             return az, el
     return np.where(open_, np.nan, az), np.where(open_, np.nan, el)
+
+
+def _folded(az_enc, el_enc, coefficients, added, mount):
+    """`encoder_to_sky` of a mount whose errors act on the sky, before the flip."""
+    a_enc, e_enc, side = sides(az_enc, el_enc)
+
+    def unfolded(a, e):
+        return az_enc + wrap(a - a_enc), el_enc + side * wrap(e - e_enc)
+
+    def added_there(a, e):
+        d_az, d_el = added(*unfolded(a, e))
+        return d_az, side * d_el
+    return unfolded(*encoder_to_sky(a_enc, e_enc, coefficients, added and added_there, mount))
 
 
 def offsets(az, el, coefficients, mount=ALTAZ):
@@ -253,6 +274,12 @@ def offsets_and_jacobian(az, el, coefficients, names, mount=ALTAZ):
         tilt against one (4e-7 at 300"); that of TF of another mount than an alt-azimuth one is
         of first order.
     """
+    if mount.on_sky:
+        az, el, side = sides(az, el)
+        x, y, jacobian = offsets_and_jacobian(az, el, coefficients, names,
+                                              mount.with_errors(OF_MOUNT))
+        return side * x, side * y, {name: tuple(side * v for v in both)
+                                    for name, both in jacobian.items()}
     ia, ie, ca, npae, an, aw, tf = _values(coefficients, mount)
     a, e, (ux, uy, uz), (vx, vy), sin_e = _axes(az, el, ca, npae, an, aw, tf, mount)
     cos_el = np.cos(el)

@@ -95,7 +95,7 @@ class PointingModel:
         trig = Trig(az, el, self.mount)
         x, y = 0.0, 0.0
         for term in known_terms(columns, self.mount):
-            of = term.of(trig)
+            of = trig.columns(term)
             x, y = x + columns[term.name] * of[0], y + columns[term.name] * of[1]
         if self.harmonics is not None:
             hx, hy = self.harmonics.offsets(np.ravel(az), np.ravel(el))

@@ -12,12 +12,13 @@ from .fitted_effects import FittedEffect
 from .following import KEY as FOLLOWS
 from .harmonics import Harmonics
 from .model import PointingModel
-from .mounts import ALTAZ, Mount, told
+from .mounts import ALTAZ, OF_MOUNT, Mount, told
 
 FORMAT = 'telescope_mount/pointing_model'
 VERSION = 2
 _PLAIN_VERSION = 1  # without effects: as ever, so that older programs read it
 _MOUNT_VERSION = 3  # of other mounts than alt-azimuth ones: programs that know none refuse it
+_SKY_VERSION = 4  # of errors that act on the sky: who takes them for the mount's must refuse it
 #: `identity` where nothing is corrected
 NO_MODEL = 'none'
 _INTERPRETATION = 'reading'  # the key that `Harmonics.interpretation` has had in files ever since
@@ -32,6 +33,10 @@ _CONVENTION_OF_AXES = (
     'the pole of the first axis, b from the equator to the pole and beyond it on the other side of '
     'the pier; on the sky x = da cos b, y = db; frame: the axes x, y, z as east, north, up; terms '
     'in TPOINT names (the index terms and those of the axes have the opposite sign there)'
+)
+_CONVENTION_ON_SKY = (
+    '; errors: sky, the terms act on angles folded back to the sky (beyond the pole a + 180 deg, '
+    '180 deg - b), before the side of the pier is worked out; harmonics and effects act on the axes'
 )
 
 
@@ -81,9 +86,11 @@ def _mount_document(mount):
     """What the document has of another mount than an alt-azimuth one."""
     if mount.altaz:
         return {}
-    return {'version': _MOUNT_VERSION,
-            'convention': _CONVENTION_OF_AXES.format(', '.join(mount.names.axes)),
-            'mount': {'kind': mount.kind, 'frame': [list(axis) for axis in mount.frame]}}
+    convention = _CONVENTION_OF_AXES.format(', '.join(mount.names.axes))
+    return {'version': _SKY_VERSION if mount.on_sky else _MOUNT_VERSION,
+            'convention': convention + _CONVENTION_ON_SKY * mount.on_sky,
+            'mount': {'kind': mount.kind, 'frame': [list(axis) for axis in mount.frame],
+                      **({'errors': mount.errors} if mount.on_sky else {})}}
 
 
 def from_json(text):
@@ -143,10 +150,11 @@ def from_document(document):
     """Read the parsed document (see `from_json`)."""
     if not isinstance(document, dict) or document.get('format') != FORMAT:
         raise ValueError(f'not a pointing model: the document has no format {FORMAT!r}')
-    if document.get('version') not in (_PLAIN_VERSION, VERSION, _MOUNT_VERSION):
+    if document.get('version') not in (_PLAIN_VERSION, VERSION, _MOUNT_VERSION,
+                                       _SKY_VERSION):
         raise ValueError(
             f'pointing model of version {document.get("version")!r}, this program reads '
-            f'version {_PLAIN_VERSION} to {_MOUNT_VERSION}; update the program or fit the run '
+            f'version {_PLAIN_VERSION} to {_SKY_VERSION}; update the program or fit the run '
             'again')
     try:
         rows = document['terms']
@@ -170,7 +178,8 @@ def from_document(document):
             raise ValueError('provenance is not an object')
         geometry = document['geometry']
         told = document.get('mount')
-        mount = ALTAZ if told is None else Mount(told['kind'], told['frame'])
+        mount = ALTAZ if told is None else Mount(told['kind'], told['frame'],
+                                                  told.get('errors', OF_MOUNT))
         effects = [FittedEffect.from_document(row) for row in document.get('effects') or ()]
     except KeyError as error:
         raise ValueError(f'pointing model document without {error}') from None

@@ -2,16 +2,20 @@
 
 import sys
 import time
+from contextlib import suppress
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from msg_tools import convert, topics
-from msg_tools.node import MountNode, Param, run_node
+from msg_tools.lifecycle import AUTOSTART, ManagedNode
+from msg_tools.node import Param, run_node
 from msg_tools.units import DEG
 
-from .guard.keeper import ERROR, Keeper, Settings
-from .guard.limits import TRAVEL_DEG, Axis, Horizon, Limits, parse_horizon, parse_pair
+from .guard.goto import GotoKeeper
+from .guard.keeper import ERROR, WARN, Keeper, Settings
+from .guard.limits import Axis, Horizon, Limits, parse_horizon, parse_pair, travel_of
 from .guard.sun import Sun
+from .observing.instrument_health import AHEAD_LIVE, BEHIND_LIVE
 from .observing.pointing import Track
 from .sky import Site
 from .sky_params import KIND_OF_MOUNT, SKY_PARAMS, mount_of
@@ -24,7 +28,7 @@ def _travel(name, which):
 
 
 PARAMS = (
-    KIND_OF_MOUNT,
+    AUTOSTART, KIND_OF_MOUNT,
     *SKY_PARAMS[:3],
     _travel('first_travel_deg', 'first'),
     _travel('second_travel_deg', 'second'),
@@ -50,9 +54,11 @@ PARAMS = (
           'once, for a simulated mount whose time waits for events [s]', 0.0, 5.0, fixed=True),
     Param('ahead_s', 1.5, 'a command reaches so far beyond now, by the time of the graph [s]', 0.2,
           3600.0, fixed=True),
+    Param('goto', False, 'the driver is told places, and slews to them as it likes: commands hold '
+          'the track alone, and any way in between must be free', fixed=True),
     Param('silence_s', 0.5, 'without a reading for so long the mount is stopped [s]', 0.05, 60.0,
           fixed=True),
-    Param('request_timeout_s', 0.5, 'a request that is not renewed for so long is over [s]', 0.05,
+    Param('request_timeout_s', 0.45, 'a request that is not renewed for so long is over [s]', 0.05,
           60.0, fixed=True),
     Param('behind_deg', 2.0, 'an axis so far from where it was sent is stopped [deg]', 0.01, 180.0,
           fixed=True),
@@ -61,10 +67,12 @@ PARAMS = (
 )
 #: steady seconds between looks at it all
 LOOK = 0.05
+#: s in which a node of a graph finds the others
+LOOK_AROUND = 1.0
 LEVELS = (DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR)
 
 
-class MountGuard(MountNode):
+class MountGuard(ManagedNode):
     """Publishes `command`: it alone, and nothing that the mount must not follow.
 
     What is judged and sent stands in `guard.keeper`, which knows no ROS.
@@ -74,16 +82,25 @@ class MountGuard(MountNode):
         super().__init__('mount_guard', PARAMS, hardware_id='mount guard', **kwargs)
         self._mount, value = mount_of(self), self.value
         self._names, self._whole = self._mount.names.keys, value('renew_s') == 0.0
-        limits = Limits(
+        self._resting = False
+        self._limits = limits = Limits(
             self._mount, tuple(self._axis(i, name) for i, name in enumerate(('first', 'second'))),
             Horizon(value('least_elevation_deg') * DEG, parse_horizon(value('horizon'))),
             value('sun_distance_deg') * DEG, value('slew_timing'))
+        blocked = limits.blocked_pole
+        if blocked:
+            self.get_logger().warning(
+                f'the pole through which the mount changes its side is {blocked[0] / DEG:.1f} deg '
+                f'high, the horizon there {blocked[1] / DEG:.1f} deg: it cannot change it; set '
+                'least_elevation_deg and horizon lower there')
         self._park = parse_pair(value('park_deg'))
-        self._keeper = Keeper(limits, Sun(_site(self)), Settings(
+        keeper = GotoKeeper if value('goto') else Keeper
+        self._keeper = keeper(limits, Sun(_site(self)), Settings(
             self._whole, max(value('ahead_s'), value('renew_s') + 2.0 * LOOK), value('silence_s'),
             value('request_timeout_s'), value('behind_deg') * DEG, value('turn_known')),
             time.monotonic)
         self._said, self._renewed, self._crowd = None, 0.0, ''
+        self._ticked, self._late = 0.0, False
         self._request = None  # the message as it came
         self._command_pub = self.publisher(topics.COMMAND)
         self._status_pub = self.publisher(topics.GUARD_STATUS)
@@ -93,11 +110,11 @@ class MountGuard(MountNode):
         self.serve('pause', lambda: self._do('paused', self._keeper.pause))
         self.serve('resume', lambda: self._do('resumed', self._keeper.resume))
         self.serve('park', self._on_park)
-        self.every(LOOK, self._look)
+        self.every(LOOK, self._tick)
         self.every(0.5, self._look_at_commanders)
 
     def _axis(self, i, name):
-        low, high = parse_pair(self.value(f'{name}_travel_deg')) or TRAVEL_DEG[self._mount.kind][i]
+        low, high = parse_pair(self.value(f'{name}_travel_deg')) or travel_of(self._mount)[i]
         return Axis(low * DEG, high * DEG, self.value(f'{name}_rate_deg_s') * DEG,
                     self.value(f'{name}_acceleration_deg_s2') * DEG)
 
@@ -107,6 +124,9 @@ class MountGuard(MountNode):
             low, high = parse_pair(values[name]) or (0.0, 1.0)
             if low >= high:
                 raise ValueError(f'{name} = {values[name]}: give the smaller end first')
+        if values['goto'] and not values['renew_s']:
+            raise ValueError('renew_s = 0 with goto: nothing would stop such a driver; set it to '
+                             '0.5')
 
     # --- messages -----------------------------------------------------------------------------
 
@@ -114,7 +134,10 @@ class MountGuard(MountNode):
         if convert.joints_of(message.name) != self._names:
             return  # of another mount: the observer says so
         stamp, angles, rates, _ = convert.read_joints(message)
-        angles = self._mount.on_travel(*angles)
+        if not self.value('use_sim_time') and not (
+                -BEHIND_LIVE <= stamp - self.get_clock().now().nanoseconds <= AHEAD_LIVE):
+            raise ValueError("stamps of another clock than this machine's")  # as silent
+        angles = self._limits.on_travel(*angles)
         self._keeper.take_reading(stamp, angles, rates)
         if self._keeper.state in ('waiting', 'around', 'stopping', 'parking'):
             self._look()
@@ -124,6 +147,8 @@ class MountGuard(MountNode):
             self._keeper.withdraw(self._now())
             self._look()
             return
+        if not self.active and not self._resting:
+            return  # it is renewed while it is wanted; the status says why nothing follows
         stamp, times, angles, rates = convert.read_trajectory(message)
         asked = convert.joints_of(message.joint_names)
         if asked != self._names:
@@ -143,8 +168,19 @@ class MountGuard(MountNode):
         now = self.get_clock().now().nanoseconds
         return max(now, self._keeper.readings.stamp) if self._whole else now
 
+    def _tick(self):
+        """Look; where this process was held up, once more what waits is heard before."""
+        before, self._ticked = self._ticked, time.monotonic()
+        self._late = self._ticked - before > 3.0 * LOOK and not self._late
+        if not self._late:
+            self._look()
+
     def _look(self):
         """Send what is due."""
+        if not self.active:
+            if not self.starting:
+                self._tell()
+            return
         now = time.monotonic()
         due = now - self._renewed >= self.value('renew_s')
         tracks = self._keeper.step(self._now(), due)
@@ -163,17 +199,20 @@ class MountGuard(MountNode):
 
     def _tell(self):
         keeper = self._keeper
-        told = keeper.state, keeper.reason, keeper.refused
+        state, level, reason = keeper.state, keeper.level, keeper.reason
+        if not self.active:
+            state, level, reason = 'inactive', WARN, self.inactive
+        told = state, reason, keeper.refused
         if told == self._said:
             return
         self._said = told
         self._status_pub.publish(convert.status(
-            LEVELS[keeper.level], self.get_fully_qualified_name(), keeper.reason,
-            state=keeper.state, refused=keeper.refused[0], reason=keeper.refused[1]))
-        text = f'{keeper.state}: {keeper.reason}'
-        if keeper.level == ERROR:
+            LEVELS[level], self.get_fully_qualified_name(), reason,
+            state=state, refused=keeper.refused[0], reason=keeper.refused[1]))
+        text = f'{state}: {reason}'
+        if level == ERROR:
             self.get_logger().error(text)
-        elif keeper.level:
+        elif level:
             self.get_logger().warning(text)
         else:
             self.get_logger().info(text)
@@ -183,16 +222,41 @@ class MountGuard(MountNode):
         crowd = ''
         if self.count_publishers(full) > 1:
             names = sorted({f'{info.node_namespace.rstrip("/")}/{info.node_name}'
-                            for info in self.get_publishers_info_by_topic(full)})
+                            for info in self.get_publishers_info_by_topic(full)
+                            # right after its discovery the name of a node is not known
+                            if 'UNKNOWN' not in info.node_name})
             if len(names) > 1:
                 crowd = f'{" and ".join(names)} publish {full}: end all but one'
         if crowd and crowd != self._crowd:
             self.get_logger().error(crowd)
         self._crowd = crowd
 
+    # --- lifecycle ----------------------------------------------------------------------------
+
+    def look_around(self):
+        """A second guard must not have sent anything when it finds the first one."""
+        return LOOK_AROUND if self.value('renew_s') else 0.0
+
+    def activated(self):
+        """Go on with the request that is renewed."""
+        if self._resting and self._keeper.state == 'paused':
+            self._do('', self._keeper.resume)
+        self._resting = False
+
+    def deactivated(self):
+        """Stop the mount, and follow nothing."""
+        now, before = self._now(), self._keeper.state
+        with suppress(ValueError):  # it is aborted or parked, and stands
+            self._keeper.pause(now)
+            self._resting = before != 'paused'
+        for track in self._keeper.step(now, False):
+            self._send(track)
+
     # --- services -----------------------------------------------------------------------------
 
     def _do(self, done, call, *args):
+        if not self.active:
+            return False, self.inactive
         try:
             call(self._now(), *args)
         except ValueError as err:
@@ -223,7 +287,7 @@ class MountGuard(MountNode):
 
     def details(self):
         """What the mount does."""
-        return [('mount', self._keeper.state), ('why', self._keeper.reason)]
+        return [*super().details(), ('mount', self._keeper.state), ('why', self._keeper.reason)]
 
 
 def _site(node):

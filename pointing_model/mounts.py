@@ -1,4 +1,4 @@
-"""Mounts: how two axes stand to the horizon, and the names of what is wrong with them.
+"""Mounts: how two axes stand to the horizon; what they are called: `mount_names`.
 
 The axis frame is a rotation of the local horizon (east, north, up). Its z is the pole of the first
 axis, and angles of the first axis grow clockwise as seen from there, from y over x: azimuth from
@@ -12,123 +12,25 @@ two sides of the pier. Catalogue places of a run are the axis angles of a perfec
 side that it was on*, so second angles beyond 90 degrees are ordinary. What an axis does then has
 one formula on both sides, and what changes its sign on the sky follows from the geometry; what
 gravity or the sky does is turned from the horizon into the axes, see `Mount.toward`.
+
+A program that corrects hour angle and declination *before* it works out the side of the pier has
+errors of another kind: they act on the sky, the same on both sides (`Mount.errors`).
 """
 
-import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
 from msg_tools.units import DEG, wrap
 
-#: the terms of the rotations, by the names that an alt-azimuth mount has for them
-CANONICAL = ('IA', 'IE', 'CA', 'NPAE', 'AN', 'AW', 'TF')
+from .mount_names import KINDS
+
 #: frames that differ by less are one, rad: 0.0002", where a latitude has been rounded
 SAME = 1e-9
-_AXES = ('azimuth', 'elevation')
-_WORDS = re.compile(r'\b(?:azimuth|elevation)\b')
+#: whose the errors of a mount are, see `Mount`
+OF_MOUNT, ON_SKY = 'mount', 'sky'
 _HORIZON = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-
-
-@dataclass(frozen=True)
-class Names:
-    """What the axes of a kind of mount and its terms are called.
-
-    Attributes
-    ----------
-    axes : tuple of str
-        Their angles, for people.
-    shafts : tuple of str
-        The axes themselves, for people.
-    letters : tuple of str
-        Of the angles in formulas.
-    tpoint : tuple of str
-        In names of TPOINT's generic terms: of both angles, of what is left and right as a third
-        term of the geometry is (non-perpendicularity), and of left and right on the sky. Empty
-        where TPOINT has no such mount.
-    columns : tuple of str
-        In the names of columns in files: ``az_enc_deg``, ``ha_enc_deg``.
-    terms : dict of str to (str, int)
-        Name of each geometric term -> that of the same rotation of an alt-azimuth mount, and its
-        sign there: MA leans the pole to the x of the frame (west), AW away from it.
-    sides : tuple of tuple of str
-        Words for a falling and a rising angle, of each axis.
-    """
-
-    axes: tuple
-    shafts: tuple
-    letters: tuple
-    tpoint: tuple
-    columns: tuple
-    terms: dict
-    sides: tuple
-
-    @property
-    def keys(self):
-        """Of the axes, in names of effects and drivers."""
-        return tuple(axis.replace(' ', '_') for axis in self.axes)
-
-    @property
-    def physical(self):
-        """The geometry and Hooke's law flexure."""
-        return tuple(self.terms)
-
-    @property
-    def standard6(self):
-        """The usual six, of telescopes with well squared axes."""
-        return tuple(name for name, (own, _) in self.terms.items() if own != 'NPAE')
-
-    @property
-    def index(self):
-        """The zeros of both axes."""
-        return self.physical[:2]
-
-    def named(self, canonical):
-        """Name here of a term of `CANONICAL`."""
-        return next(name for name, (own, _) in self.terms.items() if own == canonical)
-
-    def say(self, text):
-        """A sentence about azimuth and elevation, of the axes of this mount."""
-        if self.axes == _AXES:
-            return text
-        return _WORDS.sub(lambda found: self.axes[_AXES.index(found[0])], text)
-
-    def word(self, axis):
-        """For people, of ``az`` (the first axis) or ``el`` (the second)."""
-        return self.axes[axis != 'az']
-
-    def shaft(self, axis):
-        """As `word`, of the axis itself."""
-        return self.shafts[axis != 'az']
-
-    def key(self, axis):
-        """As `word`, in names."""
-        return self.keys[axis != 'az']
-
-    def letter(self, axis):
-        """As `word`, in formulas."""
-        return self.letters[axis != 'az']
-
-
-def _terms(*names):
-    return {name: (own, 1) for name, own in zip(names, CANONICAL)}
-
-
-_ALTAZ = Names(_AXES, ('azimuth axis', 'elevation axis'), ('A', 'E'),
-               ('A', 'E', 'V', 'S'), ('az', 'el'), _terms(*CANONICAL),
-               (('anticlockwise', 'clockwise'), ('downward', 'upward')))
-_HADEC = Names(('hour angle', 'declination'), ('polar axis', 'declination axis'), ('h', 'δ'),
-               ('H', 'D', 'P', 'X'), ('ha', 'dec'),
-               {**_terms('IH', 'ID', 'CH', 'NP'), 'MA': ('AW', -1), 'ME': ('AN', 1),
-                'TF': ('TF', 1)},
-               (('eastward', 'westward'), ('toward smaller readings', 'toward larger readings')))
-_FREE = Names(('first axis', 'second axis'), ('first axis', 'second axis'), ('a', 'b'), (),
-              ('axis1', 'axis2'),
-              _terms('I1', 'I2', 'C1', 'N12', 'T1', 'T2', 'TF'),
-              (('falling', 'rising'), ('falling', 'rising')))
-#: kind -> what its axes and terms are called. A German mount is an equatorial one that goes
-#: through the pole to change its side; the geometry is the same
-KINDS = {'altaz': _ALTAZ, 'equatorial': _HADEC, 'german': _HADEC, 'free': _FREE}
 
 
 @dataclass(frozen=True)
@@ -141,15 +43,19 @@ class Mount:
         Of `KINDS`.
     frame : tuple of tuple of float
         The axes x, y, z of its frame, each as (east, north, up): a rotation.
+    errors : {'mount', 'sky'}
+        Whose its terms are: of the parts of the mount, which go through the pole with it, or, of a
+        German mount, of a program that applies them on the sky before it works out the side.
 
     Raises
     ------
     ValueError
-        Unknown kind, or the frame is no rotation.
+        Unknown kind or errors, or the frame is no rotation.
     """
 
     kind: str = 'altaz'
     frame: tuple = _HORIZON
+    errors: str = OF_MOUNT
 
     def __post_init__(self):
         if self.kind not in KINDS:
@@ -159,6 +65,21 @@ class Mount:
                 or np.linalg.det(matrix) < 0.0:
             raise ValueError('the frame of a mount is no rotation of the horizon')
         object.__setattr__(self, 'frame', tuple(map(tuple, matrix.tolist())))
+        if self.errors not in (OF_MOUNT, ON_SKY):
+            raise ValueError(f'errors of a mount that act on {self.errors!r}; choose from '
+                             f'{OF_MOUNT}, {ON_SKY}')
+        if self.on_sky and self.kind != 'german':
+            raise ValueError(f'errors that act on the sky before the flip, of a mount that is '
+                             f'{self.kind}: it has none')
+
+    @property
+    def on_sky(self):
+        """Whether its terms act on the sky, the same on both sides of the pier."""
+        return self.errors == ON_SKY
+
+    def with_errors(self, errors):
+        """The same mount, whose errors are of the mount or on the sky."""
+        return _with_errors(self, errors)
 
     @classmethod
     def equatorial(cls, latitude, kind='equatorial'):
@@ -213,12 +134,18 @@ class Mount:
         Returns
         -------
         dict
-            ``mount`` (the kind) and ``mount_axes``; empty for an alt-azimuth mount.
+            ``mount`` (the kind) and ``mount_axes``; empty for an alt-azimuth mount. Where its
+            errors act on the sky, ``errors_act`` says so.
         """
-        return {} if self.altaz else {'mount': self.kind, 'mount_axes': list(self.names.axes)}
+        if self.altaz:
+            return {}
+        return {'mount': self.kind, 'mount_axes': list(self.names.axes),
+                **({'errors_act': ON_SKY} if self.on_sky else {})}
 
     def agrees(self, other):
         """Whether it is the same mount, but for the rounding of the angles that it was given by.
+
+        Whose its errors are is a matter of the model, and not asked.
 
         Parameters
         ----------
@@ -346,6 +273,11 @@ class Mount:
         return tuple(np.tensordot(frame, one, 1) for one in both)
 
 
+@cache
+def _with_errors(mount, errors):
+    return replace(mount, errors=errors)
+
+
 #: azimuth from north through east, elevation
 ALTAZ = Mount()
 
@@ -366,6 +298,26 @@ def through_pole(first, second, beyond):
     """
     return (np.where(beyond, wrap(first + np.pi), first),
             np.where(beyond, wrap(np.pi - second), second))
+
+
+def sides(first, second):
+    """Axis angles folded back to the sky, and the sign there of what grows along them.
+
+    Parameters
+    ----------
+    first, second : float or ndarray
+        Radians.
+
+    Returns
+    -------
+    first, second : ndarray
+        Not through the pole, radians.
+    side : ndarray
+        -1 where they were: what is added to the first angle is the same, but the cosine of the
+        second is not, and the second runs backwards.
+    """
+    beyond = is_beyond(second)
+    return (*through_pole(first, second, beyond), np.where(beyond, -1.0, 1.0))
 
 
 def is_beyond(second):

@@ -39,6 +39,9 @@ COLUMNS = {
     'absolute_start': ('absolute_start', 1.0, 'when the absolute encoder\'s power-on began, UTC '
                        'seconds since 1970-01-01; it names the power-on'),
     'block': ('block', 1.0, 'step of the observing plan that took the row'),
+    'exposure': ('exposure_s', 1.0, 'length of the exposure over which the readings were averaged, '
+                 's; 0: read in its middle'),
+    'camera_late': ('camera_late_s', 1.0, "what was taken off the camera's stamp, s"),
     'check': ('check', 1.0, '1: a fresh star to judge by, kept out of every fit and choice'),
     'for_zero': ('for_zero', 1.0, '1: a star that was exposed for a zero; Polaris needs no mark'),
 }

@@ -7,70 +7,27 @@ import sys
 import time
 from functools import partial
 
+import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.clock import Clock, ClockType
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from msg_tools import convert, topics
-from msg_tools.node import MountNode, Param, run_node
+from msg_tools.node import MountNode, run_node
 from msg_tools.readiness import PUBLISHES, unmatched
 from msg_tools.status import handover, observations_taken
 from msg_tools.units import DEG
 
-from .in_force_topics import MODEL_FILE, in_force_of
+from .in_force_topics import in_force_of
 from .observing.instruments import ABSOLUTE, CAMERA, MOUNT, Instruments
-from .observing.plan import night_plan, parse_plan
+from .observing.night_file import NightFile
 from .observing.sequencer import Sequencer
 from .observing.table import Table
 from .run_messages import cloud_to_run, run_to_cloud
-from .sky_params import KIND_OF_MOUNT, SKY_PARAMS, mount_of, sky_of
-from .target import satellite_target
+from .sky_params import KIND_OF_MOUNT, mount_of, sky_of
+from .star_observer_params import PARAMS
 
-PARAMS = SKY_PARAMS + (
-    KIND_OF_MOUNT,
-    Param('plan', night_plan(30, 16), 'steps of the night, separated by commas', check=parse_plan),
-    Param('autostart', True, 'start the plan as soon as the graph is connected', fixed=True),
-    Param('wait_for_nodes', [''], 'full names of nodes that must be connected before the plan '
-          'starts', fixed=True),
-    Param('star_seed', 1, 'seed of the choice of stars', 0, 2**31 - 1),
-    Param('magnitude_limit', 6.0, 'faintest star, Hipparcos magnitude', -2.0, 15.0),
-    Param('min_elevation_deg', 20.0, 'lowest star [deg]', 0.0, 89.0),
-    Param('max_elevation_deg', 85.0, 'highest star [deg]', 1.0, 90.0),
-    Param('meridian_limit_deg', 5.0, 'how far past the meridian a German mount turns before it '
-          'takes the other side [deg]', 0.0, 90.0),
-    Param('hour_angle_limit_deg', 165.0, 'largest hour angle of a star for a mount that does not '
-          'go through the pole [deg]', 1.0, 180.0),
-    Param('recentre_arcsec', 60.0, 'a star farther from the boresight is centred and measured '
-          'again [arcsec]', 0.1, 36000.0),
-    Param('on_target_arcsec', 30.0, 'largest difference of the encoder from its demand in an '
-          'exposure that counts [arcsec]', 0.1, 36000.0),
-    Param('exposure_s', 0.0, "length of the camera's exposures: one counts when the encoder was "
-          'on target all that time, and is paired with its mean; 0: with its reading in the middle '
-          '[s]', 0.0, 3600.0),
-    Param('smear_arcsec', 5.0, 'largest way of the axes beside their track in an exposure of '
-          'exposure_s that counts [arcsec]', 0.01, 3600.0),
-    Param('slew_rate_deg_s', 4.0, 'slew rate of the mount, to plan how long a track must be '
-          '[deg/s]', 0.01, 90.0),
-    Param('field_deg', 1.0, 'a star farther from the boresight is outside the field of the camera: '
-          'its message has another unit [deg]', 1e-3, 180.0),
-    Param('renew_request_s', 0.2, 'how often the guard is told that the request still holds; 0: '
-          'once [s]', 0.0, 10.0, fixed=True),
-    Param('answer_timeout_s', 5.0, 'wall time after which a pointing without an answer is '
-          'commanded again [s]', 0.5, 3600.0),
-    Param('absolute_encoder', True, 'whether the mount has an absolute encoder beside the one that '
-          'it is pointed with', fixed=True),
-    Param('give_up_s', 600.0, 'wall time without an observation after which a plan ends while '
-          'something is wrong or waited for; 0: never [s]', 0.0, 86400.0),
-    Param('first_run', 1, 'run number of the first power-on, where the calibration has no rows of '
-          'the night yet', -1000000, 1000000),
-    Param('polaris_exposures', 16, 'exposures that the services zero, zero_on_polaris and '
-          'zero_on_stars make', 1, 10000),
-    Param('satellite', '', 'what the step satellite tracks: a file of two-line elements, or '
-          'gps-26690', check=satellite_target),
-    Param('satellite_interval_s', 20.0, 'least time between two exposures of it [s]', 0.0, 3600.0),
-    MODEL_FILE,
-)
 #: services that the steps of a plan call
 SERVICES = ('home', 'power_cycle', 'absolute/power_cycle', 'calibrate_zero', 'fit', 'diagnose',
             'judge')
@@ -118,12 +75,18 @@ class StarObserver(MountNode):
         # before the camera: an exposure is always corrected with the same reading of the
         # thermometer
         self._in_force = in_force_of(self, self._in_force_changed, self._mount)
-        self._sequencer = Sequencer(self, self._instruments, self._in_force, self._table)
+        memory = self.value('state_file') and NightFile(
+            self.value('state_file'), self.value(KIND_OF_MOUNT.name))
+        self._sequencer = Sequencer(self, self._instruments, self._in_force, self._table,
+                                    memory or None)
+        over = bool(memory) and self._sequencer.take_up_file(self.value('plan'))
         self.subscribe(topics.INCREMENTAL, self._on_incremental)
         if ABSOLUTE in self._instruments.names:
             self.subscribe(topics.ABSOLUTE, self._on_absolute)
         self.subscribe(topics.MISS_DISTANCE, self._on_miss)
         self.subscribe(topics.GUARD_STATUS, self._on_guard)
+        self._command = None
+        self.subscribe(topics.COMMAND, self._on_command)
         self._crowded = {}  # instrument with several publishers -> since when, wall s
         self._handover = self._given = None  # a night that an observer before has begun
         self._calibration_spoke = self._has_rows = False
@@ -133,11 +96,12 @@ class StarObserver(MountNode):
         self._wanted_nodes = [name for name in self.value('wait_for_nodes') if name]
         self._reports = self.graph_reports() if self._wanted_nodes else {}
         self._asked = {verb: self.create_client(Trigger, verb) for verb in SERVICES}
-        self.create_service(Trigger, 'observe', self._on_observe)
+        self.create_service(Trigger, 'observe', partial(self._on_observe, False))
+        self.create_service(Trigger, '~/anew', partial(self._on_observe, True))
         for service, verb in (('zero', 'zero'), ('zero_on_polaris', 'polaris'),
                               ('zero_on_stars', 'zero_on_stars')):
             self.create_service(Trigger, service, partial(self._on_zero, verb))
-        if self.value('autostart'):
+        if self.value('autostart') and not over:
             self._sequencer.start(self.value('plan'))
         self.serve('~/cancel', self._on_cancel)
         if self.value('renew_request_s'):
@@ -157,6 +121,8 @@ class StarObserver(MountNode):
         """Take a new site or weather from the next exposure on; the mount stays on its pier."""
         self._sky = sky_of(self)
         self._instruments.health.field = self.value('field_deg') * DEG
+        if 'camera_late_s' in names:
+            self._sequencer.forget_clocks()
 
     # --- messages in --------------------------------------------------------------------------
 
@@ -178,7 +144,7 @@ class StarObserver(MountNode):
                                  f'{self.value(KIND_OF_MOUNT.name)}: {" and ".join(wanted)}')
             stamp, angles, rates, effort = convert.read_joints(message)
             if self._mount.altaz and abs(angles[1]) > HIGHEST:
-                raise ValueError(f'an elevation of {angles[1]:.4g} rad: degrees for radians, or '
+                raise ValueError('an elevation beyond the zenith: degrees for radians, or '
                                  'exchanged axes?')
         except ValueError as err:
             self._instruments.spoke(instrument)
@@ -197,7 +163,8 @@ class StarObserver(MountNode):
 
     def _on_miss(self, message):
         self._instruments.take_frame(
-            convert.from_stamp(message.header.stamp), message.vector.x, message.vector.y)
+            convert.from_stamp(message.header.stamp) - round(1e9 * self.value('camera_late_s')),
+            message.vector.x, message.vector.y)
         self._sequencer.advance()
 
     def _look(self):
@@ -212,8 +179,11 @@ class StarObserver(MountNode):
         if state in ENDING:
             self._request = None
             self._sequencer.cancel(f'by the mount guard: {message.message}')
-        self._guard = message.message if state == 'paused' else ''
+        self._guard = message.message if state in ('paused', 'inactive') else ''
         self._sequencer.advance()
+
+    def _on_command(self, message):
+        self._command = convert.read_trajectory(message)
 
     def _on_cancel(self):
         self._withdraw()
@@ -277,19 +247,22 @@ class StarObserver(MountNode):
             self._sequencer.take_up(cloud_to_run(self._given),
                                     convert.from_stamp(self._given.header.stamp), left)
 
-    def _on_observe(self, request, response):
-        return self._begin(response, self.value('plan'), 'plan started: {}')
+    def _on_observe(self, anew, request, response):
+        plan = self.value('plan')
+        where = '' if anew else self._sequencer.stopped_at(plan)
+        return self._begin(response, plan, f'plan goes on at {where}: {{}}; to begin it anew call '
+                           'star_observer/anew' if where else 'plan started: {}', anew)
 
     def _on_zero(self, verb, request, response):
         return self._begin(
             response, f'{verb} {self.value("polaris_exposures")}, calibrate_zero',
             f'started: {{}}; progress on {topics.OBSERVER_STATUS.name}')
 
-    def _begin(self, response, plan, answer):
+    def _begin(self, response, plan, answer, anew=True):
         response.success = not self._sequencer.busy
         response.message = answer.format(plan) if response.success else 'a plan is under way'
         if response.success:
-            self._sequencer.start(plan)
+            self._sequencer.start(plan, anew)
         return response
 
     # --- messages out: what the sequencer asks for --------------------------------------------
@@ -326,6 +299,13 @@ class StarObserver(MountNode):
         """Why the guard refused the track that began at `stamp` (ns); '' if it did not."""
         refused, reason = self._refused
         return reason if refused == stamp else ''
+
+    def sent(self, stamp):
+        """Where the guard sent the mount at `stamp` (ns), rad, shape (2,); None if unknown."""
+        if self._command is None:
+            return None
+        start, times, angles, _ = self._command
+        return np.array([np.interp((stamp - start) * 1e-9, times, axis) for axis in angles.T])
 
     def held(self):
         """Why the mount may not be moved now."""
@@ -401,6 +381,9 @@ class StarObserver(MountNode):
                  for (_, kind), text in health.told.items()]
         found.sort(key=lambda issue: issue[0], reverse=True)
         found += [(DiagnosticStatus.WARN, text) for text in self._in_force.complaints()]
+        told, off = self._sequencer.clocks
+        if off:
+            found.append((DiagnosticStatus.WARN, told))
         if state == 'waiting' and self._sequencer.busy:
             found.insert(0, (DiagnosticStatus.WARN, f'waiting for {text}'))
         return found
@@ -412,6 +395,7 @@ class StarObserver(MountNode):
                 ('observations', str(progress.observations)),
                 ('stars lost', str(progress.lost)),
                 ('zero follows', self._in_force.following() or 'nothing'),
+                ('clocks', self._sequencer.clocks[0] or 'not compared'),
                 ('earth orientation', self._sequencer.earth)]
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .mounts import ALTAZ, KINDS
+from .mounts import ALTAZ, KINDS, OF_MOUNT, sides
 
 #: A column that is zero everywhere; the fit tells it by identity and skips it.
 ZERO = 0.0
@@ -26,11 +26,16 @@ class Trig:
     az, el : float or ndarray
         Catalogue place by the axes of the mount, radians.
     mount : Mount, optional
+        Where its errors act on the sky, the angles are folded back to it.
     """
 
-    __slots__ = ('az', 'el', 'sin_az', 'cos_az', 'sin_el', 'cos_el', 'mount', '_zenith')
+    __slots__ = ('az', 'el', 'sin_az', 'cos_az', 'sin_el', 'cos_el', 'mount', '_zenith', '_side')
 
     def __init__(self, az, el, mount=ALTAZ):
+        self._side = None
+        if mount.on_sky:
+            az, el, self._side = sides(az, el)
+            mount = mount.with_errors(OF_MOUNT)
         self.az, self.el, self.mount = az, el, mount
         self.sin_az, self.cos_az = np.sin(az), np.cos(az)
         self.sin_el, self.cos_el = np.sin(el), np.cos(el)
@@ -42,6 +47,13 @@ class Trig:
         if self._zenith is None:
             self._zenith = Trig(*self.mount.horizon_of(self.az, self.el))
         return self._zenith
+
+    def columns(self, term):
+        """Pair (x, y) of a `Term` along the axes of the mount."""
+        x, y = term.of(self)
+        if self._side is None:
+            return x, y
+        return tuple(v if v is ZERO else self._side * v for v in (x, y))
 
     def lifted(self, by):
         """Pair (x, y) of what lifts the line of sight toward the zenith by so much."""
@@ -249,7 +261,7 @@ def stacked_design(names, az, el, mount=ALTAZ):
     trig = Trig(az, el, mount)
     out = np.zeros((len(terms), 2 * n))
     for x_row, y_row, term in zip(out[:, :n], out[:, n:], terms):
-        x, y = term.of(trig)
+        x, y = trig.columns(term)
         if x is not ZERO:
             x_row[:] = x
         if y is not ZERO:

@@ -69,6 +69,13 @@ class BaseModel:
         series = [] if self.model.harmonics is None else ['harmonics']
         return [*series, *(e.effect.name for e in self.model.effects)]
 
+    def of_its_errors(self, run):
+        """The run, of a mount whose errors are those of the model: of its parts, or on the sky."""
+        if self.model.mount.errors == run.mount.errors:
+            return run
+        from calibration.sky_model import with_errors
+        return with_errors(run, self.model.mount.errors)
+
     def taken_off(self, run, encoder='enc'):
         """The run with what is held taken off its readings.
 

@@ -19,11 +19,13 @@ NODES = {
     'star_observer': 'pointing_model.star_observer_node',
     'pointing_corrector': 'pointing_model.pointing_corrector_node',
     'calibration': 'calibration.calibration_node',
+    'mount_display': 'pointing_model.mount_display_node',
     'mcap_logger': 'msg_tools.mcap_logger_node',
     'mcap_replay': 'msg_tools.mcap_replay_node',
     'run_player': 'pointing_model.run_player_node',
     'indi_mount': 'indi_bridge.indi_mount_node',
     'indi_sky': 'indi_bridge.indi_sky_node',
+    'alpaca_mount': 'alpaca_bridge.alpaca_mount_node',
 }
 
 #: of the simulated incremental encoder (paper 000): lines in a turn
@@ -34,10 +36,6 @@ NIGHT = (*SIMULATED, 'mount_guard', 'star_observer', 'pointing_corrector', 'cali
 
 #: parameters of the site
 SITE = ('latitude_deg', 'longitude_deg', 'height_m')
-
-#: a camera's images may be lost on the way; those of a simulated encoder must not be
-EVERY_FRAME = {f'qos_overrides.{NAMESPACE}/absolute/frame.subscription.{policy}': value
-               for policy, value in (('reliability', 'reliable'), ('depth', 5000))}
 
 
 @dataclass(frozen=True)
@@ -50,13 +48,14 @@ class NodeSpec:
 
     @property
     def full_name(self):
-        """Fully qualified node name."""
+        """Fully qualified node name, in the namespace of the command line."""
         return f'{NAMESPACE}/{self.name}'
 
 
 def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time_scale=0.0,
                 model_file='', first_run=1, sky=None, reference_age=0, satellite='',
-                sample_rate_hz=None, calibration=None, absolute='angles', mount='altaz'):
+                sample_rate_hz=None, calibration=None, absolute='angles', mount='altaz',
+                namespace=NAMESPACE):
     """The nodes of a simulated night.
 
     Parameters
@@ -91,12 +90,15 @@ def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time
         The simulated absolute encoder reads itself, or publishes images that `frame_reader` reads.
     mount : str
         What the observer is told of the kind of mount, see `pointing_model.mounts.parse_mount`.
+    namespace : str
+        In which the nodes will be started.
 
     Returns
     -------
     list of NodeSpec
     """
     sky, altaz = dict(sky or {}), parse_mount(mount, 0.0).altaz
+    below = parse_mount(mount, 0.0).kind == 'german' and sky.get('latitude_deg', 90.0) < 0.0
     names = (*NIGHT, *(['frame_reader'] if absolute == 'frames' else []))
     simulator = {'scenario': scenario, 'seed': seed} | (
         {'start_time': start_time} if start_time else {})
@@ -108,7 +110,7 @@ def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time
             else {'sample_rate_hz': 10.0} if time_scale else {}),
         'incremental_encoder': dict(simulator),
         'absolute_encoder': simulator | ({'publishes': 'frames'} if absolute == 'frames' else {}),
-        'frame_reader': EVERY_FRAME | {'mount': parse_mount(mount, 0.0).kind},
+        'frame_reader': every_frame(namespace) | {'mount': parse_mount(mount, 0.0).kind},
         'camera': simulator | sky | {'satellite': satellite},
         # a simulated mount has no cables, and without time scale its time waits for events
         'mount_guard': {
@@ -116,17 +118,20 @@ def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time
             'second_rate_deg_s': 4.0 if altaz else 6.0, 'first_acceleration_deg_s2': 3.0,
             'second_acceleration_deg_s2': 2.0 if altaz else 3.0,
             'slew_timing': 1.0,
-            # simulated polar mounts pass below the horizon as they change their side
-            'least_elevation_deg': 0.0 if altaz else -90.0,
-        } | ({'ahead_s': 1.5 * time_scale,
-               'behind_deg': 2.0 + time_scale} if time_scale else {'renew_s': 0.0}) | (
-            {'first_travel_deg': '-36000,36000'} if altaz else {}) | {
+            # one that is simulated in the south goes through the pole below the horizon
+            'least_elevation_deg': -90.0 if below else 0.0,
+        } | ({'ahead_s': 1.5 * time_scale, 'request_timeout_s': 1.0,
+               # half a second of the wall at full speed
+               'behind_deg': min(2.0 + 3.0 * time_scale, 180.0)}
+              if time_scale else {'renew_s': 0.0}) | (
+            {'first_travel_deg': '-36000,36000'} if altaz
+            else {'second_travel_deg': '-90,270'} if below else {}) | {
             name: sky[name] for name in SITE if name in sky},
         'star_observer': {
             'use_sim_time': True, 'renew_request_s': 0.2 if time_scale else 0.0,
             'star_seed': seed, 'model_file': model_file,
             'first_run': first_run, 'satellite': satellite, 'mount': mount,
-            'wait_for_nodes': [f'{NAMESPACE}/{name}' for name in names],
+            'wait_for_nodes': [f'{namespace}/{name}' for name in names],
         } | ({'plan': plan} if plan else {}) | sky,
         'pointing_corrector': {'use_sim_time': True, 'model_file': model_file},
         'calibration': {'use_sim_time': True, 'model_file': model_file, 'split_seed': seed,
@@ -137,13 +142,19 @@ def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time
     return [NodeSpec(name, NODES[name], parameters[name]) for name in names]
 
 
+def every_frame(namespace=NAMESPACE):
+    """A camera's images may be lost on the way; those of a simulated encoder must not be."""
+    return {f'qos_overrides.{namespace}/absolute/frame.subscription.{policy}': value
+            for policy, value in (('reliability', 'reliable'), ('depth', 5000))}
+
+
 #: of a night on a mount that INDI simulates; with a real one a camera takes the place of indi_sky
-INDI = ('indi_mount', 'indi_sky', 'star_observer', 'pointing_corrector', 'calibration',
-        'mcap_logger')
+INDI = ('indi_mount', 'indi_sky', 'mount_guard', 'star_observer', 'pointing_corrector',
+        'calibration', 'mcap_logger')
 
 
 def indi_graph(*, bag, server, mount, sky, seed=1, plan='', model_file='', first_run=1,
-               calibration=None):
+               calibration=None, slews=None):
     """The nodes of a night on a mount of an INDI server, on the clock of this machine.
 
     Parameters
@@ -160,6 +171,8 @@ def indi_graph(*, bag, server, mount, sky, seed=1, plan='', model_file='', first
         Of the choice of stars, and the noise of what is seen.
     plan, model_file, first_run, calibration
         As of `night_graph`.
+    slews : dict, optional
+        Parameters of the guard where it is known how the driver slews; by default nothing is.
 
     Returns
     -------
@@ -169,10 +182,16 @@ def indi_graph(*, bag, server, mount, sky, seed=1, plan='', model_file='', first
     parameters = {
         'indi_mount': bridge,
         'indi_sky': bridge | {'seed': seed},
+        # near the pole, and not at it, where places say nothing of the first axis
+        'mount_guard': {'mount': mount, 'goto': True,
+                        'park_deg': '90,80' if mount == 'german' else '0,80'} | (
+            slews or {'slew_timing': 0.0}) | {name: sky[name] for name in SITE if name in sky},
         'star_observer': {
             'star_seed': seed, 'model_file': model_file, 'first_run': first_run, 'mount': mount,
             # the driver chooses its side at the meridian by itself
             'absolute_encoder': False, 'meridian_limit_deg': 0.0,
+            # it comes to rest beside the star first, and is sent on
+            'on_target_arcsec': 3.0,
             'wait_for_nodes': [f'{NAMESPACE}/{name}' for name in INDI],
         } | ({'plan': plan} if plan else {}) | sky,
         'pointing_corrector': {'model_file': model_file},
@@ -187,18 +206,23 @@ REAL = tuple(name for name in NIGHT if name not in SIMULATED)
 
 
 def real_graph(*, bag, plan='', mount='altaz', sky=None, model_file='', absolute_encoder=False,
-               exposure=0.0, calibration=None):
+               exposure=0.0, state_file='', calibration=None, namespace=NAMESPACE,
+               autostart=True):
     """The nodes beside the drivers of a real mount, on the time of the wall.
 
     Parameters
     ----------
-    bag, plan, model_file, sky, mount, calibration
+    bag, plan, model_file, sky, mount, calibration, namespace
         As of `night_graph`.
     absolute_encoder : bool
         Whether a driver publishes `absolute/joint_states`.
     exposure : float
         Length of the camera's exposures, s, over which the mount must rest on its track; 0: it is
         judged in their middle.
+    state_file : str
+        Where the observer keeps the night, so that it goes on after the graph was killed.
+    autostart : bool
+        Whether the guard becomes active by itself.
 
     Returns
     -------
@@ -206,11 +230,12 @@ def real_graph(*, bag, plan='', mount='altaz', sky=None, model_file='', absolute
     """
     sky = dict(sky or {})
     parameters = {
-        'mount_guard': {'mount': mount} | {name: sky[name] for name in SITE if name in sky},
+        'mount_guard': {'mount': mount, 'autostart': autostart} | {
+            name: sky[name] for name in SITE if name in sky},
         'star_observer': {
             'model_file': model_file, 'mount': mount, 'absolute_encoder': absolute_encoder,
-            'exposure_s': exposure,
-            'wait_for_nodes': [f'{NAMESPACE}/{name}' for name in REAL],
+            'exposure_s': exposure, 'state_file': state_file,
+            'wait_for_nodes': [f'{namespace}/{name}' for name in REAL],
         } | ({'plan': plan} if plan else {}) | sky,
         'pointing_corrector': {'model_file': model_file},
         'calibration': {'model_file': model_file} | (calibration or {}),

@@ -4,7 +4,13 @@ import numpy as np
 
 from indi_bridge import parse_address
 from indi_bridge.client import IndiClient, IndiError
-from indi_bridge.telescope import SIDE, IndiTelescope, find_device, knows_where_it_looks
+from indi_bridge.telescope import (
+    SIDE,
+    IndiTelescope,
+    find_device,
+    is_simulator,
+    knows_where_it_looks,
+)
 from msg_tools.units import DEG
 from pointing_model.sky import DEFAULT_SITE
 
@@ -12,6 +18,9 @@ from .graph import indi_graph
 
 #: parameters of the site, in the order in which a telescope tells it, and their units
 SITE = (('latitude_deg', DEG), ('longitude_deg', DEG), ('height_m', 1.0))
+#: how INDI's simulator slews, for the guard: both axes at once, and at once at full speed
+SIMULATED = {'first_rate_deg_s': 6.0, 'second_rate_deg_s': 6.0, 'first_acceleration_deg_s2': 60.0,
+             'second_acceleration_deg_s2': 60.0, 'slew_timing': 0.8}
 #: stars of the blind check, of those that are fitted
 CHECKED = 4
 
@@ -44,6 +53,8 @@ def ask_server(text, sky=None):
     kind : str
         Of mount.
     sky : dict
+    simulated : bool
+        Whether it is INDI's simulator.
 
     Raises
     ------
@@ -59,7 +70,7 @@ def ask_server(text, sky=None):
             telescope.connect()
             knows_where_it_looks(telescope)
             kind = told or telescope.kind or ('german' if telescope.get(SIDE) else '')
-            site = telescope.site
+            site, simulated = telescope.site, is_simulator(telescope)
     except IndiError as err:
         raise ValueError(str(err)) from None
     if not kind:
@@ -68,7 +79,8 @@ def ask_server(text, sky=None):
     if site is None or not np.any(site[:2]):  # as drivers begin that nobody has told
         site = DEFAULT_SITE.latitude, DEFAULT_SITE.longitude, DEFAULT_SITE.height
     there = {name: value / unit for (name, unit), value in zip(SITE, site)}
-    return ({'host': host, 'port': port, 'device': telescope.device}, kind, there | (sky or {}))
+    server = {'host': host, 'port': port, 'device': telescope.device}
+    return server, kind, there | (sky or {}), simulated
 
 
 def specs(mount, *, stars, sky=None, **graph):
@@ -88,6 +100,7 @@ def specs(mount, *, stars, sky=None, **graph):
     plan : str
     list of NodeSpec
     """
-    server, kind, sky = ask_server(mount, sky)
+    server, kind, sky, simulated = ask_server(mount, sky)
     plan = indi_plan(stars)
-    return plan, indi_graph(server=server, mount=kind, sky=sky, plan=plan, **graph)
+    return plan, indi_graph(server=server, mount=kind, sky=sky, plan=plan,
+                            slews=SIMULATED if simulated else None, **graph)

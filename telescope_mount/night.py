@@ -7,8 +7,6 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 
-import numpy as np
-
 from msg_tools.status import Progress
 from pointing_model.observing.plan import night_plan, parse_plan
 
@@ -20,6 +18,8 @@ from .simulator import kind_of_mount
 STALL = 60.0
 #: wall seconds after which a wait is told
 SAID_AFTER = 1.5
+#: in the folder of a real mount's night: where its plan stands
+STATE = 'plan_state.jsonl'
 
 
 class NightFailed(RuntimeError):
@@ -47,7 +47,7 @@ def prepare_folder(folder):
 
 def run_night(out, *, stars=30, polaris=16, reference=None, cycle='incremental',
               domain_number=None, params_file=None, progress=None, scenario='default', mount='',
-              **graph):
+              say=None, **graph):
     """Observe a night in a graph of processes.
 
     Parameters
@@ -69,6 +69,8 @@ def run_night(out, *, stars=30, polaris=16, reference=None, cycle='incremental',
     mount : str
         As of `graph.night_graph`; empty: the kind that the scenario is. ``indi:HOST:PORT``: a
         mount of an INDI server takes the place of the simulated one.
+    say : callable, optional
+        As of `observe`, of a mount of an INDI server.
     **graph
         As of `graph.night_graph`: ``seed``, ``time_scale``, ...
 
@@ -86,7 +88,7 @@ def run_night(out, *, stars=30, polaris=16, reference=None, cycle='incremental',
     """
     if is_indi(mount):
         return _run_on_indi(out, mount, stars, reference, domain_number, params_file, progress,
-                            **{name: graph[name] for name in ('seed', 'sky', 'calibration')
+                            say, **{name: graph[name] for name in ('seed', 'sky', 'calibration')
                                if name in graph})
     plan = night_plan(stars, polaris, reference is not None, cycle)
     parse_plan(plan)
@@ -104,17 +106,18 @@ def run_night(out, *, stars=30, polaris=16, reference=None, cycle='incremental',
     return report
 
 
-def _run_on_indi(out, mount, stars, reference, domain_number, params_file, progress, **graph):
+def _run_on_indi(out, mount, stars, reference, domain_number, params_file, progress, say, **graph):
     """As `run_night`, of a mount of an INDI server, on the clock of this machine."""
     from .indi_night import specs
+    from .real_night import STALL, write_with_checks
     if reference is not None:
         from pointing_model.model import PointingModel
         PointingModel.load(reference)
     plan, nodes = specs(mount, stars=stars, bag=str(Path(out) / 'bag'),
                         model_file=str(reference.resolve()) if reference else '', **graph)
     folder = prepare_folder(out)
-    return observe(folder, nodes, plan, partial(write_results, folder), progress, domain_number,
-                   params_file)
+    return observe(folder, nodes, plan, partial(write_with_checks, folder), progress,
+                   domain_number, params_file, stall=STALL, say=say)
 
 
 def is_indi(mount):
@@ -123,7 +126,7 @@ def is_indi(mount):
 
 
 def observe(folder, specs, plan, write, progress=None, domain_number=None, params_file=None, *,
-            claim=domain.claim, drivers=(), stall=STALL, say=None):
+            claim=domain.claim, drivers=(), stall=STALL, say=None, again=False):
     """Carry out a plan in a graph of processes, and write its results.
 
     Parameters
@@ -151,6 +154,8 @@ def observe(folder, specs, plan, write, progress=None, domain_number=None, param
         Wall seconds without any progress after which it is given up.
     say : callable, optional
         Called with what is wrong or waited for, when that changes; '' when it goes on.
+    again : bool
+        A night goes on whose files are in `folder` already.
 
     Raises
     ------
@@ -160,6 +165,7 @@ def observe(folder, specs, plan, write, progress=None, domain_number=None, param
         A node ended, or the plan could not be carried out.
     """
     lock = claim(domain_number)
+    bag = next(spec.parameters['folder'] for spec in specs if spec.name == 'mcap_logger')
     from .processes import Processes
     nodes = Processes(folder / 'nodes', lock.number, params_file)
     # after the cheap checks, and while the nodes' own go on: these imports cost half a second
@@ -185,12 +191,13 @@ def observe(folder, specs, plan, write, progress=None, domain_number=None, param
         return out
     except RuntimeError as err:
         nodes.stop()
-        if watcher is None or not _progress(watcher).observations:
-            # nothing was observed: let the next try have the folder
-            for name in ('bag', 'bag_truth', 'nodes'):
-                shutil.rmtree(folder / name, ignore_errors=True)
-            raise NightFailed(str(err)) from None
-        raise NightFailed(f'{err} (the log so far is {folder / "bag"})') from None
+        if again or (watcher is not None and _progress(watcher).observations):
+            raise NightFailed(f'{err} (the log so far is {bag})') from None
+        # nothing was observed: let the next try have the folder
+        for name in ('bag', 'bag_truth', 'nodes'):
+            shutil.rmtree(folder / name, ignore_errors=True)
+        (folder / STATE).unlink(missing_ok=True)
+        raise NightFailed(str(err)) from None
     finally:
         if watcher is not None:
             watcher.close()
@@ -304,8 +311,6 @@ def _add_truth(bag, report):
 def write_results(folder, results):
     """observations.csv, model.json, report.json and the plot."""
     from calibration.night_plot import plot_night
-    from calibration.rows import for_fitting
-    from calibration.sky_model import origin_of_errors
     from msg_tools import topics
     from msg_tools.units import ARCSEC
     from pointing_model.earth import earth_orientation
@@ -319,13 +324,6 @@ def write_results(folder, results):
     orientation = earth_orientation(float(run['time'][0]))
     if orientation.sigma > 0.1 * ARCSEC:
         report['notes'].append(orientation.statement())
-    stars = for_fitting(run)
-    numbers, rows = np.unique(stars['run'], return_counts=True)
-    # each power-on has a zero of its own: the one with most stars tells
-    origin = origin_of_errors(stars.select(stars['run'] == numbers[np.argmax(rows)]))
-    if origin is not None:
-        report['origin_of_errors'] = origin.document()
-        report['notes'].append(origin.sentence())
     write_csv(run, folder / 'observations.csv')
     (folder / 'model.json').write_text(results[topics.MODEL.name].data + '\n')
     (folder / 'report.json').write_text(json.dumps(report, indent=1) + '\n')

@@ -1,6 +1,7 @@
 """Node processes: start, watch, end."""
 
 import contextlib
+import ctypes
 import os
 import signal
 import subprocess
@@ -14,6 +15,8 @@ import yaml
 from msg_tools import NAMESPACE
 
 from .threads import ONE_THREAD
+
+SET_DEATH_SIGNAL = 1  # Linux: prctl
 
 #: Without it a participant that starts between two announcements of another may wait for the
 #: next one, and a writer that asks for acknowledgement for its next heartbeat: 3 s by default.
@@ -167,6 +170,17 @@ class ForkServer:
             self._process.wait()
 
 
+def die_with_parent():
+    """What a child does before all else, so that no driver outlives a graph that was killed."""
+    prctl, parent = ctypes.CDLL(None).prctl, os.getpid()
+
+    def prepare():
+        prctl(SET_DEATH_SIGNAL, signal.SIGTERM)
+        if os.getppid() != parent:  # it died before that
+            os._exit(1)
+    return prepare
+
+
 class Processes:
     """The nodes of a graph, each a process of its own.
 
@@ -210,7 +224,7 @@ class Processes:
         with open(self.folder / f'{path.stem}.log', 'ab') as log:
             self.running[path.stem] = subprocess.Popen(
                 [sys.executable, str(path), *arguments], stdin=subprocess.DEVNULL, stdout=log,
-                stderr=log, start_new_session=True,
+                stderr=log, start_new_session=True, preexec_fn=die_with_parent(),
                 env={**self.environment, 'PYTHONUNBUFFERED': '1'})
 
     def last_words(self, name):

@@ -4,10 +4,13 @@ import json
 from functools import partial
 from pathlib import Path
 
+from pointing_model.observing.clocks import sentence
+from pointing_model.observing.night_file import NightFile
 from pointing_model.observing.plan import parse_plan, real_plan
 
 from . import domain, night
 from .graph import real_graph
+from .night import STATE
 
 #: wall seconds without any progress after which it is given up: a slew through half a turn of a
 #: slow mount, and some clouds
@@ -15,8 +18,11 @@ STALL = 1800.0
 
 
 def run_real_night(out, *, plan='', stars=30, drivers=(), domain_number=None, params_file=None,
-                   progress=None, say=None, reference=None, **graph):
+                   progress=None, say=None, note=print, reference=None,
+                   anew=False, **graph):
     """Observe with the drivers of a real mount.
+
+    A night in `out` that was interrupted goes on where it stopped, with a log of its own.
 
     Parameters
     ----------
@@ -30,6 +36,10 @@ def run_real_night(out, *, plan='', stars=30, drivers=(), domain_number=None, pa
         ROS domain; that of the environment by default.
     reference : Path, optional
         A model to begin with.
+    anew : bool
+        A night that was interrupted begins once more instead.
+    note : callable
+        Called with where a night that was interrupted goes on.
     params_file, progress, say
         As of `night.observe`.
     **graph
@@ -57,18 +67,54 @@ def run_real_night(out, *, plan='', stars=30, drivers=(), domain_number=None, pa
     if reference is not None:
         from pointing_model.model import PointingModel
         PointingModel.load(reference)
-    folder = night.prepare_folder(out)
-    specs = real_graph(bag=str(folder / 'bag'), plan=plan,
+    folder, again = _folder(Path(out), plan, graph.get('mount', 'altaz'), anew, note)
+    bag = _free(folder / 'bag')
+    specs = real_graph(bag=str(bag), plan=plan, state_file=str(folder / STATE),
                        model_file=str(reference.resolve()) if reference else '', **graph)
     return night.observe(
-        folder, specs, plan, partial(_write, folder), progress, domain_number, params_file,
-        claim=domain.join, drivers=drivers, stall=STALL, say=say)
+        folder, specs, plan, partial(write_with_checks, folder, bag=bag), progress, domain_number,
+        params_file, claim=domain.join, drivers=drivers, stall=STALL, say=say, again=again)
 
 
-def _write(folder, results):
-    """As of a simulated night, with the blind checks."""
+def _folder(out, plan, mount, anew, note):
+    """Where to write, and whether a night goes on there that was interrupted."""
+    if not (out / STATE).is_file():
+        return night.prepare_folder(out), False
+    file = NightFile(out / STATE, mount)
+    left = file.kept.left
+    if left is not None and left.state == 'done':
+        return night.prepare_folder(out), False  # refuses it: there are files
+    if anew:
+        file.forget()
+    elif left is not None and left.plan != plan:
+        raise ValueError(f'{out} has a night that was interrupted, with the plan {left.plan!r}: '
+                         'give that one to go on with it, --anew, or another folder with --out')
+    elif left is not None:
+        note(f'the night in {out} was interrupted after {len(file.kept.rows)} observations: it '
+             f'goes on at step {left.block + 1}, {left.step}')
+    return out, True
+
+
+def _free(path):
+    """`path`, or the first of it with _2, _3, ... that is not there."""
+    number, free = 1, path
+    while free.exists():
+        number += 1
+        free = path.with_name(f'{path.name}_{number}')
+    return free
+
+
+def write_with_checks(folder, results, bag=None):
+    """As `night.write_results`, with the blind checks in the report; `bag`: another log."""
     from msg_tools import topics
     report = night.write_results(folder, results)
+    if bag is not None:
+        report['files']['log'] = str(bag)
     if topics.CHECKS.name in results:
-        report['checks'] = json.loads(results[topics.CHECKS.name].data)['checks']
+        told = json.loads(results[topics.CHECKS.name].data)
+        report['checks'] = told['checks']
+        if 'clocks' in told:
+            found = told['clocks']
+            report['notes'].append(sentence(found['found'], found['camera_late_s'],
+                                            found['absolute']))
     return report

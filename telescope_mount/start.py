@@ -2,16 +2,18 @@
 
 With several threads numpy's linear algebra adds in another order, and a log would not hold to the
 last bit when it is verified. So it has one, however a node is started; who sets the variables of
-`threads` otherwise has them so.
+`threads` otherwise has them so. Under `ros2 launch` a node ends when that has, however it ended.
 """
 
 import os
 from importlib import import_module
 
+from .parent import end_with_parent
 from .threads import ONE_THREAD
 
 for _name, _value in ONE_THREAD.items():
     os.environ.setdefault(_name, _value)
+end_with_parent()
 
 
 def __getattr__(name):

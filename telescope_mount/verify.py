@@ -2,7 +2,6 @@
 
 import copy
 import json
-import struct
 from collections import Counter, deque
 from functools import partial
 from pathlib import Path
@@ -15,29 +14,19 @@ from calibration.session import CalibrationSession
 from calibration.witnesses import encoder_diagnostics, homings_from_diagnostics, homings_of
 from msg_tools.bag import BagReader
 from msg_tools.bag.provenance import parameters_of
-from msg_tools.convert import from_stamp, read_joints
+from msg_tools.convert import from_stamp
 from msg_tools.homing import cloud_to_homing
 from msg_tools.units import DEG
 from pointing_model.effects import declared_graduation
 from pointing_model.model import PointingModel
-from pointing_model.mounts import is_beyond
-from pointing_model.observing.pairing import (
-    RATE_OVER,
-    centred,
-    centred_second,
-    interpolate,
-)
+from pointing_model.observing.clocks import offset_of
 from pointing_model.run_messages import cloud_to_run
 from pointing_model.zero_message import joints_to_zero
 
-#: readings of an encoder that are kept until the observation of their time comes
-READINGS = 50_000
-#: ns that an observation waits for readings after it, where no more of them are kept
-PATIENCE = 60 * 10**9
+from .verify_rows import RAW, Pairing, at_time
+
 #: what the encoders said of their marks around a fit, so many are tried for its report
 _STATES = 3
-
-_RAW = {'incremental/joint_states': 'enc', 'absolute/joint_states': 'abs'}
 
 
 def verify_log(bag, *, reference=None, seed=None):
@@ -156,13 +145,14 @@ class _Rows:
 
 def _read(log, prefix, check):
     """One pass; observations are compared with their readings on the way."""
-    rows, pairing = _Rows(), _Pairing(log, check)
-    names = (*rows.said, *_RAW, 'observation', 'observations', 'offset', 'camera/miss_distance',
-             'incremental/homing')
+    rows, pairing = _Rows(), Pairing(log, prefix, check)
+    names = (*rows.said, *RAW, 'observation', 'observations', 'offset', 'camera/miss_distance',
+             'incremental/homing', 'observer/checks')
+    clocks = {}
     for message in log.messages([*(prefix + name for name in names), '/diagnostics']):
         name = message.topic.removeprefix(prefix)
-        if name in _RAW:
-            pairing.reading(_RAW[name], message)
+        if name in RAW:
+            pairing.reading(RAW[name], message)
             continue
         data = log.decode(message)
         if data is None:
@@ -180,112 +170,21 @@ def _read(log, prefix, check):
             pairing.offsets[from_stamp(data.header.stamp)] = data.vector.x, data.vector.y
         elif name == 'camera/miss_distance':
             pairing.frames[from_stamp(data.header.stamp)] = data.vector.x, data.vector.y
+        elif name == 'observer/checks':
+            found = _document(data.data).get('clocks')
+            if found:
+                clocks[str(found['exposures'])] = found
         elif name == 'incremental/homing':
             rows.homings.append((message.log_time, partial(homings_of, cloud_to_homing(data))))
         else:
             rows.diagnosed += [(message.log_time, partial(homings_from_diagnostics, values))
-                               for values in encoder_diagnostics(data)]
+                               for values in encoder_diagnostics(data, prefix)]
     pairing.finish(rows.observations)
+    for found in clocks.values():
+        check.compare('clocks', json.dumps([found['found'], found['absolute']]), json.dumps(
+            [offset_of(found[name]) for name in ('exposures', 'absolute_exposures')]),
+            f'star {found["star"]}')
     return rows
-
-
-class _Pairing:
-    """Observations from readings and exposures, as the observer makes them."""
-
-    def __init__(self, log, check):
-        self._log, self._check = log, check
-        self._readings = {encoder: deque(maxlen=READINGS) for encoder in _RAW.values()}
-        self.frames = {}
-        self._waiting = deque()
-        self.offsets = {}
-
-    def reading(self, encoder, message):
-        """Keep a reading; decoded only if an observation falls beside it."""
-        order = '<' if message.data[1:2] == b'\1' else '>'
-        if len(message.data) < 12:
-            return
-        sec, nanosec = struct.unpack_from(f'{order}iI', message.data, 4)
-        self._readings[encoder].append((sec * 1_000_000_000 + nanosec, message))
-        if self._waiting:
-            self._go_on()
-
-    def observation(self, stamp, run):
-        """Compare as soon as there are readings on both sides."""
-        self._waiting.append((stamp, run))
-        self._go_on()
-
-    def _go_on(self, end=False):
-        while self._waiting:
-            stamp, run = self._waiting[0]
-            newest = [r[-1][0] for r in self._readings.values() if r]
-            ready = stamp in self.frames and len(newest) == len(_RAW) and min(newest) > stamp
-            # nodes are not logged in the order in which they heard each other: on a busy machine
-            # one's messages come in a bunch, minutes of a simulated night at once
-            full = any(len(r) == READINGS for r in self._readings.values())
-            if not (ready or end or (full and max(newest) >= stamp + PATIENCE)):
-                return
-            self._waiting.popleft()
-            self._compare(stamp, run)
-
-    def finish(self, observations):
-        """Compare what still waits, and the offsets of all `observations`."""
-        self._go_on(end=True)
-        for stamp, run in observations.items():
-            if stamp in self.offsets:
-                x, y = run.offsets()
-                self._check.compare('offset', self.offsets[stamp], [x[0], y[0]], _at(stamp))
-
-    def _compare(self, stamp, run):
-        miss = self.frames.get(stamp)
-        found = {}
-        beyond = not run.mount.altaz and bool(is_beyond(run['el'][0]))
-        for encoder, readings in self._readings.items():
-            angles = self._around(readings, stamp)
-            if miss is None or angles is None:
-                continue
-            stamps, readings = angles
-            angles = stamps, [run.mount.on_travel(*reading) for reading in readings]
-            angle, rate = interpolate(*angles, stamp, RATE_OVER)
-            if encoder == 'enc':
-                read, found[encoder] = angle, np.array(centred(*angle, *miss, beyond))
-                # of logs from before it was taken over a second
-                rates = rate, interpolate(*angles, stamp)[1]
-            elif 'enc' in found:
-                found[encoder] = centred_second(angle, read, miss, beyond)
-        if 'enc' not in found:
-            self._check.unchecked.append(
-                f'observation of {_at(stamp)}: its exposure or its readings are not in the log')
-            return
-        for encoder, angle in found.items():
-            if f'az_{encoder}' in run:
-                logged = [run[f'{axis}_{encoder}'][0] for axis in ('az', 'el')]
-                self._check.compare(f'{encoder} of observation', logged, angle, _at(stamp))
-        if 'az_rate' in run:
-            logged = [run['az_rate'][0], run['el_rate'][0]]
-            rate = rates[1] if np.array_equal(logged, rates[1]) else rates[0]
-            self._check.compare('rate of observation', logged, rate, _at(stamp))
-
-    def _around(self, readings, stamp):
-        """Stamps and angles of the readings from a second before `stamp` to the next, or None."""
-        high, before = None, []
-        for when, message in reversed(readings):
-            if when >= stamp:
-                high = when, message
-                continue
-            before.append((when, message))
-            if when < stamp - RATE_OVER:
-                break
-        if not before or high is None:
-            return None
-        beside = [*before[::-1], high]
-        decoded = [self._log.decode(message) for _, message in beside]
-        if None in decoded:
-            return None
-        return [when for when, _ in beside], [read_joints(data)[1] for data in decoded]
-
-
-def _at(stamp):
-    return f'{stamp // 10**9}.{stamp % 10**9:09d} s'
 
 
 # --- the calibration, once more ------------------------------------------------------------------
@@ -349,7 +248,7 @@ class _Replay:
         """Zeros by Polaris first, then fits, then diagnoses, each with its zero."""
         if self.session.last_stamp != stamp:
             self._check.unchecked.append(
-                f'what was derived at {_at(stamp)}: its observation is not in the log')
+                f'what was derived at {at_time(stamp)}: its observation is not in the log')
             return
         made = models[sum(self._is_dated_reference(text) for _, text in models):]
         calibrated = max(0, len(zeros) - len(made))
@@ -358,7 +257,7 @@ class _Replay:
             try:
                 run, zero = self.session.calibrate_zero()
             except ValueError as error:
-                self._check.differences.append(f'zero of {_at(stamp)}: {error}')
+                self._check.differences.append(f'zero of {at_time(stamp)}: {error}')
                 return
             computed += [(zero, True)] * calibrated
         for log_time, text in made:
@@ -371,14 +270,14 @@ class _Replay:
                 model = self._diagnose(stamp)
             else:
                 model = self._fit(stamp, log_time)
-            self._check.compare('model', text, model.to_json(), _at(stamp))
+            self._check.compare('model', text, model.to_json(), at_time(stamp))
             self.session.in_force = model
             computed.append((self.session.zeros_in_force.newest, False))
         for data, (zero, by_polaris) in zip(zeros, computed):
             _, logged = joints_to_zero(data)
-            self._check.compare('zero', logged.angles, zero.angles, _at(stamp))
+            self._check.compare('zero', logged.angles, zero.angles, at_time(stamp))
             if by_polaris:
-                self._check.compare('sigma of the zero', logged.sigma, zero.sigma, _at(stamp))
+                self._check.compare('sigma of the zero', logged.sigma, zero.sigma, at_time(stamp))
 
     def _is_dated_reference(self, text):
         """Whether a model is the reference, published with the zero that is relative to it."""
@@ -405,9 +304,9 @@ class _Replay:
             tried = first
         self.session, model, report = tried
         if logged is None:
-            self._check.unchecked.append(f'report of {_at(stamp)}: it is not in the log')
+            self._check.unchecked.append(f'report of {at_time(stamp)}: it is not in the log')
         else:
-            self._check.compare('report', logged, report, _at(stamp))
+            self._check.compare('report', logged, report, at_time(stamp))
         return model
 
     def _homings(self, log_time):
@@ -433,13 +332,13 @@ class _Replay:
         found = (self.session.judge(site) if again
                  else self.session.diagnose(document.get('alpha', 0.01), site))
         if document:
-            self._check.compare('diagnosis', logged, json.dumps(found.document), _at(stamp))
+            self._check.compare('diagnosis', logged, json.dumps(found.document), at_time(stamp))
         # the report of the fit comes with it, its witnesses judged by the new model
         report = self.session.report
         logged = (self._report(report['last_stamp_ns'])
                   if 'published' in document and report is not None else None)
         if logged is not None:
-            self._check.compare('report', logged, json.dumps(report), _at(stamp))
+            self._check.compare('report', logged, json.dumps(report), at_time(stamp))
         return found.model
 
     def _report(self, stamp):

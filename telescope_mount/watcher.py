@@ -57,7 +57,7 @@ class Watcher:
         self._executor = NodeExecutor(context=self._context)
         self._executor.add_node(self.node)
         self.latest = {}
-        self.reports = GraphReports()
+        self.reports = GraphReports(self.node.get_namespace())
         for topic in self.KEPT:
             self.node.create_subscription(
                 topic.message, topic.name,

@@ -8,7 +8,8 @@ import numpy as np
 from msg_tools.units import DEG
 
 from ..earth import TURN_RATE
-from .motion import Boxes, Cubic, State, slew_boxes
+from .boxes import Boxes, arc, largest_cosine, most_cosine, quartered
+from .motion import BENT, FAST, Cubic, State, slew_boxes
 from .sun import turned
 
 _TURN = 2.0 * np.pi
@@ -18,12 +19,17 @@ LONGEST = 3600.0
 NEAR = 0.1 * DEG
 #: whoever is beyond a limit may come back: by so much he may seem to go on, rad
 SLACK = 0.05 * DEG
-#: a way around the Sun keeps away by so much more: it moves while the axes go, rad
+#: a way around the Sun, or of axes whose timing is not known, keeps away by so much more: it
+#: moves while they go, rad
 MARGIN_SUN = 1.0 * DEG
 #: a way that seems refused is looked at again with so many boxes for one
 FINER = 6
 #: boxes into which a way may be cut that passes close by a limit
 MOST_BOXES = 20000
+#: the same where many ways are tried
+QUICK = 200
+#: knots are apart by so much at least, s
+SOON = 1e-6
 #: the largest number that is an angle, rad: a hundred turns
 NO_ANGLE = 100.0 * _TURN
 
@@ -35,15 +41,9 @@ class Allowed(NamedTuple):
     ----------
     cubic : Cubic
         Its knots, the first axis on the turn that the mount takes.
-    vias : tuple of (float, float)
-        Angles, rad, that the axes must come to one after the other before; empty: straight.
-    arrival : float
-        When it is reached at the latest, without vias; s after its begin.
     """
 
     cubic: Cubic
-    vias: tuple = ()
-    arrival: float = 0.0
 
 
 class Refused(NamedTuple):
@@ -73,9 +73,12 @@ class Judge:
         self._frame = np.array(mount.frame)
         self._zenith = np.array(mount.zenith)
         self._words = mount.names.axes
+        self._slow = tuple(axis.acceleration * (limits.timing or 1.0) for axis in limits.axes)
+        # without any timing nothing is known of when either
+        self._sun = limits.sun + (MARGIN_SUN if limits.sun and not limits.timing else 0.0)
         self._straight = bool(np.allclose(self._frame, np.eye(3)))
 
-    def judge(self, times, angles, rates, state, sun=None, pole=None):
+    def judge(self, times, angles, rates, state, sun=None, pole=None, turns=None):
         """Judge a track from where the axes are.
 
         Parameters
@@ -90,6 +93,8 @@ class Judge:
             East, north, up of the Sun now; None: it is no matter.
         pole : ndarray, shape (3,), optional
             The same of the celestial north pole, about which the Sun turns; None: it stands.
+        turns : int, optional
+            Whole turns to add to the azimuth; without, those to the nearest that it can take.
 
         Returns
         -------
@@ -100,55 +105,115 @@ class Judge:
         if reason:
             return Refused(reason)
         cubic = Cubic(times, angles, rates)
-        boxes = cubic.boxes()
-        turns = self._turns(boxes, float(angles[0, 0]), state.angles[0])
-        if turns:
-            cubic = Cubic(times, angles + [turns * _TURN, 0.0], rates)
-            boxes = cubic.boxes()
-        reason = self._too_fast(cubic) or self._out_of_travel(boxes, 'the track')
+        reason = self._too_fast(cubic)
         if reason:
             return Refused(reason)
-        return self._way(cubic, state, self.in_axes(sun, pole, state), boxes)
+        turns = self._turns(cubic, state.angles[0]) if turns is None else turns
+        second = 0 if self.limits.mount.altaz else self._middle(cubic, 1)
+        if turns or second:
+            cubic = cubic.turned(turns, second)
+        reason = self._track_out_of_travel(cubic)
+        if reason:
+            return Refused(reason)
+        return self._way(cubic, state, self.in_axes(sun, pole, state), True)
 
-    def way(self, here, there, sun=None, pole=None):
-        """As `judge`, of a slew from rest to rest between two pairs of angles."""
+    def onto(self, cubic, here, sun=None, pole=None, quick=False):
+        """As `judge`, of a slew from rest at a pair of angles onto a `Cubic` that is allowed.
+
+        What is `quick` may refuse more.
+        """
+        state = State(tuple(here))
+        return self._way(cubic, state, self.in_axes(sun, pole, state), quick=quick)
+
+    def way(self, here, there, sun=None, pole=None, quick=False):
+        """As `onto`, of a slew from rest to rest between two pairs of angles."""
         cubic = Cubic(np.zeros(1), np.array([there], float), np.zeros((1, 2)))
-        state = State(tuple(here))
-        return self._way(cubic, state, self.in_axes(sun, pole, state))
+        return self.onto(cubic, here, sun, pole, quick)
 
-    def onto(self, cubic, here, sun=None, pole=None):
-        """As `judge`, of a slew from rest at a pair of angles onto a `Cubic` that is allowed."""
-        state = State(tuple(here))
-        return self._way(cubic, state, self.in_axes(sun, pole, state))
+    def other_turns(self, cubic, state):
+        """The same track on the other turns that the azimuth's travel has room for, nearest first.
+
+        Parameters
+        ----------
+        cubic : Cubic
+        state : State
+
+        Returns
+        -------
+        list of Cubic
+        """
+        if not self.limits.mount.altaz:
+            return []
+        axis, first = self.limits.axes[0], float(cubic.angles[0, 0])
+        brake = cubic.brakes(self._slow)[0]
+        turns = [n for n in range(math.ceil((axis.low - cubic.low[0] + brake) / _TURN),
+                                  math.floor((axis.high - cubic.high[0] - brake) / _TURN) + 1)
+                 if n]
+        turns.sort(key=lambda n: abs(first + n * _TURN - state.angles[0]))
+        return [cubic.turned(n) for n in turns[:2]]
 
     def free(self, boxes, sun):
         """Which of many boxes are surely free of horizon and Sun (of `in_axes`), bool (n,)."""
         above, apart = self._clearances(boxes, sun)[0]
         return above >= 0.0 if sun is None else (above >= 0.0) & (
-            apart >= self.limits.sun)
+            apart >= self._sun)
 
-    def _way(self, cubic, state, sun, track=None):
-        """Judge the way onto a track and, where its boxes are given, what it passes of the sky."""
+    def _way(self, cubic, state, sun, track=False, quick=False):
+        """Judge the way onto a track and, if told so, what it passes of the sky itself."""
+        if self._surely_clear(cubic, state, sun):
+            return Allowed(cubic)
         try:
-            boxes, arrival = slew_boxes(state, cubic, self.limits.axes, self.limits.timing)
+            boxes = slew_boxes(state, cubic, self.limits.axes, self.limits.timing)
         except ValueError as err:
             return Refused(f'{self._words[err.args[0]]} cannot catch up with the track: ask for a '
                            'slower one')
-        reason = self._out_of_travel(boxes, 'the way to it', state)
-        if reason:
-            return Refused(reason)
-        if not self._surely_free(boxes, track, sun):
+        out = self._out_of_travel(boxes, 'the way to it', state)
+        track = cubic.boxes(self._slow) if track else None
+        if out or not self._surely_free(boxes, track, sun):
             reason = track is not None and self.where_not(track, sun)
             if reason:
                 return Refused(f'the track {reason}')
-            reason = self.where_not(boxes, sun, state)
-            if reason:  # what looked so may be both axes of two moments
+            if out:
+                return Refused(out, cubic)
+            reason = self.where_not(boxes, sun, state, QUICK if quick else MOST_BOXES)
+            if reason and not quick:  # what looked so may be both axes of two moments
                 limits = self.limits
-                boxes = slew_boxes(state, cubic, limits.axes, limits.timing, FINER)[0]
+                boxes = slew_boxes(state, cubic, limits.axes, limits.timing, FINER)
                 reason = self.where_not(boxes, sun, state)
             if reason:
                 return Refused(f'the way to the track {reason}', cubic)
-        return Allowed(cubic, (), arrival)
+        return Allowed(cubic)
+
+    def _surely_clear(self, cubic, state, sun):
+        """Whether all pairs of angles between begin and track are far from everything.
+
+        Most slews are found to be free so, however the axes go, in a tenth of the time.
+        """
+        limits, ends, seconds = self.limits, [], float(cubic.times[-1])
+        for i, axis in enumerate(limits.axes):
+            here, rate, slow = state.angles[i], state.rates[i], self._slow[i]
+            peak = float(cubic.peak_rate[i])
+            if peak > FAST:
+                return False
+            low, high = min(here, cubic.low[i]), max(here, cubic.high[i])
+            seconds = max(seconds, 1.1 * (high - low + peak * seconds) / (
+                axis.rate * (limits.timing or 0.1)) + 2.0 * (axis.rate + abs(rate)) / slow)
+            stop = here + 0.5 * rate * abs(rate) / slow
+            low = min(low, stop) - BENT - peak * peak / slow
+            high = max(high, stop) + BENT + peak * peak / slow
+            if low < axis.low or high > axis.high:
+                return False
+            ends.append((low, high))
+        if self._straight and ends[1][1] <= 0.5 * math.pi and ends[1][0] >= -0.5 * math.pi:
+            lowest = ends[1][0]
+        else:
+            lowest = math.asin(max(min(-largest_cosine(-self._zenith, *ends), 1.0), -1.0))
+        if lowest < limits.horizon.top:
+            return False
+        if sun is None:
+            return True
+        near = math.acos(max(min(largest_cosine(sun[0], *ends), 1.0), -1.0))
+        return near > self._sun + TURN_RATE * seconds + BENT
 
     # --- the track by itself ------------------------------------------------------------------
 
@@ -160,12 +225,14 @@ class Judge:
             return 'a track with a value that is not finite: give numbers'
         if not all(map(math.isfinite, (*state.angles, *state.rates))):
             return 'where the axes stand is not known: home the mount, or wait for its encoder'
-        if np.any(times[1:] <= times[:-1]):
+        if np.any(times[1:] - times[:-1] < SOON):
             return 'times of the track do not increase: give the knots in their order'
+        if max(rates.max(), -rates.min()) > NO_ANGLE:
+            return 'a rate of the track that is none of an axis: give radians a second'
         if times[0] > 1.0 or times[-1] < 0.0:
             return (f'a track from {times[0]:.1f} to {times[-1]:.1f} s from now: '
                     'send one that is of now')
-        if times[-1] - times[0] > LONGEST:
+        if times[-1] - times[0] > LONGEST + 60.0:  # and braking at its end
             return (f'a track of {times[-1] - times[0]:.0f} s: send {LONGEST:.0f} s at most, '
                     'and the next one in time')
         if len(times) == 1 and rates.any():
@@ -177,46 +244,62 @@ class Judge:
                     'give radians')
         return ''
 
-    def _turns(self, boxes, first, here):
+    def _turns(self, cubic, here):
         """Whole turns to add to the first axis: the nearest that its travel has room for."""
         axis = self.limits.axes[0]
-        nearest = round((here - first) / _TURN) if self.limits.mount.altaz else 0
-        fewest = math.ceil((axis.low - float(boxes.low[0].min())) / _TURN)
-        most = math.floor((axis.high - float(boxes.high[0].max())) / _TURN)
+        nearest = (round((here - float(cubic.angles[0, 0])) / _TURN) if self.limits.mount.altaz
+                   else self._middle(cubic, 0))
+        brake = cubic.brakes(self._slow)[0]
+        fewest = math.ceil((axis.low - cubic.low[0] + brake) / _TURN)
+        most = math.floor((axis.high - cubic.high[0] - brake) / _TURN)
         if fewest > most:
             return 0
         return min(max(nearest, fewest), most)
 
+    def _middle(self, cubic, i):
+        """Whole turns that lead nearest to the middle of the travel of an axis."""
+        axis = self.limits.axes[i]
+        return round((0.5 * (axis.low + axis.high) - float(cubic.angles[0, i])) / _TURN)
+
     def _too_fast(self, cubic):
         for i, (axis, word) in enumerate(zip(self.limits.axes, self._words)):
             rate, bend = float(cubic.peak_rate[i]), float(cubic.peak_acceleration[i])
-            if rate > axis.rate:
+            if not rate <= axis.rate:  # one that is no number neither
                 return (f'{word} at {rate / DEG:.3g} deg/s on the track is faster than '
                         f'{axis.rate / DEG:g} deg/s: ask for a slower one')
-            if bend > axis.acceleration:
+            if not bend <= axis.acceleration:
                 return (f'{word} at {bend / DEG:.3g} deg/s^2 on the track is over '
                         f'{axis.acceleration / DEG:g} deg/s^2: ask for a smoother one')
         return ''
 
-    def _out_of_travel(self, boxes, what, state=None):
-        low, high = boxes.low.min(1), boxes.high.max(1)
-        if state is not None:
-            # the ends of a way onto a track are the outermost of it, but for braking at first
-            low, high = low + boxes.pad[:, 0], high - boxes.pad[:, 0]
-            for i, (axis, rate) in enumerate(zip(self.limits.axes, state.rates)):
-                stop = state.angles[i] + rate * abs(rate) / (
-                    2.0 * axis.acceleration * (self.limits.timing or 1.0))
-                low[i], high[i] = min(low[i], stop), max(high[i], stop)
-        for i, (axis, word) in enumerate(zip(self.limits.axes, self._words)):
-            least, most = axis.low, axis.high
-            if state is not None:  # whoever stands outside may come back
-                least = min(least, state.angles[i])
-                most = max(most, state.angles[i])
-            if low[i] < least - 1e-9 or high[i] > most + 1e-9:
-                return (f'{word} of {what} from {low[i] / DEG:.1f} to {high[i] / DEG:.1f} deg '
-                        f'leaves its travel of {axis.low / DEG:g} to {axis.high / DEG:g} deg: '
-                        'choose another target or the other side')
+    def _track_out_of_travel(self, cubic):
+        for i, brake in enumerate(cubic.brakes(self._slow)):
+            reason = self._beyond(i, cubic.low[i] - brake, cubic.high[i] + brake, 'the track')
+            if reason:
+                return reason
         return ''
+
+    def _out_of_travel(self, boxes, what, state):
+        # the ends of a way onto a track are the outermost of it, but for braking at first
+        low, high = (boxes.low.min(1) + boxes.pad[:, 0]), (boxes.high.max(1) - boxes.pad[:, 0])
+        for i, (here, rate) in enumerate(zip(state.angles, state.rates)):
+            stop = here + rate * abs(rate) / (2.0 * self._slow[i])
+            # whoever stands outside may come back
+            reason = self._beyond(i, min(low[i], stop), max(high[i], stop), what, here)
+            if reason:
+                return reason
+        return ''
+
+    def _beyond(self, i, low, high, what, here=None):
+        axis = self.limits.axes[i]
+        least, most = axis.low, axis.high
+        if here is not None:
+            least, most = min(least, here), max(most, here)
+        if low >= least - 1e-9 and high <= most + 1e-9:
+            return ''
+        return (f'{self._words[i]} of {what} from {low / DEG:.1f} to {high / DEG:.1f} deg leaves '
+                f'its travel of {axis.low / DEG:g} to {axis.high / DEG:g} deg: choose another '
+                'target or the other side')
 
     # --- the sky ------------------------------------------------------------------------------
 
@@ -242,10 +325,10 @@ class Judge:
         if sun is None:
             return bool((self._clearances(boxes, None, False)[0][0] >= 0.0).all())
         above, apart = self._clearances(boxes, (sun[0], None), False)[0]
-        far = self.limits.sun + TURN_RATE * max(boxes.time[-1], 0.0) + 0.1 * DEG
+        far = self._sun + TURN_RATE * max(boxes.time[-1], 0.0) + 0.1 * DEG
         return bool((above >= 0.0).all() and (apart >= far).all())
 
-    def where_not(self, boxes, sun=None, state=None):
+    def where_not(self, boxes, sun=None, state=None, most=MOST_BOXES):
         """Why the axes may not be at all pairs of angles of boxes, '' if they may.
 
         Parameters
@@ -255,11 +338,13 @@ class Judge:
             Of `in_axes`.
         state : State, optional
             Where they are: from where a limit is passed already, the way may lead back.
+        most : int
+            Boxes into which they may be cut.
         """
-        lowest, near_sun = 0.0, self.limits.sun
-        done = 0
+        lowest, near_sun = 0.0, self._sun
+        done, exact = 0, False
         while True:
-            (above, apart), (above_here, apart_here), half = self._clearances(boxes, sun)
+            (above, apart), (above_here, apart_here), half = self._clearances(boxes, sun, exact)
             sure = above >= lowest
             if sun is not None:
                 sure &= apart >= near_sun
@@ -274,12 +359,14 @@ class Judge:
             bad = above_here < lowest
             if sun is not None:
                 bad |= apart_here < near_sun
-            bad |= ~sure & (half < NEAR / 2.0)
-            done += len(sure)
-            if bad.any() or done > MOST_BOXES:
+            if exact:
+                bad |= ~sure & (half < NEAR / 2.0)
+                done += len(sure)
+            if bad.any() or done > most:
                 i = int(np.argmax(bad if bad.any() else ~sure))
                 return self._said(boxes, i, above_here[i] < lowest + NEAR or sun is None, sun)
-            boxes = _quartered(boxes, ~sure)
+            boxes = quartered(boxes, ~sure) if exact else boxes.of(~sure)
+            exact = not exact
 
     def _clearances(self, boxes, sun, exact=True):
         """Elevation above the horizon and distance from the Sun: least in a box, in its middle.
@@ -292,8 +379,8 @@ class Judge:
         place = np.array([cos_b * np.sin(a), cos_b * np.cos(a), np.sin(b)])
         widest = np.minimum(np.abs(cos_b) + hb, 1.0) * ha
         half = np.sqrt(widest * widest + hb * hb)
-        el = _arc(np.arcsin, self._zenith @ place)
-        lowest = _arc(np.arcsin, -_most(-self._zenith, boxes)) if exact else el - half
+        el = arc(np.arcsin, self._zenith @ place)
+        lowest = arc(np.arcsin, -most_cosine(-self._zenith, boxes)) if exact else el - half
         horizon = self.limits.horizon
         if horizon.flat:
             above_here, above = el - horizon.least, lowest - horizon.least
@@ -313,8 +400,8 @@ class Judge:
         toward, pole = sun
         if pole is not None:
             toward = turned(toward, pole, boxes.time)
-        apart_here = _arc(np.arccos, np.sum(toward.T * place.T, -1))
-        apart = _arc(np.arccos, _most(toward, boxes)) if exact else apart_here - half
+        apart_here = arc(np.arccos, np.sum(toward.T * place.T, -1))
+        apart = arc(np.arccos, most_cosine(toward, boxes)) if exact else apart_here - half
         return (above, apart), (above_here, apart_here), half
 
     def _said(self, boxes, i, horizon, sun):
@@ -327,45 +414,3 @@ class Judge:
                     'target')
         return (f'comes within {self.limits.sun / DEG:g} deg of the Sun at {where}: choose '
                 'another target or wait')
-
-
-def _arc(function, value):
-    return function(np.minimum(np.maximum(value, -1.0), 1.0))
-
-
-def _most(toward, boxes):
-    """The largest cosine of the angle between a direction and those of a box, shape (n,).
-
-    Of ``z sin b + h cos b cos(a - a0)`` the largest is at an end of the range of cos(a - a0), and
-    there it is a cosine of b again.
-    """
-    x, y, z = toward
-    h = np.hypot(x, y)
-    low, high = boxes.low[0] - np.arctan2(x, y), boxes.high[0] - np.arctan2(x, y)
-    cos_low, cos_high = np.cos(low), np.cos(high)
-    most = np.where(_passes(low, high, 0.0), 1.0, np.maximum(cos_low, cos_high))
-    least = np.where(_passes(low, high, np.pi), -1.0, np.minimum(cos_low, cos_high))
-    out = -1.0
-    for cosine in (h * most, h * least):
-        size, peak = np.hypot(z, cosine), np.arctan2(z, cosine)
-        low, high = boxes.low[1] - peak, boxes.high[1] - peak
-        out = np.maximum(out, size * np.where(
-            _passes(low, high, 0.0), 1.0, np.maximum(np.cos(low), np.cos(high))))
-    return out
-
-
-def _passes(low, high, angle):
-    """Whether ranges hold an angle, on some turn."""
-    return np.floor((high - angle) / _TURN) >= np.ceil((low - angle) / _TURN)
-
-
-def _quartered(boxes, which):
-    low, high, time = boxes.low[:, which], boxes.high[:, which], boxes.time[which]
-    middle = 0.5 * (low + high)
-    lows, highs = [], []
-    for first in (0, 1):
-        for second in (0, 1):
-            side = np.array([[first], [second]]) == 1
-            lows.append(np.where(side, middle, low))
-            highs.append(np.where(side, high, middle))
-    return Boxes(np.concatenate(lows, 1), np.concatenate(highs, 1), np.tile(time, 4))

@@ -8,6 +8,7 @@ more stops by itself.
 
 import math
 from contextlib import suppress
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +20,8 @@ from .judging import Allowed, Judge, Refused
 from .limits import safe_travel
 from .motion import Cubic, State, moment, plan_move
 from .readings import Readings
-from .way import around
+from .rest import braked, ended
+from .way import around, lead
 
 #: of the speed and the acceleration of an axis, what a slew in pieces uses: the rest is for
 #: catching up
@@ -28,9 +30,12 @@ SHARE = 0.8
 KNOT = 0.25
 #: so near to a point of a way around, and slower, it is reached; rad, rad/s
 REACHED, STILL = 0.1 * DEG, 0.02 * DEG
+#: an axis that moves may be behind by the way of so long, s
+LAG = 0.5
 #: a track that begins later than this has to wait for its time, s
 LATER = 1.0
 OK, WARN, ERROR = 0, 1, 2
+UNKNOWN = 'where the axes stand is not known: home the mount, or wait for its encoder'
 
 
 class Settings(NamedTuple):
@@ -53,7 +58,7 @@ class Settings(NamedTuple):
     whole: bool = True
     ahead: float = 1.5
     silence: float = 0.5
-    commander: float = 0.5
+    commander: float = 0.45
     behind: float = 2.0 * DEG
     turn_known: bool = True
 
@@ -79,6 +84,8 @@ class Keeper:
     """
 
     def __init__(self, limits, sun, settings, wall):
+        if not settings.whole:
+            limits = replace(limits, timing=min(limits.timing, SHARE))
         self._limits, self._judge, self._sun = limits, Judge(limits), sun
         self._settings, self._wall = settings, wall
         self._pole = np.array([0.0, math.cos(sun.latitude), math.sin(sun.latitude)])
@@ -87,6 +94,8 @@ class Keeper:
         self.refused = (0, '')
         self._goal = self._path = None
         self._vias, self._heard, self._owner, self._last = [], 0.0, '', 0
+        self._sent = 0  # when something was sent last, ns
+        self._turns = None  # of the first axis, where a way led to the goal on another turn
         self._out = []
 
     # --- what comes in ------------------------------------------------------------------------
@@ -94,9 +103,8 @@ class Keeper:
     @property
     def locked(self):
         """Why no request is taken now; '' if one is."""
-        if self.state in ('aborted', 'parking', 'parked'):
-            return f'{self.state}: call resume'
-        return ''
+        locked = self.state in ('aborted', 'parking', 'parked')
+        return f'{self.state}: call resume' if locked else ''
 
     def take_reading(self, stamp, angles, rates):
         """A reading of the encoders, rad and rad/s; ValueError for one that cannot be."""
@@ -109,9 +117,8 @@ class Keeper:
         elif not known and not self._settings.turn_known:
             first, second = self._limits.axes
             low, high = safe_travel(self.readings.here[0], first.low, first.high)
-            self._judge = Judge(self._limits.__class__(
-                self._limits.mount, (first._replace(low=low, high=high), second),
-                self._limits.horizon, self._limits.sun, self._limits.timing))
+            self._judge = Judge(replace(
+                self._limits, axes=(first._replace(low=low, high=high), second)))
 
     def take_request(self, track, now, owner=''):
         """A track that is asked for, or the one before once more: it is still wanted.
@@ -145,7 +152,8 @@ class Keeper:
             return
         if track.start < self._last:
             raise self._refuse(track, 'a request older than the one before: check its stamp')
-        self._last, self._goal, self._vias = track.start, track, []
+        self._last, self._vias, self._turns = track.start, [], None
+        self._goal = track if self._settings.whole else ended(track, self._limits.axes)
         if self.state != 'paused':
             self._begin(now)
 
@@ -180,20 +188,17 @@ class Keeper:
     def _begin(self, now):
         """Judge what is asked for from where the axes are, and set out."""
         goal, late = self._goal, 0.0
-        if self.readings.here is None or (
-                not self._settings.whole and self.readings.quiet(self._settings.silence)):
-            self._told('waiting', WARN, 'where the axes stand is not known: home the mount, or '
-                       'wait for its encoder')
-            return
+        if self.readings.here is None or (not self._settings.whole and (
+                self.readings.doubtful or self.readings.quiet(self._settings.silence))):
+            return self._told('waiting', WARN, UNKNOWN)
         if not self._settings.whole:
             late = (now - goal.start) * 1e-9
             if late < -LATER:
-                self._told('waiting', OK, 'the track begins later')
-                return
+                return self._told('waiting', OK, 'the track begins later')
         state = self._here(now)
         sun = self._sun_at(max(now, goal.start))
         found = self._judge.judge(goal.times - late, goal.angles, goal.rates, state, sun,
-                                  self._pole)
+                                  self._pole, self._turns)
         if isinstance(found, Allowed):
             if self._set_out(found.cubic, state, now, 'following'):
                 return
@@ -201,14 +206,14 @@ class Keeper:
         if found.cubic is not None:
             if max(map(abs, state.rates)) > 2.0 * STILL:
                 self._brake(now)
-                self._told('stopping', OK, f'{found.reason.partition(":")[0]}: '
-                           'stopping, to go around')
-                return
-            vias = around(self._judge, found.cubic, State(state.angles), sun, self._pole)
-            if vias:
-                self._vias = list(vias)
-                self._to_via(now)
-                return
+                return self._told('stopping', OK, f'{found.reason.partition(":")[0]}: '
+                                  'stopping, to go around')
+            led = lead(self._judge, found.cubic, State(state.angles), sun, self._pole)
+            if led is not None:
+                self._vias, cubic = list(led[0]), led[1]
+                self._turns = round(float(cubic.angles[0, 0] - goal.angles[0, 0]) / (2.0 * math.pi))
+                return (self._to_via(now) if self._vias
+                        else self._set_out(cubic, state, now, 'following'))
         self._goal = None
         if self._path is not None:
             self._brake(now)
@@ -220,21 +225,26 @@ class Keeper:
         found = self._judge.way(self._here(now).angles, there[0], self._sun_at(now), self._pole)
         if not isinstance(found, Allowed):  # the Sun has come into the way since
             self._vias = []
-            self._told('waiting', WARN, found.reason)
-            return
-        self._set_out(Cubic(np.zeros(1), there, np.zeros((1, 2))), self._here(now), now, 'around',
-                      f'{len(self._vias)} points to pass')
+            return self._told('waiting', WARN, found.reason)
+        cubic = Cubic(np.zeros(1), there, np.zeros((1, 2)))
+        self._set_out(cubic, self._here(now), now, 'around', f'{len(self._vias)} points to pass')
 
     def _sun_at(self, now):
         return self._sun.at(now * 1e-9) if self._limits.sun else None
 
     def _here(self, now):
         """Of the axes now: where they were sent, while they follow, else their reading."""
-        if self._path is not None and not self._settings.whole:
+        if self._path is not None and not self._settings.whole and not self._hung(now):
             points = [self._moment(now, i) for i in (0, 1)]
             return State(*zip(*points))
         return State(tuple(map(float, self.readings.here)), tuple(
             float(v) if math.isfinite(v) else 0.0 for v in self.readings.rate))
+
+    def _hung(self, now):
+        """Whether nothing was sent in time, and the mount has braked; or has not begun at all."""
+        ahead = round(self._settings.ahead * 1e9)
+        return now > max(self._sent, self._path[0]) + ahead or (
+            bool(self._out) and now > self._out[-1].start + ahead // 5)
 
     def _moment(self, now, axis):
         start, moves, cubic = self._path
@@ -265,13 +275,8 @@ class Keeper:
         self._send_braked(now, KNOT * np.arange(count + 1), points[:, :, 0], points[:, :, 1])
 
     def _send_braked(self, now, times, angles, rates):
-        """A track with a last knot at rest."""
-        last = rates[-1]
-        brake = max(0.1, *(abs(v) / axis.acceleration
-                           for v, axis in zip(last.tolist(), self._limits.axes)))
-        self._out.append(Track(now, np.append(times, times[-1] + brake),
-                               np.vstack([angles, angles[-1] + 0.5 * brake * last]),
-                               np.vstack([rates, np.zeros(2)])))
+        """A track that ends at rest."""
+        self._out.append(Track(now, *braked(times, angles, rates, self._limits.axes)))
 
     def _brake(self, now):
         """Stop now."""
@@ -306,6 +311,8 @@ class Keeper:
         with suppress(ValueError):  # a refusal, which `state` tells
             self._step(now, due)
         out, self._out = self._out, []
+        if out:
+            self._sent = out[-1].start
         return out
 
     def _step(self, now, due):
@@ -314,6 +321,10 @@ class Keeper:
                 self.state == 'waiting' or (self.state == 'stopping' and self._stands())):
             self._begin(now)
         if not self._settings.whole and self._path is not None:
+            if self._hung(now):
+                self._path, self._out = None, []
+                state = 'aborted' if self.state == 'parking' else 'stopping'
+                return self._told(state, WARN, 'nothing was sent in time: the mount has stopped')
             reason = self._why_stop(now)
             if reason:
                 self._brake(now)
@@ -350,28 +361,35 @@ class Keeper:
                                     'look at their driver')
         if self.state != 'parking' and not self._alive:
             return stopped, WARN, 'the request is no longer renewed: stopped'
+        astray = self._astray()
+        if astray:
+            return 'aborted', ERROR, astray
+        return None
+
+    def _astray(self):
+        """Which axis does not go where it was sent, in a sentence; '' for none."""
+        if self.readings.stamp <= self._path[0]:
+            return ''
         for i, word in enumerate(self._limits.mount.names.axes):
             # where it was sent to at the time of the reading
-            off = abs(self.readings.here[i] - self._moment(self.readings.stamp, i)[0])
-            if off > self._settings.behind and self.readings.stamp > self._path[0]:
-                return 'aborted', ERROR, (
-                    f'the {word} is {off / DEG:.1f} deg from where it was sent: stopped; look at '
-                    'its drive and encoder, and call resume')
-        return None
+            angle, rate = self._moment(self.readings.stamp, i)
+            off = abs(self.readings.here[i] - angle)
+            if off > self._settings.behind + LAG * abs(rate):
+                return (f'the {word} is {off / DEG:.1f} deg from where it was sent: stopped; look '
+                        'at its drive and encoder, and call resume')
+        return ''
 
     def _stands(self):
         return (self.readings.here is not None
                 and float(np.nanmax(np.abs(self.readings.rate))) < STILL)
 
     def _at(self, place, now):
-        here = self.readings.here
         if self._path is None:
             return False
         start, moves, _ = self._path
-        if moves and (now - start) * 1e-9 < max(move.end for move in moves):
-            return False
-        return here is not None and self._stands() and all(
-            abs(a - b) < REACHED for a, b in zip(here, place))
+        over = not moves or (now - start) * 1e-9 >= max(move.end for move in moves)
+        return over and self._stands() and all(
+            abs(a - b) < REACHED for a, b in zip(self.readings.here, place))
 
     # --- services -----------------------------------------------------------------------------
 
@@ -407,7 +425,7 @@ class Keeper:
             It cannot go there: one line.
         """
         if self.readings.here is None:
-            raise ValueError('where the axes stand is not known: home the mount first')
+            raise ValueError(UNKNOWN)
         state = self._here(now)
         if max(map(abs, state.rates)) > 2.0 * STILL:
             self._brake(now)  # it is a way of its own from there

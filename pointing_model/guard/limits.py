@@ -22,6 +22,21 @@ TRAVEL_DEG = {
 }
 
 
+def travel_of(mount):
+    """Ends of the travel of both axes where nothing else is said, deg.
+
+    In the south an equatorial mount has the other pole up, and a German one goes through that.
+
+    Parameters
+    ----------
+    mount : Mount
+    """
+    first, second = TRAVEL_DEG[mount.kind]
+    if mount.kind in ('equatorial', 'german') and mount.latitude < 0.0:
+        second = -second[1], -second[0]
+    return first, second
+
+
 class Axis(NamedTuple):
     """What an axis may do.
 
@@ -52,11 +67,17 @@ class Horizon:
     points : sequence of (float, float)
         Azimuth and elevation of the corners of a higher skyline, rad; straight between them, all
         round.
+
+    Attributes
+    ----------
+    top : float
+        The highest of it, rad.
     """
 
     def __init__(self, least, points=()):
         self.least, self.points = least, tuple(points)
         self.flat = not self.points
+        self.top = max([least, *(el for _, el in self.points)])
         if self.flat:
             return
         az, el = np.array(sorted((az % _TURN, el) for az, el in self.points)).T
@@ -113,6 +134,32 @@ class Limits:
     horizon: Horizon = Horizon(10.0 * DEG)
     sun: float = 20.0 * DEG
     timing: float = 0.5
+
+    @property
+    def blocked_pole(self):
+        """How high the pole is through which a German mount changes its side, and the horizon.
+
+        rad; None where the tube may pass there, or need not.
+        """
+        if self.mount.kind != 'german':
+            return None
+        turn = 0.5 * np.pi if self.axes[1].high > np.pi else -0.5 * np.pi
+        az, el = self.mount.horizon_of(0.0, turn)
+        least = float(self.horizon.at(az))
+        return None if el >= least else (float(el), least)
+
+    def on_travel(self, first, second):
+        """Angles on the turn that is nearest to the middle of the travel; an azimuth as it is.
+
+        Parameters
+        ----------
+        first, second : float
+            rad.
+        """
+        if self.mount.altaz or not np.isfinite([first, second]).all():
+            return first, second
+        return tuple(angle + _TURN * round((0.5 * (axis.low + axis.high) - angle) / _TURN)
+                     for angle, axis in zip((first, second), self.axes))
 
     def __post_init__(self):
         for axis, word in zip(self.axes, self.mount.names.axes):

@@ -1,16 +1,19 @@
 """How the axes go: a slew that catches up with a track, then the track, as boxes of axis angles.
 
-A `Box` holds every pair of angles that the axes may have in a stretch of time, however much of
-their speed they use. Boxes are rows of arrays; what must hold of every pair is then asked of all
-of them at once.
+A row of `Boxes` holds every pair of angles that the axes may have in a stretch of time, however
+much of their speed they use; what must hold of every pair is then asked of all of them at once.
 """
 
+import copy
 import math
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from msg_tools.units import DEG
+
+from .boxes import Boxes
 
 #: the boxes of a slew are about so large, rad, and not more than so many
 STEP, MOST = 2.0 * DEG, 120
@@ -30,25 +33,6 @@ class State(NamedTuple):
     rates: tuple = (0.0, 0.0)
 
 
-class Boxes(NamedTuple):
-    """Pairs of angles.
-
-    Attributes
-    ----------
-    low, high : ndarray, shape (2, n)
-        rad.
-    time : ndarray, shape (n,)
-        Of the middle of each, seconds after the begin of the track.
-    pad : ndarray, shape (2, 1), or float
-        By how much they are larger than the ends of the axes' ways in them, rad.
-    """
-
-    low: np.ndarray
-    high: np.ndarray
-    time: np.ndarray
-    pad: object = 0.0
-
-
 class Cubic:
     """A track: cubic Hermite between its knots.
 
@@ -63,14 +47,14 @@ class Cubic:
     ----------
     peak_rate, peak_acceleration : ndarray, shape (2,)
         The largest of each axis, rad/s and rad/s^2.
+    low, high : list of float
+        Ends of the angles of each axis, rad.
     """
 
     def __init__(self, times, angles, rates):
         self.times, self.angles, self.rates = times, angles, rates
         if len(times) == 1:
-            self._fine = times, angles
             self.peak_rate, self.peak_acceleration = np.abs(rates[0]), np.zeros(2)
-            self._bent = np.zeros(2)
             return
         h = (times[1:] - times[:-1])[:, None]
         step = angles[1:] - angles[:-1]
@@ -84,22 +68,51 @@ class Cubic:
         self.peak_rate = np.maximum(np.abs(rates).max(0), np.abs(between).max(0))
         bend = np.maximum(np.abs(first), np.abs(last))
         self.peak_acceleration = bend.max(0)
+        self._parts = h, step, v0, v1, bend
+
+    @cached_property
+    def _fine(self):
+        """Times and angles of cuts, and by how much the track leaves the lines between them."""
+        times, angles = self.times, self.angles
+        if len(times) == 1:
+            return times, angles, np.zeros(2)
+        h, step, v0, v1, bend = self._parts
         bent = bend.max(1, keepdims=True) * h * h / 8.0
         way = (np.abs(step).max(1, keepdims=True)
                + np.abs(v0).max(1, keepdims=True) * h * (bent > BENT))
         cuts = np.ceil(np.maximum(way / STEP, np.sqrt(bent / BENT)))
         cuts = int(min(max(float(cuts.max()), 1.0), 400.0))
-        self._bent = bend.max(0) * float((h.max() / cuts) ** 2) / 8.0
+        bent = bend.max(0) * float((h.max() / cuts) ** 2) / 8.0
         if cuts == 1:
-            self._fine = times, angles
-            return
+            return times, angles, bent
         s = np.arange(cuts) / cuts
         s = s[None, :, None]
         h, v0, v1, step = h[:, None], v0[:, None], v1[:, None], step[:, None]
         fine = (angles[:-1, None] + s * s * (3.0 - 2.0 * s) * step
                 + h * s * (1.0 - s) * ((1.0 - s) * v0 - s * v1))
-        self._fine = (np.append((times[:-1, None] + h[:, :, 0] * s[:, :, 0]).ravel(), times[-1]),
-                      np.concatenate([fine.reshape(-1, 2), angles[-1:]]))
+        return (np.append((times[:-1, None] + h[:, :, 0] * s[:, :, 0]).ravel(), times[-1]),
+                np.concatenate([fine.reshape(-1, 2), angles[-1:]]), bent)
+
+    @cached_property
+    def low(self):
+        """See above."""
+        _, places, bent = self._fine
+        return (places.min(0) - bent).tolist()
+
+    @cached_property
+    def high(self):
+        """See above."""
+        _, places, bent = self._fine
+        return (places.max(0) + bent).tolist()
+
+    def turned(self, first, second=0):
+        """The same, with whole turns added to the axes."""
+        add = np.array([first, second]) * 2.0 * math.pi
+        out = copy.copy(self)
+        times, places, bent = self._fine
+        out.angles, out._fine = self.angles + add, (times, places + add, bent)
+        out.low, out.high = (list(map(float, ends + add)) for ends in (self.low, self.high))
+        return out
 
     def at(self, t, axis):
         """Angle and rate of one axis at `t`, floats; the end stands for what is after it."""
@@ -122,15 +135,37 @@ class Cubic:
         """Angles of one axis at times `t` (n,), to within `BENT`."""
         return np.interp(t, self._fine[0], self._fine[1][:, axis])
 
-    def boxes(self):
-        """`Boxes` of all of it."""
-        times, angles = self._fine
+    def brakes(self, slow):
+        """How far each axis goes on at most when it is stopped on the track, rad, floats.
+
+        Parameters
+        ----------
+        slow : tuple of float
+            Accelerations with which the axes brake, rad/s^2.
+        """
+        return [v * v / (2.0 * a) for v, a in zip(self.peak_rate.tolist(), slow)]
+
+    def boxes(self, slow=None):
+        """`Boxes` of all of it, and of where the axes come to rest if they are stopped on it.
+
+        Parameters
+        ----------
+        slow : tuple of float, optional
+            As of `brakes`; without, they are not stopped.
+        """
+        times, angles, bent = self._fine
         if len(times) == 1:
             return Boxes(angles.T, angles.T, times)
         a, b = angles[:-1].T, angles[1:].T
-        pad = self._bent[:, None]
-        return Boxes(np.minimum(a, b) - pad, np.maximum(a, b) + pad,
-                     0.5 * (times[:-1] + times[1:]))
+        low, high = np.minimum(a, b), np.maximum(a, b)
+        if slow is not None and max(self.brakes(slow)) > BENT:
+            h = times[1:] - times[:-1]
+            bend = 0.5 * self.peak_acceleration[:, None] * h
+            rate, slow = (b - a) / h, 2.0 * np.array(slow)[:, None]
+            low = low - np.minimum(rate - bend, 0.0) ** 2 / slow
+            high = high + np.maximum(rate + bend, 0.0) ** 2 / slow
+        pad = bent[:, None] + BENT
+        return Boxes(low - pad, high + pad, 0.5 * (times[:-1] + times[1:]))
 
 
 class Move(NamedTuple):
@@ -257,11 +292,11 @@ def _chased(state, cubic, axes, t, brakes, timing):
 
     Not farther than it can have come, and between where it was and where the target has been.
     """
-    fine, places = cubic._fine
+    fine, places, _ = cubic._fine
     lows, highs = np.empty((2, len(t))), np.empty((2, len(t)))
     for i, axis in enumerate(axes):
         here, rate = state.angles[i], state.rates[i]
-        slowest = axis.acceleration * (timing or 1.0)
+        slowest = axis.acceleration * timing
         stop = here + rate * abs(rate) / (2.0 * slowest)
         until = np.searchsorted(fine, t + brakes[i] + np.diff(t[:2]), 'right')
         until = np.clip(until, 1, len(fine) - 1) if len(fine) > 1 else 0 * until
@@ -273,6 +308,19 @@ def _chased(state, cubic, axes, t, brakes, timing):
         lows[i] = np.maximum(np.minimum(min(here, stop), least - over), here - reach)
         highs[i] = np.minimum(np.maximum(max(here, stop), most + over), here + reach)
     return lows, highs, highs
+
+
+def _hull(state, cubic, axes):
+    ends = []
+    for i, axis in enumerate(axes):
+        here, rate = state.angles[i], state.rates[i]
+        brake, stop = cubic.brakes((axis.acceleration,) * 2)[i], rate * abs(rate) / (
+            2.0 * axis.acceleration)
+        ends.append((min(here, here + stop, cubic.low[i] - brake),
+                     max(here, here + stop, cubic.high[i] + brake)))
+    low, high = np.array(ends).T[:, :, None]
+    pad = np.full((2, 1), BENT)
+    return Boxes(low - pad, high + pad, np.array([0.5 * cubic.times[-1]]), pad)
 
 
 def slew_boxes(state, cubic, axes, timing, finer=1):
@@ -290,19 +338,19 @@ def slew_boxes(state, cubic, axes, timing, finer=1):
 
     Returns
     -------
-    boxes : Boxes
-    arrival : float
-        When the last of them is passed, s.
+    Boxes
 
     Raises
     ------
     ValueError
         The track is too fast to be caught up with; the text is the axis, 0 or 1.
     """
+    if timing == 0.0:  # in any order, at any time: all pairs of what each axis may pass
+        return _hull(state, cubic, axes)
     fast, slow = [], []
     for i in _AXES:
         here, rate, axis = float(state.angles[i]), float(state.rates[i]), axes[i]
-        for moves, share in ((fast, 1.0), (slow, timing)) if 0.0 < timing < 1.0 else ((fast, 1.0),):
+        for moves, share in ((fast, 1.0), (slow, timing)) if timing < 1.0 else ((fast, 1.0),):
             move = plan_move(here, rate, cubic, i, share * axis.rate, share * axis.acceleration)
             if move is None:
                 raise ValueError(i)
@@ -326,7 +374,4 @@ def slew_boxes(state, cubic, axes, timing, finer=1):
                       late[:, 1:]])
     low, high = edges.min(0), edges.max(0)
     pad = np.array([[axis.acceleration] for axis in axes]) * dt * dt / 8.0 + BENT
-    if timing == 0.0:  # in any order: all pairs of what each axis passes
-        low, high = low.min(1, keepdims=True), high.max(1, keepdims=True)
-        return Boxes(low - pad, high + pad, np.array([0.5 * arrival]), pad), arrival
-    return Boxes(low - pad, high + pad, t[:-1] + 0.5 * dt, pad), arrival
+    return Boxes(low - pad, high + pad, t[:-1] + 0.5 * dt, pad)

@@ -65,7 +65,8 @@ class Readings:
             self.here, self.stamp, self.rate = angles, stamp, np.array(rates, float)
             return
         step = angles - self.here
-        step[0] = wrap(step[0])
+        if self._limits.mount.altaz:  # others stay on their turn, however far they went
+            step[0] = wrap(step[0])
         most = FARTHER + FASTER * seconds * np.array([axis.rate for axis in self._limits.axes])
         if np.any(np.abs(step) > most) and not self._again(angles):
             i = int(np.argmax(np.abs(step) - most))
@@ -78,6 +79,11 @@ class Readings:
         unknown = np.isnan(rate)
         rate[unknown] = step[unknown] / seconds
         self.here, self.rate, self.stamp = self.here + step, rate, stamp
+
+    @property
+    def doubtful(self):
+        """Whether the last reading contradicts `here`, and is not believed yet."""
+        return self._jumped is not None
 
     def _again(self, angles):
         """Whether readings keep to where one jumped to."""

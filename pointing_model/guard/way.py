@@ -2,22 +2,52 @@
 
 import math
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import dijkstra
+from scipy.sparse.csgraph import connected_components, dijkstra
 
 from msg_tools.units import DEG
 
+from .boxes import Boxes
 from .judging import MARGIN_SUN, Allowed, Judge
-from .motion import Boxes
+from .motion import State
 
-#: between points of the grid on which a way is looked for, rad
-GRID = 5.0 * DEG
+#: between points of the grids on which a way is looked for, one after the other, rad
+GRIDS = (5.0 * DEG, 1.5 * DEG)
 #: an axis goes so far beyond both ends at most where its travel has no end, rad
 REACH = 2.0 * math.pi
 #: points in between keep so far from the ends of the travel, rad
 EDGE = 0.5 * DEG
+
+
+def stopped(judge, state):
+    """`State` at rest, where the axes of a `State` stand after they have braked as they can."""
+    return State(tuple(angle + rate * abs(rate) / (2.0 * axis.acceleration) for angle, rate, axis
+                       in zip(state.angles, state.rates, judge.limits.axes)))
+
+
+def lead(judge, cubic, state, sun=None, pole=None):
+    """A way to a track whose straight slew is refused: on its turn, else on another one.
+
+    Parameters
+    ----------
+    judge, cubic, state, sun, pole
+        As of `around`.
+
+    Returns
+    -------
+    (list of (float, float), motion.Cubic) or None
+        Points as of `around`, none where the straight slew is allowed; the track on its turn.
+    """
+    for turned in (cubic, *judge.other_turns(cubic, state)):
+        if _ok(judge.onto(turned, state.angles, sun, pole)):
+            return [], turned
+        vias = around(judge, turned, state, sun, pole)
+        if vias is not None:
+            return vias, turned
+    return None
 
 
 def around(judge, cubic, state, sun=None, pole=None):
@@ -41,83 +71,139 @@ def around(judge, cubic, state, sun=None, pole=None):
     list of (float, float) or None
         Angles, rad, without those of the track; None where no way was found.
     """
-    here, there = np.array(state.angles, float), cubic.angles[0]
     if sun is not None and judge.limits.sun:
-        # it moves while the axes are under way
-        judge = Judge(replace(judge.limits, sun=judge.limits.sun + MARGIN_SUN))
-    nodes = [_points(axis, a, b) for axis, a, b in zip(judge.limits.axes, here, there)]
-    shape = tuple(map(len, nodes))
+        judge = _wider(judge)
     own = judge.in_axes(sun, pole, state)
-    # a step along either axis, as the box between its ends
-    rows, columns, lengths = [], [], []
-    index = np.arange(shape[0] * shape[1]).reshape(shape)
-    for axis in (0, 1):
-        a = (slice(None, -1), slice(None)) if axis == 0 else (slice(None), slice(None, -1))
-        b = (slice(1, None), slice(None)) if axis == 0 else (slice(None), slice(1, None))
-        first, second = np.meshgrid(*nodes, indexing='ij')
-        low = np.array([first[a].ravel(), second[a].ravel()])
-        high = np.array([first[b].ravel(), second[b].ravel()])
-        free = judge.free(Boxes(low, high, np.zeros(low.shape[1])), own)
-        rows.append(index[a].ravel()[free])
-        columns.append(index[b].ravel()[free])
-        seconds = (high - low)[axis] / judge.limits.axes[axis].rate
-        lengths.append(seconds[free])
-    graph = coo_matrix((np.concatenate(lengths), (np.concatenate(rows), np.concatenate(columns))),
-                       shape=(index.size, index.size)).tocsr()
-    starts, ends = (_beside(nodes, index, place) for place in (here, there))
-    starts = [k for k in starts if _ok(judge.way(here, _node(nodes, k), sun, pole))]
-    ends = [k for k in ends if _reaches(judge, _node(nodes, k), cubic, sun, pole)]
-    if not (starts and ends):
-        return None
-    distance, before = dijkstra(graph, directed=False, indices=starts, return_predecessors=True)
-    i, j = np.unravel_index(np.argmin(distance[:, ends]), (len(starts), len(ends)))
-    if not np.isfinite(distance[i, ends[j]]):
-        return None
-    path, k = [], ends[j]
-    while k >= 0:
-        path.append(_node(nodes, k))
-        k = int(before[i, k])
-    return _shortened(judge, tuple(here), path[::-1], cubic, sun, pole)
+    for step in GRIDS:
+        path = _path(judge, cubic, state, own, step, sun, pole)
+        vias = path and _shortened(judge, tuple(map(float, state.angles)), path, cubic, sun, pole)
+        if vias:
+            return vias
+    return None
+
+
+@lru_cache(16)
+def _wider(judge):
+    """A judge that keeps farther from the Sun: it moves while the axes are under way."""
+    return Judge(replace(judge.limits, sun=judge.limits.sun + MARGIN_SUN))
+
+
+class _Grid:
+    """Points within the travel, and which steps between them are free of the horizon.
+
+    Parameters
+    ----------
+    judge : Judge
+    ends : tuple of (int, int)
+        Of each axis, in steps.
+    step : float
+        rad.
+    """
+
+    def __init__(self, judge, ends, step):
+        self.nodes = [np.unique(np.clip(np.arange(low, high + 1) * step, axis.low + EDGE,
+                                        axis.high - EDGE))
+                      for (low, high), axis in zip(ends, judge.limits.axes)]
+        self.shape = tuple(map(len, self.nodes))
+        self.size = self.shape[0] * self.shape[1]
+        first, second = np.meshgrid(*self.nodes, indexing='ij')
+        index = np.arange(self.size).reshape(self.shape)
+        every, first_of, last_of = slice(None), slice(None, -1), slice(1, None)
+        low, high, row, column, seconds = [], [], [], [], []
+        for axis, a, b in ((0, (first_of, every), (last_of, every)),
+                           (1, (every, first_of), (every, last_of))):
+            low.append([first[a].ravel(), second[a].ravel()])
+            high.append([first[b].ravel(), second[b].ravel()])
+            row.append(index[a].ravel())
+            column.append(index[b].ravel())
+            seconds.append((high[-1][axis] - low[-1][axis]) / judge.limits.axes[axis].rate)
+        low, high = np.concatenate(low, 1), np.concatenate(high, 1)
+        free = judge.free(Boxes(low, high, np.zeros(low.shape[1])), None)
+        self.boxes = Boxes(low, high, np.zeros(low.shape[1])).of(free)
+        self.row, self.column, self.seconds = (
+            np.concatenate(v)[free] for v in (row, column, seconds))
+        middle = 0.5 * (self.boxes.low + self.boxes.high)
+        self.place = np.array([np.cos(middle[1]) * np.sin(middle[0]),
+                               np.cos(middle[1]) * np.cos(middle[0]), np.sin(middle[1])])
+
+    def graph(self, judge, sun, step):
+        """Sparse matrix of the seconds of each step that is free of the Sun too."""
+        free = np.ones(len(self.row), bool)
+        if sun is not None:
+            near = np.flatnonzero(sun[0] @ self.place
+                                  > np.cos(min(judge.limits.sun + MARGIN_SUN + step, np.pi)))
+            free[near] = judge.free(self.boxes.of(near), sun)
+        return coo_matrix((self.seconds[free], (self.row[free], self.column[free])),
+                          shape=(self.size, self.size)).tocsr()
+
+    def node(self, k):
+        """Angles of a point."""
+        i, j = divmod(int(k), self.shape[1])
+        return float(self.nodes[0][i]), float(self.nodes[1][j])
+
+    def beside(self, place):
+        """Points about a place, the nearer ones first."""
+        near = [np.argsort(np.abs(points - at))[:4] for points, at in zip(self.nodes, place)]
+        return [int(near[0][i] * self.shape[1] + near[1][j]) for _, i, j in sorted(
+            (i + j, i, j) for i in range(len(near[0])) for j in range(len(near[1])))]
+
+
+@lru_cache(16)
+def _grid(judge, ends, step):
+    return _Grid(judge, ends, step)
+
+
+def _path(judge, cubic, state, own, step, sun, pole):
+    """Points of a grid from the begin to one from which the track is reached; None without."""
+    here, there = state.angles, cubic.angles[0].tolist()
+    ends = tuple((math.floor(max(axis.low, min(a, b) - REACH) / step),
+                  math.ceil(min(axis.high, max(a, b) + REACH) / step))
+                 for axis, a, b in zip(judge.limits.axes, here, there))
+    grid = _grid(judge, ends, step)
+    graph = grid.graph(judge, own, step)
+    region = connected_components(graph, directed=False)[1]
+    starts, goals = grid.beside(here), grid.beside(there)
+    both = {region[k] for k in starts} & {region[k] for k in goals}
+    both = [r for r in both if np.count_nonzero(region == r) > 1]
+    reached = []
+    for k in goals:
+        if region[k] in both and _ok(judge.onto(cubic, grid.node(k), sun, pole, True)):
+            reached.append(k)
+            if len(reached) == 3:
+                break
+    for start in starts:
+        good = [k for k in reached if region[k] == region[start]]
+        if not good or not _ok(judge.way(here, grid.node(start), sun, pole, True)):
+            continue
+        distance, before = dijkstra(graph, directed=False, indices=start,
+                                    return_predecessors=True)
+        k = good[int(np.argmin(distance[good]))]
+        path = []
+        while k >= 0:
+            path.append(grid.node(k))
+            k = int(before[k])
+        return path[::-1]
+    return None
 
 
 def _shortened(judge, here, path, cubic, sun, pole):
     """Fewer points of a path: each time the last that is reached straight."""
     vias, at, place = [], -1, here
     while at < len(path) - 1:
-        if vias and _reaches(judge, place, cubic, sun, pole):
+        if vias and _ok(judge.onto(cubic, place, sun, pole, True)):
             break
-        ahead = [len(path) - 1, *(k for k in range(len(path) - 2, at + 1, -max(
-            1, (len(path) - at) // 8)))]
-        at = next((k for k in ahead if k > at and _ok(judge.way(place, path[k], sun, pole))),
-                  at + 1)
-        if not _ok(judge.way(place, path[at], sun, pole)):
-            return None
+        near, far, at = at + 1, len(path), at + 1
+        last = len(path) - 1
+        while near < last:  # by halves: what is reached straight mostly goes on so
+            if _ok(judge.way(place, path[last], sun, pole, True)):
+                at = near = last
+            else:
+                far = last
+            last = (near + far) // 2
         place = path[at]
         vias.append(place)
     return vias
 
 
-def _points(axis, here, there):
-    low = max(axis.low + EDGE, min(here, there) - REACH)
-    high = min(axis.high - EDGE, max(here, there) + REACH)
-    low, high = min(low, here), max(high, here)
-    return np.linspace(low, high, max(2, math.ceil((high - low) / GRID) + 1))
-
-
-def _beside(nodes, index, place):
-    """Points of the grid about a place, the nearer ones first."""
-    near = [np.argsort(np.abs(points - at))[:4] for points, at in zip(nodes, place)]
-    return [int(index[i, j]) for i in near[0] for j in near[1]]
-
-
-def _node(nodes, k):
-    i, j = divmod(int(k), len(nodes[1]))
-    return float(nodes[0][i]), float(nodes[1][j])
-
-
 def _ok(found):
     return isinstance(found, Allowed)
-
-
-def _reaches(judge, place, cubic, sun, pole):
-    return _ok(judge.onto(cubic, place, sun, pole))

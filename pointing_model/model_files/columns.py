@@ -64,7 +64,7 @@ def on_sky(key, az, el, mount=ALTAZ):
     trig = Trig(az, el, mount)
     out = np.zeros((2, len(az)))
     if not mount.altaz:
-        out[0], out[1] = terms_of(mount)[key[0]].of(trig)
+        out[0], out[1] = trig.columns(terms_of(mount)[key[0]])
     elif key in TERM_OF:
         out[0], out[1] = TERMS[TERM_OF[key]].of(trig)
     else:

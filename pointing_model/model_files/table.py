@@ -30,6 +30,9 @@ def write(model, caption):
     out.write(f'# {caption}\n# geometry: {model.geometry}\n'
               '# encoder - catalogue; (x, y): x = dA cos E and y = dE on the sky; A from north '
               'through east\n')
+    if model.mount.on_sky:
+        out.write(f'# errors: {model.mount.errors}\n# of a German mount: A and E are folded back '
+                  'to the sky, before the side of the pier is worked out\n')
     rows = csv.writer(out, lineterminator='\n')
     rows.writerow(_HEADER)
     errors = np.sqrt(np.maximum(np.diag(model.covariance), 0.0))
@@ -88,6 +91,8 @@ def read(path, text, mount=ALTAZ):
                 if geometry not in ('rotation', 'first_order'):
                     raise ValueError(f'{path}, row {number}: geometry {geometry!r} is neither '
                                      'rotation nor first_order')
+            elif word.strip() == 'errors':
+                mount = mount.with_errors(value.strip())
         elif line.strip():
             body.append((number, line))
     header, *rows = csv.reader(line for _, line in body)

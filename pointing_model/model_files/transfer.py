@@ -166,8 +166,14 @@ def export(model, program, sky=None, told='', facts=None):
     Raises
     ------
     ValueError
-        The program has no terms of the model's mount, or the model reaches no direction.
+        The program has no terms of the model's mount, its terms go through the pole with the mount
+        and those of the model do not, or the model reaches no direction.
     """
+    if model.mount.on_sky:
+        raise ValueError(f'{program.title} takes the terms of a German mount for those of its '
+                         'parts, which go through the pole with it, and those of this model act '
+                         'on the sky, the same on both sides of the pier: keep it in a file of '
+                         'ours (--to model, or --to table)')
     program, given = of_mount(program, model.mount), sky is not None
     if not given:
         sky, told = uniform_sky(mount=model.mount), 'a uniform sky above 20 degrees'

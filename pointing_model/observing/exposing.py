@@ -7,6 +7,7 @@ import numpy as np
 
 from msg_tools.units import ARCSEC, DEG, wrap
 
+from .clocks import Drifting, on_sky, row_of
 from .following_check import FollowingCheck
 from .instrument_health import OFF_TARGET
 from .instruments import ABSOLUTE, CAMERA, MOUNT
@@ -18,6 +19,8 @@ from .pointing import Conditions, Pointing, track_to
 BLANKS = 3
 #: exposures of a star that is centred again and again
 CENTRINGS = 3
+#: one that is so much farther off after it was centred moves the wrong way
+WORSE = 1.2
 #: exposures in a row in which the axes swing that are no settling any more
 RESTLESS = 5
 #: after so long a commanded axis moves, s
@@ -76,7 +79,8 @@ class Exposer:
             text = (f'moves by {swings[-1] / ARCSEC:.2g} arcsec beside its track within an '
                     f'exposure, smear_arcsec = {self._out.value("smear_arcsec"):g}')
         instruments.health.axes(
-            MOUNT, self._following.say(instruments.stamp, instruments.here) or text)
+            MOUNT, self._following.say(instruments.stamp, instruments.here,
+                                       self._out.sent(instruments.stamp)) or text)
 
     def observe(self, target, block, blind=False):
         """Steps that point at `target` and centre it where it is far off.
@@ -94,10 +98,9 @@ class Exposer:
         dict or None
             The row; None where there was no star in the field, or the track was refused.
         """
-        pointing = Pointing(target, self._in_force, np.zeros(2), self._out.mount(),
-                            self._out.value('meridian_limit_deg') * DEG)
-        if not blind:
-            pointing.aim = self._carried * self._stretch(pointing)
+        pointing = self.aimed_at(target)
+        if blind:
+            pointing.aim = np.zeros(2)
         seen = blank = 0
         first = None
         while True:
@@ -135,7 +138,8 @@ class Exposer:
             off = float(np.hypot(*miss))
             first = off if first is None else first
             near = off <= self._out.value('recentre_arcsec') * ARCSEC
-            if near or seen == CENTRINGS:
+            # farther off than before: what is left of it would lead farther still
+            if near or seen == CENTRINGS or off > WORSE * first:
                 break
         if first is not None and not near and not self._instruments.health.centres(
                 CAMERA, first, off):
@@ -143,6 +147,49 @@ class Exposer:
             self._out.refuse_frame('a star that was centred is as far off as before')
             return None
         return self._row(pointing, block, blind, stamp, miss, enc, second, rate)
+
+    def drift(self, pointing, rate, place):
+        """Steps that make an exposure while the axes drift past a star, see `clocks`.
+
+        Parameters
+        ----------
+        pointing : Pointing
+            Of the star.
+        rate, place : ndarray, shape (2,)
+            Beside the star, on the sky: rad/s, and rad at the begin.
+
+        Returns
+        -------
+        row : list or None
+            As of `clocks.row_of`; None where there was no star or the track was refused.
+        second : list or None
+            The same of the absolute encoder.
+        place : ndarray, shape (2,)
+            Where the axes are beside the star by now.
+        """
+        drifting = Drifting(pointing, max(self.now(), self.earliest), np.array(place), rate)
+        exposed = yield from self.expose(drifting)
+        now = drifting.beside(np.array([self.now()]))[0]
+        if exposed is None or not np.isfinite(exposed[1]).all():
+            return None, None, now
+        stamp, miss = exposed
+        reading, moving = self._instruments.exposures.over(
+            'enc', stamp, self._out.value('exposure_s'))
+        demand = pointing.demand(np.array([stamp]), self._conditions())[0]
+        rows = []
+        for angles in (centred(*reading, *miss, pointing.beyond),
+                       self._second(stamp, miss, reading, pointing.beyond)):
+            beside = on_sky(angles, demand)
+            rows.append(row_of(stamp, rate, np.sign(moving), miss, beside)
+                        if np.isfinite(beside).all() else None)
+        return *rows, now
+
+    def aimed_at(self, target):
+        """`Pointing` at a target, with what was learned of the stars before."""
+        pointing = Pointing(target, self._in_force, np.zeros(2), self._out.mount(),
+                            self._out.value('meridian_limit_deg') * DEG)
+        pointing.aim = self._carried * self._stretch(pointing)
+        return pointing
 
     def _stretch(self, pointing):
         """By what an aim on the sky is that of the axes: near a pole the first turns far.
@@ -180,6 +227,9 @@ class Exposer:
             'temperature': air.temperature_c, 'pressure': air.pressure_hpa,
             'magnitude': target.magnitude,
         }
+        for name, parameter in (('exposure', 'exposure_s'), ('camera_late', 'camera_late_s')):
+            if self._out.value(parameter):  # as before where neither is used
+                row[name] = self._out.value(parameter)
         if ABSOLUTE not in self._instruments.names:  # no column: not one that gave no angle
             for name in ('absolute_start', 'az_abs', 'el_abs'):
                 del row[name]

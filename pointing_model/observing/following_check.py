@@ -30,8 +30,9 @@ class FollowingCheck:
         self._here = np.array(here)
         self._first = self._least = None
         self._since = np.zeros(2, np.int64)
+        self._sent = None
 
-    def say(self, stamp, here):
+    def say(self, stamp, here, sent=None):
         """What is wrong by a reading, '' where nothing is.
 
         Parameters
@@ -40,6 +41,9 @@ class FollowingCheck:
             ns.
         here : ndarray, shape (2,)
             rad.
+        sent : ndarray, shape (2,), optional
+            Where the mount was sent at that moment, rad: it may have to go around something, or
+            the longer way because of its cables.
 
         Returns
         -------
@@ -58,18 +62,31 @@ class FollowingCheck:
             self._first, self._least = left, left
             self._then = self._here, way  # reading and way when it was nearest
             self._since[:] = track.start
+            self._sent = None if sent is None else (here, sent)
             return self._stuck(stamp, here, demand, way)
-        nearer = left < self._least - NEARER
+        # of its own: a demand that comes toward an axis that stands tells nothing
+        nearer = (left < self._least - NEARER) & (np.abs(wrap(here - self._then[0])) > NEARER)
         self._least = np.where(nearer, left, self._least)
         self._since[nearer] = stamp
         self._then = tuple(np.where(nearer, now, then)
                            for now, then in zip((here, way), self._then))
+        as_sent = self._as_sent(here, demand, sent)
+        self._since[as_sent] = stamp
         names = self._mount.names.axes
         for axis in (0, 1):
-            if left[axis] > self._first[axis] + AWAY:
+            if left[axis] > self._first[axis] + AWAY and not as_sent[axis]:
                 return (f'{names[axis]} moves away from its demand: reversed, or the axes are '
                         'exchanged')
         return self._stuck(stamp, here, demand, way)
+
+    def _as_sent(self, here, demand, sent):
+        """Axes that go where they are sent, which is not yet their demand, shape (2,)."""
+        if sent is None:
+            return np.zeros(2, bool)
+        before, self._sent = self._sent or (here, sent), (here, sent)
+        there, moved = np.abs(wrap(sent - demand)) < self._near, np.abs(here - before[0])
+        still = np.abs(sent - before[1]) < NEARER
+        return ~there & (np.abs(wrap(here - sent)) < AWAY) & (still | (moved > NEARER))
 
     def _stuck(self, stamp, here, demand, way):
         sky = way * (np.cos(demand[1]), 1.0)

@@ -229,7 +229,8 @@ class InstrumentHealth:
                                    'and the time of the graph does not')
         self._stamps[name] = stamp, now
         self._good(name, 'stamps')
-        self._good(name, 'message')
+        if name != CAMERA:  # an image without a star says nothing of its unit
+            self._good(name, 'message')
         return ''
 
     def frame(self, name, x, y):
@@ -237,10 +238,12 @@ class InstrumentHealth:
         if not np.isfinite([x, y]).all():
             return ''
         if np.hypot(x, y) > self.field:
-            reason = f'a star {np.hypot(x, y):.3g} rad beside the boresight: arcsec or degrees ' \
-                f'for radians? The field is {self.field / DEG:.3g} deg (field_deg)'
+            # the same words each time: one line of the log, not one a message
+            reason = 'a star outside the field, of ' \
+                f'{self.field / DEG:.3g} deg (field_deg): arcsec or degrees for radians?'
             self.unreadable(name, reason)
             return reason
+        self._good(name, 'message')
         self._same = self._same + 1 if (x, y) == self._frame else 1
         self._frame = x, y
         if self._same >= SAME_FRAMES:

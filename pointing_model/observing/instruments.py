@@ -15,6 +15,8 @@ from .pairing import ENCODERS, Exposures
 STILL = 0.01 * DEG
 #: an instrument is silent after so long, wall s, so many of its usual periods, and of its longest
 QUIET, PERIODS, LONGEST = 0.5, 5.0, 2.0
+#: between two looks, which are to be half a second apart, wall s
+LATE = 0.9
 #: periods that must be known for that, and that are kept
 LEAST_GAPS, KEPT_GAPS = 10, 200
 #: wall seconds after which one that has never spoken is named
@@ -74,7 +76,8 @@ class Instruments:
         self._runs = {}  # when a power-on began -> its number
         self._wall = wall
         self._asked, self._heard = {}, {}
-        self._last, self._gaps = {}, {}
+        self._last, self._gaps, self._stamped, self._pauses = {}, {}, {}, {}
+        self._watched, self._excused = None, False
         self._awaited = None  # since when all are to speak, wall s
 
     def take_incremental(self, stamp, angle, rate, frame=''):
@@ -82,7 +85,7 @@ class Instruments:
 
         `frame` is the ``frame_id`` of its message, see `msg_tools.power_on`.
         """
-        self.spoke(MOUNT)
+        self.spoke(MOUNT, stamp)
         self._check_stamp(MOUNT, stamp)
         back = self.exposures.add_reading('enc', stamp, angle)
         self.rate = self._rate(stamp, angle, rate)
@@ -140,7 +143,7 @@ class Instruments:
 
     def take_absolute(self, stamp, angle, frame=''):
         """As `take_incremental`, of the absolute encoder."""
-        self.spoke(ABSOLUTE)
+        self.spoke(ABSOLUTE, stamp)
         self._check_stamp(ABSOLUTE, stamp)
         back = self.exposures.add_reading('abs', stamp, angle)
         self.absolute_power_on = read_frame(frame)
@@ -149,7 +152,7 @@ class Instruments:
 
     def take_frame(self, stamp, x, y):
         """Take a measured miss distance, rad; ValueError for one that cannot be."""
-        self.spoke(CAMERA)
+        self.spoke(CAMERA, stamp)
         self.hear(CAMERA)
         self._check_stamp(CAMERA, stamp)
         reason = self.health.frame(CAMERA, x, y)
@@ -173,12 +176,20 @@ class Instruments:
         return (self.homed and self.stamp > stamp
                 and bool(np.all(np.abs(self.rate) <= STILL)))
 
-    def spoke(self, name):
-        """Count a message, of use or not, and the time since the one before."""
+    def spoke(self, name, stamp=None):
+        """Count a message, of use or not, and the time since the one before.
+
+        A pause is one by its stamps (ns) too: where this process had no time, it is none.
+        """
         now, last = self._wall(), self._last.get(name)
         self._last[name] = now
+        before, self._stamped[name] = self._stamped.get(name), stamp
         if last is not None and not self.health.is_silent(name):
-            self._gaps.setdefault(name, deque(maxlen=KEPT_GAPS)).append(now - last)
+            gap = now - last
+            self._gaps.setdefault(name, deque(maxlen=KEPT_GAPS)).append(gap)
+            if stamp is not None and before is not None and stamp > before:
+                gap = min(gap, (stamp - before) * 1e-9)
+            self._pauses.setdefault(name, deque(maxlen=KEPT_GAPS)).append(gap)
         self.health.speaks(name)
 
     def usual(self, name, least=LEAST_GAPS):
@@ -199,6 +210,11 @@ class Instruments:
         if not self._live:
             return
         now = self._wall()
+        # a look that comes late has messages before it that nobody has taken yet
+        late = self._watched is not None and now - self._watched > LATE
+        self._watched, self._excused = now, late and not self._excused
+        if self._excused:
+            return
         if self._awaited is None:
             self._awaited = now
         for name in self.names:
@@ -207,7 +223,7 @@ class Instruments:
                 if now - self._awaited > NEVER:
                     self.health.silent(name, np.nan)
             elif np.isfinite(usual) and now - last > max(
-                    QUIET, PERIODS * usual, LONGEST * max(self._gaps[name])):
+                    QUIET, PERIODS * usual, LONGEST * max(self._pauses[name])):
                 self.health.silent(name, usual)
             self.health.slow(name, self.usual(name, 1), answer)
 

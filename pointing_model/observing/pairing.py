@@ -56,14 +56,88 @@ def interpolate(stamps, angles, stamp, before=0):
     return low + step * (float(stamp - stamps[i - 1]) / span), rate
 
 
-def _since(readings, stamp):
-    """Stamps and angles of the newest readings, back to the last one before `stamp`."""
+def read_back_to(readings, stamp):
+    """The newest of `readings`, back to the last one before `stamp`.
+
+    Parameters
+    ----------
+    readings : sequence of tuple
+        Stamp (ns) and what was read, in their order.
+    stamp : int
+
+    Returns
+    -------
+    list of tuple
+    """
     newest = []
     for reading in reversed(readings):
         newest.append(reading)
         if reading[0] < stamp:
             break
-    return [s for s, _ in reversed(newest)], [a for _, a in reversed(newest)]
+    return newest[::-1]
+
+
+def beside(stamps, angles, track, begin, end):
+    """Readings less the track of the mount, from `begin` to `end`.
+
+    Parameters
+    ----------
+    stamps : array_like of int, shape (n,)
+        ns, increasing, from before `begin` to after `end`.
+    angles : array_like, shape (n, 2)
+        Readings, rad.
+    track : tuple
+        Begin (ns), seconds since then (m,), angles demanded (m, 2), rad.
+    begin, end : int
+        ns.
+
+    Returns
+    -------
+    times : ndarray, shape (k,)
+        Seconds since the begin of the track: `begin`, the readings in between, `end`.
+    way : ndarray, shape (k, 2)
+        rad.
+    """
+    start, times, demand = track
+    stamps, angles = np.array(stamps, np.int64), np.array(angles, float).reshape(-1, 2)
+    at = (stamps - start) * 1e-9
+    way = angles - np.column_stack([np.interp(at, times, axis) for axis in demand.T])
+    way[:, 0] = wrap(way[:, 0])
+    edges = (np.array([begin, end]) - start) * 1e-9
+    inside = (at > edges[0]) & (at < edges[1])
+    ends = np.column_stack([np.interp(edges, at, axis) for axis in way.T])
+    return (np.concatenate([edges[:1], at[inside], edges[1:]]),
+            np.concatenate([ends[:1], way[inside], ends[1:]]))
+
+
+def mean_over(stamps, angles, track, stamp, half):
+    """The mean of the readings over an exposure, as the image is one.
+
+    They are averaged beside the track, which is no straight line.
+
+    Parameters
+    ----------
+    stamps, angles, track
+        As of `beside`.
+    stamp, half : int
+        Middle and half the length of the exposure, ns; `half` above 0.
+
+    Returns
+    -------
+    ndarray, shape (2,)
+        rad, on the turn of the reading in the middle.
+    """
+    middle, _ = interpolate(stamps, angles, stamp)
+    at, way = beside(stamps, angles, track, stamp - half, stamp + half)
+    start, times, demand = track
+    wanted = [np.interp((stamp - start) * 1e-9, times, axis) for axis in demand.T]
+    mean = wanted + np.trapezoid(way, at, axis=0) / (at[-1] - at[0])
+    return middle + [wrap(mean[0] - middle[0]), mean[1] - middle[1]]
+
+
+def half_of(exposure):
+    """Half the length of an exposure, s, in ns."""
+    return round(0.5e9 * exposure)
 
 
 def centred_second(reading, first, miss, beyond=False):
@@ -192,25 +266,16 @@ class Exposures:
         """
         if encoder not in self._readings:
             raise ValueError('the mount has no such encoder')
-        stamps, read = _since(self._readings[encoder], stamp - RATE_OVER)
+        stamps, read = self._around(encoder, stamp - RATE_OVER)
         angles, rates = interpolate(stamps, read, stamp, RATE_OVER)
         if encoder == 'enc' and not np.isfinite(angles).all():
             raise ValueError('encoder reading is not a number: home the encoder')
         return angles, rates
 
-    def _beside(self, encoder, begin, end):
-        """Readings less the track from `begin` to `end` (ns): times (n,) in s, angles (n, 2)."""
-        stamps, angles = _since(self._readings[encoder], begin)
-        stamps, angles = np.array(stamps, np.int64), np.array(angles, float).reshape(-1, 2)
-        start, times, track = self._track
-        at = (stamps - start) * 1e-9
-        way = angles - np.column_stack([np.interp(at, times, axis) for axis in track.T])
-        way[:, 0] = wrap(way[:, 0])
-        edges = (np.array([begin, end]) - start) * 1e-9
-        inside = (at > edges[0]) & (at < edges[1])
-        ends = np.column_stack([np.interp(edges, at, axis) for axis in way.T])
-        return (np.concatenate([edges[:1], at[inside], edges[1:]]),
-                np.concatenate([ends[:1], way[inside], ends[1:]]))
+    def _around(self, encoder, begin):
+        """Stamps and angles of the readings from before `begin` (ns) on."""
+        readings = read_back_to(self._readings[encoder], begin)
+        return [stamp for stamp, _ in readings], [angles for _, angles in readings]
 
     def over(self, encoder, stamp, exposure):
         """As `at`, on the mean over an exposure about `stamp`, as the image is one.
@@ -224,19 +289,16 @@ class Exposures:
             Its length, s.
         """
         angles, rates = self.at(encoder, stamp)
-        half = round(0.5e9 * exposure)
-        if not half:
-            return angles, rates
-        at, way = self._beside(encoder, stamp - half, stamp + half)
-        start, times, track = self._track
-        middle = [np.interp((stamp - start) * 1e-9, times, axis) for axis in track.T]
-        mean = middle + np.trapezoid(way, at, axis=0) / (at[-1] - at[0])
-        return angles + [wrap(mean[0] - angles[0]), mean[1] - angles[1]], rates
+        half = half_of(exposure)
+        if half:
+            angles = mean_over(*self._around(encoder, stamp - half), self._track, stamp, half)
+        return angles, rates
 
     def _settled(self, stamp, half, tolerance, smear):
         """Whether the axes were on target, and did not move beside it, all the exposure long."""
-        _, way = self._beside('enc', stamp - half, stamp + half)
         start, times, track = self._track
+        _, way = beside(*self._around('enc', stamp - half), self._track,
+                        stamp - half, stamp + half)
         way = way * (np.cos(np.interp((stamp - start) * 1e-9, times, track[:, 1])), 1.0)
         if not np.isfinite(way).all() or np.hypot(*way.T).max() > tolerance:
             return False
@@ -265,7 +327,7 @@ class Exposures:
             Stamp in ns and miss distance (2,) in rad; None where there is none yet.
         """
         start, times, track = self._track
-        half = round(0.5e9 * exposure)
+        half = half_of(exposure)
         while self._frames:
             stamp, *miss = self._frames[0]
             if stamp >= start and not all(

@@ -12,6 +12,7 @@ VERBS = {
     'zero': 'exposures',
     'satellite': 'exposures',
     'check': 'exposures',
+    'clocks': 'images',
     'wait': 'hours',
     'calibrate_zero': '',
     'fit': '',
@@ -52,7 +53,9 @@ def parse_plan(text):
         Steps separated by commas; `stars`, `polaris`, `zero_on_stars` (a few that are chosen to
         determine the zeros best), `zero` (Polaris where it is well up, else such stars),
         `satellite` and `check` (fresh stars pointed at blind, to judge by) take the number of
-        exposures, `wait` the hours from the begin of the night (or the last `wait`) on.
+        exposures, as `clocks` does (of one star past which the axes drift: the offset of the
+        clocks of camera and encoder), `wait` the hours from the begin of the night (or the last
+        `wait`) on.
         `power_cycle` is that of the incremental encoder, unless `absolute` or `both` follows.
 
     Returns
@@ -125,4 +128,4 @@ def real_plan(stars):
 
     No encoder is switched off, and the zero is that of the fit.
     """
-    return f'home, stars {stars}, fit, check {max(stars // 4, 3)}'
+    return f'home, stars {stars}, clocks 24, fit, check {max(stars // 4, 3)}'

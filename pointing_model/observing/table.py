@@ -6,6 +6,9 @@ from ..mounts import ALTAZ
 from ..run import PointingRun
 from ..zero_exposures import MARK
 
+#: of each row, to go on with a night
+NEEDED = ('time', 'run', 'block', 'star')
+
 
 class Table:
     """Rows as dicts by the names of `run.COLUMNS`, and their ``stamp`` in ns.
@@ -33,7 +36,16 @@ class Table:
             With the column ``time``.
         stamp : int
             Of the last row, ns: as seconds it is not known to the last one.
+
+        Raises
+        ------
+        ValueError
+            A column is missing: these are no rows of an observer.
         """
+        missing = [name for name in NEEDED if name not in run.columns]
+        if missing:
+            raise ValueError(f'rows of the night without column {", ".join(missing)}: they are of '
+                             'no observer')
         stamps = [round(time * 1e9) for time in run['time'].tolist()]
         stamps[-1] = stamp
         self.rows = [{'stamp': at, MARK: 0.0, **{name: float(values[i]) for name, values in
@@ -72,6 +84,7 @@ class Table:
         return self._run(self.rows)
 
     def _run(self, rows):
-        names = [name for name in rows[0] if name != 'stamp']
+        # what a parameter adds in the night, the rows before have not
+        names = [name for name in dict.fromkeys(n for row in rows for n in row) if name != 'stamp']
         return PointingRun({name: np.array([row.get(name, np.nan) for row in rows], float)
                             for name in names}, self._meta)

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import yaml
 
-from pointing_model.mounts import ALTAZ, KINDS, Names
+from pointing_model.mount_names import KINDS, Names
+from pointing_model.mounts import ALTAZ
 from pointing_model.run import COLUMNS, column_name
 
 from .frames import Frame, parse_frame

@@ -6,7 +6,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.mounts import ALTAZ, KINDS, Names
+from pointing_model.mount_names import KINDS, Names
+from pointing_model.mounts import ALTAZ
 from pointing_model.run import COLUMNS, column_name
 
 #: what a file may give in place of `az, el` and of the encoder's angles, and its unit in SI;

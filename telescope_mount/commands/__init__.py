@@ -5,6 +5,6 @@ None. What costs time to import is imported in ``run``.
 """
 
 #: modules in the order of the help
-COMMANDS = ('night', 'observe', 'check_drivers', 'experiment', 'close_the_loop', 'solve', 'fit',
-            'diagnose', 'zeros', 'apply', 'export', 'info', 'recover', 'verify', 'replay',
-            'encoder_test')
+COMMANDS = ('night', 'observe', 'check_drivers', 'lifecycle', 'experiment', 'close_the_loop',
+            'solve', 'fit', 'diagnose', 'zeros', 'apply', 'export', 'info', 'recover', 'verify',
+            'replay', 'encoder_test')

@@ -21,6 +21,10 @@ def add(commands):
                         help='MOVES the mount: call its service home first')
     options.add(parser, 'mount', default='altaz', help='altaz (default), equatorial, german, or '
                 'free:AZ,EL[,ROLL] (where the first axis points, degrees)')
+    options.add(parser, 'latitude', 'longitude', 'height')
+    parser.add_argument('--params', type=Path, metavar='FILE',
+                        help='ROS parameter file with the limits of the mount, of the guard that '
+                        'leads the nudge where none runs')
     parser.add_argument('--namespace', default='/mount', help='of the graph (default: /mount)')
     parser.add_argument('--json', type=Path, metavar='FILE', help='write the findings as JSON')
     options.add(parser, 'domain', help='ROS domain (default: ROS_DOMAIN_ID, or 0)')
@@ -36,10 +40,13 @@ def run(args):
     from ..drivers.samples import WRONG
     from .console import new_console
     options.check_target(args.json)
-    mount = parse_mount(args.mount, 0.0)
+    if args.params is not None and not args.params.is_file():
+        raise ValueError(f'{args.params} is no file; give a ROS parameter file with --params')
+    sky = options.sky_of(args)
+    mount = parse_mount(args.mount, sky.get('latitude_deg', 0.0) * DEG)
     number = domain.join(args.domain).number
     findings = check_drivers(mount, number, args.namespace, args.seconds, args.nudge * DEG,
-                             args.home)
+                             args.home, sky, args.params)
     console = new_console()
     for level, of, text in findings:
         console.print(f'{level:<6} {of}: {text}', markup=False)

@@ -85,3 +85,7 @@ def print_calibration(console, report):
     print_lines(console, 'note', [*(zero['statement'] for zero in zeros[-1:]), *report['notes'],
                                   *witnesses['notes']])
     print_lines(console, 'alarm', witnesses['alarms'])
+    for check in report.get('checks', []):
+        if check['stars']:
+            console.print(f'{check["stars"]} fresh stars pointed at blind: '
+                          f'{check["rms_arcsec"]:.2f} arcsec radial RMS, {check["lost"]} lost')

@@ -75,8 +75,10 @@ def _run(args):
     print_lines(console, 'note', [*empty, *empty_held])
     base = _base_file(args.base, runs[0].mount)
     if base:
-        runs, held = ([base.taken_off(run, args.encoder) for run in each] if each else each
-                      for each in (runs, held))
+        runs, held = ([base.taken_off(base.of_its_errors(run), args.encoder) for run in each]
+                      if each else each for each in (runs, held))
+    else:
+        runs, held = _settled(runs, held, args, console)
     with Progress(console, 'folds', 'looking for effects', after=30.0, every=60.0) as progress:
         found = diagnose(runs, '+'.join(base.terms) if base else args.base, args.alpha,
                          holdout=held, own_terms=args.own, encoder=args.encoder, seed=args.seed,
@@ -87,6 +89,17 @@ def _run(args):
         print_lines(console, 'note', base.notes)
     _write(args, found, console, base)
     return 2 if found.verdict == 'refused' else 0
+
+
+def _settled(runs, held, args, console):
+    """The runs, with the errors that hold by the longest of them; said where they do not turn."""
+    from calibration.sky_model import origin_of_errors, with_errors
+    origin = origin_of_errors(max(runs, key=len), encoder=args.encoder)
+    if origin is None or origin.holds in ('', runs[0].mount.errors):
+        return runs, held
+    print_lines(console, 'sides of the pier', [origin.sentence()])
+    return tuple([with_errors(run, origin.holds) for run in each] if each else each
+                 for each in (runs, held))
 
 
 def _base_file(text, mount):

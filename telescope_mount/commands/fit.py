@@ -53,7 +53,7 @@ def _run(args):
     from calibration.diagnosis import check_columns, naming_columns
     from calibration.fit import fit_terms
     from calibration.fit_document import fit_document
-    from calibration.sky_model import origin_of_errors
+    from calibration.sky_model import settled
     from calibration.tables import fit_tables
 
     from ..runs import load_run
@@ -67,6 +67,10 @@ def _run(args):
         raise ValueError(f'{args.file} has no second encoder; leave out --encoder {args.encoder}')
     checked = check_columns(observed, args.encoder)
     base, observed = _base(args, observed)
+    settled_run, origin = settled(observed, args.terms, encoder=args.encoder,
+                                  robust=not args.no_robust)
+    if not base:  # a model that is given says whose its errors are
+        observed = settled_run
     result = fit_terms(observed, args.terms, robust=not args.no_robust, encoder=args.encoder,
                        provenance={'source': str(args.file)})
     console = new_console()
@@ -83,8 +87,6 @@ def _run(args):
     if args.predict:
         model, document['predicted'] = _to_predict(observed, args, console)
     print_lines(console, 'note', checked.notes)
-    origin = origin_of_errors(observed, args.terms, encoder=args.encoder,
-                              robust=not args.no_robust)
     if origin is not None:
         print_lines(console, 'sides of the pier', [origin.sentence()])
         document['origin_of_errors'] = origin.document()
@@ -162,4 +164,5 @@ def _base(args, run):
         raise ValueError('--base and --terms both say which terms to fit; leave one out')
     base = BaseModel.read(args.base, run.mount)
     args.terms = base.terms
+    run = base.of_its_errors(run)
     return base, base.taken_off(run, args.encoder)

@@ -57,6 +57,10 @@ def run(args):
                                  '--mount indi:...')
     calibration = options.harmonics_of(args)
     console = new_console()
+
+    def say(text):
+        console.print(f'held up: {text}' if text else 'goes on', markup=False)
+
     with Progress(console) as progress:
         report = run_night(
             args.out, seed=args.seed, stars=args.stars, polaris=args.polaris,
@@ -64,6 +68,6 @@ def run(args):
             mount=args.mount or '', cycle=args.power_cycle, domain_number=args.domain,
             time_scale=args.time_scale,
             params_file=args.params, sky=options.sky_of(args), absolute=args.absolute,
-            calibration=calibration, progress=progress)
+            calibration=calibration, progress=progress, say=say)
     print_calibration(console, report)
     print_files(console, report['files'])

@@ -18,8 +18,8 @@ def add(commands):
                         'already are found')
     parser.add_argument('--stars', type=options.whole(4, 5000), default=30,
                         help='to fit the model to; a quarter as many check it (default: 30)')
-    parser.add_argument('--plan', default='', help="steps in place of 'home, stars N, fit, check "
-                        "N/4'")
+    parser.add_argument('--plan', default='', help="steps in place of 'home, stars N, clocks 24, "
+                        "fit, check N/4'")
     options.add(parser, 'mount', default='altaz', help='altaz (default), equatorial, german, or '
                 'free:AZ,EL[,ROLL] (where the first axis points, degrees)')
     options.add(parser, 'latitude', 'longitude', 'height')
@@ -28,6 +28,8 @@ def add(commands):
     parser.add_argument('--exposure', type=options.real(0.0, 3600.0, 's'), default=0.0, metavar='S',
                         help="length of the camera's exposures: the mount must rest on its track "
                         'all that time (default 0: it is judged in their middle)')
+    parser.add_argument('--anew', action='store_true', help='begin a night that was interrupted '
+                        'in --out once more; by default it goes on where it stopped')
     options.add(parser, 'reference', help='model.json to begin with')
     parser.add_argument('--params', type=Path, metavar='FILE',
                         help='ROS parameter file, read by every node and driver')
@@ -49,12 +51,9 @@ def run(args):
         report = run_real_night(
             args.out, plan=args.plan, stars=args.stars, drivers=args.driver, mount=args.mount,
             sky=options.sky_of(args), absolute_encoder=args.absolute_encoder,
-            exposure=args.exposure,
+            exposure=args.exposure, anew=args.anew,
             reference=args.reference, domain_number=args.domain, params_file=args.params,
-            progress=progress, say=say)
+            progress=progress, say=say,
+            note=lambda text: console.print(text, markup=False))
     print_calibration(console, report)
-    for check in report.get('checks', []):
-        if check['stars']:
-            console.print(f'{check["stars"]} fresh stars pointed at blind: '
-                          f'{check["rms_arcsec"]:.2f} arcsec radial RMS, {check["lost"]} lost')
     print_files(console, report['files'])

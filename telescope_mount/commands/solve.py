@@ -31,9 +31,9 @@ def add(commands):
 def run(args):
     """Solve, tell of each image, count."""
     from pointing_model.plate_solved.mapping import load_mapping
+    from pointing_model.plate_solved.solvers import find_solver
 
     from ..solving.folder import FAILED, HUNG, SOLVED, solve_folder
-    from ..solving.solvers import find_solver
     from .console import new_console, print_files
     if not args.folder.is_dir():
         raise ValueError(f'{args.folder} is no folder of images')

@@ -14,6 +14,7 @@ from msg_tools import convert, topics
 from msg_tools.executor import NodeExecutor
 from msg_tools.units import DEG
 
+from .asking import Asking
 from .judgement import judge
 from .nudge import judge_nudge
 from .samples import OK, WRONG, Endpoint, Finding, Heard, Rest, Stream
@@ -36,18 +37,23 @@ class Listener:
     mount : Mount
     domain : int
     namespace : str
+    guard : dict, optional
+        Parameters of the guard that is started for nudging where none runs.
+    params : Path, optional
+        ROS parameter file of that.
     """
 
-    def __init__(self, mount, domain, namespace):
+    def __init__(self, mount, domain, namespace, guard=None, params=None):
         os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
         self._mount, self._clock, self._clocked = mount, None, False
         self._context = Context()
-        rclpy.init(context=self._context, domain_id=domain)
+        rclpy.init(context=self._context, domain_id=domain, args=[
+            '--ros-args', '--params-file', str(params)] if params else None)
         self._node = Node('check_drivers', context=self._context, namespace=namespace,
                           start_parameter_services=False, enable_rosout=False)
         self._executor = NodeExecutor(context=self._context)
         self._executor.add_node(self._node)
-        self._command = None
+        self._asking, self._guard = None, dict(guard or {})
         for topic, take in ((topics.INCREMENTAL, self._on_joints),
                             (topics.ABSOLUTE, self._on_joints),
                             (topics.MISS_DISTANCE, self._on_miss)):
@@ -156,14 +162,8 @@ class Listener:
         ValueError
             Somebody else commands the mount, or nobody tells where it is.
         """
-        commanders = [info.node_name for info in self._node.get_publishers_info_by_topic(
-            self._node.resolve_topic_name(topics.COMMAND.name))]
-        if commanders:
-            raise ValueError(f'not nudged: {" and ".join(commanders)} may command the mount; end '
-                             'it first')
-        self._command = self._node.create_publisher(
-            topics.COMMAND.message, topics.COMMAND.name, topics.COMMAND.qos)
-        self.spin(5.0, lambda: self._command.get_subscription_count() > 0)
+        self._asking = asking = Asking(self._node, self._executor, self._mount, self.spin,
+                                       self._guard)
         self._forget()
         if not self.spin(5.0, lambda: self._here() is not None):
             raise ValueError('not nudged: the encoder gives no number; call home first')
@@ -173,11 +173,13 @@ class Listener:
         rests = []
         for offset in ((0.0, 0.0), (step, 0.0), (0.0, 0.0), (0.0, upward * step), (0.0, 0.0)):
             demand = home + offset
-            self._send(self._here(), demand)
-            self.spin(RAMP)
-            self.spin(SETTLE, lambda demand=demand: np.abs(self._here() - demand).max() < NEAR)
+            asking.ask(round(self._now() * 1e9), [0.0, RAMP, RAMP + SETTLE + LOOK + 5.0],
+                       np.array([self._here(), demand, demand]), np.zeros((3, 2)))
+            asking.obeyed(RAMP)
+            asking.obeyed(SETTLE,
+                          lambda demand=demand: np.abs(self._here() - demand).max() < NEAR)
             begin = self._now() + 1.0
-            self.spin(LOOK + 1.0)
+            asking.obeyed(LOOK + 1.0)
             rests.append(Rest(begin, self._now(), demand))
         return self.heard(0.0), rests
 
@@ -185,14 +187,10 @@ class Listener:
         values = self._streams[topics.INCREMENTAL.name].values
         return np.array(values[-1]) if values and np.isfinite(values[-1]).all() else None
 
-    def _send(self, here, demand):
-        still = np.zeros((3, 2))
-        self._command.publish(convert.trajectory(
-            round(self._now() * 1e9), [0.0, RAMP, RAMP + SETTLE + LOOK + 5.0],
-            [here, demand, demand], still, self._mount.names.keys))
-
     def close(self):
         """Leave the graph."""
+        if self._asking is not None:
+            self._asking.close()
         self._executor.shutdown()
         self._node.destroy_node()
         self._context.try_shutdown()
@@ -204,14 +202,17 @@ def _endpoint(info):
                     info.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL)
 
 
-def check_drivers(mount, domain, namespace, seconds, step=0.0, home=False):
+def check_drivers(mount, domain, namespace, seconds, step=0.0, home=False, guard=None,
+                  params=None):
     """Call `home` if it may, listen, nudge if `step` (rad) is not 0, and judge.
+
+    `mount`, `domain`, `namespace`, `guard` and `params` as of `Listener`.
 
     Returns
     -------
     list of Finding
     """
-    listener = Listener(mount, domain, namespace)
+    listener = Listener(mount, domain, namespace, guard, params)
     try:
         findings = [listener.home()] if home else []
         findings += judge(listener.listen(seconds))

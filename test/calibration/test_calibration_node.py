@@ -1,4 +1,5 @@
 import json
+import threading
 
 import numpy as np
 import pytest
@@ -7,8 +8,10 @@ pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportErr
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from std_msgs.msg import String
+from std_srvs.srv import Trigger
 
 from calibration.calibration_node import Calibration
+from calibration.session import CalibrationSession
 from calibration.witnesses import UNJUDGED
 from msg_tools import convert, topics
 from msg_tools.homing import AxisHoming, homing_to_cloud
@@ -362,6 +365,39 @@ def test_a_diagnosis_adds_the_effect_and_publishes_what_belongs_together(graph, 
     graph.wait_for(lambda: status and status[-1].message == answer.message)
     assert 'diagnosing' in [message.message for message in status]
     graph.report('calibration', '', 'diagnosis', 'identified: azimuth_encoder_1')
+
+
+def test_a_diagnosis_can_be_watched_and_cancelled(graph, monkeypatch):
+    pause = threading.Event()
+
+    def endless(self, alpha, site, until, progress):
+        self._published = self.model = 'half of it'
+        while not pause.wait(0.01):
+            progress('looking', 1, 2)
+    desk = Desk(graph)
+    desk.observe(rows(30, seed=2))
+    status, models = graph.listen(topics.CALIBRATION_STATUS), graph.listen(topics.MODEL)
+    graph.connect()
+    assert graph.call('fit').success
+    assert graph.call('calibration/cancel').message == 'nothing long is under way'
+    with monkeypatch.context() as patch:
+        patch.setattr(CalibrationSession, 'diagnose', endless)
+        client = graph.tester.create_client(Trigger, 'diagnose')
+        graph.wait_for(client.service_is_ready)
+        answer = client.call_async(Trigger.Request())
+        graph.wait_for(lambda: status[-1].message == 'diagnosing: looking, 1 of 2')
+        assert 'call calibration/cancel' in graph.call('fit').message
+        desk.pub.publish(run_to_cloud(rows(1, seed=3), desk.stamp + 1))
+        graph.report('calibration', '', 'received /mount/observation', 31)
+        graph.report('calibration', '', 'observations', 30)
+        assert graph.call('calibration/cancel').success
+        graph.wait_for(answer.done, 'the end of the diagnosis')
+    assert (answer.result().success, answer.result().message) == (
+        False, 'diagnosing was cancelled')
+    # what came meanwhile counts, and nothing else has changed
+    graph.report('calibration', '', 'observations', 31)
+    assert graph.call('diagnose').success
+    graph.wait_for(lambda: len(models) == 2)
 
 
 def test_rows_kept_out_do_not_reach_fit_and_diagnosis(graph):

@@ -11,7 +11,7 @@ from msg_tools import convert, topics
 from msg_tools.homing import cloud_to_homing
 from msg_tools.power_on import read_frame
 from msg_tools.units import ARCSEC, DEG
-from telescope_mount.graph import EVERY_FRAME
+from telescope_mount.graph import every_frame
 
 START = 1_768_482_000_000_000_000
 COUNT = 1296000.0 / 18_880_000 * ARCSEC
@@ -291,7 +291,7 @@ def test_the_absolute_encoder_has_another_zero_after_its_power_cycle(graph, tmp_
                     '  elevation: {zero_drifts_arcsec: [0, -20, 10], power_cycles_s: [6.5]}\n')
     graph.add(AbsoluteEncoders, scenario=str(path), publishes=publishes)
     if publishes == 'frames':
-        graph.add(FrameReader, **EVERY_FRAME)
+        graph.add(FrameReader, **every_frame())
     axes = Axes(graph, topics.ABSOLUTE)
     place = np.array([[50.0, 20.0]] * 3) * DEG
     before = axes(place)

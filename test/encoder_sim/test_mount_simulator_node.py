@@ -236,6 +236,18 @@ def test_live_the_servo_closes_too(graph, drifting):
     graph.wait_for(there, 'the encoder to read the demand')
     truth = np.array(convert.read_joints(desk.truth[-1])[1])
     assert (np.abs(truth - demand) > 10 * ARCSEC).all()
+    # deactivated in the middle of a slew it comes to rest, and is sent nowhere
+    desk.pub.publish(convert.trajectory(desk.now(), [0.0], [demand + [0.9, 0.0]], [[0.0, 0.0]]))
+
+    def speed():
+        return np.abs(convert.read_joints(desk.truth[-1])[2]).max()
+    graph.wait_for(lambda: speed() > 1.0 * DEG)
+    desk.node.trigger_deactivate()
+    graph.wait_for(lambda: speed() == 0.0)
+    assert np.abs(convert.read_joints(desk.truth[-1])[1] - demand).max() < 0.8
+    desk.pub.publish(convert.trajectory(desk.now(), [0.0], [demand], [[0.0, 0.0]]))
+    graph.report('mount_simulator', '1 messages refused')
+    assert 'is inactive' in graph.call('home').message
 
 
 @pytest.mark.parametrize('overrides, text', [

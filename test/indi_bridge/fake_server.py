@@ -1,5 +1,6 @@
 """A tiny server that speaks as much of INDI as a telescope needs, from lines of a test."""
 
+import contextlib
 import re
 import socket
 import threading
@@ -84,6 +85,9 @@ class FakeServer:
     def drop(self):
         """Break the connection."""
         if self._client is not None:
+            with contextlib.suppress(OSError):  # the other end was sooner
+                # closed alone, it would not end while its thread reads
+                self._client.shutdown(socket.SHUT_RDWR)
             self._client.close()
 
     def say(self, text):

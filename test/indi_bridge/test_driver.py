@@ -1,5 +1,6 @@
 """The mount as the graph knows it, at a server that says what a test wants."""
 
+import re
 import sys
 import time
 from pathlib import Path
@@ -9,7 +10,7 @@ import pytest
 
 from indi_bridge.client import IndiError
 from indi_bridge.driver import MountDriver
-from indi_bridge.telescope import NO_AXES
+from indi_bridge.goto_mount import NO_AXES
 from msg_tools.units import DEG
 from pointing_model.mounts import Mount
 from pointing_model.sky import DEFAULT_SITE, sidereal_time
@@ -26,8 +27,11 @@ class Bench:
     """A driver at a server, as a context."""
 
     def __init__(self, properties=TELESCOPE, **options):
+        there = DEFAULT_SITE.latitude / DEG, DEFAULT_SITE.longitude / DEG
+        for name, value in zip(('LAT', 'LONG'), there):  # a site that is set takes a second
+            properties = re.sub(rf'(name="{name}"[^>]*>)[^<]*', rf'\g<1>{value!r}', properties)
         self.server = FakeServer(properties)
-        self.options = options
+        self.options = {'dead_man': False, 'retry': 0.1, 'fresh': 0.0, **options}
 
     def __enter__(self):
         self.server.__enter__()
@@ -37,7 +41,7 @@ class Bench:
         return self
 
     def __exit__(self, *_):
-        self.driver.close()
+        self.driver.close(0.0)
         self.server.__exit__()
 
     def until(self, condition, seconds=15.0):
@@ -52,7 +56,6 @@ class Bench:
 
     def gotos(self):
         """Right ascension, hours, and declination, deg, of the slews that were sent."""
-        import re
         return [tuple(map(float, re.findall(r'>([-\d.e]+)<', text))) for text in self.server.got
                 if 'name="EQUATORIAL_EOD_COORD"' in text]
 
@@ -65,7 +68,8 @@ class Bench:
 def track(angles, now=None):
     """A track that stands on angles, deg."""
     angles = np.array([angles, angles]) * DEG
-    return time.time_ns() if now is None else now, np.array([0.0, 100.0]), angles
+    return (time.time_ns() if now is None else now, np.array([0.0, 100.0]), angles,
+            np.zeros((2, 2)))
 
 
 def test_axes_that_stand_are_told_and_a_command_becomes_a_slew_to_its_place_of_date():
@@ -119,22 +123,46 @@ def test_a_track_that_nobody_renews_ends_with_a_stop():
         assert 'TRACK_OFF">On' in ' '.join(bench.server.got)
 
 
-def test_orders_and_what_cannot_be_done_are_one_line():
-    park = switch('TELESCOPE_PARK', {'PARK': 'Off', 'UNPARK': 'On'}, 'def')
+def piece(first, rate=0.0, last=1.6, second=20.0):
+    """A piece of a track as the guard sends it, deg and deg/s: from now on, and rest."""
+    times = np.arange(0.0, last + 0.1, 0.25)
+    angles = np.stack([first + rate * times, np.full(len(times), second)], axis=1) * DEG
+    rates = np.tile([rate * DEG, 0.0], (len(times), 1))
+    return time.time_ns(), times, angles, rates
+
+
+def test_pieces_of_one_track_are_one_slew_and_a_rest_that_is_over_is_a_stop():
+    with Bench() as bench:
+        bench.until(lambda: bench.driver.ready)
+        began, rate = time.time(), 0.004
+        for _ in range(8):
+            bench.driver.command(*piece(50.0 + rate * (time.time() - began), rate))
+            bench.driver.step()
+        bench.until(bench.gotos)
+        assert len(bench.gotos()) == 1 and 'TRACK_ON">On' in ' '.join(bench.server.got)
+        bench.driver.command(*piece(51.0, rate))  # another one
+        bench.until(lambda: len(bench.gotos()) == 2)
+        now = time.time_ns()
+        bench.driver.command(now, np.array([0.0, 0.1]), np.full((2, 2), 0.7), np.zeros((2, 2)))
+        bench.until(lambda: any('"ABORT">On' in text for text in bench.server.got))
+        assert len(bench.gotos()) == 2  # and none to where it is to stand
+        bench.until(lambda: bench.driver.telescope.get('TELESCOPE_TRACK_STATE').on == 'TRACK_OFF')
+
+
+def test_what_cannot_be_done_is_one_line_and_home_unparks():
+    park = switch('TELESCOPE_PARK', {'PARK': 'On', 'UNPARK': 'Off'}, 'def')
     with Bench(TELESCOPE + park) as bench:
         with pytest.raises(ValueError, match='no mount to command: '):
             bench.driver.command(*track((0.0, 0.0)))
         bench.until(lambda: bench.driver.ready)
-        bench.driver.park()
-        with pytest.raises(ValueError, match='parked; call home to unpark it'):
-            bench.driver.command(*track((0.0, 0.0)))
+        assert not bench.driver.telescope.parked
+        bench.server.say(switch('TELESCOPE_PARK', {'PARK': 'On', 'UNPARK': 'Off'}))
         bench.until(lambda: bench.driver.telescope.parked)
         bench.driver.unpark()
         bench.until(lambda: not bench.driver.telescope.parked)
         bench.driver.abort()
     sent = ' '.join(bench.server.got)
-    assert '"PARK">On' in sent and '"UNPARK">On' in sent and '"ABORT">On' in sent
-    assert 'SYNC">On' not in sent
+    assert '"UNPARK">On' in sent and '"ABORT">On' in sent and 'SYNC">On' not in sent
 
 
 def test_a_mount_of_another_kind_and_one_without_axes_are_said():

@@ -64,7 +64,8 @@ def test_bad_start_values_are_refused_with_a_reason(graph, overrides, text):
 
 
 def test_good_start_values_are_taken(graph):
-    node = graph.add(Sample, speed=4.0, count=8, colour='blue', start='later')
+    # the site is told to all nodes in one file, and who has no use for it lets it be
+    node = graph.add(Sample, speed=4.0, count=8, colour='blue', start='later', latitude_deg=31.0)
     assert [node.value(n) for n in ('speed', 'count', 'colour', 'start')] == [
         4.0, 8, 'blue', 'later']
     assert node.changes == []
@@ -307,6 +308,17 @@ def test_a_clock_below_zero_is_refused_and_the_node_lives_on(graph):
     graph.report('sample', '1 messages refused')
     clock.publish(Clock(clock=Time(sec=5, nanosec=7)))
     graph.wait_for(lambda: node.get_clock().now().nanoseconds == 5_000_000_007)
+
+
+def test_a_second_one_ends_and_says_beside_whom(graph, process):
+    import os
+    graph.add(Sample)  # publishes `zero`, as the calibration does
+    second = process('calibration.calibration_node')
+    graph.wait_for(lambda: second.poll() is not None, 'the second one to end')
+    err = second.communicate()[1].splitlines()
+    assert second.returncode == 2
+    assert err[-1].startswith('error: calibration: /mount/zero is published by /mount/sample (')
+    assert f'process {os.getpid()}' in err[-1] and 'another namespace' in err[-1]
 
 
 @pytest.mark.parametrize('name', ['SIGINT', 'SIGTERM'])

@@ -63,11 +63,13 @@ def test_reports_are_the_last_of_each_node():
         return SimpleNamespace(status=[
             SimpleNamespace(name=name, values=status(publishes=count).values)
             for name, count in nodes.items()])
-    reports = GraphReports()
-    assert unmatched('a', reports) == ['node a']
-    reports.take(array(a=1, b=2))
+    reports = GraphReports('/m')
+    assert unmatched(['/m/a'], reports) == ['node /m/a']
+    reports.take(array(**{'/m/a': 1, '/m/b': 2, '/m2/a': 7}))
     then = dict(reports)
-    reports.take(array(b=3))
-    assert {name: report['publishes']['/t'] for name, report in reports.items()} == {'a': 1, 'b': 3}
+    reports.take(array(**{'/m/b': 3, '/m2/b': 8}))
+    # those of another mount are not heard
+    assert {name: report['publishes']['/t'] for name, report in reports.items()} == {
+        '/m/a': 1, '/m/b': 3}
     # a report that came since is another object
-    assert [name for name in reports if reports[name] is not then[name]] == ['b']
+    assert [name for name in reports if reports[name] is not then[name]] == ['/m/b']

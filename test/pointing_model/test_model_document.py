@@ -69,7 +69,7 @@ def test_harmonics_have_the_names_of_the_paper_and_their_sigmas():
 
 @pytest.mark.parametrize('text, word', [
     ('{', 'not JSON'), ('[1]', 'not a pointing model'), ('{"format": "x"}', 'not a pointing'),
-    (broken(version=4), 'version 4'), (broken(terms='DELETE'), 'terms'),
+    (broken(version=5), 'version 5'), (broken(terms='DELETE'), 'terms'),
     (broken(terms=[{'name': 'QQ', 'value_arcsec': 1}], covariance_arcsec2=[[1]]), 'QQ'),
     (broken(terms=[{'name': 'IA', 'value_arcsec': 'one'}]), 'damaged'),
     (broken(terms=[{'name': 'IA', 'value_arcsec': 1}] * 2), 'twice'),

@@ -50,11 +50,18 @@ class Played:
 
 
 def test_the_guard_leads_the_mount_and_stops_it_when_the_encoder_is_silent(graph):
-    graph.add(MountGuard, renew_s=0.1)
+    guard = graph.add(MountGuard, renew_s=0.1)
     mount = Played(graph)
     graph.connect()
     mount.ask(24.0, 52.0)
+    mount.request.header.frame_id = '/mount/star_observer'
     mount.until('following')
+    other = convert.trajectory(mount.now(), TIMES, np.full((3, 2), 0.5), np.zeros((3, 2)))
+    other.header.frame_id = '/mount/player'
+    mount.requests.publish(other)
+    graph.wait_for(lambda: guard.rejected, 'the second commander refused')
+    assert 'player asks while /mount/star_observer commands' in guard.rejected[
+        topics.REQUEST.name][1]
     graph.wait_for(lambda: np.allclose(mount.here / DEG, (24.0, 52.0), atol=0.2), 'the star')
     assert all(not any(command.points[-1].velocities) for command in mount.commands)
     mount.reads = False
@@ -69,10 +76,19 @@ def test_the_guard_leads_the_mount_and_stops_it_when_the_encoder_is_silent(graph
 
 
 def test_services_of_the_guard_stop_the_mount_and_park_it(graph):
-    graph.add(MountGuard, renew_s=0.1, park_deg='22,51')
+    guard = graph.add(MountGuard, renew_s=0.1, park_deg='22,51')
     mount = Played(graph)
     graph.connect()
     mount.ask(24.0, 52.0)
+    mount.until('following')
+    # a managed node: at rest while it is not active, whatever is asked for
+    guard.trigger_deactivate()
+    mount.until('inactive', 'mount_guard is inactive: activate it')
+    sent = convert.from_stamp(mount.commands[-1].header.stamp)
+    assert not graph.call('pause').success
+    graph.wait_for(lambda: mount.now() > sent + 5 * 10**8)
+    assert convert.from_stamp(mount.commands[-1].header.stamp) - sent < 10**8
+    guard.trigger_activate()
     mount.until('following')
     assert graph.call('pause').success
     mount.until('paused')

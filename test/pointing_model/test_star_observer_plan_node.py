@@ -167,17 +167,23 @@ def test_a_calibration_that_says_nothing_does_not_hold_the_night_up(graph, monke
     assert len(Night(graph, 'stars 1').run()) == 1
 
 
-def test_a_service_that_refuses_ends_the_plan_with_its_reason(graph):
+def test_a_service_that_refuses_ends_the_plan_with_its_reason(graph, tmp_path):
     Instruments(graph)
-    graph.service('fit', lambda: (False, 'too few stars'))
-    night = Night(graph, 'fit, stars 1')
-    assert night.until('failed') == 'fit: too few stars'
-    status = graph.report('star_observer', 'fit: too few stars')
+    stuck = [True]
+    graph.service('power_cycle', lambda: (not stuck, 'no power' if stuck else 'off and on'))
+    night = Night(graph, 'stars 1, power_cycle', state_file=str(tmp_path / 'state'))
+    assert night.until('failed') == 'power_cycle: no power'
+    status = graph.report('star_observer', 'power_cycle: no power')
     assert status.level == DiagnosticStatus.ERROR
-    # and it can be started again
-    assert graph.set_parameter(night.node, plan='stars 1')[0]
-    assert graph.call('observe').success
+    # and it can be started again, where it stopped
+    stuck.clear()
+    assert graph.call('observe').message == (
+        'plan goes on at step 2, power_cycle: stars 1, power_cycle; to begin it anew call '
+        'star_observer/anew')
     assert len(night.run()) == 1
+    kept = [json.loads(line) for line in (tmp_path / 'state').read_text().splitlines()]
+    assert sum('row' in line for line in kept) == 1 and kept[-1]['plan']['state'] == 'done'
+    assert graph.call('star_observer/anew').message == 'plan started: stars 1, power_cycle'
 
 
 def test_a_service_that_is_not_there_is_waited_for(graph):

@@ -128,7 +128,7 @@ def test_what_the_user_chose_reaches_the_night(refused, monkeypatch, tmp_path):
     (tmp_path / 'p.yaml').write_text('')
     asked, given = [], night.run_night
 
-    def refuse(out, progress, **options):
+    def refuse(out, progress, say, **options):
         asked.append({'out': out, **options})
         raise ValueError('enough')
     monkeypatch.setattr(night, 'run_night', refuse)
@@ -150,7 +150,7 @@ def test_what_the_user_chose_reaches_the_night(refused, monkeypatch, tmp_path):
         'night', '--power-cycle', 'both', '--reference', 'm.json')
     # what was not chosen is as of the functions themselves
     own, of_graph = given.__kwdefaults__, night.night_graph.__kwdefaults__
-    assert set(own) - set(asked[1]) == {'progress'}
+    assert set(own) - set(asked[1]) == {'progress', 'say'}
     for name in set(asked[1]) - {'out', 'sky', 'calibration'}:
         assert asked[1][name] == (own if name in own else of_graph)[name], name
     assert asked[1]['out'] == Path('night') and asked[1]['sky'] == asked[1]['calibration'] == {}

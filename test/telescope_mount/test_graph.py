@@ -33,17 +33,18 @@ BELOW = {
     'calibration': ('pointing_model', 'msg_tools'),
     'encoder_sim': ('encoder_reading', 'msg_tools'),
     'indi_bridge': ('pointing_model', 'msg_tools'),
+    'alpaca_bridge': ('indi_bridge', 'pointing_model', 'msg_tools'),
     'telescope_mount': ('calibration', 'pointing_model', 'encoder_reading', 'indi_bridge',
-                        'msg_tools'),
+                        'alpaca_bridge', 'msg_tools'),
     'launch': ('telescope_mount', 'calibration', 'pointing_model', 'encoder_reading',
-               'indi_bridge', 'msg_tools'),
+               'indi_bridge', 'alpaca_bridge', 'msg_tools'),
 }
 PACKAGES = tuple(name for name in BELOW if name != 'launch')
 #: what the simulator may use of the pointing model: the sky is the same for both, and how a mount
 #: stands under it
 SKY = tuple(f'pointing_model.{name}' for name in (
     'star_catalogue', 'earth', 'sky', 'sky_params', 'target', 'satellite_elements',
-    'satellite', 'mounts'))
+    'satellite', 'mounts', 'mount_names'))
 #: the one door from outside to the simulator; besides, `NODES` of graph.py names its nodes
 DOOR = ROOT / 'telescope_mount' / 'simulator.py'
 #: functions whose text argument is the name of a package, or a part of a path
@@ -211,7 +212,7 @@ def test_the_night_has_every_node_but_the_players():
     specs = night_graph(bag='bag')
     assert [spec.name for spec in specs] == list(NIGHT)
     assert set(NIGHT) == set(NODES) - {'mcap_replay', 'run_player', 'frame_reader', 'indi_mount',
-                                       'indi_sky'}
+                                       'indi_sky', 'alpaca_mount', 'mount_display'}
     assert [spec.full_name for spec in specs] == [f'/mount/{name}' for name in NIGHT]
     for spec in replay_graph('bag', '/mount/observation'):
         assert NODES[spec.name] == spec.module
@@ -404,7 +405,7 @@ def test_algorithms_know_no_ros():
     glue = {ROOT / f'{name}.py' for name in (
         'encoder_sim/device_params', 'encoder_reading/messages', 'pointing_model/sky_params',
         'pointing_model/run_messages', 'pointing_model/zero_message',
-        'pointing_model/in_force_topics')}
+        'pointing_model/in_force_topics', 'pointing_model/star_observer_params')}
     for path in sources('encoder_sim', 'encoder_reading', 'pointing_model', 'calibration'):
         if path not in nodes | glue:
             assert not any(of(imports(path), name) for name in ros), path

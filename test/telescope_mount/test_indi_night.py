@@ -22,9 +22,9 @@ def test_kind_and_site_are_the_drivers_unless_the_user_says():
     kind = switch('MOUNT_TYPE', {'ALTAZ': 'Off', 'EQ_FORK': 'Off', 'EQ_GEM': 'On'}, 'def')
     with FakeServer(SIMULATED + kind) as server:
         address = f'indi:localhost:{server.port}'
-        where, told, sky = ask_server(address, {'height_m': 5.0})
+        where, told, sky, simulated = ask_server(address, {'height_m': 5.0})
         assert where == {'host': 'localhost', 'port': server.port, 'device': 'Mount'}
-        assert told == 'german'
+        assert told == 'german' and simulated
         assert sky == pytest.approx({'latitude_deg': 10.0, 'longitude_deg': -10.0, 'height_m': 5.0})
         assert ask_server(f'{address}:equatorial')[1] == 'equatorial'
 

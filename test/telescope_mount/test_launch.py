@@ -1,15 +1,23 @@
-"""The launch file: the graph it describes, and how it ends; with a stand-in where launch is not."""
+"""The launch files: the graphs they describe, and how they end; with a stand-in for launch."""
 
 import importlib.util
+import os
+import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
+import numpy as np
 import pytest
 
 from msg_tools import NAMESPACE
+from pointing_model.mount_shape import urdf
+from pointing_model.mounts import parse_mount
 from pointing_model.observing.plan import night_plan, real_plan
 from telescope_mount.graph import NIGHT, night_graph, real_graph
+from telescope_mount.parent import PARENT
+from telescope_mount.simulator import scenario_names
 
 ROOT = Path(__file__).resolve().parents[2]
 FILE = ROOT / 'launch' / 'night.launch.py'
@@ -34,6 +42,9 @@ def stand_in(monkeypatch):
              'launch.event_handlers': ('OnProcessExit',), 'launch.events': ('Shutdown',),
              'launch.substitutions': ('LaunchConfiguration',), 'launch_ros': (),
              'launch_ros.actions': ('Node',)}
+    # imported anew here, and forgotten afterwards
+    monkeypatch.setitem(sys.modules, 'telescope_mount.launching', None)
+    del sys.modules['telescope_mount.launching']
     for module, classes in names.items():
         made = ModuleType(module)
         for name in classes:
@@ -41,35 +52,40 @@ def stand_in(monkeypatch):
         monkeypatch.setitem(sys.modules, module, made)
 
 
-def load(path=FILE):
+def made(path, **arguments):
+    """Actions of a launch file, by class name."""
     spec = importlib.util.spec_from_file_location(path.name.split('.')[0], path)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    return module
+    described = module.generate_launch_description().args[0]
+    declared = {action.args[0]: action.values['default_value'] for action in described
+                if type(action).__name__ == 'DeclareLaunchArgument'}
+    context = SimpleNamespace(arguments=declared | arguments,
+                              argv=[f'{name}:={value}' for name, value in arguments.items()])
+    out = {}
+    for action in (*described, *described[-1].values['function'](context)):
+        out.setdefault(type(action).__name__, []).append(action)
+    return out
 
 
 @pytest.fixture
-def launch_file(monkeypatch):
+def night(monkeypatch):
+    """``night(name=value)``: what the launch file of a night makes of its arguments."""
     stand_in(monkeypatch)
-    return load()
+    return partial(made, FILE)
 
 
 @pytest.fixture
-def actions(launch_file):
-    """``actions(name=value)``: what the launch file makes of its arguments, by class name."""
-    def make(**arguments):
-        values = {name: default for name, default, _ in launch_file.ARGUMENTS} | arguments
-        out = {}
-        for action in launch_file._nodes(SimpleNamespace(arguments=values)):
-            out.setdefault(type(action).__name__, []).append(action)
-        return out
-    return make
+def real(monkeypatch):
+    """The same of a real mount."""
+    stand_in(monkeypatch)
+    return partial(made, REAL_FILE)
 
 
-def test_every_node_is_started_with_its_parameters_and_watched(actions, tmp_path):
+def test_every_node_is_started_with_its_parameters_and_watched(night, tmp_path):
     (tmp_path / 'site.yaml').write_text('')
-    made = actions(scenario='ideal', seed='7', bag='b', params_file=str(tmp_path / 'site.yaml'))
-    nodes = [node.values for node in made['Node']]
+    actions = night(scenario='ideal', seed='7', bag='b', params_file=str(tmp_path / 'site.yaml'))
+    *nodes, display = [node.values for node in actions['Node']]
     assert [node['executable'] for node in nodes] == [node['name'] for node in nodes] == list(NIGHT)
     wanted = {spec.name: spec.parameters for spec in night_graph(
         bag='b', scenario='ideal', seed=7, plan=night_plan(30, 16))}
@@ -78,42 +94,76 @@ def test_every_node_is_started_with_its_parameters_and_watched(actions, tmp_path
         given, more = node['parameters']
         assert given == wanted[node['name']]
         assert more == str(tmp_path / 'site.yaml')
-    watched = [handler.args[0].values['target_action'] for handler in made['RegisterEventHandler']]
-    assert watched == made['Node']
+    watched = [handler.args[0].values['target_action']
+               for handler in actions['RegisterEventHandler']]
+    assert watched == actions['Node'][:-1]
+    # the picture is none of the night: without it all goes on
+    assert display['executable'] == 'mount_display'
+    assert display['parameters'][0] == {'mount': 'altaz', 'use_sim_time': True}
+    assert len(night(display='false')['Node']) == len(nodes)
+    # and none outlives the launch
+    assert [PARENT, str(os.getpid())] in [
+        list(action.args) for action in actions['SetEnvironmentVariable']]
 
 
 @pytest.mark.parametrize('arguments, words', [
     ({'seed': 'many'}, 'seed:=many is no whole number'),
     ({'time_scale': 'fast'}, 'time_scale:=fast is no number'),
     ({'params_file': 'absent.yaml'}, 'params_file:=absent.yaml is no file'),
+    ({'namespace': 'mount2'}, 'namespace:=mount2: write a name such as /mount'),
+    ({'plan': 'stars'}, 'write stars and a count'),
+    ({'scenario': 'nothing'}, "no scenario 'nothing'"),
 ])
-def test_bad_arguments_are_refused(actions, arguments, words):
+def test_bad_arguments_are_refused(night, arguments, words):
     with pytest.raises(ValueError, match=words):
-        actions(**arguments)
+        night(**arguments)
 
 
-def real(monkeypatch, **arguments):
-    """What the launch file of a real mount makes of its arguments, by class name."""
-    stand_in(monkeypatch)
-    module, out = load(REAL_FILE), {}
-    values = {name: default for name, default, _ in module.ARGUMENTS} | arguments
-    for action in module._actions(SimpleNamespace(arguments=values)):
-        out.setdefault(type(action).__name__, []).append(action)
-    return out
+def test_an_argument_that_is_none_is_refused_where_this_file_was_launched(night, monkeypatch):
+    night(sead='1')  # of a launch file that includes this one
+    monkeypatch.setattr(sys, 'argv', ['ros2', 'launch', 'telescope_mount', FILE.name, 'sead:=1'])
+    with pytest.raises(ValueError, match='no argument sead; did you mean seed?'):
+        night(sead='1')
 
 
-def test_a_real_mount_is_launched_with_sample_drivers_or_ones_own(monkeypatch):
-    made = real(monkeypatch, bag='b', mount='german', absolute_encoder='true', exposure='1')
+def test_every_scenario_plan_and_namespace_can_be_launched(night):
+    for scenario in scenario_names():
+        nodes = night(scenario=scenario, namespace='/dome/north', plan='home, stars 3')['Node']
+        by_name = {node.values['name']: node.values for node in nodes}
+        assert {node['namespace'] for node in by_name.values()} == {'/dome/north'}
+        told = by_name['star_observer']['parameters'][0]
+        assert told['plan'] == 'home, stars 3'
+        assert '/dome/north/camera' in told['wait_for_nodes']
+
+
+def test_with_robot_state_publisher_the_mount_is_described_by_it(night, tmp_path, monkeypatch):
+    index = tmp_path / 'share/ament_index/resource_index/packages'
+    index.mkdir(parents=True)
+    (index / 'robot_state_publisher').touch()
+    monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path))
+    (tmp_path / 'site.yaml').write_text('/**: {ros__parameters: {latitude_deg: -30.0}}')
+    *_, display, state = night(
+        scenario='german', params_file=str(tmp_path / 'site.yaml'))['Node']
+    assert state.values['executable'] == 'robot_state_publisher'
+    assert state.values['parameters'][0] == {'use_sim_time': True, 'robot_description': urdf(
+        parse_mount('german', np.radians(-30.0)))}
+    # which publishes robot_description: it has one publisher
+    assert display.values['parameters'][0]['description'] is False
+
+
+def test_a_real_mount_is_launched_with_sample_drivers_or_ones_own(real):
+    actions = real(bag='b', mount='german', absolute_encoder='true', exposure='1',
+                   display='false')
     wanted = real_graph(bag='b', plan=real_plan(30), mount='german', absolute_encoder=True,
                         exposure=1.0)
-    assert [(node.values['name'], node.values['parameters']) for node in made['Node']] == [
+    assert [(node.values['name'], node.values['parameters']) for node in actions['Node']] == [
         (spec.name, [spec.parameters]) for spec in wanted]
-    drivers = [process.values['cmd'] for process in made['ExecuteProcess']]
-    assert sorted(Path(words[1]).name for words in drivers) == sorted(
+    drivers = [process.values['cmd'] for process in actions['ExecuteProcess']]
+    assert sorted(Path(words[3]).name for words in drivers) == sorted(
         path.name for path in (ROOT / 'examples').glob('*.py'))
-    assert all(words[2:] == ['--ros-args', '-r', f'__ns:={NAMESPACE}'] for words in drivers)
-    assert len(made['RegisterEventHandler']) == len(wanted) + len(drivers)
-    assert 'ExecuteProcess' not in real(monkeypatch, drivers='none')
+    assert all(words[4:] == ['--ros-args', '-r', f'__ns:={NAMESPACE}'] for words in drivers)
+    assert len(actions['RegisterEventHandler']) == len(wanted) + len(drivers)
+    assert 'ExecuteProcess' not in real(drivers='none')
 
 
 @pytest.mark.parametrize('arguments, words', [
@@ -122,21 +172,38 @@ def test_a_real_mount_is_launched_with_sample_drivers_or_ones_own(monkeypatch):
     ({'exposure': 'long'}, 'exposure:=long is no number'),
     ({'plan': 'stars'}, 'write stars and a count'),
 ])
-def test_bad_arguments_of_a_real_mount_are_refused(monkeypatch, arguments, words):
+def test_bad_arguments_of_a_real_mount_are_refused(real, arguments, words):
     with pytest.raises(ValueError, match=words):
-        real(monkeypatch, **arguments)
+        real(**arguments)
 
 
-def test_a_node_that_ends_ends_all(launch_file):
+def test_a_node_that_ends_ends_all(monkeypatch):
+    stand_in(monkeypatch)
+    from telescope_mount.launching import end_all
     running, ending = SimpleNamespace(is_shutdown=False), SimpleNamespace(is_shutdown=True)
     well = SimpleNamespace(process_name='camera-4', returncode=0)
     refused = SimpleNamespace(process_name='camera-4', returncode=2)
-    assert launch_file._end_all(well, running).values['event'].values == {
-        'reason': 'camera-4 ended'}
+    assert end_all(well, running).values['event'].values == {'reason': 'camera-4 ended'}
     # what launch makes exit code 1 of
     with pytest.raises(RuntimeError, match='^camera-4 ended with code 2$'):
-        launch_file._end_all(refused, running)
-    assert launch_file._end_all(well, ending) is launch_file._end_all(refused, ending) is None
+        end_all(refused, running)
+    assert end_all(well, ending) is end_all(refused, ending) is None
+
+
+def test_a_process_of_a_launch_ends_with_it(tmp_path):
+    script = tmp_path / 'driver.py'
+    script.write_text('import os, time\nprint(os.getpid(), flush=True)\ntime.sleep(600)\n')
+    launch = subprocess.Popen(
+        [sys.executable, '-c', f'''
+import os, subprocess, sys
+os.environ[{PARENT!r}] = str(os.getpid())
+subprocess.Popen([sys.executable, '-m', 'telescope_mount.parent', {str(script)!r}]).wait()
+'''], stdout=subprocess.PIPE, text=True)
+    driver = int(launch.stdout.readline())
+    assert os.path.exists(f'/proc/{driver}')
+    launch.kill()
+    # the driver holds the other end until it has ended
+    assert launch.communicate(timeout=60)[0] == ''
 
 
 @pytest.mark.parametrize('code, wanted', [(0, 0), (2, 1)])
@@ -148,9 +215,10 @@ def test_the_exit_code_of_launch(code, wanted):
     from launch.event_handlers import OnProcessExit
 
     from launch import LaunchDescription, LaunchService
+    from telescope_mount.launching import end_all
     service = LaunchService()
     service.include_launch_description(LaunchDescription([
-        RegisterEventHandler(OnProcessExit(on_exit=load()._end_all)),
+        RegisterEventHandler(OnProcessExit(on_exit=end_all)),
         ExecuteProcess(name='stays', cmd=[
             sys.executable, '-c', 'import time; time.sleep(600)']),  # ended before: none waits
         ExecuteProcess(cmd=[sys.executable, '-c', f'raise SystemExit({code})'], name='ends')]))

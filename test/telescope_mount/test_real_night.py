@@ -2,7 +2,11 @@
 
 import pytest
 
+from msg_tools.status import Progress
+from pointing_model.observing.night_file import NightFile
 from telescope_mount import domain
+from telescope_mount.night import STATE
+from telescope_mount.real_night import _folder, _free
 
 
 def test_a_driver_that_is_no_file_is_refused(refused, tmp_path):
@@ -26,3 +30,48 @@ def test_a_domain_that_is_none_is_refused(monkeypatch, text):
     monkeypatch.setenv('ROS_DOMAIN_ID', text)
     with pytest.raises(ValueError, match=f'domain {text}: must be 0 to 101'):
         domain.join()
+
+
+# --- a night that was interrupted -----------------------------------------------------------------
+
+PLAN = 'home, stars 4, fit'
+
+
+@pytest.fixture
+def interrupted(tmp_path):
+    """The folder of a night that was killed after its second star."""
+    (tmp_path / 'bag').mkdir()
+    file = NightFile(tmp_path / STATE, 'altaz')
+    for stamp in (1, 2):
+        file.row({'stamp': stamp, 'block': 1.0})
+    file.stands(Progress(state='observing', plan=PLAN, step='stars 4', block=1, done=2), 1, 0)
+    file.close()
+    return tmp_path
+
+
+def test_it_goes_on_in_its_folder_and_says_where(interrupted):
+    said = []
+    assert _folder(interrupted, PLAN, 'altaz', False, said.append) == (interrupted, True)
+    assert said == [f'the night in {interrupted} was interrupted after 2 observations: it goes on '
+                    'at step 2, stars 4']
+    assert _free(interrupted / 'bag') == interrupted / 'bag_2'
+
+
+def test_anew_keeps_what_was_there_beside(interrupted):
+    said = []
+    assert _folder(interrupted, 'stars 9, fit', 'altaz', True, said.append) == (interrupted, True)
+    assert said == [] and not (interrupted / STATE).exists()
+    assert (interrupted / f'{STATE}.before').exists()
+
+
+def test_another_plan_is_no_interrupted_one(interrupted):
+    with pytest.raises(ValueError, match="with the plan 'home, stars 4, fit': give that one to go"):
+        _folder(interrupted, 'stars 9, fit', 'altaz', False, print)
+
+
+def test_a_night_that_is_over_is_not_touched(interrupted):
+    file = NightFile(interrupted / STATE, 'altaz')
+    file.stands(Progress(state='done', plan=PLAN), 1, 0)
+    file.close()
+    with pytest.raises(ValueError, match='is not empty; choose another folder'):
+        _folder(interrupted, PLAN, 'altaz', False, print)

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from msg_tools.units import ARCSEC, DEG
+from pointing_model.plate_solved import solvers
 from pointing_model.run_files import iso_utc, read_run
-from telescope_mount.solving import solvers
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / 'benchmarks'))
 from plate_solved import draw
@@ -142,7 +142,7 @@ def test_what_is_done_is_not_done_again(folder, ended):
 
 
 def test_what_was_solved_before_an_interruption_is_kept(folder, ended, monkeypatch):
-    from telescope_mount.solving.solvers import Solver
+    from pointing_model.plate_solved.solvers import Solver
     where = folder('a', 'b', 'c')
     whole = Solver.solve
 

@@ -5,10 +5,17 @@ import pytest
 
 from msg_tools.units import DEG
 from pointing_model.guard.judging import Allowed, Judge, Refused
-from pointing_model.guard.limits import Axis, Horizon, Limits, parse_horizon, safe_travel
+from pointing_model.guard.limits import (
+    Axis,
+    Horizon,
+    Limits,
+    parse_horizon,
+    safe_travel,
+    travel_of,
+)
 from pointing_model.guard.motion import Cubic, State
 from pointing_model.guard.sun import Sun, sun_place
-from pointing_model.guard.way import around
+from pointing_model.guard.way import around, lead
 from pointing_model.mounts import Mount
 
 KNOTS = np.arange(0.0, 121.0, 20.0)
@@ -44,7 +51,7 @@ def judge():
 def test_an_ordinary_star_passes_as_it_was_asked_for(judge):
     times, angles, rates = star(30.0, 50.0)
     found = judge.judge(times, angles, rates, at(-60.0, 70.0), toward(250.0, -40.0), POLE)
-    assert isinstance(found, Allowed) and not found.vias
+    assert isinstance(found, Allowed)
     assert found.cubic.angles is angles
 
 
@@ -133,3 +140,54 @@ def test_the_sun_stands_where_another_library_has_it():
     wanted = toward(there.az.deg, there.alt.deg)
     assert np.linalg.norm(sun.at(time + 300.0) - wanted) < 60.0 / 206265.0
     assert sun_place(time)[1] < 0.0
+
+
+def test_the_axes_of_a_polar_mount_in_the_south_go_through_the_other_pole():
+    south = Mount.equatorial(-30.0 * DEG, 'german')
+    ends = travel_of(south)
+    limits = Limits(south, tuple(Axis(a * DEG, b * DEG, 4.0 * DEG, 2.0 * DEG) for a, b in ends),
+                    Horizon(10.0 * DEG))
+    assert ends[1] == (-270.0, 90.0) and limits.blocked_pole is None
+    # as the observer writes them: -90 to 270 deg
+    west, east = limits.on_travel(20.0 * DEG, -50.0 * DEG), (150.0 * DEG, 230.0 * DEG)
+    judge = Judge(limits)
+    found = judge.judge(np.zeros(1), np.array([east]), np.zeros((1, 2)), State(west))
+    assert found.cubic.angles[0, 1] == pytest.approx(-130.0 * DEG)
+    assert isinstance(found, Allowed) or lead(judge, found.cubic, State(west))
+    low = Limits(Mount.equatorial(5.0 * DEG, 'german'), limits.axes, Horizon(10.0 * DEG))
+    assert np.array(low.blocked_pole) / DEG == pytest.approx((-5.0, 10.0))
+
+
+def test_a_way_is_found_on_another_turn():
+    skyline = [(40.0, 10.0), (41.0, 80.0), (43.0, 80.0), (44.0, 10.0)]
+    judge = Judge(Limits(axes=(Axis(-330.0 * DEG, 330.0 * DEG, 4.0 * DEG, 2.0 * DEG),
+                               Axis(-5.0 * DEG, 79.0 * DEG, 4.0 * DEG, 2.0 * DEG)),
+                         horizon=Horizon(10.0 * DEG, [(a * DEG, e * DEG) for a, e in skyline])))
+    track, state = star(60.0, 40.0), at(20.0, 40.0)
+    found = judge.judge(*track, state)
+    vias, cubic = lead(judge, found.cubic, state)
+    assert cubic.angles[0, 0] == pytest.approx(-300.0 * DEG)
+    assert around(judge, found.cubic, state) is None
+
+
+def test_a_track_that_ends_in_motion_has_room_to_stop(judge):
+    fast = (np.array([0.0, 50.0]), np.array([[30.0, 40.0], [30.0, 90.0]]) * DEG,
+            np.array([[0.0, 1.0], [0.0, 1.0]]) * DEG)
+    assert isinstance(judge.judge(*fast, at(30.0, 40.0)), Allowed)
+    high = fast[0], fast[1] + np.array([0.0, 4.8]) * DEG, fast[2]
+    assert 'elevation of the track from' in refused(judge, *high, at(30.0, 44.5))
+
+
+@pytest.mark.parametrize('times, rates', [([0.0, 20.0], 1e300), ([0.0, 1e-300], 0.1),
+                                          ([0.0, 20.0], 1e200)])
+def test_numbers_beyond_all_reason_are_refused(judge, times, rates):
+    refused(judge, np.array(times), np.array([[30.0, 40.0], [31.0, 41.0]]) * DEG,
+            np.full((2, 2), rates), at(30.0, 40.0))
+
+
+def test_axes_of_unknown_timing_may_pass_all_that_lies_between():
+    limits = Limits(horizon=Horizon(10.0 * DEG), timing=0.0)
+    sun, state = toward(45.0, 60.0), at(0.0, 30.0)
+    assert isinstance(Judge(limits).judge(*star(60.0, 30.0), state, sun, POLE), Allowed)
+    there = star(60.0, 70.0)
+    assert 'comes within' in refused(Judge(limits), *there, state, sun, POLE)

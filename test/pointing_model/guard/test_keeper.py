@@ -1,13 +1,17 @@
 """What is sent to a mount, moment by moment, and what is not. The mount obeys."""
 
+import math
+
 import numpy as np
 import pytest
 
 from msg_tools.units import DEG
 from pointing_model.guard.keeper import Keeper, Settings
-from pointing_model.guard.limits import Axis, Horizon, Limits
+from pointing_model.guard.limits import Axis, Horizon, Limits, travel_of
 from pointing_model.guard.motion import Cubic
+from pointing_model.guard.rest import braked, ended
 from pointing_model.guard.sun import Sun
+from pointing_model.mounts import Mount as Places
 from pointing_model.observing.pointing import Track
 
 START = 1_768_482_000 * 10**9  # 2026-01-15T13:00:00, night at the default site
@@ -18,8 +22,8 @@ AXIS = 4.0 * DEG, 2.0 * DEG
 class Mount:
     """Axes that are where the last command says, and a guard before them."""
 
-    def __init__(self, start=START, here=(20.0, 50.0), **settings):
-        limits = Limits(axes=(Axis(-270.0 * DEG, 270.0 * DEG, *AXIS),
+    def __init__(self, start=START, here=(20.0, 50.0), limits=None, **settings):
+        limits = limits or Limits(axes=(Axis(-270.0 * DEG, 270.0 * DEG, *AXIS),
                               Axis(-5.0 * DEG, 95.0 * DEG, *AXIS)), horizon=Horizon(10.0 * DEG))
         self.time, self.start = 0.0, start
         self.keeper = Keeper(limits, Sun(), Settings(**{'whole': False, **settings}),
@@ -200,3 +204,56 @@ def test_whole_tracks_are_passed_as_they_were_asked_for():
     out, = mount.keeper.step(mount.now)
     assert mount.keeper.is_request(out) and out.start == mount.asked.start
     assert out.angles is mount.asked.angles
+
+
+def test_axes_brake_each_in_its_own_time_and_tracks_end_at_rest():
+    axes = Axis(-4.0, 4.0, 0.1, 0.1), Axis(-4.0, 4.0, 0.1, 0.4)
+    times, angles, rates = braked(np.zeros(1), np.zeros((1, 2)), np.array([[0.1, -0.1]]), axes)
+    assert times == pytest.approx([0.0, 0.25, 1.0])
+    assert angles[-1] == pytest.approx([0.05, -0.0125]) and not rates[-1].any()
+    cubic = Cubic(times, angles, rates)
+    assert np.all(cubic.peak_acceleration <= np.array([0.1, 0.4]) * (1.0 + 1e-9))
+    track = ended(Track(0, np.array([0.0, 10.0]), np.array([[0.0, 0.0], [0.5, 0.1]]),
+                        np.full((2, 2), 0.05)), axes)
+    assert len(track.times) == 3 and not track.rates[-1].any()
+    assert np.all(Cubic(*track[1:]).peak_acceleration[:1] <= 0.1)
+
+
+def test_an_unknown_turn_leaves_what_is_safe_on_each():
+    unknown = Mount(here=(100.0, 50.0), turn_known=False).run(0.2)
+    assert unknown.ask(200.0, 50.0).run(40.0).state == 'following'
+    with pytest.raises(ValueError, match='leaves its travel of 90 to 270 deg'):
+        unknown.ask(60.0, 50.0)
+
+
+def test_a_lag_of_a_driver_is_no_fault_and_a_blocked_axis_is(mount):
+    take, seen = mount.keeper.take_reading, []
+
+    def late(stamp, here, speed):
+        seen.append(here)
+        take(stamp, seen[max(len(seen) - 9, 0)], speed)  # 0.4 s
+
+    mount.keeper.take_reading = late
+    assert mount.ask(150.0, 50.0).run(60.0).state == 'following'
+    here = np.array(mount.here)
+    mount.keeper.take_reading = lambda stamp, *_: take(stamp, here, (0.0, 0.0))
+    mount.ask(20.0, 50.0)
+    with pytest.raises(ValueError, match='aborted: call resume'):
+        mount.run(6.0)
+    assert 'the azimuth is' in mount.keeper.reason
+
+
+@pytest.mark.parametrize('latitude, east', [(34.3, (150.0, 170.0)), (-34.3, (150.0, 190.0))])
+def test_a_german_mount_changes_its_side_above_the_horizon(latitude, east):
+    german = Places.equatorial(latitude * DEG, 'german')
+    limits = Limits(german, tuple(Axis(a * DEG, b * DEG, *AXIS) for a, b in travel_of(german)),
+                    Horizon(10.0 * DEG), sun=0.0)
+    here = np.array(limits.on_travel(80.0 * DEG, math.copysign(35.0 * DEG, latitude))) / DEG
+    mount = Mount(here=here, limits=limits).run(0.2)
+    mount.ask(*east, 0.0).run(120.0)
+    assert mount.state == 'following', mount.keeper.reason
+    want = np.array(limits.on_travel(*np.array(east) * DEG))
+    assert np.allclose(mount.here, want, atol=1e-6)
+    assert german.horizon_of(*np.array(mount.path).T)[1].min() > 10.0 * DEG
+    back = mount.ask(*here, 0.0).run(120.0)
+    assert back.state == 'following' and np.allclose(mount.here / DEG, here, atol=1e-4)

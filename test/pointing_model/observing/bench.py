@@ -24,7 +24,9 @@ SETTINGS = {
     'magnitude_limit': 3.5, 'star_seed': 1, 'min_elevation_deg': 20.0, 'max_elevation_deg': 85.0,
     'recentre_arcsec': 60.0, 'on_target_arcsec': 30.0, 'slew_rate_deg_s': 4.0,
     'answer_timeout_s': 5.0, 'give_up_s': 600.0,
-    'exposure_s': 0.0, 'smear_arcsec': 5.0, 'satellite': '', 'satellite_interval_s': 90.0,
+    'exposure_s': 0.0, 'smear_arcsec': 5.0, 'camera_late_s': 0.0,
+    'clock_rate_arcsec_s': 30.0,
+    'satellite': '', 'satellite_interval_s': 90.0,
     'meridian_limit_deg': 5.0, 'hour_angle_limit_deg': 165.0}
 
 
@@ -43,7 +45,8 @@ class Service:
         self.bench.calls.append(self.verb)
         answer = self.bench.services[self.verb]()
         return SimpleNamespace(
-            done=lambda: True, add_done_callback=lambda callback: callback(None),
+            done=lambda: answer is not None,
+            add_done_callback=lambda callback: answer and callback(None),
             result=lambda: SimpleNamespace(success=answer[0], message=answer[1]))
 
 
@@ -51,7 +54,7 @@ class Bench:
     """Mount, encoders, camera, clocks and the other side of every topic."""
 
     def __init__(self, plan='', homed=True, kind=ALTAZ, absolute=True, live=False,
-                 **settings):
+                 memory=None, **settings):
         self.kind = kind
         self.settings = SETTINGS | settings
         self.stamp, self.wall = START, 1000.0
@@ -68,7 +71,7 @@ class Bench:
         self.instruments = Instruments(1, wall=lambda: self.wall, absolute=absolute,
                                        live=live, now=lambda: self.stamp if live else 0)
         self.in_force, self.table = InForce(mount=kind), Table(kind)
-        self.plan = Sequencer(self, self.instruments, self.in_force, self.table)
+        self.plan = Sequencer(self, self.instruments, self.in_force, self.table, memory)
         if homed:
             self.read(self.stamp, self.position)
         if plan:
@@ -106,6 +109,9 @@ class Bench:
 
     def refusal(self, stamp):
         return self.no
+
+    def sent(self, stamp):
+        return None
 
     def held(self):
         return self.hold

@@ -180,7 +180,8 @@ FAULTS = [
     (lambda bench: stamped(MOUNT, lambda _, at=bench.stamp: at)(bench),
      f'instrument {MOUNT}: a stamp not after the one before'),
     (set_to(frame=lambda miss: (40.0, 20.0)),
-     f'instrument {CAMERA}: a star 44.7 rad beside the boresight: arcsec or degrees for radians?'),
+     f'instrument {CAMERA}: a star outside the field, of 5.73 deg (field_deg): arcsec or '
+     'degrees for radians?'),
     (set_to(reads=lambda angles: (np.nan, np.nan)), 'the encoder to be homed (call home)'),
 ]
 
@@ -253,16 +254,25 @@ def test_a_slow_camera_is_waited_for_and_named():
     assert len(bench.commands) <= 3 + 5
 
 
-def test_a_home_that_never_answers_is_named_and_ends_the_plan(caplog):
+@pytest.mark.parametrize('offered, words', [
+    (False, "a server of /mount/home: start the mount's driver, or leave home out of the plan"),
+    (True, "/mount/home to answer: it homes the mount; if the axes stand, look at the mount's "
+           'driver')])
+def test_a_home_that_never_answers_is_named_and_ends_the_plan(caplog, offered, words):
     bench = Live('home, stars 3', give_up_s=20.0)
-    bench.services.clear()
+    bench.services = {'home': lambda: None} if offered else {}
     with caplog.at_level(logging.INFO):
-        bench.names('a server of /mount/home', within=0.1)
-        bench.lasts(2.5)
-        assert 'waiting for a server of /mount/home' in caplog.text
+        bench.names(words, within=0.1)
+        bench.lasts(2.0)
+        assert f'waiting for {words}' in caplog.text
         bench.until(lambda: not bench.plan.busy, 3000)
-    assert bench.plan.text == ('given up after 20 s without an observation: waiting for a server '
-                               'of /mount/home')
+    assert bench.plan.text == f'given up after 20 s without an observation: waiting for {words}'
+    assert bench.commands == []
+    # and may be begun again once it is mended
+    bench.homes()
+    bench.plan.start('home, stars 3')
+    bench.until(lambda: not bench.plan.busy, 20000)
+    assert bench.plan.progress.state == 'done' and len(bench.rows) == 3
 
 
 def test_what_the_graph_lacks_is_logged_and_never_given_up(caplog):

@@ -1,7 +1,7 @@
 import pytest
 
+from pointing_model.observing.night_steps import NightSteps
 from pointing_model.observing.plan import POWER_CYCLES, VERBS, Step, night_plan, parse_plan
-from pointing_model.observing.sequencer import Sequencer
 
 
 def test_a_plan_in_order():
@@ -28,7 +28,7 @@ def test_what_a_power_cycle_switches():
 
 def test_every_verb_is_known_to_the_observer():
     for verb in VERBS:
-        assert callable(getattr(Sequencer, f'_do_{verb}'))
+        assert callable(getattr(NightSteps, f'_do_{verb}'))
 
 
 @pytest.mark.parametrize('text, reason', [

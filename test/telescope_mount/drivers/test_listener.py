@@ -1,7 +1,9 @@
 """The simulator's nodes as drivers: nothing wrong is found of them."""
 
+import numpy as np
 import pytest
 
+from msg_tools.units import DEG
 from pointing_model.mounts import ALTAZ
 from telescope_mount.drivers.judgement import judge
 from telescope_mount.drivers.samples import OK, WRONG
@@ -13,15 +15,18 @@ def simulator(ros_domain, tmp_path):
     from telescope_mount.processes import Processes
     started = Processes(tmp_path / 'nodes', ros_domain)
     for spec in night_graph(bag='', time_scale=5.0):
-        if spec.name in SIMULATED:
+        if spec.name in (*SIMULATED, 'mount_guard'):
             started.start(spec)
     yield started
     started.stop()
 
 
-def test_the_simulators_nodes_keep_the_contract(simulator, ros_domain):
-    from telescope_mount.drivers.listener import Listener
-    listener = Listener(ALTAZ, ros_domain, '/mount')
+def test_the_simulators_nodes_keep_the_contract(simulator, ros_domain, monkeypatch):
+    from telescope_mount.drivers import listener as of
+    monkeypatch.setattr(of, 'RAMP', 0.4)  # at 0.3 its acceleration is the limit itself
+    monkeypatch.setattr(of, 'LOOK', -0.7)  # the camera is another test's
+    monkeypatch.setattr(of, 'NEAR', 0.005 * DEG)
+    listener = of.Listener(ALTAZ, ros_domain, '/mount')
     try:
         assert listener.home(60.0).level == OK
 
@@ -33,6 +38,9 @@ def test_the_simulators_nodes_keep_the_contract(simulator, ros_domain):
                     (heard.incremental, 20), (heard.absolute, 20), (heard.camera, 3)))
         assert listener.spin(60.0, there)
         found = judge(listener.heard(3.0))
+        # a guard that runs is asked; it moves the mount
+        _, rests = listener.nudge(0.03 * DEG)
+        assert np.ptp([rest.demand for rest in rests], axis=0) == pytest.approx(0.03 * DEG)
     finally:
         listener.close()
     # gaps and lateness are this machine's own

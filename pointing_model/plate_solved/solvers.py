@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pointing_model.plate_solved.images import NotThere, astropy_fits, read_header, solution_of
+from .images import NotThere, astropy_fits, read_header, solution_of
 
 #: solver -> names of its program, and where it comes from
 PROGRAMS = {

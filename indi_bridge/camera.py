@@ -1,0 +1,126 @@
+"""A camera of an INDI server: one exposure after the other, and when it was."""
+
+import threading
+import time
+import zlib
+from datetime import datetime, timezone
+from io import BytesIO
+from typing import NamedTuple
+
+from .client import PATIENCE, IndiError
+
+EXPOSURE, VALUE = 'CCD_EXPOSURE', 'CCD_EXPOSURE_VALUE'
+#: bit of DRIVER_INTERFACE of a camera
+CCD = 2
+#: s beyond the exposure in which the image has to come
+READOUT = 60.0
+#: clocks of camera and this machine that are farther apart are not believed, s
+APART = 2.0
+
+
+class Image(NamedTuple):
+    """An image.
+
+    Attributes
+    ----------
+    data : bytes
+        Of a FITS file.
+    middle : int
+        Of the exposure, ns since 1970.
+    note : str
+        What is odd about its time; '' for nothing.
+    """
+
+    data: bytes
+    middle: int
+    note: str
+
+
+class IndiCamera:
+    """One camera.
+
+    Parameters
+    ----------
+    client : IndiClient
+        Whose `blob` is `take` of this.
+    device : str
+        Its name; '': the only one on the server.
+    """
+
+    def __init__(self, client, device=''):
+        self.client, self.device = client, device
+        self._came, self._blob = threading.Event(), None
+
+    def take(self, device, values, formats):
+        """As `blob` of an `IndiClient`."""
+        if device == self.device:
+            for name, data in values.items():
+                self._blob = data, formats[name]
+                self._came.set()
+
+    def lose(self):
+        """The connection is lost: no image comes any more."""
+        self._blob = None
+        self._came.set()
+
+    def connect(self, timeout=PATIENCE):
+        """Have the server connect to it, and send its images here; IndiError where it does not."""
+        client = self.client
+        if not self.device:
+            def cameras():
+                return [device for device in client.devices('DRIVER_INFO') if int(client.get(
+                    device, 'DRIVER_INFO').values.get('DRIVER_INTERFACE', '0')) & CCD]
+            found = client.wait(cameras, 'the server tells of no camera', timeout)
+            if len(found) > 1:
+                raise IndiError(f'several cameras on the server: {", ".join(found)}; choose one '
+                                'by its name')
+            self.device = found[0]
+        if client.property(self.device, 'CONNECTION', timeout).on != 'CONNECT':
+            client.switch(self.device, 'CONNECTION', 'CONNECT')
+        client.property(self.device, EXPOSURE, timeout)
+        upload = client.get(self.device, 'UPLOAD_MODE')
+        if upload is not None and upload.on == 'UPLOAD_LOCAL':
+            client.switch(self.device, 'UPLOAD_MODE', 'UPLOAD_CLIENT')
+        client.enable_blobs(self.device)
+
+    def expose(self, seconds):
+        """One exposure, an `Image`.
+
+        Raises
+        ------
+        IndiError
+            None comes, or it is no FITS image.
+        """
+        self._came.clear()
+        began = time.time_ns()
+        self.client.send(self.device, EXPOSURE, **{VALUE: seconds})
+        if not self._came.wait(seconds + READOUT):
+            raise IndiError(f'no image of {self.device} within {READOUT:g} s of its exposure')
+        if self._blob is None:
+            raise IndiError(f'no image of {self.device}: the connection to the server is lost')
+        data, kind = self._blob
+        if kind.endswith('.z'):
+            data = zlib.decompress(data)
+        if not data.startswith(b'SIMPLE'):
+            raise IndiError(f'{self.device} sends images as {kind}: set it to FITS')
+        return Image(data, *_middle(data, began, seconds))
+
+
+def _middle(data, began, seconds):
+    """Of the exposure: by the camera's own stamp, where it can be; ns, and what is odd."""
+    from astropy.io import fits
+    header = fits.getheader(BytesIO(data))
+    here = began + round(seconds * 0.5e9)
+    told = header.get('DATE-OBS')
+    if told is None:
+        return here, 'the camera tells no DATE-OBS: exposures are taken to begin when asked for'
+    try:
+        start = datetime.fromisoformat(told).replace(tzinfo=timezone.utc).timestamp()
+        there = round((start + 0.5 * float(header.get('EXPTIME', seconds))) * 1e9)
+    except ValueError:
+        return here, f'DATE-OBS {told!r} of the camera is no time'
+    apart = (there - here) * 1e-9
+    if abs(apart) > APART:
+        return here, (f'the clock of the camera is {apart:.1f} s off: set it; exposures are taken '
+                      'to begin when asked for')
+    return there, ''

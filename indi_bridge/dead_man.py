@@ -1,0 +1,137 @@
+"""Stops a mount whose commander has died: a process of its own, which needs nothing but Python.
+
+A driver that was told a place goes there, and tracks, whoever told it. So whoever commands has
+this process beside it, and writes to its input: `ARMED` and `SAFE`, again and again. Where the
+input ends, or nothing comes for `SILENCE` seconds, while it is armed, it stops the mount at the
+server by a connection of its own.
+
+    python -I -S dead_man.py KIND HOST PORT DEVICE [SILENCE]
+"""
+
+import contextlib
+import os
+import select
+import signal
+import socket
+import subprocess
+import sys
+import time
+
+ARMED, SAFE = b'1', b'0'
+#: kinds of servers
+INDI, ALPACA = 'indi', 'alpaca'
+#: s
+SILENCE = 3.0
+#: s between tries where the server does not answer, and until it is given up
+AGAIN, LONGEST = 0.5, 30.0
+#: the order to stop is sent so often
+TIMES = 4
+_STOP = ''.join(
+    f'<newSwitchVector device="{{device}}" name="{name}"><oneSwitch name="{member}">On</oneSwitch>'
+    '</newSwitchVector>\n' for name, member in (
+        ('TELESCOPE_ABORT_MOTION', 'ABORT'), ('TELESCOPE_TRACK_STATE', 'TRACK_OFF')))
+
+
+class DeadMan:
+    """Starts the process, and tells it that all is well.
+
+    Parameters
+    ----------
+    host : str
+    port : int
+    device : str
+        Of an Alpaca server its number.
+    silence : float
+        As of `watch`.
+    kind : {'indi', 'alpaca'}
+    """
+
+    def __init__(self, host, port, device, silence=SILENCE, kind=INDI):
+        self._process = subprocess.Popen(
+            [sys.executable, '-I', '-S', __file__, kind, host, str(port), device, str(silence)],
+            stdin=subprocess.PIPE, start_new_session=True)
+        os.set_blocking(self._process.stdin.fileno(), False)
+
+    def tell(self, armed):
+        """Whether the mount is to be stopped if no more is heard; False where nobody hears it."""
+        try:
+            os.write(self._process.stdin.fileno(), ARMED if armed else SAFE)
+        except BlockingIOError:
+            pass
+        except OSError:
+            return False
+        return self._process.poll() is None
+
+    def close(self):
+        """End it; what was told last counts, and goes on without who told it."""
+        with contextlib.suppress(OSError):
+            self._process.stdin.close()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(1.0)
+
+
+def stop(kind, host, port, device):
+    """Stop the mount; whether the server has taken it."""
+    end = time.monotonic() + LONGEST
+    while time.monotonic() < end:
+        try:
+            (_stop_alpaca if kind == ALPACA else _stop_indi)(host, port, device)
+            return True
+        except OSError:
+            time.sleep(AGAIN)  # polls: another machine's port gives no event to wait for
+    return False
+
+
+def _stop_indi(host, port, device):
+    name = device.replace('&', '&amp;').replace('"', '&quot;').replace('<', '&lt;')
+    with socket.create_connection((host, port), 2.0) as connection:
+        connection.sendall(f'<getProperties version="1.7" device="{name}"/>\n'.encode())
+        connection.settimeout(0.1)
+        # a slew that is aborted may end as it would have, tracking: so once more, and again
+        for _ in range(TIMES):
+            connection.sendall(_STOP.format(device=name).encode())
+            until = time.monotonic() + AGAIN
+            while time.monotonic() < until:
+                with contextlib.suppress(TimeoutError):
+                    if not connection.recv(65536):
+                        return
+
+
+def _stop_alpaca(host, port, device):
+    from http.client import HTTPConnection
+    for n in range(TIMES):
+        for order, body in (('abortslew', ''), ('tracking', 'Tracking=False&')):
+            connection = HTTPConnection(host, port, timeout=2.0)
+            with contextlib.closing(connection):
+                connection.request('PUT', f'/api/v1/telescope/{device}/{order}',
+                                   f'{body}ClientID=65000&ClientTransactionID=1',
+                                   {'Content-Type': 'application/x-www-form-urlencoded'})
+                connection.getresponse().read()
+        if n < TIMES - 1:
+            time.sleep(AGAIN)  # polls: nothing tells when a driver has taken up its track again
+
+
+def watch(stream, kind, host, port, device, silence=SILENCE):
+    """Listen until the input ends; stops the mount where it ends, or is silent, while armed."""
+    armed = False
+    while True:
+        ready, _, _ = select.select([stream], [], [], silence if armed else None)
+        told = os.read(stream, 4096) if ready else b''
+        if told:
+            armed = told[-1:] == ARMED
+            continue
+        if armed:
+            why = 'has died' if ready else f'says nothing for {silence:g} s'
+            done = stop(kind, host, port, device)
+            print(f'who commanded the mount {why}: {device} '
+                  + ('is stopped' if done else f'may still move: nobody answers at {host}:{port}'),
+                  file=sys.stderr, flush=True)
+            armed = False
+        if ready:
+            return
+
+
+if __name__ == '__main__':
+    # who ends the commander by the keyboard ends it alone
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    watch(0, *sys.argv[1:3], int(sys.argv[3]), sys.argv[4], *map(float, sys.argv[5:]))

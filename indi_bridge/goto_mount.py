@@ -1,0 +1,372 @@
+"""A mount whose driver is told places, as the graph knows mounts: readings out, tracks in.
+
+What is the same whatever protocol the driver speaks; see `driver` for INDI.
+"""
+
+import contextlib
+import threading
+import time
+from collections import deque
+
+import numpy as np
+
+from msg_tools.units import DEG, wrap
+from pointing_model.mounts import is_beyond
+
+from .pointing import AxisFollower, axes_at
+
+#: axes that are not told: a sentence for people
+NO_AXES = ('the driver tells no axis angles: the position that it reports is taken for them, and '
+           'what its own model corrects cannot be measured')
+#: axes that stand are not told again by a driver; they are said so often here, s
+STILL = 0.2
+#: s after an order in which a driver says that it is under way
+TAKES_IT = 0.6
+#: s between two signs of life to the process that stops the mount if this one dies
+HEARTBEAT = 0.2
+#: another try to make the mount ready, s
+RETRY = 3.0
+#: a track that begins farther from the last is another part of the driver's model, rad
+FAR = 10.0 * DEG
+#: a track at rest that is over so soon is a stop, s
+STOP = 0.25
+#: s after a stop in which one that still moves is stopped again, and in which it stands for sure;
+#: longest time that is waited for that at the end
+STOP_AGAIN, STANDS, LONGEST = 0.2, 1.5, 4.0
+
+
+class BridgeError(RuntimeError):
+    """The server or the driver did not do what it was asked; the text is one line."""
+
+
+class GotoMount:
+    """Keeps a mount at a server ready, and its axes on the track that was commanded.
+
+    What blocks is done by a thread of its own; `step` is called often, by one thread. Who speaks
+    a protocol gives `open`, `shut` and `find`, and a telescope with ``device``, ``has_axes``,
+    ``axes``, ``place``, ``tracks``, ``beyond``, ``side``, ``slewing``, ``parked``, ``goto``,
+    ``abort`` and ``prepare`` as `telescope.IndiTelescope` has them.
+
+    Parameters
+    ----------
+    where : str
+        Host and port, for people.
+    mount : Mount
+    site : Site
+    tolerance : float
+        Of the axes, rad.
+    retry : float
+        Time between two tries to make the mount ready, s.
+    """
+
+    def __init__(self, where, mount, site, tolerance=1.5e-5, retry=RETRY):
+        self.where, self.mount, self.site, self._retry = where, mount, site, retry
+        self.telescope = None
+        self.ready, self.why = False, f'connecting to {where}'
+        self.stopper, self._told_it = None, 0.0
+        self._follower = AxisFollower(mount, site, tolerance)
+        self._track = self._last = self._fresh = None
+        self._sent, self._told, self._beside = 0.0, 0, ''
+        self._stopping, self._stopped = False, 0.0
+        self._readings = deque(maxlen=10_000)
+        self._lock, self._wake, self._closed = threading.Lock(), threading.Event(), False
+        self._is_ready = threading.Event()
+        self._worker = threading.Thread(target=self._keep_ready, daemon=True)
+
+    def open(self):
+        """Begin to connect; returns at once."""
+        raise NotImplementedError
+
+    def shut(self):
+        """End the connection."""
+        raise NotImplementedError
+
+    def find(self):
+        """The telescope, ready to be pointed; may block. BridgeError where there is none."""
+        raise NotImplementedError
+
+    def start(self):
+        """Begin; returns at once."""
+        self.open()
+        self._worker.start()
+
+    def close(self, patience=LONGEST):
+        """Leave a mount that stands: nobody would renew what it tracks.
+
+        Parameters
+        ----------
+        patience : float
+            So long, s, it is waited for that a mount that moved stands.
+        """
+        self._closed = True
+        self._wake.set()
+        telescope = self.telescope
+        if self.ready and telescope is not None and not telescope.parked:
+            moves = self._stopping or telescope.slewing or telescope.tracks
+            with contextlib.suppress(BridgeError):  # the connection is gone, too
+                self.abort()
+                end = time.monotonic() + patience
+                while moves and self._stopping and self.ready and time.monotonic() < end:
+                    self._make_stand(telescope)
+                    time.sleep(0.02)  # polls: of what the thread of the connection hears
+        if self.stopper is not None:
+            self.stopper.tell(self._track is not None or not self.ready)
+            self.stopper.close()
+        self.shut()
+
+    # --- getting ready ------------------------------------------------------------------------
+
+    def lost(self):
+        """The connection is lost."""
+        self.ready, self.telescope = False, None
+        self._is_ready.clear()
+        self._track = self._fresh = None
+        self.why = (f'the connection to {self.where} is lost: a mount whose driver still runs '
+                    'goes where it was sent last')
+        self.wake()
+
+    def wake(self):
+        """Look at once whether the mount can be made ready."""
+        self._wake.set()
+
+    def wait_ready(self, seconds):
+        """Wait until it is, or so long (s)."""
+        self._is_ready.wait(0.0 if self.ready else seconds)
+
+    def _keep_ready(self):
+        while not self._closed:
+            if not self.ready:
+                try:
+                    self.telescope = self.find()
+                    # what was found moving, and stopped
+                    self._stopping, self._stopped = True, time.monotonic()
+                    self.ready, self.why = True, ''
+                    self._is_ready.set()
+                except (BridgeError, ValueError, OSError) as err:
+                    self.why = str(err)
+            self._wake.wait(self._retry)
+            self._wake.clear()
+
+    def check(self, telescope):
+        """BridgeError where it is of another kind; whether it stands elsewhere than it should."""
+        if telescope.kind not in ('', self.mount.kind):
+            raise BridgeError(f'{telescope.device} is a mount of the kind {telescope.kind}, and '
+                              f'the parameter mount says {self.mount.kind}')
+        there = telescope.site
+        return there is None or bool(np.abs(wrap(np.array(there[:2]) - (
+            self.site.latitude, self.site.longitude))).max() > 1e-6)
+
+    # --- readings -----------------------------------------------------------------------------
+
+    def take(self, tick):
+        """A `telescope.Tick`, in the thread of the connection."""
+        with self._lock:
+            if tick.stamp > self._told:
+                self._told = tick.stamp
+                self._readings.append((tick.stamp, np.array(self.mount.on_travel(*tick.axes))))
+        if tick.tracking:
+            self._fresh = tick
+
+    def readings(self):
+        """Those since the last call: list of (ns, angles (2,) in rad, on the travel)."""
+        telescope = self.telescope
+        if not self.ready or telescope is None:
+            self._readings.clear()
+            return []
+        now = time.time_ns()
+        with self._lock:
+            if not self._readings and now - self._told > STILL * 1e9:
+                self._say_again(telescope, now)
+            out = list(self._readings)
+            self._readings.clear()
+        if out:
+            self._last = out[-1]
+        return out
+
+    def _say_again(self, telescope, now):
+        """Axes that stand, or that are not told at all."""
+        if telescope.has_axes:
+            # a mount that tracks and says nothing is no mount that stands
+            if self._told and telescope.tracks:
+                return
+            angles = np.array(self.mount.on_travel(*telescope.axes[0]))
+        else:
+            place = telescope.place
+            if place is None:
+                return
+            beyond = self.mount.kind == 'german' and bool(telescope.beyond)
+            angles = np.array(axes_at(self.mount, *place[0], now * 1e-9, self.site, beyond))
+        self._told = now
+        self._readings.append((now, angles))
+
+    # --- orders -------------------------------------------------------------------------------
+
+    def command(self, start, times, angles, rates=None):
+        """Take a track: a new one, or the next piece of the one that is followed.
+
+        A piece that goes on with the track within the tolerance sends nothing to the driver. A
+        track at rest that is over within `STOP` is a stop.
+
+        Parameters
+        ----------
+        start : int
+            ns.
+        times : ndarray, shape (n,)
+            s since then.
+        angles, rates : ndarray, shape (n, 2)
+            Of the axes, rad and rad/s.
+
+        Raises
+        ------
+        ValueError
+            The mount is not ready.
+        """
+        if not self.ready:
+            raise ValueError(f'no mount to command: {self.why}')
+        if times[-1] <= STOP and not np.any(rates):
+            if self._track is not None:
+                self.abort()
+            return
+        track = start * 1e-9 + np.asarray(times, float), np.asarray(angles, float)
+        beside = np.inf
+        if self._track is not None:
+            now = max(track[0][0], time.time())
+            beside = np.abs(wrap(self.demand(now) - _at(track, now))).max()
+        self._track, self._stopping = track, False
+        if beside <= self._follower.tolerance:
+            return
+        if beside > FAR:
+            self._follower.begin()
+        self._fresh, self._sent, self._beside = None, 0.0, ''
+
+    def demand(self, now):
+        """Angles of the commanded track at a time, rad, shape (1, 2)."""
+        return _at(self._track, now)
+
+    def step(self):
+        """Send the mount on where its axes are not on the track.
+
+        Raises
+        ------
+        BridgeError
+            The driver does not take it: it is made ready again.
+        """
+        try:
+            self._tell_stopper()
+            self._step()
+        except BridgeError as err:
+            self.ready, self.why, self._sent = False, str(err), 0.0
+            self._is_ready.clear()
+            self._wake.set()
+            raise
+
+    def _tell_stopper(self):
+        now = time.monotonic()
+        if self.stopper is None or now - self._told_it < HEARTBEAT:
+            return
+        self._told_it = now
+        # lost with the connection is not stopped: it stays armed
+        if not self.stopper.tell(self._track is not None or not self.ready):
+            self.stopper = None
+            raise BridgeError('the process that stops the mount if this one dies has ended: it is '
+                            'started again')
+
+    def _step(self):
+        telescope, track = self.telescope, self._track
+        if not self.ready or telescope is None:
+            return
+        if track is None:
+            self._make_stand(telescope)
+            return
+        now = time.time()
+        if now > track[0][-1]:
+            # nobody renewed it: what is not commanded is not followed
+            self.abort()
+            return
+        if not self._sent:
+            self._send(telescope, now)
+            return
+        if telescope.slewing or now - self._sent < TAKES_IT:
+            self._fresh = None
+            return
+        if telescope.has_axes:
+            fresh, self._fresh = self._fresh, None
+            if fresh is None or fresh.stamp * 1e-9 < self._sent + TAKES_IT:
+                return
+            stamp, reading = fresh.stamp * 1e-9, np.array(self.mount.on_travel(*fresh.axes))
+        elif self._last is not None:
+            stamp, reading = self._last[0] * 1e-9, self._last[1]
+            if stamp < self._sent + TAKES_IT:
+                return
+        else:
+            return
+        demand = self.demand(stamp)[0]
+        self._beside = ''
+        if self._follower.other_side(demand, reading):
+            self._beside = ('the driver took the other side of the pier than was commanded: '
+                            'nearer to the meridian it chooses by itself')
+        elif self._follower.learn(demand, reading):
+            self._send(telescope, now)
+
+    def _send(self, telescope, now):
+        telescope.goto(*self._follower.target(self.demand(now)[0], now))
+        self._sent = now
+
+    def abort(self):
+        """Stop at once, and stand."""
+        self._track = None
+        telescope = self._need()
+        self._stopping, self._stopped = True, time.monotonic()
+        telescope.abort()
+
+    def _make_stand(self, telescope):
+        """A slew that is aborted may end as it would have: tracking."""
+        if not self._stopping:
+            return
+        passed = time.monotonic() - self._stopped
+        if telescope.slewing or telescope.tracks:
+            if passed > STOP_AGAIN:
+                self.abort()
+        elif passed > STANDS:
+            self._stopping = False
+
+    def unpark(self):
+        """Be ready for commands."""
+        telescope = self._need()
+        if telescope.parked:
+            telescope.prepare()
+
+    def _need(self):
+        if not self.ready or self.telescope is None:
+            raise BridgeError(self.why)
+        return self.telescope
+
+    # --- what is told -------------------------------------------------------------------------
+
+    def state(self):
+        """In words, '' for all right: (sentence, whether nothing can be done)."""
+        if not self.ready:
+            return self.why, True
+        if self._beside:
+            return self._beside, False
+        telescope = self.telescope
+        if telescope is not None and not telescope.has_axes:
+            return NO_AXES, False
+        return '', False
+
+    def details(self):
+        """Rows for people."""
+        telescope = self.telescope
+        last = self._last
+        return [('device', telescope.device if telescope is not None else ''),
+                ('ready', str(self.ready)),
+                ('side of the pier', telescope.side if telescope is not None else ''),
+                ('through the pole', str(bool(is_beyond(last[1][1]))) if last else ''),
+                ('sent farther than demanded [deg]',
+                 ', '.join(f'{v / DEG:.4f}' for v in self._follower.correction))]
+
+
+def _at(track, now):
+    """Angles of a track, (times, angles), at a time, rad, shape (1, 2)."""
+    times, angles = track
+    return np.array([[np.interp(now, times, axis) for axis in angles.T]])

@@ -1,0 +1,138 @@
+"""Nodes that can move a mount: managed nodes of ROS 2, which command nothing unless active.
+
+`design.ros2.org/articles/node_lifecycle.html` has the states; rclpy's own managed node ends on a
+transition that its state does not have, and keeps what a callback raised to itself. These do not.
+"""
+
+import traceback
+
+from rclpy._rclpy_pybind11 import RCLError
+from rclpy.lifecycle import LifecycleNodeMixin, TransitionCallbackReturn
+
+from .node import MountNode
+from .params import Param
+
+AUTOSTART = Param('autostart', True, 'become active at the start; else when a lifecycle manager, '
+                  'ros2 lifecycle set or telescope-mount lifecycle says so', fixed=True)
+SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
+
+
+class ManagedNode(LifecycleNodeMixin, MountNode):
+    """A `MountNode` with the states unconfigured, inactive, active and finalized.
+
+    `AUTOSTART` is among its parameters. What it subscribes to and publishes is there in all
+    states; what moves the mount a subclass does only while `active`.
+
+    Attributes
+    ----------
+    active : bool
+    starting : bool
+        It is about to become active by itself: nobody need be told that it is not.
+    """
+
+    def __init__(self, name, params, **kwargs):
+        MountNode.__init__(self, name, params, **kwargs)
+        LifecycleNodeMixin.__init__(self)
+        self.active, self._change = False, self._service_change_state.callback
+        self._service_change_state.callback = self._on_change_state
+        self.starting = self.value(AUTOSTART.name)
+        # when it is made, and its executor runs
+        self._begin = self.every(max(1e-3, self.look_around()), self._on_begin)
+
+    def _on_begin(self):
+        self.destroy_timer(self._begin)
+        self.starting = False
+        if self.value(AUTOSTART.name) and self._state_machine.current_state[1] == 'unconfigured':
+            self.trigger_configure()
+            if self._state_machine.current_state[1] == 'inactive':
+                self.trigger_activate()
+
+    def _on_change_state(self, request, response):
+        before = self._state_machine.current_state[1]
+        try:
+            response = self._change(request, response)
+        except RCLError:
+            response.success = False
+        if not response.success:
+            asked = request.transition.label or f'number {request.transition.id}'
+            self.get_logger().warning(f'{before}: the transition {asked} was not made')
+        self.announce()
+        return response
+
+    # --- for subclasses -----------------------------------------------------------------------
+
+    def look_around(self):
+        """s after its start before it may be active: in them a rival is found."""
+        return 0.0
+
+    def configured(self):
+        """Reach for the hardware; ValueError or OSError, one line, where that fails."""
+
+    def activated(self):
+        """From now on it may command; ValueError or OSError, one line, where that fails."""
+
+    def deactivated(self):
+        """Have the mount stop: it may command no more once this has returned."""
+
+    @property
+    def inactive(self):
+        """Why nothing is commanded, for people; '' while it is active."""
+        if self.active:
+            return ''
+        state = self._state_machine.current_state[1]
+        what = {'unconfigured': 'configure and activate it', 'finalized': 'start it anew'}
+        return f'{self.get_name()} is {state}: {what.get(state, "activate it")}'
+
+    # --- transitions ---------------------------------------------------------------------------
+
+    def on_configure(self, state):
+        """As rclpy's."""
+        return self._made(self.configured)
+
+    def on_activate(self, state):
+        """As rclpy's."""
+        self.active = True
+        result = self._made(self.activated)
+        self.active = result == SUCCESS
+        return result
+
+    def on_deactivate(self, state):
+        """As rclpy's."""
+        return self._rest()
+
+    def on_shutdown(self, state):
+        """As rclpy's."""
+        return self._rest()
+
+    def on_error(self, state):
+        """As rclpy's; back to the start."""
+        return self._rest()
+
+    def _rest(self):
+        if self.active:
+            result = self._made(self.deactivated)
+            self.active = False  # whatever was in the way
+            return result
+        return SUCCESS
+
+    def _made(self, call):
+        try:
+            call()
+        except (ValueError, OSError) as err:
+            self.get_logger().error(str(err))
+            return FAILURE
+        except Exception:  # rclpy would keep it to itself
+            self.get_logger().fatal(traceback.format_exc())
+            raise
+        return SUCCESS
+
+    # --- diagnostics ---------------------------------------------------------------------------
+
+    def waiting_for(self):
+        """Activation, too."""
+        inactive = not self.active and not self.starting
+        return [*super().waiting_for(), *(['activation'] if inactive else [])]
+
+    def details(self):
+        """The state."""
+        return [*super().details(), ('lifecycle', self._state_machine.current_state[1])]

@@ -1,0 +1,95 @@
+"""Work of seconds or minutes in a thread: the node answers beside it, and it can be cancelled."""
+
+import threading
+
+from rclpy.task import Future
+
+
+class Cancelled(ValueError):
+    """The work was given up because somebody asked for it; the text says so."""
+
+
+class LongWork:
+    """One piece of work at a time; messages that would change what it works on wait for its end.
+
+    Parameters
+    ----------
+    node : MountNode
+
+    Attributes
+    ----------
+    name : str
+        Of the work under way, for people; '' without any.
+    stage : str
+        How far that is; '' where it does not tell.
+    """
+
+    def __init__(self, node):
+        self._node, self.name, self.stage = node, '', ''
+        self._stop, self._thread = threading.Event(), None
+        self._later = []
+
+    async def run(self, name, call):
+        """Have it done, and give what it returns; what it raises passes, `Cancelled` too.
+
+        Parameters
+        ----------
+        name : str
+        call : callable
+            ``call(progress)``, which calls ``progress(text, done, total)`` now and then: there it
+            can be cancelled.
+        """
+        self.name, self.stage = name, ''
+        self._stop.clear()
+        future = Future()
+
+        def work():
+            try:
+                future.set_result(call(self._progress))
+            except BaseException as err:
+                future.set_exception(err)
+            executor = self._node.executor
+            if executor is not None:
+                executor.wake()
+        self._thread = threading.Thread(target=work, daemon=True)
+        self._thread.start()
+        try:
+            return await future
+        finally:
+            self.name = ''
+
+    def _progress(self, text, done, total):
+        if self._stop.is_set():
+            raise Cancelled(f'{self.name} was cancelled')
+        self.stage = text + (f', {done} of {total}' if total else '')
+
+    def cancel(self):
+        """Have it end at its next step; (whether there was any, a sentence)."""
+        if not self.name:
+            return False, 'nothing long is under way'
+        self._stop.set()
+        return True, f'{self.name} ends with its next step'
+
+    def waiting(self, call):
+        """As `call(message)`, but after the work that is under way."""
+        def take(message):
+            if self.name or self._later:
+                self._later.append((call, message))
+            else:
+                call(message)
+        return take
+
+    def caught_up(self, reject):
+        """Take what has waited; ``reject(call, error)`` for a message that cannot be used."""
+        while self._later:
+            call, message = self._later.pop(0)
+            try:
+                call(message)
+            except ValueError as err:
+                reject(call, err)
+
+    def close(self):
+        """Give it up, at the end of the node."""
+        self._stop.set()
+        if self._thread is not None:
+            self._thread.join(2.0)

@@ -1,0 +1,105 @@
+"""A node with declared parameters: range and unit, validated without side effects, then applied."""
+
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from .params import OF_SITE, BadInput
+
+
+class ParameterNode(Node):
+    """A node whose parameters are `Param`, and no others.
+
+    Parameters
+    ----------
+    name : str
+        Default node name.
+    params : iterable of Param
+        An override of an unknown one is refused.
+    context, overrides, namespace
+        As of `MountNode`.
+
+    Raises
+    ------
+    BadInput
+        A parameter is unknown, of the wrong type or out of range.
+    """
+
+    def __init__(self, name, params, *, context, overrides, namespace):
+        given = [Parameter(key, value=value) for key, value in (overrides or {}).items()]
+        super().__init__(name, context=context, namespace=namespace, parameter_overrides=given,
+                         start_parameter_services=True, enable_rosout=True)
+        self._params = {}
+        self.declare(params)
+        unknown = [key for key in self._parameter_overrides
+                   if not self.has_parameter(key) and not key.startswith('qos_overrides.')
+                   and key not in OF_SITE]
+        if unknown:
+            import difflib
+            close = difflib.get_close_matches(unknown[0], list(self._params), 1)
+            hint = f'did you mean {close[0]}?' if close else f'it has {", ".join(self._params)}'
+            raise BadInput(f'{name}: unknown parameter {unknown[0]}; {hint}')
+        try:
+            self.check_together({key: self.value(key) for key in self._params})
+        except ValueError as err:
+            raise BadInput(f'{name}: {err}') from None
+        self.add_on_set_parameters_callback(self._validate)
+        self.add_post_set_parameters_callback(self._apply)
+
+    def declare(self, params):
+        """Declare `params`; BadInput where a start-up value is refused."""
+        for param in params:
+            try:
+                value = self.declare_parameter(
+                    param.name, param.default, param.descriptor()).value
+            except InvalidParameterValueException:
+                given = self._parameter_overrides[param.name].value
+                raise BadInput(f'{self.get_name()}: {param.name} = {given}: '
+                               f'must be {param.low} to {param.high}') from None
+            except InvalidParameterTypeException:
+                given = self._parameter_overrides[param.name].value
+                kind = type(param.default).__name__
+                if kind == 'float' and isinstance(given, int):
+                    kind += f', write {given}.0'
+                raise BadInput(
+                    f'{self.get_name()}: {param.name} = {given!r}: must be a {kind}') from None
+            reason = param.refuse(value)
+            if reason:
+                raise BadInput(f'{self.get_name()}: {reason}')
+            self._params[param.name] = param
+
+    def check_overrides(self):
+        """BadInput where a QoS override fits no endpoint; all endpoints must have been made."""
+        for key in self._parameter_overrides:
+            if not self.has_parameter(key) and key not in OF_SITE:
+                raise BadInput(f'{self.get_name()}: {key} fits no topic and policy of this node; '
+                               f'see ros2 param list {self.get_fully_qualified_name()}')
+
+    def value(self, name):
+        """The value of parameter `name`."""
+        return self.get_parameter(name).value
+
+    def _validate(self, parameters):
+        for parameter in parameters:
+            known = self._params.get(parameter.name)
+            reason = known.refuse(parameter.value) if known else None
+            if reason:
+                return SetParametersResult(successful=False, reason=reason)
+        try:
+            self.check_together({name: self.value(name) for name in self._params}
+                                | {p.name: p.value for p in parameters})
+        except ValueError as err:
+            return SetParametersResult(successful=False, reason=str(err))
+        return SetParametersResult(successful=True)
+
+    def check_together(self, values):
+        """Raise ValueError where parameter values do not go together; for subclasses."""
+
+    def _apply(self, parameters):
+        names = {p.name for p in parameters} & set(self._params)
+        if names:
+            self.parameters_changed(names)
+
+    def parameters_changed(self, names):
+        """Called after `names` have new, valid values."""

@@ -1,0 +1,96 @@
+"""Boxes of pairs of axis angles, and how near a direction comes to them."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+_TURN = 2.0 * math.pi
+
+
+class Boxes(NamedTuple):
+    """Pairs of angles.
+
+    Attributes
+    ----------
+    low, high : ndarray, shape (2, n)
+        rad.
+    time : ndarray, shape (n,)
+        Of the middle of each, seconds after the begin of the track.
+    pad : ndarray, shape (2, 1), or float
+        By how much they are larger than the ends of the axes' ways in them, rad.
+    """
+
+    low: np.ndarray
+    high: np.ndarray
+    time: np.ndarray
+    pad: object = 0.0
+
+    def of(self, which):
+        """Some of them: a bool or a number for each."""
+        return Boxes(self.low[:, which], self.high[:, which], self.time[which], self.pad)
+
+
+def arc(function, value):
+    """An arc function of a value that may be beyond its range by a rounding."""
+    return function(np.minimum(np.maximum(value, -1.0), 1.0))
+
+
+def most_cosine(toward, boxes):
+    """The largest cosine of the angle between a direction and those of a box, shape (n,).
+
+    Of ``z sin b + h cos b cos(a - a0)`` the largest is at an end of the range of cos(a - a0), and
+    there it is a cosine of b again.
+    """
+    x, y, z = toward
+    h = np.hypot(x, y)
+    low, high = boxes.low[0] - np.arctan2(x, y), boxes.high[0] - np.arctan2(x, y)
+    cos_low, cos_high = np.cos(low), np.cos(high)
+    most = np.where(_passes(low, high, 0.0), 1.0, np.maximum(cos_low, cos_high))
+    least = np.where(_passes(low, high, np.pi), -1.0, np.minimum(cos_low, cos_high))
+    out = -1.0
+    for cosine in (h * most, h * least):
+        size, peak = np.hypot(z, cosine), np.arctan2(z, cosine)
+        low, high = boxes.low[1] - peak, boxes.high[1] - peak
+        out = np.maximum(out, size * np.where(
+            _passes(low, high, 0.0), 1.0, np.maximum(np.cos(low), np.cos(high))))
+    return out
+
+
+def largest_cosine(toward, first, second):
+    """As `most_cosine`, of one box: ends of both axes as pairs of floats."""
+    x, y, z = map(float, toward)
+    h, zero = math.hypot(x, y), math.atan2(x, y)
+    low, high = first[0] - zero, first[1] - zero
+    ends = math.cos(low), math.cos(high)
+    most = 1.0 if _holds(low, high, 0.0) else max(ends)
+    least = -1.0 if _holds(low, high, math.pi) else min(ends)
+    out = -1.0
+    for cosine in (h * most, h * least):
+        size, peak = math.hypot(z, cosine), math.atan2(z, cosine)
+        low, high = second[0] - peak, second[1] - peak
+        out = max(out, size * (1.0 if _holds(low, high, 0.0)
+                               else max(math.cos(low), math.cos(high))))
+    return out
+
+
+def _holds(low, high, angle):
+    return math.floor((high - angle) / _TURN) >= math.ceil((low - angle) / _TURN)
+
+
+def _passes(low, high, angle):
+    """Whether ranges hold an angle, on some turn."""
+    return np.floor((high - angle) / _TURN) >= np.ceil((low - angle) / _TURN)
+
+
+def quartered(boxes, which):
+    """Some of boxes, each cut into four."""
+    low, high, time = boxes.of(which)[:3]
+    middle = 0.5 * (low + high)
+    lows, highs = [], []
+    for first in (0, 1):
+        for second in (0, 1):
+            side = np.array([[first], [second]]) == 1
+            lows.append(np.where(side, middle, low))
+            highs.append(np.where(side, high, middle))
+    return Boxes(np.concatenate(lows, 1), np.concatenate(highs, 1), np.tile(time, 4))

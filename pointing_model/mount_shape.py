@@ -1,0 +1,202 @@
+"""How a mount looks: its parts, as a URDF and as places in the horizon frame.
+
+Frames are those of REP 103: x forward along the tube, y left, z up; `mount_enu` has x east, y
+north, z up, and its origin where the axes meet. Sizes are of no mount in particular: the tube
+reaches to 0.45 m, so that the unit sphere with the stars of `observation` is the sky around it.
+"""
+
+from dataclasses import dataclass
+from xml.etree import ElementTree
+
+import numpy as np
+
+from .guard.limits import TRAVEL_DEG
+
+#: links: what stands, what the first axis turns, what the second turns
+STANDS, TURNS, TUBE = 'pier', 'first_axis', 'tube'
+#: root of the tree, the frame of observations
+ROOT = 'mount_enu'
+GREY, DARK, WHITE = (0.45, 0.47, 0.5), (0.2, 0.22, 0.25), (0.88, 0.88, 0.9)
+#: rotations about y that lay a cylinder (along z) along x, and about x along y
+_ALONG_X, _ALONG_Y = (0.0, np.pi / 2.0, 0.0), (np.pi / 2.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Part:
+    """A cylinder (radius, length, along z) or a box (x, y, z) of a link, metres.
+
+    Parameters
+    ----------
+    link : str
+    size : tuple of float
+        Two numbers of a cylinder, three of a box.
+    xyz, rpy : tuple of float
+        Of its middle in the frame of the link: metres, radians about the fixed x, y, z.
+    colour : tuple of float
+        Red, green, blue, 0 to 1.
+    """
+
+    link: str
+    size: tuple
+    xyz: tuple = (0.0, 0.0, 0.0)
+    rpy: tuple = (0.0, 0.0, 0.0)
+    colour: tuple = GREY
+
+
+def parts_of(mount):
+    """The parts of a `mounts.Mount`, a list of Part.
+
+    The pier is upright, in `ROOT`; the others are in the frames of their axes at rest.
+    """
+    pier = Part(STANDS, (0.08, 0.5), (0.0, 0.0, -0.6), colour=DARK)
+    if mount.kind == 'german':  # the tube on the left of one who looks to the meridian
+        tube = 0.22
+        return [
+            pier, Part(STANDS, (0.06, 0.35), (0.0, 0.0, -0.2), colour=DARK),
+            Part(TURNS, (0.05, 0.3), (0.0, 0.0, 0.0), colour=DARK),
+            Part(TURNS, (0.03, 0.5), (0.0, -0.05, 0.0), _ALONG_Y),
+            Part(TURNS, (0.09, 0.08), (0.0, -0.3, 0.0), _ALONG_Y, DARK),
+            Part(TUBE, (0.07, 0.8), (0.05, tube, 0.0), _ALONG_X, WHITE),
+            Part(TUBE, (0.075, 0.06), (0.4, tube, 0.0), _ALONG_X, DARK)]
+    return [
+        pier, Part(STANDS, (0.12, 0.06), (0.0, 0.0, -0.36), colour=DARK),
+        Part(TURNS, (0.2, 0.04), (0.0, 0.0, -0.28)),
+        Part(TURNS, (0.12, 0.03, 0.36), (0.0, 0.15, -0.1)),
+        Part(TURNS, (0.12, 0.03, 0.36), (0.0, -0.15, -0.1)),
+        Part(TUBE, (0.02, 0.3), (0.0, 0.0, 0.0), _ALONG_Y, DARK),
+        Part(TUBE, (0.09, 0.6), (0.12, 0.0, 0.0), _ALONG_X, WHITE),
+        Part(TUBE, (0.095, 0.05), (0.4, 0.0, 0.0), _ALONG_X, DARK)]
+
+
+def base_of(mount):
+    """The frame of the first axis at rest: x where both angles are zero, z along the axis.
+
+    Returns
+    -------
+    ndarray, shape (3, 3)
+        Its axes as columns, east, north, up.
+    """
+    right, forward, pole = np.array(mount.frame)
+    return np.column_stack((forward, -right, pole))
+
+
+def frames_of(mount, angles):
+    """Rotations of the links, east, north, up, by name.
+
+    Parameters
+    ----------
+    mount : Mount
+    angles : (float, float)
+        Of both axes, rad.
+
+    Returns
+    -------
+    dict of str to ndarray, shape (3, 3)
+    """
+    turned = base_of(mount) @ _about('z', -angles[0])
+    return {STANDS: np.eye(3), TURNS: turned, TUBE: turned @ _about('y', -angles[1])}
+
+
+def placed(part, frames):
+    """Where a part is: position (3,) in metres and quaternion (x, y, z, w), in `ROOT`."""
+    frame = frames[part.link]
+    return frame @ np.array(part.xyz), quaternion(frame @ rotation(part.rpy))
+
+
+def urdf(mount, name='mount'):
+    """The mount as a URDF, str; joints have the names of `joint_states`.
+
+    Links are `mount_enu`, `pier`, `first_axis`, `tube` and `boresight`, which looks along its x.
+
+    Parameters
+    ----------
+    mount : Mount
+    name : str
+        Of the robot.
+    """
+    robot = ElementTree.Element('robot', name=name)
+    for link in (ROOT, STANDS, 'axes', TURNS, TUBE, 'boresight'):
+        element = ElementTree.SubElement(robot, 'link', name=link)
+        for part in parts_of(mount):
+            if part.link == link:
+                _visual(element, part)
+    _joint(robot, 'pier_stands', ROOT, STANDS)
+    _joint(robot, 'axes_stand', STANDS, 'axes', rpy=euler(base_of(mount)))
+    travel = [np.radians(ends) for ends in TRAVEL_DEG[mount.kind]]
+    for key, axis, parent, child, ends in zip(
+            mount.names.keys, ('0 0 -1', '0 -1 0'), ('axes', TURNS), (TURNS, TUBE), travel):
+        whole = mount.altaz and child == TURNS
+        joint = _joint(robot, key, parent, child, 'continuous' if whole else 'revolute')
+        ElementTree.SubElement(joint, 'axis', xyz=axis)
+        limits = {} if whole else {'lower': f'{ends[0]:.6f}', 'upper': f'{ends[1]:.6f}'}
+        ElementTree.SubElement(joint, 'limit', effort='0', velocity='0', **limits)
+    _joint(robot, 'looks_along', TUBE, 'boresight')
+    ElementTree.indent(robot)
+    return '<?xml version="1.0"?>\n' + ElementTree.tostring(robot, encoding='unicode') + '\n'
+
+
+def _visual(link, part):
+    visual = ElementTree.SubElement(link, 'visual')
+    ElementTree.SubElement(visual, 'origin', xyz=_numbers(part.xyz), rpy=_numbers(part.rpy))
+    geometry = ElementTree.SubElement(visual, 'geometry')
+    if len(part.size) == 2:
+        radius, length = map(str, part.size)
+        ElementTree.SubElement(geometry, 'cylinder', radius=radius, length=length)
+    else:
+        ElementTree.SubElement(geometry, 'box', size=_numbers(part.size))
+    colour = bytes(round(255 * value) for value in part.colour).hex()
+    material = ElementTree.SubElement(visual, 'material', name=f'colour_{colour}')
+    ElementTree.SubElement(material, 'color', rgba=_numbers((*part.colour, 1.0)))
+
+
+def _joint(robot, name, parent, child, kind='fixed', rpy=(0.0, 0.0, 0.0)):
+    joint = ElementTree.SubElement(robot, 'joint', name=name, type=kind)
+    ElementTree.SubElement(joint, 'parent', link=parent)
+    ElementTree.SubElement(joint, 'child', link=child)
+    ElementTree.SubElement(joint, 'origin', xyz='0 0 0', rpy=_numbers(rpy))
+    return joint
+
+
+def _numbers(values):
+    return ' '.join(f'{value:.9g}' for value in values)
+
+
+# --- rotations ------------------------------------------------------------------------------------
+
+
+def _about(axis, angle):
+    """Rotation about one of x, y, z, right-handed."""
+    s, c = np.sin(angle), np.cos(angle)
+    i = 'xyz'.index(axis)
+    j, k = (i + 1) % 3, (i + 2) % 3
+    out = np.eye(3)
+    out[j, j] = out[k, k] = c
+    out[k, j], out[j, k] = s, -s
+    return out
+
+
+def rotation(rpy):
+    """From roll, pitch, yaw, as URDF has them: about the fixed x, then y, then z."""
+    return _about('z', rpy[2]) @ _about('y', rpy[1]) @ _about('x', rpy[0])
+
+
+def euler(matrix):
+    """Roll, pitch, yaw of a rotation, rad; roll 0 where pitch is a right angle."""
+    pitch = np.arcsin(np.clip(-matrix[2, 0], -1.0, 1.0))
+    if abs(matrix[2, 0]) > 1.0 - 1e-12:
+        return 0.0, float(pitch), float(np.arctan2(-matrix[0, 1], matrix[1, 1]))
+    return (float(np.arctan2(matrix[2, 1], matrix[2, 2])), float(pitch),
+            float(np.arctan2(matrix[1, 0], matrix[0, 0])))
+
+
+def quaternion(matrix):
+    """x, y, z, w of a rotation, shape (4,); w is not negative."""
+    m = np.asarray(matrix, float)
+    # the eigenvector to the largest eigenvalue (Bar-Itzhack 2000): no case is special
+    k = np.array([
+        [m[0, 0] - m[1, 1] - m[2, 2], 0.0, 0.0, 0.0],
+        [m[0, 1] + m[1, 0], m[1, 1] - m[0, 0] - m[2, 2], 0.0, 0.0],
+        [m[0, 2] + m[2, 0], m[1, 2] + m[2, 1], m[2, 2] - m[0, 0] - m[1, 1], 0.0],
+        [m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1], np.trace(m)]]) / 3.0
+    out = np.linalg.eigh(k)[1][:, -1]  # of the lower half
+    return -out if out[3] < 0.0 else out

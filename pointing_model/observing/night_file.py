@@ -1,0 +1,147 @@
+"""The night so far on disk, so that whoever is killed goes on where it stopped.
+
+A line of JSON a row and a line a change of the plan's place, each on the disk before it is
+published. A line that a crash has cut short is left out.
+"""
+
+import json
+import os
+from dataclasses import asdict
+from pathlib import Path
+from typing import NamedTuple
+
+from msg_tools.status import Progress
+
+FORMAT, VERSION = 'telescope_mount plan state', 1
+
+
+class Kept(NamedTuple):
+    """What a file tells.
+
+    Attributes
+    ----------
+    rows : list of dict
+        Of the night, as of `Table`.
+    left : Progress or None
+        Where its plan stood.
+    evening : int
+        When the night began, ns.
+    before : int
+        Rows that are of plans before that one.
+    """
+
+    rows: list
+    left: Progress | None
+    evening: int
+    before: int
+
+
+class NightFile:
+    """Rows and place of the plan of one night.
+
+    Parameters
+    ----------
+    path : str or Path
+    mount : str
+        Kind of the mount, in words: rows of another one are not taken.
+
+    Attributes
+    ----------
+    kept : Kept
+        What was in the file.
+
+    Raises
+    ------
+    ValueError
+        The file is no such file, or of another mount.
+    OSError
+        It cannot be read or written.
+    """
+
+    def __init__(self, path, mount):
+        self._path, self._mount, self._file = Path(path), mount, None
+        self._last = None
+        self.kept = self._read()
+
+    def _read(self):
+        rows, left, evening, before = [], None, 0, 0
+        try:
+            lines = self._path.read_bytes().split(b'\n')
+        except FileNotFoundError:
+            return Kept(rows, left, evening, before)
+        self._whole = sum(len(line) + 1 for line in lines[:-1])  # what follows was cut short
+        for number, line in enumerate(lines[:-1], 1):
+            try:
+                told = json.loads(line)
+                if number == 1:
+                    self._check(told)
+                elif 'row' in told:
+                    rows.append(told['row'])
+                else:
+                    left, evening, before = (
+                        Progress(**told['plan']), told['evening'], told['before'])
+            except (ValueError, TypeError, KeyError) as err:
+                raise ValueError(f'{self._path}, line {number}: {err}; remove the file to begin '
+                                 'anew') from None
+        return Kept(rows, left, evening, before)
+
+    def _check(self, told):
+        if (told['format'], told['version']) != (FORMAT, VERSION):
+            raise ValueError('not the state of a plan')
+        if told['mount'] != self._mount:
+            raise ValueError(f'the state of a plan of a mount {told["mount"]}, and this one is '
+                             f'{self._mount}')
+
+    def forget(self):
+        """Begin anew; what was there is kept beside it."""
+        self.close()
+        if self._path.exists():
+            self._path.replace(self._path.with_name(self._path.name + '.before'))
+        self.kept = Kept([], None, 0, 0)
+
+    def row(self, row):
+        """Keep a row, a dict."""
+        self._write({'row': row})
+
+    def stands(self, progress, evening, before):
+        """Keep where the plan stands; see `Kept`."""
+        told = {'plan': asdict(progress), 'evening': evening, 'before': before}
+        place = {**told['plan'], 'observations': 0, 'run': 0}
+        if told['plan']['state'] == 'waiting':
+            place['state'] = 'observing'
+        if (place, evening) != self._last:
+            self._last = place, evening
+            self._write(told)
+
+    def _write(self, told):
+        if self._file is None:
+            new = not self._path.exists()
+            self._file = self._path.open('ab')
+            if new:
+                self._write({'format': FORMAT, 'version': VERSION, 'mount': self._mount})
+            else:
+                self._file.truncate(self._whole)
+        self._file.write(json.dumps(told, default=float).encode() + b'\n')
+        self._file.flush()
+        os.fsync(self._file.fileno())
+
+    def close(self):
+        """Give the file free."""
+        if self._file is not None:
+            self._file.close()
+        self._file = None
+
+
+class NoFile:
+    """Nothing is kept."""
+
+    kept = Kept([], None, 0, 0)
+
+    def forget(self):
+        """Nothing to forget."""
+
+    def row(self, row):
+        """Not kept."""
+
+    def stands(self, progress, evening, before):
+        """Not kept."""

@@ -1,0 +1,357 @@
+"""The steps of an observing plan, each a generator of conditions to wait for.
+
+Nothing here knows ROS; what a step asks for is the outbox of the `Sequencer`.
+"""
+
+import json
+from functools import partial
+
+import numpy as np
+
+from msg_tools.status import Progress
+from msg_tools.steps import Refused, call
+from msg_tools.units import DEG
+
+from ..star_catalogue import POLARIS_HIP, load_catalogue
+from ..target import StarTarget, satellite_target
+from ..zero_exposures import MARK
+from . import clocks
+from .blind_checks import CHECKS_FORMAT, CHECKS_VERSION, blind_summary
+from .exposing import Exposer
+from .instruments import MOUNT
+from .plan import POWER_CYCLES
+from .pointing import Standing
+from .star_choice import Limits, choose_stars
+from .zero_choice import ZeroChoice
+
+#: what a star takes, to know that it stays within the limits until its turn, s
+SECONDS_A_STAR = 40.0
+#: targets in a row that the guard refuses, after which the plan is given up
+REFUSALS = 5
+#: what to do where `home` is not there, or has been called and does not answer
+AFTER_HOME = ("start the mount's driver, or leave home out of the plan",
+              "it homes the mount; if the axes stand, look at the mount's driver")
+#: elevation of a star that both axes follow evenly, deg
+BEST = 35.0, 65.0
+_HOUR = 3_600_000_000_000  # ns
+
+
+class NightSteps:
+    """What a plan can do.
+
+    Parameters
+    ----------
+    outbox, instruments, in_force, table
+        As of a `Sequencer`.
+    wake : callable
+        Goes on with the plan: no message need follow an answer.
+    keep : callable
+        Called with a row before it is published.
+
+    Attributes
+    ----------
+    exposer : Exposer
+    progress : Progress
+        How far the plan is.
+    text : str
+        What it does or waits for.
+    evening : int
+        When the night began, or its last `wait` was over, ns.
+    checks : list of dict
+        Blind checks so far.
+    clocks : dict
+        What the last step `clocks` has measured.
+    calibrated : int
+        Observations that have reached the calibration.
+    homes : bool
+        Whether the plan homes the mount itself.
+    earlier : int
+        Rows of this step that an observer before has taken.
+    """
+
+    def __init__(self, outbox, instruments, in_force, table, wake, keep):
+        self._out, self._instruments, self._in_force = outbox, instruments, in_force
+        self._table, self._wake, self._keep = table, wake, keep
+        self.exposer = Exposer(outbox, instruments, in_force, table, self._need_home,
+                               self.set_waiting)
+        self.progress, self.text = Progress(), 'the start'
+        self.evening, self.checks, self.calibrated = 0, [], 0
+        self.homes, self.earlier = False, 0
+        self.clocks = {}
+        self._refusals = 0  # in a row
+        self._catalogue = self._polaris = None
+
+    def do(self, step, done=0):
+        """Steps that do `step`, of which so many exposures are done."""
+        yield from getattr(self, f'_do_{step.verb}')(step.what or step.count - done)
+
+    def set_waiting(self, what):
+        """Waiting for `what`, or for nothing."""
+        self.set_state('waiting' if what else 'observing', what or self.progress.step)
+
+    def set_state(self, state, text):
+        """Take the state of the plan, and what is said of it."""
+        self.progress.state, self.text = state, text
+
+    def send_checks(self):
+        """Publish the blind checks."""
+        clocks_too = {'clocks': self.clocks} if self.clocks else {}
+        self._out.send_checks(json.dumps({
+            'format': CHECKS_FORMAT, 'version': CHECKS_VERSION, 'checks': self.checks,
+            **clocks_too}))
+
+    @property
+    def clocks_told(self):
+        """What is known of the clocks of camera and encoder, '' where nothing is."""
+        return self.clocks and clocks.sentence(
+            self.clocks['found'], self.clocks['camera_late_s'], self.clocks['absolute']) or ''
+
+    # --- the steps ----------------------------------------------------------------------------
+
+    def _do_stars(self, count):
+        yield from self._need_home()  # the choice begins at where the mount stands
+        for target in self._fresh_stars(count):
+            yield from self._observe(target)
+
+    def _do_check(self, count):
+        """Point at fresh stars blind: the miss distance is the pointing error."""
+        yield from self._need_home()
+        first = len(self._table) - self.earlier
+        lost = self.progress.lost
+        for target in self._fresh_stars(count):
+            yield from self._observe(target, blind=True)
+        self.checks.append({'block': self.progress.block, **blind_summary(
+            [[row['miss_x'], row['miss_y']] for row in self._table.rows[first:]],
+            self.progress.lost - lost, self._in_force.model)})
+        self.send_checks()
+
+    def _do_clocks(self, count):
+        """Drift past one star to and fro: what the readings differ by is the clocks' offset."""
+        yield from self._need_home()
+        exposer, value = self.exposer, self._out.value
+        (star,) = self._fresh_stars(1, BEST)
+        if (yield from exposer.observe(star, self.progress.block)) is None:
+            self._out.get_logger().warning(f'{star.name}: nothing in the field; the offset of the '
+                                           'clocks is not measured')
+            return
+        pointing, place = exposer.aimed_at(star), np.zeros(2)
+        rows, seconds = [], []
+        full = clocks.rate_for(value('exposure_s'), value('clock_rate_arcsec_s'))
+        for rate in clocks.legs(count, full):
+            out = np.abs(place) > clocks.FARTHEST  # an exposure that took long led too far
+            rate = np.where(out, -np.sign(place) * np.abs(rate), rate)
+            row, second, place = yield from exposer.drift(pointing, rate, place)
+            rows += [row] if row else []
+            seconds += [second] if second else []
+            if exposer.refusal:
+                break
+        self.clocks = {
+            'star': star.number, 'camera_late_s': value('camera_late_s'),
+            'found': clocks.offset_of(rows), 'exposures': rows,
+            'absolute': clocks.offset_of(seconds), 'absolute_exposures': seconds}
+        found = self.clocks['found']
+        log = self._out.get_logger()
+        (log.warning if found is None or clocks.is_off(found) else log.info)(self.clocks_told)
+        self.send_checks()
+
+    def _do_polaris(self, count):
+        self.check_polaris()
+        rows = len(self._table)
+        for _ in range(count):
+            yield from self._observe(self._polaris)
+        if len(self._table) == rows:  # a zero now would be that of an earlier power-on
+            raise Refused(f'none of {count} exposures shows Polaris: look at sky, site and time')
+
+    def _do_zero_on_stars(self, count):
+        yield from self._need_home()
+        chosen = self._zero_choice().stars(count)
+        self._out.get_logger().info(chosen.words)
+        self.progress.step += f': {chosen.by}'
+        rows = len(self._table)
+        yield from chosen.expose(partial(self._observe, for_zero=True), self._table)
+        if len(self._table) == rows:
+            raise Refused(f'none of {count} exposures shows a star for the zero: look at sky, site '
+                          'and time')
+
+    def _do_zero(self, count):
+        """By Polaris where it is well up, else by stars."""
+        yield from self._need_home()
+        way = self._zero_choice().way(count)
+        self._out.get_logger().info(f'zero by {"Polaris" if way.polaris else "stars"}: {way.why}')
+        if not way.polaris:
+            yield from self._do_zero_on_stars(count)
+            return
+        self.progress.step += ': Polaris'
+        yield from self._do_polaris(count)
+
+    def _do_satellite(self, count):
+        yield from self._need_home()
+        satellite = satellite_target(self._out.value('satellite'))
+        self._check_height(satellite, satellite.name, 'track it at another time')
+        for _ in range(count):
+            yield from self._observe(satellite)
+            self.exposer.earliest = self.exposer.commanded + round(
+                self._out.value('satellite_interval_s') * 1e9)
+
+    def _do_wait(self, count):
+        """Stand still until so many hours after the last evening: the next one."""
+        yield from self._need_home()
+        self.evening = self.exposer.earliest = self.evening + count * _HOUR
+        yield from self.exposer.expose(Standing(self._instruments.here, self._out.mount()))
+
+    def _do_home(self, count=0):
+        self.homes = True
+        before = self._instruments.stamp
+        while not self._instruments.homed_since(before):
+            yield from self._call('home')
+            # an encoder that was connected late has missed the crossing: home again when it has
+            # fallen silent
+            self._instruments.hear(MOUNT)
+            yield from self._until(
+                lambda: self._instruments.homed_since(before) or MOUNT in self._instruments.silent(
+                    self._out.value('answer_timeout_s')),
+                'the encoder to be homed')
+
+    def _do_power_cycle(self, what):
+        for service in POWER_CYCLES[what or 'incremental']:
+            if service == 'power_cycle':
+                self._instruments.homed = False
+            yield from self._call(service)
+
+    def _do_calibrate_zero(self, count):
+        yield from self._calibration_has_all()
+        yield from self._call('calibrate_zero')
+        newest = self._table.newest
+        known = self._in_force
+        yield from self._until(
+            lambda: max(known.zero_stamp, known.refused_stamp) >= newest, 'the new zero')
+        if known.zero_stamp < newest:  # the fit makes a zero of each power-on
+            self._out.get_logger().warning(
+                'the new zero is of a power-on that is over: the one before stays in force')
+
+    def _do_fit(self, count):
+        yield from self._new_model('fit')
+
+    def _do_diagnose(self, count):
+        yield from self._new_model('diagnose')
+
+    def _do_judge(self, count):
+        # it is the amended model, or the one before: published once more either way
+        yield from self._new_model('judge')
+
+    # --- parts of steps -----------------------------------------------------------------------
+
+    def _observe(self, target, blind=False, for_zero=False):
+        row = yield from self.exposer.observe(target, self.progress.block, blind)
+        if row is None:
+            self.progress.lost += 1
+            why = self.exposer.refusal
+            self._out.get_logger().warning(
+                f'{target.name}: {why or "nothing in the field"}; go on with the next')
+            self._refusals = self._refusals + 1 if why else 0
+            if self._refusals == REFUSALS:
+                self._refusals = 0
+                raise Refused(f'{REFUSALS} targets in a row were refused: {why}')
+        else:
+            self._refusals = 0
+            row = {**row, MARK: float(for_zero)}
+            self._keep(row)
+            self._out.send_row(self._table.add(row), row['stamp'])
+        self.progress.done += 1
+
+    def _fresh_stars(self, count, between=(0.0, 90.0)):
+        """Targets all over the sky that were not observed tonight, in observing order.
+
+        No lower and no higher than `between`, deg, as far as the limits leave it.
+        """
+        value = self._out.value
+        lowest, highest = value('min_elevation_deg'), value('max_elevation_deg')
+        if max(lowest, between[0]) < min(highest, between[1]):
+            lowest, highest = max(lowest, between[0]), min(highest, between[1])
+        rows = choose_stars(
+            self._stars(), self.exposer.now() * 1e-9, *self._out.sky(), count,
+            value('star_seed') + self.progress.block, lowest * DEG, highest * DEG,
+            value('magnitude_limit'),
+            exclude=[*self._table.stars_since(self.evening), POLARIS_HIP],
+            duration=count * SECONDS_A_STAR, start=self._instruments.here,
+            mount=self._out.mount(), limits=self._limits())
+        return [StarTarget(self._catalogue.select([row])) for row in rows]
+
+    def _limits(self):
+        return Limits(*(self._out.value(f'{name}_limit_deg') * DEG for name in Limits._fields))
+
+    def _stars(self):
+        if self._catalogue is None:
+            # two magnitudes deeper, so that neighbours which would disturb are known
+            self._catalogue = load_catalogue(mag_limit=self._out.value('magnitude_limit') + 2.0)
+        return self._catalogue
+
+    def _zero_choice(self):
+        """What to expose for a zero, under the conditions of now."""
+        return ZeroChoice(
+            self._stars(), self._table, self.exposer.now() * 1e-9, *self._out.sky(),
+            mount=self._out.mount(), axes=self._limits(), model=self._in_force.model,
+            run=self._instruments.run, evening=self.evening, here=self._instruments.here,
+            limits=[self._out.value(name) for name in (
+                'min_elevation_deg', 'max_elevation_deg', 'magnitude_limit')],
+            a_star=SECONDS_A_STAR)
+
+    def check_polaris(self):
+        """Refuse a plan with Polaris where it does not tell a zero."""
+        if self._polaris is None:
+            self._polaris = StarTarget(load_catalogue(hip=[POLARIS_HIP]))
+        self._check_height(self._polaris, 'Polaris', 'set the zero on stars (zero_on_stars)')
+        time, mount = np.array([self.exposer.now() * 1e-9]), self._out.mount()
+        place = self._polaris.place(time, *self._out.sky())
+        highest = self._out.value('max_elevation_deg')
+        if not Limits().reached(mount, *place, highest * DEG)[0]:
+            angle = abs(mount.axes_of(*place)[1][0])
+            raise Refused(f'Polaris stands at {angle / DEG:.1f} deg of {mount.names.axes[1]}, '
+                          f'beyond max_elevation_deg = {highest}, and tells no zero of the '
+                          f'{mount.names.axes[0]} there: set it on stars (zero_on_stars)')
+
+    def _check_height(self, target, name, remedy):
+        lowest = self._out.value('min_elevation_deg')
+        time = np.array([self.exposer.now() * 1e-9])
+        el = target.place(time, *self._out.sky())[1][0]
+        if el < lowest * DEG:
+            raise Refused(f'{name} stands at {el / DEG:.1f} deg, below min_elevation_deg = '
+                          f'{lowest}: {remedy}')
+
+    def _new_model(self, verb):
+        yield from self._calibration_has_all()
+        known, newest = self._in_force, self._table.newest
+        before = known.models
+        yield from self._call(verb)
+        yield from self._until(
+            lambda: known.models > before and known.model_stamp >= newest, 'the new model')
+        yield from self._until(known.zero_is_of_model, 'the zero of the new model')
+
+    def _calibration_has_all(self):
+        yield from self._until(lambda: self.calibrated >= len(self._table),
+                               'calibration to take the last observation')
+
+    def _need_home(self):
+        health = self._instruments.health
+        if health.blocked:
+            yield from self._until(lambda: not health.blocked, f'an end: {health.blocked}')
+        if not self._instruments.homed and self.homes:
+            self._out.get_logger().warning('the encoder has no zero any more: homing again')
+            yield from self._do_home()
+        if not self._instruments.homed:
+            yield from self._until(lambda: self._instruments.homed,
+                                   'the encoder to be homed (call home)')
+
+    def _call(self, verb):
+        def wait(condition, what):
+            if verb == 'home':
+                what = f'{what}: {AFTER_HOME[what.endswith("to answer")]}'
+            return self._until(condition, what)
+
+        answer = yield from call(verb, self._out.client(verb), self._wake, wait)
+        self._out.get_logger().info(answer)
+
+    def _until(self, condition, what):
+        self.set_waiting(what)
+        yield condition
+        self.set_waiting('')

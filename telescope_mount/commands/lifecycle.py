@@ -1,0 +1,39 @@
+"""The command ``lifecycle``: what `ros2 lifecycle` does, where there is no `ros2`."""
+
+from . import options
+
+#: in the order of the states
+TRANSITIONS = ('configure', 'activate', 'deactivate', 'cleanup', 'shutdown')
+
+
+def add(commands):
+    """Add the parser."""
+    parser = commands.add_parser(
+        'lifecycle', help='states of the nodes that can move a mount; change one',
+        description='List the managed nodes of a running graph and their states, or have one '
+        'make a transition. What is not active moves nothing. Exit code 0, or 1 where the '
+        'transition was not made.')
+    parser.add_argument('node', nargs='?', help='name, such as mount_guard')
+    parser.add_argument('transition', nargs='?', choices=TRANSITIONS)
+    parser.add_argument('--namespace', default='/mount', help='of the graph (default: /mount)')
+    options.add(parser, 'domain', help='ROS domain (default: ROS_DOMAIN_ID, or 0)')
+
+
+def run(args):
+    """List, or change."""
+    from .. import domain
+    from ..managed import ManagedNodes
+    if args.node and not args.transition:
+        raise ValueError(f'{args.node}: name a transition, {", ".join(TRANSITIONS)}')
+    nodes = ManagedNodes(domain.join(args.domain).number, args.namespace)
+    try:
+        if args.node:
+            done = nodes.change(args.node, args.transition)
+            print(f'{args.node}: {nodes.state(args.node)}' + (
+                '' if done else f'; the transition {args.transition} was not made'))
+            return int(not done)
+        for name in nodes.names():
+            print(f'{name}: {nodes.state(name)}')
+    finally:
+        nodes.close()
+    return 0

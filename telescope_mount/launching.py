@@ -1,0 +1,186 @@
+"""What the launch files share. It needs ROS launch, which is in no wheel: they alone import it."""
+
+import difflib
+import os
+import re
+import sys
+from pathlib import Path
+
+import yaml
+from ament_index_python.packages import get_package_prefix
+from launch.actions import (
+    DeclareLaunchArgument,
+    EmitEvent,
+    ExecuteProcess,
+    OpaqueFunction,
+    RegisterEventHandler,
+    SetEnvironmentVariable,
+)
+from launch.event_handlers import OnProcessExit
+from launch.events import Shutdown
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+
+from launch import LaunchDescription
+from msg_tools import NAMESPACE
+from msg_tools.units import DEG
+from pointing_model.mount_shape import urdf
+from pointing_model.mounts import parse_mount
+from pointing_model.sky import DEFAULT_SITE
+
+from .parent import PARENT
+from .threads import ONE_THREAD
+
+#: that every launch file takes: name, default, text
+SHARED = (
+    ('namespace', NAMESPACE, 'of the graph: a mount has one of its own'),
+    ('display', 'true', 'mount_display, and robot_state_publisher where it is installed: RViz and '
+     'Foxglove show the mount'),
+    ('params_file', '', 'ROS parameter file (site, limits), read by all nodes after the values '
+     'above'),
+)
+ENVIRONMENT = {
+    # opening the graph to the network is the user's explicit choice
+    'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+    **ONE_THREAD,
+}
+
+
+class Values(dict):
+    """Launch arguments by name, as text.
+
+    Raises
+    ------
+    ValueError
+        One is no argument, or none of what all launch files take can be used.
+    """
+
+    def __init__(self, file, arguments, context):
+        names = [name for name, _, _ in arguments]
+        # launch takes any name, and a night would run without what its user asked for. Of what
+        # another launch file was given that includes this one nothing is known
+        given = context.argv if any(word.endswith(file) for word in sys.argv) else ()
+        for word in given or ():
+            name, assigned, _ = word.partition(':=')
+            if assigned and name not in names:
+                close = difflib.get_close_matches(name, names, 1)
+                raise ValueError(f'{file} has no argument {name}; ' + (
+                    f'did you mean {close[0]}?' if close else f'it has {", ".join(names)}'))
+        super().__init__((name, LaunchConfiguration(name).perform(context)) for name in names)
+        if self['params_file'] and not Path(self['params_file']).is_file():
+            # launch itself only warns, and the night would run with another site
+            raise ValueError(f'params_file:={self["params_file"]} is no file')
+        if not re.fullmatch('(/[A-Za-z][A-Za-z0-9_]*)+', self['namespace']):
+            raise ValueError(f'namespace:={self["namespace"]}: write a name such as {NAMESPACE}')
+
+    def number(self, kind, name):
+        """A number of `kind` int or float; ValueError for another text."""
+        try:
+            return kind(self[name])
+        except ValueError:
+            what = 'whole number' if kind is int else 'number'
+            raise ValueError(f'{name}:={self[name]} is no {what}') from None
+
+    def truth(self, name):
+        """A bool; ValueError for another text."""
+        if self[name] not in ('true', 'false'):
+            raise ValueError(f'{name}:={self[name]}: write true or false')
+        return self[name] == 'true'
+
+    @property
+    def files(self):
+        """Parameter files of the user's, list of str."""
+        return [self['params_file']] if self['params_file'] else []
+
+
+def started(values, specs, drivers=()):
+    """Actions that start nodes, and drivers before them, and end all with the first that ends.
+
+    Parameters
+    ----------
+    values : Values
+    specs : sequence of graph.NodeSpec
+    drivers : sequence of str
+        Python files.
+
+    Returns
+    -------
+    list
+    """
+    # a busy machine takes longer than launch's 5 s to close the files of all
+    patient = {'output': 'screen',
+               'sigterm_timeout': LaunchConfiguration('sigterm_timeout', default='20')}
+    given = [word for path in values.files for word in ('--params-file', path)]
+    processes = [ExecuteProcess(
+        cmd=[sys.executable, '-m', 'telescope_mount.parent', path, '--ros-args', '-r',
+             f'__ns:={values["namespace"]}', *given],
+        name=Path(path).stem, **patient) for path in drivers]
+    pictures = _pictures(values, specs) if values.truth('display') else []
+    processes += [Node(package='telescope_mount', executable=spec.name, name=spec.name,
+                       namespace=values['namespace'],
+                       parameters=[spec.parameters, *values.files], **patient) for spec in specs]
+    # a night without one of them would wait for ever
+    return processes + pictures + [
+        RegisterEventHandler(OnProcessExit(target_action=process, on_exit=end_all))
+        for process in processes]
+
+
+def _pictures(values, specs):
+    """What shows the mount; a night goes on without it."""
+    told = next(spec.parameters for spec in specs if spec.name == 'star_observer')
+    own = {name: told[name] for name in ('mount', 'use_sim_time') if name in told}
+    place = {'namespace': values['namespace'], 'output': 'screen'}
+    display = {'package': 'telescope_mount', 'executable': 'mount_display',
+               'name': 'mount_display', **place}
+    try:
+        get_package_prefix('robot_state_publisher')
+    except (LookupError, OSError):  # no tf: markers show it
+        return [Node(parameters=[own, *values.files], **display)]
+    shape = urdf(parse_mount(own['mount'], _latitude(values.files) * DEG))
+    return [Node(parameters=[own | {'description': False}, *values.files], **display),
+            Node(package='robot_state_publisher', executable='robot_state_publisher',
+                 name='robot_state_publisher', **place, parameters=[{
+                     'robot_description': shape,
+                     'use_sim_time': own.get('use_sim_time', False)}])]
+
+
+def _latitude(files):
+    """Of a parameter file that has one for all nodes, degrees; else the default."""
+    for path in files:
+        read = yaml.safe_load(Path(path).read_text(encoding='utf-8')) or {}
+        for node in ('/**', '/**/star_observer'):
+            found = read.get(node, {}).get('ros__parameters', {})
+            if 'latitude_deg' in found:
+                return float(found['latitude_deg'])
+    return DEFAULT_SITE.latitude / DEG
+
+
+def end_all(event, context):
+    """End the launch as a process of it has ended: with code 1 unless that had 0."""
+    if context.is_shutdown:  # Ctrl-C: all end, and each has its signal already
+        return None
+    if event.returncode:  # launch ends all the same, but with code 1 and this line
+        raise RuntimeError(f'{event.process_name} ended with code {event.returncode}')
+    return EmitEvent(event=Shutdown(reason=f'{event.process_name} ended'))
+
+
+def description(file, arguments, actions):
+    """The LaunchDescription.
+
+    Parameters
+    ----------
+    file : str
+        Name of the launch file.
+    arguments : sequence of (str, str, str)
+        As `ros2 launch ... --show-args` lists them: name, default, text. `SHARED` come after them.
+    actions : callable
+        ``actions(values)``, a `Values`: the actions; ValueError for what cannot be used.
+    """
+    arguments = (*arguments, *SHARED)
+    return LaunchDescription([
+        *(SetEnvironmentVariable(name, os.environ.get(name, default))
+          for name, default in ENVIRONMENT.items()),
+        SetEnvironmentVariable(PARENT, str(os.getpid())),
+        *(DeclareLaunchArgument(name, default_value=default, description=text)
+          for name, default, text in arguments),
+        OpaqueFunction(function=lambda context: actions(Values(file, arguments, context)))])

@@ -1,0 +1,184 @@
+"""Observations of a log, computed again from readings, exposures and tracks."""
+
+import struct
+from bisect import bisect_right
+from collections import deque
+
+import numpy as np
+
+from msg_tools.convert import read_joints, read_trajectory
+from pointing_model.mounts import is_beyond
+from pointing_model.observing.pairing import (
+    CLOCK_JUMP,
+    RATE_OVER,
+    centred,
+    centred_second,
+    half_of,
+    interpolate,
+    mean_over,
+)
+
+#: readings of an encoder that are kept until the observation of their time comes
+READINGS = 50_000
+#: ns that an observation waits for readings after it, where no more of them are kept
+PATIENCE = 60 * 10**9
+#: topics of the encoders -> their names in the columns of a run
+RAW = {'incremental/joint_states': 'enc', 'absolute/joint_states': 'abs'}
+
+
+def at_time(stamp):
+    """A stamp (ns) in words."""
+    return f'{stamp // 10**9}.{stamp % 10**9:09d} s'
+
+
+class Pairing:
+    """Observations from readings and exposures, as the observer makes them.
+
+    Parameters
+    ----------
+    log : BagReader
+    prefix : str
+        Of its topics.
+    check : object
+        With ``compare(kind, logged, computed, where)`` and the list ``unchecked``.
+    """
+
+    def __init__(self, log, prefix, check):
+        self._log, self._prefix, self._check = log, prefix, check
+        self._tracks = None  # stamp -> the request that began then, once a row asks for it
+        self._readings = {encoder: deque(maxlen=READINGS) for encoder in RAW.values()}
+        self.frames = {}
+        self._waiting = deque()
+        self.offsets = {}
+
+    def reading(self, encoder, message):
+        """Keep a reading; decoded only if an observation falls beside it."""
+        stamp = _stamp_in(message)
+        readings = self._readings[encoder]
+        if stamp is None or (readings and 0 <= readings[-1][0] - stamp < CLOCK_JUMP):
+            return  # the observer refuses it: two encoders on one topic
+        readings.append((stamp, message))
+        if self._waiting:
+            self._go_on()
+
+    def observation(self, stamp, run):
+        """Compare as soon as there are readings on both sides."""
+        self._waiting.append((stamp, run))
+        self._go_on()
+
+    def _go_on(self, end=False):
+        while self._waiting:
+            stamp, run = self._waiting[0]
+            readings = [r for encoder, r in self._readings.items() if f'az_{encoder}' in run]
+            newest = [r[-1][0] if r else 0 for r in readings]
+            ready = (stamp + _late(run) in self.frames
+                     and min(newest) > stamp and min(newest) >= stamp + _half(run))
+            # nodes are not logged in the order in which they heard each other: on a busy machine
+            # one's messages come in a bunch, minutes of a simulated night at once
+            full = any(len(r) == READINGS for r in readings)
+            if not (ready or end or (full and max(newest) >= stamp + PATIENCE)):
+                return
+            self._waiting.popleft()
+            self._compare(stamp, run)
+
+    def finish(self, observations):
+        """Compare what still waits, and the offsets of all `observations`."""
+        self._go_on(end=True)
+        for stamp, run in observations.items():
+            if stamp in self.offsets:
+                x, y = run.offsets()
+                self._check.compare('offset', self.offsets[stamp], [x[0], y[0]], at_time(stamp))
+
+    def _compare(self, stamp, run):
+        miss, half = self.frames.get(stamp + _late(run)), _half(run)
+        track = self._track(stamp - half) if half else None
+        found = {}
+        beyond = not run.mount.altaz and bool(is_beyond(run['el'][0]))
+        for encoder, readings in self._readings.items():
+            angles = self._around(readings, stamp, half)
+            if miss is None or angles is None or (half and track is None):
+                continue
+            stamps, readings = angles
+            angles = stamps, [run.mount.on_travel(*reading) for reading in readings]
+            angle, rate = interpolate(*angles, stamp, RATE_OVER)
+            if half:
+                angle = mean_over(*angles, track, stamp, half)
+            if encoder == 'enc':
+                read, found[encoder] = angle, np.array(centred(*angle, *miss, beyond))
+                # of logs from before it was taken over a second
+                rates = rate, interpolate(*angles, stamp)[1]
+            elif 'enc' in found:
+                found[encoder] = centred_second(angle, read, miss, beyond)
+        if 'enc' not in found:
+            self._check.unchecked.append(
+                f'observation of {at_time(stamp)}: its exposure, its '
+                f'{"track " if half else ""}or its readings are not in the log')
+            return
+        for encoder, angle in found.items():
+            if f'az_{encoder}' in run:
+                logged = [run[f'{axis}_{encoder}'][0] for axis in ('az', 'el')]
+                self._check.compare(f'{encoder} of observation', logged, angle, at_time(stamp))
+        if 'az_rate' in run:
+            logged = [run['az_rate'][0], run['el_rate'][0]]
+            rate = rates[1] if np.array_equal(logged, rates[1]) else rates[0]
+            self._check.compare('rate of observation', logged, rate, at_time(stamp))
+
+    def _track(self, begin):
+        """The track on which an exposure that began at `begin` (ns) was made, or None."""
+        if self._tracks is None:
+            found = {}  # a request is renewed again and again; one without points withdraws it
+            for message in self._log.messages(self._prefix + 'request'):
+                stamp = _stamp_in(message)
+                if stamp is None or stamp in found:
+                    continue
+                data = self._log.decode(message)
+                if data is not None and data.points:
+                    found[stamp] = read_trajectory(data)
+            self._tracks = sorted(found.items())
+        place = bisect_right(self._tracks, begin, key=lambda pair: pair[0])
+        if not place:
+            return None
+        start, times, angles, _ = self._tracks[place - 1][1]
+        return start, times, angles
+
+    def _around(self, readings, stamp, half):
+        """Stamps and angles of the readings about an exposure, or None.
+
+        From a second before its middle, or from before its begin, to the first after its end.
+        """
+        after, before = [], []
+        for when, message in reversed(readings):
+            if when >= stamp:
+                after.append((when, message))
+                continue
+            before.append((when, message))
+            if when < min(stamp - RATE_OVER, stamp - half):
+                break
+        after.reverse()
+        last = next((i for i, (when, _) in enumerate(after) if when >= stamp + half), None)
+        if not before or last is None:
+            return None
+        around = [*before[::-1], *after[:last + 1]]
+        decoded = [self._log.decode(message) for _, message in around]
+        if None in decoded:
+            return None
+        return [when for when, _ in around], [read_joints(data)[1] for data in decoded]
+
+
+def _stamp_in(message):
+    """Of the header of a message that is not decoded, ns; None where it is too short."""
+    order = '<' if message.data[1:2] == b'\1' else '>'
+    if len(message.data) < 12:
+        return None
+    sec, nanosec = struct.unpack_from(f'{order}iI', message.data, 4)
+    return sec * 1_000_000_000 + nanosec
+
+
+def _half(run):
+    """Half the exposure of a row, ns; 0 where its middle decided."""
+    return half_of(float(run['exposure'][0])) if 'exposure' in run else 0
+
+
+def _late(run):
+    """What was taken off the camera's stamp, ns."""
+    return round(1e9 * float(run['camera_late'][0])) if 'camera_late' in run else 0

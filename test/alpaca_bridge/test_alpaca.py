@@ -1,0 +1,258 @@
+"""Mounts of an Alpaca server: at one that a test writes, and at the simulators of the package."""
+
+import importlib.util
+import json
+import socket
+import subprocess
+import sys
+import threading
+import time
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from urllib.parse import parse_qs
+
+import numpy as np
+import pytest
+
+from alpaca_bridge.driver import AlpacaDriver
+from alpaca_bridge.telescope import AlpacaError, AlpacaTelescope
+from indi_bridge.dead_man import ALPACA, DeadMan
+from indi_bridge.goto_mount import NO_AXES
+from msg_tools.units import ARCSEC, DEG
+from pointing_model.mounts import Mount
+from pointing_model.sky import DEFAULT_SITE, sidereal_time
+
+pytest.importorskip('alpaca', reason='alpyca is not installed (extra alpaca)')
+FORK = Mount.equatorial(DEFAULT_SITE.latitude)
+GERMAN = Mount.equatorial(DEFAULT_SITE.latitude, 'german')
+SITE = {'SiteLatitude': DEFAULT_SITE.latitude / DEG, 'SiteLongitude': DEFAULT_SITE.longitude / DEG}
+
+
+class Server:
+    """Alpaca as far as a telescope needs it, as a context; `got` is what clients have set."""
+
+    def __init__(self, port=0, **state):
+        self.state = {
+            'Connected': False, 'AlignmentMode': 1, 'EquatorialSystem': 1, 'CanSlewAsync': True,
+            'SiteElevation': 0.0, 'RightAscension': 5.0, 'Declination': 60.0, 'Slewing': False,
+            'Tracking': False, 'SideOfPier': 0, 'AtPark': True, **SITE, **state}
+        self.got = []
+        named = {name.lower(): name for name in self.state}
+        outer = self
+
+        class Handler(BaseHTTPRequestHandler):
+            protocol_version = 'HTTP/1.1'
+
+            def answer(self, value, number=0, text=''):
+                data = json.dumps({'Value': value, 'ErrorNumber': number, 'ErrorMessage': text,
+                                   'ClientTransactionID': 1, 'ServerTransactionID': 1}).encode()
+                self.send_response(200)
+                self.send_header('Content-Type', 'application/json')
+                self.send_header('Content-Length', str(len(data)))
+                self.end_headers()
+                self.wfile.write(data)
+
+            def do_GET(self):
+                name = named.get(self.path.split('?')[0].rpartition('/')[2])
+                if name is None:
+                    self.answer(None, 0x400, 'not implemented')
+                else:
+                    self.answer(outer.state[name])
+
+            def do_PUT(self):
+                order = self.path.rpartition('/')[2]
+                size = int(self.headers.get('Content-Length', 0))
+                told = {key: value[0] for key, value in parse_qs(
+                    self.rfile.read(size).decode()).items()}
+                outer.got.append((order, told))
+                outer.obey(order, named.get(order), told)
+                self.answer(None)
+
+            def log_message(self, *_):
+                pass
+
+        self._http = ThreadingHTTPServer(('127.0.0.1', port), Handler)
+        self._http.daemon_threads = True
+        self.port = self._http.server_port
+
+    def obey(self, order, name, told):
+        """The mount is there at once."""
+        if name is not None:
+            value = told[name]
+            self.state[name] = (value == 'True' if value in ('True', 'False') else float(value))
+        elif order == 'slewtocoordinatesasync':
+            self.state |= {'RightAscension': float(told['RightAscension']),
+                           'Declination': float(told['Declination'])}
+        elif order == 'unpark':
+            self.state['AtPark'] = False
+
+    def orders(self, name):
+        """What was told of one kind."""
+        return [told for order, told in list(self.got) if order == name]
+
+    def __enter__(self):
+        threading.Thread(target=self._http.serve_forever, args=(0.05,), daemon=True).start()
+        return self
+
+    def __exit__(self, *_):
+        self._http.shutdown()
+        self._http.server_close()
+
+
+class Bench:
+    """A driver at a port, as a context."""
+
+    def __init__(self, port, mount=FORK, **options):
+        self.driver = AlpacaDriver('127.0.0.1', port, mount, DEFAULT_SITE, **{
+            'dead_man': False, 'retry': 0.1, 'period': 0.05, **options})
+        self.last = None
+
+    def __enter__(self):
+        self.driver.start()
+        return self
+
+    def __exit__(self, *_):
+        self.driver.close(0.0)
+
+    def until(self, condition, seconds=15.0):
+        """Go on until `condition` gives something true, and return that."""
+        end = time.monotonic() + seconds
+        while not (found := condition()):
+            assert time.monotonic() < end, self.driver.state()
+            for stamp, angles in self.driver.readings():
+                self.last = stamp, angles
+            if self.driver.ready:
+                self.driver.step()
+            time.sleep(0.01)  # polls: another process's doing
+        return found
+
+
+def track(first, second, seconds=100.0):
+    """A track of a star, from angles of now, deg."""
+    times = np.array([0.0, seconds])
+    rates = np.tile([15.041067 * ARCSEC, 0.0], (2, 1))
+    return time.time_ns(), times, np.array([first, second]) * DEG + times[:, None] * rates, rates
+
+
+def test_it_is_unparked_tells_its_position_is_pointed_and_stopped():
+    with Server() as server, Bench(server.port) as bench:
+        bench.until(lambda: bench.last)
+        assert bench.driver.state() == (NO_AXES, False) and server.orders('unpark')
+        stamp, axes = bench.last
+        lst = sidereal_time(stamp * 1e-9, DEFAULT_SITE)
+        assert np.cos(axes[0] - (lst - 75.0 * DEG)) == pytest.approx(1.0, abs=1e-9)
+        assert axes[1] / DEG == pytest.approx(60.0)
+        star = track(30.0, 20.0)
+        for _ in range(3):
+            bench.driver.command(*star)
+            bench.driver.step()
+        told = bench.until(lambda: server.orders('slewtocoordinatesasync'))[0]
+        assert len(server.orders('slewtocoordinatesasync')) == 1
+        assert float(told['Declination']) == pytest.approx(20.0)
+        assert server.state['Tracking'] is True
+        assert float(told['RightAscension']) * 15.0 == pytest.approx(
+            (sidereal_time(time.time(), DEFAULT_SITE) / DEG - 30.0) % 360.0, abs=0.1)
+        bench.driver.command(time.time_ns(), np.array([0.0, 0.1]), np.zeros((2, 2)),
+                             np.zeros((2, 2)))
+        bench.until(lambda: server.orders('abortslew') and server.state['Tracking'] is False)
+        assert not any(order == 'sync' for order, _ in server.got)
+
+
+def test_a_german_mount_is_read_by_its_side_of_the_pier():
+    with Server(AlignmentMode=2, SideOfPier=1) as server, Bench(server.port, GERMAN) as bench:
+        bench.until(lambda: bench.last)
+        assert bench.last[1][1] / DEG == pytest.approx(120.0)
+        assert bench.driver.details()[2] == ('side of the pier', 'pierWest')
+    with Server(AlignmentMode=2, SideOfPier=-1) as server, Bench(server.port, GERMAN) as bench:
+        bench.until(lambda: 'does not tell its side of the pier' in bench.driver.state()[0])
+
+
+@pytest.mark.parametrize('state, words', [
+    ({'AlignmentMode': 0}, 'is a mount of the kind altaz, and the parameter mount says'),
+    ({'EquatorialSystem': 2}, 'takes places of another equinox'),
+    ({'CanSlewAsync': False}, 'cannot slew'),
+])
+def test_what_cannot_be_done_is_one_line(state, words):
+    with Server(**state) as server, Bench(server.port) as bench:
+        bench.until(lambda: words in bench.driver.state()[0])
+        with pytest.raises(ValueError, match='no mount to command: '):
+            bench.driver.command(*track(0.0, 0.0))
+
+
+def test_a_site_that_differs_is_told_unless_that_is_not_allowed():
+    with Server(SiteLatitude=10.0) as server:
+        with Bench(server.port) as bench:
+            bench.until(lambda: bench.driver.ready)
+            assert server.state['SiteLatitude'] == pytest.approx(DEFAULT_SITE.latitude / DEG)
+        server.state['SiteLatitude'] = 10.0
+        with Bench(server.port, set_site=False) as bench:
+            bench.until(lambda: 'stands elsewhere than the parameters' in bench.driver.state()[0])
+
+
+def test_a_server_that_is_gone_is_said_and_found_again():
+    with Server() as server, Bench(server.port) as bench:
+        bench.until(lambda: bench.last)
+        server.__exit__()
+        server.state.clear()  # who is connected still is answered nonsense
+        bench.until(lambda: 'is lost: a mount whose driver still runs' in bench.driver.state()[0]
+                    or 'no answer' in bench.driver.state()[0])
+        assert not bench.driver.readings() and not bench.driver.ready
+        with pytest.raises(AlpacaError, match='no answer'):
+            AlpacaTelescope('127.0.0.1', server.port).poll()
+        with Server(port=server.port):
+            bench.until(lambda: bench.driver.ready)
+
+
+def test_a_mount_is_stopped_when_its_commander_dies():
+    with Server() as server:
+        process = DeadMan('127.0.0.1', server.port, '0', kind=ALPACA)
+        assert process.tell(True)
+        process.close()
+        end = time.monotonic() + 10.0
+        while not (server.orders('abortslew') and server.orders('tracking')):
+            assert time.monotonic() < end
+            time.sleep(0.01)  # polls: another process's doing
+
+
+class Simulators:
+    """The server of the package alpaca-simulators, as a context."""
+
+    def __init__(self):
+        with socket.socket() as probe:
+            probe.bind(('127.0.0.1', 0))
+            self.port = probe.getsockname()[1]
+
+    def __enter__(self):
+        self._process = subprocess.Popen(
+            [sys.executable, '-m', 'alpaca_simulators.run_simulator', '--host', '127.0.0.1',
+             '--port', str(self.port)], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL)
+        end = time.monotonic() + 30.0
+        while True:
+            try:
+                socket.create_connection(('127.0.0.1', self.port), 1.0).close()
+                return self
+            except OSError:
+                assert self._process.poll() is None and time.monotonic() < end
+                time.sleep(0.05)  # polls: another process's port gives no event to wait for
+
+    def __exit__(self, *_):
+        self._process.terminate()
+        self._process.wait(10.0)
+
+
+@pytest.mark.skipif(importlib.util.find_spec('alpaca_simulators') is None,
+                    reason='the package alpaca-simulators is not installed')
+def test_the_simulators_telescope_follows_and_stands():
+    with Simulators() as server, Bench(server.port, period=0.1) as bench:
+        bench.until(lambda: bench.last)
+        start, times, angles, rates = track(40.0, 30.0)
+        bench.driver.command(start, times, angles, rates)
+
+        def off():
+            stamp, axes = bench.last
+            want = [np.interp((stamp - start) * 1e-9, times, axis) for axis in angles.T]
+            return np.abs(axes - want).max() / ARCSEC
+        bench.until(lambda: bench.driver.telescope.tracks and not bench.driver.telescope.slewing
+                    and off() < 1.5)
+        bench.driver.abort()
+        bench.until(lambda: bench.driver.telescope.tracks is False)

@@ -1,0 +1,46 @@
+from types import SimpleNamespace
+
+import pytest
+
+from msg_tools.rivals import INSTANCE, earlier_rival, new_instance
+
+EARLY, LATE = new_instance(10**18), new_instance(2 * 10**18)
+
+
+def status(instance, name='/mount/camera', topics=('/mount/zero',)):
+    """What a node reports of itself."""
+    rows = {INSTANCE: instance} if instance else {}
+    rows |= {f'publishes {topic}': '1' for topic in topics}
+    return SimpleNamespace(name=name, values=[
+        SimpleNamespace(key=key, value=value) for key, value in rows.items()])
+
+
+def rival(own, other):
+    return earlier_rival(own, '/mount/calibration', ['/mount/model', '/mount/zero'], other)
+
+
+def test_of_two_publishers_the_one_that_started_later_goes():
+    assert rival(LATE, status(EARLY)).startswith('/mount/zero is published by /mount/camera (')
+    assert 'process' in rival(LATE, status(EARLY))
+    assert rival(EARLY, status(LATE)) == ''
+
+
+def test_of_two_that_started_at_once_one_goes():
+    one, other = new_instance(7), new_instance(7)
+    assert bool(rival(one, status(other))) != bool(rival(other, status(one)))
+
+
+def test_the_order_is_that_of_numbers():
+    assert rival(new_instance(10), status(new_instance(9)))
+
+
+def test_two_of_one_name_are_rivals_without_a_common_topic():
+    other = status(EARLY, '/mount/calibration', ())
+    assert 'is running already' in rival(LATE, other)
+
+
+@pytest.mark.parametrize('other', [
+    status(LATE), status(EARLY, topics=['/mount2/zero']), status(EARLY, topics=['/mount/zero2']),
+    status(EARLY, topics=()), status(''), status('of another program')])
+def test_no_rival(other):
+    assert rival(LATE, other) == ''

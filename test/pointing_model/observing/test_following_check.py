@@ -1,0 +1,57 @@
+"""What is said of axes by their readings, where the guard may send them another way."""
+
+import numpy as np
+
+from msg_tools.units import ARCSEC, DEG
+from pointing_model.mounts import ALTAZ
+from pointing_model.observing.following_check import FollowingCheck
+from pointing_model.observing.pointing import Track
+
+SECOND = 10**9
+SPEED = 4.0 * DEG
+
+
+def says(moves, sent, seconds=40.0, drift=0.1):
+    """All sentences about azimuths of a mount that is asked to go from 100 to -80 deg."""
+    times = np.array([0.0, 60.0])
+    demand = np.array([[-80.0, 40.0], [-80.0 + drift, 40.0]]) * DEG
+    here = np.array([100.0, 40.0]) * DEG
+    check = FollowingCheck(Track(0, times, demand, np.zeros((2, 2))), here, ALTAZ, 60.0 * ARCSEC)
+    found = {}
+    for i in range(round(seconds / 0.5)):
+        t = 0.5 * i
+        place = np.array([moves(t), 40.0 * DEG])
+        wanted = None if sent is None else np.array([sent(t), 40.0 * DEG])
+        text = check.say(round(t * SECOND), place, wanted)
+        if text:
+            found.setdefault(text, t)
+    return found
+
+
+def to(end, begin=100.0):
+    """An even motion."""
+    way = (end - begin) * DEG
+    return lambda t: begin * DEG + np.sign(way) * min(SPEED * t, abs(way))
+
+
+def test_the_longer_way_because_of_cables_is_no_fault():
+    assert says(to(280.0), to(280.0)) == {}
+    # from 60 it is first farther away, which nobody who does not know the command understands
+    assert says(to(280.0, 60.0), to(280.0, 60.0)) == {}
+    assert any('moves away' in text for text in says(to(280.0, 60.0), None))
+
+
+def test_an_axis_that_rests_where_it_is_sent_on_the_way_around_is_no_fault():
+    def around(t):
+        return to(20.0)(t) if t < 25.0 else to(-80.0, 20.0)(t - 25.0)
+    assert says(around, around, 55.0) == {}
+
+
+def test_an_axis_that_does_not_go_where_it_is_sent_is_named_in_time():
+    (text, when), *_ = says(lambda t: 100.0 * DEG, to(280.0)).items()
+    assert text == 'no axis has moved since the command' and when <= 1.5
+
+
+def test_an_axis_that_ends_beside_its_demand_is_named():
+    found = says(to(279.0), to(280.0), 50.0, drift=0.0)
+    assert any('stays' in text for text in found), found

@@ -1,0 +1,77 @@
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from pointing_model.mount_shape import (
+    TUBE,
+    TURNS,
+    euler,
+    frames_of,
+    parts_of,
+    placed,
+    quaternion,
+    rotation,
+    urdf,
+)
+from pointing_model.mounts import parse_mount
+
+MOUNTS = [parse_mount(text, latitude) for text in ('altaz', 'equatorial', 'german', 'free:30,40,20')
+          for latitude in (-0.6, 0.0, 1.5)]
+
+
+def chain(text, angles):
+    """Rotation of the boresight by the joints of a URDF, as a publisher of tf has it."""
+    joints = {joint.find('child').get('link'): joint
+              for joint in ElementTree.fromstring(text).iter('joint')}
+    link, out = 'boresight', np.eye(3)
+    while link in joints:
+        joint = joints[link]
+        turn = np.eye(3)
+        if joint.get('type') != 'fixed':
+            x, y, z = (float(v) for v in joint.find('axis').get('xyz').split())
+            k = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+            a = angles[joint.get('name')]
+            turn = np.eye(3) + np.sin(a) * k + (1.0 - np.cos(a)) * k @ k  # Rodrigues
+        rpy = [float(v) for v in joint.find('origin').get('rpy').split()]
+        out = rotation(rpy) @ turn @ out
+        link = joint.find('parent').get('link')
+    assert link == 'mount_enu'
+    return out
+
+
+@pytest.mark.parametrize('mount', MOUNTS)
+def test_the_boresight_looks_where_the_mount_does(mount):
+    text = urdf(mount)
+    for angles in np.random.default_rng(5).uniform(-4.0, 4.0, (20, 2)):
+        frames = frames_of(mount, angles)
+        np.testing.assert_allclose(frames[TUBE][:, 0], mount.direction(*angles), atol=1e-12)
+        joints = dict(zip(mount.names.keys, angles))
+        np.testing.assert_allclose(chain(text, joints), frames[TUBE], atol=1e-7)
+
+
+def test_a_tube_at_rest_has_its_left_and_its_up_as_rep_103_says():
+    frame = frames_of(parse_mount('altaz', 0.6), (0.0, 0.0))[TUBE]
+    np.testing.assert_allclose(frame, [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-12)
+
+
+def test_quaternions_and_angles_are_those_of_the_rotation():
+    for rpy in [*np.random.default_rng(6).uniform(-1.5, 1.5, (50, 3)), (0.0, np.pi / 2, 0.3),
+                (np.pi, 0.0, 0.0)]:
+        matrix = rotation(rpy)
+        x, y, z, w = quaternion(matrix)
+        assert w >= 0.0
+        np.testing.assert_allclose(matrix @ [1.0, 0.0, 0.0], [
+            1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w)], atol=1e-12)
+        np.testing.assert_allclose(matrix @ [0.0, 1.0, 0.0], [
+            2 * (x * y - z * w), 1 - 2 * (x * x + z * z), 2 * (y * z + x * w)], atol=1e-12)
+        np.testing.assert_allclose(rotation(euler(matrix)), matrix, atol=1e-9)
+
+
+@pytest.mark.parametrize('hour_angle, declination', [(60.0, 20.0), (120.0, 150.0)])
+def test_the_counterweight_of_a_german_mount_hangs_down_on_both_sides(hour_angle, declination):
+    mount = parse_mount('german', 0.6)
+    frames = frames_of(mount, np.radians([hour_angle, declination]))
+    weight = min((part for part in parts_of(mount) if part.link == TURNS), key=lambda p: p.xyz[1])
+    tube = next(part for part in parts_of(mount) if part.link == TUBE)
+    assert placed(weight, frames)[0][2] < -0.1 < 0.1 < placed(tube, frames)[0][2]
