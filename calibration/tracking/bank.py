@@ -224,8 +224,8 @@ class Bank:
         total = np.logaddexp.reduce(likely.reshape(-1))
         likely -= total
         each = np.exp(likely).sum(axis=2)
-        order = np.argsort(-each, axis=None)[:4 * self._most]
-        order = order[each.reshape(-1)[order] > 1e-9]
+        order = np.argsort(-each, axis=None)[:2 * self._most]
+        order = order[each.reshape(-1)[order] > 1e-6]
         way, before = np.unravel_index(order, each.shape)
         return [(likely[w, b], b, ways[w][0]) for w, b in zip(way, before)]
 
