@@ -1,0 +1,1 @@
+"""A model that follows the mount through the night; see docs/tracking.md."""
