@@ -377,7 +377,10 @@ def slew_boxes(state, cubic, axes, timing, finer=1):
     slow = slow or fast
     arrival = max(move.end for move in slow)
     # stopped on the way, an axis goes on for as long as it brakes, and the other may stand already
-    brakes = np.array([[abs(move.cruise) / axis.acceleration] for move, axis in zip(fast, axes)])
+    # gone on with that speed it covers twice the braking distance; of the slowest drive once
+    longer = max(1.0, 0.5 / timing)
+    brakes = np.array([[longer * abs(move.cruise) / axis.acceleration]
+                       for move, axis in zip(fast, axes)])
     way = max(abs(float(cubic.angles[0, i]) - state.angles[i]) for i in _AXES)
     count = finer * int(min(max(way / STEP, 8.0), MOST))
     dt = arrival / count

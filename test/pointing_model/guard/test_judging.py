@@ -13,7 +13,7 @@ from pointing_model.guard.limits import (
     safe_travel,
     travel_of,
 )
-from pointing_model.guard.motion import Cubic, State
+from pointing_model.guard.motion import Cubic, State, slew_boxes
 from pointing_model.guard.sun import Sun, sun_place, turned
 from pointing_model.guard.way import around, lead
 from pointing_model.mounts import Mount
@@ -193,6 +193,18 @@ def test_a_track_that_ends_in_motion_has_room_to_stop(judge):
     assert isinstance(judge.judge(*fast, at(30.0, 40.0)), Allowed)
     high = fast[0], fast[1] + np.array([0.0, 4.8]) * DEG, fast[2]
     assert 'elevation of the track from' in refused(judge, *high, at(30.0, 44.5))
+
+
+def test_boxes_reach_to_where_a_fast_axis_stops_that_brakes_slowly():
+    axes = (Axis(-4.0, 4.0, 5.0 * DEG, 4.0 * DEG), Axis(-2.0, 2.0, 5.0 * DEG, 4.0 * DEG))
+    there = Cubic(np.zeros(1), np.array([[90.0, 0.0]]) * DEG, np.zeros((1, 2)))
+    for timing in (0.3, 0.5, 0.9):
+        for finer in (1, 6):
+            boxes = slew_boxes(at(-60.0, 30.0), there, axes, timing, finer)
+            t = np.linspace(2.0, 20.0, 200)  # with full speed
+            here = -60.0 + 5.0 * (t - 5.0 / 4.0 / 2.0)
+            reached = boxes.high[0][(t / (2.0 * boxes.time[0])).astype(int)] / DEG
+            assert np.all(reached > here + 5.0**2 / (2.0 * 4.0 * timing))
 
 
 def test_an_axis_in_full_speed_goes_beyond_a_target_that_stops_before_it():
