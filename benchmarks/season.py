@@ -137,8 +137,8 @@ def main():
             print(f'  {name:28} median {np.median(ratio):5.2f}, 90 % {np.quantile(ratio, .9):6.2f}')
         k = len(NAMES)
         beyond = np.count_nonzero(found[:, 4] * k > chi2.isf(0.01, k))
-        print(f'  chi^2 of the forecast, a term: median {np.median(found[:, 4]):.2f}; beyond what one '
-              f'in 100 is: {beyond}')
+        print(f'  chi^2 of the forecast, a term: median {np.median(found[:, 4]):.2f}; beyond what '
+              f'one in 100 is: {beyond}')
     print(f'# {time.perf_counter() - began:.0f} s')
 
 

@@ -15,67 +15,23 @@ from std_srvs.srv import Trigger
 from msg_tools import convert, topics
 from msg_tools.homing import cloud_to_homing
 from msg_tools.long_work import LongWork
-from msg_tools.node import MountNode, Param, run_node
+from msg_tools.node import MountNode, run_node
 from msg_tools.status import OBSERVATIONS, Progress, handover_rows
-from msg_tools.units import ARCSEC, DEG
+from msg_tools.units import ARCSEC
 from pointing_model.effects import declared_graduation
-from pointing_model.harmonics import DEGREE
 from pointing_model.in_force_message import text_to_pair
 from pointing_model.model import PointingModel
 from pointing_model.model_document import identity
 from pointing_model.run_messages import cloud_to_run, run_to_cloud
 from pointing_model.zero_message import zero_to_joints
 
+from .calibration_params import PARAMS, TRACK, site_of
 from .check import ways
 from .distrust import contradicted
-from .fit import RCOND_HARMONICS
-from .harmonic_fit import CHOICES, choice_of
+from .harmonic_fit import choice_of
 from .nights import NightSeries
 from .session import CalibrationSession
 from .witnesses import UNJUDGED, homings_of
-
-
-def _site(text):
-    """Latitude and longitude in rad from two numbers in degrees, or None for an empty text."""
-    if not text.strip():
-        return None
-    try:
-        latitude, longitude = (float(part) for part in text.split(','))
-    except ValueError:
-        raise ValueError('write latitude and longitude in degrees, "34.3, 109.0"') from None
-    if not (-90.0 <= latitude <= 90.0 and -360.0 <= longitude <= 360.0):
-        raise ValueError('a latitude of -90 to 90 and a longitude of -360 to 360 degrees')
-    return {'latitude': latitude * DEG, 'longitude': longitude * DEG}
-
-
-PARAMS = (
-    Param('model_file', '', 'pointing model of an earlier night (JSON or YAML), the reference of '
-          'the zero', fixed=True),
-    Param('split_seed', 1, 'seed of the choice of stars held out of the check', 0, 2**31 - 1,
-          fixed=True),
-    Param('least_exposures', 16, 'exposures below which a zero comes with a warning',
-          1, 100000),
-    Param('reference_age', 0, 'the reference of a zero is the model fitted so many power-ons '
-          'before; 0: model_file for all', 0, 1000, fixed=True),
-    Param('alpha', 0.01, 'chance that the service diagnose adds an effect to a clean night', 1e-6,
-          0.5),
-    Param('site', '', 'latitude and longitude of the mount [deg], such as "34.3, 109.0", for '
-          'what follows the stars; empty: unknown', check=_site),
-    Param('diagnosed_at', 0, 'stamp of the newest observation that the service diagnose takes '
-          '[ns]; 0: all. For replays, which have all of them at once', 0, 2**63 - 1, fixed=True),
-    Param('graduation', '', 'lines in a turn of the encoder, such as grating=47200, for readings '
-          'that slipped by whole lines; empty: unknown', fixed=True, check=declared_graduation),
-    Param('harmonics', 'none', "paper 000's harmonics in the model that is published, by how their "
-          'E is read: zenith distance, or as printed', choices=CHOICES, fixed=True),
-    Param('harmonics_alone', False, 'the harmonics without the physical terms, as in the paper; '
-          'else of what the terms leave', fixed=True),
-    Param('harmonics_degree', 0, 'of the harmonics; 0: the one that predicts stars left out best',
-          0, DEGREE, fixed=True),
-    Param('harmonics_rcond', RCOND_HARMONICS, 'combinations of their coefficients that the stars '
-          'determine so much worse than the best are left out; 1e-12: none is', 1e-12, 0.1,
-          fixed=True),
-    Param('diagnosis_page', '', 'HTML file that the service diagnose writes; empty: none'),
-)
 
 
 class Calibration(MountNode):
@@ -91,6 +47,13 @@ class Calibration(MountNode):
             'harmonics', 'harmonics_alone', 'harmonics_degree', 'harmonics_rcond')})
         self._session = (NightSeries(age, reference, seed, harmonics) if age
                          else CalibrationSession(reference, seed, harmonics=harmonics))
+        if age and self.value('mode') == TRACK:
+            raise ValueError('mode track follows one night after the other by itself: leave out '
+                             'reference_age')
+        self._tracking = None
+        if self.value('mode') == TRACK:
+            from .tracking.live import LiveTracking
+            self._tracking = LiveTracking(self._session)
         self._alarms = []
         self._finding = self._refused = ''
         self._model_name = identity(reference.to_json() if reference else '')
@@ -108,6 +71,7 @@ class Calibration(MountNode):
         self._diagnosis_pub = self.publisher(topics.DIAGNOSIS)
         self._status_pub = self.publisher(topics.CALIBRATION_STATUS)
         self._table_pub = self.publisher(topics.CALIBRATION_TABLE)
+        self._tracking_pub = self.publisher(topics.TRACKING)
         self._long = LongWork(self)
         # OBSERVATIONS is latched: after a restart it brings back the night so far
         for topic, call in ((topics.OBSERVATION, self._on_observation),
@@ -130,6 +94,8 @@ class Calibration(MountNode):
         self._note_starts(run)
         self._say('collecting')
         self._expect_zero()
+        if self._tracking and self._tracking.observed(run):
+            self._publish_tracked()
 
     def _on_table(self, message):
         if message.width:
@@ -143,9 +109,21 @@ class Calibration(MountNode):
 
     # --- started anew, this node or another -----------------------------------------------------
 
+    def _publish_tracked(self):
+        """The model after a star, and what it said."""
+        model, zero = self._tracking.pair()
+        self._send_model(model)
+        self._spoke = True
+        self._zero_pub.publish(zero_to_joints(zero, self._session.last_stamp,
+                                              self._session.names.keys))
+        self._tracking_pub.publish(String(data=json.dumps(self._tracking.document())))
+        self._say(self._tracking.sentence())
+
     def _take_up_rows(self):
         with_zero = self._session.zeros_again()
         told = ways(self._session.zeros.values()) or 'Polaris'
+        if self._tracking:
+            self._tracking.again()
         self._taken_up = [f'{len(self._session)} observations', f'zeros by {told} of power-ons '
                           + (', '.join(map(str, with_zero)) or 'none')]
         self._say_taken_up()
@@ -161,7 +139,9 @@ class Calibration(MountNode):
             return
         text, stamp, zero = text_to_pair(message.data)
         if text:
-            self._session.take_up(PointingModel.from_json(text))
+            model = PointingModel.from_json(text)
+            if not (self._tracking and self._tracking.take_up(model)):
+                self._session.take_up(model)
             self._model_pub.publish(String(data=text))
         self._model_name, self._spoke = identity(text), True
         self._zero_pub.publish(zero_to_joints(zero, stamp, self._session.names.keys))
@@ -224,6 +204,10 @@ class Calibration(MountNode):
         return response
 
     def _work_zero(self):
+        if self._tracking and self._tracking.night is not None:
+            done = 'the zero is followed with each star; nothing is set anew'
+            self._say(done)
+            return done
         run, zero = self._session.calibrate_zero()
         old = self._session.reference
         if self.value('reference_age') and old is not None:
@@ -325,6 +309,8 @@ class Calibration(MountNode):
             self._session.zeros_in_force.newest,
             by=measured and measured.by,
             covariance=None if measured is None else measured.with_fitted_terms))
+        if self._tracking:
+            self._tracking.begin()
 
     def _refuse_beside_another(self):
         if self._long.name:
@@ -339,7 +325,7 @@ class Calibration(MountNode):
             self._refuse_contradicted()
             session = deepcopy(self._session)
             found = await self._long.run('diagnosing', partial(
-                session.diagnose, self.value('alpha'), _site(self.value('site')),
+                session.diagnose, self.value('alpha'), site_of(self.value('site')),
                 self.value('diagnosed_at')))
             self._session = session
             response.message, response.success = self._diagnosed(found), True
@@ -367,7 +353,7 @@ class Calibration(MountNode):
         return done
 
     def _work_judge(self):
-        found = self._session.judge(_site(self.value('site')))
+        found = self._session.judge(site_of(self.value('site')))
         self._publish_finding(found)
         done = found.document['judged']['why']
         if found.document['judged']['taken_back']:
@@ -417,7 +403,8 @@ class Calibration(MountNode):
         """What the three witnesses of the last night disagree on, or cannot say."""
         found = [*([self._contradiction] if self._contradiction else []), *self._alarms,
                  *([UNJUDGED] if self._unjudged() else []),
-                 *([self._refused] if self._refused else [])]
+                 *([self._refused] if self._refused else []),
+                 *(self._tracking.problems() if self._tracking else [])]
         return [(DiagnosticStatus.WARN, text) for text in found]
 
     def details(self):
@@ -426,7 +413,8 @@ class Calibration(MountNode):
                 ('power-ons with a zero', str(len(self._session.zeros))),
                 ('zeros by', ways(self._session.zeros.values()) or 'nothing yet'),
                 ('taken up', '; '.join(self._taken_up) or 'nothing: there from the start'),
-                ('diagnosis', self._finding or 'none yet')]
+                ('diagnosis', self._finding or 'none yet'),
+                *(self._tracking.details() if self._tracking else [])]
 
 
 def main(args=None):

@@ -1,0 +1,57 @@
+"""Parameters of the calibration node."""
+
+from msg_tools.node import Param
+from msg_tools.units import DEG
+from pointing_model.effects import declared_graduation
+from pointing_model.harmonics import DEGREE
+
+from .fit import RCOND_HARMONICS
+from .harmonic_fit import CHOICES
+
+BATCH, TRACK = 'batch', 'track'
+
+
+def site_of(text):
+    """Latitude and longitude in rad from two numbers in degrees, or None for an empty text."""
+    if not text.strip():
+        return None
+    try:
+        latitude, longitude = (float(part) for part in text.split(','))
+    except ValueError:
+        raise ValueError('write latitude and longitude in degrees, "34.3, 109.0"') from None
+    if not (-90.0 <= latitude <= 90.0 and -360.0 <= longitude <= 360.0):
+        raise ValueError('a latitude of -90 to 90 and a longitude of -360 to 360 degrees')
+    return {'latitude': latitude * DEG, 'longitude': longitude * DEG}
+
+
+PARAMS = (
+    Param('mode', BATCH, 'batch: a model when asked to fit; track: a model after each star too, '
+          'from the reference or the fit on, which follows what moves', choices=(BATCH, TRACK),
+          fixed=True),
+    Param('model_file', '', 'pointing model of an earlier night (JSON or YAML), the reference of '
+          'the zero', fixed=True),
+    Param('split_seed', 1, 'seed of the choice of stars held out of the check', 0, 2**31 - 1,
+          fixed=True),
+    Param('least_exposures', 16, 'exposures below which a zero comes with a warning',
+          1, 100000),
+    Param('reference_age', 0, 'the reference of a zero is the model fitted so many power-ons '
+          'before; 0: model_file for all', 0, 1000, fixed=True),
+    Param('alpha', 0.01, 'chance that the service diagnose adds an effect to a clean night', 1e-6,
+          0.5),
+    Param('site', '', 'latitude and longitude of the mount [deg], such as "34.3, 109.0", for '
+          'what follows the stars; empty: unknown', check=site_of),
+    Param('diagnosed_at', 0, 'stamp of the newest observation that the service diagnose takes '
+          '[ns]; 0: all. For replays, which have all of them at once', 0, 2**63 - 1, fixed=True),
+    Param('graduation', '', 'lines in a turn of the encoder, such as grating=47200, for readings '
+          'that slipped by whole lines; empty: unknown', fixed=True, check=declared_graduation),
+    Param('harmonics', 'none', "paper 000's harmonics in the model that is published, by how their "
+          'E is read: zenith distance, or as printed', choices=CHOICES, fixed=True),
+    Param('harmonics_alone', False, 'the harmonics without the physical terms, as in the paper; '
+          'else of what the terms leave', fixed=True),
+    Param('harmonics_degree', 0, 'of the harmonics; 0: the one that predicts stars left out best',
+          0, DEGREE, fixed=True),
+    Param('harmonics_rcond', RCOND_HARMONICS, 'combinations of their coefficients that the stars '
+          'determine so much worse than the best are left out; 1e-12: none is', 1e-12, 0.1,
+          fixed=True),
+    Param('diagnosis_page', '', 'HTML file that the service diagnose writes; empty: none'),
+)

@@ -1,0 +1,114 @@
+"""Tracking beside the calibration of a night: from which model it begins, and what it gives."""
+
+from msg_tools.units import ARCSEC
+from pointing_model.model_document import identity
+from pointing_model.zero import RunZero
+
+from .confidence import HONEST
+from .night import KEY, TrackedNight, noise_of_difference
+
+#: a model of a file that does not tell when it held is of another night, ns
+_A_DAY = 86_400_000_000_000
+
+
+class LiveTracking:
+    """Follows the mount of a `CalibrationSession` from a model on.
+
+    Parameters
+    ----------
+    session : calibration.session.CalibrationSession
+    """
+
+    def __init__(self, session):
+        self._session = session
+        self.night = None
+        self._taken_up = None  # a model that another calibration had come to
+
+    def begin(self):
+        """Begin anew from the model in force, which was fitted to all rows so far."""
+        session = self._session
+        report = session.report or {}
+        noise = report.get('noise_arcsec')
+        self.night = TrackedNight(
+            session.in_force, session.zeros_in_force.newest, session.last_stamp,
+            noise and tuple(float(v) * ARCSEC for v in noise),
+            noise_of_difference(session.observations()))
+
+    def take_up(self, model):
+        """Go on with the night of a tracked model, with the rows that are here.
+
+        Whether it is one; ValueError where what it tells is damaged.
+        """
+        if KEY not in model.provenance:
+            return False
+        self.night = TrackedNight.of_model(model)
+        self.again()
+        return True
+
+    def again(self):
+        """Take the rows that are here: all of them, after a start in the middle of a night."""
+        if self.night is not None and len(self._session):
+            self.night.take(self._session.observations())
+
+    def observed(self, rows):
+        """Take rows that have come.
+
+        Parameters
+        ----------
+        rows : PointingRun
+
+        Returns
+        -------
+        bool
+            Whether there is another model.
+        """
+        if self.night is None:
+            reference = self._session.reference
+            if reference is None:
+                return False
+            first = int(rows['time'][0] * 1e9)
+            told = reference.provenance.get('last_stamp_ns')
+            held = told if isinstance(told, int) else first
+            self.night = TrackedNight(reference, RunZero(0.0, 0.0), min(held, first - _A_DAY))
+        return any(one.taken for one in self.night.take(rows))
+
+    def pair(self):
+        """The model by now, and the zero that goes with it."""
+        model = self.night.model(self._session.last_stamp)
+        return model, self.night.bound_zero(identity(model.to_json()))
+
+    def document(self):
+        """Of the night, JSON-ready, with the name of its model."""
+        return {'model': self.pair()[1].model, **self.night.document()}
+
+    def problems(self):
+        """What is wrong with what the filter says of itself, sentences."""
+        if self.night is None:
+            return ['tracking begins with a model: fit, or give model_file']
+        verdict = self.night.document()['confidence']
+        return [] if verdict == HONEST else [
+            f'tracking: the filter was {verdict} over the last stars, and is widened or narrowed '
+            'for it']
+
+    def details(self):
+        """Of the node's diagnostics."""
+        if self.night is None:
+            return [('tracking', 'not begun')]
+        told = self.night.document()
+        expected = told['expected_arcsec']
+        return [('tracking', f'{told["stars"]} stars'),
+                ('expected error now, in 1 h [arcsec]',
+                 f'{expected["now"]:.2f}, {expected["1 h"]:.2f}'),
+                ('innovations', told['confidence'])]
+
+    def sentence(self):
+        """What the last star said, for people."""
+        night = self.night
+        told = night.document()
+        out = [f'{night.stars} stars tracked; expected '
+               f'{told["expected_arcsec"]["now"]:.2f} arcsec now, '
+               f'{told["expected_arcsec"]["1 h"]:.2f} in an hour without a star']
+        for heard in night.heard:
+            out += [*([heard.why] if heard.why else []), *heard.called,
+                    *([heard.confidence] if heard.confidence else [])]
+        return '; '.join(out)

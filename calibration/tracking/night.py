@@ -1,0 +1,250 @@
+"""A night that is tracked: rows as the observer takes them, and the model after each.
+
+The model that it begins with stands in the provenance of every model that comes of it, so that
+who has the last one and the rows of the night has all: the same rows give the same numbers, here,
+after a restart and from the log.
+"""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+
+from msg_tools.units import ARCSEC
+from pointing_model.context import Context
+from pointing_model.held_terms import BROAD
+from pointing_model.model_document import from_document
+from pointing_model.observing.instrument_health import SAME_ROWS
+from pointing_model.run import PointingRun
+from pointing_model.zero import RunZero
+
+from ..distrust import distrusted
+from ..rows import is_kept_out
+from .tracker import Tracker
+
+#: key of a tracked model's provenance
+KEY = 'tracked'
+#: noise of a star where the model does not tell what it left, rad
+NOISE = 1.5 * ARCSEC
+#: readings from which the noise of absolute - incremental encoder is found
+_FEWEST = 8
+
+
+class TrackedNight:
+    """A tracker that is fed with rows of observations.
+
+    Parameters
+    ----------
+    model : PointingModel
+        To begin with.
+    zero : RunZero
+        That goes with it; of another power-on it is widened.
+    stamp : int
+        When the model held, ns; rows up to then are in it.
+    noise : (float, float), optional
+        1 sigma of a star along x and y, rad; by default what the model left of its own rows.
+    difference : (float, float), optional
+        1 sigma of absolute - incremental encoder of each axis, rad; None: they are no witness.
+
+    Attributes
+    ----------
+    zero : RunZero
+        Taken off all readings. It stays: the index terms follow.
+    heard : list of tracker.Heard
+        Of the rows that were taken last.
+    """
+
+    def __init__(self, model, zero, stamp, noise=None, difference=None):
+        self._begin(json.loads(model.to_json()), zero, int(stamp), noise or _noise_of(model),
+                    difference)
+
+    def _begin(self, document, zero, stamp, noise, difference):
+        # what is written down and read again is the model, here as anywhere else
+        self._document, self._evening = document, from_document(document)
+        # as it comes back from the column of times
+        self._began, self.zero, self._first_zero = _rounded(stamp * 1e-9), zero, zero
+        self._noise, self._difference = tuple(noise), difference and tuple(difference)
+        self._absolute_start = None
+        self._last = []  # rows
+        self.heard = []
+        self._tracker = Tracker(
+            self._evening, self._began, witnesses=('difference',) if difference else ())
+
+    @classmethod
+    def of_model(cls, model):
+        """The night as it began, from a model that came of it; it has to take its rows again.
+
+        Raises
+        ------
+        ValueError
+            It did not, or what it tells of it is damaged.
+        """
+        told = model.provenance.get(KEY)
+        if not isinstance(told, dict) or 'evening' not in told:
+            raise ValueError('a model that was not tracked')
+        begun, out = told['evening'], cls.__new__(cls)
+        try:
+            zero = RunZero(*begun['zero_rad'], run=begun['run'], started=begun['encoder_start'])
+            out._begin(begun['model'], zero, begun['stamp'], begun['noise'], begun['difference'])
+        except (KeyError, TypeError) as err:
+            raise ValueError(f'the evening of a tracked model is damaged: {err}') from None
+        return out
+
+    @property
+    def stars(self):
+        """How many were taken."""
+        return self._tracker.stars
+
+    @property
+    def mount(self):
+        """That of the model."""
+        return self._tracker.mount
+
+    def take(self, rows):
+        """Take rows of the night; those before the begin are in the model already.
+
+        Parameters
+        ----------
+        rows : PointingRun
+            In order. Rows to judge by, satellites and what is not trusted are left out.
+
+        Returns
+        -------
+        list of tracker.Heard
+            Of each star that was looked at; also in `heard`.
+        """
+        self.heard = []
+        for i in range(len(rows)):
+            own = rows.select([i])
+            stamp = _rounded(own['time'][0])
+            # one that froze is known by the rows before it, never by those after
+            self._last = [*self._last[1 - SAME_ROWS:], own]
+            if own['star'][0] < 0 or is_kept_out(own)[0] or stamp <= self._began or distrusted(
+                    PointingRun.concatenate(self._last))[-1]:
+                continue
+            self._note_power_on(own, stamp)
+            if self._difference:
+                self._take_difference(own, stamp)
+            self.heard.append(self._tracker.star(
+                stamp, float(own['az'][0]), float(own['el'][0]), *self._offsets(own), self._noise,
+                f'{own["star"][0]:.0f}', Context.of_run(own) if self._evening.effects else None))
+        return self.heard
+
+    def model(self, stamp):
+        """The `PointingModel` by now, with all that is needed to come to it again.
+
+        Parameters
+        ----------
+        stamp : int
+            Of the newest observation, ns.
+        """
+        model, tracker = self._tracker.model(), self._tracker
+        names = list(model.terms)
+        walk = np.sqrt(np.diag(tracker.bank.mean_walk())[:len(names)])
+        return replace(model, provenance={
+            **self._evening.provenance, 'last_stamp_ns': stamp, KEY: {
+                'stars': tracker.stars,
+                'walk_arcsec_per_root_hour': dict(zip(names, (walk / ARCSEC).tolist())),
+                'jumps_per_hour': sum(jump.per_hour for jump in tracker.bank.jumps),
+                'evening': {
+                    'model': self._document, 'stamp': self._began,
+                    'zero_rad': self._first_zero.angles.tolist(), 'run': self._first_zero.run,
+                    'encoder_start': self._first_zero.started, 'noise': list(self._noise),
+                    'difference': self._difference and list(self._difference)}}})
+
+    def bound_zero(self, name):
+        """The zero that goes with the model of that name: all that is not known is in the model.
+
+        Parameters
+        ----------
+        name : str
+            Of `model_document.identity`.
+        """
+        return replace(self.zero, covariance=np.zeros((2, 2)), model=name)
+
+    def document(self, az=None, el=None):
+        """What was heard last and how well the mount is known, JSON-ready; angles in arcsec.
+
+        Parameters
+        ----------
+        az, el : float, optional
+            Where the expected error is asked for, rad; by default over the sky.
+        """
+        tracker = self._tracker
+        if az is None:  # a ring at middle height stands for the sky
+            az, el = np.arange(0.0, 2.0 * np.pi, np.pi / 4.0), np.full(8, np.pi / 4.0)
+        expected = [tracker.expected(az, el, 60.0 * minutes) for minutes in (0.0, 10.0, 60.0)]
+        return {
+            'stars': tracker.stars, 'stamp': tracker.stamp,
+            'expected_arcsec': {name: float(np.sqrt(np.mean(one.radial**2))) / ARCSEC
+                                for name, one in zip(('now', '10 min', '1 h'), expected)},
+            'chance_of_a_jump_in_1_h': expected[-1].jump, 'rates_arcsec_per_root_hour': {
+                name: value / ARCSEC if name != 'who' else value
+                for name, value in tracker.rates().items()},
+            'confidence': tracker.confidence.verdict, 'noise_factor': tracker.confidence.noise,
+            'walk_factor': tracker.confidence.walk, 'notes': tracker.notes,
+            'heard': [one.document() for one in self.heard]}
+
+    def _note_power_on(self, row, stamp):
+        run = float(row['run'][0])
+        if run == self.zero.run:
+            return
+        self._tracker.power_on(stamp, sigma=BROAD)
+        started = float(row['encoder_start'][0]) if 'encoder_start' in row else None
+        self.zero = replace(self.zero, run=run, started=started)
+
+    def _take_difference(self, row, stamp):
+        if 'az_abs' not in row:
+            return
+        start = float(row['absolute_start'][0]) if 'absolute_start' in row else None
+        if start != self._absolute_start:  # its zero is another one too
+            self._tracker.reference.clear()
+            self._absolute_start = start
+        for axis, name in enumerate(('az', 'el')):
+            apart = float(row[f'{name}_abs'][0] - row[f'{name}_enc'][0])
+            if np.isfinite(apart):
+                self._tracker.difference(stamp, axis, apart, self._difference[axis])
+
+    def _offsets(self, row):
+        x, y = PointingRun({**row.columns, **{
+            f'{axis}_enc': row[f'{axis}_enc'] - angle
+            for axis, angle in zip(('az', 'el'), self.zero.angles)}}, row.meta).offsets()
+        return float(x[0]), float(y[0])
+
+
+def _rounded(seconds):
+    return int(np.rint(seconds * 1e9))
+
+
+def noise_of_difference(rows):
+    """1 sigma of absolute - incremental encoder of each axis, from one reading to the next, rad.
+
+    Parameters
+    ----------
+    rows : PointingRun
+
+    Returns
+    -------
+    (float, float) or None
+        None: too few readings of one power-on, or no absolute encoder.
+    """
+    if 'az_abs' not in rows:
+        return None
+    out = []
+    newest = rows['run'] == rows['run'].max()
+    for name in ('az', 'el'):
+        apart = (rows[f'{name}_abs'] - rows[f'{name}_enc'])[newest]
+        steps = np.diff(apart[np.isfinite(apart)])
+        if len(steps) < _FEWEST - 1:
+            return None
+        out.append(float(1.4826 * np.median(np.abs(steps)) / np.sqrt(2.0)))
+    return tuple(out) if min(out) > 0.0 else None
+
+
+def _noise_of(model):
+    told = model.provenance.get('fitted_rms_arcsec')
+    try:
+        noise = float(told['x']) * ARCSEC, float(told['y']) * ARCSEC
+    except (TypeError, KeyError, ValueError):
+        return NOISE, NOISE
+    return noise if min(noise) > 0.0 and np.isfinite(noise).all() else (NOISE, NOISE)
