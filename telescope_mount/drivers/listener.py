@@ -7,6 +7,7 @@ from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from std_srvs.srv import Trigger
 
 from msg_tools import convert, topics
+from msg_tools.readiness import drives
 from msg_tools.units import DEG
 
 from ..graph_client import GraphClient
@@ -15,8 +16,6 @@ from .judgement import judge
 from .nudge import judge_nudge
 from .samples import OK, WRONG, Endpoint, Finding, Heard, Rest, Stream
 
-#: that subscribe to all, and drive nothing
-RECORDERS = ('mcap_logger', 'rosbag2_recorder')
 #: nudge: seconds of the move, to come to rest at most, and of the exposures then
 RAMP, SETTLE, LOOK = 3.0, 20.0, 6.0
 #: how long `home` may take, s
@@ -89,7 +88,7 @@ class Listener:
 
     def heard(self, seconds):
         """A `Heard` of what has come so far."""
-        node, own = self._node, self._node.get_name()
+        node = self._node
         for topic in (topics.INCREMENTAL, topics.ABSOLUTE, topics.MISS_DISTANCE):
             self._streams[topic.name].endpoints = [_endpoint(info) for info in
                 node.get_publishers_info_by_topic(node.resolve_topic_name(topic.name))]
@@ -102,9 +101,9 @@ class Listener:
                       for name, _ in node.get_service_names_and_types()},
             followers=[_endpoint(info) for info in node.get_subscriptions_info_by_topic(
                 node.resolve_topic_name(topics.COMMAND.name))
-                if info.node_name not in (*RECORDERS, own)],
+                if drives(info.node_name)],
             homing=bool(node.count_publishers(node.resolve_topic_name(topics.HOMING.name))),
-            clock=self._clock is not None,
+            clock=self._clock is not None, nowhere=self._graph.where_else(),
             elsewhere=[name for name, _ in node.get_topic_names_and_types()
                        if name.endswith(tails) and name not in ours])
 
