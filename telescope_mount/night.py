@@ -213,7 +213,7 @@ def _at_rest_after(watcher, specs, note):
     try:
         yield
     finally:
-        come_to_rest(watcher, _progress(watcher).state == 'done', note)
+        come_to_rest(watcher, _progress(watcher).state, note)
 
 
 def _no_driver(watcher):
