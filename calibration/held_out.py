@@ -1,5 +1,7 @@
 """RMS of stars that a fit did not see, from no correction to the full model."""
 
+from contextlib import suppress
+
 import numpy as np
 
 from pointing_model.model import PointingModel
@@ -45,7 +47,7 @@ def held_out_steps(rows, fit_terms, recipe_of, used, reference, first, way, note
     way : str
         By which way they were set (`check.ways`); '' where none was.
     notes : list of str
-        Gets a line where stars are too few for a kind.
+        Gets a line where stars are too few for what was asked for.
     published : (str, callable), optional
         Harmonics that are published: their label, and ``fit(rows, recipe)``.
 
@@ -70,19 +72,20 @@ def held_out_steps(rows, fit_terms, recipe_of, used, reference, first, way, note
           zero_in_force(reference))
     if way:
         judge(_ZEROED.format(way), base, first)
-    # functions of azimuth and elevation
+    # functions of azimuth and elevation, to compare with: nobody has asked for them, and where
+    # the stars are too few for them it is no news
     for label, interpretation in HARMONICS.items() if rows.mount.altaz else ():
-        try:
+        with suppress(ValueError):
             judge(label, fit_harmonics(halves['used'], interpretation, zero=first).model, first)
-        except ValueError as err:
-            notes.append(f'{label}: {err}')
     try:
         model, zeros, _ = fit_terms(rows.select(seen))
         judge(TERMS, model, zeros)
-        if rows.mount.altaz:
-            judge(BOTH, fit_harmonics(halves['used'], held=model, zero=zeros).model, zeros)
     except ValueError as err:
         notes.append(f'held-out check: {err}')
+    else:
+        if rows.mount.altaz:
+            with suppress(ValueError):
+                judge(BOTH, fit_harmonics(halves['used'], held=model, zero=zeros).model, zeros)
     if published is not None:
         label, fit = published
         try:

@@ -14,6 +14,8 @@ from .params import Param
 
 AUTOSTART = Param('autostart', True, 'become active at the start; else when a lifecycle manager, '
                   'ros2 lifecycle set or telescope-mount lifecycle says so', fixed=True)
+#: what one waits for that is not active
+ACTIVATION = 'activation'
 SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
 
 
@@ -131,7 +133,7 @@ class ManagedNode(LifecycleNodeMixin, MountNode):
     def waiting_for(self):
         """Activation, too."""
         inactive = not self.active and not self.starting
-        return [*super().waiting_for(), *(['activation'] if inactive else [])]
+        return [*super().waiting_for(), *([ACTIVATION] if inactive else [])]
 
     def details(self):
         """The state."""

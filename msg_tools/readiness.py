@@ -9,6 +9,15 @@ diagnostics how many endpoints it is matched with, and whoever starts the work c
 PUBLISHES, SUBSCRIBES = 'publishes', 'subscribes'  # endpoints matched
 PUBLISHED, LAST = 'published', 'last'  # messages, the last one's sequence number
 
+#: first letters of nodes that hear `command` and drive nothing
+_HEARERS = ('mcap_logger', 'rosbag2_', 'star_observer', 'check_drivers', '_ros2cli', 'foxglove_',
+            'rqt')
+
+
+def drives(node):
+    """Whether a node that subscribes to `command` may be the driver of a mount, by its name."""
+    return not node.startswith(_HEARERS)
+
 
 class GraphReports(dict):
     """What the nodes of a graph last reported of themselves: node name -> what `parse` returned.

@@ -8,8 +8,9 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.duration import Duration
 
 from msg_tools import convert, topics
-from msg_tools.lifecycle import AUTOSTART, ManagedNode
+from msg_tools.lifecycle import ACTIVATION, AUTOSTART, ManagedNode
 from msg_tools.node import Param, run_node
+from msg_tools.readiness import drives
 from msg_tools.units import DEG
 
 from .guard.goto import GotoKeeper
@@ -73,6 +74,10 @@ LOOK = 0.05
 LOOK_AROUND = 1.0
 #: states in which the mount is led somewhere
 LEADING = ('following', 'around', 'parking', 'waiting')
+#: s after a start in which it is no news that it is not active
+STARTS = 5.0
+#: of the keeper's sentence about axes that are not where they were sent
+ASTRAY = 'look at its drive and encoder'
 #: s in which drivers take the last command
 HEARD = 0.3
 LEVELS = (DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR)
@@ -107,6 +112,7 @@ class MountGuard(ManagedNode):
             value('request_timeout_s'), value('behind_deg') * DEG, value('turn_known')),
             time.monotonic)
         self._said, self._renewed, self._crowd = None, 0.0, ''
+        self._idle, self._asked = time.monotonic(), False  # not active since, and asked then
         self._ticked, self._late = 0.0, False
         self._request = None  # the message as it came
         self._command_pub = self.publisher(topics.COMMAND)
@@ -155,7 +161,8 @@ class MountGuard(ManagedNode):
             self._look()
             return
         if not self.active and not self._resting:
-            return  # it is renewed while it is wanted; the status says why nothing follows
+            self._asked = True  # it is renewed while it is wanted; the status says why not
+            return
         stamp, times, angles, rates = convert.read_trajectory(message)
         asked = convert.joints_of(message.joint_names)
         if asked != self._names:
@@ -185,7 +192,7 @@ class MountGuard(ManagedNode):
     def _look(self):
         """Send what is due."""
         if not self.active:
-            if not self.starting:
+            if self._is_told:
                 self._tell()
             return
         now = time.monotonic()
@@ -206,7 +213,7 @@ class MountGuard(ManagedNode):
 
     def _tell(self):
         keeper = self._keeper
-        state, level, reason = keeper.state, keeper.level, keeper.reason
+        state, level, reason = keeper.state, keeper.level, self._reason
         if not self.active:
             state, level, reason = 'inactive', WARN, self.inactive
         told = state, reason, keeper.refused
@@ -215,7 +222,8 @@ class MountGuard(ManagedNode):
         self._said = told
         self._status_pub.publish(convert.status(
             LEVELS[level], self.get_fully_qualified_name(), reason,
-            state=state, refused=keeper.refused[0], reason=keeper.refused[1], **self._sky))
+            state=state, refused=keeper.refused[0], reason=keeper.refused[1],
+            goto=self.value('goto'), **self._sky))
         text = f'{state}: {reason}'
         if level == ERROR:
             self.get_logger().error(text)
@@ -223,6 +231,22 @@ class MountGuard(ManagedNode):
             self.get_logger().warning(text)
         else:
             self.get_logger().info(text)
+
+    @property
+    def _is_told(self):
+        """Whether it is news that this node is not active: at a start it is not, at first."""
+        return not self.starting and (
+            self._asked or self._said is not None or time.monotonic() - self._idle > STARTS)
+
+    @property
+    def _reason(self):
+        """That of the keeper; of axes that do not move, whether there is a driver at all."""
+        reason = self._keeper.reason
+        if ASTRAY not in reason or any(drives(info.node_name) for info in
+                                       self.get_subscriptions_info_by_topic(
+                                           self.resolve_topic_name(topics.COMMAND.name))):
+            return reason
+        return reason.replace(ASTRAY, 'no driver follows command: start it')
 
     def _look_at_commanders(self):
         full = self.resolve_topic_name(topics.REQUEST.name)
@@ -285,6 +309,10 @@ class MountGuard(ManagedNode):
 
     # --- diagnostics --------------------------------------------------------------------------
 
+    def waiting_for(self):
+        """As all managed nodes; but not at once at each start for its activation."""
+        return [text for text in super().waiting_for() if text != ACTIVATION or self._is_told]
+
     def required(self):
         """Readings, and a mount."""
         return {self.resolve_topic_name(topic.name) for topic in (
@@ -293,14 +321,14 @@ class MountGuard(ManagedNode):
     def problems(self):
         """What holds the mount up."""
         keeper = self._keeper
-        found = [(LEVELS[keeper.level], keeper.reason)] if keeper.level else []
+        found = [(LEVELS[keeper.level], self._reason)] if keeper.level else []
         if self._crowd:
             found.insert(0, (DiagnosticStatus.ERROR, self._crowd))
         return found
 
     def details(self):
         """What the mount does."""
-        return [*super().details(), ('mount', self._keeper.state), ('why', self._keeper.reason)]
+        return [*super().details(), ('mount', self._keeper.state), ('why', self._reason)]
 
 
 def _site(node):

@@ -61,6 +61,7 @@ class StarObserver(MountNode):
         self._sky = sky_of(self)
         self._request_pub, self._request = self.publisher(topics.REQUEST), None
         self._guard, self._refused, self._allowed = '', (0, ''), None
+        self._own_way = False
         self._observation_pub = self.publisher(topics.OBSERVATION)
         self._observations_pub = self.publisher(topics.OBSERVATIONS)
         self._offset_pub = self.publisher(topics.OFFSET)
@@ -177,6 +178,7 @@ class StarObserver(MountNode):
         rows = {row.key: row.value for row in message.values}
         state = rows.get('state', '')
         self._refused = int(rows.get('refused', 0)), rows.get('reason', '')
+        self._own_way = rows.get('goto') == 'True'
         self._allowed = AllowedSky.of_rows(rows, self._sky[0])
         if state in ENDING:
             self._request = None
@@ -316,6 +318,10 @@ class StarObserver(MountNode):
     def allowed(self):
         """Where the guard lets the tube look, an `AllowedSky`; None where it does not tell."""
         return self._allowed
+
+    def own_way(self):
+        """Whether the mount slews as it likes."""
+        return self._own_way
 
     def send_row(self, run, stamp):
         """On `observation` and `offset`."""

@@ -16,9 +16,13 @@ STOPPED, PARKED = 30.0, 600.0
 TOLD = 1.0
 #: encoders that say nothing for so long will not say more, s
 SILENT = 3.0
+#: so long what it says may be under way, s
+HEARD = 1.0
 #: so long the guard may take to answer, s
 ANSWERED = 2.0
-#: its states in which it leads the mount nowhere any more
+#: its states in which it has not led the mount anywhere, or has it stopped already
+RESTING = ('idle', 'inactive')
+#: those in which it takes no request, either
 LOCKED = ('aborted', 'parked')
 
 
@@ -41,26 +45,27 @@ class AtRest:
         """A reading: when, s, and both angles, rad."""
         angles = np.array(angles, float)
         self.unknown = not np.isfinite(angles).all()
-        if self.unknown or (self._kept and at <= self._kept[-1][0]):
+        # ten of a stretch tell as much as a thousand
+        if self.unknown or (self._kept and at - self._kept[-1][0] < 0.1 * APART):
             return
         self._kept.append((at, angles))
         # one that is as old stays: an encoder may be slow
         while len(self._kept) > 2 and at - self._kept[1][0] >= APART:
             self._kept.popleft()
-        then, before = self._kept[0]
-        moved = max(float(np.abs(wrap(angles - other)).max()) for _, other in self._kept)
-        self.stands = at - then >= APART and moved <= STILL * (at - then)
+        moved = np.abs(wrap(angles - np.array([other for _, other in self._kept]))).max()
+        span = at - self._kept[0][0]
+        self.stands = bool(span >= APART and moved <= STILL * span)
 
 
-def come_to_rest(watcher, done, note):
+def come_to_rest(watcher, plan, note):
     """Have the guard of a graph stop the mount, or park it where it is about to, and wait.
 
     Parameters
     ----------
     watcher : watcher.Watcher
         Of the graph, whose nodes still run.
-    done : bool
-        The plan has come to its end by itself.
+    plan : str
+        Its state, as of `msg_tools.status.Progress`.
     note : callable
         Called with what is waited for, and what came of it.
 
@@ -78,6 +83,8 @@ def come_to_rest(watcher, done, note):
 
     if not state():
         return  # it has never spoken, and led the mount nowhere
+    if plan == 'cancelled':  # by the guard itself: what it does now may be heard a moment later
+        _spin(watcher, lambda: state() in (*LOCKED, *RESTING, 'parking'), HEARD)
     if state() == 'parking':
         note('waiting until the mount is parked; Ctrl-C ends at once, and the mount stops')
         if not _spin(watcher, lambda: state() != 'parking', PARKED):
@@ -95,13 +102,16 @@ def come_to_rest(watcher, done, note):
             return
         rest.take(stamp * 1e-9, angles)
 
-    moves = not (state() in LOCKED or (done and state() == 'idle'))
+    led = state() not in RESTING
+    moves = not (state() in LOCKED or (plan == 'done' and state() == 'idle'))
     subscription = watcher.node.create_subscription(
         topics.INCREMENTAL.message, topics.INCREMENTAL.name, take, topics.INCREMENTAL.qos)
     try:
         if moves and not _aborted(watcher):
             note('the guard does not answer: the mount stops by itself at the end of its last '
                  'command')
+        if not led and not watcher.node.count_publishers(subscription.topic_name):
+            return  # of a mount without a driver nothing is known, and nothing was asked
         heard[0] = time.monotonic()
 
         def over():

@@ -34,6 +34,9 @@ SIMULATED = ('mount_simulator', 'incremental_encoder', 'absolute_encoder', 'came
 NIGHT = (*SIMULATED, 'mount_guard', 'star_observer', 'pointing_corrector', 'calibration',
          'mcap_logger')
 
+#: topics that only simulated hardware has
+TRUTH = '.*/truth/.*'
+
 #: parameters of the site
 SITE = ('latitude_deg', 'longitude_deg', 'height_m')
 
@@ -198,7 +201,7 @@ def indi_graph(*, bag, server, mount, sky, seed=1, plan='', model_file='', first
         } | ({'plan': plan} if plan else {}) | sky,
         'pointing_corrector': {'model_file': model_file},
         'calibration': {'model_file': model_file, 'split_seed': seed} | (calibration or {}),
-        'mcap_logger': {'folder': bag},
+        'mcap_logger': {'folder': bag, 'exclude': [TRUTH]},
     }
     return [NodeSpec(name, NODES[name], parameters[name]) for name in INDI]
 
@@ -241,7 +244,7 @@ def real_graph(*, bag, plan='', mount='altaz', sky=None, model_file='', absolute
         } | ({'plan': plan} if plan else {}) | sky,
         'pointing_corrector': {'model_file': model_file},
         'calibration': {'model_file': model_file} | (calibration or {}),
-        'mcap_logger': {'folder': bag},
+        'mcap_logger': {'folder': bag, 'exclude': [TRUTH]},
     }
     return [NodeSpec(name, NODES[name], parameters[name]) for name in REAL]
 

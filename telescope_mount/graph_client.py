@@ -125,7 +125,7 @@ class GraphClient:
         self._context.try_shutdown()
 
 
-def elsewhere(domain, namespace, spaces):
+def elsewhere(domain, namespace, spaces, what='node at all', option='--namespace, '):
     """What to do where no graph is found.
 
     Parameters
@@ -135,6 +135,10 @@ def elsewhere(domain, namespace, spaces):
         In which it was looked for.
     spaces : set of str
         Namespaces in which nodes were found.
+    what : str
+        That is not there.
+    option : str
+        With which another namespace is named.
 
     Returns
     -------
@@ -144,8 +148,8 @@ def elsewhere(domain, namespace, spaces):
     if namespace in spaces:
         return ''
     if not spaces:
-        return (f'; there is no node at all in domain {domain}: give the ROS domain of the graph '
+        return (f'; there is no {what} in domain {domain}: give the ROS domain of the graph '
                 'with --domain or ROS_DOMAIN_ID; on another computer set '
                 'ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET on both')
     return (f'; domain {domain} has nodes in {", ".join(sorted(spaces))} and none in {namespace}: '
-            'they must be in one namespace (--namespace, -r __ns:=/mount)')
+            f'they must be in one namespace ({option}-r __ns:=/mount)')

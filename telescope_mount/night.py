@@ -8,12 +8,13 @@ from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
+from msg_tools import NAMESPACE
 from msg_tools.status import Progress
 from pointing_model.observing.plan import night_plan, parse_plan
 
 from . import domain
 from .ending import come_to_rest
-from .graph import night_graph
+from .graph import NODES, night_graph
 from .simulator import kind_of_mount
 
 #: wall seconds without any progress after which a night is given up
@@ -212,7 +213,16 @@ def _at_rest_after(watcher, specs, note):
     try:
         yield
     finally:
-        come_to_rest(watcher, _progress(watcher).state == 'done', note)
+        come_to_rest(watcher, _progress(watcher).state, note)
+
+
+def _no_driver(watcher):
+    """Where to look for drivers, where the graph has no node but its own; '' where it has."""
+    from .graph_client import elsewhere
+    spaces = {space for name, space in watcher.node.get_node_names_and_namespaces()
+              if space != NAMESPACE or name not in (*NODES, watcher.node.get_name())}
+    domain = watcher.node.context.get_domain_id()
+    return elsewhere(domain, NAMESPACE, spaces, 'driver', '').removeprefix('; ')
 
 
 def _refusal(status, count):
@@ -249,7 +259,7 @@ def _watch(watcher, nodes, plan, progress, stall=STALL, say=None, note=None):
     from msg_tools import topics
     total = sum(step.exposures for step in parse_plan(plan))
     last, since = None, time.monotonic()
-    waits, said, refused = ('', since), '', 0
+    waits, said, refused, hinted = ('', since), '', 0, note is None
     while True:
         watcher.spin(0.2)
         nodes.check()
@@ -269,6 +279,8 @@ def _watch(watcher, nodes, plan, progress, stall=STALL, say=None, note=None):
                 raise NightFailed(status.message)
             progress(at.step or 'connecting the nodes', at.observations + at.lost, total)
             if at.state == 'done':
+                if said:
+                    say('')
                 return
             told = at.state == 'waiting' or status.level > DiagnosticStatus.OK
             text = status.message if told else ''
@@ -278,6 +290,10 @@ def _watch(watcher, nodes, plan, progress, stall=STALL, say=None, note=None):
             if say is not None and text != said and time.monotonic() - waits[1] > SAID_AFTER:
                 said = text
                 say(text)
+                if not hinted and 'a publisher of' in text:
+                    hinted = True
+                    if hint := _no_driver(watcher):
+                        note(hint)
         if time.monotonic() - since > stall:
             what = status.message if status is not None else 'the star observer'
             raise NightFailed(f'nothing went on for {stall:g} s: waiting for {what}')

@@ -267,7 +267,7 @@ class Exposer:
         before = instruments.here
         self._following = FollowingCheck(
             track, before, self._out.mount(),
-            max(OFF_TARGET, value('on_target_arcsec') * ARCSEC))
+            max(OFF_TARGET, value('on_target_arcsec') * ARCSEC), self._out.own_way())
         take = partial(instruments.exposures.take, value('on_target_arcsec') * ARCSEC,
                        self._out.refuse_frame, value('exposure_s'),
                        value('smear_arcsec') * ARCSEC)

@@ -23,10 +23,12 @@ class FollowingCheck:
     mount : Mount
     near : float
         A smaller distance from the demand is no fault, rad.
+    own_way : bool
+        The mount is told places, and slews to them as it likes: axis after axis, with rests.
     """
 
-    def __init__(self, track, here, mount, near):
-        self._track, self._mount, self._near = track, mount, near
+    def __init__(self, track, here, mount, near, own_way=False):
+        self._track, self._mount, self._near, self._own = track, mount, near, own_way
         self._here = np.array(here)
         self._first = self._least = None
         self._since = np.zeros(2, np.int64)
@@ -64,6 +66,13 @@ class FollowingCheck:
             self._since[:] = track.start
             self._sent = None if sent is None else (here, sent)
             return self._stuck(stamp, here, demand, way)
+        if self._own:
+            # neither standing nor going along beside the track
+            goes = (np.abs(wrap(here - self._then[0])) > NEARER) & (
+                np.abs(way - self._then[1]) > NEARER)
+            if goes.any():
+                self._then, self._since[:] = (here, way), stamp
+            return self._stuck(stamp, here, demand, way)
         # of its own: a demand that comes toward an axis that stands tells nothing
         nearer = (left < self._least - NEARER) & (np.abs(wrap(here - self._then[0])) > NEARER)
         self._least = np.where(nearer, left, self._least)
@@ -94,7 +103,7 @@ class FollowingCheck:
         still = (np.abs(wrap(here - self._then[0])) < NEARER) | (
             np.abs(way - self._then[1]) < NEARER)
         stuck = (np.abs(sky) > self._near) & (
-            stamp - self._since >= np.where(still, WITHIN, SWINGS))
+            stamp - self._since >= np.where(still & (not self._own), WITHIN, SWINGS))
         if not stuck.any():
             return ''
         if np.abs(wrap(here - self._here)).max() < NEARER:

@@ -44,6 +44,7 @@ class Sequencer:
         - ``sent(stamp)``: where the guard sent the mount then, rad, shape (2,), None if unknown
         - ``held()``: why the mount may not be moved now, '' if it may
         - ``allowed()``: an `AllowedSky`, where the guard lets the tube look; None if unknown
+        - ``own_way()``: whether the mount slews as it likes to places that it is told
         - ``send_row(run, stamp)``: publish an observation, a PointingRun of one row
         - ``send_table(run, stamp)``: publish all rows so far
         - ``send_checks(text)``: publish the document of the blind checks

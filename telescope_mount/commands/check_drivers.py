@@ -17,6 +17,9 @@ def add(commands):
                         default=0.0, metavar='DEG', help='MOVES the mount: each axis by so much '
                         '(0.05 if left out) and back, to see that it follows and how the camera '
                         'lies; only where nothing else is wrong and nobody else commands it')
+    parser.add_argument('--star', action='store_true',
+                        help='with --nudge: SLEWS to a bright star first (--latitude, --longitude) '
+                        'and nudges beside it, to judge the camera')
     parser.add_argument('--home', action='store_true',
                         help='MOVES the mount: call its service home first')
     options.add(parser, 'mount', default='altaz', help='altaz (default), equatorial, german, or '
@@ -42,11 +45,13 @@ def run(args):
     options.check_target(args.json)
     if args.params is not None and not args.params.is_file():
         raise ValueError(f'{args.params} is no file; give a ROS parameter file with --params')
+    if args.star and not args.nudge:
+        raise ValueError('--star is for --nudge: give both')
     sky = options.sky_of(args)
     mount = parse_mount(args.mount, sky.get('latitude_deg', 0.0) * DEG)
     number = domain.join(args.domain).number
     findings = check_drivers(mount, number, args.namespace, args.seconds, args.nudge * DEG,
-                             args.home, sky, args.params)
+                             args.home, sky, args.params, args.star)
     console = new_console()
     for level, of, text in findings:
         console.print(f'{level:<6} {of}: {text}', markup=False)

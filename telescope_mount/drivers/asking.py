@@ -21,6 +21,11 @@ class Asking:
     guard : dict
         Parameters of that guard.
 
+    Attributes
+    ----------
+    told : dict of str to str
+        Rows of the guard's last status.
+
     Raises
     ------
     ValueError
@@ -34,7 +39,7 @@ class Asking:
             raise ValueError(f'not nudged: {" and ".join(commanders)} may command the mount; end '
                              'it first')
         self._node, self._executor, self._mount, self._spin = node, executor, mount, spin
-        self._request, self._told, self._guard = None, {}, None
+        self._request, self.told, self._guard = None, {}, None
         self._pub = node.create_publisher(topics.REQUEST.message, topics.REQUEST.name,
                                           topics.REQUEST.qos)
         node.create_subscription(topics.GUARD_STATUS.message, topics.GUARD_STATUS.name,
@@ -44,13 +49,13 @@ class Asking:
             self._guard = MountGuard(context=node.context, namespace=node.get_namespace(),
                                      overrides={'mount': mount_text(mount), **guard})
             executor.add_node(self._guard)
-        if not spin(10.0, lambda: self._told and self._pub.get_subscription_count()):
+        if not spin(10.0, lambda: self.told and self._pub.get_subscription_count()):
             raise ValueError('not nudged: what publishes command takes no request; end it, and a '
                              'guard is started')
         node.create_timer(RENEW, self._renew)
 
     def _on_status(self, message):
-        self._told = {row.key: row.value for row in message.values}
+        self.told = {row.key: row.value for row in message.values}
 
     def _renew(self):
         if self._request is not None:
@@ -67,12 +72,12 @@ class Asking:
         stamp = str(convert.from_stamp(self._request.header.stamp))
 
         def stopped():
-            return self._told.get('refused') == stamp or self._told.get('state') in (
+            return self.told.get('refused') == stamp or self.told.get('state') in (
                 'stopped', 'aborted', 'paused', 'parked', 'parking')
         self._spin(seconds, lambda: stopped() or until())
         if stopped():
-            raise ValueError(f'not nudged: the guard says {self._told["state"]}: '
-                             f'{self._told["reason"] or "call its service resume"}')
+            raise ValueError(f'not nudged: the guard says {self.told["state"]}: '
+                             f'{self.told["reason"] or "call its service resume"}')
 
     def close(self):
         """Nothing is wanted any more: the mount stops."""
@@ -80,7 +85,7 @@ class Asking:
             self._request.points = []
             self._renew()
             self._request = None
-            self._spin(0.5, lambda: self._told.get('state') == 'idle')
+            self._spin(0.5, lambda: self.told.get('state') == 'idle')
         if self._guard is not None:
             self._executor.remove_node(self._guard)
             self._guard.destroy_node()

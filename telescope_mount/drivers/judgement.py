@@ -42,6 +42,8 @@ def judge(heard):
     list of Finding
     """
     out = []
+    if heard.nowhere:
+        out.append(Finding(WRONG, 'graph', f'no driver was found{heard.nowhere}'))
     if heard.clock:
         out.append(Finding(NOTE, '/clock', 'is published: the graph runs on simulated time; with '
                            'a real mount nobody may publish it'))
@@ -335,6 +337,10 @@ def _commands(out, heard):
     if not heard.followers:
         out.append(Finding(WRONG, 'command', 'nobody follows it: start the driver of the mount, '
                            'in the namespace and ROS domain of this command'))
+    names = sorted({end.node for end in heard.followers})
+    if len(names) > 1:
+        out.append(Finding(WRONG, 'command', f'{" and ".join(names)} follow it: a mount has one '
+                           'driver; end all but one'))
     for end in heard.followers:
         if end.type != 'trajectory_msgs/msg/JointTrajectory':
             out.append(Finding(WRONG, 'command', f'{end.node} expects {end.type}: it must be '

@@ -7,18 +7,23 @@ from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from std_srvs.srv import Trigger
 
 from msg_tools import convert, topics
+from msg_tools.readiness import drives
 from msg_tools.units import DEG
+from pointing_model.observing.allowed_sky import AllowedSky
+from pointing_model.sky import Site
+from pointing_model.sky_params import SKY_PARAMS
 
 from ..graph_client import GraphClient
 from .asking import Asking
 from .judgement import judge
 from .nudge import judge_nudge
 from .samples import OK, WRONG, Endpoint, Finding, Heard, Rest, Stream
+from .star import bright_star, place_of, standing
 
-#: that subscribe to all, and drive nothing
-RECORDERS = ('mcap_logger', 'rosbag2_recorder')
 #: nudge: seconds of the move, to come to rest at most, and of the exposures then
 RAMP, SETTLE, LOOK = 3.0, 20.0, 6.0
+#: how long a slew to a star may take, s
+SLEW = 240.0
 #: how long `home` may take, s
 HOMING = 300.0
 #: largest rest of a nudge's way that is waited for, rad
@@ -89,7 +94,7 @@ class Listener:
 
     def heard(self, seconds):
         """A `Heard` of what has come so far."""
-        node, own = self._node, self._node.get_name()
+        node = self._node
         for topic in (topics.INCREMENTAL, topics.ABSOLUTE, topics.MISS_DISTANCE):
             self._streams[topic.name].endpoints = [_endpoint(info) for info in
                 node.get_publishers_info_by_topic(node.resolve_topic_name(topic.name))]
@@ -102,9 +107,9 @@ class Listener:
                       for name, _ in node.get_service_names_and_types()},
             followers=[_endpoint(info) for info in node.get_subscriptions_info_by_topic(
                 node.resolve_topic_name(topics.COMMAND.name))
-                if info.node_name not in (*RECORDERS, own)],
+                if drives(info.node_name)],
             homing=bool(node.count_publishers(node.resolve_topic_name(topics.HOMING.name))),
-            clock=self._clock is not None,
+            clock=self._clock is not None, nowhere=self._graph.where_else(),
             elsewhere=[name for name, _ in node.get_topic_names_and_types()
                        if name.endswith(tails) and name not in ours])
 
@@ -131,13 +136,22 @@ class Listener:
 
     # --- nudging ------------------------------------------------------------------------------
 
-    def nudge(self, step):
+    def nudge(self, step, star=False):
         """Move each axis by `step` (rad) and back, and look.
+
+        Parameters
+        ----------
+        step : float
+        star : bool
+            Go to a bright star first, and follow it all the time.
 
         Returns
         -------
         heard : Heard
+            Readings less the motion of the star.
         rests : list of Rest
+        told : list of Finding
+            Which star it is.
 
         Raises
         ------
@@ -149,21 +163,43 @@ class Listener:
         self._forget()
         if not self.spin(5.0, lambda: self._here() is not None):
             raise ValueError('not nudged: the encoder gives no number; call home first')
-        home = self._here()
+        home, place, told = self._here(), standing(self._here()), []
+        if star:
+            site = _site(self._guard)
+            target = bright_star(self._mount, site, self._now(), home,
+                                 AllowedSky.of_rows(asking.told, site))
+            place = place_of(target, self._mount, site, home)
+            told = [Finding(OK, 'nudge', f'beside {target.name}, {target.magnitude:.1f} mag')]
+            self._lead(place, np.zeros(2), 0.0, SLEW)
+            home = self._here()
         # away from horizon and zenith, or from either pole
         upward = 1.0 if np.sin(home[1]) < np.sin(0.25 * np.pi) else -1.0
-        rests = []
+        rests, begin = [], self._now()
         for offset in ((0.0, 0.0), (step, 0.0), (0.0, 0.0), (0.0, upward * step), (0.0, 0.0)):
-            demand = home + offset
-            asking.ask(round(self._now() * 1e9), [0.0, RAMP, RAMP + SETTLE + LOOK + 5.0],
-                       np.array([self._here(), demand, demand]), np.zeros((3, 2)))
-            asking.obeyed(RAMP)
-            asking.obeyed(SETTLE,
-                          lambda demand=demand: np.abs(self._here() - demand).max() < NEAR)
-            begin = self._now() + 1.0
+            self._lead(place, offset, RAMP, SETTLE)
+            since = self._now() + 1.0
             asking.obeyed(LOOK + 1.0)
-            rests.append(Rest(begin, self._now(), demand))
-        return self.heard(0.0), rests
+            rests.append(Rest(since, self._now(), place([begin])[0] + offset))
+        heard = self.heard(0.0)
+        readings = heard.incremental
+        readings.values = [tuple(value) for value in np.array(readings.values)
+                           - (place(readings.stamps) - place([begin]))]
+        return heard, rests, told
+
+    def _lead(self, place, offset, ramp, patience):
+        """Have the mount go beside a place and follow it, and wait until it does."""
+        begin = self._now()
+        times = ramp + np.arange(0.0, patience + LOOK + 15.0, 10.0)
+        angles = place(begin + times) + offset
+        rates = place(begin + times + 0.5) - place(begin + times - 0.5)
+        if ramp:  # from here, and not on a way of the guard's
+            times, rates = np.append(0.0, times), np.vstack([rates[:1], rates])
+            angles = np.vstack([self._here(), angles])
+        asking, stamps = self._asking, self._streams[topics.INCREMENTAL.name].stamps
+        asking.ask(round(begin * 1e9), times, angles, rates)
+        asking.obeyed(ramp)
+        asking.obeyed(patience, lambda: np.abs(
+            self._here() - place(stamps[-1:])[0] - offset).max() < NEAR)
 
     def _here(self):
         values = self._streams[topics.INCREMENTAL.name].values
@@ -176,6 +212,13 @@ class Listener:
         self._graph.close()
 
 
+def _site(parameters):
+    """Of a guard's parameters."""
+    latitude, longitude, height = (parameters.get(param.name, param.default)
+                                   for param in SKY_PARAMS[:3])
+    return Site(latitude * DEG, longitude * DEG, height)
+
+
 def _endpoint(info):
     return Endpoint(f'{info.node_namespace.rstrip("/")}/{info.node_name}', info.topic_type,
                     info.qos_profile.reliability != ReliabilityPolicy.BEST_EFFORT,
@@ -183,8 +226,8 @@ def _endpoint(info):
 
 
 def check_drivers(mount, domain, namespace, seconds, step=0.0, home=False, guard=None,
-                  params=None):
-    """Call `home` if it may, listen, nudge if `step` (rad) is not 0, and judge.
+                  params=None, star=False):
+    """Call `home` if it may, listen, nudge if `step` (rad) is not 0, beside a `star`, and judge.
 
     `mount`, `domain`, `namespace`, `guard` and `params` as of `Listener`.
 
@@ -202,9 +245,9 @@ def check_drivers(mount, domain, namespace, seconds, step=0.0, home=False, guard
         if any(finding.level == WRONG for finding in findings):
             return [*findings, Finding(WRONG, 'nudge', 'not nudged: mend what is wrong first')]
         try:
-            heard, rests = listener.nudge(step)
+            heard, rests, told = listener.nudge(step, star)
         except ValueError as err:
             return [*findings, Finding(WRONG, 'nudge', str(err))]
-        return [*findings, *judge_nudge(heard, rests)]
+        return [*findings, *told, *judge_nudge(heard, rests)]
     finally:
         listener.close()

@@ -101,6 +101,8 @@ class Heard:
         Whether somebody publishes `/clock`.
     elsewhere : list of str
         Topics of instruments in other namespaces.
+    nowhere : str
+        What to do where there is no node at all, '; ...'; '' where there is one.
     """
 
     mount: object
@@ -113,6 +115,7 @@ class Heard:
     homing: bool = False
     clock: bool = False
     elsewhere: list = field(default_factory=list)
+    nowhere: str = ''
 
 
 class Rest(NamedTuple):

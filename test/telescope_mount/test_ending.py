@@ -52,7 +52,8 @@ class Graph:
         self.brakes, self.speaks = True, True
         self.tell(state)
         self.node = SimpleNamespace(create_subscription=self.listen,
-                                    destroy_subscription=lambda _: None)
+                                    destroy_subscription=lambda _: None,
+                                    count_publishers=lambda _: int(self.speaks))
         monkeypatch.setattr(ending.time, 'monotonic', lambda: self.time)
 
     def tell(self, state):
@@ -62,6 +63,7 @@ class Graph:
     def listen(self, message, name, take, qos):
         assert name == topics.INCREMENTAL.name
         self.hear = take
+        return SimpleNamespace(topic_name=name)
 
     def client(self, service):
         def call(_):
@@ -77,9 +79,9 @@ class Graph:
         if self.hear is not None and self.speaks:
             self.hear(convert.joint_state(round(self.time * 1e9), [self.angle, 0.0], [0.0, 0.0]))
 
-    def end(self, done=False):
+    def end(self, plan='observing'):
         begin = self.time
-        come_to_rest(self, done, self.told.append)
+        come_to_rest(self, plan, self.told.append)
         return self.time - begin
 
 
@@ -91,7 +93,7 @@ def test_a_slew_is_aborted_and_its_end_waited_for(monkeypatch):
 
 def test_a_plan_that_is_done_needs_no_abort(monkeypatch):
     graph = Graph(monkeypatch, 'idle', rate=0.0)
-    assert graph.end(done=True) < 0.5
+    assert graph.end('done') < 0.5
     assert (graph.called, graph.told) == ([], [])
     asks_soon = Graph(monkeypatch, 'idle', rate=0.0)
     asks_soon.end()
@@ -112,20 +114,41 @@ def test_a_mount_on_the_way_to_its_park_position_arrives(monkeypatch):
         'waiting until the mount is parked; Ctrl-C ends at once, and the mount stops', 'parked']
 
 
+def test_what_the_guard_does_after_it_cancelled_the_plan_may_be_heard_later(monkeypatch):
+    graph = Graph(monkeypatch, 'following')
+    move = graph.spin
+
+    def spin(seconds):
+        move(seconds)
+        graph.tell('parked' if graph.time > 1010.0 else 'parking' if graph.time > 1000.2 else '')
+    graph.spin = spin
+    graph.end('cancelled')
+    assert graph.called == [] and graph.told[-1] == 'parked'
+
+
 def test_what_hinders_the_end_is_said_and_no_wait_is_for_ever(monkeypatch):
+    monkeypatch.setattr(ending, 'PARKED', 60.0)
+    monkeypatch.setattr(ending, 'STOPPED', 8.0)
     lost = Graph(monkeypatch, 'parking')
-    assert lost.end() < ending.PARKED + 10.0 and lost.called == ['abort']
-    assert lost.told[1] == 'not parked after 600 s: the mount is stopped'
+    assert 60.0 < lost.end() < 70.0 and lost.called == ['abort']
+    assert lost.told[1] == 'not parked after 60 s: the mount is stopped'
     deaf = Graph(monkeypatch, 'following', answers=False)
     deaf.brakes = False
-    assert deaf.end() < 35.0
+    assert 8.0 < deaf.end() < 13.0
     assert deaf.told[0].startswith('the guard does not answer')
-    assert deaf.told[-1].endswith('look at it; it has moved for 30 s')
+    assert deaf.told[-1].endswith('look at it; it has moved for 8 s')
     mute = Graph(monkeypatch, 'following')
     mute.speaks = False
     assert mute.end() < 5.0
     assert mute.told[-1] == ('whether the mount stands is not known: look at it; its encoders say '
                              'nothing')
+
+
+def test_a_mount_without_drivers_is_not_waited_for(monkeypatch):
+    graph = Graph(monkeypatch, 'idle', rate=0.0)
+    graph.speaks = False
+    assert graph.end() < 0.5
+    assert (graph.called, graph.told) == (['abort'], [])
 
 
 def test_a_guard_that_has_never_spoken_is_not_waited_for(monkeypatch):

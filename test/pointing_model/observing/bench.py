@@ -117,6 +117,9 @@ class Bench:
     def allowed(self):
         return self.sky_allowed
 
+    def own_way(self):
+        return False
+
     def held(self):
         return self.hold
 

@@ -11,12 +11,13 @@ SECOND = 10**9
 SPEED = 4.0 * DEG
 
 
-def says(moves, sent, seconds=40.0, drift=0.1):
+def says(moves, sent, seconds=40.0, drift=0.1, **how):
     """All sentences about azimuths of a mount that is asked to go from 100 to -80 deg."""
     times = np.array([0.0, 60.0])
     demand = np.array([[-80.0, 40.0], [-80.0 + drift, 40.0]]) * DEG
     here = np.array([100.0, 40.0]) * DEG
-    check = FollowingCheck(Track(0, times, demand, np.zeros((2, 2))), here, ALTAZ, 60.0 * ARCSEC)
+    check = FollowingCheck(Track(0, times, demand, np.zeros((2, 2))), here, ALTAZ, 60.0 * ARCSEC,
+                           **how)
     found = {}
     for i in range(round(seconds / 0.5)):
         t = 0.5 * i
@@ -55,3 +56,19 @@ def test_an_axis_that_does_not_go_where_it_is_sent_is_named_in_time():
 def test_an_axis_that_ends_beside_its_demand_is_named():
     found = says(to(279.0), to(280.0), 50.0, drift=0.0)
     assert any('stays' in text for text in found), found
+
+
+def test_a_mount_that_slews_as_it_likes_may_rest_between_its_axes_and_take_the_other_way():
+    def waits(t):  # for its other axis at first, and amid its way
+        return to(20.0)(max(t - 4.0, 0.0)) if t < 27.0 else to(-80.0, 20.0)(max(t - 29.0, 0.0))
+    assert any('no axis has moved' in text for text in says(waits, None, 60.0))
+    assert says(waits, None, 59.0, drift=0.0, own_way=True) == {}
+    assert says(to(280.0, 60.0), None, 55.0, drift=0.0, own_way=True) == {}
+
+
+def test_a_mount_that_slews_as_it_likes_is_named_where_it_stands_or_ends_beside():
+    (text, when), *_ = says(lambda t: 100.0 * DEG, None, own_way=True).items()
+    assert text == 'no axis has moved since the command' and 5.0 < when <= 6.5
+    found = says(to(279.0), None, 60.0, own_way=True)
+    (text, when), *_ = found.items()
+    assert text.startswith('azimuth stays') and 45.0 < when < 53.0

@@ -39,7 +39,7 @@ def test_the_simulators_nodes_keep_the_contract(simulator, ros_domain, monkeypat
         assert listener.spin(60.0, there)
         found = judge(listener.heard(3.0))
         # a guard that runs is asked; it moves the mount
-        _, rests = listener.nudge(0.03 * DEG)
+        _, rests, _ = listener.nudge(0.03 * DEG)
         assert np.ptp([rest.demand for rest in rests], axis=0) == pytest.approx(0.03 * DEG)
     finally:
         listener.close()

@@ -1,0 +1,41 @@
+"""A bright star to nudge beside."""
+
+import numpy as np
+import pytest
+
+from msg_tools.units import ARCSEC, DEG
+from pointing_model.mounts import parse_mount
+from pointing_model.observing.star_choice import ANYWHERE, axes_at
+from pointing_model.sky import DEFAULT_SITE, DEFAULT_WEATHER
+from telescope_mount.drivers.star import BRIGHT, HIGH, LOW, bright_star, place_of
+
+NIGHT = 1768482000.0
+
+
+@pytest.mark.parametrize('kind', ['altaz', 'equatorial', 'german'])
+def test_a_bright_star_is_followed_on_the_turn_and_side_of_the_mount(kind):
+    mount = parse_mount(kind, DEFAULT_SITE.latitude)
+    here = np.array([400.0, 45.0]) * DEG if mount.altaz else np.array([10.0, 40.0]) * DEG
+    target = bright_star(mount, DEFAULT_SITE, NIGHT, here)
+    assert target.magnitude <= BRIGHT
+    times = NIGHT + np.arange(0.0, 200.0, 10.0)
+    az, el = target.place(times, DEFAULT_SITE, DEFAULT_WEATHER)
+    assert LOW < el[0] < HIGH
+    angles = place_of(target, mount, DEFAULT_SITE, here)(times)
+    assert np.abs(np.diff(angles, axis=0)).max() < 0.5 * DEG
+    if mount.altaz:
+        assert abs(angles[0, 0] - here[0]) <= np.pi
+    wanted = np.column_stack(axes_at(mount, az, el, ANYWHERE, np.full(len(az), target.number)))
+    # on the sky: whatever the turn
+    np.testing.assert_allclose(np.exp(1j * angles), np.exp(1j * wanted), atol=0.01 * ARCSEC)
+
+
+def test_a_star_is_taken_only_where_the_guard_lets_the_tube_look():
+    mount, here = parse_mount('altaz', DEFAULT_SITE.latitude), np.array([100.0, 45.0]) * DEG
+
+    def west(_, az, el):
+        return np.sin(az) < -0.2
+    target = bright_star(mount, DEFAULT_SITE, NIGHT, here, west)
+    assert np.sin(target.place(np.array([NIGHT]), DEFAULT_SITE, DEFAULT_WEATHER)[0][0]) < -0.2
+    with pytest.raises(ValueError, match='no star brighter than 3 between 30 and 75 deg where'):
+        bright_star(mount, DEFAULT_SITE, NIGHT, here, lambda t, az, el: np.zeros(len(az), bool))
