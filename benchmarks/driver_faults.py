@@ -37,7 +37,7 @@ class Hangs(Node):
         self.create_service(Trigger, 'home', self.home)
     def home(self, request, response):
         pathlib.Path({!r}).write_text(repr(time.time()))
-        time.sleep(600)
+        time.sleep(600)  # longer than anybody waits: it hangs
         return response
 rclpy.init()
 rclpy.spin(Hangs())

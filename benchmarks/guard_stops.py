@@ -47,7 +47,7 @@ class Telescope:
                 self.file = socket.create_connection(('localhost', PORT), 30).makefile('rw')
                 break
             except ConnectionRefusedError:
-                time.sleep(0.1)
+                time.sleep(0.1)  # its port is not open yet
         self.ask('home')
         threading.Thread(target=self._look, daemon=True).start()
 
@@ -60,7 +60,7 @@ class Telescope:
         while self._on:
             at, first, _, rate, _ = map(float, self.ask('axes').split())
             self.rows.append((at, first, rate))
-            time.sleep(0.01)
+            time.sleep(0.01)  # the resolution of the times that are measured
 
     def close(self):
         """Look no more."""
@@ -108,7 +108,7 @@ def command():
     track.header.frame_id = '/mount/commander'
     while True:
         pub.publish(track)
-        time.sleep(0.2)
+        time.sleep(0.2)  # well within the guard's request_timeout_s of 0.45 s
 
 
 def start(name, *extra):
@@ -135,7 +135,7 @@ def wait(until, seconds=60.0):
     while time.monotonic() < end:
         if until():
             return True
-        time.sleep(0.01)
+        time.sleep(0.01)  # leaves the cores to what is measured
     return False
 
 
@@ -149,7 +149,7 @@ def kill_one(name, running, telescope, listener, number):
     running[name].send_signal(signal.SIGKILL)
     running[name].wait()
     wait(lambda: telescope.rows[-1][0] > began + 0.3 and abs(telescope.rows[-1][2]) < 0.01, 20.0)
-    time.sleep(0.7)
+    time.sleep(0.7)  # what the guard says may come after the mount is at rest
     at, _, rate = np.array([row for row in telescope.rows if row[0] > began]).T
     moving = np.abs(rate)
     rest = at[len(moving) - np.argmax(moving[::-1] > 0.01) - 1] - began
@@ -159,7 +159,7 @@ def kill_one(name, running, telescope, listener, number):
         running['commander'].kill()
         running['commander'].wait()
         running[name] = start(name)
-        time.sleep(8.0)  # it finds the others
+        time.sleep(8.0)  # imports and discovery: nothing outside tells when all are matched
         if listener.state == 'aborted':
             listener.resume.call_async(Trigger.Request())
             wait(lambda: listener.state != 'aborted', 10.0)
@@ -172,10 +172,10 @@ def quiet(seconds, busy, listener, running):
     try:
         running['commander'] = start('commander', '170')
         wait(lambda: listener.state == 'following', 60.0)
-        time.sleep(20.0)
+        time.sleep(20.0)  # what starting itself makes late is not counted
         count, loads = len(listener.told), []
         for _ in range(int(seconds / 10.0)):
-            time.sleep(10.0)
+            time.sleep(10.0)  # a sample of the load each
             loads.append(os.getloadavg()[0])
         return listener.told[count:], np.mean(loads) if loads else np.nan
     finally:
@@ -199,7 +199,7 @@ def main():
         for name in ('mount_driver', 'encoder_driver', 'mount_guard'):
             running[name] = start(name)
         wait(lambda: listener.told, 60.0)
-        time.sleep(3.0)
+        time.sleep(3.0)  # the guard speaks before it has heard the drivers
         print(f'{"killed":16} {"times":>5} {"guard stops it":>16} '
               f'{"at rest after":>16}  s: median, worst')
         for name in args.killed.split(',') if args.times else ():

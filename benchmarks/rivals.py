@@ -22,6 +22,8 @@ from telescope_mount.processes import dds_environment
 MODULE = 'pointing_model.pointing_corrector_node'
 #: s in which a second one must have ended, else it is counted as mixed with the first
 PATIENCE = 30.0
+#: s after which a node that started has imported and is in the graph; nothing says so outside it
+SETTLED = 2.0
 
 
 def start():
@@ -41,7 +43,7 @@ def end(*nodes):
 def second():
     """Seconds from the start of a second one to its end, and whether all was as it must be."""
     first = start()
-    time.sleep(2.0)
+    time.sleep(SETTLED)
     began, other = time.monotonic(), start()
     try:
         _, said = other.communicate(timeout=PATIENCE)
@@ -58,8 +60,8 @@ def together():
     nodes = start(), start()
     deadline = time.monotonic() + PATIENCE
     while all(node.poll() is None for node in nodes) and time.monotonic() < deadline:
-        time.sleep(0.05)
-    time.sleep(2.0)
+        time.sleep(0.05)  # leaves the cores to the nodes
+    time.sleep(SETTLED)  # the other might end too
     lives = sum(node.poll() is None for node in nodes)
     end(*nodes)
     return lives == 1
@@ -68,11 +70,11 @@ def together():
 def again(watched, sign):
     """Whether one that is started as soon as another is ended stays."""
     first = start()
-    time.sleep(2.0)
+    time.sleep(SETTLED)
     first.send_signal(sign)
     first.wait()
     other = start()
-    time.sleep(watched)
+    time.sleep(watched)  # it must not end in that time
     lives = other.poll() is None
     end(first, other)
     return lives

@@ -13,7 +13,8 @@ import argparse
 from unittest.mock import patch
 
 import numpy as np
-from diagnosis import EFFECTS, OF_TIME, Table, _explained, _shown, alike, make_run, scaled, sky
+from diagnosis import Table, _explained, _shown
+from diagnosis_nights import EFFECTS, OF_TIME, alike, make_run, scaled, sky
 
 from calibration.diagnosis import diagnose
 from calibration.diagnosis.problem import Problem

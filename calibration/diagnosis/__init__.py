@@ -1,9 +1,17 @@
 """What a declared model lacks: candidates, their scores, chance, cross-validation, the verdict."""
 
-from .base import Base
-from .diagnosis import diagnose
-from .input_check import MistakenColumns, check_columns, naming_columns
-from .result import DiagnosedEffect, Diagnosis
+from importlib import import_module
 
-__all__ = ['Base', 'DiagnosedEffect', 'Diagnosis', 'MistakenColumns', 'check_columns', 'diagnose',
-           'naming_columns']
+_PLACES = {'Base': 'base', 'DiagnosedEffect': 'result', 'Diagnosis': 'result',
+           'MistakenColumns': 'input_check', 'check_columns': 'input_check',
+           'diagnose': 'diagnosis', 'naming_columns': 'input_check'}
+__all__ = list(_PLACES)
+
+
+def __getattr__(name):
+    """What the package offers, when it is asked for: to count rows needs nothing of the search."""
+    if name not in _PLACES:
+        raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+    found = getattr(import_module(f'.{_PLACES[name]}', __name__), name)
+    globals()[name] = found
+    return found

@@ -139,13 +139,15 @@ class Effect:
             driver is unknown.
         """
         out = np.zeros((len(self.coefficient_names), 2, len(context)))
+        with np.errstate(divide='ignore', invalid='ignore', over='ignore'):
+            self.fill(out, context)
+        return known(out)
+
+    def fill(self, out, context):
+        """Put the columns into zeros of their shape as they come, without `known`."""
         if all(context.get(name) is not None for name in self.requires):
-            with np.errstate(divide='ignore', invalid='ignore', over='ignore'):
-                for row, (x, y) in zip(out, self.of(context)):
-                    row[0], row[1] = x, y
-            # unknown drivers, and cot E on the horizon
-            np.nan_to_num(out, copy=False, nan=0.0, posinf=0.0, neginf=0.0)
-        return out
+            for row, (x, y) in zip(out, self.of(context)):
+                row[0], row[1] = x, y
 
     def sentence(self, amount):
         """What goes wrong, for a night assistant, from its `Amount`."""
@@ -161,6 +163,11 @@ class Effect:
             return self.name
         p = self.parameters
         return f'{self.form} {self.scan} {p.get("driver")} {p.get("axis")} {p.get("factor")}'
+
+
+def known(columns):
+    """Columns, in place, with zero for unknown drivers, and for cot E on the horizon."""
+    return np.nan_to_num(columns, copy=False, nan=0.0, posinf=0.0, neginf=0.0)
 
 
 # ---------------------------------------------------------------------------------- the registry
