@@ -42,6 +42,7 @@ class TrueSky(Source):
             stamp, (*place, second) = telescope.true_place()
             self.seen.append((stamp, self.field.miss(stamp, place, second)))
             self._wake.wait(1.0 / self._rate)
+            self._wake.clear()
 
 
 class AlpacaSky(IndiSky):

@@ -55,3 +55,14 @@ def test_an_axis_that_does_not_go_where_it_is_sent_is_named_in_time():
 def test_an_axis_that_ends_beside_its_demand_is_named():
     found = says(to(279.0), to(280.0), 50.0, drift=0.0)
     assert any('stays' in text for text in found), found
+
+
+def test_a_driver_that_is_told_the_places_on_the_way_at_once_is_no_fault():
+    def moves(t):
+        return to(170.0, 60.0)(t) if t < 30.0 else to(280.0, 170.0)(t - 30.0)
+
+    def told(t):
+        return (170.0 if t < 30.0 else 280.0) * DEG
+    assert says(moves, told, 60.0) == {}
+    # but one that goes away from there is
+    assert any('moves away' in text for text in says(to(120.0, 60.0), lambda t: 20.0 * DEG))
