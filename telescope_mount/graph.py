@@ -156,8 +156,13 @@ BESIDE = ('mount_guard', 'star_observer', 'pointing_corrector', 'calibration', '
 PARK = {'german': '90,80', 'altaz': '180,80'}
 
 
-def server_graph(*, bag, server, mount, sky, protocol='indi', camera=None, seen=False, seed=1,
-                 plan='', model_file='', first_run=1, state_file='', calibration=None, slews=None):
+#: of a simulator that is asked where it looks between its readings, s: so long the axes must rest
+ASKED = 0.5
+
+
+def server_graph(*, bag, server, mount, sky, protocol='indi', camera=None, seen=False,
+                 exposure=0.0, seed=1, plan='', model_file='', first_run=1, state_file='',
+                 calibration=None, slews=None):
     """The nodes of a night on a mount of a server, on the clock of this machine.
 
     Parameters
@@ -176,6 +181,8 @@ def server_graph(*, bag, server, mount, sky, protocol='indi', camera=None, seen=
         default a simulator tells where it looks.
     seen : bool
         A driver of the user's publishes what is seen; no node of the bridge does.
+    exposure : float
+        Of the camera or driver, s; see `real_graph`.
     seed : int
         Of the choice of stars, and the noise of what is seen.
     plan, model_file, first_run, calibration
@@ -192,9 +199,10 @@ def server_graph(*, bag, server, mount, sky, protocol='indi', camera=None, seen=
     bridge = dict(sky) | {'mount': mount}
     parameters = {f'{protocol}_mount': dict(server) | bridge}
     if camera:
-        parameters['indi_sky'] = camera | bridge
+        parameters['indi_sky'] = camera | bridge | ({'exposure_s': exposure} if exposure else {})
     elif not seen:
         parameters[f'{protocol}_sky'] = dict(server) | bridge | {'seed': seed}
+        exposure = ASKED if protocol == 'alpaca' else 0.0  # at the readings of INDI's
     names = *parameters, *BESIDE
     parameters |= {
         'mount_guard': {'mount': mount, 'goto': True, 'park_deg': PARK.get(mount, '0,80'),
@@ -209,7 +217,7 @@ def server_graph(*, bag, server, mount, sky, protocol='indi', camera=None, seen=
             # the driver chooses its side at the meridian by itself
             'absolute_encoder': False, 'meridian_limit_deg': 0.0,
             # it comes to rest beside the star first, and is sent on
-            'on_target_arcsec': 3.0, 'renew_request_s': 0.1,
+            'on_target_arcsec': 3.0, 'renew_request_s': 0.1, 'exposure_s': exposure,
             'wait_for_nodes': [f'{NAMESPACE}/{name}' for name in names],
         } | ({'plan': plan} if plan else {}) | sky,
         'pointing_corrector': {'model_file': model_file},

@@ -72,8 +72,8 @@ def run_night(out, *, stars=30, polaris=16, reference=None, cycle='incremental',
     say : callable, optional
         As of `observe`, of a mount of a server.
     of_server : dict, optional
-        Of a mount of a server: ``camera`` and ``drivers`` as of `server_night.nodes_of`, ``anew``
-        and ``note`` as of `real_night.run_real_night`.
+        Of a mount of a server: ``camera``, ``drivers`` and ``exposure`` as of
+        `server_night.nodes_of`, ``anew`` and ``note`` as of `real_night.run_real_night`.
     **graph
         As of `graph.night_graph`: ``seed``, ``time_scale``, ...
 

@@ -87,7 +87,7 @@ def run_server_night(out, mount, *, stars=30, reference=None, camera='', drivers
     stars : int
         To fit the model to.
     **graph
-        As of `graph.server_graph`: ``seed``, ``calibration``.
+        As of `server_night.nodes_of`: ``exposure``, ``seed``, ``calibration``.
 
     Returns, Raises
         As `run_real_night`.

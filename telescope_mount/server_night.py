@@ -145,7 +145,7 @@ def _with_advice(check, telescope):
                          'indi:HOST:PORT:NAME, or the driver of one with --driver') from None
 
 
-def nodes_of(found, *, plan, camera='', drivers=(), **graph):
+def nodes_of(found, *, plan, camera='', drivers=(), exposure=1.0, **graph):
     """The nodes for what was found.
 
     Parameters
@@ -156,6 +156,8 @@ def nodes_of(found, *, plan, camera='', drivers=(), **graph):
         As of `parse_camera`; empty: none.
     drivers : sequence of Path
         Whether one of the user's sees the sky.
+    exposure : float
+        Of the camera, s; no matter where a simulator tells where it looks.
     **graph
         As of `graph.server_graph`.
 
@@ -166,4 +168,5 @@ def nodes_of(found, *, plan, camera='', drivers=(), **graph):
     return server_graph(
         protocol=found.protocol, server=found.server, mount=found.kind, sky=found.sky, plan=plan,
         camera=parse_camera(camera) if camera else {}, seen=bool(drivers),
+        exposure=exposure if camera or drivers else 0.0,
         slews=SIMULATED if found.simulated else None, **graph)

@@ -55,7 +55,7 @@ def run(args):
             ('time-scale', args.time_scale, 0.0), ('power-cycle', args.power_cycle,
                                                    'incremental'), ('date', args.date, '')) \
             if of_server else (('camera', args.camera, ''), ('driver', args.driver, []),
-                               ('anew', args.anew, False)):
+                               ('exposure', args.exposure, 1.0), ('anew', args.anew, False)):
         if value != usual:
             raise ValueError(f'--{name} is for the simulated mount; leave it out with --mount '
                              f'{args.mount.partition(":")[0]}:...' if of_server else
@@ -76,6 +76,7 @@ def run(args):
             params_file=args.params, sky=options.sky_of(args), absolute=args.absolute,
             calibration=calibration, progress=progress, say=say, of_server={
                 'camera': args.camera, 'drivers': args.driver, 'anew': args.anew,
+                'exposure': args.exposure,
                 'note': partial(console.print, markup=False)} if of_server else None)
     print_calibration(console, report)
     print_files(console, report['files'])

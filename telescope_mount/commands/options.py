@@ -80,6 +80,9 @@ def add_server(parser):
                         'are solved; by default a simulator tells where it looks')
     parser.add_argument('--driver', type=Path, action='append', default=[], metavar='FILE',
                         help='the same: the driver in Python of a camera of your own')
+    parser.add_argument('--exposure', type=real(1e-3, 600.0, 's'), default=1.0, metavar='S',
+                        help='the same: length of its exposures, in which the mount must rest on '
+                        'its track (default: 1)')
     parser.add_argument('--anew', action='store_true', help='the same: begin a night that was '
                         'interrupted in --out once more; by default it goes on where it stopped')
 
