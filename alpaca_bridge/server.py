@@ -56,8 +56,13 @@ class AlpacaServer:
             def log_message(self, *_):
                 pass
 
-        self._http = ThreadingHTTPServer(('127.0.0.1', port), Handler)
-        self._http.daemon_threads = True
+        class Quiet(ThreadingHTTPServer):
+            daemon_threads = True
+
+            def handle_error(self, *_):
+                pass  # a client that has gone
+
+        self._http = Quiet(('127.0.0.1', port), Handler)
         self.port = self._http.server_port
 
     def tell(self, name):

@@ -75,7 +75,7 @@ class AlpacaTelescope:
         with _asking(f'{host}:{port}'):
             from alpaca.telescope import Telescope
             self._device = Telescope(f'{host}:{port}', number)
-        self.device = f'telescope {number} of {host}:{port}'
+        self.device = f'telescope {number} of {host} port {port}'
         self._state, self._heard = {}, 0
         self._at_once = True  # the server tells all of it in one answer
 
@@ -119,11 +119,17 @@ class AlpacaTelescope:
         text = self.call('Action', TRUE_PLACE, '')
         return (before + time.time_ns()) // 2, np.array(text.split(), float)
 
+    @property
+    def is_simulator(self):
+        """Whether it tells where it truly looks."""
+        return TRUE_PLACE in self.ask('SupportedActions', [])
+
     def knows_where_it_looks(self):
         """Raise AlpacaError where the position that it reports is what it believes."""
-        if TRUE_PLACE not in self.ask('SupportedActions', []):
-            raise AlpacaError(f'{self.device} reports what it believes, not what is seen: a camera '
-                              'has to see the sky')
+        if not self.is_simulator:
+            raise AlpacaError(f'{self.device} reports what it believes, not what is seen: start a '
+                              'camera of your own that publishes camera/miss_distance, and leave '
+                              'alpaca_sky out')
 
     # --- its state ----------------------------------------------------------------------------
 
@@ -209,6 +215,11 @@ class AlpacaTelescope:
 
     # --- orders -------------------------------------------------------------------------------
 
+    def connect(self):
+        """Have the server connect to the mount."""
+        if not self.ask('Connected'):
+            self.tell('Connected', True)
+
     def prepare(self, site=None):
         """Make it ready to be pointed: connected, standing, not parked.
 
@@ -217,8 +228,7 @@ class AlpacaTelescope:
         site : Site, optional
             To be set in the driver.
         """
-        if not self.ask('Connected'):
-            self.tell('Connected', True)
+        self.connect()
         system = int(self.ask('EquatorialSystem', 0))
         if system not in OF_DATE:
             raise AlpacaError(f'{self.device} takes places of another equinox (EquatorialSystem '

@@ -31,8 +31,8 @@ from indi_bridge.telescope import IndiTelescope
 from msg_tools import convert, topics
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.sky import DEFAULT_SITE
-from telescope_mount.graph import indi_graph
-from telescope_mount.indi_night import SIMULATED
+from telescope_mount.graph import server_graph
+from telescope_mount.server_night import SIMULATED
 
 KILLED = ('commander', 'mount_guard', 'indi_mount')
 TARGETS = {'commander': 'at rest 0.5 s', 'mount_guard': 'the last piece is over: 1.6 s',
@@ -97,7 +97,7 @@ class Graph:
 
     def __init__(self, port, every):
         self.port, self.every, self.running = port, every, {}
-        self._specs = {spec.name: spec for spec in indi_graph(
+        self._specs = {spec.name: spec for spec in server_graph(
             bag='', server={'host': 'localhost', 'port': port, 'device': DEVICE}, mount='german',
             sky={}, slews=SIMULATED)}
 

@@ -81,13 +81,7 @@ class MountSimulator(ManagedNode):
     # --- commands -----------------------------------------------------------------------------
 
     def _on_command(self, message):
-        if not self.active:
-            raise ValueError(self.inactive)
-        stamp, times, positions, velocities = convert.read_trajectory(message)
-        asked = convert.joints_of(message.joint_names)
-        if asked != self._names:
-            raise ValueError(f'command for {" and ".join(asked)}: this mount has '
-                             f'{" and ".join(self._names)}')
+        stamp, times, positions, velocities = self.read_command(message, self._names)
         if self._live and self._homing is not None:
             raise ValueError('homing is under way')
         at = (stamp - self._start) * 1e-9

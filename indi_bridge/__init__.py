@@ -4,12 +4,15 @@
 PORT = 7624
 
 
-def parse_address(text):
-    """Host and port of ``indi:HOST[:PORT]``.
+def parse_address(text, protocol='indi', usual=PORT):
+    """Host and port of ``indi:HOST[:PORT]``, or of another protocol.
 
     Parameters
     ----------
     text : str
+    protocol : str
+    usual : int
+        Port where none is given.
 
     Returns
     -------
@@ -23,8 +26,9 @@ def parse_address(text):
     """
     kind, _, rest = text.partition(':')
     host, _, port = rest.partition(':')
-    port = port or str(PORT)
-    if kind != 'indi' or not host or not port.isdecimal() or not 0 < int(port) < 65536:
-        raise ValueError(f'{text!r} is no INDI server; write indi:HOST or indi:HOST:PORT, for '
-                         f'instance indi:localhost:{PORT}')
+    port = port or str(usual)
+    if kind != protocol or not host or not port.isdecimal() or not 0 < int(port) < 65536:
+        name = {'indi': 'INDI', 'alpaca': 'Alpaca'}[protocol]
+        raise ValueError(f'{text!r} is no {name} server; write {protocol}:HOST or '
+                         f'{protocol}:HOST:PORT, for instance {protocol}:localhost:{usual}')
     return host, int(port)

@@ -67,14 +67,7 @@ class IndiMount(ManagedNode):
             self._driver.abort()
 
     def _on_command(self, message):
-        if not self.active:
-            raise ValueError(self.inactive)
-        stamp, times, positions, rates = convert.read_trajectory(message)
-        asked = convert.joints_of(message.joint_names)
-        if asked != self._names:
-            raise ValueError(f'command for {" and ".join(asked)}: this mount has '
-                             f'{" and ".join(self._names)}')
-        self._driver.command(stamp, times, positions, rates)
+        self._driver.command(*self.read_command(message, self._names))
 
     def _home(self):
         if not self.active:

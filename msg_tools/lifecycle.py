@@ -9,6 +9,7 @@ import traceback
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.lifecycle import LifecycleNodeMixin, TransitionCallbackReturn
 
+from . import convert
 from .node import MountNode
 from .params import Param
 
@@ -84,6 +85,28 @@ class ManagedNode(LifecycleNodeMixin, MountNode):
         state = self._state_machine.current_state[1]
         what = {'unconfigured': 'configure and activate it', 'finalized': 'start it anew'}
         return f'{self.get_name()} is {state}: {what.get(state, "activate it")}'
+
+    def read_command(self, message, names):
+        """A trajectory on `command` for a mount with joints `names`.
+
+        Returns
+        -------
+        ns, times, positions, velocities
+            As of `convert.read_trajectory`.
+
+        Raises
+        ------
+        ValueError
+            The node is inactive, or the command is for another mount.
+        """
+        if not self.active:
+            raise ValueError(self.inactive)
+        command = convert.read_trajectory(message)
+        asked = convert.joints_of(message.joint_names)
+        if asked != names:
+            raise ValueError(f'command for {" and ".join(asked)}: this mount has '
+                             f'{" and ".join(names)}')
+        return command
 
     # --- transitions ---------------------------------------------------------------------------
 

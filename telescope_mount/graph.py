@@ -26,6 +26,7 @@ NODES = {
     'indi_mount': 'indi_bridge.indi_mount_node',
     'indi_sky': 'indi_bridge.indi_sky_node',
     'alpaca_mount': 'alpaca_bridge.alpaca_mount_node',
+    'alpaca_sky': 'alpaca_bridge.alpaca_sky_node',
 }
 
 #: of the simulated incremental encoder (paper 000): lines in a turn
@@ -151,29 +152,46 @@ def every_frame(namespace=NAMESPACE):
             for policy, value in (('reliability', 'reliable'), ('depth', 5000))}
 
 
-#: of a night on a mount that INDI simulates; with a real one a camera takes the place of indi_sky
-INDI = ('indi_mount', 'indi_sky', 'mount_guard', 'star_observer', 'pointing_corrector',
-        'calibration', 'mcap_logger')
+#: beside the mount of a server and what tells where it looks
+BESIDE = ('mount_guard', 'star_observer', 'pointing_corrector', 'calibration', 'mcap_logger')
+#: where mounts of servers are parked, deg: near the pole, and not at it, where places say nothing
+#: of the first axis
+PARK = {'german': '90,80', 'altaz': '180,80'}
 
 
-def indi_graph(*, bag, server, mount, sky, seed=1, plan='', model_file='', first_run=1,
-               calibration=None, slews=None):
-    """The nodes of a night on a mount of an INDI server, on the clock of this machine.
+#: of a simulator that is asked where it looks between its readings, s: so long the axes must rest
+ASKED = 0.5
+
+
+def server_graph(*, bag, server, mount, sky, protocol='indi', camera=None, seen=False,
+                 exposure=0.0, seed=1, plan='', model_file='', first_run=1, state_file='',
+                 calibration=None, slews=None):
+    """The nodes of a night on a mount of a server, on the clock of this machine.
 
     Parameters
     ----------
     bag : str
         Folder of the log, which must not exist.
     server : dict
-        Parameters of both nodes of the bridge: `host`, `port`, `device`.
+        Parameters of the nodes of the bridge: `host`, `port`, `device` or `number`.
     mount : str
         Its kind, see `pointing_model.mounts.parse_mount`.
     sky : dict
         Parameters of site and weather (`latitude_deg`, ...), for all.
+    protocol : {'indi', 'alpaca'}
+    camera : dict, optional
+        Parameters of `indi_sky`, `host`, `port` and `camera`, where a camera sees the sky; by
+        default a simulator tells where it looks.
+    seen : bool
+        A driver of the user's publishes what is seen; no node of the bridge does.
+    exposure : float
+        Of the camera or driver, s; see `real_graph`.
     seed : int
         Of the choice of stars, and the noise of what is seen.
     plan, model_file, first_run, calibration
         As of `night_graph`.
+    state_file : str
+        As of `real_graph`.
     slews : dict, optional
         Parameters of the guard where it is known how the driver slews; by default nothing is.
 
@@ -181,29 +199,35 @@ def indi_graph(*, bag, server, mount, sky, seed=1, plan='', model_file='', first
     -------
     list of NodeSpec
     """
-    bridge = dict(server) | dict(sky) | {'mount': mount}
-    parameters = {
-        'indi_mount': bridge,
-        'indi_sky': bridge | {'seed': seed},
-        # near the pole, and not at it, where places say nothing of the first axis
-        'mount_guard': {'mount': mount, 'goto': True,
-                        'park_deg': '90,80' if mount == 'german' else '0,80',
+    bridge = dict(sky) | {'mount': mount}
+    parameters = {f'{protocol}_mount': dict(server) | bridge}
+    if camera:
+        parameters['indi_sky'] = camera | bridge | ({'exposure_s': exposure} if exposure else {})
+    elif not seen:
+        parameters[f'{protocol}_sky'] = dict(server) | bridge | {'seed': seed}
+        exposure = ASKED if protocol == 'alpaca' else 0.0  # at the readings of INDI's
+    names = *parameters, *BESIDE
+    parameters |= {
+        'mount_guard': {'mount': mount, 'goto': True, 'park_deg': PARK.get(mount, '0,80'),
                         # a driver stops a moment after it is told
                         'request_timeout_s': 0.35} | (
+            # none is told places beyond the zenith
+            {'second_travel_deg': '-5,89'} if mount == 'altaz' else {}) | (
             slews or {'slew_timing': 0.0}) | {name: sky[name] for name in SITE if name in sky},
         'star_observer': {
             'star_seed': seed, 'model_file': model_file, 'first_run': first_run, 'mount': mount,
+            'state_file': state_file,
             # the driver chooses its side at the meridian by itself
             'absolute_encoder': False, 'meridian_limit_deg': 0.0,
             # it comes to rest beside the star first, and is sent on
-            'on_target_arcsec': 3.0, 'renew_request_s': 0.1,
-            'wait_for_nodes': [f'{NAMESPACE}/{name}' for name in INDI],
+            'on_target_arcsec': 3.0, 'renew_request_s': 0.1, 'exposure_s': exposure,
+            'wait_for_nodes': [f'{NAMESPACE}/{name}' for name in names],
         } | ({'plan': plan} if plan else {}) | sky,
         'pointing_corrector': {'model_file': model_file},
         'calibration': {'model_file': model_file, 'split_seed': seed} | (calibration or {}),
         'mcap_logger': {'folder': bag, 'exclude': [TRUTH]},
     }
-    return [NodeSpec(name, NODES[name], parameters[name]) for name in INDI]
+    return [NodeSpec(name, NODES[name], parameters[name]) for name in names]
 
 
 #: all but the hardware, whose drivers take the place of the simulator's nodes

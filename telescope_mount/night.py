@@ -50,7 +50,7 @@ def prepare_folder(folder):
 
 def run_night(out, *, stars=30, polaris=16, reference=None, cycle='incremental',
               domain_number=None, params_file=None, progress=None, scenario='default', mount='',
-              say=None, note=None, **graph):
+              say=None, of_server=None, **graph):
     """Observe a night in a graph of processes.
 
     Parameters
@@ -70,10 +70,13 @@ def run_night(out, *, stars=30, polaris=16, reference=None, cycle='incremental',
     scenario : str
         What is wrong with the simulated mount.
     mount : str
-        As of `graph.night_graph`; empty: the kind that the scenario is. ``indi:HOST:PORT``: a
-        mount of an INDI server takes the place of the simulated one.
-    say, note : callable, optional
-        As of `observe`, of a mount of an INDI server.
+        As of `graph.night_graph`; empty: the kind that the scenario is. ``indi:HOST:PORT`` or
+        ``alpaca:HOST:PORT``: a mount of a server takes the place of the simulated one.
+    say : callable, optional
+        As of `observe`, of a mount of a server.
+    of_server : dict, optional
+        Of a mount of a server: ``camera``, ``drivers`` and ``exposure`` as of
+        `server_night.nodes_of`, ``anew`` and ``note`` as of `real_night.run_real_night`.
     **graph
         As of `graph.night_graph`: ``seed``, ``time_scale``, ...
 
@@ -89,10 +92,12 @@ def run_night(out, *, stars=30, polaris=16, reference=None, cycle='incremental',
     NightFailed
         A node ended, or the plan could not be carried out.
     """
-    if is_indi(mount):
-        return _run_on_indi(out, mount, stars, reference, domain_number, params_file, progress,
-                            say, note, **{name: graph[name] for name in (
-                                'seed', 'sky', 'calibration') if name in graph})
+    if is_server(mount):
+        from .real_night import run_server_night
+        return run_server_night(
+            out, mount, stars=stars, reference=reference, domain_number=domain_number,
+            params_file=params_file, progress=progress, say=say, **(of_server or {}),
+            **{name: graph[name] for name in ('seed', 'sky', 'calibration') if name in graph})
     plan = night_plan(stars, polaris, reference is not None, cycle)
     parse_plan(plan)
     if reference is not None:
@@ -109,24 +114,9 @@ def run_night(out, *, stars=30, polaris=16, reference=None, cycle='incremental',
     return report
 
 
-def _run_on_indi(out, mount, stars, reference, domain_number, params_file, progress, say, note,
-                 **graph):
-    """As `run_night`, of a mount of an INDI server, on the clock of this machine."""
-    from .indi_night import specs
-    from .real_night import STALL, write_with_checks
-    if reference is not None:
-        from pointing_model.model import PointingModel
-        PointingModel.load(reference)
-    plan, nodes = specs(mount, stars=stars, bag=str(Path(out) / 'bag'),
-                        model_file=str(reference.resolve()) if reference else '', **graph)
-    folder = prepare_folder(out)
-    return observe(folder, nodes, plan, partial(write_with_checks, folder), progress,
-                   domain_number, params_file, stall=STALL, say=say, note=note)
-
-
-def is_indi(mount):
-    """Whether a text for the mount means an INDI server."""
-    return mount.partition(':')[0] == 'indi'
+def is_server(mount):
+    """Whether a text for the mount means one of a server."""
+    return mount.partition(':')[0] in ('indi', 'alpaca')
 
 
 def observe(folder, specs, plan, write, progress=None, domain_number=None, params_file=None, *,

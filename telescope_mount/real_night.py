@@ -61,12 +61,7 @@ def run_real_night(out, *, plan='', stars=30, drivers=(), domain_number=None, pa
     verbs = {step.verb for step in parse_plan(plan)}
     if 'fit' not in verbs:
         raise ValueError(f'--plan {plan!r} has no fit: nothing would be told')
-    for path in map(Path, drivers):
-        if not path.is_file():
-            raise ValueError(f'{path} is no file; give a driver in Python with --driver')
-    if reference is not None:
-        from pointing_model.model import PointingModel
-        PointingModel.load(reference)
+    _check_files(drivers, reference)
     folder, again = _folder(Path(out), plan, graph.get('mount', 'altaz'), anew, note)
     bag = _free(folder / 'bag')
     specs = real_graph(bag=str(bag), plan=plan, state_file=str(folder / STATE),
@@ -75,6 +70,51 @@ def run_real_night(out, *, plan='', stars=30, drivers=(), domain_number=None, pa
         folder, specs, plan, partial(write_with_checks, folder, bag=bag), progress, domain_number,
         params_file, claim=domain.join, drivers=drivers, stall=STALL, say=say, note=note,
         again=again)
+
+
+def run_server_night(out, mount, *, stars=30, reference=None, camera='', drivers=(),
+                     domain_number=None, params_file=None, progress=None, say=None, note=print,
+                     anew=False, sky=None, **graph):
+    """A night on a mount of an INDI or Alpaca server, on the clock of this machine.
+
+    Parameters
+    ----------
+    out, reference, drivers, domain_number, params_file, progress, say, note, anew
+        As of `run_real_night`.
+    mount, sky
+        As of `server_night.ask_server`.
+    camera : str
+        As of `server_night.parse_camera`; empty: a driver sees the sky, or a simulator tells.
+    stars : int
+        To fit the model to.
+    **graph
+        As of `server_night.nodes_of`: ``exposure``, ``seed``, ``calibration``.
+
+    Returns, Raises
+        As `run_real_night`.
+    """
+    from .server_night import ask_server, nodes_of, parse_camera, server_plan
+    _check_files(drivers, reference)
+    if camera:
+        parse_camera(camera)
+    plan, found = server_plan(stars), ask_server(mount, sky, bool(camera or drivers))
+    folder, again = _folder(Path(out), plan, found.kind, anew, note)
+    bag = _free(folder / 'bag')
+    specs = nodes_of(found, plan=plan, camera=camera, drivers=drivers, bag=str(bag),
+                     state_file=str(folder / STATE),
+                     model_file=str(reference.resolve()) if reference else '', **graph)
+    return night.observe(
+        folder, specs, plan, partial(write_with_checks, folder, bag=bag), progress, domain_number,
+        params_file, drivers=drivers, stall=STALL, say=say, again=again)
+
+
+def _check_files(drivers, reference):
+    for path in map(Path, drivers):
+        if not path.is_file():
+            raise ValueError(f'{path} is no file; give a driver in Python with --driver')
+    if reference is not None:
+        from pointing_model.model import PointingModel
+        PointingModel.load(reference)
 
 
 def _folder(out, plan, mount, anew, note):

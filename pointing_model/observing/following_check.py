@@ -95,7 +95,10 @@ class FollowingCheck:
         before, self._sent = self._sent or (here, sent), (here, sent)
         there, moved = np.abs(wrap(sent - demand)) < self._near, np.abs(here - before[0])
         still = np.abs(sent - before[1]) < NEARER
-        return ~there & (np.abs(wrap(here - sent)) < AWAY) & (still | (moved > NEARER))
+        off = np.abs(wrap(here - sent))
+        # a driver that is told places is sent far ahead at once
+        comes = off < np.abs(wrap(before[0] - sent)) - NEARER
+        return ~there & (comes | ((off < AWAY) & (still | (moved > NEARER))))
 
     def _stuck(self, stamp, here, demand, way):
         sky = way * (np.cos(demand[1]), 1.0)

@@ -1,5 +1,6 @@
 """The command ``night``."""
 
+from functools import partial
 from pathlib import Path
 
 from . import options
@@ -26,7 +27,8 @@ def add(commands):
                         'middle of a night without --reference (default: incremental)')
     options.add(parser, 'harmonics', 'harmonics-alone', 'harmonics-degree')
     options.add(parser, 'date', 'latitude', 'longitude', 'height')
-    options.add(parser, 'mount', help=options.MOUNT_OF_NIGHT + options.INDI_OF_NIGHT)
+    options.add(parser, 'mount', help=options.MOUNT_OF_NIGHT + options.SERVER_OF_NIGHT)
+    options.add_server(parser)
     parser.add_argument('--params', type=Path, metavar='FILE',
                         help='ROS parameter file, read by every node after the values above')
     parser.add_argument('--absolute', choices=('angles', 'frames'), default='angles',
@@ -40,21 +42,25 @@ def add(commands):
 
 def run(args):
     """Observe, print, write."""
-    from ..night import is_indi, run_night
+    from ..night import is_server, run_night
     from .console import Progress, new_console, print_calibration, print_files
     if args.params is not None and not args.params.is_file():
         raise ValueError(f'{args.params} is no file; give a ROS parameter file with --params')
     if args.reference is not None and args.power_cycle != 'incremental':
         raise ValueError(f'--power-cycle {args.power_cycle}: with --reference a night is one '
                          'power-on; leave one of them out')
-    if is_indi(args.mount or ''):
-        for name, value, usual in (
-                ('scenario', args.scenario, 'default'), ('absolute', args.absolute, 'angles'),
-                ('time-scale', args.time_scale, 0.0), ('power-cycle', args.power_cycle,
-                                                       'incremental'), ('date', args.date, '')):
-            if value != usual:
-                raise ValueError(f'--{name} is for the simulated mount; leave it out with '
-                                 '--mount indi:...')
+    of_server = is_server(args.mount or '')
+    for name, value, usual in (
+            ('scenario', args.scenario, 'default'), ('absolute', args.absolute, 'angles'),
+            ('time-scale', args.time_scale, 0.0), ('power-cycle', args.power_cycle,
+                                                   'incremental'), ('date', args.date, '')) \
+            if of_server else (('camera', args.camera, ''), ('driver', args.driver, []),
+                               ('exposure', args.exposure, 1.0), ('anew', args.anew, False)):
+        if value != usual:
+            raise ValueError(f'--{name} is for the simulated mount; leave it out with --mount '
+                             f'{args.mount.partition(":")[0]}:...' if of_server else
+                             f'--{name} is for a mount of a server; give it with --mount '
+                             'indi:HOST:PORT or alpaca:HOST:PORT')
     calibration = options.harmonics_of(args)
     console = new_console()
 
@@ -68,7 +74,9 @@ def run(args):
             mount=args.mount or '', cycle=args.power_cycle, domain_number=args.domain,
             time_scale=args.time_scale,
             params_file=args.params, sky=options.sky_of(args), absolute=args.absolute,
-            calibration=calibration, progress=progress, say=say,
-            note=lambda text: console.print(text, markup=False))
+            calibration=calibration, progress=progress, say=say, of_server={
+                'camera': args.camera, 'drivers': args.driver, 'anew': args.anew,
+                'exposure': args.exposure,
+                'note': partial(console.print, markup=False)} if of_server else None)
     print_calibration(console, report)
     print_files(console, report['files'])

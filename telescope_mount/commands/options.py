@@ -69,8 +69,22 @@ SHARED = {
 MOUNT_OF_NIGHT = ('what the observer is told of the mount: altaz, equatorial, german, or '
                   'free:AZ,EL[,ROLL] (where the first axis points, degrees); default: the kind '
                   'that the scenario has')
-INDI_OF_NIGHT = ('; or indi:HOST[:PORT[:KIND]]: a mount of an INDI server in place of the '
-                 'simulated one, on the clock of this machine')
+SERVER_OF_NIGHT = ('; or indi:HOST[:PORT[:KIND]] or alpaca:HOST[:PORT[:KIND]]: a mount of an INDI '
+                   'or Alpaca server in place of the simulated one, on the clock of this machine')
+
+
+def add_server(parser):
+    """Add the options of a night on a mount of a server."""
+    parser.add_argument('--camera', default='', metavar='indi:HOST:PORT:NAME',
+                        help='of a mount of a server: the camera of an INDI server whose images '
+                        'are solved; by default a simulator tells where it looks')
+    parser.add_argument('--driver', type=Path, action='append', default=[], metavar='FILE',
+                        help='the same: the driver in Python of a camera of your own')
+    parser.add_argument('--exposure', type=real(1e-3, 600.0, 's'), default=1.0, metavar='S',
+                        help='the same: length of its exposures, in which the mount must rest on '
+                        'its track (default: 1)')
+    parser.add_argument('--anew', action='store_true', help='the same: begin a night that was '
+                        'interrupted in --out once more; by default it goes on where it stopped')
 
 
 def add(parser, *names, **changes):

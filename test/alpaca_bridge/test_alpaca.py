@@ -11,11 +11,15 @@ import pytest
 
 from alpaca_bridge.driver import AlpacaDriver
 from alpaca_bridge.server import AlpacaServer
+from alpaca_bridge.simulator import SimulatedTelescope
+from alpaca_bridge.sources import TrueSky
 from alpaca_bridge.telescope import AlpacaError, AlpacaTelescope
 from indi_bridge.dead_man import ALPACA, DeadMan
 from indi_bridge.goto_mount import NO_AXES
-from msg_tools.units import ARCSEC, DEG
-from pointing_model.mounts import Mount
+from indi_bridge.pointing import axes_at
+from indi_bridge.two_axes import TwoAxes
+from msg_tools.units import ARCSEC, DEG, wrap
+from pointing_model.mounts import ALTAZ, Mount
 from pointing_model.sky import DEFAULT_SITE, sidereal_time
 
 pytest.importorskip('alpaca', reason='alpyca is not installed (extra alpaca)')
@@ -171,6 +175,42 @@ def test_a_mount_is_stopped_when_its_commander_dies():
         while not (server.orders('abortslew') and server.orders('tracking')):
             assert time.monotonic() < end
             time.sleep(0.01)  # polls: another process's doing
+
+
+class Field:
+    """Notes where it is looked at."""
+
+    def miss(self, stamp, place, second):
+        """Place and second axis, as they came."""
+        return np.array([*place, second])
+
+
+def test_a_simulated_altazimuth_telescope_tells_its_axes_and_where_it_looks():
+    telescope = TwoAxes(ALTAZ, DEFAULT_SITE, {'IA': 300.0 * ARCSEC})
+    with SimulatedTelescope(telescope) as server, Bench(server.port, ALTAZ) as bench:
+        bench.until(lambda: bench.last)
+        assert np.cos(bench.last[1][0]) == pytest.approx(1.0)
+        assert bench.last[1][1] / DEG == pytest.approx(80.0)
+        source = TrueSky('127.0.0.1', server.port, 0, Field(), 20.0)
+        source.start()
+        bench.until(lambda: len(source.seen) > 1)
+        stamp, (ra, dec, second) = source.seen[-1]
+        source.close()
+    az, el = axes_at(ALTAZ, ra, dec, stamp * 1e-9, DEFAULT_SITE, False)
+    assert wrap(az) / ARCSEC == pytest.approx(-300.0, abs=2.0)  # the question takes its time
+    assert (el / DEG, second / DEG) == pytest.approx((80.0, 80.0), abs=1e-3)
+
+
+def test_a_real_telescope_does_not_know_where_it_looks():
+    with Server() as server:
+        source = TrueSky('127.0.0.1', server.port, 0, Field())
+        source.start()
+        end = time.monotonic() + 10.0
+        while 'reports what it believes, not what is seen' not in source.why:
+            assert time.monotonic() < end, source.why
+            time.sleep(0.01)  # polls: another thread's doing
+        assert not source.seen
+        source.close()
 
 
 class Simulators:

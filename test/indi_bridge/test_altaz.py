@@ -10,61 +10,45 @@ import pytest
 
 from calibration.fit import fit_terms
 from indi_bridge.client import IndiClient, IndiError
-from indi_bridge.driver import MountDriver
 from indi_bridge.goto_mount import NO_AXES
 from indi_bridge.pointing import axes_at
 from indi_bridge.server import SIMULATOR
 from indi_bridge.telescope import IndiTelescope, check_kind, find_device
 from indi_bridge.two_axes import TwoAxes, draw_errors
 from indi_bridge.two_axes_server import TwoAxesServer
-from msg_tools.units import ARCSEC, DEG, wrap
+from msg_tools.units import ARCSEC, DEG
 from pointing_model.mounts import ALTAZ
 from pointing_model.run import PointingRun
-from pointing_model.sky import DEFAULT_SITE, sidereal_time
+from pointing_model.sky import DEFAULT_SITE
 
 sys.path.append(str(Path(__file__).parent))
 
 from fake_server import TELESCOPE, FakeServer, switch
+from guarded import Guarded
 
 pytest.importorskip('indipyclient', reason='indipyclient is not installed (extra indi)')
 
 
-def test_it_is_brought_onto_its_track_by_places_and_stands_after_a_stop():
+def test_behind_the_guard_it_is_brought_onto_a_track_stands_and_parks():
     telescope = TwoAxes(ALTAZ, DEFAULT_SITE, draw_errors(4, 'altaz'))
-    with TwoAxesServer(telescope) as server:
-        driver = MountDriver('localhost', server.port, ALTAZ, DEFAULT_SITE, dead_man=False,
-                             retry=0.1, fresh=0.0)
-        driver.start()
-        last = []
-
-        def until(condition, seconds=20.0):
-            end = time.monotonic() + seconds
-            while not condition():
-                assert time.monotonic() < end, driver.state()
-                last.extend(driver.readings())
-                if driver.ready:
-                    driver.step()
-                time.sleep(0.01)  # polls: another thread's doing
-        until(lambda: last)
-        assert driver.state() == (NO_AXES, False)  # HORIZONTAL_COORD is what the driver believes
-        assert last[-1][1] / DEG == pytest.approx((0.0, 80.0))
-        # across north, by a track of azimuths that goes on below 0; a star's, and 200" beside it
-        times = np.arange(0.0, 60.1, 5.0)
-        start = time.time_ns()
-        hour_angle, dec = 20.0 * DEG, 80.0 * DEG
-        ra = sidereal_time(start * 1e-9, DEFAULT_SITE) - hour_angle
-        star = np.array(axes_at(ALTAZ, ra, dec, start * 1e-9 + times, DEFAULT_SITE, False)).T
-        angles = star + np.array([200.0, -100.0]) * ARCSEC - (2.0 * np.pi, 0.0)
-        driver.command(start, times, angles, np.gradient(angles, times, axis=0))
-
-        def off():
-            stamp, axes = last[-1]
-            want = [np.interp((stamp - start) * 1e-9, times, axis) for axis in angles.T]
-            return np.abs(wrap(np.array(axes) - want)).max() / ARCSEC
-        until(lambda: telescope.tracking and not telescope.slewing and off() < 1.5)
-        driver.abort()
-        until(lambda: not telescope.tracking and driver.telescope.tracks is False)
-        driver.close(0.0)
+    with TwoAxesServer(telescope) as server, Guarded(
+            server.port, ALTAZ, ((-270.0, 270.0), (-5.0, 89.0)), dead_man=False, retry=0.1,
+            fresh=0.0) as mount:
+        mount.until(lambda: mount.here is not None)
+        assert mount.driver.state() == (NO_AXES, False)  # as its driver believes
+        assert mount.here / DEG == pytest.approx((0.0, 80.0))
+        mount.ask(-4.0, 78.0)  # across north, by azimuths below 0
+        mount.until(lambda: telescope.tracking and not telescope.slewing
+                    and mount.keeper.state == 'following' and mount.off() < 1.5)
+        with pytest.raises(ValueError, match='elevation'):
+            mount.ask(0.0, 89.5)
+        mount.ask(40.0, 60.0)
+        mount.until(lambda: telescope.slewing)
+        mount.asked = None  # the commander is gone
+        mount.until(lambda: mount.keeper.state == 'stopped' and not telescope.tracking)
+        mount.keeper.park(time.time_ns(), (0.1, 80.0 * DEG))
+        mount.until(lambda: mount.keeper.state == 'parked')
+        mount.until(lambda: not telescope.tracking)
 
 
 def test_its_errors_are_found_as_terms():

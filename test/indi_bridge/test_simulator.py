@@ -1,8 +1,9 @@
 """INDI's own telescope simulator: its pointing model is found, and where it acts; the guard."""
 
+import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,19 +11,17 @@ import pytest
 from calibration.fit import fit_terms
 from calibration.sky_model import ON_SKY, origin_of_errors, with_errors
 from indi_bridge.client import IndiClient
-from indi_bridge.driver import MountDriver
 from indi_bridge.server import DEVICE, SimulatorServer, missing
 from indi_bridge.survey import MODEL, Survey, draw_model, places, set_model
 from indi_bridge.telescope import IndiTelescope, Ticks
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.guard.goto import GotoKeeper
-from pointing_model.guard.keeper import Settings
-from pointing_model.guard.limits import Axis, Horizon, Limits
-from pointing_model.guard.sun import Sun
 from pointing_model.mounts import Mount, is_beyond
-from pointing_model.observing.pointing import Track
 from pointing_model.run import PointingRun
 from pointing_model.sky import Site
+
+sys.path.append(str(Path(__file__).parent))
+
+from guarded import Guarded
 
 pytest.importorskip('indipyclient', reason='indipyclient is not installed (extra indi)')
 pytestmark = pytest.mark.skipif(bool(missing()), reason=missing() or 'all is there')
@@ -59,61 +58,6 @@ def surveyed():
         yield [pool.submit(survey, part) for part in parts]
 
 
-class Guarded:
-    """The simulator behind the guard, as nodes are, in one thread."""
-
-    def __init__(self, port):
-        limits = Limits(MOUNT, (Axis(-10.0 * DEG, 190.0 * DEG, 6.0 * DEG, 60.0 * DEG),
-                                Axis(-90.0 * DEG, 270.0 * DEG, 6.0 * DEG, 60.0 * DEG)),
-                        Horizon(10.0 * DEG), timing=0.8)
-        self.keeper = GotoKeeper(limits, Sun(SITE), Settings(whole=False), time.monotonic)
-        self.driver = MountDriver('localhost', port, MOUNT, SITE, period_ms=100)
-        self.asked, self.sent, self.here, self._due = None, 0, None, 0.0
-
-    def __enter__(self):
-        self.driver.start()
-        return self
-
-    def __exit__(self, *_):
-        self.driver.close(0.0)
-
-    def ask(self, first, second):
-        """Ask for a place of the sky, by angles of the axes, deg."""
-        times = np.array([0.0, 60.0])
-        rate = np.array([15.041 * ARCSEC, 0.0])
-        self.asked = Track(time.time_ns(), times, np.array([first, second]) * DEG
-                           + times[:, None] * rate, np.tile(rate, (2, 1)))
-        self.keeper.take_request(self.asked, time.time_ns(), 'a test')
-
-    def until(self, condition, seconds=20.0):
-        """Go on until `condition` holds."""
-        end = time.monotonic() + seconds
-        while not condition():
-            now = time.monotonic()
-            assert now < end, (self.keeper.state, self.keeper.reason, self.driver.state())
-            for stamp, angles in self.driver.readings():
-                self.here = angles
-                with suppress(ValueError):  # told its site, it jumps
-                    self.keeper.take_reading(stamp, angles, np.full(2, np.nan))
-            if self.asked is not None:
-                self.keeper.take_request(self.asked, time.time_ns(), 'a test')
-            due = now - self._due > 0.5
-            self._due = now if due else self._due
-            for track in self.keeper.step(time.time_ns(), due):
-                self.sent += 1
-                if self.driver.ready:
-                    self.driver.command(*track)
-            if self.driver.ready:
-                self.driver.step()
-            time.sleep(0.02)
-
-    def off(self):
-        """Of the axes from what is asked for now, arcsec."""
-        want = [np.interp((time.time_ns() - self.asked.start) * 1e-9, self.asked.times, angle)
-                for angle in self.asked.angles.T]
-        return np.abs(self.here - want).max() / ARCSEC
-
-
 def test_behind_the_guard_it_points_stands_and_says_what_is_lost(surveyed):
     with SimulatorServer() as server:
         with IndiClient('localhost', server.port) as client:
@@ -124,7 +68,7 @@ def test_behind_the_guard_it_points_stands_and_says_what_is_lost(surveyed):
 
 
 def _behind_the_guard(server):
-    with Guarded(server.port) as mount:
+    with Guarded(server.port, MOUNT, ((-10.0, 190.0), (-90.0, 270.0)), SITE) as mount:
         mount.until(lambda: mount.here is not None)
         mount.ask(84.0, 84.0)
         mount.until(lambda: mount.keeper.state == 'following' and mount.off() < 30.0)

@@ -64,6 +64,9 @@ def test_help_imports_nothing_that_takes_time():
     (('night', '--time-scale', '-1'), 'must be 0 to 1000'),
     (('night', '--mount', 'indi:'), 'is no INDI server; write indi:HOST or indi:HOST:PORT'),
     (('night', '--mount', 'indi:dome', '--scenario', 'german'), '--scenario is for the simulated'),
+    (('night', '--mount', 'alpaca:a:b'), 'is no Alpaca server; write alpaca:HOST or alpaca:HOST:P'),
+    (('night', '--anew'), '--anew is for a mount of a server; give it with --mount indi:HOST:PORT'),
+    (('night', '--mount', 'indi:dome', '--camera', 'CCD'), 'write indi:HOST:PORT:NAME'),
     (('fit',), 'RUN'),
     (('fit', 'x.csv', '--encoder', 'both'), 'both'),
     (('fit', 'x.csv', '--azimuth-origin', 'E'), "'E'"),
@@ -142,7 +145,7 @@ def test_what_the_user_chose_reaches_the_night(refused, monkeypatch, tmp_path):
         'out': tmp_path / 'n', 'seed': 5, 'stars': 6, 'polaris': 7, 'scenario': 'ideal',
         'start_time': 'yesterday', 'reference': Path('m.json'), 'domain_number': 3,
         'time_scale': 2.0, 'params_file': tmp_path / 'p.yaml', 'absolute': 'angles',
-        'cycle': 'incremental', 'calibration': {}, 'mount': 'german',
+        'cycle': 'incremental', 'calibration': {}, 'mount': 'german', 'of_server': None,
         'sky': {'latitude_deg': -40.0, 'longitude_deg': 10.0, 'height_m': 2000.0}}
     assert 'enough' in refused('night', '--power-cycle', 'both')
     assert asked.pop()['cycle'] == 'both'

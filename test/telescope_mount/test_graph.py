@@ -12,16 +12,15 @@ from subprocess import run
 import pytest
 
 from telescope_mount.graph import (
-    INDI,
     MEASURED,
     NIGHT,
     NODES,
     SIMULATED,
-    indi_graph,
     measured_graph,
     night_graph,
     real_graph,
     replay_graph,
+    server_graph,
 )
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -195,24 +194,35 @@ def test_a_node_has_one_thread_however_it_is_started():
     assert told.stdout.split() == ['1', 'encoder_sim.camera_node']
 
 
-def test_a_night_on_indi_is_on_the_clock_of_the_machine_and_without_a_simulator():
-    sky = {'latitude_deg': 10.0}
-    specs = indi_graph(bag='bag', server={'host': 'dome', 'port': 1, 'device': 'Mount'},
-                       mount='german', sky=sky, seed=3, plan='home')
-    assert [spec.name for spec in specs] == list(INDI) and not set(SIMULATED) & set(INDI)
+@pytest.mark.parametrize('protocol', ['indi', 'alpaca'])
+def test_a_night_on_a_server_is_on_the_clock_of_the_machine_and_without_a_simulator(protocol):
+    sky, server = {'latitude_deg': 10.0}, {'host': 'dome', 'port': 1}
+    given = {'bag': 'bag', 'server': server, 'mount': 'german', 'sky': sky, 'seed': 3,
+             'plan': 'home', 'protocol': protocol, 'state_file': 'kept'}
+    specs = server_graph(**given)
+    assert not set(SIMULATED) & {spec.name for spec in specs}
     values = {spec.name: spec.parameters for spec in specs}
     assert not any('use_sim_time' in given for given in values.values())
-    for name in ('indi_mount', 'indi_sky', 'star_observer'):
+    for name in (f'{protocol}_mount', f'{protocol}_sky', 'star_observer'):
         assert values[name]['mount'] == 'german' and values[name]['latitude_deg'] == 10.0
     assert values['star_observer']['absolute_encoder'] is False
-    assert values['indi_sky']['host'] == 'dome' and values['indi_sky']['seed'] == 3
+    assert values['star_observer']['state_file'] == 'kept'
+    assert values['star_observer']['wait_for_nodes'] == [spec.full_name for spec in specs]
+    assert values[f'{protocol}_sky']['host'] == 'dome' and values[f'{protocol}_sky']['seed'] == 3
+    # where something else sees the sky
+    seen = {spec.name: spec.parameters for spec in server_graph(**given, camera={
+        'host': 'c', 'port': 2, 'camera': 'CCD'})}
+    assert seen['indi_sky']['camera'] == 'CCD' and seen['indi_sky']['host'] == 'c'
+    assert not any(name.endswith('_sky') for name in (
+        spec.name for spec in server_graph(**given, seen=True)))
 
 
 def test_the_night_has_every_node_but_the_players():
     specs = night_graph(bag='bag')
     assert [spec.name for spec in specs] == list(NIGHT)
     assert set(NIGHT) == set(NODES) - {'mcap_replay', 'run_player', 'frame_reader', 'indi_mount',
-                                       'indi_sky', 'alpaca_mount', 'mount_display'}
+                                       'indi_sky', 'alpaca_mount', 'alpaca_sky',
+                                       'mount_display'}
     assert [spec.full_name for spec in specs] == [f'/mount/{name}' for name in NIGHT]
     for spec in replay_graph('bag', '/mount/observation'):
         assert NODES[spec.name] == spec.module

@@ -72,3 +72,14 @@ def test_a_mount_that_slews_as_it_likes_is_named_where_it_stands_or_ends_beside(
     found = says(to(279.0), None, 60.0, own_way=True)
     (text, when), *_ = found.items()
     assert text.startswith('azimuth stays') and 45.0 < when < 53.0
+
+
+def test_a_driver_that_is_told_the_places_on_the_way_at_once_is_no_fault():
+    def moves(t):
+        return to(170.0, 60.0)(t) if t < 30.0 else to(280.0, 170.0)(t - 30.0)
+
+    def told(t):
+        return (170.0 if t < 30.0 else 280.0) * DEG
+    assert says(moves, told, 60.0) == {}
+    # but one that goes away from there is
+    assert any('moves away' in text for text in says(to(120.0, 60.0), lambda t: 20.0 * DEG))

@@ -1,0 +1,120 @@
+"""What a night asks of an INDI or Alpaca server before it starts a graph, and where it goes on."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from alpaca_bridge.simulator import SimulatedTelescope
+from indi_bridge.server import SIMULATOR
+from indi_bridge.two_axes import TwoAxes
+from msg_tools.status import Progress
+from pointing_model.mounts import ALTAZ
+from pointing_model.observing.night_file import NightFile
+from pointing_model.observing.plan import parse_plan
+from pointing_model.sky import DEFAULT_SITE
+from telescope_mount import night
+from telescope_mount.night import STATE
+from telescope_mount.real_night import run_server_night
+from telescope_mount.server_night import ask_server, nodes_of, parse_camera, server_plan
+
+sys.path.append(str(Path(__file__).parents[1] / 'indi_bridge'))
+
+from fake_server import TELESCOPE, FakeServer, switch
+
+INFO = '<defText name="DRIVER_INTERFACE">5</defText>'
+SIMULATED = TELESCOPE.replace(INFO, f'{INFO}<defText name="DRIVER_EXEC">{SIMULATOR}</defText>')
+
+
+@pytest.fixture(autouse=True)
+def indi():
+    pytest.importorskip('indipyclient', reason='indipyclient is not installed (extra indi)')
+
+
+def test_kind_and_site_are_the_drivers_unless_the_user_says():
+    kind = switch('MOUNT_TYPE', {'ALTAZ': 'Off', 'EQ_FORK': 'Off', 'EQ_GEM': 'On'}, 'def')
+    with FakeServer(SIMULATED + kind) as server:
+        address = f'indi:localhost:{server.port}'
+        found = ask_server(address, {'height_m': 5.0})
+        assert found.server == {'host': 'localhost', 'port': server.port, 'device': 'Mount'}
+        assert found.kind == 'german' and found.simulated and found.protocol == 'indi'
+        assert found.sky == pytest.approx(
+            {'latitude_deg': 10.0, 'longitude_deg': -10.0, 'height_m': 5.0})
+        assert ask_server(f'{address}:equatorial').kind == 'equatorial'
+
+
+def test_a_driver_that_does_not_tell_its_kind_asks_for_it():
+    with FakeServer(SIMULATED) as server, pytest.raises(
+            ValueError, match='does not say what kind of mount it is: write indi:localhost:'):
+        ask_server(f'indi:localhost:{server.port}')
+
+
+def test_a_real_mount_needs_a_camera(refused, tmp_path):
+    with FakeServer() as server:
+        address = f'indi:localhost:{server.port}:german'
+        said = refused('night', '--mount', address, '--out', tmp_path / 'x')
+        found = ask_server(address, seen=True)
+    assert 'Mount reports what it believes, not what is seen: give a camera with --camera' in said
+    assert not (tmp_path / 'x').exists()
+    assert not found.simulated
+    specs = {spec.name: spec.parameters for spec in nodes_of(
+        found, plan='home', bag='b', camera='indi:dome:7000:CCD Simulator')}
+    assert specs['mount_guard']['slew_timing'] == 0.0  # nobody knows how it slews
+    assert specs['indi_sky']['camera'] == 'CCD Simulator' and specs['indi_sky']['host'] == 'dome'
+
+
+def test_a_camera_is_one_of_an_indi_server():
+    assert parse_camera('indi:dome:CCD 1') == {'host': 'dome', 'port': 7624, 'camera': 'CCD 1'}
+    for text in ('CCD 1', 'indi:dome:', 'alpaca:dome:11111:0'):
+        with pytest.raises(ValueError, match='write indi:'):
+            parse_camera(text)
+
+
+def test_an_alpaca_telescope_is_asked_for_the_same(refused, tmp_path):
+    pytest.importorskip('alpaca', reason='alpyca is not installed (extra alpaca)')
+    with SimulatedTelescope(TwoAxes(ALTAZ, DEFAULT_SITE)) as server:
+        address = f'alpaca:localhost:{server.port}'
+        found = ask_server(address)
+        assert found.kind == 'altaz' and found.simulated and found.server['number'] == 0
+        assert found.sky['latitude_deg'] == pytest.approx(34.3)
+        specs = {spec.name: spec.parameters for spec in nodes_of(found, plan='home', bag='b')}
+        assert specs['alpaca_sky']['port'] == server.port
+        assert specs['mount_guard']['second_travel_deg'] == '-5,89'
+        tell = server.tell
+        server.tell = lambda name: [] if name == 'supportedactions' else tell(name)
+        said = refused('night', '--mount', address, '--out', tmp_path / 'x')
+    assert 'reports what it believes, not what is seen: give a camera with --camera' in said
+    said = refused('night', '--mount', address, '--out', tmp_path / 'x')
+    assert 'no answer' in said and not (tmp_path / 'x').exists()
+
+
+def test_the_plan_is_one_power_on_with_blind_stars():
+    verbs = [step.verb for step in parse_plan(server_plan(16))]
+    assert verbs == ['home', 'stars', 'fit', 'check', 'diagnose', 'check', 'judge']
+
+
+def test_a_night_that_was_interrupted_goes_on_in_its_folder(tmp_path, monkeypatch):
+    begun, said = [], []
+
+    def observe(folder, specs, plan, *args, again, **_):
+        values = {spec.name: spec.parameters for spec in specs}
+        begun.append((Path(values['mcap_logger']['folder']).name, again))
+        return values['star_observer']['state_file']
+    monkeypatch.setattr(night, 'observe', observe)
+    out = tmp_path / 'night'
+    with FakeServer(SIMULATED) as server:
+        def run(**given):
+            return run_server_night(out, f'indi:localhost:{server.port}:german', stars=8,
+                                    note=said.append, **given)
+        state = run()
+        file = NightFile(state, 'german')
+        file.row({'a': 1.0})
+        file.stands(Progress(state='observing', block=1, step='stars', plan=server_plan(8)), 0, 0)
+        file.close()
+        (out / 'bag').mkdir()
+        run()
+        assert said == [f'the night in {out} was interrupted after 1 observations: it goes on at '
+                        'step 2, stars']
+        run(anew=True)
+        assert not (out / STATE).exists() and (out / f'{STATE}.before').exists()
+    assert begun == [('bag', False), ('bag_2', True), ('bag_2', True)]
