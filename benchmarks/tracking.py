@@ -14,10 +14,12 @@ the project's simulated camera; `--noise` takes another.
 
 import argparse
 import time
+from collections import Counter
 
 import numpy as np
 from tracking_nights import BASE, NAMES, PLACES, K, Night, Truth, sky
 
+from calibration.tracking.causes import ABSOLUTE, INCREMENTAL, TUBE
 from calibration.tracking.tracker import Tracker
 from msg_tools.units import ARCSEC
 
@@ -104,46 +106,78 @@ def say_errors(count, noise):
             *(sum(word in v for v in verdicts) for word in ('over', 'under'))))
 
 
+def jumped(night, rng, who=None):
+    """A night that jumps by 7 to 14 sigma of the predicted difference: star, axis, and what is
+    called: (star, sentence).
+
+    `who` is one of `WHO` where both encoders are read.
+    """
+    at, axis = int(rng.integers(6, night.count - 4)), int(rng.integers(2))
+    # two good stars: else it is not the second that could tell
+    night.is_wrong[at:at + 2] = False
+    night.offsets[at:at + 2] = [clean(night, k, rng) for k in (at, at + 1)]
+    tracker = Tracker(night.model(), 0, witnesses=['difference'] if who else ())
+    size, called = 0.0, []
+    star, shown = WHO[who] if who else (1.0, 0.0)
+    for k in range(night.count):
+        if k == at:
+            ahead = tracker.expected(night.az[k], night.el[k], 3600 * night.truth.every)
+            sigma = np.sqrt(ahead.covariance[0, axis, axis] + night.truth.noise**2)
+            size = rng.uniform(7.0, 14.0) * sigma * rng.choice([-1, 1])
+            size /= night.columns[k][axis, axis]
+        for one in (0, 1) if who else ():
+            # the walk of the zeros is the incremental encoder's
+            difference = (-night.path[k, -1, one] + rng.normal() * 0.3 * ARCSEC
+                          + shown * size * (one == axis))
+            called += [(k, s) for s in tracker.difference(
+                night.stamps[k], one, difference, 0.3 * ARCSEC).called]
+        off = night.offsets[k] + star * size * night.columns[k][:, axis]
+        called += [(k, s) for s in tracker.star(
+            night.stamps[k], night.az[k], night.el[k], *off, night.truth.noise).called]
+    return at, axis, [one for one in called if 'jumped' in one[1]]
+
+
+WHO = {INCREMENTAL: (1.0, -1.0), ABSOLUTE: (0.0, 1.0), TUBE: (1.0, 0.0)}
+
+
 def say_jumps(count, quiet_nights, noise):
     """The second row."""
     for rate in (5, 2):
-        called = right = false = wrong_called = wrongs = 0
         rng = np.random.default_rng(2000 + rate)
+
+        def night(rate=rate, rng=rng):
+            return Night(Truth(rate * ARCSEC, noise=noise * ARCSEC, wrong=0.02), rng)
+
+        in_time = right = 0
         for _ in range(count):
-            night = Night(Truth(rate * ARCSEC, noise=noise * ARCSEC, wrong=0.02), rng)
-            at, axis = int(rng.integers(6, night.count - 4)), int(rng.integers(2))
-            tracker, by = Tracker(night.model(), 0), None
-            add = np.zeros(2)
-            for k in range(night.count):
-                if k == at:
-                    ahead = tracker.expected(night.az[k], night.el[k], 3600 * night.truth.every)
-                    sigma = np.sqrt(ahead.covariance[0, axis, axis] + night.truth.noise**2)
-                    size = rng.uniform(7.0, 14.0) * sigma * rng.choice([-1, 1])
-                    size /= night.columns[k][axis, axis]
-                    add = size * np.eye(2)[axis]
-                    night.is_wrong[k:k + 2] = False  # two good stars: else it is not the second
-                    night.offsets[k:k + 2] = [clean(night, j, rng) for j in (k, k + 1)]
-                heard = tracker.star(night.stamps[k], night.az[k], night.el[k],
-                                     *(night.offsets[k] + night.columns[k][:, :2] @ add),
-                                     night.truth.noise)
-                for sentence in heard.called:
-                    if 'jumped' in sentence and by is None and k >= at:
-                        by = k
-                        called += k <= at + 1
-                        right += sentence.startswith(('azimuth', 'elevation')[axis])
+            at, axis, called = jumped(night(), rng)
+            called = [(k, s) for k, s in called if k >= at]
+            in_time += bool(called) and called[0][0] <= at + 1
+            right += bool(called) and called[0][1].startswith(('azimuth', 'elevation')[axis])
         print(f'\n{rate}"/h^.5, 2 % wrong stars: jumps of 7 to 14 sigma called by the second star '
-              f'{called} of {count} ({100 * called / count:.1f} %, >= 95), axis right {right} '
+              f'{in_time} of {count} ({100 * in_time / count:.1f} %, >= 95), axis right {right} '
               f'({100 * right / count:.1f} %, >= 95)')
+        in_time, right = Counter(), Counter()
+        for i in range(count):
+            who = tuple(WHO)[i % 3]
+            at, axis, called = jumped(night(), rng, who)
+            called = [(k, s) for k, s in called if k >= at]
+            in_time[who] += bool(called) and called[0][0] <= at + 1
+            right[who] += bool(called) and called[0][1].startswith(
+                f'{who}, {("azimuth", "elevation")[axis]}')
+        print('  with both encoders, called in time and the right one named, of '
+              f'{(count + 2) // 3}: ' + ', '.join(
+                  f'{who} {in_time[who]}, {right[who]}' for who in WHO) + ' (>= 95 %)')
+        false = called = wrongs = 0
         for _ in range(quiet_nights):
-            night = Night(Truth(rate * ARCSEC, noise=noise * ARCSEC, wrong=0.02), rng)
-            _, heard, _, _ = follow(night)
-            said = [s for h in heard for s in h.called]
+            one = night()
+            said = [s for heard in follow(one)[1] for s in heard.called]
             false += sum('jumped' in s for s in said)
-            wrong_called += sum('wrong' in s for s in said)
-            wrongs += night.is_wrong.sum()
+            called += sum('wrong' in s for s in said)
+            wrongs += int(one.is_wrong.sum())
         print(f'  false jumps in {quiet_nights} quiet nights: {false}, '
               f'{false / quiet_nights:.4f} a night (<= 0.03); {wrongs} wrong stars, '
-              f'{wrong_called} stars called wrong')
+              f'{called} stars called wrong')
 
 
 def clean(night, k, rng):

@@ -64,9 +64,9 @@ class Bank:
 
     Parameters
     ----------
-    mean : ndarray, shape (n,)
-        Terms to begin with, rad.
-    covariance : ndarray, shape (n, n)
+    mean : ndarray, shape (n,) or (r, n)
+        Terms to begin with, of all hypotheses or of each, rad.
+    covariance : ndarray, shape (n, n) or (r, n, n)
         Of them, rad^2.
     walks : ndarray, shape (r, n, n)
         What an hour of wandering adds to the covariance by each hypothesis, rad^2.
@@ -89,9 +89,10 @@ class Bank:
 
     def __init__(self, mean, covariance, walks, weights=None, *, jumps=(), wrong=0.01,
                  wrong_sigma=1e-3, memory_h=None, turn_h=np.inf, most=12, depth=4):
-        self.home = np.array(mean, dtype=float)
         self.walks = np.array(walks, dtype=float)
         count, n = self.walks.shape[:2]
+        mean = np.array(mean, dtype=float)
+        self.home = mean if mean.ndim == 1 else mean.mean(axis=0)
         self.jumps = tuple(jumps)
         self._wrong, self._wrong_sigma = wrong, wrong_sigma
         self._most, self._depth, self._turn = most, depth, turn_h
@@ -100,11 +101,13 @@ class Bank:
         self._forgets = bool(self._decay.any())
         start = np.full(count, 1.0 / count) if weights is None else np.asarray(weights, float)
         self.prior = start / start.sum()
-        self.means = np.tile(self.home, (1, count, 1))
-        self.covariances = np.tile(np.asarray(covariance, dtype=float), (1, count, 1, 1))
+        self.means = np.array(np.broadcast_to(mean, (1, count, n)))
+        self.covariances = np.array(np.broadcast_to(covariance, (1, count, n, n)), dtype=float)
         self.log_weights = _log(self.prior)[None, :]
         self.stories = [()]
         self.count = 0
+        #: log likelihood of all that was observed, but for a constant of each observation
+        self.evidence = 0.0
         #: h since an observation last could see each jump
         self.unseen = np.zeros(len(self.jumps))
 
@@ -267,8 +270,8 @@ class Bank:
 
         Returns
         -------
-        groups : list of list of (int, int or None, tuple)
-            Story before, cause and story after of each that will be one.
+        groups : dict of tuple of Event to list of (int, int or None)
+            What is known of each from now on -> story before and cause of those that are it.
         weight : list of ndarray, shape (r,)
             Log weight of each, in the same order.
         """
@@ -284,6 +287,7 @@ class Bank:
         peak = likely.max()
         each = np.exp(likely - peak)
         total = each.sum()
+        self.evidence += float(peak + np.log(total))
         likely = likely - (peak + np.log(total))
         each = each.sum(axis=2) / total
         groups, weights = {}, {}
@@ -293,15 +297,14 @@ class Bank:
                 event = Event(self.count, cause)
                 story = story if event in story else (*story, event)
             recent = tuple(e for e in story if e.number > self.count - self._depth)
-            groups.setdefault(recent, []).append((way, before, cause, story))
+            groups.setdefault(recent, []).append((way, before, cause))
             weights[recent] = weights.get(recent, 0.0) + each[way, before]
         kept = sorted(groups, key=lambda recent: -weights[recent])[:self._most]
-        out = [sorted(groups[recent], key=lambda one: -each[one[0], one[1]]) for recent in kept]
-        return ([[one[1:] for one in group] for group in out],
-                [likely[way, before] for group in out for way, before, _, _ in group])
+        return ({recent: [one[1:] for one in groups[recent]] for recent in kept},
+                [likely[way, before] for recent in kept for way, before, _ in groups[recent]])
 
     def _take(self, groups, weight, columns, off, gains, spread):
-        flat = [one for group in groups for one in group]
+        flat = [one for group in groups.values() for one in group]
         before = [one[0] for one in flat]
         causes = [one[1] for one in flat]
         m, p = self.means[before], self.covariances[before]
@@ -318,10 +321,10 @@ class Bank:
             scaled[np.array(causes) == -1] = 0.0
         m = m + (scaled * off[:, :, None, :]).sum(axis=-1)
         p = p - scaled @ gains.swapaxes(-1, -2)
-        self.stories = [group[0][2] for group in groups]
+        self.stories = list(groups)
         weight = np.array(weight)
         if len(flat) > len(groups):
-            m, p, weight = _joined(groups, weight, m, p)
+            m, p, weight = _joined(groups.values(), weight, m, p)
         self.means, self.covariances = m, p
         peak = weight.max()
         total = peak + np.log(np.exp(weight - peak).sum())
@@ -333,7 +336,7 @@ class Bank:
         """All that changes, JSON-ready; `restore` gives it back to the bit."""
         return {'means': self.means.tolist(), 'covariances': self.covariances.tolist(),
                 'log_weights': self.log_weights.tolist(), 'unseen': self.unseen.tolist(),
-                'count': self.count,
+                'count': self.count, 'evidence': self.evidence,
                 'stories': [[[e.number, e.cause] for e in story] for story in self.stories]}
 
     def restore(self, state):
@@ -346,7 +349,7 @@ class Bank:
         self.covariances = np.array(state['covariances'], dtype=float)
         self.log_weights = np.array(state['log_weights'], dtype=float)
         self.unseen = np.array(state['unseen'], dtype=float)
-        self.count = int(state['count'])
+        self.count, self.evidence = int(state['count']), float(state['evidence'])
         self.stories = [tuple(Event(*pair) for pair in story) for story in state['stories']]
 
 

@@ -1,10 +1,29 @@
-"""What a tracker answers to an observation."""
+"""What a tracker is told, and what it answers."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 from msg_tools.units import ARCSEC
+
+
+@dataclass(frozen=True)
+class Seen:
+    """An observation as it stands in a log.
+
+    Attributes
+    ----------
+    what : {'star', 'difference', 'inclinometer', 'power_on'}
+        The method of `Tracker` that takes it.
+    stamp : int
+        ns.
+    values : tuple
+        The rest of what the method takes.
+    """
+
+    what: str
+    stamp: int
+    values: tuple = ()
 
 
 @dataclass(frozen=True)

@@ -74,3 +74,29 @@ def complete(model, notes):
         notes.append(f'the model has no {", ".join(missing)}: added, unknown within '
                      f'{BROAD / ARCSEC:.0f} arcsec')
     return terms, covariance
+
+
+def switched_on(states, mount, axes, sigma):
+    """What an incremental encoder that is switched on does to what is known.
+
+    Parameters
+    ----------
+    states, mount
+        As of `night_to_night`.
+    axes : sequence of int
+    sigma : float
+        By how much its zero is another one, rad.
+
+    Returns
+    -------
+    ndarray, shape (n, n)
+        rad^2.
+    """
+    out = np.zeros((len(states), len(states)))
+    for axis in axes:
+        shape = np.zeros(len(states))
+        shape[states.index(mount.names.index[axis])] = 1.0
+        if f'difference_{axis + 1}' in states:
+            shape[states.index(f'difference_{axis + 1}')] = -1.0
+        out += sigma**2 * np.outer(shape, shape)
+    return out

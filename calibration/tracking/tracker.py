@@ -22,10 +22,10 @@ from .bank import Bank, passed
 from .causes import ABSOLUTE, INCREMENTAL, WITNESSES, Settings, hypotheses, jumps_of, states_of
 from .confidence import Confidence
 from .heard import Expected, Heard
-from .start import complete, night_to_night
+from .start import complete, night_to_night, switched_on
 
 #: from where it is said that something has happened
-SURE = 0.8
+SURE = 0.65
 #: beyond this the model of the evening is moved to where the terms are: columns are first order
 _FAR = 30.0 * ARCSEC
 _HOUR = 3.6e12  # ns
@@ -58,6 +58,7 @@ class Tracker:
         The hypotheses of the rates.
     stamp : int
         Of the last that was taken, ns.
+    mount : Mount
     bank, plain, settings, ... :
         What `kept` writes down.
 
@@ -79,13 +80,13 @@ class Tracker:
                              f'{", ".join(WITNESSES)}')
         self.notes = []
         terms, covariance = complete(model, self.notes)
-        self._names, self._mount = tuple(terms), model.mount
+        self._names, self.mount = tuple(terms), model.mount
         self.plain = PointingModel(terms, covariance, model.harmonics, model.provenance,
                                     model.geometry, model.effects, model.mount)
         self.witnesses, self.settings = tuple(witnesses), settings
         self.states = states_of(self._names, witnesses)
         n, k = len(self.states), len(terms)
-        self._walks, self.facts = hypotheses(self._names, self._mount, witnesses, settings)
+        self._walks, self.facts = hypotheses(self._names, self.mount, witnesses, settings)
         unknown = [name for name in (*settings.walks, *settings.memory_h)
                    if name not in self._names]
         if unknown:
@@ -93,11 +94,11 @@ class Tracker:
                              f'{", ".join(self._names)}')
         whole = np.zeros((n, n))
         whole[:k, :k] = covariance
-        self._decay = np.array([1.0 / settings.memory_h.get(s, np.inf) for s in self.states])
+        self.decay = np.array([1.0 / settings.memory_h.get(s, np.inf) for s in self.states])
         self.given_weights = None if rate_weights is None else [float(v) for v in rate_weights]
         self.bank = Bank(
             np.zeros(n), whole, self._walks, self.given_weights,
-            jumps=jumps_of(self._names, self._mount, witnesses, settings), wrong=settings.wrong,
+            jumps=jumps_of(self._names, self.mount, witnesses, settings), wrong=settings.wrong,
             wrong_sigma=settings.wrong_sigma, turn_h=settings.turn_h, most=settings.most,
             depth=settings.depth,
             memory_h=[settings.memory_h.get(s, np.inf) for s in self.states])
@@ -129,7 +130,7 @@ class Tracker:
         return PointingModel(
             terms, covariance, self.plain.harmonics,
             {**self.plain.provenance, 'tracked': {'stars': self.stars, 'stamp': self.stamp}},
-            self.plain.geometry, self.plain.effects, self._mount)
+            self.plain.geometry, self.plain.effects, self.mount)
 
     def expected(self, az, el, seconds_ahead=0.0):
         """How far the model of now will be off, with what drifts unseen until then.
@@ -148,23 +149,34 @@ class Tracker:
             only the chance is told.
         """
         az, el = np.broadcast_arrays(*np.atleast_1d(az, el))
-        return Expected(*self._expected(self._columns(az, el), az, el, seconds_ahead))
-
-    def _expected(self, columns, az, el, seconds_ahead):
-        mean, covariance = self.bank.estimate()
-        hours = seconds_ahead / 3600.0
-        stays, added = passed(self.bank.mean_walk(),
-                              self._decay if self._decay.any() else None, hours)
-        if stays is not None:
-            gone = (stays - 1.0) * (mean - self.bank.home)
-            covariance = covariance * np.outer(stays, stays) + np.outer(gone, gone)
-        covariance = covariance + added
+        columns, covariance = self.columns(az, el), self.ahead(seconds_ahead)
         out = columns @ covariance @ columns.swapaxes(-1, -2)
         series = self.plain.harmonics
         if series is not None:
             out = out + np.array(series.variance(az, el)).T[:, :, None] * np.eye(2)
         often = sum(jump.per_hour for jump in self.bank.jumps)
-        return out, float(-np.expm1(-often * hours))
+        return Expected(out, float(-np.expm1(-often * seconds_ahead / 3600.0)))
+
+    def ahead(self, seconds):
+        """How far the states will be from what they are thought to be now.
+
+        Parameters
+        ----------
+        seconds : float
+            Since the last observation.
+
+        Returns
+        -------
+        ndarray, shape (n, n)
+            Mean square, rad^2.
+        """
+        mean, covariance = self.bank.estimate()
+        stays, added = passed(self.bank.mean_walk(),
+                              self.decay if self.decay.any() else None, seconds / 3600.0)
+        if stays is not None:
+            gone = (stays - 1.0) * (mean - self.bank.home)
+            covariance = covariance * np.outer(stays, stays) + np.outer(gone, gone)
+        return covariance + added
 
     def rates(self):
         """How fast zeros and lean wander by now, rad in the root of an hour, and who.
@@ -206,6 +218,10 @@ class Tracker:
 
     # --- what it is told ----------------------------------------------------------------------
 
+    def take(self, seen):
+        """Take a `Seen`, whatever it is of."""
+        return getattr(self, seen.what)(seen.stamp, *seen.values)
+
     def star(self, stamp, az, el, x, y, sigma, name='', context=None):
         """Take a star, or Polaris.
 
@@ -234,7 +250,7 @@ class Tracker:
         if why:
             return Heard(stamp, 'star', False, why)
         why = self._wait(stamp)
-        columns = self._columns(np.atleast_1d(az), np.atleast_1d(el))[0]
+        columns = self.columns(np.atleast_1d(az), np.atleast_1d(el))[0]
         base = np.array(self.plain.offsets(az, el, context))
         if not np.isfinite(base).all():
             return Heard(stamp, 'star', False, f'star {name}: the mount cannot look there by the '
@@ -328,21 +344,16 @@ class Tracker:
         if why:
             return Heard(stamp, 'power_on', False, why)
         why = self._wait(stamp)
-        for axis in axes:
-            shape = np.zeros(len(self.states))
-            shape[self.states.index(self._mount.names.index[axis])] = 1.0
-            if f'difference_{axis + 1}' in self.states:
-                shape[self.states.index(f'difference_{axis + 1}')] = -1.0
-            self.bank.widen(sigma**2 * np.outer(shape, shape))
+        self.bank.widen(switched_on(self.states, self.mount, axes, sigma))
         return Heard(stamp, 'power_on', True, why, np.zeros(0), np.zeros((0, 0)), {})
 
     # --- inside -------------------------------------------------------------------------------
 
-    def _columns(self, az, el):
-        """Shape (p, 2, n)."""
+    def columns(self, az, el):
+        """What unit states do to stars on the sky, shape (p, 2, n)."""
         out = np.zeros((len(az), 2, len(self.states)))
         out[:, 0, :len(self._names)], out[:, 1, :len(self._names)] = design(
-            self._names, az, el, self._mount)
+            self._names, az, el, self.mount)
         return out
 
     def _refused(self, stamp, values, sigmas):
@@ -364,7 +375,7 @@ class Tracker:
         self.stamp = stamp
         if hours < self.settings.gap_h:
             return ''
-        self.bank.widen(night_to_night(self.states, self._mount, self.settings))
+        self.bank.widen(night_to_night(self.states, self.mount, self.settings))
         return (f'nothing for {hours:.1f} h: zeros and lean are widened as from one night to the '
                 'next')
 

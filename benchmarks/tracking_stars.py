@@ -1,0 +1,297 @@
+"""Which star next, what a night begins with, the night in hindsight, rates of earlier nights.
+
+    python benchmarks/tracking_stars.py [--nights N] [--only PART] [--full] [--data FOLDER]
+
+Parts: ``hold`` (pointing held below 1.5" radial, stars chosen against stars in raster order),
+``begin`` (what has happened since the last run, by five stars), ``hindsight``, ``rates`` (learned
+from earlier nights), ``arc`` (five stars of real runs with those before, FOLDER/arc35m).
+
+Slews: both axes at once at 2 deg/s, 1 deg/s^2, 3 s to settle, 10 s for exposure and readout; from
+a target to the star and on from it, targets anywhere, another one every 20 minutes. `--full`: 60
+nights of ``hold``, 400 beginnings of each kind, 100 nights of the others.
+"""
+
+import argparse
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+from tracking_nights import BASE, NAMES, K, Night, Truth, columns, radial, sky
+
+from calibration.fit import fit_terms
+from calibration.tracking.few_stars import (
+    AS_IT_WAS,
+    LEAN,
+    REFIT,
+    STORIES,
+    ZEROS,
+    begin,
+    choose,
+    judged,
+    menus,
+)
+from calibration.tracking.heard import Seen
+from calibration.tracking.hindsight import hindsight
+from calibration.tracking.history import Past, rates_of_nights
+from calibration.tracking.next_star import Slew, next_star, until
+from calibration.tracking.tracker import Tracker
+from msg_tools.units import ARCSEC, DEG
+from pointing_model.model import PointingModel
+from pointing_model.mounts import ALTAZ
+from pointing_model.run import PointingRun
+from pointing_model.run_files import read_run
+from pointing_model.terms import design
+
+GOAL, EXPOSURE = 1.5 * ARCSEC, 10.0
+STEP = 10.0  # s, of the true path
+PLACES = sky(np.random.default_rng(11), 80)
+
+
+def raster():
+    """Places in rows of elevation, there and back in azimuth."""
+    out = []
+    for row, el in enumerate((25.0, 40.0, 55.0, 70.0)):
+        turn = np.arange(0.0, 360.0, 45.0)
+        out += [(az * DEG, el * DEG) for az in (turn if row % 2 == 0 else turn[::-1])]
+    return out
+
+
+def hold(seed, chosen, weights=None, hours=8.0, noise=ARCSEC):
+    """One night: true radial RMS (rad), telescope time (s) and stars that it took."""
+    rng = np.random.default_rng(seed)
+    truth = Truth(2.0 * ARCSEC, 0.5 * ARCSEC, hours=hours)
+    night = Night(truth, rng)
+    steps = int(3600.0 * hours / STEP)
+    path = np.cumsum(rng.normal(size=(steps, K)) * truth.walk * np.sqrt(STEP / 3600.0), axis=0)
+    targets = np.stack(sky(rng, int(3 * hours) + 1), axis=1)
+    candidates, slew = sky(np.random.default_rng(seed + 9), 300), Slew()
+    allowed = candidates[1] < 80 * DEG
+    tracker, in_force = Tracker(night.model(), 0, rate_weights=weights), np.empty((steps, K))
+    rows, number, now, spent, stars = raster(), seed % 32, 0.0, 0.0, 0
+    place, back = None, 0.0
+
+    def terms():
+        return np.array([tracker.terms()[0][name] for name in NAMES]) - BASE
+
+    while True:
+        left = until(tracker, PLACES, GOAL)
+        start = max(now, tracker.stamp / 1e9 + left - 40.0)
+        end = min(start, 3600.0 * hours - 1.0)
+        in_force[int(now / STEP):int(end / STEP) + 1] = terms()
+        if start >= 3600.0 * hours - 60.0:
+            break
+        target = targets[int(start / 1200.0)]
+        at_star = start == now and stars and left == 0.0
+        here = place if at_star else target
+        if at_star:
+            spent -= back  # it goes on from there
+        if chosen:
+            row = next_star(tracker, *candidates, here, PLACES, sigma=noise, allowed=allowed,
+                            exposure_s=EXPOSURE).row
+            place = candidates[0][row], candidates[1][row]
+        else:
+            place = rows[number % len(rows)]
+            number += 1
+        there = float(slew.seconds(ALTAZ, here, ([place[0]], [place[1]]))[0])
+        back = float(slew.seconds(ALTAZ, place, ([target[0]], [target[1]]))[0])
+        spent += there + EXPOSURE + back
+        seen = start + there + EXPOSURE / 2.0
+        in_force[int(start / STEP):int(seen / STEP) + 1] = terms()
+        if seen >= 3600.0 * hours:
+            break
+        model = PointingModel(dict(zip(NAMES, BASE + path[int(seen / STEP)])))
+        x, y = np.array(model.offsets(*place)) + rng.normal(size=2) * noise
+        tracker.star(int(seen * 1e9), *place, x, y, noise)
+        stars += 1
+        now = seen + EXPOSURE / 2.0
+        in_force[int(seen / STEP):int(now / STEP) + 1] = terms()
+    squares = [radial(mine - true)[1] for mine, true in zip(in_force, path)]
+    return np.sqrt(np.mean(squares)), spent, stars
+
+
+def say_hold(count):
+    """Stars chosen against stars in raster order."""
+    learned = rates_of_nights([as_run(Night(Truth(2 * ARCSEC, 0.5 * ARCSEC),
+                                            np.random.default_rng(900 + i))) for i in range(10)])
+    for words, weights in (('rates unknown', None), ('rates of ten nights', learned.weights)):
+        got = {way: np.array([hold(seed, way, weights) for seed in range(count)])
+               for way in (True, False)}
+        (good, time, stars), (other, slow, more) = (got[way].mean(axis=0) for way in
+                                                    (True, False))
+        print(f'\nzeros 2", tilt 0.5"/h^.5, {count} nights, {words}: true radial RMS '
+              f'{good / ARCSEC:.2f}" (worst night {got[True][:, 0].max() / ARCSEC:.2f}"), raster '
+              f'{other / ARCSEC:.2f}" (held: 1.5)\n  telescope time {time / 60:.1f} min a night '
+              f'for {stars:.0f} stars, raster {slow / 60:.1f} min for {more:.0f}: '
+              f'{100 * time / slow:.0f} % (<= 75)')
+
+
+def say_begin(count):
+    """What has happened since the last run, by five chosen stars."""
+    rng = np.random.default_rng(31)
+    scatter = np.array([30.0, 30.0, 4.0, 3.0, 8.0, 8.0, 4.0, 2.0]) * ARCSEC
+    everywhere, pool = columns(*sky(rng, 80)), columns(*sky(rng, 300))
+    table = {}
+    for story in STORIES:
+        for _ in range(count):
+            last = rng.normal(size=K) * scatter
+            h = columns(*sky(rng, 40)).reshape(-1, K)
+            covariance = np.linalg.inv(h.T @ h) * ARCSEC**2
+            past = Past(NAMES, np.zeros(K), np.diag(scatter**2), ARCSEC,
+                        rng.multivariate_normal(last, covariance), covariance)
+            true = last + rng.normal(size=K) * 0.2 * ARCSEC
+            if story in (ZEROS, LEAN):
+                true[:2] += rng.normal(size=2) * 30 * ARCSEC
+            if story == LEAN:
+                true[4:6] += rng.normal(size=2) * 8 * ARCSEC
+            if story == REFIT:
+                true = rng.normal(size=K) * scatter
+            chosen = pool[choose(past.covariance, pool, everywhere, 5, ARCSEC)]
+            off = chosen @ true + rng.normal(size=(5, 2)) * ARCSEC
+            found = begin(past, chosen, off)
+            error = np.sqrt(np.mean(np.sum((everywhere @ (
+                np.array(list(found.terms.values())) - true)) ** 2, axis=1)))
+            flat, rows = chosen.reshape(-1, K), off.reshape(-1)
+            fresh = np.linalg.lstsq(flat[:, [0, 1, 2, 4, 5, 6]], rows, rcond=None)[0]
+            plain = np.zeros(K)
+            plain[[0, 1, 2, 4, 5, 6]] = fresh
+            bare = np.sqrt(np.mean(np.sum((everywhere @ (plain - true)) ** 2, axis=1)))
+            table.setdefault(story, []).append((found.story, error, bare))
+    print(f'\nfive chosen stars, noise 1", {count} of each: taken for '
+          + ', '.join(f'"{s}"' for s in STORIES) + '; radial error over the sky, of a fresh fit')
+    for story, rows in table.items():
+        counts = Counter(name for name, _, _ in rows)
+        print(f'  {story:22} ' + ' '.join(f'{100 * counts[s] / count:5.1f} %' for s in STORIES)
+              + '   {:.2f}"  {:.2f}"'.format(*(np.sqrt(np.mean(np.square(
+                  [r[i] for r in rows]))) / ARCSEC for i in (1, 2))))
+    assert AS_IT_WAS in table
+
+
+def as_run(night):
+    """Model of the evening and the stars as a `PointingRun`."""
+    x, y = night.offsets.T
+    noise = np.full(night.count, night.truth.noise)
+    return night.model(), PointingRun({
+        'time': night.hours * 3600.0, 'az': night.az, 'el': night.el,
+        'az_enc': night.az + x / np.cos(night.el), 'el_enc': night.el + y,
+        'sigma_x': noise, 'sigma_y': noise})
+
+
+def seen_of(night):
+    """The stars of a night as they stand in a log."""
+    return [Seen('star', int(stamp), (a, e, *off, night.truth.noise)) for stamp, a, e, off in zip(
+        night.stamps, night.az, night.el, night.offsets)]
+
+
+def say_hindsight(count):
+    """The smoother against the filter, at the stars."""
+    for rate in (10, 5, 2):
+        rng, rows = np.random.default_rng(50 + rate), []
+        for i in range(count):
+            night = Night(Truth(rate * ARCSEC, wrong=0.02, jump=(
+                rng.uniform(1, 7) if i % 3 == 0 else None)), rng)
+            seen, tracker, live = seen_of(night), Tracker(night.model(), 0), []
+            back = hindsight(tracker, seen)
+            for one in seen:
+                tracker.take(one)
+                live.append(list(tracker.terms()[0].values()))
+            true = BASE + night.path[:, -1]
+            rows.append((np.mean([radial(t)[0] for t in back.terms - true]),
+                         np.mean([radial(t)[0] for t in np.array(live) - true]),
+                         ((back.terms - true) / back.sigma)[:, :2] ** 2))
+        smooth, live = (np.mean([row[i] for row in rows]) for i in range(2))
+        size = np.median([row[2] for row in rows])
+        print(f'\nin hindsight, {rate}"/h^.5, {count} nights: mean radial error at the stars '
+              f'{smooth / ARCSEC:.2f}", live {live / ARCSEC:.2f}"; median of zeros '
+              f'in sigmas, squared, {size:.2f} (0.45)')
+
+
+def say_rates(count):
+    """Nights with rates that were learned from others."""
+    for rate in (10, 5, 2):
+        rng = np.random.default_rng(600 + rate)
+        past = [as_run(Night(Truth(rate * ARCSEC), rng)) for _ in range(10)]
+        rates = rates_of_nights(past)
+        nis, expected, square, hours = [], [], [], []
+        for _ in range(count):
+            night = Night(Truth(rate * ARCSEC), rng)
+            tracker, terms = Tracker(night.model(), 0, rate_weights=rates.weights), []
+            for k, one in enumerate(seen_of(night)):
+                terms.append(np.array(list(tracker.terms()[0].values())) - BASE)
+                expected.append(np.mean([np.mean(tracker.expected(*PLACES, s).radial ** 2)
+                                         for s in (150.0, 300.0, 450.0, 600.0)]))
+                nis.append(tracker.take(one).nis / 2.0)
+                hours.append(k // (night.count // 3))
+            square.append(night.errors(np.array(terms))[1])
+        nis, expected, square, hours = map(np.ravel, (nis, expected, square, hours))
+        likeliest = rates.likeliest()
+        print(f'\n{rate}"/h^.5, rates of 10 nights (likeliest {likeliest["zero"] / ARCSEC:.1f}, '
+              f'tilt {likeliest["tilt"] / ARCSEC:.1f}), {count} others: NIS {nis.mean():.3f}, '
+              'thirds of time ' + ' '.join(f'{nis[hours == t].mean():.2f}' for t in range(3))
+              + '; expected^2 / true^2 ' + ' '.join(
+                  f'{expected[hours == t].mean() / square[hours == t].mean():.2f}'
+                  for t in range(3)))
+
+
+def say_arc(folder):
+    """Five stars of each run and the runs before, against six terms fitted to all of its rows."""
+    files = sorted(Path(folder, 'arc35m').glob('*.dat'))
+    if not files:
+        print(f'\narc: skipped, no {folder}/arc35m')
+        return
+    runs = []
+    for path in files:
+        try:
+            runs.append(read_run(path))
+        except ValueError:
+            continue
+    runs = [run for run in runs if len(run) >= 8]
+    rng, first, from_run = np.random.default_rng(1), 4, 8
+    az, el = sky(rng, 200)
+    left, size = {}, {}
+    for name, names in menus(ALTAZ).items():
+        everywhere = np.stack(design(names, az, el), axis=1)
+        for memory in (np.inf, 10.0):
+            left[name, memory] = judged(runs, names, everywhere, memory=memory, first=first)
+            size[name, memory] = np.array([np.log(np.sqrt(np.nanmean(off**2)))
+                                           for off in left[name, memory]])
+    ratios, which = [], Counter()
+    for place in range(from_run - first, len(runs) - first):
+        best = min(left, key=lambda key: size[key][:place].mean())  # of the runs before alone
+        which[best] += 1
+        off, run = left[best][place], runs[place + first]
+        full = fit_terms(run, ALTAZ.names.standard6)
+        rest = np.isfinite(off[:, 0])
+        six = np.stack((full.residual_x, full.residual_y), axis=1)[rest]
+        ratios.append(np.sqrt(np.mean(off[rest] ** 2) / np.mean(six**2)))
+    print(f'\nARC 3.5 m, {len(runs)} runs, judged from run {from_run + 1}: {len(ratios)}; RMS of '
+          f'the rows left with five chosen stars and the runs before, against six terms fitted to '
+          f'all rows: median {np.median(ratios):.3f} (<= 1.12), 90 % '
+          f'{np.quantile(ratios, 0.9):.3f} (<= 1.40), worst {max(ratios):.2f}')
+    print('  terms and memory taken, by the runs before: ' + ', '.join(
+        f'{name}/{memory:g} {number}' for (name, memory), number in which.most_common()))
+    for key in left:
+        own = [np.sqrt(np.nanmean(off**2)) / ARCSEC for off in left[key][from_run - first:]]
+        print(f'  {key[0]:9} memory {key[1]:4g}: median {np.median(own):.2f}" an axis')
+
+
+def main():
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('--nights', type=int, default=6)
+    parser.add_argument('--only', choices=('hold', 'begin', 'hindsight', 'rates', 'arc'))
+    parser.add_argument('--full', action='store_true')
+    parser.add_argument('--data', default='../shared/data')
+    options = parser.parse_args()
+    count = options.nights
+    parts = {'hold': lambda: say_hold(60 if options.full else count),
+             'begin': lambda: say_begin(400 if options.full else 10 * count),
+             'hindsight': lambda: say_hindsight(100 if options.full else count),
+             'rates': lambda: say_rates(100 if options.full else count),
+             'arc': lambda: say_arc(options.data)}
+    for name, part in parts.items():
+        if options.only in (None, name):
+            part()
+
+
+if __name__ == '__main__':
+    main()

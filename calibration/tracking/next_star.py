@@ -1,0 +1,182 @@
+"""The star to look at next: what it is expected to tell, for the time it takes.
+
+What a star will tell does not depend on what it shows: the covariance after it follows from where
+it stands (Fedorov 1972, Theory of optimal experiments). A star is judged by how much the mean
+square pointing error over the places that matter falls, for each second of slew and exposure.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from msg_tools.units import ARCSEC, DEG
+
+
+@dataclass(frozen=True)
+class Slew:
+    """How a mount slews: both axes at once, each at its rate, and then it settles.
+
+    Attributes
+    ----------
+    rates : (float, float)
+        rad/s.
+    acceleration : float
+        rad/s^2.
+    settle_s : float
+    """
+
+    rates: tuple = (2.0 * DEG, 2.0 * DEG)
+    acceleration: float = 1.0 * DEG
+    settle_s: float = 3.0
+
+    def seconds(self, mount, here, there):
+        """How long a slew takes.
+
+        Parameters
+        ----------
+        mount : Mount
+        here : (float, float)
+            Axis angles, rad.
+        there : (ndarray, ndarray), shape (n,)
+
+        Returns
+        -------
+        ndarray, shape (n,)
+        """
+        ways = (mount.way(here[0], np.asarray(there[0], float)),
+                np.asarray(there[1], float) - here[1])
+        longest = 0.0
+        for way, rate in zip(ways, self.rates):
+            way = np.abs(way)
+            ramp = rate**2 / self.acceleration  # way of speeding up and slowing down
+            longest = np.maximum(longest, np.where(
+                way < ramp, 2.0 * np.sqrt(way / self.acceleration),
+                way / rate + rate / self.acceleration))
+        return longest + self.settle_s
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A star that was chosen.
+
+    Attributes
+    ----------
+    row : int
+        Of the candidates.
+    seconds : float
+        Of slew and exposure.
+    before, after : float
+        Radial RMS over the places that matter when it is done, without it and with it, rad.
+    gains : dict of str to float
+        By what part each term's variance falls, the most first.
+    """
+
+    row: int
+    seconds: float
+    before: float
+    after: float
+    gains: dict
+
+    def sentence(self):
+        """Why, for people."""
+        told = ', '.join(f'{name} {100 * gain:.0f} %' for name, gain in
+                         list(self.gains.items())[:3] if gain > 0.05)
+        return (f'{self.seconds:.0f} s: takes the expected error from '
+                f'{self.before / ARCSEC:.2f} to {self.after / ARCSEC:.2f} arcsec'
+                + (f'; tells of {told} of the variance' if told else ''))
+
+
+def next_star(tracker, az, el, here, everywhere, *, sigma, exposure_s=10.0, slew=None,
+              allowed=None):
+    """The star that helps most for its time.
+
+    Parameters
+    ----------
+    tracker : Tracker
+    az, el : ndarray, shape (n,)
+        Candidates by the axes of the mount, rad.
+    here : (float, float)
+        Where the axes are, rad.
+    everywhere : (ndarray, ndarray), shape (p,)
+        Places where the pointing matters, rad.
+    sigma : float or ndarray, shape (n,)
+        1 sigma of each star in x and y, rad.
+    exposure_s : float
+        With readout and centring.
+    slew : Slew, optional
+    allowed : ndarray of bool, shape (n,), optional
+        Above the horizon, within limits, off Sun and Moon; all by default.
+
+    Returns
+    -------
+    Choice
+
+    Raises
+    ------
+    ValueError
+        No candidate that is allowed.
+    """
+    az, el = (np.asarray(v, float) for v in (az, el))
+    rows = np.flatnonzero(np.ones(len(az), bool) if allowed is None else allowed)
+    if not len(rows):
+        raise ValueError('no star that may be looked at: all candidates are below the horizon, '
+                         'beyond limits, or near Sun or Moon')
+    seconds = (slew or Slew()).seconds(tracker.mount, here, (az[rows], el[rows])) + exposure_s
+    noise = np.broadcast_to(np.asarray(sigma, float), len(az))[rows] ** 2
+    covariance = tracker.ahead(float(np.median(seconds)))
+    places = tracker.columns(*everywhere)
+    weight = np.einsum('pij,pik->jk', places, places) / len(places)
+    columns = tracker.columns(az[rows], el[rows])
+    gains = covariance @ columns.swapaxes(1, 2)  # (n, k, 2)
+    inverse = np.linalg.inv(columns @ gains + noise[:, None, None] * np.eye(2))
+    less = np.einsum('aki,aij,alj,kl->a', gains, inverse, gains, weight)
+    best = int(np.argmax(less / seconds))
+    before = float(np.sum(covariance * weight))
+    fallen = np.einsum('ki,ij,kj->k', gains[best], inverse[best], gains[best])
+    variance = np.diag(covariance)
+    part = np.divide(fallen, variance, out=np.zeros_like(fallen), where=variance > 0.0)
+    return Choice(int(rows[best]), float(seconds[best]), float(np.sqrt(before)),
+                  float(np.sqrt(max(before - less[best], 0.0))),
+                  {tracker.states[k]: float(part[k]) for k in np.argsort(-part)})
+
+
+def error_over(tracker, everywhere, seconds_ahead=0.0):
+    """Radial RMS that is expected over some places after some time, rad.
+
+    Parameters
+    ----------
+    tracker : Tracker
+    everywhere : (ndarray, ndarray), shape (p,)
+        rad.
+    seconds_ahead : float
+        Since the last observation.
+    """
+    return float(np.sqrt(np.mean(tracker.expected(*everywhere, seconds_ahead).radial ** 2)))
+
+
+def until(tracker, everywhere, goal, most_s=7200.0):
+    """How long the pointing stays better than a goal without a star.
+
+    Parameters
+    ----------
+    tracker, everywhere
+        As of `error_over`.
+    goal : float
+        Radial RMS, rad.
+    most_s : float
+
+    Returns
+    -------
+    float
+        Seconds since the last observation; 0 where it is not even now, at most `most_s`.
+    """
+    low, high = 0.0, most_s
+    if error_over(tracker, everywhere, low) >= goal:
+        return 0.0
+    if error_over(tracker, everywhere, high) <= goal:
+        return most_s
+    while high - low > 1.0:
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if error_over(tracker, everywhere, middle) < goal else (
+            low, middle)
+    return low
