@@ -33,11 +33,11 @@ from calibration.tracking.few_stars import (
 from calibration.tracking.heard import Seen
 from calibration.tracking.hindsight import hindsight
 from calibration.tracking.history import Past, rates_of_nights
-from calibration.tracking.next_star import Slew, next_star, until
 from calibration.tracking.tracker import Tracker
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
 from pointing_model.mounts import ALTAZ
+from pointing_model.observing.next_star import Slew, next_star, until
 from pointing_model.run import PointingRun
 from pointing_model.run_files import read_run
 from pointing_model.terms import design

@@ -53,7 +53,7 @@ class Calibration(MountNode):
         self._tracking = None
         if self.value('mode') == TRACK:
             from .tracking.live import LiveTracking
-            self._tracking = LiveTracking(self._session)
+            self._tracking = LiveTracking()
         self._alarms = []
         self._finding = self._refused = ''
         self._model_name = identity(reference.to_json() if reference else '')
@@ -92,10 +92,11 @@ class Calibration(MountNode):
         run = self._rows(message)
         self._session.add(run, convert.from_stamp(message.header.stamp))
         self._note_starts(run)
-        self._say('collecting')
+        if self._tracking and self._tracking.observed(self._session, run):
+            self._publish_tracked()  # before the observer hears that the row was taken
+        else:
+            self._say('collecting')
         self._expect_zero()
-        if self._tracking and self._tracking.observed(run):
-            self._publish_tracked()
 
     def _on_table(self, message):
         if message.width:
@@ -111,7 +112,7 @@ class Calibration(MountNode):
 
     def _publish_tracked(self):
         """The model after a star, and what it said."""
-        model, zero = self._tracking.pair()
+        model, zero = self._tracking.pair(self._session)
         self._send_model(model)
         self._spoke = True
         self._zero_pub.publish(zero_to_joints(zero, self._session.last_stamp,
@@ -123,7 +124,7 @@ class Calibration(MountNode):
         with_zero = self._session.zeros_again()
         told = ways(self._session.zeros.values()) or 'Polaris'
         if self._tracking:
-            self._tracking.again()
+            self._tracking.again(self._session)
         self._taken_up = [f'{len(self._session)} observations', f'zeros by {told} of power-ons '
                           + (', '.join(map(str, with_zero)) or 'none')]
         self._say_taken_up()
@@ -140,7 +141,8 @@ class Calibration(MountNode):
         text, stamp, zero = text_to_pair(message.data)
         if text:
             model = PointingModel.from_json(text)
-            if not (self._tracking and self._tracking.take_up(model)):
+            if not (self._tracking and self._tracking.take_up(
+                    self._session, model)):
                 self._session.take_up(model)
             self._model_pub.publish(String(data=text))
         self._model_name, self._spoke = identity(text), True
@@ -310,7 +312,7 @@ class Calibration(MountNode):
             by=measured and measured.by,
             covariance=None if measured is None else measured.with_fitted_terms))
         if self._tracking:
-            self._tracking.begin()
+            self._tracking.begin(self._session)
 
     def _refuse_beside_another(self):
         if self._long.name:

@@ -14,6 +14,7 @@ from .following import AXES, Following
 from .model import PointingModel
 from .model_document import identity
 from .mounts import ALTAZ, told
+from .terms import design
 from .zero import NO_ZERO, zeros_in_force
 
 #: an effect that follows the time holds for so long after the last row it was fitted to, ns
@@ -86,6 +87,42 @@ def wander_sigma(model, stamp, el):
     except (KeyError, TypeError, AttributeError):
         raise ValueError(f'wander of the model is damaged: {told!r:.60}') from None
     return out
+
+
+def tracked_sigma(model, stamp, az, el):
+    """How far the terms of a tracked model may have moved since its last star, on the sky.
+
+    Parameters
+    ----------
+    model : PointingModel or None
+        Of a calibration in mode ``track``: its provenance tells how far each term wanders.
+    stamp : int
+        ns.
+    az, el : float
+        Place by the axes of the mount, rad.
+
+    Returns
+    -------
+    ndarray, shape (2,)
+        1 sigma of x and y, radians; 0 for a model that was not tracked. Without a jump.
+
+    Raises
+    ------
+    ValueError
+        That part of the model is damaged.
+    """
+    told = None if model is None else model.provenance.get('tracked')
+    last = None if model is None else model.provenance.get('last_stamp_ns')
+    if not isinstance(told, dict) or not isinstance(last, int):
+        return np.zeros(2)
+    hours = max(stamp - last, 0) / 3600e9
+    try:
+        walks = told['walk_arcsec_per_root_hour']
+        walk = np.array([float(walks[name]) for name in model.terms]) * ARCSEC
+    except (KeyError, TypeError, ValueError):
+        raise ValueError(f'what wanders in the model is damaged: {told!r:.60}') from None
+    x, y = design(tuple(model.terms), np.array([az]), np.array([el]), model.mount)
+    return np.sqrt(hours * np.array([np.sum((columns[0] * walk)**2) for columns in (x, y)]))
 
 
 def time_driver(model, stamps):

@@ -13,7 +13,7 @@ from msg_tools.units import ARCSEC, wrap
 
 from .context import Context
 from .following import Difference, Following
-from .in_force import time_driver, wander_sigma
+from .in_force import time_driver, tracked_sigma, wander_sigma
 from .in_force_message import pair_to_text
 from .in_force_topics import MODEL_FILE, in_force_of
 
@@ -120,6 +120,7 @@ class PointingCorrector(MountNode):
             out = np.array([float(np.ravel(s)[0])
                             for s in model.sigma(sky[:, 0], sky[:, 1], context)])
         out = np.hypot(out, wander_sigma(model, stamp, float(sky[0, 1])))
+        out = np.hypot(out, tracked_sigma(model, stamp, *map(float, sky[0])))
         return np.hypot(out, self._in_force.zero_sigma * [float(np.cos(sky[0, 1])), 1.0])
 
     def problems(self):

@@ -50,7 +50,7 @@ def prepare_folder(folder):
 
 def run_night(out, *, stars=30, polaris=16, reference=None, cycle='incremental',
               domain_number=None, params_file=None, progress=None, scenario='default', mount='',
-              say=None, of_server=None, **graph):
+              track='', say=None, of_server=None, **graph):
     """Observe a night in a graph of processes.
 
     Parameters
@@ -72,6 +72,8 @@ def run_night(out, *, stars=30, polaris=16, reference=None, cycle='incremental',
     mount : str
         As of `graph.night_graph`; empty: the kind that the scenario is. ``indi:HOST:PORT`` or
         ``alpaca:HOST:PORT``: a mount of a server takes the place of the simulated one.
+    track : str
+        A step of the plan after the fit, such as ``track 1.5arcsec 90``.
     say : callable, optional
         As of `observe`, of a mount of a server.
     of_server : dict, optional
@@ -99,6 +101,9 @@ def run_night(out, *, stars=30, polaris=16, reference=None, cycle='incremental',
             params_file=params_file, progress=progress, say=say, **(of_server or {}),
             **{name: graph[name] for name in ('seed', 'sky', 'calibration') if name in graph})
     plan = night_plan(stars, polaris, reference is not None, cycle)
+    if track:
+        plan += f', {track}'
+        graph['calibration'] = {**graph.get('calibration', {}), 'mode': 'track'}
     parse_plan(plan)
     if reference is not None:
         from pointing_model.model import PointingModel

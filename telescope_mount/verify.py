@@ -8,9 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
+from calibration.calibration_params import TRACK
 from calibration.harmonic_fit import choice_of, choice_of_report
 from calibration.nights import NightSeries
 from calibration.session import CalibrationSession
+from calibration.tracking.live import LiveTracking
+from calibration.tracking.night import KEY
 from calibration.witnesses import encoder_diagnostics, homings_from_diagnostics, homings_of
 from msg_tools.bag import BagReader
 from msg_tools.bag.provenance import parameters_of
@@ -228,8 +231,10 @@ def _calibrate(rows, session, parameters, check):
     for stamp in sorted({*rows.observations, *zeros, *models, *rows.tables}):
         if stamp in rows.observations:
             replay.session.add(rows.observations[stamp], stamp)
+            replay.track(rows.observations[stamp])
         elif stamp in rows.tables:
             replay.session.take_table(rows.tables[stamp], stamp)
+            replay.track(rows.tables[stamp])
         if stamp in zeros or stamp in models:
             replay.at(stamp, zeros.get(stamp, []), models.get(stamp, []))
 
@@ -240,9 +245,15 @@ class _Replay:
     def __init__(self, session, rows, parameters, check):
         self.session, self._rows, self._check = session, rows, check
         self._parameters = parameters
+        self._tracking = LiveTracking() if parameters.get('mode') == TRACK else None
         self._reports, self._diagnoses = (
             deque(data.data for _, data in rows.said[name])
             for name in ('calibration/report', 'diagnosis'))
+
+    def track(self, rows):
+        """Rows have come, where the mount is tracked."""
+        if self._tracking:
+            self._tracking.observed(self.session, rows)
 
     def at(self, stamp, zeros, models):
         """Zeros by Polaris first, then fits, then diagnoses, each with its zero."""
@@ -262,6 +273,11 @@ class _Replay:
             computed += [(zero, True)] * calibrated
         for log_time, text in made:
             told = json.loads(text)['provenance']
+            if KEY in told and self._tracking and self._tracking.night:
+                model, zero = self._tracking.pair(self.session)
+                self._check.compare('tracked model', text, model.to_json(), at_time(stamp))
+                computed.append((zero, False))
+                continue
             if 'refit' in told:
                 model = self._fit(stamp, log_time)
             elif 'judged' in told:
@@ -272,6 +288,8 @@ class _Replay:
                 model = self._fit(stamp, log_time)
             self._check.compare('model', text, model.to_json(), at_time(stamp))
             self.session.in_force = model
+            if self._tracking:
+                self._tracking.begin(self.session)
             computed.append((self.session.zeros_in_force.newest, False))
         for data, (zero, by_polaris) in zip(zeros, computed):
             _, logged = joints_to_zero(data)

@@ -14,19 +14,17 @@ _A_DAY = 86_400_000_000_000
 class LiveTracking:
     """Follows the mount of a `CalibrationSession` from a model on.
 
-    Parameters
+    Attributes
     ----------
-    session : calibration.session.CalibrationSession
+    night : TrackedNight or None
+        None: there is no model to begin with.
     """
 
-    def __init__(self, session):
-        self._session = session
+    def __init__(self):
         self.night = None
-        self._taken_up = None  # a model that another calibration had come to
 
-    def begin(self):
+    def begin(self, session):
         """Begin anew from the model in force, which was fitted to all rows so far."""
-        session = self._session
         report = session.report or {}
         noise = report.get('noise_arcsec')
         self.night = TrackedNight(
@@ -34,7 +32,7 @@ class LiveTracking:
             noise and tuple(float(v) * ARCSEC for v in noise),
             noise_of_difference(session.observations()))
 
-    def take_up(self, model):
+    def take_up(self, session, model):
         """Go on with the night of a tracked model, with the rows that are here.
 
         Whether it is one; ValueError where what it tells is damaged.
@@ -42,19 +40,20 @@ class LiveTracking:
         if KEY not in model.provenance:
             return False
         self.night = TrackedNight.of_model(model)
-        self.again()
+        self.again(session)
         return True
 
-    def again(self):
+    def again(self, session):
         """Take the rows that are here: all of them, after a start in the middle of a night."""
-        if self.night is not None and len(self._session):
-            self.night.take(self._session.observations())
+        if self.night is not None and len(session):
+            self.night.take(session.observations())
 
-    def observed(self, rows):
+    def observed(self, session, rows):
         """Take rows that have come.
 
         Parameters
         ----------
+        session : CalibrationSession
         rows : PointingRun
 
         Returns
@@ -63,7 +62,7 @@ class LiveTracking:
             Whether there is another model.
         """
         if self.night is None:
-            reference = self._session.reference
+            reference = session.reference
             if reference is None:
                 return False
             first = int(rows['time'][0] * 1e9)
@@ -72,14 +71,14 @@ class LiveTracking:
             self.night = TrackedNight(reference, RunZero(0.0, 0.0), min(held, first - _A_DAY))
         return any(one.taken for one in self.night.take(rows))
 
-    def pair(self):
+    def pair(self, session):
         """The model by now, and the zero that goes with it."""
-        model = self.night.model(self._session.last_stamp)
+        model = self.night.model(session.last_stamp)
         return model, self.night.bound_zero(identity(model.to_json()))
 
     def document(self):
-        """Of the night, JSON-ready, with the name of its model."""
-        return {'model': self.pair()[1].model, **self.night.document()}
+        """Of the night, JSON-ready."""
+        return self.night.document()
 
     def problems(self):
         """What is wrong with what the filter says of itself, sentences."""

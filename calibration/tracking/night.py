@@ -65,7 +65,7 @@ class TrackedNight:
         self._began, self.zero, self._first_zero = _rounded(stamp * 1e-9), zero, zero
         self._noise, self._difference = tuple(noise), difference and tuple(difference)
         self._absolute_start = None
-        self._last = []  # rows
+        self._last, self._taken = [], self._began  # rows; stamp of the last one
         self.heard = []
         self._tracker = Tracker(
             self._evening, self._began, witnesses=('difference',) if difference else ())
@@ -112,11 +112,21 @@ class TrackedNight:
         -------
         list of tracker.Heard
             Of each star that was looked at; also in `heard`.
+
+        Raises
+        ------
+        ValueError
+            The rows have no time.
         """
+        if 'time' not in rows:
+            raise ValueError('observation without column time')
         self.heard = []
         for i in range(len(rows)):
             own = rows.select([i])
             stamp = _rounded(own['time'][0])
+            if self._last and stamp <= self._taken:
+                continue  # it is known
+            self._taken = max(stamp, self._taken)
             # one that froze is known by the rows before it, never by those after
             self._last = [*self._last[1 - SAME_ROWS:], own]
             if own['star'][0] < 0 or is_kept_out(own)[0] or stamp <= self._began or distrusted(

@@ -22,10 +22,14 @@ from .instruments import MOUNT
 from .plan import POWER_CYCLES
 from .pointing import Standing
 from .star_choice import Limits, choose_stars
+from .track_choice import TrackedModel, choose_next, next_time
 from .zero_choice import ZeroChoice
 
 #: what a star takes, to know that it stays within the limits until its turn, s
 SECONDS_A_STAR = 40.0
+#: stars among which `track` chooses, the last ones that it does not take again, and what a star
+#: takes beside its slew and exposure, s
+CANDIDATES, LAST_ONES, EXPOSURE = 40, 10, 10.0
 #: targets in a row that the guard refuses, after which the plan is given up
 REFUSALS = 5
 #: what to do where `home` is not there, or has been called and does not answer
@@ -34,6 +38,7 @@ AFTER_HOME = ("start the mount's driver, or leave home out of the plan",
 #: elevation of a star that both axes follow evenly, deg
 BEST = 35.0, 65.0
 _HOUR = 3_600_000_000_000  # ns
+_MINUTE = _HOUR // 60
 
 
 class NightSteps:
@@ -86,7 +91,8 @@ class NightSteps:
 
     def do(self, step, done=0):
         """Steps that do `step`, of which so many exposures are done."""
-        yield from getattr(self, f'_do_{step.verb}')(step.what or step.count - done)
+        what = step if step.verb == 'track' else step.what or step.count - done
+        yield from getattr(self, f'_do_{step.verb}')(what)
 
     def set_waiting(self, what):
         """Waiting for `what`, or for nothing."""
@@ -159,6 +165,38 @@ class NightSteps:
         log = self._out.get_logger()
         (log.warning if found is None or clocks.is_off(found) else log.info)(self.clocks_told)
         self.send_checks()
+
+    def _do_track(self, step):
+        """Keep the expected error of the model below a goal, with as few stars as do it."""
+        yield from self._need_home()
+        end = self.exposer.now() + step.count * _MINUTE
+        known = self._in_force
+        if known.model is not None and 'tracked' not in known.model.provenance:
+            yield from self._observe_fresh(1)  # with it a model that was fitted is tracked
+        while True:
+            yield from self._calibration_has_all()
+            newest = self._table.newest
+            if known.model is not None and 'tracked' in known.model.provenance:
+                yield from self._until(lambda newest=newest: known.model_stamp >= newest,
+                                       'the tracked model')
+            try:
+                model = TrackedModel(known.model)
+            except ValueError as err:
+                raise Refused(str(err)) from None
+            stars = self._fresh_stars(CANDIDATES, again=True)
+            places = np.array([self._out.mount().axes_of(*(v[0] for v in star.place(
+                np.array([self.exposer.now() * 1e-9]), *self._out.sky()))) for star in stars]).T
+            due = model.stamp + round(next_time(model, step.goal, *places) * 1e9)
+            self.exposer.earliest = max(due, self.exposer.now())
+            if self.exposer.earliest >= end:
+                return
+            waited = (self.exposer.earliest - model.stamp) * 1e-9
+            chosen = choose_next(model, *places, self._instruments.here,
+                                 EXPOSURE + self._out.value('exposure_s'), waited)
+            star = stars[chosen.row]
+            self._out.get_logger().info(f'{star.name}: {chosen.sentence()}')
+            self.set_state('observing', f'{star.name}: {chosen.sentence()}')
+            yield from self._observe(star, fresh=True)
 
     def _do_polaris(self, count):
         self.check_polaris()
@@ -295,10 +333,11 @@ class NightSteps:
             self._refusals = 0
             raise Refused(f'{REFUSALS} targets in a row were refused: {why}')
 
-    def _fresh_stars(self, count, between=(0.0, 90.0)):
+    def _fresh_stars(self, count, between=(0.0, 90.0), again=False):
         """Targets all over the sky that were not observed tonight, in observing order.
 
-        No lower and no higher than `between`, deg, as far as the limits leave it.
+        No lower and no higher than `between`, deg, as far as the limits leave it. With `again`
+        those that were observed too, but for the last ones.
         """
         value = self._out.value
         lowest, highest = value('min_elevation_deg'), value('max_elevation_deg')
@@ -308,8 +347,9 @@ class NightSteps:
             self._stars(), self.exposer.now() * 1e-9, *self._out.sky(), count,
             value('star_seed') + self.progress.block, lowest * DEG, highest * DEG,
             value('magnitude_limit'),
-            exclude=[*self._table.stars_since(self.evening), *self._refused, POLARIS_HIP],
-            duration=count * SECONDS_A_STAR, start=self._instruments.here,
+            exclude=[*(self._table.last_stars(LAST_ONES) if again
+                       else self._table.stars_since(self.evening)), *self._refused, POLARIS_HIP],
+            duration=0.0 if again else count * SECONDS_A_STAR, start=self._instruments.here,
             mount=self._out.mount(), limits=self._limits())
         return [StarTarget(self._catalogue.select([row])) for row in rows]
 

@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+from msg_tools.units import ARCSEC
+
 #: verb -> what its number counts, '' for a verb without one; `power_cycle` names what it switches
 VERBS = {
     'home': '',
@@ -13,12 +15,14 @@ VERBS = {
     'satellite': 'exposures',
     'check': 'exposures',
     'clocks': 'images',
+    'track': 'minutes',
     'wait': 'hours',
     'calibrate_zero': '',
     'fit': '',
     'diagnose': '',
     'judge': '',
 }
+_UNIT = 'arcsec'
 #: what `power_cycle` switches off and on -> services that are called for it
 POWER_CYCLES = {'incremental': ('power_cycle',), 'absolute': ('absolute/power_cycle',),
                 'both': ('power_cycle', 'absolute/power_cycle')}
@@ -28,12 +32,18 @@ POWER_CYCLES = {'incremental': ('power_cycle',), 'absolute': ('absolute/power_cy
 class Step:
     """One step: its verb, its count (0 for a verb without one), and what it switches.
 
-    `what` is '' for `power_cycle` alone, which is that of the incremental encoder.
+    `what` is '' for `power_cycle` alone, which is that of the incremental encoder; of `track` the
+    error that is held, such as ``1.5arcsec``.
     """
 
     verb: str
     count: int = 0
     what: str = ''
+
+    @property
+    def goal(self):
+        """Of `track`: radial RMS that is held, rad."""
+        return float(self.what.removesuffix(_UNIT)) * ARCSEC
 
     @property
     def exposures(self):
@@ -55,7 +65,8 @@ def parse_plan(text):
         `satellite` and `check` (fresh stars pointed at blind, to judge by) take the number of
         exposures, as `clocks` does (of one star past which the axes drift: the offset of the
         clocks of camera and encoder), `wait` the hours from the begin of the night (or the last
-        `wait`) on.
+        `wait`) on. `track 1.5arcsec 90` observes for so many minutes (60 without) the stars that
+        keep the expected pointing error below that, with a calibration in mode ``track``.
         `power_cycle` is that of the incremental encoder, unless `absolute` or `both` follows.
 
     Returns
@@ -81,6 +92,9 @@ def parse_plan(text):
                                  + ', '.join(POWER_CYCLES))
             steps.append(Step(verb, what=''.join(rest).replace('incremental', '')))
             continue
+        if verb == 'track':
+            steps.append(_track(part, rest))
+            continue
         if not VERBS[verb] and rest:
             raise ValueError(f'plan step {verb} takes no count')
         if VERBS[verb] and (len(rest) != 1 or not rest[0].isdecimal()
@@ -90,6 +104,19 @@ def parse_plan(text):
     if not steps:
         raise ValueError('the plan is empty')
     return steps
+
+
+def _track(part, rest):
+    try:
+        goal = float(rest[0].removesuffix(_UNIT))
+        minutes = int(rest[1].removesuffix('min')) if len(rest) > 1 else 60
+    except (IndexError, ValueError):
+        goal, minutes = 0.0, 0
+    if not (0.0 < goal <= 3600.0 and 1 <= minutes <= 100000 and len(rest) <= 2
+            and rest[0].endswith(_UNIT)):
+        raise ValueError(f'plan step {part.strip()!r}: write track, the error to hold and the '
+                         'minutes, such as track 1.5arcsec 90')
+    return Step('track', minutes, rest[0])
 
 
 def night_plan(stars, exposures, reference=False, cycle='incremental'):

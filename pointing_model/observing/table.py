@@ -72,6 +72,10 @@ class Table:
         """Numbers of the stars that were observed from `stamp` (ns) on, a set."""
         return {int(row['star']) for row in self.rows if row['stamp'] >= stamp}
 
+    def last_stars(self, count):
+        """Numbers of the stars of so many rows, the last ones, a set."""
+        return {int(row['star']) for row in self.rows[-count:]}
+
     def last_of(self, run):
         """The last row, if it is of power-on `run`, else None."""
         return self.rows[-1] if self.rows and self.rows[-1]['run'] == run else None

@@ -25,6 +25,9 @@ def add(commands):
     parser.add_argument('--power-cycle', choices=('incremental', 'absolute', 'both'),
                         default='incremental', help='encoders that begin another power-on in the '
                         'middle of a night without --reference (default: incremental)')
+    parser.add_argument('--track', default='', metavar='ERROR[,MINUTES]', help='after the fit, '
+                        'hold the expected pointing error with stars chosen for it, such as '
+                        '1.5arcsec,90; the model follows the mount')
     options.add(parser, 'harmonics', 'harmonics-alone', 'harmonics-degree')
     options.add(parser, 'date', 'latitude', 'longitude', 'height')
     options.add(parser, 'mount', help=options.MOUNT_OF_NIGHT + options.SERVER_OF_NIGHT)
@@ -52,6 +55,7 @@ def run(args):
     of_server = is_server(args.mount or '')
     for name, value, usual in (
             ('scenario', args.scenario, 'default'), ('absolute', args.absolute, 'angles'),
+            ('track', args.track, ''),
             ('time-scale', args.time_scale, 0.0), ('power-cycle', args.power_cycle,
                                                    'incremental'), ('date', args.date, '')) \
             if of_server else (('camera', args.camera, ''), ('driver', args.driver, []),
@@ -62,6 +66,7 @@ def run(args):
                              f'--{name} is for a mount of a server; give it with --mount '
                              'indi:HOST:PORT or alpaca:HOST:PORT')
     calibration = options.harmonics_of(args)
+    track = f'track {args.track.replace(",", " ")}' if args.track else ''
     console = new_console()
 
     def say(text):
@@ -74,7 +79,7 @@ def run(args):
             mount=args.mount or '', cycle=args.power_cycle, domain_number=args.domain,
             time_scale=args.time_scale,
             params_file=args.params, sky=options.sky_of(args), absolute=args.absolute,
-            calibration=calibration, progress=progress, say=say, of_server={
+            calibration=calibration, progress=progress, say=say, track=track, of_server={
                 'camera': args.camera, 'drivers': args.driver, 'anew': args.anew,
                 'exposure': args.exposure,
                 'note': partial(console.print, markup=False)} if of_server else None)
