@@ -1,6 +1,6 @@
 """What becomes of a mount in motion when `telescope-mount observe` is ended: the toy telescope.
 
-    python benchmarks/end_of_night.py [--times N] [--ways SIGINT,SIGTERM,abort,park]
+    python benchmarks/end_of_night.py [--times N] [--ways SIGINT,SIGTERM,SIGKILL,abort,park]
 
 The toy telescope runs beside `observe` and the sample drivers, which it starts. In the middle of a
 slew at full speed the command has a signal, or the guard a request (`telescope-mount guard`). How
@@ -22,8 +22,8 @@ from guard_stops import EXAMPLES, PORT, Telescope, start, wait
 from telescope_mount import domain
 
 DRIVERS = ('mount_driver', 'encoder_driver', 'camera_driver')
-WAYS = ('SIGINT', 'SIGTERM', 'abort', 'park')
-TARGETS = {'park': 'at 180 deg, parked'}
+WAYS = ('SIGINT', 'SIGTERM', 'SIGKILL', 'abort', 'park')
+TARGETS = {'park': 'at 180 deg, parked', 'SIGKILL': 'at rest'}
 #: where nobody else is
 LOCK = domain.claim()
 #: full speed is 80 % of 12 deg/s
@@ -63,7 +63,7 @@ def end_one(way, telescope, folder):
         asked = cli('guard', way)
         print(asked.communicate()[0].strip(), end='; ')
     told = observe.communicate()[0].strip().split('\n')
-    time.sleep(1.0)
+    wait(lambda: np.abs([row[2] for row in telescope.rows[-70:]]).max() < 0.01, 20.0)
     at, first, rate = np.array([row for row in telescope.rows if row[0] > began]).T
     last = len(rate) - np.argmax(np.abs(rate[::-1]) > 0.01) - 1
     return at[last] - began, abs(first[last] - first[0]), first[-1], observe.returncode, told[-3:]

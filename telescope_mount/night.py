@@ -185,16 +185,25 @@ def observe(folder, specs, plan, write, progress=None, domain_number=None, param
         nodes.stop()
         if again or (watcher is not None and _progress(watcher).observations):
             raise NightFailed(f'{err} (the log so far is {bag})') from None
-        # nothing was observed: let the next try have the folder
-        for name in ('bag', 'bag_truth', 'nodes'):
-            shutil.rmtree(folder / name, ignore_errors=True)
-        (folder / STATE).unlink(missing_ok=True)
+        _clear(folder)
         raise NightFailed(str(err)) from None
+    except KeyboardInterrupt:
+        nodes.stop()
+        if not again and watcher is not None and not _progress(watcher).step:
+            _clear(folder)  # it has waited for drivers
+        raise
     finally:
         if watcher is not None:
             watcher.close()
         nodes.stop()
         lock.release()
+
+
+def _clear(folder):
+    """Nothing was observed: let the next try have the folder."""
+    for name in ('bag', 'bag_truth', 'nodes'):
+        shutil.rmtree(folder / name, ignore_errors=True)
+    (folder / STATE).unlink(missing_ok=True)
 
 
 @contextmanager

@@ -107,3 +107,20 @@ def test_services_of_the_guard_stop_the_mount_and_park_it(graph):
     mount.until('parked')
     assert np.allclose(mount.here / DEG, (22.0, 51.0), atol=0.05)
     assert not graph.call('pause').success
+    # axes that do not move: is there a driver?
+    guard._keeper._told('aborted', 2, 'the azimuth is 3.0 deg from where it was sent: stopped; '
+                        'look at its drive and encoder, and call resume')
+    mount.until('aborted', 'look at its drive')
+    graph.tester.destroy_subscription(graph.subscriptions.pop(1))
+    assert 'no driver follows command: start it' in mount.until('aborted', 'no driver').message
+
+
+def test_a_guard_that_is_not_active_says_so_when_it_is_asked_and_not_at_each_start(graph):
+    guard = graph.add(MountGuard, renew_s=0.1, autostart=False)
+    mount = Played(graph)
+    graph.connect()
+    assert guard.starting is False and mount.status == []
+    assert 'activation' not in guard.waiting_for()
+    mount.ask(24.0, 52.0)
+    mount.until('inactive', 'mount_guard is unconfigured: configure and activate it')
+    assert 'activation' in guard.waiting_for()

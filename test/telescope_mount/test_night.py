@@ -27,7 +27,7 @@ def test_it_says_what_it_did_and_nothing_on_stderr(night):
     assert (night.parent / 'stderr').read_text() == ''
     text = (night.parent / 'stdout').read_text()
     for words in ('Zero on Polaris', 'RMS on the sky', 'External check', 'Terms', 'simulated',
-                  'observe at least 14 stars', str(night / 'model.json')):
+                  str(night / 'model.json')):
         assert words in text, words
 
 
@@ -45,7 +45,8 @@ def test_the_report_is_of_this_night(report):
     assert report['stars'] == 16 and report['polaris'] == 8
     assert [zero['run'] for zero in report['zeros']] == [1, 2]
     assert all(zero['exposures'] == 4 for zero in report['zeros'])
-    assert sum('observe at least 14 stars' in note for note in report['notes']) == 3
+    # too few stars for harmonics that are there to compare with, and nobody asked for
+    assert not any('harmonics' in note for note in report['notes'])
 
 
 def test_calibration_brings_the_held_out_error_down(report):
