@@ -83,6 +83,7 @@ def gather(nights, expect=True):
 
 def say_errors(count, noise):
     """The first and the third row of the table, and the error that is expected."""
+    pooled = []
     for rate in (10, 5, 2):
         rng = np.random.default_rng(1000 + rate)
         nights = [Night(Truth(rate * ARCSEC, noise=noise * ARCSEC, jump=(
@@ -96,6 +97,7 @@ def say_errors(count, noise):
             print(f'  of ({key}) {words:26} {errors[key] / ARCSEC:7.2f}"  ratio '
                   f'{errors["f"] / errors[key]:.3f}  (<= {limit})')
         nis, el, hours, expected, square = rows
+        pooled.append(rows)
         print(f'  NIS {nis.mean():.3f}; thirds of elevation '
               + ' '.join(f'{v:.2f}' for v in thirds(nis, el)) + '; of time '
               + ' '.join(f'{v:.2f}' for v in thirds(nis, hours)))
@@ -104,6 +106,10 @@ def say_errors(count, noise):
               + ' '.join(f'{v:.2f}' for v in ratios))
         print('  called over-confident {} nights, under-confident {}'.format(
             *(sum(word in v for v in verdicts) for word in ('over', 'under'))))
+    nis, el, hours = np.concatenate(pooled, axis=1)[:3]
+    print(f'\nall three: NIS {nis.mean():.3f} (0.95 to 1.05); thirds of elevation '
+          + ' '.join(f'{v:.2f}' for v in thirds(nis, el)) + '; of time '
+          + ' '.join(f'{v:.2f}' for v in thirds(nis, hours)) + ' (0.90 to 1.10)')
 
 
 def jumped(night, rng, who=None):

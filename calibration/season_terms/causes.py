@@ -11,8 +11,9 @@ from scipy.stats import f as fisher
 
 from .filter import find_wander, levels, log_likelihood, normal_equations
 
-#: chance that a season without causes shows one
-ALPHA = 0.01
+#: threshold of the chance below, which is too small where nights are few: so 1 season of 100 that
+#: has no cause shows one (docs/season.md)
+ALPHA = 0.002
 #: nights on either side of a step that nobody has declared, and of one that somebody has
 _BESIDE, _BESIDE_DECLARED = 3, 1
 #: candidates that are looked at closely, and most causes of a season

@@ -4,9 +4,34 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 from pointing_model.held_terms import BROAD
+from pointing_model.model import PointingModel
 
 #: what a term is known no better than, where a covariance is singular, rad
 _FLOOR = 0.5 * ARCSEC
+
+
+def model_of_fit(fit):
+    """The model of a batch fit, with what its stars did not determine as unknown.
+
+    Parameters
+    ----------
+    fit : FitResult
+        Directions that it dropped are not in its covariance; here they are, within `BROAD`.
+
+    Returns
+    -------
+    PointingModel
+    """
+    model, names = fit.model, list(fit.model.terms)
+    covariance = np.array(model.covariance)
+    for dropped in fit.dropped:
+        way = np.zeros(len(names))
+        for name, value in dropped['direction'].items():
+            if name in names:
+                way[names.index(name)] = value
+        covariance += BROAD**2 * np.outer(way, way)
+    return PointingModel(model.terms, covariance, model.harmonics, model.provenance,
+                         model.geometry, model.effects, model.mount)
 
 
 def night_to_night(states, mount, settings):

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from calibration.fit import fit_terms
 from calibration.tracking.causes import Settings
 from calibration.tracking.few_stars import (
     AS_IT_WAS,
@@ -15,6 +16,7 @@ from calibration.tracking.few_stars import (
 from calibration.tracking.heard import Seen
 from calibration.tracking.hindsight import hindsight
 from calibration.tracking.history import past_of_runs, rates_of_nights, rows_of
+from calibration.tracking.start import model_of_fit
 from calibration.tracking.tracker import Tracker
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
@@ -121,6 +123,19 @@ def test_five_stars_and_the_past_predict_the_rest_of_each_run(past):
     assert [len(m) for m in menus(ALTAZ).values()] == [6, 7, 12, 21]
     for mount in (Mount.equatorial(0.8), Mount.free(0.0, 0.5)):
         assert all(set(mount.names.standard6) <= set(m) for m in menus(mount).values())
+
+
+def test_what_a_fit_did_not_determine_is_unknown_to_begin_with():
+    rng = np.random.default_rng(2)
+    rows = run(rng, 20.0 * ARCSEC, n=20)
+    rows.columns['el'][:] = 0.7  # IA and CA are one there, IE and TF too
+    rows.columns['el_enc'] = 0.7 + rng.normal(size=20) * ARCSEC
+    rows.columns['az_enc'] = rows['az'] + rng.normal(size=20) * ARCSEC
+    fit = fit_terms(rows, NAMES)
+    assert len(fit.dropped) == 2
+    sure, unsure = (Tracker(m, 0).expected([1.0, 1.0], [0.7, 1.3]).radial / ARCSEC
+                    for m in (fit.model, model_of_fit(fit)))
+    assert unsure[0] < 5.0 and unsure[1] > 20.0 > sure[1]
 
 
 def wandering(rng, rate, n=40, jump=None):
