@@ -83,7 +83,7 @@ class Cubic:
                + np.abs(v0).max(1, keepdims=True) * h * (bent > BENT))
         cuts = np.ceil(np.maximum(way / STEP, np.sqrt(bent / BENT)))
         cuts = int(min(max(float(cuts.max()), 1.0), 400.0))
-        bent = bend.max(0) * float((h.max() / cuts) ** 2) / 8.0
+        bent = (bend * h * h).max(0) / (8.0 * cuts * cuts)
         if cuts == 1:
             return times, angles, bent
         s = np.arange(cuts) / cuts
