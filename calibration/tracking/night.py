@@ -43,8 +43,8 @@ class TrackedNight:
         When the model held, ns; rows up to then are in it.
     noise : (float, float), optional
         1 sigma of a star along x and y, rad; by default what the model left of its own rows.
-    difference : (float, float), optional
-        1 sigma of absolute - incremental encoder of each axis, rad; None: they are no witness.
+    difference : dict, optional
+        Absolute - incremental encoder up to then, of `difference_of`; None: they are no witness.
 
     Attributes
     ----------
@@ -63,12 +63,14 @@ class TrackedNight:
         self._document, self._evening = document, from_document(document)
         # as it comes back from the column of times
         self._began, self.zero, self._first_zero = _rounded(stamp * 1e-9), zero, zero
-        self._noise, self._difference = tuple(noise), difference and tuple(difference)
-        self._absolute_start = None
+        self._noise, self._difference = tuple(noise), difference
+        self._absolute_start = difference and difference['absolute_start']
         self._last, self._taken = [], self._began  # rows; stamp of the last one
         self.heard = []
         self._tracker = Tracker(
             self._evening, self._began, witnesses=('difference',) if difference else ())
+        for axis, apart in enumerate(difference['apart'] if difference else ()):
+            self._tracker.difference(self._began, axis, apart, difference['sigma'][axis])
 
     @classmethod
     def of_model(cls, model):
@@ -160,7 +162,7 @@ class TrackedNight:
                     'model': self._document, 'stamp': self._began,
                     'zero_rad': self._first_zero.angles.tolist(), 'run': self._first_zero.run,
                     'encoder_start': self._first_zero.started, 'noise': list(self._noise),
-                    'difference': self._difference and list(self._difference)}}})
+                    'difference': self._difference}}})
 
     def bound_zero(self, name):
         """The zero that goes with the model of that name: all that is not known is in the model.
@@ -213,7 +215,7 @@ class TrackedNight:
         for axis, name in enumerate(('az', 'el')):
             apart = float(row[f'{name}_abs'][0] - row[f'{name}_enc'][0])
             if np.isfinite(apart):
-                self._tracker.difference(stamp, axis, apart, self._difference[axis])
+                self._tracker.difference(stamp, axis, apart, self._difference['sigma'][axis])
 
     def _offsets(self, row):
         x, y = PointingRun({**row.columns, **{
@@ -226,29 +228,35 @@ def _rounded(seconds):
     return int(np.rint(seconds * 1e9))
 
 
-def noise_of_difference(rows):
-    """1 sigma of absolute - incremental encoder of each axis, from one reading to the next, rad.
+def difference_of(rows):
+    """Absolute - incremental encoder as it stands, and how much one reading of it scatters.
 
     Parameters
     ----------
     rows : PointingRun
+        In order.
 
     Returns
     -------
-    (float, float) or None
-        None: too few readings of one power-on, or no absolute encoder.
+    dict or None
+        ``apart`` and ``sigma`` of each axis, rad, and ``absolute_start``; of the newest
+        power-on. None: too few readings, or no absolute encoder.
     """
     if 'az_abs' not in rows:
         return None
-    out = []
-    newest = rows['run'] == rows['run'].max()
+    own = rows.select(rows['run'] == rows['run'].max())
+    start = float(own['absolute_start'][-1]) if 'absolute_start' in own else None
+    if start is not None:
+        own = own.select(own['absolute_start'] == start)
+    out = {'apart': [], 'sigma': [], 'absolute_start': start}
     for name in ('az', 'el'):
-        apart = (rows[f'{name}_abs'] - rows[f'{name}_enc'])[newest]
-        steps = np.diff(apart[np.isfinite(apart)])
-        if len(steps) < _FEWEST - 1:
+        apart = own[f'{name}_abs'] - own[f'{name}_enc']
+        apart = apart[np.isfinite(apart)]
+        if len(apart) < _FEWEST:
             return None
-        out.append(float(1.4826 * np.median(np.abs(steps)) / np.sqrt(2.0)))
-    return tuple(out) if min(out) > 0.0 else None
+        out['apart'].append(float(np.median(apart[-_FEWEST:])))
+        out['sigma'].append(float(1.4826 * np.median(np.abs(np.diff(apart))) / np.sqrt(2.0)))
+    return out if min(out['sigma']) > 0.0 else None
 
 
 def _noise_of(model):

@@ -192,7 +192,8 @@ class NightSteps:
                 return
             waited = (self.exposer.earliest - model.stamp) * 1e-9
             chosen = choose_next(model, *places, self._instruments.here,
-                                 EXPOSURE + self._out.value('exposure_s'), waited)
+                                 EXPOSURE + self._out.value('exposure_s'), waited,
+                                 self._out.value('slew_rate_deg_s') * DEG)
             star = stars[chosen.row]
             self._out.get_logger().info(f'{star.name}: {chosen.sentence()}')
             self.set_state('observing', f'{star.name}: {chosen.sentence()}')

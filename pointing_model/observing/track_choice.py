@@ -5,7 +5,7 @@ import numpy as np
 from msg_tools.units import ARCSEC
 
 from ..terms import design
-from .next_star import next_star, until
+from .next_star import Slew, next_star, until
 
 #: no star is waited for longer, s: what jumps is only seen by a star
 LONGEST_WAIT = 1800.0
@@ -86,7 +86,7 @@ def next_time(model, goal, az, el):
     return until(model, (az, el), RESERVE * goal, LONGEST_WAIT)
 
 
-def choose_next(model, az, el, here, exposure, waited):
+def choose_next(model, az, el, here, exposure, waited, rate):
     """The star that helps the pointing over all candidates most for its time.
 
     Parameters
@@ -100,6 +100,8 @@ def choose_next(model, az, el, here, exposure, waited):
         With readout and centring, s.
     waited : float
         Since the last star, s.
+    rate : float
+        Of either axis in a slew, rad/s.
 
     Returns
     -------
@@ -113,4 +115,5 @@ def choose_next(model, az, el, here, exposure, waited):
         @staticmethod
         def ahead(seconds):
             return model.ahead(seconds + waited)
-    return next_star(Later, az, el, here, (az, el), sigma=model.noise, exposure_s=exposure)
+    return next_star(Later, az, el, here, (az, el), sigma=model.noise, exposure_s=exposure,
+                     slew=Slew((rate, rate)))

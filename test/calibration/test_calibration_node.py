@@ -268,6 +268,41 @@ def test_a_calibration_started_anew_says_what_it_took_up(graph):
     assert told.model == name and abs(told.az) < 3 * ARCSEC
 
 
+def test_a_tracked_night_is_taken_up_to_the_bit_and_each_star_gives_a_model(graph):
+    from calibration.tracking.live import LiveTracking
+    night = rows(9, seed=5)
+    night = PointingRun({**night.columns, 'time': (START + 10**11 * np.arange(1, 10)) * 1e-9})
+    stamps = [START + 10**11 * k for k in range(1, 10)]
+    session, tracking = CalibrationSession(MOUNT), LiveTracking()
+
+    def offline(first, last):
+        for i in range(first, last):
+            session.add(night.select([i]), stamps[i])
+            tracking.observed(session, night.select([i]))
+        model, zero = tracking.pair(session)
+        return model.to_json(), zero
+
+    table, pair = graph.publisher(topics.OBSERVATIONS), graph.publisher(topics.IN_FORCE)
+    row = graph.publisher(topics.OBSERVATION)
+    models, zeros, told = map(graph.listen, (topics.MODEL, topics.ZERO, topics.TRACKING))
+    text, zero = offline(0, 7)
+    pair.publish(String(data=pair_to_text(text, stamps[6], zero)))
+    table.publish(run_to_cloud(night.select(np.arange(7)), stamps[6]))
+    graph.add(Calibration, mode='track')
+    graph.report('calibration', '', 'observations', 7)
+    graph.report('calibration', '', 'tracking', '7 stars')
+    for i in (7, 8):
+        row.publish(run_to_cloud(night.select([i]), stamps[i]))
+        text, _ = offline(i, i + 1)
+        graph.wait_for(lambda text=text: text in [message.data for message in models])
+    graph.wait_for(lambda: joints_to_zero(zeros[-1])[1].model == identity(text) and told
+                   and json.loads(told[-1].data)['stars'] == 9)
+    found = json.loads(told[-1].data)
+    assert found['heard'][0]['taken'] and found['expected_arcsec']['1 h'] > 1.0
+    answer = graph.call('calibrate_zero')
+    assert answer.success and 'followed with each star' in answer.message
+
+
 def test_a_model_of_a_camera_that_measures_nothing_is_not_published(graph):
     desk = Desk(graph)
     models = graph.listen(topics.MODEL)
@@ -551,3 +586,4 @@ def test_too_few_stars_for_the_harmonics_are_said_and_no_model_comes(graph):
     answer = graph.call('fit')
     assert not answer.success and not models
     assert 'observe at least 14 stars' in answer.message and '\n' not in answer.message
+
