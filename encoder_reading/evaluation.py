@@ -166,6 +166,6 @@ def harmonic_verdict(errors, orders=6):
 
 def sigma_interval(std, n):
     """95 % interval of the sigma of which `n` normal readings gave `std`."""
-    from scipy.stats import chi2
-    low, high = chi2.ppf([0.025, 0.975], n - 1)
+    from scipy.special import gammaincinv
+    low, high = 2.0 * gammaincinv(0.5 * (n - 1), [0.025, 0.975])  # of chi-square
     return float(std * np.sqrt((n - 1) / high)), float(std * np.sqrt((n - 1) / low))

@@ -88,13 +88,18 @@ def test_terms_that_act_on_the_sky_are_those_of_a_mount_that_never_goes_through_
     np.testing.assert_allclose(columns['CH'], ((x2 - x) / step, (y2 - y) / step), atol=1e-5)
 
 
-def test_the_model_that_holds_is_published_and_its_files_and_exports_say_so(tmp_path):
-    run, terms = a_run('sky', 2)
+def fitted(run):
+    """A session that has the run as a night, its model and report."""
     rows = len(run)
     run.columns |= {'star': np.arange(rows), 'run': np.ones(rows), 'time': 1.8e9 + np.arange(rows)}
     session = CalibrationSession()
     session.add(run, 1)
-    model, report = session.fit()
+    return session, *session.fit()
+
+
+def test_the_model_that_holds_is_published_and_its_files_and_exports_say_so(tmp_path):
+    run, terms = a_run('sky', 2)
+    session, model, report = fitted(run)
     assert model.mount.on_sky and report['errors_act'] == 'sky'
     assert report['origin_of_errors']['holds'] == 'sky'
     assert 'do not go through the pole' in report['notes'][-1]
@@ -125,10 +130,6 @@ def test_the_model_that_holds_is_published_and_its_files_and_exports_say_so(tmp_
 
 def test_errors_of_the_mount_are_published_as_ever():
     run, _ = a_run('mount', 2)
-    rows = len(run)
-    run.columns |= {'star': np.arange(rows), 'run': np.ones(rows), 'time': 1.8e9 + np.arange(rows)}
-    session = CalibrationSession()
-    session.add(run, 1)
-    model, report = session.fit()
+    _, model, report = fitted(run)
     assert not model.mount.on_sky and 'errors_act' not in report
     assert report['origin_of_errors']['holds'] == 'mount'
