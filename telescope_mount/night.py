@@ -50,7 +50,7 @@ def prepare_folder(folder):
 
 def run_night(out, *, stars=30, polaris=16, reference=None, cycle='incremental',
               domain_number=None, params_file=None, progress=None, scenario='default', mount='',
-              say=None, of_server=None, **graph):
+              say=None, note=None, of_server=None, **graph):
     """Observe a night in a graph of processes.
 
     Parameters
@@ -72,11 +72,11 @@ def run_night(out, *, stars=30, polaris=16, reference=None, cycle='incremental',
     mount : str
         As of `graph.night_graph`; empty: the kind that the scenario is. ``indi:HOST:PORT`` or
         ``alpaca:HOST:PORT``: a mount of a server takes the place of the simulated one.
-    say : callable, optional
+    say, note : callable, optional
         As of `observe`, of a mount of a server.
     of_server : dict, optional
         Of a mount of a server: ``camera``, ``drivers`` and ``exposure`` as of
-        `server_night.nodes_of`, ``anew`` and ``note`` as of `real_night.run_real_night`.
+        `server_night.nodes_of`, ``anew`` as of `real_night.run_real_night`.
     **graph
         As of `graph.night_graph`: ``seed``, ``time_scale``, ...
 
@@ -96,8 +96,9 @@ def run_night(out, *, stars=30, polaris=16, reference=None, cycle='incremental',
         from .real_night import run_server_night
         return run_server_night(
             out, mount, stars=stars, reference=reference, domain_number=domain_number,
-            params_file=params_file, progress=progress, say=say, **(of_server or {}),
-            **{name: graph[name] for name in ('seed', 'sky', 'calibration') if name in graph})
+            params_file=params_file, progress=progress, say=say, note=note or print,
+            **(of_server or {}), **{name: graph[name] for name in (
+                'seed', 'sky', 'calibration') if name in graph})
     plan = night_plan(stars, polaris, reference is not None, cycle)
     parse_plan(plan)
     if reference is not None:
