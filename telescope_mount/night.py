@@ -50,7 +50,7 @@ def prepare_folder(folder):
 
 def run_night(out, *, stars=30, polaris=16, reference=None, cycle='incremental',
               domain_number=None, params_file=None, progress=None, scenario='default', mount='',
-              track='', say=None, of_server=None, **graph):
+              track='', say=None, note=None, of_server=None, **graph):
     """Observe a night in a graph of processes.
 
     Parameters
@@ -74,11 +74,11 @@ def run_night(out, *, stars=30, polaris=16, reference=None, cycle='incremental',
         ``alpaca:HOST:PORT``: a mount of a server takes the place of the simulated one.
     track : str
         A step of the plan after the fit, such as ``track 1.5arcsec 90``.
-    say : callable, optional
+    say, note : callable, optional
         As of `observe`, of a mount of a server.
     of_server : dict, optional
         Of a mount of a server: ``camera``, ``drivers`` and ``exposure`` as of
-        `server_night.nodes_of`, ``anew`` and ``note`` as of `real_night.run_real_night`.
+        `server_night.nodes_of`, ``anew`` as of `real_night.run_real_night`.
     **graph
         As of `graph.night_graph`: ``seed``, ``time_scale``, ...
 
@@ -98,8 +98,9 @@ def run_night(out, *, stars=30, polaris=16, reference=None, cycle='incremental',
         from .real_night import run_server_night
         return run_server_night(
             out, mount, stars=stars, reference=reference, domain_number=domain_number,
-            params_file=params_file, progress=progress, say=say, **(of_server or {}),
-            **{name: graph[name] for name in ('seed', 'sky', 'calibration') if name in graph})
+            params_file=params_file, progress=progress, say=say, note=note or print,
+            **(of_server or {}), **{name: graph[name] for name in (
+                'seed', 'sky', 'calibration') if name in graph})
     plan = night_plan(stars, polaris, reference is not None, cycle)
     if track:
         plan += f', {track}'

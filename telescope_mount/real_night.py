@@ -107,7 +107,7 @@ def run_server_night(out, mount, *, stars=30, reference=None, camera='', drivers
                      model_file=str(reference.resolve()) if reference else '', **graph)
     return night.observe(
         folder, specs, plan, partial(write_with_checks, folder, bag=bag), progress, domain_number,
-        params_file, drivers=drivers, stall=STALL, say=say, again=again)
+        params_file, drivers=drivers, stall=STALL, say=say, note=note, again=again)
 
 
 def _check_files(drivers, reference):

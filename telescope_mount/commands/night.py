@@ -79,9 +79,9 @@ def run(args):
             mount=args.mount or '', cycle=args.power_cycle, domain_number=args.domain,
             time_scale=args.time_scale,
             params_file=args.params, sky=options.sky_of(args), absolute=args.absolute,
-            calibration=calibration, progress=progress, say=say, track=track, of_server={
+            calibration=calibration, progress=progress, say=say, track=track,
+            note=partial(console.print, markup=False), of_server={
                 'camera': args.camera, 'drivers': args.driver, 'anew': args.anew,
-                'exposure': args.exposure,
-                'note': partial(console.print, markup=False)} if of_server else None)
+                'exposure': args.exposure} if of_server else None)
     print_calibration(console, report)
     print_files(console, report['files'])

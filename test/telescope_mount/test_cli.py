@@ -131,7 +131,7 @@ def test_what_the_user_chose_reaches_the_night(refused, monkeypatch, tmp_path):
     (tmp_path / 'p.yaml').write_text('')
     asked, given = [], night.run_night
 
-    def refuse(out, progress, say, **options):
+    def refuse(out, progress, say, note, **options):
         asked.append({'out': out, **options})
         raise ValueError('enough')
     monkeypatch.setattr(night, 'run_night', refuse)
