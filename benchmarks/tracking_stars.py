@@ -117,10 +117,12 @@ def say_hold(count):
                for way in (True, False)}
         (good, time, stars), (other, slow, more) = (got[way].mean(axis=0) for way in
                                                     (True, False))
+        over = [(got[way][:, 0] > GOAL).sum() for way in (True, False)]
         print(f'\nzeros 2", tilt 0.5"/h^.5, {count} nights, {words}: true radial RMS '
-              f'{good / ARCSEC:.2f}" (worst night {got[True][:, 0].max() / ARCSEC:.2f}"), raster '
-              f'{other / ARCSEC:.2f}" (held: 1.5)\n  telescope time {time / 60:.1f} min a night '
-              f'for {stars:.0f} stars, raster {slow / 60:.1f} min for {more:.0f}: '
+              f'{good / ARCSEC:.2f}", raster {other / ARCSEC:.2f}" (held: 1.5); nights above 1.5" '
+              f'{over[0]}, {over[1]}; worst {got[True][:, 0].max() / ARCSEC:.2f}", '
+              f'{got[False][:, 0].max() / ARCSEC:.2f}"\n  telescope time {time / 60:.1f} min a '
+              f'night for {stars:.0f} stars, raster {slow / 60:.1f} min for {more:.0f}: '
               f'{100 * time / slow:.0f} % (<= 75)')
 
 
