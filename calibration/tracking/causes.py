@@ -9,17 +9,17 @@ Where the figures come from
 ---------------------------
 `ZEROS`, `TILTS`
     What telescopes do, and to both sides of it, in steps of 1.65. Of 17 sessions of the IRAM 30 m
-    (pointing logs of 2012 and 2014, 587 rows) the likeliest walk of the zeros is 1.3 arcsec in the
+    (pointing logs of 2012 and 2014, 655 rows) the likeliest walk of the zeros is 1.3 arcsec in the
     root of an hour, 0.5 to 3 in four of five; of one night of the MMT (80 rows) 0.5 or less. Small
     mounts are worse. All are alike likely until a mount's own nights say more, see
     `history.rates_of_nights`.
 `OTHERS`
-    Collimation, non-perpendicularity and flexure are of metal and glass. A twentieth of an
-    arcsecond in the root of an hour is 0.14 in a night of eight.
+    Collimation, non-perpendicularity and flexure are of metal and glass. No measured walk was
+    found; a twentieth of an arcsecond in the root of an hour, 0.14 in a night of eight, is assumed.
 `JUMPS`
-    Lost counts and slips have no common size: some tens of arcseconds, or minutes of arc. Each
-    axis once in five nights of eight hours, which is more often than any mount should; the stars
-    overrule it within two.
+    Assumed. Lost counts and slips have no common size: some tens of arcseconds, or minutes of arc.
+    Each axis once in five nights of eight hours, which is more often than any mount should; the
+    stars overrule it within two.
 """
 
 from dataclasses import dataclass, field

@@ -144,11 +144,11 @@ class Rates:
         return self.facts[int(np.argmax(self.weights))]
 
 
-def rates_of_nights(nights, *, settings=None, noise=None, as_nights=1.0, rounds=50):
+def rates_of_nights(nights, *, settings=None, noise=None, as_nights=0.3, rounds=50):
     """How often a night is of each rate, by maximum likelihood.
 
-    A mixture of the hypotheses of a tracker, its weights by EM; what is thought before counts as
-    so many nights.
+    A mixture of the hypotheses of a tracker, its weights by EM. That all are alike likely counts
+    as so many nights (`as_nights`).
 
     Parameters
     ----------

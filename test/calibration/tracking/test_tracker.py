@@ -6,6 +6,7 @@ import pytest
 from calibration.tracking.causes import Settings, lean_of_base
 from calibration.tracking.tracker import Tracker
 from msg_tools.units import ARCSEC, DEG, wrap
+from pointing_model.harmonics import Harmonics
 from pointing_model.model import PointingModel
 from pointing_model.mounts import ALTAZ, Mount
 
@@ -223,3 +224,22 @@ def test_the_error_ahead_grows_with_what_drifts_and_jumps_are_told_apart():
     np.testing.assert_allclose(grown, zero**2 * (1 + np.cos(0.5) ** 2)
                                + tilt**2 * (1 + np.sin(0.5) ** 2), rtol=0.02)
     assert now.jump == 0.0 < later.jump < 0.1
+
+
+def test_harmonics_of_the_model_stay_and_their_error_counts():
+    rng = np.random.default_rng(11)
+    series = Harmonics('zenith', *rng.normal(size=(2, 13)) * 20.0 * ARCSEC,
+                       np.eye(26) * (2.0 * ARCSEC) ** 2)
+    with_series = PointingModel(model().terms, model().covariance, series)
+    tracker, bare = Tracker(with_series, 0), Tracker(model(), 0)
+    for k in range(12):
+        az, el = rng.uniform(0.2, 2.8), rng.uniform(0.5, 1.3)
+        noise = rng.normal(size=2) * ARCSEC
+        for one, of in ((tracker, with_series), (bare, model())):
+            one.star(k * MINUTE, az, el, *(np.array(of.offsets(az, el)) + noise), ARCSEC)
+    for name, value in tracker.terms()[0].items():
+        assert value == pytest.approx(bare.terms()[0][name], abs=1e-4 * ARCSEC)
+    assert tracker.model().harmonics == series
+    more = tracker.expected(1.0, 1.0).covariance - bare.expected(1.0, 1.0).covariance
+    np.testing.assert_allclose(np.diag(more[0]), np.ravel(series.variance(
+        np.array([1.0]), np.array([1.0]))), rtol=1e-6)
