@@ -25,12 +25,13 @@ from pointing_model.model_document import identity
 from pointing_model.run_messages import cloud_to_run, run_to_cloud
 from pointing_model.zero_message import zero_to_joints
 
-from .calibration_params import PARAMS, TRACK, site_of
+from .calibration_params import PARAMS, site_of
 from .check import ways
 from .distrust import contradicted
 from .harmonic_fit import choice_of
 from .nights import NightSeries
 from .session import CalibrationSession
+from .tracking import TRACK
 from .witnesses import UNJUDGED, homings_of
 
 

@@ -7,8 +7,7 @@ from pointing_model.harmonics import DEGREE
 
 from .fit import RCOND_HARMONICS
 from .harmonic_fit import CHOICES
-
-BATCH, TRACK = 'batch', 'track'
+from .tracking import BATCH, TRACK
 
 
 def site_of(text):

@@ -91,7 +91,7 @@ CALIBRATION_STATUS = Topic(
 # the rows of the night, for an observer that was started anew and has none
 CALIBRATION_TABLE = Topic('calibration/table', 'sensor_msgs/msg/PointCloud2', LATCHED)
 # what the last star said to a model that is tracked, JSON
-TRACKING = Topic('calibration/tracking', 'std_msgs/msg/String', LATCHED)
+TRACKING = Topic('tracking', 'std_msgs/msg/String', LATCHED)
 TARGET = Topic('target', 'trajectory_msgs/msg/JointTrajectory', RELIABLE, many=True)
 DEMAND = Topic('demand', 'trajectory_msgs/msg/JointTrajectory', RELIABLE)
 DEMAND_SIGMA = Topic('demand_sigma', 'geometry_msgs/msg/Vector3Stamped', RELIABLE)

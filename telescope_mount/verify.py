@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.calibration_params import TRACK
 from calibration.harmonic_fit import choice_of, choice_of_report
 from calibration.nights import NightSeries
 from calibration.session import CalibrationSession
+from calibration.tracking import TRACK
 from calibration.tracking.live import LiveTracking
 from calibration.tracking.night import KEY
 from calibration.witnesses import encoder_diagnostics, homings_from_diagnostics, homings_of

@@ -415,7 +415,8 @@ def test_algorithms_know_no_ros():
     glue = {ROOT / f'{name}.py' for name in (
         'encoder_sim/device_params', 'encoder_reading/messages', 'pointing_model/sky_params',
         'pointing_model/run_messages', 'pointing_model/zero_message',
-        'pointing_model/in_force_topics', 'pointing_model/star_observer_params')}
+        'pointing_model/in_force_topics', 'pointing_model/star_observer_params',
+        'calibration/calibration_params')}
     for path in sources('encoder_sim', 'encoder_reading', 'pointing_model', 'calibration'):
         if path not in nodes | glue:
             assert not any(of(imports(path), name) for name in ros), path
