@@ -128,6 +128,16 @@ class Bank:
         return mean, ((w @ self.covariances.reshape(len(w), -1)).reshape(n, n)
                       + (off.T * w) @ off)
 
+    def of_stories(self):
+        """Weight, mean and covariance of each story: shapes (b,), (b, n) and (b, n, n)."""
+        weights = self.weights
+        total = weights.sum(axis=1)
+        share = weights / total[:, None]
+        means = (share[..., None] * self.means).sum(axis=1)
+        off = self.means - means[:, None]
+        return total, means, (share[..., None, None] * (
+            self.covariances + off[..., :, None] * off[..., None, :])).sum(axis=1)
+
     def mean_walk(self):
         """What an hour adds to the covariance, in the mean of the hypotheses, shape (n, n)."""
         return np.tensordot(self.rate_weights(), self.walks, 1)
