@@ -22,8 +22,9 @@ GRIDS = (5.0 * DEG, 1.5 * DEG)
 REACH = 2.0 * math.pi
 #: points in between keep so far from the ends of the travel, rad
 EDGE = 0.5 * DEG
-#: a way is looked for that is clear of the Sun for so long, s; the next where it takes longer
-WINDOWS = (480.0, 1500.0, 3600.0)
+#: a way is looked for that is clear of the Sun for so long, s; for longer where it takes longer,
+#: so many times
+WINDOW, TRIES = 480.0, 4
 #: at a point in between the mount comes to rest within so much more, s
 SETTLED = 2.0
 
@@ -77,16 +78,20 @@ def around(judge, cubic, state, sun=None, pole=None):
     list of (float, float) or None
         Angles, rad, without those of the track; None where no way was found.
     """
-    for seconds in WINDOWS if sun is not None and judge.limits.sun else (math.inf,):
+    by_sun = sun is not None and bool(judge.limits.sun)
+    seconds = WINDOW if by_sun else math.inf
+    for _ in range(TRIES):
         clear, then = judge, sun
-        if math.isfinite(seconds):  # where the Sun is in the middle of it, and so much wider
+        if by_sun:  # where the Sun is in the middle of it, and so much wider
             clear = _wider(judge, 0.5 * seconds * TURN_RATE)
             then = sun if pole is None else turned(sun, pole, 0.5 * seconds)
         vias, clean = _free_of_all(clear, cubic, state, then, pole)
         if not clean:
             return None
-        if _lead_time(judge, state.angles, vias) <= seconds:
+        needed = _lead_time(judge, state.angles, vias)
+        if needed <= seconds:
             return vias
+        seconds = 30.0 * math.ceil(1.1 * needed / 30.0)
     return None
 
 
