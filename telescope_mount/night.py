@@ -382,6 +382,8 @@ def write_results(folder, results):
     orientation = earth_orientation(float(run['time'][0]))
     if orientation.sigma > 0.1 * ARCSEC:
         report['notes'].append(orientation.statement())
+    if topics.TRACKING.name in results:
+        report['tracking'] = json.loads(results[topics.TRACKING.name].data)
     write_csv(run, folder / 'observations.csv')
     (folder / 'model.json').write_text(results[topics.MODEL.name].data + '\n')
     (folder / 'report.json').write_text(json.dumps(report, indent=1) + '\n')

@@ -41,7 +41,7 @@ class Watcher:
 
     KEPT = (topics.OBSERVER_STATUS, topics.CALIBRATION_STATUS, topics.OBSERVATIONS, topics.MODEL,
             topics.CALIBRATION_REPORT, topics.ZERO, topics.DIAGNOSIS, topics.CHECKS,
-            topics.GUARD_STATUS)
+            topics.GUARD_STATUS, topics.TRACKING)
 
     def __init__(self, name, domain, environment, check):
         os.environ.update({key: value for key, value in environment.items()

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from msg_tools.units import ARCSEC
+from msg_tools.units import ARCSEC, wrap
 from pointing_model.context import Context
 from pointing_model.held_terms import BROAD
 from pointing_model.model_document import from_document
@@ -26,6 +26,10 @@ from .tracker import Tracker
 KEY = 'tracked'
 #: noise of a star where the model does not tell what it left, rad
 NOISE = 1.5 * ARCSEC
+#: events and innovations that are told of: the last ones
+MOST_EVENTS, MOST_NIS = 50, 500
+#: 95 % of chi squared with two degrees of freedom
+_BEYOND = -2.0 * np.log(0.05)
 #: readings from which the noise of absolute - incremental encoder is found
 _FEWEST = 8
 
@@ -66,6 +70,7 @@ class TrackedNight:
         self._noise, self._difference = tuple(noise), difference
         self._absolute_start = difference and difference['absolute_start']
         self._last, self._taken = [], self._began  # rows; stamp of the last one
+        self._events, self._nis = [], []  # what was called; of stars before which nothing happened
         self.heard = []
         self._tracker = Tracker(
             self._evening, self._began, witnesses=('difference',) if difference else ())
@@ -137,9 +142,11 @@ class TrackedNight:
             self._note_power_on(own, stamp)
             if self._difference:
                 self._take_difference(own, stamp)
-            self.heard.append(self._tracker.star(
+            heard = self._tracker.star(
                 stamp, float(own['az'][0]), float(own['el'][0]), *self._offsets(own), self._noise,
-                f'{own["star"][0]:.0f}', Context.of_run(own) if self._evening.effects else None))
+                f'{own["star"][0]:.0f}', Context.of_run(own) if self._evening.effects else None)
+            self.heard.append(heard)
+            self._note(heard)
         return self.heard
 
     def model(self, stamp):
@@ -195,7 +202,19 @@ class TrackedNight:
                 for name, value in tracker.rates().items()},
             'confidence': tracker.confidence.verdict, 'noise_factor': tracker.confidence.noise,
             'walk_factor': tracker.confidence.walk, 'notes': tracker.notes,
+            'innovations': {'stars': len(self._nis), 'mean_square': (
+                float(np.mean(self._nis)) / 2.0 if self._nis else None),
+                'beyond_95': int(np.count_nonzero(np.array(self._nis) > _BEYOND))},
+            'events': self._events,
             'heard': [one.document() for one in self.heard]}
+
+    def _note(self, heard):
+        said = [*([heard.why] if heard.why else []), *heard.called,
+                *([heard.confidence] if heard.confidence else [])]
+        self._events = [*self._events, *({'stamp': heard.stamp, 'text': text}
+                                         for text in said)][-MOST_EVENTS:]
+        if heard.taken and heard.chances['nothing'] > 0.5:
+            self._nis = [*self._nis, heard.nis][-MOST_NIS:]
 
     def _note_power_on(self, row, stamp):
         run = float(row['run'][0])
@@ -214,8 +233,10 @@ class TrackedNight:
             self._absolute_start = start
         for axis, name in enumerate(('az', 'el')):
             apart = float(row[f'{name}_abs'][0] - row[f'{name}_enc'][0])
-            if np.isfinite(apart):
-                self._tracker.difference(stamp, axis, apart, self._difference['sigma'][axis])
+            if np.isfinite(apart):  # turns that one of them does not count are no matter
+                first = self._difference['apart'][axis]
+                self._tracker.difference(stamp, axis, first + float(wrap(apart - first)),
+                                         self._difference['sigma'][axis])
 
     def _offsets(self, row):
         x, y = PointingRun({**row.columns, **{
@@ -254,6 +275,7 @@ def difference_of(rows):
         apart = apart[np.isfinite(apart)]
         if len(apart) < _FEWEST:
             return None
+        apart = apart[-1] + wrap(apart - apart[-1])
         out['apart'].append(float(np.median(apart[-_FEWEST:])))
         out['sigma'].append(float(1.4826 * np.median(np.abs(np.diff(apart))) / np.sqrt(2.0)))
     return out if min(out['sigma']) > 0.0 else None

@@ -85,6 +85,9 @@ def print_calibration(console, report):
     print_lines(console, 'note', [*(zero['statement'] for zero in zeros[-1:]), *report['notes'],
                                   *witnesses['notes']])
     print_lines(console, 'alarm', witnesses['alarms'])
+    if 'tracking' in report:
+        from calibration.tracking.told import tracking_lines
+        print_lines(console, 'tracked', tracking_lines(report['tracking']))
     for check in report.get('checks', []):
         if check['stars']:
             console.print(f'{check["stars"]} fresh stars pointed at blind: '

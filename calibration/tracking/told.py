@@ -1,0 +1,30 @@
+"""What tracking says at the end of a night, for people."""
+
+from datetime import datetime, timezone
+
+
+def tracking_lines(document):
+    """Lines of the document of `night.TrackedNight`.
+
+    Parameters
+    ----------
+    document : dict
+
+    Returns
+    -------
+    list of str
+    """
+    expected, rates = document['expected_arcsec'], document['rates_arcsec_per_root_hour']
+    found = document['innovations']
+    out = [f'{document["stars"]} stars; expected error {expected["now"]:.2f} arcsec after the last '
+           f'one, {expected["10 min"]:.2f} ten minutes and {expected["1 h"]:.2f} an hour later',
+           f'zeros wander by {rates["zero"]:.1f} arcsec in the root of an hour, the lean of the '
+           f'first axis by {rates["tilt"]:.1f}']
+    if found['stars']:
+        out.append(f'innovations: mean square {found["mean_square"]:.2f} of {found["stars"]} stars '
+                   f'(1 is honest), {found["beyond_95"]} beyond 95 %: the filter is '
+                   f'{document["confidence"]}')
+    for event in document['events']:
+        when = datetime.fromtimestamp(event['stamp'] * 1e-9, timezone.utc)
+        out.append(f'{when:%H:%M:%S} {event["text"]}')
+    return out
