@@ -426,8 +426,6 @@ class Tracker:
         moved[:k] = [self.plain.terms[name] - value for name, value in plain.terms.items()]
         self.bank.shift(moved)
 
-    # --- what is kept: see `kept` -------------------------------------------------------------
-
     def state(self):
         """All that it is, as a JSON text; `of_state` gives it back to the bit."""
         return kept.to_json(self)
