@@ -9,6 +9,7 @@ Linear in small terms: Bar-Shalom, Li and Kirubarajan 2001, Estimation with appl
 tracking and navigation, chapters 5 and 11.
 """
 
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -110,6 +111,12 @@ class Bank:
         self.evidence = 0.0
         #: h since an observation last could see each jump
         self.unseen = np.zeros(len(self.jumps))
+
+    def copy(self):
+        """Another one of the same state; what is observed by one the other does not know."""
+        out = copy(self)
+        out.unseen = self.unseen.copy()
+        return out
 
     # --- what it says -------------------------------------------------------------------------
 

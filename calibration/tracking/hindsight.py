@@ -65,11 +65,11 @@ def hindsight(tracker, night):
     live = Tracker.of_state(tracker.state())
     steps, decided, stamp = [], {}, live.stamp
     for seen in night:
-        number, plain, noise = live.stars, live.plain, live.confidence.noise
+        number, noise = live.stars, live.confidence.noise
         if not live.take(seen).taken:
             continue
         step = _Step((seen.stamp - stamp) / _HOUR, number, seen.what == 'star', seen.stamp)
-        step.look(live, seen, plain, tracker.plain, noise)
+        step.look(live, seen, tracker.plain, noise)
         steps.append(step)
         stamp = seen.stamp
         first = max(number - live.settings.depth + 1, 0)
@@ -98,8 +98,9 @@ class _Step:
     variance: np.ndarray = None
     wide: np.ndarray = 0.0  # what is added to the covariance just before
 
-    def look(self, live, seen, plain, evening, noise):
-        """Take the numbers; `plain` is the model that the live one counted from."""
+    def look(self, live, seen, evening, noise):
+        """Take the numbers, in first order about where the live one has the terms by now."""
+        plain = live.plain
         if self.hours >= live.settings.gap_h:
             self.wide = night_to_night(live.states, live.mount, live.settings)
         n = len(live.states)

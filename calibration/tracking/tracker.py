@@ -27,7 +27,7 @@ from .start import complete, night_to_night, switched_on
 #: from where it is said that something has happened
 SURE = 0.65
 #: beyond this the model of the evening is moved to where the terms are: columns are first order
-_FAR = 30.0 * ARCSEC
+_FAR, _ROUNDS = 30.0 * ARCSEC, 3
 _HOUR = 3.6e12  # ns
 WRONG = 'wrong star'
 
@@ -247,24 +247,30 @@ class Tracker:
         stamp, why = self._refused(stamp, (az, el, x, y), sigma)
         if not why and stamp == self.last_star:
             why = f'star {name}: there is one of this stamp already; it counts once'
+        value = np.array([x, y]) - self.plain.offsets(az, el, context) if not why else np.zeros(2)
+        if not np.isfinite(value).all():
+            why = f'star {name}: the mount cannot look there by the model; check the place'
         if why:
             return Heard(stamp, 'star', False, why)
         why = self._wait(stamp)
         columns = self.columns(np.atleast_1d(az), np.atleast_1d(el))[0]
-        base = np.array(self.plain.offsets(az, el, context))
-        if not np.isfinite(base).all():
-            return Heard(stamp, 'star', False, f'star {name}: the mount cannot look there by the '
-                         'model; check the place')
-        value = np.array([x, y]) - base
-        noise = sigma * self.confidence.noise
+        noise, number = sigma * self.confidence.noise, self.bank.count
         innovation, spread = self.bank.expected(columns, value, noise)
-        number = self.bank.count
-        self.bank.observe(columns, value, noise)
+        for _ in range(_ROUNDS):  # where terms go far, again about where they went
+            before = self.bank.copy()
+            self.bank.observe(columns, value, noise)
+            far = self.bank.estimate()[0]
+            if np.abs(far[:len(self._names)]).max() < _FAR:
+                break
+            self.bank = before
+            self._move(far)
+            value = np.array([x, y]) - self.plain.offsets(az, el, context)
+        else:
+            self.bank.observe(columns, value, noise)
         self.last_star = stamp
         self.waiting.append((number, np.linalg.solve(
             np.linalg.cholesky(spread), innovation).tolist()))
         called, confidence = self._called(number), self._judged(number)
-        self._rebased()
         return Heard(stamp, 'star', True, why, innovation, spread, self.chances(number), called,
                      confidence)
 
@@ -410,20 +416,15 @@ class Tracker:
         """Drifts are as fast as `confidence` has it."""
         self.bank.walks = self._walks * self.confidence.walk**2
 
-    def _rebased(self):
-        """The model of the evening goes where the terms are, if they are far."""
-        mean, _ = self.bank.estimate()
-        far = mean[:len(self._names)]
-        if np.abs(far).max() < _FAR:
-            return
-        plain = self.plain
+    def _move(self, far):
+        """The model that terms are counted from goes by `far`, shape (n,)."""
+        plain, k = self.plain, len(self._names)
         terms = {name: value + float(off) for (name, value), off in zip(plain.terms.items(), far)}
         self.plain = PointingModel(terms, plain.covariance, plain.harmonics, plain.provenance,
-                                    plain.geometry, plain.effects, plain.mount)
-        moved = np.array([self.plain.terms[name] - value for name, value in plain.terms.items()])
-        self.bank.shift(np.concatenate((moved, np.zeros(len(mean) - len(moved)))))
-
-    # --- what is kept: see `kept` -------------------------------------------------------------
+                                   plain.geometry, plain.effects, plain.mount)
+        moved = np.zeros(len(far))
+        moved[:k] = [self.plain.terms[name] - value for name, value in plain.terms.items()]
+        self.bank.shift(moved)
 
     def state(self):
         """All that it is, as a JSON text; `of_state` gives it back to the bit."""
