@@ -282,7 +282,9 @@ def _watch(watcher, nodes, plan, progress, stall=STALL, say=None, note=None):
                 raise NightFailed(f'plan cancelled {reason}')
             if at.state == 'failed':
                 raise NightFailed(status.message)
-            progress(at.step or 'connecting the nodes', at.observations + at.lost, total)
+            done = at.observations + at.lost
+            # how many stars a step `track` takes nobody knows
+            progress(at.step or 'connecting the nodes', done, max(total, done))
             if at.state == 'done':
                 if said:
                     say('')

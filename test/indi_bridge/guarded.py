@@ -21,7 +21,8 @@ class Guarded:
     def __init__(self, port, mount, travel, site=DEFAULT_SITE, **options):
         limits = Limits(mount, tuple(Axis(low * DEG, high * DEG, 6.0 * DEG, 60.0 * DEG)
                                      for low, high in travel), Horizon(10.0 * DEG), timing=0.8)
-        self.keeper = GotoKeeper(limits, Sun(site), Settings(whole=False), time.monotonic)
+        self.keeper = GotoKeeper(limits, Sun(site), Settings(
+            whole=False, silence=3.0, commander=1.5), time.monotonic)
         self.driver = MountDriver('localhost', port, mount, site, period_ms=100, **options)
         self.asked, self.sent, self.here, self._due = None, 0, None, 0.0
 
@@ -40,7 +41,7 @@ class Guarded:
                            + times[:, None] * rate, np.tile(rate, (2, 1)))
         self.keeper.take_request(self.asked, time.time_ns(), 'a test')
 
-    def until(self, condition, seconds=20.0):
+    def until(self, condition, seconds=60.0):
         """Go on until `condition` holds."""
         end = time.monotonic() + seconds
         while not condition():
