@@ -14,6 +14,7 @@ ARGUMENTS = (
     ('mount', 'altaz', 'altaz, equatorial, german, free:AZ,EL'),
     ('drivers', SAMPLES, 'Python files to start, separated by commas; none: they run already'),
     ('absolute_encoder', 'false', 'whether a driver publishes absolute/joint_states'),
+    ('inclinometer', 'false', 'whether a driver publishes inclinometer'),
     ('exposure', '0.0', "length of the camera's exposures, s, in which the mount must rest on its "
      'track; 0: it is judged in their middle'),
     ('state_file', '', 'file in which the night is kept: started again with it (and another bag), '
@@ -34,6 +35,7 @@ def nodes(values):
     return started(values, real_graph(
         bag=values['bag'], plan=values['plan'], mount=values['mount'],
         absolute_encoder=values.truth('absolute_encoder'),
+        inclinometer=values.truth('inclinometer'),
         exposure=values.number(float, 'exposure'), state_file=values['state_file'],
         namespace=values['namespace'], autostart=values.truth('autostart')), drivers)
 

@@ -75,6 +75,8 @@ ABSOLUTE_SIGMA = Topic('absolute/sigma', 'sensor_msgs/msg/JointState', DEEP)
 ABSOLUTE_FRAME = Topic('absolute/frame', 'sensor_msgs/msg/Image', SENSOR)
 MISS_DISTANCE = Topic('camera/miss_distance', 'geometry_msgs/msg/Vector3Stamped', RELIABLE)
 AMBIENT = Topic('ambient/temperature', 'sensor_msgs/msg/Temperature', HISTORY)
+# what the base leans to the north (x) and to the west (y), rad; from any origin
+INCLINOMETER = Topic('inclinometer', 'geometry_msgs/msg/Vector3Stamped', RELIABLE)
 OBSERVATION = Topic('observation', 'sensor_msgs/msg/PointCloud2', DEEP)
 OBSERVATIONS = Topic('observations', 'sensor_msgs/msg/PointCloud2', LATCHED)
 OFFSET = Topic('offset', 'geometry_msgs/msg/Vector3Stamped', RELIABLE)

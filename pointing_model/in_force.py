@@ -21,27 +21,28 @@ from .zero import NO_ZERO, zeros_in_force
 HORIZON = 12 * 3600 * 10**9
 
 
-class Thermometer:
-    """Readings of a thermometer by their stamps."""
+class Gauge:
+    """Readings of a thermometer or an inclinometer, by their stamps."""
 
     def __init__(self):
         self._readings = deque(maxlen=1000)
 
-    def take(self, stamp, celsius):
+    def take(self, stamp, value):
         """Keep a reading; one that is older than the last begins anew.
 
         Parameters
         ----------
         stamp : int
             ns.
-        celsius : float
+        value : float or tuple
+            degC; what the base leans to the north and to the west, rad.
         """
         if self._readings and stamp < self._readings[-1][0]:
             self._readings.clear()
-        self._readings.append((stamp, celsius))
+        self._readings.append((stamp, value))
 
     def before(self, stamp, default):
-        """The last reading (degC) made before `stamp` (ns); `default` without one."""
+        """The last reading made before `stamp` (ns); `default` without one."""
         return next((value for at, value in reversed(self._readings) if at < stamp), default)
 
 
@@ -279,7 +280,7 @@ class InForce:
         self.refused = self.refused_stamp = 0
         self.power_on = None
         self._follows, self._apart, self._stopped = Following.of(model), None, False
-        self.thermometer = Thermometer()
+        self.thermometer, self.inclinometer = Gauge(), Gauge()
         self._next_model = self._next_zero = None  # each waits for the other
 
     def take_model(self, text):

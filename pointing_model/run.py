@@ -42,6 +42,9 @@ COLUMNS = {
     'exposure': ('exposure_s', 1.0, 'length of the exposure over which the readings were averaged, '
                  's; 0: read in its middle'),
     'camera_late': ('camera_late_s', 1.0, "what was taken off the camera's stamp, s"),
+    'lean_north': ('lean_north_arcsec', ARCSEC, 'what the base leans to the north by an '
+                   'inclinometer, from any origin'),
+    'lean_west': ('lean_west_arcsec', ARCSEC, 'the same to the west'),
     'check': ('check', 1.0, '1: a fresh star to judge by, kept out of every fit and choice'),
     'for_zero': ('for_zero', 1.0, '1: a star that was exposed for a zero; Polaris needs no mark'),
 }

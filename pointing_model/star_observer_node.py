@@ -86,6 +86,8 @@ class StarObserver(MountNode):
         if ABSOLUTE in self._instruments.names:
             self.subscribe(topics.ABSOLUTE, self._on_absolute)
         self.subscribe(topics.MISS_DISTANCE, self._on_miss)
+        if self.value('inclinometer'):
+            self.subscribe(topics.INCLINOMETER, self._on_lean)
         self.subscribe(topics.GUARD_STATUS, self._on_guard)
         self._command = None
         self.subscribe(topics.COMMAND, self._on_command)
@@ -168,6 +170,10 @@ class StarObserver(MountNode):
             convert.from_stamp(message.header.stamp) - round(1e9 * self.value('camera_late_s')),
             message.vector.x, message.vector.y)
         self._sequencer.advance()
+
+    def _on_lean(self, message):
+        self._in_force.inclinometer.take(convert.from_stamp(message.header.stamp),
+                                         (message.vector.x, message.vector.y))
 
     def _look(self):
         self._look_at_publishers()

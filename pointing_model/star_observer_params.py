@@ -44,6 +44,8 @@ PARAMS = SKY_PARAMS + (
           'commanded again [s]', 0.5, 3600.0),
     Param('absolute_encoder', True, 'whether the mount has an absolute encoder beside the one that '
           'it is pointed with', fixed=True),
+    Param('inclinometer', False, 'whether an inclinometer publishes; the rows have what it reads',
+          fixed=True),
     Param('give_up_s', 600.0, 'wall time without an observation after which a plan ends while '
           'something is wrong or waited for; 0: never [s]', 0.0, 86400.0),
     Param('state_file', '', 'where the night is kept, so that its plan goes on after the process, '

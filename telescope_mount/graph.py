@@ -3,6 +3,7 @@
 `telescope-mount` starts it with processes of its own, `launch/night.launch.py` with ROS launch.
 """
 
+import re
 from dataclasses import dataclass, field
 
 from msg_tools import NAMESPACE
@@ -235,8 +236,8 @@ REAL = tuple(name for name in NIGHT if name not in SIMULATED)
 
 
 def real_graph(*, bag, plan='', mount='altaz', sky=None, model_file='', absolute_encoder=False,
-               exposure=0.0, state_file='', calibration=None, namespace=NAMESPACE,
-               autostart=True):
+               inclinometer=False, exposure=0.0, state_file='', calibration=None,
+               namespace=NAMESPACE, autostart=True):
     """The nodes beside the drivers of a real mount, on the time of the wall.
 
     Parameters
@@ -245,6 +246,8 @@ def real_graph(*, bag, plan='', mount='altaz', sky=None, model_file='', absolute
         As of `night_graph`.
     absolute_encoder : bool
         Whether a driver publishes `absolute/joint_states`.
+    inclinometer : bool
+        Whether a driver publishes `inclinometer`.
     exposure : float
         Length of the camera's exposures, s, over which the mount must rest on its track; 0: it is
         judged in their middle.
@@ -263,11 +266,13 @@ def real_graph(*, bag, plan='', mount='altaz', sky=None, model_file='', absolute
             name: sky[name] for name in SITE if name in sky},
         'star_observer': {
             'model_file': model_file, 'mount': mount, 'absolute_encoder': absolute_encoder,
-            'exposure_s': exposure, 'state_file': state_file,
+            'inclinometer': inclinometer, 'exposure_s': exposure, 'state_file': state_file,
             'wait_for_nodes': [f'{namespace}/{name}' for name in REAL],
         } | ({'plan': plan} if plan else {}) | sky,
         'pointing_corrector': {'model_file': model_file},
-        'calibration': {'model_file': model_file} | (calibration or {}),
+        'calibration': {'model_file': model_file} | (
+            {'mode': 'track'} if re.search(r'(^|,)\s*track\s', plan) else {}) | (
+            calibration or {}),
         'mcap_logger': {'folder': bag, 'exclude': [TRUTH]},
     }
     return [NodeSpec(name, NODES[name], parameters[name]) for name in REAL]

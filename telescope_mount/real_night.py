@@ -43,7 +43,8 @@ def run_real_night(out, *, plan='', stars=30, drivers=(), domain_number=None, pa
     params_file, progress, say
         As of `night.observe`.
     **graph
-        As of `graph.real_graph`: ``mount``, ``sky``, ``absolute_encoder``, ``exposure``.
+        As of `graph.real_graph`: ``mount``, ``sky``, ``absolute_encoder``, ``inclinometer``,
+        ``exposure``.
 
     Returns
     -------
@@ -61,8 +62,6 @@ def run_real_night(out, *, plan='', stars=30, drivers=(), domain_number=None, pa
     verbs = {step.verb for step in parse_plan(plan)}
     if 'fit' not in verbs:
         raise ValueError(f'--plan {plan!r} has no fit: nothing would be told')
-    if 'track' in verbs:
-        graph = {**graph, 'calibration': {'mode': 'track', **graph.get('calibration', {})}}
     _check_files(drivers, reference)
     folder, again = _folder(Path(out), plan, graph.get('mount', 'altaz'), anew, note)
     bag = _free(folder / 'bag')

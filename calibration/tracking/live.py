@@ -5,7 +5,7 @@ from pointing_model.model_document import identity
 from pointing_model.zero import RunZero
 
 from .confidence import HONEST
-from .night import KEY, TrackedNight, difference_of
+from .night import KEY, TrackedNight, difference_of, lean_of
 
 #: a model of a file that does not tell when it held is of another night, ns
 _A_DAY = 86_400_000_000_000
@@ -30,7 +30,7 @@ class LiveTracking:
         self.night = TrackedNight(
             session.in_force, session.zeros_in_force.newest, session.last_stamp,
             noise and tuple(float(v) * ARCSEC for v in noise),
-            difference_of(session.observations()))
+            difference_of(session.observations()), lean_of(session.observations()))
 
     def take_up(self, session, model):
         """Go on with the night of a tracked model, with the rows that are here.

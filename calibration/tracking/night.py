@@ -47,8 +47,9 @@ class TrackedNight:
         When the model held, ns; rows up to then are in it.
     noise : (float, float), optional
         1 sigma of a star along x and y, rad; by default what the model left of its own rows.
-    difference : dict, optional
-        Absolute - incremental encoder up to then, of `difference_of`; None: they are no witness.
+    difference, lean : dict, optional
+        Absolute - incremental encoder up to then, of `difference_of`, and what the base leans, of
+        `lean_of`; None: it is no witness.
 
     Attributes
     ----------
@@ -58,24 +59,27 @@ class TrackedNight:
         Of the rows that were taken last.
     """
 
-    def __init__(self, model, zero, stamp, noise=None, difference=None):
+    def __init__(self, model, zero, stamp, noise=None, difference=None, lean=None):
         self._begin(json.loads(model.to_json()), zero, int(stamp), noise or _noise_of(model),
-                    difference)
+                    difference, lean)
 
-    def _begin(self, document, zero, stamp, noise, difference):
+    def _begin(self, document, zero, stamp, noise, difference, lean):
         # what is written down and read again is the model, here as anywhere else
         self._document, self._evening = document, from_document(document)
         # as it comes back from the column of times
         self._began, self.zero, self._first_zero = _rounded(stamp * 1e-9), zero, zero
-        self._noise, self._difference = tuple(noise), difference
+        self._noise, self._difference, self._lean = tuple(noise), difference, lean
         self._absolute_start = difference and difference['absolute_start']
         self._last, self._taken = [], self._began  # rows; stamp of the last one
         self._events, self._nis = [], []  # what was called; of stars before which nothing happened
         self.heard = []
         self._tracker = Tracker(
-            self._evening, self._began, witnesses=('difference',) if difference else ())
+            self._evening, self._began, witnesses=[name for name, told in (
+                ('difference', difference), ('inclinometer', lean)) if told])
         for axis, apart in enumerate(difference['apart'] if difference else ()):
             self._tracker.difference(self._began, axis, apart, difference['sigma'][axis])
+        if lean:
+            self._tracker.inclinometer(self._began, *lean['lean'], lean['sigma'])
 
     @classmethod
     def of_model(cls, model):
@@ -92,7 +96,8 @@ class TrackedNight:
         begun, out = told['evening'], cls.__new__(cls)
         try:
             zero = RunZero(*begun['zero_rad'], run=begun['run'], started=begun['encoder_start'])
-            out._begin(begun['model'], zero, begun['stamp'], begun['noise'], begun['difference'])
+            out._begin(begun['model'], zero, begun['stamp'], begun['noise'], begun['difference'],
+                       begun['lean'])
         except (KeyError, TypeError) as err:
             raise ValueError(f'the evening of a tracked model is damaged: {err}') from None
         return out
@@ -118,7 +123,8 @@ class TrackedNight:
         Returns
         -------
         list of tracker.Heard
-            Of each star that was looked at; also in `heard`.
+            Of each star that was looked at, and of witnesses where they make something known;
+            also in `heard`.
 
         Raises
         ------
@@ -142,6 +148,10 @@ class TrackedNight:
             self._note_power_on(own, stamp)
             if self._difference:
                 self._take_difference(own, stamp)
+            if self._lean and 'lean_north' in own and np.isfinite(own['lean_north'][0]):
+                self._hear(self._tracker.inclinometer(
+                    stamp, float(own['lean_north'][0]), float(own['lean_west'][0]),
+                    self._lean['sigma']))
             heard = self._tracker.star(
                 stamp, float(own['az'][0]), float(own['el'][0]), *self._offsets(own), self._noise,
                 f'{own["star"][0]:.0f}', Context.of_run(own) if self._evening.effects else None)
@@ -169,7 +179,7 @@ class TrackedNight:
                     'model': self._document, 'stamp': self._began,
                     'zero_rad': self._first_zero.angles.tolist(), 'run': self._first_zero.run,
                     'encoder_start': self._first_zero.started, 'noise': list(self._noise),
-                    'difference': self._difference}}})
+                    'difference': self._difference, 'lean': self._lean}}})
 
     def bound_zero(self, name):
         """The zero that goes with the model of that name: all that is not known is in the model.
@@ -208,12 +218,18 @@ class TrackedNight:
             'events': self._events,
             'heard': [one.document() for one in self.heard]}
 
+    def _hear(self, heard):
+        """Of a witness: what it makes known of the star before."""
+        if heard.called:
+            self.heard.append(heard)
+            self._note(heard)
+
     def _note(self, heard):
         said = [*([heard.why] if heard.why else []), *heard.called,
                 *([heard.confidence] if heard.confidence else [])]
         self._events = [*self._events, *({'stamp': heard.stamp, 'text': text}
                                          for text in said)][-MOST_EVENTS:]
-        if heard.taken and heard.chances['nothing'] > 0.5:
+        if heard.taken and heard.what == 'star' and heard.chances['nothing'] > 0.5:
             self._nis = [*self._nis, heard.nis][-MOST_NIS:]
 
     def _note_power_on(self, row, stamp):
@@ -235,8 +251,9 @@ class TrackedNight:
             apart = float(row[f'{name}_abs'][0] - row[f'{name}_enc'][0])
             if np.isfinite(apart):  # turns that one of them does not count are no matter
                 first = self._difference['apart'][axis]
-                self._tracker.difference(stamp, axis, first + float(wrap(apart - first)),
-                                         self._difference['sigma'][axis])
+                self._hear(self._tracker.difference(
+                    stamp, axis, first + float(wrap(apart - first)),
+                    self._difference['sigma'][axis]))
 
     def _offsets(self, row):
         x, y = PointingRun({**row.columns, **{
@@ -279,6 +296,30 @@ def difference_of(rows):
         out['apart'].append(float(np.median(apart[-_FEWEST:])))
         out['sigma'].append(float(1.4826 * np.median(np.abs(np.diff(apart))) / np.sqrt(2.0)))
     return out if min(out['sigma']) > 0.0 else None
+
+
+def lean_of(rows):
+    """What the base leans as it stands, and how much one reading of it scatters.
+
+    Parameters
+    ----------
+    rows : PointingRun
+        In order.
+
+    Returns
+    -------
+    dict or None
+        ``lean`` to the north and west and ``sigma``, rad. None: too few readings, or none.
+    """
+    if 'lean_north' not in rows:
+        return None
+    read = np.array([rows['lean_north'], rows['lean_west']])
+    read = read[:, np.isfinite(read).all(axis=0)]
+    if read.shape[1] < _FEWEST:
+        return None
+    sigma = float(1.4826 * np.median(np.abs(np.diff(read))) / np.sqrt(2.0))
+    return {'lean': np.median(read[:, -_FEWEST:], axis=1).tolist(),
+            'sigma': sigma} if sigma > 0.0 else None
 
 
 def _noise_of(model):

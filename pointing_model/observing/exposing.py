@@ -230,6 +230,9 @@ class Exposer:
         for name, parameter in (('exposure', 'exposure_s'), ('camera_late', 'camera_late_s')):
             if self._out.value(parameter):  # as before where neither is used
                 row[name] = self._out.value(parameter)
+        if self._out.value('inclinometer'):
+            row['lean_north'], row['lean_west'] = self._in_force.inclinometer.before(
+                stamp, (np.nan, np.nan))
         if ABSOLUTE not in self._instruments.names:  # no column: not one that gave no angle
             for name in ('absolute_start', 'az_abs', 'el_abs'):
                 del row[name]

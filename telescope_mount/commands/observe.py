@@ -25,6 +25,8 @@ def add(commands):
     options.add(parser, 'latitude', 'longitude', 'height')
     parser.add_argument('--absolute-encoder', action='store_true',
                         help='a driver publishes absolute/joint_states')
+    parser.add_argument('--inclinometer', action='store_true',
+                        help='a driver publishes inclinometer, a witness where a model is tracked')
     parser.add_argument('--exposure', type=options.real(0.0, 3600.0, 's'), default=0.0, metavar='S',
                         help="length of the camera's exposures: the mount must rest on its track "
                         'all that time (default 0: it is judged in their middle)')
@@ -51,7 +53,7 @@ def run(args):
         report = run_real_night(
             args.out, plan=args.plan, stars=args.stars, drivers=args.driver, mount=args.mount,
             sky=options.sky_of(args), absolute_encoder=args.absolute_encoder,
-            exposure=args.exposure, anew=args.anew,
+            inclinometer=args.inclinometer, exposure=args.exposure, anew=args.anew,
             reference=args.reference, domain_number=args.domain, params_file=args.params,
             progress=progress, say=say,
             note=lambda text: console.print(text, markup=False))

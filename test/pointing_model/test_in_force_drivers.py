@@ -7,7 +7,7 @@ from pointing_model.effects import PERIODS, effect
 from pointing_model.fitted_effects import FittedEffect
 from pointing_model.in_force import (
     HORIZON,
-    Thermometer,
+    Gauge,
     demand_angles,
     pointing_context,
     time_driver,
@@ -21,7 +21,7 @@ NOW = 1_768_482_000_000_000_000
 
 
 def test_the_thermometer_is_read_before_the_command():
-    thermometer = Thermometer()
+    thermometer = Gauge()
     assert thermometer.before(NOW, 7.5) == 7.5
     thermometer.take(NOW, 10.0)
     thermometer.take(NOW + 100, 11.0)

@@ -105,3 +105,32 @@ def test_rows_to_judge_by_satellites_and_a_frozen_camera_are_left_out():
     del damaged.provenance[KEY]['evening']['noise']
     with pytest.raises(ValueError, match='evening of a tracked model is damaged'):
         TrackedNight.of_model(damaged)
+
+
+def test_a_pier_that_leans_is_told_from_a_tube_by_the_inclinometer():
+    session, tracking = CalibrationSession(), LiveTracking()
+
+    def leaning(n, seed, north, **more):
+        rng = np.random.default_rng(seed)
+        run = rows(n, seed, lean_north=ARCSEC * (7.0 + north + 0.3 * rng.standard_normal(n)),
+                   lean_west=ARCSEC * 0.3 * rng.standard_normal(n), **more)
+        # AN
+        run.columns['az_enc'] = run['az_enc'] + north * ARCSEC * np.sin(run['az']) * np.tan(
+            run['el'])
+        run.columns['el_enc'] = run['el_enc'] + north * ARCSEC * np.cos(run['az'])
+        return run
+    feed(tracking, session, leaning(24, 21, 0.0))
+    session.in_force = session.fit()[0]
+    tracking.begin(session)
+    assert tracking.night._tracker.witnesses == ('inclinometer',)
+    before = tracking.pair(session)[0].terms['AN'] / ARCSEC
+    called, later = [], leaning(5, 22, 25.0, begin=24)
+    for i in range(5):
+        feed(tracking, session, later.select([i]))
+        called += [text for one in tracking.night.heard for text in one.called]
+    assert any(text.startswith('pier, north or south') for text in called)
+    model = tracking.pair(session)[0]
+    assert model.terms['AN'] / ARCSEC - before == pytest.approx(25.0, abs=4.0)
+    again = LiveTracking()
+    again.take_up(session, PointingModel.from_json(model.to_json()))
+    assert again.pair(session)[0].to_json() == model.to_json()
