@@ -325,15 +325,15 @@ def cli(ros_domain, tmp_path_factory):
 def few_partitions():
     """Cross-validation over few partitions into few folds, in this process: a third of the time.
 
-    What is chosen hardly depends on them, and how sure the figure is `benchmarks/` show. Five
-    folds are what a long run has anyway, and 2 partitions the fewest that have a scatter; the
-    rule for more of them has a test of its own.
+    What is chosen hardly depends on them, and how sure the figure is `benchmarks/` show. Three
+    folds are the fewest that leave most rows in, and 2 partitions the fewest that have a scatter;
+    the rule for more of them has a test of its own.
     """
-    from calibration.diagnosis import constants, diagnosis, validation
+    from calibration.diagnosis import diagnosis, validation
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(validation, 'PARTITIONS', 2)
         patch.setattr(validation, 'MOST_PARTITIONS', 3)
-        patch.setitem(diagnosis.diagnose.__kwdefaults__, 'folds', constants.FEW_FOLDS)
+        patch.setitem(diagnosis.diagnose.__kwdefaults__, 'folds', 3)
         yield
 
 
