@@ -101,9 +101,10 @@ class Night:
     def _temperature(self):
         h = (self._now - START) / 3600.0
         if self._even:
-            return 12.0 - 3.0 * h
+            return 12.0 - 3.0 * h + 0.02 * self._rng.normal()
         u = h / 0.5
-        return 12.0 - 4.0 * u**0.7 + self._bumps @ np.sin(np.array([3.0, 7.0, 11.0, 17.0]) * u)
+        return (0.1 * self._rng.normal() + 12.0 - 4.0 * u**0.7
+                + self._bumps @ np.sin(np.array([3.0, 7.0, 11.0, 17.0]) * u))
 
     def _add(self, az, el, side_az, side_el):
         before = self._rows[-1] if self._rows else {'az': 0.0, 'el': 0.0}
@@ -111,7 +112,7 @@ class Night:
         self._now += EACH * self._rng.uniform(0.8, 1.2)
         self._rows.append({
             'az': az % (2.0 * np.pi), 'el': el, 'time': self._now,
-            'temperature': self._temperature() + 0.1 * self._rng.normal(),
+            'temperature': self._temperature(),
             'approach_az': side_az or natural[0], 'approach_el': side_el or natural[1],
             'magnitude': self._rng.uniform(1.0, 6.0)})
         self._noise.append(self._rng.normal(size=2))
@@ -144,14 +145,12 @@ def asked_for(name, seed, size, args, diagnosis, least=None):
     night = Night(name, seed, size)
     apart = Apart(diagnosis, args.hours, LIMITS,
                   **({} if least is None else {'least_chance': least}))
-    taken = 0
     while True:
-        judged = apart.judge(night.run(), args.stars - taken)
+        taken = len(night.run()) - FIRST
+        judged = apart.judge(night.run(), args.stars)
         if judged.request is None or taken >= args.stars:
             return judged, taken, night
-        before = len(night.run())
         night.asked(judged.request)
-        taken += len(night.run()) - before
 
 
 def anywhere(name, seed, size, args, diagnosis):

@@ -10,11 +10,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from pointing_model.apart import ASKS, CANNOT, ONE_CAUSE
 from pointing_model.effects import smooths
 from pointing_model.effects.base import readable
 
 from .against_wander import follows, swollen
-from .asked_star import LEAST_CHANCE, TOLD, Pair, Points, drivers_of, needed
+from .asked_star import ENOUGH, LEAST_CHANCE, TOLD, Pair, Points, drivers_of, needed
 from .base import observations
 from .constants import DISTINCT, SET_WIDTH, SLOW
 from .linear import overlap
@@ -24,7 +25,6 @@ from .work import Work
 
 #: stars that are asked for at most
 MOST_STARS = 15
-ASKS, ONE_CAUSE, CANNOT = 'asks', 'one cause', 'cannot be told from here'
 _RIVALS = 6  # that a star is chosen for
 _NEWCOMERS = 4  # of no set, that may come in
 
@@ -145,15 +145,15 @@ class Apart:
             raise ValueError('the diagnosis leaves no set of causes open: there is nothing to '
                              'tell apart')
 
-    def judge(self, runs, stars=MOST_STARS, ask=True):
+    def judge(self, runs, most=MOST_STARS, ask=True):
         """How the sets stand by all rows.
 
         Parameters
         ----------
         runs : PointingRun or sequence of PointingRun
             The rows of the diagnosis and those since.
-        stars : int
-            That can still be taken.
+        most : int
+            Stars since the diagnosis, at most.
         ask : bool
             Whether a star is wanted; without, what is left open stays open.
 
@@ -162,6 +162,7 @@ class Apart:
         Judgement
         """
         obs = observations(runs, self._encoder)
+        stars = max(most - (len(obs) - self._seen), 0)
         work = Work(obs, self._base, self._alpha, curves=False)
         bank = Bank([*work.problem.dictionary.effects, *smooths(obs.context)], obs.context)
         effects, matches = list(self._effects), {}
@@ -218,11 +219,13 @@ class Apart:
         weight = np.array([np.exp(-0.5 * max(pair.behind, 0.0)) for pair in pairs])
         total = (weight / weight.sum()) @ gains
         free = ~points.taken(obs.context, range(self._seen, len(obs)))
-        now = points.later <= points.later.min()
-        # nobody waits where stars of now do as well
-        if any(p.chance(stars, now) >= self._least for p in pairs):
-            free &= now
-        j = int(np.argmax(np.where(free, total, -1.0) if free.any() else total))
+        # nobody waits longer than it takes to be likely to tell
+        for hours in np.unique(points.later):
+            soon = points.later <= hours
+            if hours == points.later.max() or max(p.chance(stars, soon) for p in pairs) >= ENOUGH:
+                break
+        free &= soon
+        j = int(np.argmax(np.where(free if free.any() else soon, total, -1.0)))
         nearest = list(question.open)[0]
         row = points.request(j)
         row['separates'] = [question.best, nearest]
@@ -252,18 +255,25 @@ class _Match:
         lines = [e.line for e in bank.effects]
         taken = {e.line for e in others}
         ours = {line for line, e in zip(lines, bank.effects) if e.name in members} - taken
-        state = self._whole.plain.state([])
-        scores = bank.score(state)
-        tops = _tops(lines, scores.delta_bic)
-        best = max((tops[line] for line in ours), key=lambda g: scores.delta_bic[g])
-        self._state = self._whole.plain.state([Choice(best)])
+        plain = self._whole.plain
+
+        def of(state):
+            scores = bank.score(state)
+            tops = _tops(lines, scores.delta_bic)
+            return scores, tops, max((tops[one] for one in ours), key=scores.delta_bic.__getitem__)
+
+        state = plain.state([])
+        for _ in range(2):  # weighted as with the best in the model: without it rows look wrong
+            weights = plain.state([Choice(of(state)[-1])]).weights
+            state = plain.state([], weights)
+        scores, tops, best = of(state)
+        self._state = plain.state([Choice(best)], weights)
         if follows(problem.sequence, bank, best, state):
-            wandering = self._whole.state([])
+            wandering = self._whole.state([], weights)
             if wandering.wander and swollen(bank, state, wandering)[best] > SLOW:
-                self._state = self._whole.state([Choice(best)])
-                scores = bank.score(self._whole.state([], wander=self._state.wander))
-                tops = _tops(lines, scores.delta_bic)
-                best = max((tops[line] for line in ours), key=lambda g: scores.delta_bic[g])
+                wander = self._whole.state([Choice(best)], weights).wander
+                scores, tops, best = of(self._whole.state([], weights, wander=wander))
+                self._state = self._whole.state([Choice(best)], weights)
         gains = scores.delta_bic
         close = [g for line, g in tops.items()
                  if line not in ours | taken and bank.effects[g].kind == 'effect'
@@ -271,8 +281,12 @@ class _Match:
         close = [g for g in sorted(close, key=lambda g: -gains[g])[:_NEWCOMERS]
                  if self._in_its_place(bank, scores, best, g)]
         rivals = [tops[line] for line in ours if tops[line] != best and gains[tops[line]] > -np.inf]
+        # of so few rows n ln(ratio) is too much: the noise is known from those beyond the terms
+        cost = (scores.dof + bank.scan_cost) * np.log(n)
+        free = 1.0 - len(self._state.basis) / (2.0 * n)
+        behind = free * ((gains + cost)[best] - gains - cost) + cost - cost[best]
         self.best = bank.effects[best]
-        self.rivals = sorted(((bank.effects[g], float(gains[best] - gains[g]))
+        self.rivals = sorted(((bank.effects[g], max(float(behind[g]), 0.0))
                               for g in (*rivals, *close)), key=lambda one: one[1])
 
     def _in_its_place(self, bank, scores, best, other):

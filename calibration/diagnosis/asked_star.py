@@ -18,8 +18,8 @@ from .next_observations import MIN_GAP, SHORT, forecast, place_of, views_of
 TOLD = 9.2
 #: chance below which stars that are left are not worth their time
 LEAST_CHANCE = 0.1
-#: chance from which something else that could be observed is named
-WORTH_NAMING = 0.5
+#: chance from which nobody waits longer, or something else that could be observed is named
+ENOUGH = 0.5
 #: hours after the last row at which stars are "now", and what is tried within the hours allowed
 _NOW, _LATER = 0.1, (0.5, 1.0, 2.0, 4.0, 8.0)
 _ROUNDS = 4  # in which the stars left are placed, to tell what they can reach
@@ -213,10 +213,10 @@ def needed(make, stars):
             (f'stars at {_KELVIN:g} K more', {'warmer': _KELVIN}),
             (f'stars at {_KELVIN:g} K less', {'warmer': -_KELVIN}),
             ('something fast, as a satellite', {'faster': _FAST})):
-        if make(**options).chance(stars) >= WORTH_NAMING:
+        if make(**options).chance(stars) >= ENOUGH:
             return words
     pair = make()
     for more in (2, 4):
-        if pair.chance(more * stars) >= WORTH_NAMING:
+        if pair.chance(more * stars) >= ENOUGH:
             return f'about {more * stars} such stars'
     return ''
