@@ -29,6 +29,7 @@ from .calibration_params import PARAMS, site_of
 from .check import ways
 from .distrust import contradicted
 from .harmonic_fit import choice_of
+from .live_apart import LiveApart
 from .nights import NightSeries
 from .session import CalibrationSession
 from .tracking import TRACK
@@ -55,7 +56,7 @@ class Calibration(MountNode):
         if self.value('mode') == TRACK:
             from .tracking.live import LiveTracking
             self._tracking = LiveTracking()
-        self._alarms = []
+        self._apart, self._alarms = LiveApart(), []
         self._finding = self._refused = ''
         self._model_name = identity(reference.to_json() if reference else '')
         self._spoke = False  # a zero or a model is published
@@ -73,6 +74,7 @@ class Calibration(MountNode):
         self._status_pub = self.publisher(topics.CALIBRATION_STATUS)
         self._table_pub = self.publisher(topics.CALIBRATION_TABLE)
         self._tracking_pub = self.publisher(topics.TRACKING)
+        self._apart_pub = self.publisher(topics.APART)
         self._long = LongWork(self)
         # OBSERVATIONS is latched: after a restart it brings back the night so far
         for topic, call in ((topics.OBSERVATION, self._on_observation),
@@ -93,6 +95,7 @@ class Calibration(MountNode):
         run = self._rows(message)
         self._session.add(run, convert.from_stamp(message.header.stamp))
         self._note_starts(run)
+        self._ask(self._apart.observed(self._session))
         if self._tracking and self._tracking.observed(self._session, run):
             self._publish_tracked()  # before the observer hears that the row was taken
         else:
@@ -331,12 +334,19 @@ class Calibration(MountNode):
                 session.diagnose, self.value('alpha'), site_of(self.value('site')),
                 self.value('diagnosed_at')))
             self._session = session
+            self._ask(self._apart.begin(session, found, site_of(self.value('site')),
+                                        self.value('diagnosed_at')))  # before its model
             response.message, response.success = self._diagnosed(found), True
         except (ValueError, np.linalg.LinAlgError) as err:
             response.message = str(err)
             self._say(response.message)
         self._long.caught_up(lambda call, err: self.reject(call.__name__, str(err)))
         return response
+
+    def _ask(self, text):
+        """Publish how causes stand, if there is anything new."""
+        if text:
+            self._apart_pub.publish(String(data=text))
 
     def _tell_stage(self):
         stage, self._long.stage = self._long.stage, ''
@@ -416,7 +426,7 @@ class Calibration(MountNode):
                 ('power-ons with a zero', str(len(self._session.zeros))),
                 ('zeros by', ways(self._session.zeros.values()) or 'nothing yet'),
                 ('taken up', '; '.join(self._taken_up) or 'nothing: there from the start'),
-                ('diagnosis', self._finding or 'none yet'),
+                ('diagnosis', self._finding or 'none yet'), *self._apart.details(),
                 *(self._tracking.details() if self._tracking else [])]
 
 

@@ -107,7 +107,7 @@ def amend(rows, zeros, fitted=None, provenance=None, alpha=0.01, site=None,
         Too few stars.
     """
     seen = for_fitting(follows.corrected(rows))
-    stars = _at_zero(seen.select(~is_for_zero(seen)), zeros, site)
+    stars = stars_of(rows, zeros, site, follows)
     if len(stars) == 0:
         raise ValueError('no star to diagnose has come yet; observe first')
     # a service must answer soon: rows kept out judge beside the cross-validation
@@ -155,6 +155,22 @@ def amend(rows, zeros, fitted=None, provenance=None, alpha=0.01, site=None,
     document['site_deg'] = None if site is None else [
         float(np.degrees(site[name])) for name in ('latitude', 'longitude')]
     return Amended(model, chosen.zeros, document, result)
+
+
+def stars_of(rows, zeros, site, follows):
+    """The rows that are diagnosed: the stars, with the zeros taken off.
+
+    Parameters
+    ----------
+    rows, zeros, site, follows
+        As of `amend`.
+
+    Returns
+    -------
+    PointingRun
+    """
+    seen = for_fitting(follows.corrected(rows))
+    return _at_zero(seen.select(~is_for_zero(seen)), zeros, site)
 
 
 def replaces(old, new, rows, report):

@@ -94,6 +94,8 @@ CALIBRATION_STATUS = Topic(
 CALIBRATION_TABLE = Topic('calibration/table', 'sensor_msgs/msg/PointCloud2', LATCHED)
 # what the last star said to a model that is tracked, JSON
 TRACKING = Topic('tracking', 'std_msgs/msg/String', LATCHED)
+# how causes that a diagnosis leaves open stand, and the star that would tell most, JSON
+APART = Topic('apart', 'std_msgs/msg/String', LATCHED)
 TARGET = Topic('target', 'trajectory_msgs/msg/JointTrajectory', RELIABLE, many=True)
 DEMAND = Topic('demand', 'trajectory_msgs/msg/JointTrajectory', RELIABLE)
 DEMAND_SIGMA = Topic('demand_sigma', 'geometry_msgs/msg/Vector3Stamped', RELIABLE)

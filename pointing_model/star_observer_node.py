@@ -19,6 +19,7 @@ from msg_tools.readiness import PUBLISHES, unmatched
 from msg_tools.status import handover, observations_taken
 from msg_tools.units import DEG
 
+from .apart import Asked
 from .in_force_topics import in_force_of
 from .observing.allowed_sky import AllowedSky
 from .observing.instruments import ABSOLUTE, CAMERA, MOUNT, Instruments
@@ -97,6 +98,7 @@ class StarObserver(MountNode):
         self._calibration_since = None  # there and silent, wall s
         self.subscribe(topics.CALIBRATION_STATUS, self._on_calibration)
         self.subscribe(topics.CALIBRATION_TABLE, self._on_given_back)
+        self.subscribe(topics.APART, self._on_apart)
         self._wanted_nodes = [name for name in self.value('wait_for_nodes') if name]
         self._reports = self.graph_reports() if self._wanted_nodes else {}
         self._asked = {verb: self.create_client(Trigger, verb) for verb in SERVICES}
@@ -243,6 +245,9 @@ class StarObserver(MountNode):
             self._sequencer.rows_turned_up()
         self._take_up()
         self._sequencer.calibration_has(count)
+
+    def _on_apart(self, message):
+        self._sequencer.asked_for(Asked.read(message.data))
 
     def _on_given_back(self, message):
         self._given = message

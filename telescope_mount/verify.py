@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from calibration.harmonic_fit import choice_of, choice_of_report
+from calibration.live_apart import LiveApart
 from calibration.nights import NightSeries
 from calibration.session import CalibrationSession
 from calibration.tracking import TRACK
@@ -141,7 +142,8 @@ class _Rows:
     def __init__(self):
         self.observations = {}  # stamp -> PointingRun
         self.tables = {}  # stamp -> PointingRun
-        self.said = {name: [] for name in ('zero', 'model', 'calibration/report', 'diagnosis')}
+        self.said = {name: [] for name in ('zero', 'model', 'calibration/report', 'diagnosis',
+                                           'apart')}
         #: (log time, callable that gives the homings of a run); of old logs from diagnostics
         self.homings, self.diagnosed = [], []
 
@@ -231,6 +233,7 @@ def _calibrate(rows, session, parameters, check):
     for stamp in sorted({*rows.observations, *zeros, *models, *rows.tables}):
         if stamp in rows.observations:
             replay.session.add(rows.observations[stamp], stamp)
+            replay.asked()
             replay.track(rows.observations[stamp])
         elif stamp in rows.tables:
             replay.session.take_table(rows.tables[stamp], stamp)
@@ -246,6 +249,11 @@ class _Replay:
         self.session, self._rows, self._check = session, rows, check
         self._parameters = parameters
         self._tracking = LiveTracking() if parameters.get('mode') == TRACK else None
+        self._apart, self._asked = LiveApart(), {}
+        for _, data in rows.said['apart']:
+            told = _document(data.data)
+            self._asked.setdefault((told.get('diagnosed_ns'), told.get('last_stamp_ns')),
+                                   []).append(data.data)
         self._reports, self._diagnoses = (
             deque(data.data for _, data in rows.said[name])
             for name in ('calibration/report', 'diagnosis'))
@@ -254,6 +262,16 @@ class _Replay:
         """Rows have come, where the mount is tracked."""
         if self._tracking:
             self._tracking.observed(self.session, rows)
+
+    def asked(self, text=None):
+        """What is asked for to tell causes apart, after a row or (`text`) a diagnosis."""
+        text = text or self._apart.observed(self.session)
+        if not text:
+            return
+        made = json.loads(text)
+        key = made['diagnosed_ns'], made['last_stamp_ns']
+        for logged in self._asked.pop(key, ()):
+            self._check.compare('stars asked for', logged, text, at_time(key[1]))
 
     def at(self, stamp, zeros, models):
         """Zeros by Polaris first, then fits, then diagnoses, each with its zero."""
@@ -349,6 +367,8 @@ class _Replay:
             'latitude': degrees[0] * DEG, 'longitude': degrees[1] * DEG}
         found = (self.session.judge(site) if again
                  else self.session.diagnose(document.get('alpha', 0.01), site))
+        if not again:
+            self.asked(self._apart.begin(self.session, found, site))
         if document:
             self._check.compare('diagnosis', logged, json.dumps(found.document), at_time(stamp))
         # the report of the fit comes with it, its witnesses judged by the new model

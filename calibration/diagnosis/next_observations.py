@@ -8,20 +8,22 @@ Fedorov, 1975, one point after the other). What the rows so far say is no expect
 difference of the scores by which the members are one set, and what is expected is added to it.
 """
 
+from copy import copy
+
 import numpy as np
 
 from msg_tools.units import DEG
 from pointing_model.context import Context
 from pointing_model.mounts import is_beyond
 
-from .linear import solve
+from .linear import inverse_normal, solve
 
 _COUNT = 6  # for each ambiguous effect
 _RIVALS = 4
 _WORTH = 0.5  # delta BIC: exact aliases do not come apart anywhere
-_MIN_GAP = 3.0 * DEG
+MIN_GAP = 3.0 * DEG
 _LATER = (0.25, 2.0, 6.0)  # hours
-_SHORT = 2.0 * DEG  # a last move in which a hysteresis is not yet complete
+SHORT = 2.0 * DEG  # a last move in which a hysteresis is not yet complete
 
 
 def propose(problem, obs, base, found, stands):
@@ -69,7 +71,7 @@ def _grid(obs):
     later : ndarray
         Hours after the last row.
     short : ndarray of bool
-        Reached by a move of `_SHORT` back on the one before.
+        Reached by a move of `SHORT` back on the one before.
     """
     mount, above = obs.context.mount, obs.context.get('elevation')
     low = max(15.0 * DEG, float(above.min()))
@@ -92,18 +94,18 @@ def _grid(obs):
         columns['order'] = np.ones_like(az)
     temperature = obs.context.get('temperature')
     if temperature is not None:
-        columns['temperature'] = _forecast(time, temperature, columns.get('time'), len(az))
+        columns['temperature'] = forecast(time, temperature, columns.get('time'), len(az))
     if 'run' in known:
         columns['run'] = np.full(len(az), known['run'][-1])
     for axis in ('az', 'el'):
-        columns[f'travel_{axis}'] = np.where(short, _SHORT, np.inf)
+        columns[f'travel_{axis}'] = np.where(short, SHORT, np.inf)
         columns[f'before_{axis}'] = -columns[f'approach_{axis}']
     context = Context(az, el, columns, obs.context.latitude, obs.context.longitude, mount)
     context.raw_reading = obs.context.raw_reading
     return context, later, short
 
 
-def _forecast(time, temperature, then, n):
+def forecast(time, temperature, then, n):
     """Temperature as far as the night's course tells it: the last of it, never beyond its range."""
     good = np.isfinite(temperature)
     if time is None or good.sum() < 5:
@@ -115,9 +117,53 @@ def _forecast(time, temperature, then, n):
 
 def _separate(problem, obs, base, found, pair, others, grid, before):
     context, later, short = grid
+    m = len(context)
+    views = views_of(problem, obs, base, found.state, pair, others, context)
+    start = min(v.separation() for v in views)
+    proposals, used = [], np.zeros(m, bool)
+    for _ in range(_COUNT):
+        gain = np.min([v.disagreement() for v in views], axis=0)
+        j = int(np.argmax(np.where(used, -1.0, gain)))
+        by_az, by_el, by_time, by_move = _matters(gain, j)
+        near = np.hypot((context.az - context.az[j]) * np.cos(context.el[j]),
+                        context.el - context.el[j]) < MIN_GAP
+        used |= near & ((later == later[j]) | (not by_time)) & ((short == short[j]) | (not by_move))
+        for v in views:
+            v.add(j)
+        after = before + min(v.separation() for v in views) - start
+        proposals.append({
+            **place_of(context, j),
+            'approach_az': int(context.columns['approach_az'][j]) if by_az else 0,
+            'approach_el': int(context.columns['approach_el'][j]) if by_el else 0,
+            'last_move_deg': float(SHORT / DEG) if by_move and short[j] else None,
+            'after_hours': float(later[j]) if by_time and 'time' in context.columns else None,
+            'separates': [e.name for e in pair],
+            'separation_before': float(before), 'separation_after': float(after)})
+    return proposals
+
+
+def views_of(problem, obs, base, state, pair, others, context):
+    """Either member of a pair as the truth, and how far the other can follow it.
+
+    Parameters
+    ----------
+    problem : Problem
+    obs : Observations
+    base : Base
+    state : State
+        By which the rows are weighted.
+    pair, others : sequence of Effect
+        The members, and what else is in the model.
+    context : Context
+        Observations that might be made.
+
+    Returns
+    -------
+    list of View
+        The first member true, the second true.
+    """
     n, m = problem.n, len(context)
-    state = found.state
-    # the grid is observed in the last run, with its terms
+    # they are observed in the last run, with its terms
     last = int(np.searchsorted(np.unique(obs.label), obs.label[-1]))
     grid_base = base.columns(context, np.full(m, obs.label[-1]))
     shared = problem.base.added([e.columns(obs.context).reshape(-1, 2 * n) for e in others])
@@ -133,31 +179,14 @@ def _separate(problem, obs, base, found, pair, others, grid, before):
     sides = [(r, e.columns(context).reshape(-1, 2 * m)) for r, e in zip(sides, pair)]
     noise = _noise(state, problem, context)
     shared_grid = np.vstack(shared_grid)
-    views = [_View(shared_rows, shared_grid, sides[k], sides[1 - k], b[0], noise)
-             for k in (0, 1)]
-    start = min(v.separation() for v in views)
-    proposals, used = [], np.zeros(m, bool)
-    for _ in range(_COUNT):
-        gain = np.min([v.disagreement() for v in views], axis=0)
-        j = int(np.argmax(np.where(used, -1.0, gain)))
-        by_az, by_el, by_time, by_move = _matters(gain, j)
-        near = np.hypot((context.az - context.az[j]) * np.cos(context.el[j]),
-                        context.el - context.el[j]) < _MIN_GAP
-        used |= near & ((later == later[j]) | (not by_time)) & ((short == short[j]) | (not by_move))
-        for v in views:
-            v.add(j)
-        after = before + min(v.separation() for v in views) - start
-        place = [round(float(context.get(name)[j] / DEG), 6) % 360.0
-                 for name in ('azimuth', 'elevation')]
-        proposals.append({
-            'az_deg': place[0], 'el_deg': place[1], **_side(context, j),
-            'approach_az': int(context.columns['approach_az'][j]) if by_az else 0,
-            'approach_el': int(context.columns['approach_el'][j]) if by_el else 0,
-            'last_move_deg': float(_SHORT / DEG) if by_move and short[j] else None,
-            'after_hours': float(later[j]) if by_time and 'time' in context.columns else None,
-            'separates': [e.name for e in pair],
-            'separation_before': float(before), 'separation_after': float(after)})
-    return proposals
+    return [View(shared_rows, shared_grid, sides[k], sides[1 - k], b[0], noise) for k in (0, 1)]
+
+
+def place_of(context, j):
+    """Where a proposal is: ``az_deg``, ``el_deg`` of the horizon, and a mount's own angles."""
+    place = [round(float(context.get(name)[j] / DEG), 6) % 360.0
+             for name in ('azimuth', 'elevation')]
+    return {'az_deg': place[0], 'el_deg': place[1], **_side(context, j)}
 
 
 def _side(context, j):
@@ -197,7 +226,7 @@ def _noise(state, problem, context):
                              problem.inverse_sigma[n:].mean()])[:, None]
 
 
-class _View:
+class View:
     """One member of the pair is true; how well can the other follow it. Rows are whitened."""
 
     def __init__(self, shared, shared_grid, truth, rival, b, noise):
@@ -217,12 +246,33 @@ class _View:
         return float(left @ left)
 
     def disagreement(self):
+        """Of each point alone, if nothing is refitted after it, shape (m,)."""
         left = (self._signal_grid - self._fit() @ self._grid).reshape(2, -1)
         return np.square(left / self._noise).sum(axis=0)
 
-    def add(self, j):
+    def gain(self):
+        """By how much each point alone adds to `separation`, refitted after it, shape (m,)."""
+        rows = self._rows.copy()
+        inverse = inverse_normal(rows)
+        left = (self._signal_grid - (inverse @ (self._rows @ self._signal)) @ self._grid
+                ).reshape(2, -1) / self._noise
+        x, y = self._grid[:, :self._m], self._grid[:, self._m:]
+        xx, yy, xy = (np.einsum('ij,ij->j', inverse @ a, b)
+                      for a, b in ((x, x), (y, y), (x, y)))
+        s_x, s_y = self._noise
+        xx, yy, xy = 1.0 + xx / s_x**2, 1.0 + yy / s_y**2, xy / (s_x * s_y)
+        return (yy * left[0]**2 + xx * left[1]**2 - 2.0 * xy * left[0] * left[1]) / (
+            xx * yy - xy**2)
+
+    def add(self, j, stars=1.0):
+        """Observe point `j`, or so many stars at it."""
         at = [j, j + self._m]
         n = self._rows.shape[1] // 2
         place = [n, 2 * n]  # behind the x and behind the y rows
-        self._rows = np.insert(self._rows, place, self._grid[:, at] / self._noise[:, j], axis=1)
-        self._signal = np.insert(self._signal, place, self._signal_grid[at] / self._noise[:, j])
+        noise = self._noise[:, j] / np.sqrt(stars)
+        self._rows = np.insert(self._rows, place, self._grid[:, at] / noise, axis=1)
+        self._signal = np.insert(self._signal, place, self._signal_grid[at] / noise)
+
+    def copy(self):
+        """The same, to add to."""
+        return copy(self)

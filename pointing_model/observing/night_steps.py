@@ -4,6 +4,7 @@ Nothing here knows ROS; what a step asks for is the outbox of the `Sequencer`.
 """
 
 import json
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -16,6 +17,7 @@ from ..star_catalogue import POLARIS_HIP, load_catalogue
 from ..target import StarTarget, satellite_target
 from ..zero_exposures import MARK
 from . import clocks
+from .asking import Asking
 from .blind_checks import CHECKS_FORMAT, CHECKS_VERSION, blind_summary
 from .exposing import Exposer
 from .instruments import MOUNT
@@ -74,6 +76,8 @@ class NightSteps:
         Rows of this step that an observer before has taken.
     refusal : str
         The last target that the guard has refused, and why.
+    asked : Asked or None
+        By the calibration.
     """
 
     def __init__(self, outbox, instruments, in_force, table, wake, keep):
@@ -83,15 +87,15 @@ class NightSteps:
                                self.set_waiting)
         self.progress, self.text = Progress(), 'the start'
         self.evening, self.checks, self.calibrated = 0, [], 0
-        self.homes, self.earlier = False, 0
-        self.clocks = {}
+        self.homes, self.earlier, self.clocks = False, 0, {}
         self._refusals, self._refused = 0, set()  # in a row; stars, by their numbers
-        self.refusal = ''
+        self.refusal, self.asked = '', None
         self._catalogue = self._polaris = None
 
     def do(self, step, done=0):
         """Steps that do `step`, of which so many exposures are done."""
-        what = step if step.verb == 'track' else step.what or step.count - done
+        left = replace(step, count=step.count - done)
+        what = {'track': step, 'tell_apart': left}.get(step.verb, step.what or left.count)
         yield from getattr(self, f'_do_{step.verb}')(what)
 
     def set_waiting(self, what):
@@ -195,9 +199,20 @@ class NightSteps:
                                  EXPOSURE + self._out.value('exposure_s'), waited,
                                  self._out.value('slew_rate_deg_s') * DEG)
             star = stars[chosen.row]
-            self._out.get_logger().info(f'{star.name}: {chosen.sentence()}')
-            self.set_state('observing', f'{star.name}: {chosen.sentence()}')
+            self._tell(f'{star.name}: {chosen.sentence()}')
             yield from self._observe(star, fresh=True)
+
+    def _do_tell_apart(self, step):
+        """What the calibration asks for, to tell causes apart."""
+        yield from self._need_home()
+        self._tell((yield from Asking(
+            self._out, self.exposer, self._table, self._instruments, self._observe, self._until,
+            partial(self._new_model, 'diagnose'), self._calibration_has_all, lambda: self.asked,
+            self._tell, self._stars, self._limits, self._refused).steps(step)))
+
+    def _tell(self, words):
+        self._out.get_logger().info(words)
+        self.set_state('observing', words)
 
     def _do_polaris(self, count):
         self.check_polaris()

@@ -1,6 +1,7 @@
 """The observing plan: what the star observer does, step by step, as one line of text."""
 
-from dataclasses import dataclass
+import re
+from dataclasses import dataclass, replace
 
 from msg_tools.units import ARCSEC
 
@@ -16,6 +17,7 @@ VERBS = {
     'check': 'exposures',
     'clocks': 'images',
     'track': 'minutes',
+    'tell_apart': 'exposures',
     'wait': 'hours',
     'calibrate_zero': '',
     'fit': '',
@@ -33,7 +35,7 @@ class Step:
     """One step: its verb, its count (0 for a verb without one), and what it switches.
 
     `what` is '' for `power_cycle` alone, which is that of the incremental encoder; of `track` the
-    error that is held, such as ``1.5arcsec``.
+    error that is held, such as ``1.5arcsec``; of `tell_apart` what may be waited, such as ``2h``.
     """
 
     verb: str
@@ -46,12 +48,20 @@ class Step:
         return float(self.what.removesuffix(_UNIT)) * ARCSEC
 
     @property
+    def hours(self):
+        """Of `tell_apart`: that may be waited for stars, h."""
+        return float(self.what.removesuffix('h') or 0.0)
+
+    @property
     def exposures(self):
         """How many observations it makes."""
         return self.count if VERBS[self.verb] == 'exposures' else 0
 
     def __str__(self):
-        return ' '.join([self.verb, *filter(None, (self.what, str(self.count or '')))])
+        words = [self.what, str(self.count or '')]
+        if self.verb == 'tell_apart':
+            words.reverse()
+        return ' '.join([self.verb, *filter(None, words)])
 
 
 def parse_plan(text):
@@ -67,6 +77,8 @@ def parse_plan(text):
         clocks of camera and encoder), `wait` the hours from the begin of the night (or the last
         `wait`) on. `track 1.5arcsec 90` observes for so many minutes (60 without) the stars that
         keep the expected pointing error below that, with a calibration in mode ``track``.
+        `tell_apart 15 2h` observes at most so many stars that the calibration asks for to tell
+        apart what its diagnosis leaves open, and waits for them 2 h in all (not at all without).
         `power_cycle` is that of the incremental encoder, unless `absolute` or `both` follows.
 
     Returns
@@ -95,11 +107,16 @@ def parse_plan(text):
         if verb == 'track':
             steps.append(_track(part, rest))
             continue
+        waits = rest[1:] if verb == 'tell_apart' else []
+        if len(waits) == 1 and re.fullmatch(r'\d+(\.\d*)?h', waits[0]) and rest[0].isdecimal():
+            steps += [replace(step, what=waits[0]) for step in parse_plan(f'{verb} {rest[0]}')]
+            continue
         if not VERBS[verb] and rest:
             raise ValueError(f'plan step {verb} takes no count')
         if VERBS[verb] and (len(rest) != 1 or not rest[0].isdecimal()
                             or not 1 <= int(rest[0]) <= 100000):
-            raise ValueError(f'plan step {part.strip()!r}: write {verb} and a count of 1 to 100000')
+            raise ValueError(f'plan step {part.strip()!r}: write {verb} and a count of 1 to 100000'
+                             + (', and what may be waited, such as 2h' * (verb == 'tell_apart')))
         steps.append(Step(verb, *map(int, rest)))
     if not steps:
         raise ValueError('the plan is empty')

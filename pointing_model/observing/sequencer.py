@@ -204,8 +204,14 @@ class Sequencer:
         if count < self._night.calibrated:
             # it was started anew and knows nothing of the night so far
             self._calibration_is_new = not count
+            self._night.asked = None
             self._send_table(again=True)
         self._night.calibrated = count
+        self.advance()
+
+    def asked_for(self, asked):
+        """What the calibration asks for to tell causes apart, an `Asked`."""
+        self._night.asked = asked
         self.advance()
 
     def rows_turned_up(self):

@@ -117,15 +117,10 @@ def choose_stars(stars, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, n=30, 
     if n < 1:
         raise ValueError(f'{n} stars asked for: give at least 1')
     rng = np.random.default_rng(seed)
-    bright = np.flatnonzero(stars.mag <= mag_limit)
     moments = [time] if duration == 0.0 else [time, time + duration / 2.0, time + duration]
-    places = [observed_place(stars.select(bright), t, site, weather) for t in moments]
-    up = np.all([(el >= min_el) & limits.reached(mount, az, el, max_el, t)
-                 for t, (az, el) in zip(moments, places)], axis=0)
+    bright, places, up, known, lonely = _observable(
+        stars, moments, site, weather, min_el, max_el, mag_limit, exclude, mount, limits)
     highest = max_el if mount.altaz else np.pi / 2.0
-    known = np.isin(stars.hip[bright], np.fromiter(exclude, int))
-    lonely = np.ones(len(bright), bool)
-    lonely[up] = ~has_neighbour(stars, bright[up])
     good = up & ~known & lonely
     if np.count_nonzero(good) < n:
         if not np.any(up):
@@ -146,6 +141,72 @@ def choose_stars(stars, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, n=30, 
                             stars.hip[bright[good][chosen]])
     order = observing_order(first, second, rng, start, mount.way)
     return bright[good][chosen[order]]
+
+
+def _observable(stars, moments, site, weather, min_el, max_el, mag_limit, exclude, mount, limits):
+    """Rows that are bright enough, their places at each moment, and which are up at all of them,
+    excluded, and without a neighbour.
+    """
+    bright = np.flatnonzero(stars.mag <= mag_limit)
+    places = [observed_place(stars.select(bright), t, site, weather) for t in moments]
+    up = np.all([(el >= min_el) & limits.reached(mount, az, el, max_el, t)
+                 for t, (az, el) in zip(moments, places)], axis=0)
+    known = np.isin(stars.hip[bright], np.fromiter(exclude, int))
+    lonely = np.ones(len(bright), bool)
+    lonely[up] = ~has_neighbour(stars, bright[up])
+    return bright, places, up, known, lonely
+
+
+def nearest_star(stars, time, az, el, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, *,
+                 min_el=20.0 * DEG, max_el=85.0 * DEG, mag_limit=6.0, magnitude=None, exclude=(),
+                 mount=ALTAZ, limits=ANYWHERE, start=None, sides=(0, 0)):
+    """The star nearest to a place of the horizon.
+
+    Parameters
+    ----------
+    stars, time, site, weather, min_el, max_el, mag_limit, exclude, mount, limits
+        As of `choose_stars`.
+    az, el : float
+        Radians.
+    magnitude : float, optional
+        A star within one magnitude of it, or (of a fainter one than the limit) of the limit, is
+        taken where there is one.
+    start : (float, float), optional
+        Angles of the axes where the mount stands, radians.
+    sides : (int, int)
+        Sign with which each axis is to come to it from `start`, 0 for either; stars to which
+        they do are taken where there are some.
+
+    Returns
+    -------
+    row : int
+        Of `stars`.
+    off : float
+        How far it is from the place, radians.
+
+    Raises
+    ------
+    ValueError
+        No star can be observed.
+    """
+    bright, (places,), up, known, lonely = _observable(
+        stars, [time], site, weather, min_el, max_el, mag_limit, exclude, mount, limits)
+    good = np.flatnonzero(up & ~known & lonely)
+    if not len(good):
+        raise ValueError(f'no star to Hp {mag_limit:g} that was not observed is left within the '
+                         'limits: raise the magnitude limit')
+    places = np.array(places)[:, good]
+    off = np.arccos(np.clip(_xyz(*places) @ _xyz(az, el), -1.0, 1.0))
+    wanted = np.zeros(len(good))
+    if magnitude is not None:
+        wanted += np.abs(stars.mag[bright[good]] - min(magnitude, mag_limit)) > 1.0
+    if start is not None and any(sides):
+        there = axes_at(mount, *places, limits, stars.hip[bright[good]])
+        moves = mount.way(start[0], there[0]), there[1] - start[1]
+        for side, move in zip(sides, moves):
+            wanted += side * move < 0.0
+    k = np.lexsort((off, wanted))[0]
+    return int(bright[good[k]]), float(off[k])
 
 
 def axes_at(mount, az, el, limits, numbers):

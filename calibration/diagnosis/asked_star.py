@@ -1,0 +1,222 @@
+"""The star that tells the members of a set apart best, and whether any star can.
+
+What stars are expected to add to 2 ln(likelihood ratio) between two members is what the wrong one
+cannot follow of the right one, each in turn taken as right (`next_observations.View`). The sum
+comes with noise of twice its root (Box and Hill 1967, on discriminating models).
+"""
+
+import numpy as np
+from scipy.stats import norm
+
+from msg_tools.units import DEG
+from pointing_model.context import Context
+from pointing_model.mounts import is_beyond
+
+from .next_observations import MIN_GAP, SHORT, forecast, place_of, views_of
+
+#: 2 ln(likelihood ratio) from which a member is out: of two 1 in 100 is wrong (Wald 1945)
+TOLD = 9.2
+#: chance below which stars that are left are not worth their time
+LEAST_CHANCE = 0.1
+#: chance from which nobody waits longer, or something else that could be observed is named
+ENOUGH = 0.5
+#: hours after the last row at which stars are "now", and what is tried within the hours allowed
+_NOW, _LATER = 0.1, (0.5, 1.0, 2.0, 4.0, 8.0)
+_ROUNDS = 4  # in which the stars left are placed, to tell what they can reach
+_KELVIN = 8.0
+_FAST = 20.0  # times the rate of a star
+
+
+class Points:
+    """Observations that could be made, in all that matters to some effects.
+
+    Parameters
+    ----------
+    obs : Observations
+    drivers : set of str
+        That make a difference.
+    hours : float
+        That may be waited.
+    elevations : (float, float), optional
+        That the mount can look at, rad; by default where the rows are.
+    low_deg : float, optional
+        Lower than that.
+    warmer, faster : float
+        Kelvin beside the forecast; times the rate of a star.
+    any_magnitude : bool
+        Not only those of the rows.
+    only_later : bool
+        Not now.
+
+    Attributes
+    ----------
+    context : Context
+    later : ndarray, shape (m,)
+        Hours after the last row.
+    short : ndarray of bool, shape (m,)
+        Reached by a short move back on the one before.
+    """
+
+    def __init__(self, obs, drivers, hours=0.0, elevations=None, low_deg=None, warmer=0.0,
+                 faster=1.0, any_magnitude=False, only_later=False):
+        known, mount = obs.context, obs.context.mount
+        self._drivers = drivers
+        above = known.get('elevation')
+        low, high = elevations or (max(15.0 * DEG, float(above.min())), float(above.max()))
+        low = low if low_deg is None else min(low, low_deg * DEG)
+        high = min(88.0 * DEG, max(high, low + 0.1))
+        beyond = np.unique(is_beyond(known.el)) if not mount.altaz else [False]
+        sides = [[-1.0, 1.0] if {f'approach_{axis}', f'before_{axis}'} & drivers else [1.0]
+                 for axis in ('az', 'el')]
+        later = [h for h in _LATER if h < hours] + [hours] * (hours > 0.0)
+        if not {'time', 'order', 'run_hours', 'lst', 'temperature'} & drivers:
+            later = []
+        later = later if only_later and later else [_NOW, *later]
+        moves = [False, True] if {'travel_az', 'travel_el'} & drivers else [False]
+        magnitude = known.get('magnitude')
+        bright = [np.nan] if magnitude is None else [np.nanmedian(magnitude)]
+        if magnitude is not None and 'magnitude' in drivers:
+            bright = [0.0, 9.0] if any_magnitude else [np.nanmin(magnitude), np.nanmax(magnitude)]
+        side, az, el, s_az, s_el, self.later, self.short, bright = (v.ravel() for v in np.meshgrid(
+            beyond, np.arange(0.0, 360.0, 15.0) * DEG, np.linspace(low, high, 9), *sides, later,
+            moves, bright, indexing='ij'))
+        if not mount.altaz:
+            az, el = mount.axes_of(az, el, side)
+        columns = {'approach_az': s_az, 'approach_el': s_el, 'az_enc': az, 'el_enc': el,
+                   'magnitude': bright}
+        time, order = known.get('time'), known.get('order')
+        if time is not None:
+            columns['time'] = np.nanmax(time) + 3600.0 * self.later
+            run_hours = known.get('run_hours')
+            if run_hours is not None:
+                columns['run_hours'] = run_hours[np.nanargmax(time)] + self.later
+        if order is not None:
+            columns['order'] = np.ones_like(az)
+        temperature = known.get('temperature')
+        if temperature is not None:
+            columns['temperature'] = warmer + forecast(time, temperature, columns.get('time'),
+                                                       len(az))
+        if 'run' in known.columns:
+            columns['run'] = np.full(len(az), known.columns['run'][-1])
+        for axis in ('az', 'el'):
+            columns[f'travel_{axis}'] = np.where(self.short, SHORT, np.inf)
+            columns[f'before_{axis}'] = -columns[f'approach_{axis}']
+        self.context = Context(az, el, columns, known.latitude, known.longitude, mount)
+        self.context.raw_reading = known.raw_reading
+        if faster != 1.0:
+            for axis in ('az', 'el'):
+                rate = self.context.get(f'{axis}_rate')
+                if rate is not None:
+                    self.context.columns[f'{axis}_rate'] = faster * rate
+                    self.context._derived.pop(f'{axis}_rate')
+        self._magnitude = bright
+
+    def taken(self, context, rows):
+        """Which points rows of a run have been at already, shape (m,)."""
+        out = np.zeros(len(self.later), bool)
+        for i in rows:
+            here = np.hypot((self.context.az - context.az[i]) * np.cos(context.el[i]),
+                            self.context.el - context.el[i]) < MIN_GAP
+            for axis in ('az', 'el'):
+                side = context.get(f'approach_{axis}')
+                if f'approach_{axis}' in self._drivers and side is not None:
+                    here &= self.context.columns[f'approach_{axis}'] == side[i]
+            out |= here
+        return out
+
+    def request(self, j):
+        """Point `j` as what to observe, see `apart.Judgement`."""
+        c, drivers = self.context, self._drivers
+        sides = {f'approach_{axis}': int(c.columns[f'approach_{axis}'][j])
+                 if {f'approach_{axis}', f'before_{axis}'} & drivers else 0
+                 for axis in ('az', 'el')}
+        out = {
+            **place_of(c, j), **sides,
+            'last_move_deg': float(SHORT / DEG) if self.short[j] else None,
+            'before': None,
+            'after_hours': float(self.later[j]) if self.later[j] > _NOW else None,
+            'magnitude': float(self._magnitude[j]) if 'magnitude' in drivers else None}
+        if self.short[j]:
+            # seen first, a short move before it, reached from the other side
+            ways = [out[f'approach_{axis}'] or 1 for axis in ('az', 'el')]
+            az, el = c.mount.horizon_of(c.az[j] - ways[0] * SHORT / np.cos(c.el[j]),
+                                        c.el[j] - ways[1] * SHORT)
+            out['before'] = {
+                'az_deg': float(az / DEG) % 360.0, 'el_deg': float(el / DEG),
+                **{side: -value for side, value in sides.items()}}
+        return out
+
+
+def drivers_of(effects):
+    """What makes a difference to some effects, set of str."""
+    return {d for e in effects for d in (e.driver, *e.requires)}
+
+
+class Pair:
+    """The best member and a rival, before points that could be observed.
+
+    Parameters
+    ----------
+    problem, obs, base, state, pair, others
+        As of `next_observations.views_of`.
+    points : Points
+    behind : float
+        Of the rival, in 2 ln(likelihood ratio).
+    """
+
+    def __init__(self, problem, obs, base, state, pair, others, points, behind):
+        self._views = views_of(problem, obs, base, state, pair, others, points.context)
+        self.behind = behind
+        right = 1.0 / (1.0 + np.exp(-0.5 * behind))
+        self._right = right, 1.0 - right
+
+    def gain(self):
+        """What each point is expected to add, whichever of the two is right, shape (m,)."""
+        return sum(p * v.gain() for p, v in zip(self._right, self._views))
+
+    def chance(self, stars, allowed=None):
+        """Chance that so many stars, at the best points, put one of the two out.
+
+        Parameters
+        ----------
+        stars : int
+        allowed : ndarray of bool, shape (m,), optional
+        """
+        out = 0.0
+        for p, view, lead in zip(self._right, self._views, (self.behind, -self.behind)):
+            view, before, left = view.copy(), view.separation(), stars
+            for k in range(min(_ROUNDS, stars), 0, -1):
+                part, gain = left / k, view.gain()
+                view.add(int(np.argmax(gain if allowed is None else np.where(allowed, gain, 0.0))),
+                         part)
+                left -= part
+            adds = max(view.separation() - before, 1e-9)
+            out += p * norm.cdf((lead + adds - TOLD) / (2.0 * np.sqrt(adds)))
+        return float(out)
+
+
+def needed(make, stars):
+    """What else would tell a pair apart, in words; '' where nothing that is known here would.
+
+    Parameters
+    ----------
+    make : callable
+        Options of `Points` -> Pair.
+    stars : int
+        That are taken there.
+    """
+    for words, options in (
+            ('stars from 10 deg of elevation on', {'low_deg': 10.0}),
+            ('brighter and fainter stars', {'any_magnitude': True}),
+            ('stars 2 h later', {'hours': 2.0, 'only_later': True}),
+            ('stars 8 h later', {'hours': 8.0, 'only_later': True}),
+            (f'stars at {_KELVIN:g} K more', {'warmer': _KELVIN}),
+            (f'stars at {_KELVIN:g} K less', {'warmer': -_KELVIN}),
+            ('something fast, as a satellite', {'faster': _FAST})):
+        if make(**options).chance(stars) >= ENOUGH:
+            return words
+    pair = make()
+    for more in (2, 4):
+        if pair.chance(more * stars) >= ENOUGH:
+            return f'about {more * stars} such stars'
+    return ''
