@@ -316,7 +316,8 @@ def _complete(watcher, plan):
     checks = latest.get(topics.CHECKS.name)
     checked = 0 if checks is None else len(json.loads(checks.data)['checks'])
     return (table is not None and table.width == rows and topics.MODEL.name in latest
-            and topics.CALIBRATION_REPORT.name in latest and checked >= verbs.count('check')
+            and (topics.CALIBRATION_REPORT if 'fit' in verbs else topics.TRACKING).name in latest
+            and checked >= verbs.count('check')
             and ('diagnose' not in verbs or _diagnosed(latest, 'judge' in verbs))
             and _up_to_date(latest, verbs))
 
@@ -338,6 +339,8 @@ def _up_to_date(latest, verbs):
     from pointing_model.run_messages import cloud_to_run
     run = cloud_to_run(latest[topics.OBSERVATIONS.name])
     if 'time' not in run:  # a measured run, and one step of each kind
+        return True
+    if 'fit' not in verbs:  # the step `track` has waited for its last model
         return True
     report = json.loads(latest[topics.CALIBRATION_REPORT.name].data)
     model = json.loads(latest[topics.MODEL.name].data)
@@ -379,7 +382,8 @@ def write_results(folder, results):
     from pointing_model.run_messages import cloud_to_run
 
     run = cloud_to_run(results[topics.OBSERVATIONS.name])
-    report = json.loads(results[topics.CALIBRATION_REPORT.name].data)
+    fitted = results.get(topics.CALIBRATION_REPORT.name)
+    report = json.loads(fitted.data) if fitted else {'notes': []}
     model = PointingModel.from_json(results[topics.MODEL.name].data)
     orientation = earth_orientation(float(run['time'][0]))
     if orientation.sigma > 0.1 * ARCSEC:
@@ -389,8 +393,9 @@ def write_results(folder, results):
     write_csv(run, folder / 'observations.csv')
     (folder / 'model.json').write_text(results[topics.MODEL.name].data + '\n')
     (folder / 'report.json').write_text(json.dumps(report, indent=1) + '\n')
-    plot_night(run, model, report, folder / 'residuals.png')
     report['files'] = {'log': str(folder / 'bag'), 'model': str(folder / 'model.json'),
-                       'observations': str(folder / 'observations.csv'),
-                       'plot': str(folder / 'residuals.png')}
+                       'observations': str(folder / 'observations.csv')}
+    if fitted:
+        plot_night(run, model, report, folder / 'residuals.png')
+        report['files']['plot'] = str(folder / 'residuals.png')
     return report

@@ -60,8 +60,9 @@ def run_real_night(out, *, plan='', stars=30, drivers=(), domain_number=None, pa
     """
     plan = plan or real_plan(stars)
     verbs = {step.verb for step in parse_plan(plan)}
-    if 'fit' not in verbs:
-        raise ValueError(f'--plan {plan!r} has no fit: nothing would be told')
+    if 'fit' not in verbs and not (reference and 'track' in verbs):
+        raise ValueError(f'--plan {plan!r} has no fit, nor track with a --reference: nothing would '
+                         'be told')
     _check_files(drivers, reference)
     folder, again = _folder(Path(out), plan, graph.get('mount', 'altaz'), anew, note)
     bag = _free(folder / 'bag')

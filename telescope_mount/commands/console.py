@@ -76,15 +76,18 @@ def print_calibration(console, report):
     """A calibration report: its tables, notes and alarms."""
     from calibration.diagnosis.rows_told import expected_sentence
     from calibration.tables import night_tables
-    for table in night_tables(report):
-        console.print(table)
-    if report.get('expected'):
-        console.print(expected_sentence(report))
-    zeros = report['changes'] or report['zeros']
-    witnesses = report['witnesses']
-    print_lines(console, 'note', [*(zero['statement'] for zero in zeros[-1:]), *report['notes'],
-                                  *witnesses['notes']])
-    print_lines(console, 'alarm', witnesses['alarms'])
+    if 'steps' in report:
+        for table in night_tables(report):
+            console.print(table)
+        if report.get('expected'):
+            console.print(expected_sentence(report))
+        zeros = report['changes'] or report['zeros']
+        witnesses = report['witnesses']
+        print_lines(console, 'note', [*(zero['statement'] for zero in zeros[-1:]), *report['notes'],
+                                      *witnesses['notes']])
+        print_lines(console, 'alarm', witnesses['alarms'])
+    else:
+        print_lines(console, 'note', report['notes'])
     if 'tracking' in report:
         from calibration.tracking.told import tracking_lines
         print_lines(console, 'tracked', tracking_lines(report['tracking']))
