@@ -20,6 +20,8 @@ from pointing_model.zero import RunZero
 
 from ..distrust import distrusted
 from ..rows import is_kept_out
+from .heard import Seen
+from .hindsight import hindsight
 from .tracker import Tracker
 
 #: key of a tracked model's provenance
@@ -57,6 +59,8 @@ class TrackedNight:
         Taken off all readings. It stays: the index terms follow.
     heard : list of tracker.Heard
         Of the rows that were taken last.
+    seen : list of heard.Seen or None
+        What the tracker was told since `keep`.
     """
 
     def __init__(self, model, zero, stamp, noise=None, difference=None, lean=None):
@@ -78,6 +82,7 @@ class TrackedNight:
                 ('difference', difference), ('inclinometer', lean)) if told])
         for axis, apart in enumerate(difference['apart'] if difference else ()):
             self._tracker.difference(self._began, axis, apart, difference['sigma'][axis])
+        self.seen, self._at_first = None, None
         if lean:
             self._tracker.inclinometer(self._began, *lean['lean'], lean['sigma'])
 
@@ -101,6 +106,14 @@ class TrackedNight:
         except (KeyError, TypeError) as err:
             raise ValueError(f'the evening of a tracked model is damaged: {err}') from None
         return out
+
+    def keep(self):
+        """Keep what is told from now on, for `hindsight`."""
+        self.seen, self._at_first = [], self._tracker.state()
+
+    def hindsight(self):
+        """The night as it was, a `hindsight.Hindsight`; since `keep`."""
+        return hindsight(Tracker.of_state(self._at_first), self.seen)
 
     @property
     def stars(self):
@@ -149,12 +162,12 @@ class TrackedNight:
             if self._difference:
                 self._take_difference(own, stamp)
             if self._lean and 'lean_north' in own and np.isfinite(own['lean_north'][0]):
-                self._hear(self._tracker.inclinometer(
-                    stamp, float(own['lean_north'][0]), float(own['lean_west'][0]),
-                    self._lean['sigma']))
-            heard = self._tracker.star(
-                stamp, float(own['az'][0]), float(own['el'][0]), *self._offsets(own), self._noise,
-                f'{own["star"][0]:.0f}', Context.of_run(own) if self._evening.effects else None)
+                self._hear(self._tell('inclinometer', stamp, (
+                    float(own['lean_north'][0]), float(own['lean_west'][0]),
+                    self._lean['sigma'])))
+            heard = self._tell('star', stamp, (
+                float(own['az'][0]), float(own['el'][0]), *self._offsets(own), self._noise,
+                f'{own["star"][0]:.0f}', Context.of_run(own) if self._evening.effects else None))
             self.heard.append(heard)
             self._note(heard)
         return self.heard
@@ -218,6 +231,12 @@ class TrackedNight:
             'events': self._events,
             'heard': [one.document() for one in self.heard]}
 
+    def _tell(self, what, stamp, values):
+        seen = Seen(what, stamp, values)
+        if self.seen is not None:
+            self.seen.append(seen)
+        return self._tracker.take(seen)
+
     def _hear(self, heard):
         """Of a witness: what it makes known of the star before."""
         if heard.called:
@@ -236,7 +255,7 @@ class TrackedNight:
         run = float(row['run'][0])
         if run == self.zero.run:
             return
-        self._tracker.power_on(stamp, sigma=BROAD)
+        self._tell('power_on', stamp, ((0, 1), BROAD))
         started = float(row['encoder_start'][0]) if 'encoder_start' in row else None
         self.zero = replace(self.zero, run=run, started=started)
 
@@ -251,9 +270,8 @@ class TrackedNight:
             apart = float(row[f'{name}_abs'][0] - row[f'{name}_enc'][0])
             if np.isfinite(apart):  # turns that one of them does not count are no matter
                 first = self._difference['apart'][axis]
-                self._hear(self._tracker.difference(
-                    stamp, axis, first + float(wrap(apart - first)),
-                    self._difference['sigma'][axis]))
+                self._hear(self._tell('difference', stamp, (
+                    axis, first + float(wrap(apart - first)), self._difference['sigma'][axis])))
 
     def _offsets(self, row):
         x, y = PointingRun({**row.columns, **{
