@@ -87,19 +87,55 @@ def test_package_data_is_installed(prefix):
     assert not (site / 'test').exists()
 
 
-@pytest.mark.parametrize('name', NODES)
-def test_each_executable_starts(prefix, ros_domain, name):
+#: starts executables with what all need imported already: none of the package's own, and each of
+#: them in a process of its own
+START = """
+import os, runpy, sys
+import numpy, scipy.optimize, rclpy
+folder, out, *names = sys.argv[1:]
+for name in names:
+    child = os.fork()
+    if child == 0:
+        sys.argv = [os.path.join(folder, name), '--ros-args', '-p', 'no_such_parameter:=1']
+        log = os.open(os.path.join(out, name), os.O_WRONLY | os.O_CREAT)
+        os.dup2(log, 1), os.dup2(log, 2)
+        code = 0
+        try:
+            runpy.run_path(sys.argv[0], run_name='__main__')
+        except SystemExit as end:
+            code = end.code or 0
+        except BaseException:
+            import traceback
+            traceback.print_exc()
+            code = 99
+        sys.stdout.flush(), sys.stderr.flush()
+        os._exit(code)
+    print(name, os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
+"""
+
+
+def test_each_executable_starts(prefix, ros_domain, tmp_path):
     """It gets as far as its own parameters, from the installed files alone."""
     site, = prefix.glob('lib/python3*/site-packages')
+    folder = prefix / 'lib' / NAME
     # first, and not alone: ROS itself may come through PYTHONPATH
     paths = [str(site), *filter(None, [os.environ.get('PYTHONPATH')])]
-    done = subprocess.run(
-        [str(prefix / 'lib' / NAME / name), '--ros-args', '-p', 'no_such_parameter:=1'],
-        cwd=prefix, capture_output=True, text=True, timeout=120,
-        env={**os.environ, 'PYTHONPATH': os.pathsep.join(paths)})
-    assert done.returncode == 2, done.stderr
-    assert done.stderr.startswith(f'error: {name}: unknown parameter no_such_parameter; it has ')
-    assert len(done.stderr.splitlines()) == 1
+
+    def start(*command):
+        return subprocess.run(
+            command, cwd=prefix, capture_output=True, text=True, timeout=120,
+            env={**os.environ, 'PYTHONPATH': os.pathsep.join(paths)})
+    done = start(sys.executable, '-c', START, str(folder), str(tmp_path), *NODES)
+    codes = dict(line.split() for line in done.stdout.splitlines())
+    texts = {name: (tmp_path / name).read_text() for name in codes}
+    assert codes == dict.fromkeys(NODES, '2'), (done.stderr, texts)
+    # and one as ros2 run does it
+    texts['pointing_corrector (alone)'] = start(
+        str(folder / 'pointing_corrector'), '--ros-args', '-p', 'no_such_parameter:=1').stderr
+    for name, text in texts.items():
+        assert text.startswith(
+            f'error: {name.split()[0]}: unknown parameter no_such_parameter; it has '), text
+        assert len(text.splitlines()) == 1
 
 
 def test_package_xml_says_what_is_used():

@@ -18,8 +18,8 @@ sys.path.append(str(Path(__file__).parents[1] / 'calibration'))
 from sides import NAMES, a_run
 
 
-@pytest.fixture
-def german_csv(tmp_path):
+@pytest.fixture(scope='module')
+def german_csv(tmp_path_factory):
     """Forty stars on both sides, with an oval disc."""
     rng = np.random.default_rng(2)
     mount = Mount.equatorial(31.0 * DEG, 'german')
@@ -30,18 +30,39 @@ def german_csv(tmp_path):
     reading = np.array(geometry.sky_to_encoder(a, e, terms, mount))
     reading[0] += 12.0 * ARCSEC * np.sin(2.0 * a + 0.5)
     reading += ARCSEC * rng.normal(size=(2, 40)) / [np.abs(np.cos(e)), np.ones(40)]
-    path = tmp_path / 'german.csv'
+    path = tmp_path_factory.mktemp('german') / 'german.csv'
     write_csv(PointingRun({'az': a, 'el': e, 'az_enc': reading[0], 'el_enc': reading[1]},
                           {'mount': mount}), path)
     return path
 
 
 def test_fit_prints_the_terms_of_the_mount(ended, german_csv, tmp_path):
-    _, out, _ = ended('fit', german_csv, '--predict', '--save', tmp_path / 'model.json')
+    model, figures = tmp_path / 'model.json', tmp_path / 'fit.json'
+    _, out, _ = ended('fit', german_csv, '--predict', '--save', model, '--json', figures)
     for word in ('IH', 'MA', 'TF', ' ha ', ' dec ', 'Chosen to predict', 'HHSH2',
                  'choice repeated'):
         assert word in out, word
-    assert json.loads((tmp_path / 'model.json').read_text())['mount']['kind'] == 'german'
+    assert json.loads(model.read_text())['mount']['kind'] == 'german'
+    # all keys are there, whatever was asked
+    found = json.loads(figures.read_text())
+    ended('fit', german_csv, '--json', figures)
+    plain = json.loads(figures.read_text())
+    assert plain['mount_axes'] == ['hour angle', 'declination'] and plain['rows_used'] == 40
+    assert plain['predicted'] is plain['harmonics'] is plain['base_model'] is None
+    values = {term['name']: term['value_arcsec'] for term in plain['terms']}
+    assert values['ME'] == pytest.approx(90.0, abs=15.0)
+    assert plain['after']['rms_arcsec'] < plain['after']['cv_rms_arcsec'] < 20.0
+    assert set(found) == set(plain)
+    assert found['predicted']['after']['cv_rms_arcsec'] < found['after']['rms_arcsec']
+    assert 'HHSH2' in {c['tpoint'] for c in found['predicted']['coefficients']}
+    wrong = tmp_path / 'exchanged.csv'
+    text = german_csv.read_text().replace('dec_deg', 'x').replace('ha_deg', 'dec_deg')
+    wrong.write_text(text.replace('x,', 'ha_deg,', 1) if ',x' not in text else
+                     text.replace(',x', ',ha_deg', 1))
+    code, _, err = ended('fit', wrong, '--json', figures)
+    assert code == 2 and 'exchanged' in err
+    refused = json.loads(figures.read_text())
+    assert set(refused) | {'mount', 'mount_axes'} == set(plain) and refused['readings']
 
 
 def test_diagnose_names_the_axis(ended, german_csv, tmp_path):
@@ -90,27 +111,3 @@ def test_a_fit_says_whether_the_errors_go_through_the_pole(ended, tmp_path):
         assert told['holds'] == kind and told['rows_through_the_pole'] == 20
         found = {row['name']: row['value_arcsec'] for row in told['terms'][kind]}
         assert found['CH'] == pytest.approx(terms['CH'] / ARCSEC, abs=3.0)
-
-
-def test_a_fit_as_json_has_all_keys_whatever_was_asked(ended, german_csv, tmp_path):
-    out = tmp_path / 'fit.json'
-    ended('fit', german_csv, '--json', out)
-    plain = json.loads(out.read_text())
-    assert plain['mount_axes'] == ['hour angle', 'declination'] and plain['rows_used'] == 40
-    assert plain['predicted'] is plain['harmonics'] is plain['base_model'] is None
-    values = {term['name']: term['value_arcsec'] for term in plain['terms']}
-    assert values['ME'] == pytest.approx(90.0, abs=15.0)
-    assert plain['after']['rms_arcsec'] < plain['after']['cv_rms_arcsec'] < 20.0
-    ended('fit', german_csv, '--predict', '--json', out)
-    found = json.loads(out.read_text())
-    assert set(found) == set(plain)
-    assert found['predicted']['after']['cv_rms_arcsec'] < found['after']['rms_arcsec']
-    assert 'HHSH2' in {c['tpoint'] for c in found['predicted']['coefficients']}
-    wrong = tmp_path / 'exchanged.csv'
-    text = german_csv.read_text().replace('dec_deg', 'x').replace('ha_deg', 'dec_deg')
-    wrong.write_text(text.replace('x,', 'ha_deg,', 1) if ',x' not in text else
-                     text.replace(',x', ',ha_deg', 1))
-    code, _, err = ended('fit', wrong, '--json', out)
-    assert code == 2 and 'exchanged' in err
-    refused = json.loads(out.read_text())
-    assert set(refused) | {'mount', 'mount_axes'} == set(plain) and refused['readings']

@@ -311,15 +311,11 @@ def test_reports_of_fits_that_were_refused_are_passed_over():
     assert differences(rows) == []
 
 
-def test_a_night_with_harmonics_is_verified_and_replayed_to_the_bit(cli, other_night, tmp_path):
+def test_a_night_with_harmonics_is_verified_to_the_bit(other_night, tmp_path):
     text = (other_night.parent / 'stdout').read_text()
     assert 'Harmonics of degree 1' in text and 'chosen by parameter' in text
     found = verify_log(other_night / 'bag')
     assert found['differences'] == [] and found['checked']['model'] == 1
-    done = cli('replay', other_night / 'bag', '--seed', 3, '--out', tmp_path / 'again.json')
-    assert (done.returncode, done.stderr) == (0, '')
-    assert (tmp_path / 'again.json').read_bytes() == (other_night / 'model.json').read_bytes()
-    assert PointingModel.load(tmp_path / 'again.json').harmonics.interpretation == 'printed'
     # without the parameters in the log its report says which harmonics there were
     names = [name for name in BagReader(other_night / 'bag').metadata if 'calibration' in name]
     rewrite(other_night / 'bag', tmp_path / 'bare', lambda topic, data: data, leave_out=names)

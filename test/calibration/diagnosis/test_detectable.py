@@ -34,19 +34,21 @@ def test_nine_of_ten_effects_of_that_size_are_found():
     names = ('azimuth_encoder_1', 'elevation_nod_2', 'azimuth_zero_with_time',
              'elevation_hysteresis')
     found = half = 0
-    for i in range(60):
+    for _ in range(15):
         problem, chance, rows = of(clean(rng), rng)
-        name = names[i % len(names)]
-        group = [e.name for e in problem.dictionary.effects].index(name)
-        columns, b = problem.dictionary.of(group), problem.b
-        phase = rng.normal(size=len(columns))
-        size = rows[name]['amplitude_arcsec'] * ARCSEC / (2.0 if 'hysteresis' in name else 1.0)
-        signal = size * phase @ columns / np.linalg.norm(phase)
-        problem.b = b + signal
-        found += bool(search(problem, 0.01, chance).chosen)
-        problem.b = b + 0.5 * signal
-        half += bool(search(problem, 0.01, chance).chosen)
-    assert 48 <= found <= 59 and half < 30  # 54 expected, 2.6 standard deviations
+        b = problem.b
+        for name in names:
+            group = [e.name for e in problem.dictionary.effects].index(name)
+            columns = problem.dictionary.of(group)
+            phase = rng.normal(size=len(columns))
+            size = rows[name]['amplitude_arcsec'] * ARCSEC / (2.0 if 'hysteresis' in name else 1.0)
+            signal = size * phase @ columns / np.linalg.norm(phase)
+            problem.b = b + signal
+            found += bool(search(problem, 0.01, chance).chosen)
+            problem.b = b + 0.5 * signal
+            half += bool(search(problem, 0.01, chance).chosen)
+    # 54 expected of 60, 2.6 standard deviations; a night has all four, one at a time
+    assert 48 <= found <= 59 and half < 30
 
 
 def test_noise_and_rows_tell_the_size():
