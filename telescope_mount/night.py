@@ -50,7 +50,7 @@ def prepare_folder(folder):
 
 def run_night(out, *, stars=30, polaris=16, reference=None, cycle='incremental',
               domain_number=None, params_file=None, progress=None, scenario='default', mount='',
-              track='', say=None, note=None, of_server=None, **graph):
+              track='', apart='', say=None, note=None, of_server=None, **graph):
     """Observe a night in a graph of processes.
 
     Parameters
@@ -74,6 +74,8 @@ def run_night(out, *, stars=30, polaris=16, reference=None, cycle='incremental',
         ``alpaca:HOST:PORT``: a mount of a server takes the place of the simulated one.
     track : str
         A step of the plan after the fit, such as ``track 1.5arcsec 90``.
+    apart : str
+        As `track`, such as ``tell_apart 15``; before it is diagnosed.
     say, note : callable, optional
         As of `observe`, of a mount of a server.
     of_server : dict, optional
@@ -102,6 +104,8 @@ def run_night(out, *, stars=30, polaris=16, reference=None, cycle='incremental',
             **(of_server or {}), **{name: graph[name] for name in (
                 'seed', 'sky', 'calibration') if name in graph})
     plan = night_plan(stars, polaris, reference is not None, cycle)
+    if apart:
+        plan += f', diagnose, {apart}'
     if track:
         plan += f', {track}'
         graph['calibration'] = {**graph.get('calibration', {}), 'mode': 'track'}

@@ -90,7 +90,8 @@ class Judgement:
     request : dict or None
         ``az_deg``, ``el_deg`` and so on as of `next_observations.propose`, and ``magnitude``
         (None: any), ``before`` (what to observe before it, a short move away, or None),
-        ``separates`` and ``why``.
+        ``separates``, ``differ_sigma`` (by how much they do there, of the noise of a star) and
+        ``why``.
     """
 
     questions: list
@@ -215,9 +216,9 @@ class Apart:
         return question, (pairs, points, stars, question) if pairs else None
 
     def _request(self, pairs, points, stars, question, obs):
-        gains = [pair.gain() for pair in pairs]
+        differ = [pair.differ() for pair in pairs]
         weight = np.array([np.exp(-0.5 * max(pair.behind, 0.0)) for pair in pairs])
-        total = (weight / weight.sum()) @ gains
+        total = (weight / weight.sum()) @ differ
         free = ~points.taken(obs.context, range(self._seen, len(obs)))
         # nobody waits longer than it takes to be likely to tell
         for hours in np.unique(points.later):
@@ -229,10 +230,10 @@ class Apart:
         nearest = list(question.open)[0]
         row = points.request(j)
         row['separates'] = [question.best, nearest]
-        row['expected'] = round(float(gains[0][j]), 2)
+        row['differ_sigma'] = round(float(np.sqrt(differ[0][j])), 2)
         row['why'] = (f'to tell {readable(question.best)} from {readable(nearest)}: '
-                      f'{pairs[0].behind:.1f} apart of {TOLD:g}, this star is expected to add '
-                      f'{gains[0][j]:.1f}')
+                      f'{pairs[0].behind:.1f} apart of {TOLD:g}, and here they differ by '
+                      f'{row["differ_sigma"]:.1f} sigma of a star')
         return row
 
 
@@ -254,13 +255,16 @@ class _Match:
             problem.b, problem.inverse_sigma, bank, problem.curves, problem.sequence)
         lines = [e.line for e in bank.effects]
         taken = {e.line for e in others}
-        ours = {line for line, e in zip(lines, bank.effects) if e.name in members} - taken
+        # in order: equals must not change places from process to process
+        ours = [line for line, e in zip(lines, bank.effects) if e.name in members]
+        ours = [line for line in dict.fromkeys(ours) if line not in taken]
         plain = self._whole.plain
 
         def of(state):
             scores = bank.score(state)
             tops = _tops(lines, scores.delta_bic)
-            return scores, tops, max((tops[one] for one in ours), key=scores.delta_bic.__getitem__)
+            return scores, tops, max((tops[one] for one in ours),
+                                     key=lambda g: round(scores.delta_bic[g], 6))
 
         state = plain.state([])
         for _ in range(2):  # weighted as with the best in the model: without it rows look wrong
@@ -276,8 +280,8 @@ class _Match:
                 self._state = self._whole.state([Choice(best)], weights)
         gains = scores.delta_bic
         close = [g for line, g in tops.items()
-                 if line not in ours | taken and bank.effects[g].kind == 'effect'
-                 and gains[g] > gains[best] - SET_WIDTH]
+                 if line not in ours and line not in taken
+                 and bank.effects[g].kind == 'effect' and gains[g] > gains[best] - SET_WIDTH]
         close = [g for g in sorted(close, key=lambda g: -gains[g])[:_NEWCOMERS]
                  if self._in_its_place(bank, scores, best, g)]
         rivals = [tops[line] for line in ours if tops[line] != best and gains[tops[line]] > -np.inf]

@@ -16,7 +16,7 @@ from msg_tools.units import DEG
 from pointing_model.context import Context
 from pointing_model.mounts import is_beyond
 
-from .linear import inverse_normal, solve
+from .linear import solve
 
 _COUNT = 6  # for each ambiguous effect
 _RIVALS = 4
@@ -246,23 +246,9 @@ class View:
         return float(left @ left)
 
     def disagreement(self):
-        """Of each point alone, if nothing is refitted after it, shape (m,)."""
+        """Of each point, if nothing is refitted after it, shape (m,)."""
         left = (self._signal_grid - self._fit() @ self._grid).reshape(2, -1)
         return np.square(left / self._noise).sum(axis=0)
-
-    def gain(self):
-        """By how much each point alone adds to `separation`, refitted after it, shape (m,)."""
-        rows = self._rows.copy()
-        inverse = inverse_normal(rows)
-        left = (self._signal_grid - (inverse @ (self._rows @ self._signal)) @ self._grid
-                ).reshape(2, -1) / self._noise
-        x, y = self._grid[:, :self._m], self._grid[:, self._m:]
-        xx, yy, xy = (np.einsum('ij,ij->j', inverse @ a, b)
-                      for a, b in ((x, x), (y, y), (x, y)))
-        s_x, s_y = self._noise
-        xx, yy, xy = 1.0 + xx / s_x**2, 1.0 + yy / s_y**2, xy / (s_x * s_y)
-        return (yy * left[0]**2 + xx * left[1]**2 - 2.0 * xy * left[0] * left[1]) / (
-            xx * yy - xy**2)
 
     def add(self, j, stars=1.0):
         """Observe point `j`, or so many stars at it."""

@@ -28,6 +28,9 @@ def add(commands):
     parser.add_argument('--track', default='', metavar='ERROR[,MINUTES]', help='after the fit, '
                         'hold the expected pointing error with stars chosen for it, such as '
                         '1.5arcsec,90; the model follows the mount')
+    parser.add_argument('--tell-apart', default='', metavar='STARS[,HOURS]', help='after the fit, '
+                        'diagnose, and take at most so many stars that tell apart the causes that '
+                        'are left open, such as 15,2h; by default none is waited for')
     options.add(parser, 'harmonics', 'harmonics-alone', 'harmonics-degree')
     options.add(parser, 'date', 'latitude', 'longitude', 'height')
     options.add(parser, 'mount', help=options.MOUNT_OF_NIGHT + options.SERVER_OF_NIGHT)
@@ -55,7 +58,7 @@ def run(args):
     of_server = is_server(args.mount or '')
     for name, value, usual in (
             ('scenario', args.scenario, 'default'), ('absolute', args.absolute, 'angles'),
-            ('track', args.track, ''),
+            ('track', args.track, ''), ('tell-apart', args.tell_apart, ''),
             ('time-scale', args.time_scale, 0.0), ('power-cycle', args.power_cycle,
                                                    'incremental'), ('date', args.date, '')) \
             if of_server else (('camera', args.camera, ''), ('driver', args.driver, []),
@@ -67,6 +70,7 @@ def run(args):
                              'indi:HOST:PORT or alpaca:HOST:PORT')
     calibration = options.harmonics_of(args)
     track = f'track {args.track.replace(",", " ")}' if args.track else ''
+    apart = f'tell_apart {args.tell_apart.replace(",", " ")}' if args.tell_apart else ''
     console = new_console()
 
     def say(text):
@@ -80,6 +84,7 @@ def run(args):
             time_scale=args.time_scale,
             params_file=args.params, sky=options.sky_of(args), absolute=args.absolute,
             calibration=calibration, progress=progress, say=say, track=track,
+            apart=apart,
             note=partial(console.print, markup=False), of_server={
                 'camera': args.camera, 'drivers': args.driver, 'anew': args.anew,
                 'exposure': args.exposure} if of_server else None)
