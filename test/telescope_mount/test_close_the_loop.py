@@ -1,7 +1,7 @@
 """A night with an undeclared effect, one whose counts wander and a measured one, in the graph.
 
-The effect is on a German mount in the south, which takes every step the long way; what a loop on an
-altazimuth mount finds `benchmarks/` show.
+The effect is on a German mount in the south, which goes every step the long way; what is found on
+altazimuth mounts `close-the-loop --scenario all` shows (docs/closing_the_loop.md).
 """
 
 import json
