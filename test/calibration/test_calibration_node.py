@@ -462,9 +462,14 @@ def test_a_diagnosis_that_cannot_be_is_refused_with_a_reason(graph, tmp_path):
     answer = graph.call('diagnose')
     assert not answer.success and 'observe more' in answer.message
     desk.observe(rows(40, seed=3))
+    apart = graph.listen(topics.APART)
     answer = graph.call('diagnose')  # without a fit before it, and with no place for the page
     assert answer.success and 'the page was not written' in answer.message
     assert answer.message.startswith('none; ')
+    graph.wait_for(lambda: apart)
+    assert json.loads(apart[0].data)['state'] == 'nothing open'
+    graph.report('calibration', '', 'causes told apart',
+                 'the diagnosis leaves no causes to tell apart: none')
 
 
 def test_angles_that_are_not_what_they_are_named_are_refused_and_said(graph):

@@ -146,7 +146,7 @@ def test_what_the_user_chose_reaches_the_night(refused, monkeypatch, tmp_path):
         'start_time': 'yesterday', 'reference': Path('m.json'), 'domain_number': 3,
         'time_scale': 2.0, 'params_file': tmp_path / 'p.yaml', 'absolute': 'angles',
         'cycle': 'incremental', 'calibration': {}, 'mount': 'german', 'of_server': None,
-        'track': '',
+        'track': '', 'apart': '',
         'sky': {'latitude_deg': -40.0, 'longitude_deg': 10.0, 'height_m': 2000.0}}
     assert 'enough' in refused('night', '--power-cycle', 'both')
     assert asked.pop()['cycle'] == 'both'

@@ -12,6 +12,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import String
 
+from calibration.live_apart import LiveApart
 from calibration.session import CalibrationSession
 from calibration.witnesses import UNJUDGED, Homing
 from encoder_sim.scenario_file import scenario_files
@@ -256,11 +257,13 @@ def differences(rows):
     return check.differences
 
 
-def stars(n, climb=0.0, checks=0):
-    """A run without ROS, whose elevation zero climbs by ``climb`` (arcsec, of each row)."""
+def stars(n, climb=0.0, checks=0, spread=1.0):
+    """A run without ROS, whose elevation zero climbs by ``climb`` (arcsec, of each row), in a part
+    of all elevations."""
     mount = PointingModel(dict(zip(PHYSICAL, np.array([310, -170, 46, -23, 37, -21, 15]) * ARCSEC)))
     rng = np.random.default_rng(1)
     az, el = rng.uniform(0, 2 * np.pi, n), np.arcsin(rng.uniform(0.35, 0.99, n))
+    el = el if spread == 1.0 else 0.8 + spread * (el - 0.8)
     enc = np.array(mount.sky_to_encoder(az, el)) + 0.5 * rng.normal(size=(2, n)) * ARCSEC
     enc[1] += climb * ARCSEC
     return PointingRun({
@@ -283,6 +286,35 @@ def test_what_was_taken_back_is_taken_back_again():
     said(session, rows, found.model, found.document)
     assert found.document['judged']['taken_back']
     assert differences(rows) == []
+
+
+def test_stars_that_were_asked_for_are_asked_for_again():
+    run = stars(32, spread=0.25)
+    # of the line of sight or the azimuth encoder, 4 times a turn: 24 stars do not tell
+    run.columns['az_enc'] += 2.0 * ARCSEC * np.sin(4.0 * run['az'] + 1.0) / np.cos(run['el'])
+    session, rows = session_of(run, 24)
+    said(session, rows, session.fit()[0])
+    found = session.diagnose()
+    assert found.document['verdict'] == 'ambiguous'
+    live = LiveApart()
+    texts = [live.begin(session, found, None)]
+    said(session, rows, found.model, found.document)
+    for upto in range(25, 33):
+        more(session, rows, run, upto)
+        texts.append(live.observed(session))
+    texts = [text for text in texts if text]
+    asked = [json.loads(text) for text in texts]
+    assert asked[0]['state'] == 'asks' and asked[0]['request']['why']
+    # stars of the same elevations do not tell: it says so, and asks no more
+    assert 1 < len(asked) < 9 and asked[-1]['state'] == 'cannot be told from here'
+    assert [one['last_stamp_ns'] for one in asked] == [24 + k for k in range(len(asked))]
+    assert live.details()[0][1] == asked[-1]['says']
+    logged = [texts[0], texts[1].replace('az_deg', 'ra_deg'), *texts[2:]]
+    rows.said['apart'] = [(0, SimpleNamespace(data=text)) for text in logged]
+    check = _Check()
+    _calibrate(rows, CalibrationSession(), {}, check)
+    assert check.checked['stars asked for'] == len(texts)
+    assert [line.partition(' of ')[0] for line in check.differences] == ['stars asked for']
 
 
 def test_the_marks_heard_beside_a_fit_are_tried_on_the_session_before_it():
