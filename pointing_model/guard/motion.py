@@ -335,6 +335,8 @@ def _hull(state, cubic, axes):
         here, rate = state.angles[i], state.rates[i]
         brake, stop = cubic.brakes((axis.acceleration,) * 2)[i], rate * abs(rate) / (
             2.0 * axis.acceleration)
+        if float(cubic.peak_rate.max()) > FAST:  # a target that stops while the axis comes
+            brake += cubic.change(-math.inf, math.inf, i) * axis.rate / axis.acceleration
         ends.append((min(here, here + stop, cubic.low[i] - brake),
                      max(here, here + stop, cubic.high[i] + brake)))
     low, high = np.array(ends).T[:, :, None]
