@@ -225,6 +225,8 @@ class Apart:
             soon = points.later <= hours
             if hours == points.later.max() or max(p.chance(stars, soon) for p in pairs) >= ENOUGH:
                 break
+        if stars < 2:  # a short move takes two
+            soon &= ~points.short
         free &= soon
         j = int(np.argmax(np.where(free if free.any() else soon, total, -1.0)))
         nearest = list(question.open)[0]

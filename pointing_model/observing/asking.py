@@ -66,7 +66,8 @@ class Asking:
                 continue
             told = self.asked()
             wait = (told.request or {}).get('after_hours') or 0.0
-            if told.request is None or taken >= step.count or wait > hours:
+            pair = bool(told.request and told.request.get('before'))
+            if told.request is None or taken + pair >= step.count or wait > hours:
                 break
             hours -= wait
             if wait:
