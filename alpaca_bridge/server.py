@@ -2,6 +2,7 @@
 
 import json
 import threading
+from abc import ABC, abstractmethod
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from urllib.parse import parse_qs, urlsplit
 
@@ -9,7 +10,7 @@ from urllib.parse import parse_qs, urlsplit
 NOT_IMPLEMENTED, INVALID_VALUE = 0x400, 0x401
 
 
-class AlpacaServer:
+class AlpacaServer(ABC):
     """Serves one device, as a context.
 
     Parameters
@@ -65,10 +66,11 @@ class AlpacaServer:
         self._http = Quiet(('127.0.0.1', port), Handler)
         self.port = self._http.server_port
 
+    @abstractmethod
     def tell(self, name):
         """Value of a property, its name in small letters; KeyError where there is none."""
-        raise NotImplementedError
 
+    @abstractmethod
     def obey(self, order, told):
         """Carry out an order, its name in small letters; what it answers.
 
@@ -82,7 +84,6 @@ class AlpacaServer:
         KeyError, ValueError
             There is no such order; it cannot be carried out so.
         """
-        raise NotImplementedError
 
     def __enter__(self):
         threading.Thread(target=self._http.serve_forever, args=(0.05,), daemon=True).start()

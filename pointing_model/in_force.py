@@ -15,6 +15,7 @@ from .model import PointingModel
 from .model_document import identity
 from .mounts import ALTAZ, told
 from .terms import design
+from .tracked import walks_of
 from .zero import NO_ZERO, zeros_in_force
 
 #: an effect that follows the time holds for so long after the last row it was fitted to, ns
@@ -112,16 +113,11 @@ def tracked_sigma(model, stamp, az, el):
     ValueError
         That part of the model is damaged.
     """
-    told = None if model is None else model.provenance.get('tracked')
-    last = None if model is None else model.provenance.get('last_stamp_ns')
-    if not isinstance(told, dict) or not isinstance(last, int):
+    walk = walks_of(model)
+    last = None if walk is None else model.provenance.get('last_stamp_ns')
+    if not isinstance(last, int):
         return np.zeros(2)
     hours = max(stamp - last, 0) / 3600e9
-    try:
-        walks = told['walk_arcsec_per_root_hour']
-        walk = np.array([float(walks[name]) for name in model.terms]) * ARCSEC
-    except (KeyError, TypeError, ValueError):
-        raise ValueError(f'what wanders in the model is damaged: {told!r:.60}') from None
     x, y = design(tuple(model.terms), np.array([az]), np.array([el]), model.mount)
     return np.sqrt(hours * np.array([np.sum((columns[0] * walk)**2) for columns in (x, y)]))
 

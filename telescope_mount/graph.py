@@ -3,11 +3,11 @@
 `telescope-mount` starts it with processes of its own, `launch/night.launch.py` with ROS launch.
 """
 
-import re
 from dataclasses import dataclass, field
 
 from msg_tools import NAMESPACE
 from pointing_model.mounts import parse_mount
+from pointing_model.observing.plan import parse_plan
 
 #: executable -> module; setup.py makes one executable of each
 NODES = {
@@ -55,6 +55,12 @@ class NodeSpec:
     def full_name(self):
         """Fully qualified node name, in the namespace of the command line."""
         return f'{NAMESPACE}/{self.name}'
+
+
+def _mode(plan):
+    """Of the calibration: a plan that has the step `track` needs a model after each star."""
+    tracks = plan and any(step.verb == 'track' for step in parse_plan(plan))
+    return {'mode': 'track'} if tracks else {}
 
 
 def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time_scale=0.0,
@@ -141,7 +147,7 @@ def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time
         'pointing_corrector': {'use_sim_time': True, 'model_file': model_file},
         'calibration': {'use_sim_time': True, 'model_file': model_file, 'split_seed': seed,
                         'reference_age': reference_age,
-                        'graduation': GRATING} | (calibration or {}),
+                        'graduation': GRATING} | _mode(plan) | (calibration or {}),
         'mcap_logger': {'use_sim_time': True, 'folder': bag},
     }
     return [NodeSpec(name, NODES[name], parameters[name]) for name in names]
@@ -225,7 +231,8 @@ def server_graph(*, bag, server, mount, sky, protocol='indi', camera=None, seen=
             'wait_for_nodes': [f'{NAMESPACE}/{name}' for name in names],
         } | ({'plan': plan} if plan else {}) | sky,
         'pointing_corrector': {'model_file': model_file},
-        'calibration': {'model_file': model_file, 'split_seed': seed} | (calibration or {}),
+        'calibration': {'model_file': model_file, 'split_seed': seed} | _mode(plan) | (
+            calibration or {}),
         'mcap_logger': {'folder': bag, 'exclude': [TRUTH]},
     }
     return [NodeSpec(name, NODES[name], parameters[name]) for name in names]
@@ -270,9 +277,7 @@ def real_graph(*, bag, plan='', mount='altaz', sky=None, model_file='', absolute
             'wait_for_nodes': [f'{namespace}/{name}' for name in REAL],
         } | ({'plan': plan} if plan else {}) | sky,
         'pointing_corrector': {'model_file': model_file},
-        'calibration': {'model_file': model_file} | (
-            {'mode': 'track'} if re.search(r'(^|,)\s*track\s', plan) else {}) | (
-            calibration or {}),
+        'calibration': {'model_file': model_file} | _mode(plan) | (calibration or {}),
         'mcap_logger': {'folder': bag, 'exclude': [TRUTH]},
     }
     return [NodeSpec(name, NODES[name], parameters[name]) for name in REAL]

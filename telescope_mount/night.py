@@ -108,7 +108,6 @@ def run_night(out, *, stars=30, polaris=16, reference=None, cycle='incremental',
         plan += f', diagnose, {apart}'
     if track:
         plan += f', {track}'
-        graph['calibration'] = {**graph.get('calibration', {}), 'mode': 'track'}
     parse_plan(plan)
     if reference is not None:
         from pointing_model.model import PointingModel

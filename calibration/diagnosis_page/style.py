@@ -53,6 +53,8 @@ path.before.dots { stroke:var(--before) } path.after.dots { stroke:var(--after) 
 path.key { stroke-width:3 }
 path.fit { stroke:var(--fit); stroke-width:2.4; fill:none; stroke-linecap:round;
   stroke-opacity:.85 }
+path.band { fill:#0072b2; fill-opacity:.16; stroke:none }
+path.level { fill:none; stroke:var(--after); stroke-width:1.6 }
 path.beyond { fill:#fff; stroke:var(--ink); stroke-width:1 }
 path.area { stroke-width:1.4 }
 path.before.area { fill:#6b7684; fill-opacity:.22; stroke:var(--before) }

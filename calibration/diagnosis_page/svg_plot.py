@@ -152,6 +152,13 @@ class Panel:
         d = ''.join(f'M{_n(a - length / 2)} {_n(b)}h{length:g}' for a, b in zip(px, py))
         self.parts.append(f'<path class="{style}" d="{d or "M0 0"}"/>')
 
+    def band(self, x, low, high):
+        """What lies between two lines."""
+        x, top, bottom = self.x(x), self.y(high), self.y(low)
+        d = 'L'.join(f'{_n(a)} {_n(b)}' for a, b in zip(
+            np.r_[x, x[::-1]], np.r_[top, bottom[::-1]]))
+        self.parts.append(f'<path class="band" d="M{d}z"/>')
+
     def line(self, x, y, style, close=False):
         """A polyline."""
         px, py = self.x(x), self.y(y)

@@ -12,8 +12,6 @@ from ..diagnosis_page.svg_plot import Panel, clean, svg, text
 from .judged import date_of
 
 _STYLE = """
-path.band { fill:#0072b2; fill-opacity:.16; stroke:none }
-path.level { fill:none; stroke:var(--after); stroke-width:1.6 }
 path.error { fill:none; stroke:var(--before); stroke-width:1.2 }
 path.step { fill:none; stroke:var(--fit); stroke-width:1.6; stroke-dasharray:5 3 }
 path.tonight { fill:none; stroke:var(--fit); stroke-width:2.4 }
@@ -121,9 +119,8 @@ def _panel(judged, i):
              else np.linspace(years[0], tonight, 5))
     panel.axes('1 January' if whole else 'date', f'{name}, arcsec', '', shown,
                [f'{v:.0f}' if whole else date_of((v - 1970.0) * _YEAR) for v in shown])
-    x, top, bottom = panel.x(years), panel.y(level + wide), panel.y(level - wide)
-    panel.parts.append('<path class="band" d="M' + 'L'.join(
-        f'{a:.1f} {b:.1f}' for a, b in zip(np.r_[x, x[::-1]], np.r_[top, bottom[::-1]])) + 'z"/>')
+    x = panel.x(years)
+    panel.band(years, level - wide, level + wide)
     panel.line(years, level, 'level')
     panel.parts.append('<path class="error" d="' + ''.join(
         f'M{a:.1f} {b:.1f}V{c:.1f}' for a, b, c in zip(

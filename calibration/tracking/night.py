@@ -16,6 +16,7 @@ from pointing_model.held_terms import BROAD
 from pointing_model.model_document import from_document
 from pointing_model.observing.instrument_health import SAME_ROWS
 from pointing_model.run import PointingRun
+from pointing_model.tracked import KEY
 from pointing_model.zero import RunZero
 
 from ..distrust import distrusted
@@ -24,8 +25,6 @@ from .heard import Seen
 from .hindsight import hindsight
 from .tracker import Tracker
 
-#: key of a tracked model's provenance
-KEY = 'tracked'
 #: noise of a star where the model does not tell what it left, rad
 NOISE = 1.5 * ARCSEC
 #: events and innovations that are told of: the last ones
@@ -57,7 +56,7 @@ class TrackedNight:
     ----------
     zero : RunZero
         Taken off all readings. It stays: the index terms follow.
-    heard : list of tracker.Heard
+    heard : list of heard.Heard
         Of the rows that were taken last.
     seen : list of heard.Seen or None
         What the tracker was told since `keep`.
@@ -76,13 +75,12 @@ class TrackedNight:
         self._absolute_start = difference and difference['absolute_start']
         self._last, self._taken = [], self._began  # rows; stamp of the last one
         self._events, self._nis = [], []  # what was called; of stars before which nothing happened
-        self.heard = []
+        self.heard, self.seen, self._at_first = [], None, None
         self._tracker = Tracker(
             self._evening, self._began, witnesses=[name for name, told in (
                 ('difference', difference), ('inclinometer', lean)) if told])
         for axis, apart in enumerate(difference['apart'] if difference else ()):
             self._tracker.difference(self._began, axis, apart, difference['sigma'][axis])
-        self.seen, self._at_first = None, None
         if lean:
             self._tracker.inclinometer(self._began, *lean['lean'], lean['sigma'])
 
@@ -120,11 +118,6 @@ class TrackedNight:
         """How many were taken."""
         return self._tracker.stars
 
-    @property
-    def mount(self):
-        """That of the model."""
-        return self._tracker.mount
-
     def take(self, rows):
         """Take rows of the night; those before the begin are in the model already.
 
@@ -135,7 +128,7 @@ class TrackedNight:
 
         Returns
         -------
-        list of tracker.Heard
+        list of heard.Heard
             Of each star that was looked at, and of witnesses where they make something known;
             also in `heard`.
 
@@ -150,12 +143,12 @@ class TrackedNight:
         for i in range(len(rows)):
             own = rows.select([i])
             stamp = _rounded(own['time'][0])
-            if self._last and stamp <= self._taken:
-                continue  # it is known
-            self._taken = max(stamp, self._taken)
+            if stamp <= self._taken:
+                continue  # it is known, or in the model of the evening
+            self._taken = stamp
             # one that froze is known by the rows before it, never by those after
             self._last = [*self._last[1 - SAME_ROWS:], own]
-            if own['star'][0] < 0 or is_kept_out(own)[0] or stamp <= self._began or distrusted(
+            if own['star'][0] < 0 or is_kept_out(own)[0] or distrusted(
                     PointingRun.concatenate(self._last))[-1]:
                 continue
             self._note_power_on(own, stamp)
@@ -204,17 +197,11 @@ class TrackedNight:
         """
         return replace(self.zero, covariance=np.zeros((2, 2)), model=name)
 
-    def document(self, az=None, el=None):
-        """What was heard last and how well the mount is known, JSON-ready; angles in arcsec.
-
-        Parameters
-        ----------
-        az, el : float, optional
-            Where the expected error is asked for, rad; by default over the sky.
-        """
+    def document(self):
+        """What was heard last and how well the mount is known, JSON-ready; angles in arcsec."""
         tracker = self._tracker
-        if az is None:  # a ring at middle height stands for the sky
-            az, el = np.arange(0.0, 2.0 * np.pi, np.pi / 4.0), np.full(8, np.pi / 4.0)
+        # a ring at middle height stands for the sky
+        az, el = np.arange(0.0, 2.0 * np.pi, np.pi / 4.0), np.full(8, np.pi / 4.0)
         expected = [tracker.expected(az, el, 60.0 * minutes) for minutes in (0.0, 10.0, 60.0)]
         return {
             'stars': tracker.stars, 'stamp': tracker.stamp,

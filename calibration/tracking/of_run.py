@@ -111,12 +111,13 @@ def track_run(run, model=None, first=None, names=None):
                        started=started), int(np.rint(begun * 1e9)), noise,
         held and difference_of(held), held and lean_of(held))
     night.keep()
-    rows, evening, live, sigma = [], [], [], []
+    rows, time, evening, live, sigma = [], [], [], [], []
     for i in range(fitted, len(run)):
         one = run.select([i])
         for heard in night.take(one):
             if heard.what == 'star' and heard.taken:
                 rows.append(int(order[i]))
+                time.append(float(one['time'][0]))
                 live.append(heard.innovation)
                 sigma.append(np.sqrt(np.diag(heard.covariance)))
                 context = Context.of_run(one) if model.effects else None
@@ -124,12 +125,10 @@ def track_run(run, model=None, first=None, names=None):
                 evening.append([float(o[0] - b[0]) for o, b in zip(one.offsets(), base)])
     if len(rows) < 3:
         raise ValueError(f'{len(rows)} stars to follow; three at least')
-    rows = np.array(rows)
-    place = np.searchsorted(order[np.argsort(order)], rows)
-    time = run['time'][np.argsort(order)[place]]
-    return TrackedRun(night.model(int(np.rint(run['time'][-1] * 1e9))), rows, time,
-                      np.array(evening), np.array(live), np.array(sigma), night.hindsight(),
-                      night.document(), fitted)
+    return TrackedRun(
+        night.model(int(np.rint(run['time'][-1] * 1e9))), np.array(rows), np.array(time),
+        np.array(evening), np.array(live), np.array(sigma), night.hindsight(), night.document(),
+        fitted)
 
 
 def _complete(run):

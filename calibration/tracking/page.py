@@ -14,8 +14,6 @@ from ..diagnosis_page.svg_plot import Panel, clean, svg
 from .told import tracking_lines
 
 _STYLE = """
-path.band { fill:#0072b2; fill-opacity:.16; stroke:none }
-path.level { fill:none; stroke:var(--after); stroke-width:1.6 }
 path.expected { fill:none; stroke:var(--fit); stroke-width:1.8 }
 rect.count { fill:#b3bbc6 }
 """
@@ -127,8 +125,6 @@ def _term(tracked, hours, i):
     pad = 0.06 * max(high - low, 0.5)
     panel = Panel((64, 22, _WIDTH - 84, 110), _span(hours), (low - pad, high + pad))
     panel.axes('hours', '', back.names[i])
-    x, top, bottom = panel.x(hours), panel.y(value + wide), panel.y(value - wide)
-    panel.parts.append('<path class="band" d="M' + 'L'.join(
-        f'{a:.1f} {b:.1f}' for a, b in zip(np.r_[x, x[::-1]], np.r_[top, bottom[::-1]])) + 'z"/>')
+    panel.band(hours, value - wide, value + wide)
     panel.line(hours, value, 'level')
     return svg(_WIDTH, 180, panel.parts, f'{back.names[i]} in hindsight')

@@ -1,10 +1,12 @@
 """Which star a mount that is tracked needs next, and when: from its model alone."""
 
+from copy import copy
+from types import SimpleNamespace
+
 import numpy as np
 
-from msg_tools.units import ARCSEC
-
 from ..terms import design
+from ..tracked import KEY, walks_of
 from .next_star import Slew, next_star, until
 
 #: no star is waited for longer, s: what jumps is only seen by a star
@@ -38,19 +40,24 @@ class TrackedModel:
     """
 
     def __init__(self, model):
-        told = {} if model is None else model.provenance.get('tracked')
-        if not told:
+        walks = walks_of(model)
+        if walks is None:
             raise ValueError('no tracked model: the calibration has to be in mode track, with a '
                              'model to begin with (fit, or --reference)')
         try:
-            walks = told['walk_arcsec_per_root_hour']
-            self._walk = np.square([float(walks[name]) * ARCSEC for name in model.terms])
-            self.noise = float(np.sqrt(np.mean(np.square(told['evening']['noise']))))
+            noise = model.provenance[KEY]['evening']['noise']
+            self.noise = float(np.sqrt(np.mean(np.square(noise))))
             self.stamp = int(model.provenance['last_stamp_ns'])
         except (KeyError, TypeError, ValueError) as err:
             raise ValueError(f'what the model tells of its tracking is damaged: {err}') from None
         self.mount, self.states = model.mount, tuple(model.terms)
-        self._covariance = np.asarray(model.covariance)
+        self._covariance, self._walk = np.asarray(model.covariance), np.square(walks)
+
+    def later(self, seconds):
+        """The same so long after, without a star."""
+        out = copy(self)
+        out._covariance = self.ahead(seconds)
+        return out
 
     def columns(self, az, el):
         """Of the terms at places of the axes, shape (p, 2, k)."""
@@ -63,13 +70,8 @@ class TrackedModel:
     def expected(self, az, el, seconds_ahead=0.0):
         """With an attribute ``radial``: expected error at places, rad, shape (p,)."""
         columns = self.columns(np.atleast_1d(az), np.atleast_1d(el))
-        return _Expected(np.sqrt(np.einsum('pij,jk,pik->p', columns, self.ahead(seconds_ahead),
-                                           columns)))
-
-
-class _Expected:
-    def __init__(self, radial):
-        self.radial = radial
+        return SimpleNamespace(radial=np.sqrt(np.einsum(
+            'pij,jk,pik->p', columns, self.ahead(seconds_ahead), columns)))
 
 
 def next_time(model, goal, az, el):
@@ -107,13 +109,5 @@ def choose_next(model, az, el, here, exposure, waited, rate):
     -------
     next_star.Choice
     """
-    class Later:
-        """The model when the star is asked for."""
-
-        mount, states, columns = model.mount, model.states, model.columns
-
-        @staticmethod
-        def ahead(seconds):
-            return model.ahead(seconds + waited)
-    return next_star(Later, az, el, here, (az, el), sigma=model.noise, exposure_s=exposure,
-                     slew=Slew((rate, rate)))
+    return next_star(model.later(waited), az, el, here, (az, el), sigma=model.noise,
+                     exposure_s=exposure, slew=Slew((rate, rate)))
