@@ -4,14 +4,13 @@ It draws errors of its parts of 0.02 to 0.1 deg each, says which, and runs until
 tube looks it tells by an action of its own, `TRUE_PLACE`, as no driver of a real mount can.
 """
 
-import argparse
-import signal
 import sys
-import threading
+from contextlib import contextmanager
 
 from indi_bridge.pointing import HOUR
+from indi_bridge.simulating import simulate
 from indi_bridge.two_axes import TwoAxes, draw_errors
-from msg_tools.units import ARCSEC, DEG, wrap
+from msg_tools.units import DEG, wrap
 from pointing_model.mounts import parse_mount
 from pointing_model.sky import DEFAULT_SITE
 
@@ -69,31 +68,17 @@ class SimulatedTelescope(AlpacaServer):
         return None
 
 
-def main(args=None):
-    """Run it; the exit code."""
-    parser = argparse.ArgumentParser(description=__doc__.split('\n\n')[0])
-    parser.add_argument('--port', type=int, default=PORT)
-    parser.add_argument('--seed', type=int, default=1, help='of the errors (default: 1)')
-    parser.add_argument('--kind', choices=('equatorial', 'german', 'altaz'), default='german')
-    given = parser.parse_args(args)
-    if not 0 < given.port < 65536:
-        parser.error(f'--port {given.port}: must be 1 to 65535')
-    stop = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
+@contextmanager
+def _serve(given):
     errors = draw_errors(given.seed, given.kind)
     mount = parse_mount(given.kind, DEFAULT_SITE.latitude)
-    try:
-        with SimulatedTelescope(TwoAxes(mount, DEFAULT_SITE, errors), given.port) as server:
-            print(f'alpaca:localhost:{server.port}, a mount that is {given.kind}; encoder − '
-                  'catalogue, arcsec:\n' + ', '.join(
-                      f'{name} {value / ARCSEC:+.1f}' for name, value in errors.items())
-                  + '\nCtrl-C ends it', flush=True)
-            stop.wait()
-    except OSError as err:
-        print(f'error: port {given.port}: {err}', file=sys.stderr)
-        return 2
-    return 0
+    with SimulatedTelescope(TwoAxes(mount, DEFAULT_SITE, errors), given.port) as server:
+        yield server, errors, ''
+
+
+def main(args=None):
+    """Run it; the exit code."""
+    return simulate(__doc__, 'alpaca', PORT, _serve, args)
 
 
 if __name__ == '__main__':
