@@ -91,6 +91,11 @@ class IndiClient:
 
         class Client(indipyclient.IPyClient):
             async def rxevent(self, event):
+                vector = getattr(event, 'vector', None)
+                if vector is not None and vector.timeout is None:
+                    # set without a timeout, as it may be: indipyclient 0.9.4 compares it with
+                    # numbers where an answer is due, fails, and drops the connection for 5 s
+                    vector.timeout = 0.0
                 bridge._take(event)
 
             async def hardware(self):

@@ -1,5 +1,6 @@
 """The command line's own node: watches the graph and keeps what it publishes last."""
 
+import contextlib
 import os
 import signal
 import time
@@ -15,6 +16,19 @@ from msg_tools.readiness import GraphReports, unreceived
 
 #: signals that end what it does
 ENDING = (signal.SIGINT, signal.SIGTERM)
+
+
+@contextlib.contextmanager
+def _of(environment):
+    """Within, what ROS and DDS read is that of `environment`; after it as before."""
+    before = dict(os.environ)
+    os.environ.update({key: value for key, value in environment.items()
+                       if key.startswith(('ROS_', 'FASTDDS_', 'FASTRTPS_'))})
+    try:
+        yield
+    finally:
+        os.environ.clear()
+        os.environ.update(before)
 
 
 class Watcher:
@@ -44,8 +58,6 @@ class Watcher:
             topics.GUARD_STATUS, topics.TRACKING)
 
     def __init__(self, name, domain, environment, check):
-        os.environ.update({key: value for key, value in environment.items()
-                           if key.startswith(('ROS_', 'FASTDDS_', 'FASTRTPS_'))})
         self._check = check
         # raised in the middle of a message, rclpy makes another error of it
         self._interrupted = 0
@@ -55,10 +67,11 @@ class Watcher:
                 signal.signal(number, self._interrupt)
         self._context = Context()
         # Ctrl-C belongs to the command line, which ends the nodes in order
-        rclpy.init(context=self._context, domain_id=domain,
-                   signal_handler_options=SignalHandlerOptions.NO)
-        self.node = Node(name, context=self._context, namespace=NAMESPACE,
-                         start_parameter_services=False, enable_rosout=False)
+        with _of(environment):
+            rclpy.init(context=self._context, domain_id=domain,
+                       signal_handler_options=SignalHandlerOptions.NO)
+            self.node = Node(name, context=self._context, namespace=NAMESPACE,
+                             start_parameter_services=False, enable_rosout=False)
         self._executor = NodeExecutor(context=self._context)
         self._executor.add_node(self.node)
         self.latest = {}

@@ -1,6 +1,7 @@
 """The connection to an INDI server, against one that says what a test wants."""
 
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -70,6 +71,24 @@ def test_readings_of_one_tick_are_paired(server):
     tick = ticks[-1]
     assert tick.axes / DEG == pytest.approx((50.0, 31.0))
     assert tick.place / DEG == pytest.approx((105.0, 29.0)) and tick.tracking
+
+
+def test_a_property_set_without_a_timeout_does_not_end_the_connection():
+    ups = []
+    with FakeServer(obeys=False) as server, IndiClient(
+            'localhost', server.port, connection=ups.append) as client:
+        device = find_device(client)
+        client.property(device, 'EQUATORIAL_EOD_COORD')
+        server.say(number('EQUATORIAL_EOD_COORD', {'RA': 7, 'DEC': 29}))
+        client.wait(lambda: client.get(device, 'EQUATORIAL_EOD_COORD').values['RA'] == 7.0, 'set')
+        client.send(device, 'EQUATORIAL_EOD_COORD', RA=8.0, DEC=20.0)
+        # until the library has looked whether an answer is due, and given it up
+        vector = client._client[device]['EQUATORIAL_EOD_COORD']
+        end = time.monotonic() + 60.0
+        while vector._timer and ups == [True]:
+            assert time.monotonic() < end
+            time.sleep(0.01)  # polls
+        assert ups == [True]
 
 
 def test_what_does_not_come_or_does_not_exist_ends_in_one_line(server):

@@ -57,3 +57,11 @@ def test_where_ctrl_c_is_ignored_it_stays_so(ros_domain):
         assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+def test_the_environment_of_its_graph_is_not_left_behind(ros_domain):
+    before = dict(os.environ)
+    one = Watcher('watcher', ros_domain, {'ROS_DOMAIN_ID': '77', 'FASTDDS_STATISTICS': ''},
+                  lambda: None)
+    one.close()
+    assert dict(os.environ) == before
