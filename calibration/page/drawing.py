@@ -154,7 +154,8 @@ class Panel:
                 f'</title></circle>'
                 for a, b, i in zip(px[inside], py[inside], good[inside])) + '</g>')
         else:
-            d = ''.join(f'M{_n(a)} {_n(b)}h0' for a, b in zip(px[inside], py[inside]))
+            mark = 'm-2.8 2.4h5.6l-2.8 -5z' if style.startswith('third') else 'h0'
+            d = ''.join(f'M{_n(a)} {_n(b)}{mark}' for a, b in zip(px[inside], py[inside]))
             self.parts.append(f'<path class="{style} dots" d="{d or "M0 0"}"/>')
         for a, value, i in zip(px[over], shown[over], good[over]):
             b, s = (self.top + 1, 6) if value > high else (self.top + self.height - 1, -6)

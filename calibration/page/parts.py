@@ -13,6 +13,7 @@ from .script import SCRIPT
 from .style import CSS
 
 _BODY = re.compile('<main>\n(.*)\n</main>', re.DOTALL)
+_CONTROLS = re.compile('<div class="controls">.*?</div>', re.DOTALL)
 #: a script in a name could not run even if it came through: only ours has this sum
 _POLICY = ("default-src 'none'; style-src 'unsafe-inline'; script-src 'sha256-"
            + b64encode(sha256(SCRIPT.encode()).digest()).decode() + "'")
@@ -47,7 +48,7 @@ def whole(title, parts, kind=''):
 
 
 def body_of(page):
-    """What is between the heading and the end of a page that `whole` has made.
+    """What is on a page that `whole` has made, to be a part of another.
 
     Parameters
     ----------
@@ -59,7 +60,9 @@ def body_of(page):
         '' if it is none.
     """
     found = _BODY.search(page)
-    return found[1] if found else ''
+    # one page has one heading and one bar
+    return _CONTROLS.sub('', found[1]).replace('<h1>', '<h2 class="part">').replace(
+        '</h1>', '</h2>') if found else ''
 
 
 def section(title, *parts, note='', kind=''):
@@ -157,7 +160,10 @@ def number(value, digits=2, sign=False):
     """A number as text; None and NaN are a dash."""
     if value is None or not np.isfinite(value):
         return '–'
-    return f'{value:{"+" if sign else ""}.{digits}f}'.replace('-', '−')
+    out = f'{value:{"+" if sign else ""}.{digits}f}'
+    if not out.strip('+-0.'):  # what is nothing has no sign
+        out = out.lstrip('+-')
+    return out.replace('-', '−')
 
 
 def probability(p):

@@ -146,8 +146,8 @@ def controls(data=None):
         for value, more in (('both', ' checked="checked"'), ('before', ''), ('after', '')))
     groups = ''
     if data.groups is not None and len(np.unique(data.groups)) > 1:
-        options = ''.join(f'<option value="{i}" data-say="{clean(say)}">{clean(name)}</option>'
-                          for i, name, say in _groups(data))
+        options = ''.join(f'<option value="{clean(name)}" data-say="{clean(say)}">{clean(name)}'
+                          '</option>' for name, say in _groups(data))
         groups = (f'<label hidden="hidden">{clean(data.group_word)} <select id="group">'
                   f'<option value="">all</option>{options}</select></label>')
     return (f'<div class="controls"><fieldset><legend>Show</legend>{whens}</fieldset>{groups}'
@@ -155,14 +155,17 @@ def controls(data=None):
 
 
 def _groups(data):
-    """Number, name and a sentence of each group."""
-    for i, value in enumerate(np.unique(data.groups)):
-        rows = data.groups == value
-        name = f'{value:g}' if isinstance(value, (float, np.floating)) else str(value)
+    """Name and a sentence of each group."""
+    for value in np.unique(data.groups):
+        rows, name = data.groups == value, _group_name(value)
         said = ', '.join(f'{arcsec(size)} {when}' for when in WHENS
                          if (size := data.radial(when, rows)) is not None)
-        yield i, name, (f'{data.group_word} {name}: {int((rows & data.used).sum())} rows'
-                        + (f', radial RMS {said}' if said else ''))
+        yield name, (f'{data.group_word} {name}: {int((rows & data.used).sum())} rows'
+                     + (f', radial RMS {said}' if said else ''))
+
+
+def _group_name(value):
+    return f'{value:g}' if isinstance(value, (float, np.floating)) else str(value)
 
 
 # ---------------------------------------------------------------------------------------- figures
@@ -300,29 +303,43 @@ def along_axes(data):
 
 
 def histograms(data):
-    """Residuals of each axis before and after, same bins."""
+    """Residuals of each axis before and after: same bins, unless one is much the smaller."""
     if not data.used.any():
         return ''
     out = []
+    magnify = limit_of(data.before[:, data.used]) > _MAGNIFIED * limit_of(data.after[:, data.used])
     for axis, title in enumerate(data.axes):
         before, after = (data.of(when)[axis][data.used] for when in WHENS)
-        limit = limit_of(before, after)
-        edges, counts, (wide, sigma) = histogram(before, after, limit)
-        panel = Panel((52, 26, 350, 190), (-limit, limit),
-                      (0.0, 1.12 * max(1, *(c.max() for c in counts))))
-        panel.axes(f'residual, {title} [arcsec]', 'observations', title)
-        for values, when in zip(counts, WHENS):
-            x, y = np.repeat(edges, 2), np.concatenate([[0], np.repeat(values, 2), [0]])
-            panel.line(x, y, f'{when} area when-{when}', close=True)
-        if np.isfinite(sigma) and sigma > 0.0:
-            u = np.linspace(-limit, limit, 120)
-            step = edges[1] - edges[0]
-            panel.line(u, len(after) * step / sigma / np.sqrt(2 * np.pi)
-                       * np.exp(-0.5 * (u / sigma)**2), 'gauss when-after')
-        said = f'{title}: standard deviation {arcsec(wide)} before, {arcsec(sigma)} after'
-        out.append(figure(svg(420, 262, panel.parts, f'Histogram. {said}'),
-                          f'{said}; dotted: normal distribution of the latter.'))
-    return pair(out) + legend()
+        limit, small = limit_of(before, after), limit_of(after)
+        if magnify:
+            out.append(pair([_histogram(before, before, limit, title, ('before',)),
+                             _histogram(after, after, small, title, ('after',))]))
+        else:
+            out.append(_histogram(before, after, limit, title, WHENS))
+    return (''.join(out) if out[0].startswith('<div') else pair(out)) + legend()
+
+
+def _histogram(before, after, limit, title, whens):
+    """Of one axis, before and after or one of them."""
+    edges, counts, sizes = histogram(before, after, limit)
+    shown = [(when, counts[WHENS.index(when)], sizes[WHENS.index(when)]) for when in whens]
+    panel = Panel((52, 26, 350, 190), (-limit, limit),
+                  (0.0, 1.12 * max(1, *(count.max() for _, count, _ in shown))))
+    panel.axes(f'residual, {title} [arcsec]', 'observations', f'{title}, {" and ".join(whens)}')
+    for when, values, _ in shown:
+        x, y = np.repeat(edges, 2), np.concatenate([[0], np.repeat(values, 2), [0]])
+        panel.line(x, y, f'{when} area when-{when}', close=True)
+    said = f'{title}: standard deviation ' + ', '.join(
+        f'{arcsec(size)} {when}' for when, _, size in shown)
+    sigma = sizes[1]
+    if 'after' in whens and np.isfinite(sigma) and sigma > 0.0:
+        u = np.linspace(-limit, limit, 120)
+        panel.line(u, np.minimum(len(after) * (edges[1] - edges[0]) / sigma / np.sqrt(2 * np.pi)
+                                 * np.exp(-0.5 * (u / sigma)**2), panel.y_range[1]),
+                   'gauss when-after')
+        said += '; dotted: normal distribution of the latter'
+    return figure(svg(420, 262, panel.parts, f'Histogram. {said}'), f'{said}.',
+                  whens[0] if len(whens) == 1 else '')
 
 
 # ------------------------------------------------------------------------------------------ table
@@ -333,11 +350,8 @@ def stars_table(data):
         return '<p>There is no row.</p>'
     size = np.hypot(*data.after)
     order = np.argsort(-np.where(np.isfinite(size), size, -1.0), kind='stable')[:MAX_TABLE]
-    groups = None
-    if data.groups is not None:
-        values, groups = np.unique(data.groups, return_inverse=True)
     first, second = (word.split(' × ')[0] for word in data.axes)
-    head = ['star', data.group_word if groups is not None else None,
+    head = ['star', data.group_word if data.groups is not None else None,
             None if data.time is None else 'UTC' if data.utc else 'time s',
             f'{data.place_words[0]} °', f'{data.place_words[1]} °']
     head = [word for word in head if word is not None]
@@ -351,9 +365,8 @@ def stars_table(data):
     rows = []
     for i in order:
         cells = [clean(data.names[i])]
-        if groups is not None:
-            value = values[groups[i]]
-            cells.append(f'{value:g}' if isinstance(value, (float, np.floating)) else clean(value))
+        if data.groups is not None:
+            cells.append(clean(_group_name(data.groups[i])))
         if data.time is not None:
             cells.append(_clock(data.time[i], days, data.utc))
         cells += [number(place[i], 1) for place in places]
@@ -362,7 +375,7 @@ def stars_table(data):
             x, y = data.of(kind)[:, i]
             tail += ''.join(f'<td class="when-{kind}">{number(v, 2, sign)}</td>'
                             for v, sign in ((x, True), (y, True), (np.hypot(x, y), False)))
-        group = '' if groups is None else f' data-g="{groups[i]}"'
+        group = '' if data.groups is None else f' data-g="{cells[1]}"'
         rows.append(f'<tr data-i="{data.keys[i]}"{group}>'
                     + ''.join(f'<td>{cell}</td>' for cell in cells) + tail
                     + f'<td>{clean(data.words[i])}</td></tr>')

@@ -13,7 +13,7 @@ body { margin:0; background:var(--page); color:var(--ink);
   font:16px/1.55 system-ui,-apple-system,"Segoe UI",Roboto,"Helvetica Neue",Arial,sans-serif }
 main { max-width:1440px; margin:0 auto; padding:24px clamp(10px,2.4vw,28px) 60px }
 h1 { font-size:1.05rem; font-weight:600; color:var(--soft); margin:0 0 2px; letter-spacing:.01em }
-h2 { font-size:1.15rem; margin:0 0 10px }
+h2 { font-size:1.15rem; margin:0 0 10px } h2.part { font-size:1.3rem; margin:34px 0 2px }
 h3 { font-size:1.02rem; margin:20px 0 4px }
 h3:first-of-type { margin-top:4px }
 p { margin:6px 0 10px; max-width:78ch }
@@ -55,7 +55,8 @@ circle.before,.before circle { fill:var(--before); fill-opacity:.75 }
 .after circle { fill:var(--after); fill-opacity:.9 }
 path.dots,.dots path { fill:none; stroke-width:4.4; stroke-linecap:round; stroke-opacity:.75 }
 path.after.dots,.after.dots path { stroke-linecap:square; stroke-width:3.8 }
-path.third.dots,.third.dots path { stroke:var(--third) }
+path.third.dots { stroke:none; fill:var(--third); fill-opacity:.8 }
+path.before.dots.big { stroke-width:7.5 } path.after.dots.big { stroke-width:6 }
 path.before.dots,.before path,path.before.key { stroke:var(--before) }
 path.after.dots,.after path,path.after.key { stroke:var(--after) }
 .before path,.after path,path.key { fill:none; stroke-width:1.3 }
@@ -125,6 +126,7 @@ td { border-bottom:1px solid var(--line); padding:4px 10px 4px 0; vertical-align
 .keep td,.stars td { white-space:nowrap }
 .stars td,.stars th { text-align:right }
 .stars :is(td,th):first-child,.stars :is(td,th):last-child { text-align:left }
+.stars th,.keep th { white-space:normal; vertical-align:bottom }
 .stars td:last-child { white-space:normal; min-width:16ch }
 .gauge { display:inline-block; width:110px; height:9px; background:var(--grid); border-radius:3px;
   margin-right:8px; vertical-align:1px }
