@@ -61,7 +61,8 @@ def log_health(path):
     streams = _streams(bag, named, whole)
     simulated = any(topic.name == '/clock' and topic.count for topic in bag.topics)
     return {'whole': whole, 'simulated_clock': simulated, 'streams': streams,
-            'marks': _marks(bag, named), 'sigmas_arcsec': _sigmas(bag, named) if whole else {}, 'nodes': _nodes(bag),
+            'marks': _marks(bag, named), 'sigmas_arcsec': _sigmas(bag, named) if whole else {},
+            'nodes': _nodes(bag),
             'problems': list(bag.problems)}
 
 

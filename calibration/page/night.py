@@ -17,12 +17,12 @@ from msg_tools.bag.sqlite import open_bag
 from msg_tools.units import ARCSEC
 from pointing_model.following import Following
 from pointing_model.model import PointingModel
-from pointing_model.mounts import ALTAZ
 from pointing_model.zero import NO_ZERO, Zeros, zeros_in_force
 from pointing_model.zero_exposures import is_for_zero
 
 from .drawing import clean
 from .health import health_section
+from .horizon import of_mount, on_horizon
 from .log_health import log_health
 from .models import headline_of, models_section
 from .parts import body_of, cards, gains, listed, section, verdict, whole
@@ -222,22 +222,18 @@ def residuals_of(run, model, report, split_seed=None):
     before, after = (_offsets(one, rows, zeros) for one, zeros in (
         (plain, measured), (model, in_force)))
     used, words = _words(run, report, split_seed)
-    mount, turned = rows.mount, None
-    az, el = rows['az'], rows['el']
-    if not mount.altaz:
-        az, el = mount.horizon_of(rows['az'], rows['el'])
-        own, horizon = mount.tangents(rows['az'], rows['el']), ALTAZ.tangents(az, el)
-        turned = np.array([[np.sum(one * toward, axis=0) for one in own] for toward in horizon])
+    mount = rows.mount
+    az, el, turned = on_horizon(rows)
     noise = report.get('noise_arcsec')
-    first, second = mount.names.axes
     return Residuals(
         [_name(star) for star in rows.get('star', np.arange(len(rows)))], az, el, before, after,
-        used[stars], words[stars], (f'{first} × cos {mount.names.letters[1]}', second),
-        rows.columns.get('time'),
-        rows.columns.get('run'), 'power-on', tuple(noise) if noise else None,
-        'zero set, no model' if measured else 'as the encoders read', 'zero and model', turned,
-        None if mount.altaz else (rows['az'], rows['el']), (first, second),
-        run.meta.get('time_is_utc', True))
+        used[stars], words[stars], **of_mount(mount), time=rows.columns.get('time'),
+        groups=rows.columns.get('run'), group_word='power-on',
+        noise=tuple(noise) if noise else None,
+        before_text='zero set, no model' if measured else 'as the encoders read',
+        after_text='zero and model', turned=turned,
+        places=None if mount.altaz else (rows['az'], rows['el']),
+        utc=run.meta.get('time_is_utc', True))
 
 
 def _offsets(model, rows, zeros):
