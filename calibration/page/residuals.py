@@ -141,16 +141,21 @@ def controls(data=None):
     """
     if data is None or not len(data):
         return ''
-    whens = ''.join(
-        f'<label><input type="radio" name="when" value="{value}"{more}/> {value}</label>'
-        for value, more in (('both', ' checked="checked"'), ('before', ''), ('after', '')))
     groups = ''
     if data.groups is not None and len(np.unique(data.groups)) > 1:
         options = ''.join(f'<option value="{clean(name)}" data-say="{clean(say)}">{clean(name)}'
                           '</option>' for name, say in _groups(data))
         groups = (f'<label hidden="hidden">{clean(data.group_word)} <select id="group">'
                   f'<option value="">all</option>{options}</select></label>')
-    return (f'<div class="controls"><fieldset><legend>Show</legend>{whens}</fieldset>{groups}'
+    return controls_alone(groups)
+
+
+def controls_alone(more=''):
+    """The bar of a page with other figures than those of `Residuals`."""
+    whens = ''.join(
+        f'<label><input type="radio" name="when" value="{value}"{checked}/> {value}</label>'
+        for value, checked in (('both', ' checked="checked"'), ('before', ''), ('after', '')))
+    return (f'<div class="controls"><fieldset><legend>Show</legend>{whens}</fieldset>{more}'
             '<output id="told" aria-live="polite"></output></div>')
 
 
@@ -210,31 +215,62 @@ def sky_maps(data):
 
 def targets(data):
     """All residuals as hits on a target, with the circle of the noise."""
-    used = data.used
-    if not used.any():
+    if not data.used.any():
         return ''
     noise = float(np.hypot(*data.noise)) if data.noise is not None else None
     out = []
     for when in WHENS:
         x, y = data.of(when)
-        limit = limit_of(x[used], y[used])
-        if noise is not None:
-            limit = max(limit, 1.15 * noise)
-        panel = Panel((52, 12, 330, 330), (-limit, limit), (-limit, limit))
-        panel.axes(f'{data.axes[0]} [arcsec]', f'{data.axes[1]} [arcsec]')
-        cx, cy = float(panel.x(0.0)), float(panel.y(0.0))
-        panel.parts.append(f'<path class="zero" d="M{cx:.1f} {panel.top}v{panel.height}"/>')
-        said = f'{data.text_of(when).capitalize()}: {arcsec(data.radial(when))} radial RMS of ' \
-               f'{int(used.sum())} rows.'
-        if noise is not None and noise > 0.0:
-            panel.parts.append(f'<circle class="noise" cx="{cx:.1f}" cy="{cy:.1f}" '
-                               f'r="{panel.width * noise / (2 * limit):.1f}"/>')
-            inside = float(np.mean(np.hypot(x[used], y[used]) <= noise))
-            said += (f' Dashed: the noise of the fit, {arcsec(noise)} radial; {100 * inside:.0f} % '
-                     f'lie within it (of noise alone {100 * _WITHIN:.0f} %).')
-        _marks(panel, x, y, data, when)
-        out.append(figure(svg(400, 384, panel.parts, f'Target plot. {said}', 'link'), said, when))
+        limit = limit_of(x[data.used], y[data.used])
+        out.append(target(data.axes, max(limit, 1.15 * (noise or 0.0)), x[data.used],
+                          y[data.used], data.text_of(when), when, noise,
+                          lambda panel, x=x, y=y, when=when: _marks(panel, x, y, data, when)))
     return pair(out) + marks_legend(data)
+
+
+def target(axes, limit, x, y, what, when, noise=None, draw=None):
+    """A target with its hits.
+
+    Parameters
+    ----------
+    axes : tuple of str
+        What x and y are.
+    limit : float
+        At the edge, arcsec.
+    x, y : ndarray, shape (n,)
+        arcsec; what counts.
+    what : str
+        Of what.
+    when : str
+        ``before`` or ``after``: how they are drawn.
+    noise : float, optional
+        Radial RMS of the noise, arcsec.
+    draw : callable, optional
+        ``draw(panel)``, by default a mark for each hit.
+
+    Returns
+    -------
+    str
+        A figure.
+    """
+    panel = Panel((52, 12, 330, 330), (-limit, limit), (-limit, limit))
+    panel.axes(f'{axes[0]} [arcsec]', f'{axes[1]} [arcsec]')
+    cx, cy = float(panel.x(0.0)), float(panel.y(0.0))
+    panel.parts.append(f'<path class="zero" d="M{cx:.1f} {panel.top}v{panel.height}"/>')
+    size = float(rms(x, y)) if len(x) else None
+    said = f'{what[:1].upper()}{what[1:]}: {arcsec(size)} radial RMS of {len(x)} rows.'
+    if noise is not None and noise > 0.0:
+        panel.parts.append(f'<circle class="noise" cx="{cx:.1f}" cy="{cy:.1f}" '
+                           f'r="{min(panel.width * noise / (2 * limit), 165.0):.1f}"/>')
+        inside = float(np.mean(np.hypot(x, y) <= noise))
+        said += (f' Dashed: the noise of the fit, {arcsec(noise)} radial; {100 * inside:.0f} % lie '
+                 f'within it (of noise alone {100 * _WITHIN:.0f} %).')
+    if draw is None:
+        panel.points(x, y, when)
+    else:
+        draw(panel)
+    return figure(svg(400, 384, panel.parts, f'Target plot. {said}', 'link' if draw else ''),
+                  said, when)
 
 
 def _marks(panel, x, y, data, when, linked=True):
