@@ -8,6 +8,8 @@ import numpy as np
 MAX_POINTS = 3000
 #: of a map, where every row is to be found again
 MAX_ARROWS = 400
+#: marks that are no dots, by class
+_MARKS = {'third': 'm-2.8 2.4h5.6l-2.8 -5z', 'fit': 'm-2.6 -2.6l5.2 5.2m0 -5.2l-5.2 5.2'}
 MAX_NAMED = 400  # up to here every point has its name as a tooltip
 
 
@@ -154,7 +156,7 @@ class Panel:
                 f'</title></circle>'
                 for a, b, i in zip(px[inside], py[inside], good[inside])) + '</g>')
         else:
-            mark = 'm-2.8 2.4h5.6l-2.8 -5z' if style.startswith('third') else 'h0'
+            mark = _MARKS.get(style.split(' ')[0], 'h0')
             d = ''.join(f'M{_n(a)} {_n(b)}{mark}' for a, b in zip(px[inside], py[inside]))
             self.parts.append(f'<path class="{style} dots" d="{d or "M0 0"}"/>')
         for a, value, i in zip(px[over], shown[over], good[over]):

@@ -129,7 +129,7 @@ def scrolled(drawing):
     return f'<div class="scroll">{drawing}</div>'
 
 
-def table(header, rows, kind='', caption=''):
+def table(header, rows, kind='', caption='', keys=None):
     """A table; cells are text, except those that are `Markup`.
 
     Parameters
@@ -141,10 +141,13 @@ def table(header, rows, kind='', caption=''):
         Class.
     caption : str
         For readers that do not see it.
+    keys : sequence of str, optional
+        Of each row: it lights up with the marks that have the same one.
     """
     head = ''.join(f'<th scope="col">{cell_of(cell)}</th>' for cell in header)
-    body = ''.join('<tr>' + ''.join(f'<td>{cell_of(cell)}</td>' for cell in row) + '</tr>'
-                   for row in rows)
+    marks = iter(() if keys is None else (f' data-i="{key}"' for key in keys))
+    body = ''.join(f'<tr{next(marks, "")}>' + ''.join(f'<td>{cell_of(cell)}</td>' for cell in row)
+                   + '</tr>' for row in rows)
     caption = f'<caption>{clean(caption)}</caption>' if caption else ''
     kind = f' class="{kind}"' if kind else ''
     return (f'<div class="scroll"><table{kind}>{caption}<thead><tr>{head}</tr></thead><tbody>'

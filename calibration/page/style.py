@@ -2,11 +2,13 @@
 
 CSS = """
 :root { color-scheme:light dark; --ink:#1b2430; --soft:#57626f; --line:#d9dee5; --card:#fff;
-  --page:#f3f5f8; --before:#7a6a58; --after:#0072b2; --fit:#d55e00; --third:#009e73;
-  --bar:#c9bfb2; --grid:#e6eaef; --zero:#9aa4b1; --rim:#aab3bf; --lit:#c2187a; --warn:#e69f00 }
+  --page:#f3f5f8; --before:#7a6a58; --after:#0072b2; --fit:#d55e00; --third:#2d0a33;
+  --good:#009e73; --bar:#c9bfb2; --grid:#e6eaef; --zero:#9aa4b1; --rim:#aab3bf; --lit:#c2187a;
+  --warn:#e69f00 }
 @media (prefers-color-scheme:dark) { :root { --ink:#e6eaf0; --soft:#a3aebb; --line:#38424e;
   --card:#1a2129; --page:#10151b; --before:#c8b8a2; --after:#56b4e9; --fit:#f0803c;
-  --third:#3cc79b; --bar:#6d6355; --grid:#2c353f; --zero:#67727f; --rim:#56616d; --lit:#ff7ac6 } }
+  --third:#8560f5; --good:#3cc79b; --bar:#6d6355; --grid:#2c353f; --zero:#67727f; --rim:#56616d;
+  --lit:#ff7ac6 } }
 * { box-sizing:border-box }
 html { -webkit-text-size-adjust:100% }
 body { margin:0; background:var(--page); color:var(--ink);
@@ -24,7 +26,7 @@ section { background:var(--card); border:1px solid var(--line); border-radius:10
 .verdict { border-left:6px solid var(--after) }
 .verdict.ambiguous,.verdict.unknown,.verdict.undecided,.verdict.wanders,.verdict.alarm {
   border-left-color:var(--warn) }
-.verdict.none { border-left-color:var(--third) }
+.verdict.none { border-left-color:var(--good) }
 .verdict h2 { font-size:1.5rem; line-height:1.25; margin:4px 0 8px }
 .verdict ul { margin:6px 0 4px; padding-left:20px; font-size:1.05rem }
 li { max-width:90ch; overflow-wrap:anywhere }
@@ -56,7 +58,8 @@ circle.before,.before circle { fill:var(--before); fill-opacity:.75 }
 path.dots,.dots path { fill:none; stroke-width:4.4; stroke-linecap:round; stroke-opacity:.75 }
 path.after.dots,.after.dots path { stroke-linecap:square; stroke-width:3.8 }
 path.third.dots { stroke:none; fill:var(--third); fill-opacity:.8 }
-path.before.dots.big { stroke-width:7.5 } path.after.dots.big { stroke-width:6 }
+path.before.dots.big,.before.big.dots path { stroke-width:7.5 }
+path.after.dots.big,.after.big.dots path { stroke-width:6 }
 path.before.dots,.before path,path.before.key { stroke:var(--before) }
 path.after.dots,.after path,path.after.key { stroke:var(--after) }
 .before path,.after path,path.key { fill:none; stroke-width:1.3 }
@@ -74,6 +77,10 @@ path.expected { fill:none; stroke:var(--fit); stroke-width:1.8 }
 path.error { fill:none; stroke:var(--before); stroke-width:1.2 }
 path.step { fill:none; stroke:var(--fit); stroke-width:1.6; stroke-dasharray:5 3 }
 path.tonight { fill:none; stroke:var(--fit); stroke-width:2.4 }
+.series { fill:none; stroke-width:1.3; stroke-opacity:.8 } .series.before { stroke:var(--before) }
+.series.after { stroke:var(--after) } .series.fit { stroke:var(--fit); stroke-width:1.3 }
+.series.third { stroke:var(--third); stroke-dasharray:5 2 } .series.before { stroke-dasharray:2 2 }
+path.fit.dots { stroke-width:1.6; stroke-linecap:butt }
 path.gap { fill:none; stroke:var(--line); stroke-width:1; stroke-dasharray:3 3 }
 rect.count { fill:var(--bar) }
 path.beyond { fill:var(--card); stroke:var(--ink); stroke-width:1 }
@@ -164,8 +171,8 @@ tr.lit td { background:color-mix(in srgb,var(--lit) 22%,var(--card)) }
 }
 @media print {
   :root { color-scheme:light; --ink:#000; --soft:#444; --line:#bbb; --card:#fff; --page:#fff;
-    --before:#7a6a58; --after:#0072b2; --fit:#d55e00; --third:#009e73; --bar:#c9bfb2;
-    --grid:#e6eaef; --zero:#9aa4b1; --rim:#aab3bf }
+    --before:#7a6a58; --after:#0072b2; --fit:#d55e00; --third:#2d0a33; --good:#009e73;
+    --bar:#c9bfb2; --grid:#e6eaef; --zero:#9aa4b1; --rim:#aab3bf }
   body { background:#fff; font-size:11pt } main { max-width:none; padding:0 }
   section { border:0; border-top:1px solid #999; border-radius:0; padding:10px 0; margin:8px 0 }
   .verdict { border-left:0 } h2,h3 { break-after:avoid } .scroll { overflow:visible }
