@@ -177,7 +177,9 @@ tr.lit td { background:color-mix(in srgb,var(--lit) 22%,var(--card)) }
   section { border:0; border-top:1px solid #999; border-radius:0; padding:10px 0; margin:8px 0 }
   .verdict { border-left:0 } h2,h3 { break-after:avoid } .scroll { overflow:visible }
   .scroll.tall { max-height:none; overflow:visible } .tall thead th { position:static }
-  .stars { font-size:8pt } thead { display:table-header-group }
+  table { font-size:9pt } .stars,.keep { font-size:7.5pt }
+  td,th { white-space:normal!important; padding-right:6px; overflow-wrap:anywhere }
+  thead { display:table-header-group }
   tr,svg,figure { break-inside:avoid } .pair { grid-template-columns:1fr 1fr }
   .scroll svg { min-width:0 } .controls { display:none }
   .effect.one { grid-template-columns:1fr 300px }
