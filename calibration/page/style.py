@@ -166,8 +166,8 @@ svg.link { cursor:crosshair } tr[data-i] { cursor:pointer }
 tr.lit td { background:color-mix(in srgb,var(--lit) 22%,var(--card)) }
 .off { display:none }
 @media screen {
-  main:has(input[value=before]:checked) .when-after { display:none }
-  main:has(input[value=after]:checked) .when-before { display:none }
+  .controls:has(input[value=before]:checked)~* .when-after { display:none }
+  .controls:has(input[value=after]:checked)~* .when-before { display:none }
 }
 @media print {
   :root { color-scheme:light; --ink:#000; --soft:#444; --line:#bbb; --card:#fff; --page:#fff;
