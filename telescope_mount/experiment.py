@@ -6,6 +6,7 @@ from functools import partial
 
 from pointing_model.observing.plan import parse_plan
 
+from .experiment_page import write_experiment_page
 from .graph import night_graph
 from .night import observe, prepare_folder
 
@@ -102,7 +103,6 @@ def run_experiment(out, *, seed=1, drifts='paper', stars=30, polaris=16, satelli
     report = observe(folder, specs, plan, partial(_write, folder, nights, said), progress,
                      domain_number)
     page = folder / 'page.html'
-    from .experiment_page import write_experiment_page
     write_experiment_page(page, report, [folder / 'bag', *(folder / name for name in FILES)])
     report['files']['page'] = str(page)
     return report

@@ -385,6 +385,8 @@ def diagnosing(folder, calibration=None):
 
 def write_page(folder, report, kept, log=None):
     """The page of the night, once its log is whole; `kept` as of `write_results`."""
+    if not kept:  # nothing was written
+        return
     from calibration.page.night import write_night_page
     try:
         path = write_night_page(folder, kept['run'], kept['model'], report, log)

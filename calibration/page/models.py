@@ -40,7 +40,7 @@ def headline_of(report):
     if last is None:
         return None, [], []
     before = f'{first["held_out"]["radial"]:.2f}″'
-    start = 'as the encoders read' if first['step'] == RAW else 'with ' + first['step']
+    start = 'as the encoders read' if first['step'] == RAW else 'with the ' + first['step']
     after = f'{last["held_out"]["radial"]:.2f}″'
     middle = f', {zeroed["held_out"]["radial"]:.2f}″ with the zero set,' if zeroed else ''
     headline = f'From {before} {start}{middle} to {after} on stars held out'

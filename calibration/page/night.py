@@ -9,7 +9,7 @@ import numpy as np
 from calibration.check import split_half
 from calibration.diagnosis.rows_told import expected_sentence
 from calibration.distrust import distrusted
-from calibration.rows import for_fitting, is_kept_out
+from calibration.rows import is_kept_out
 from calibration.tracking.page import innovations_figure
 from calibration.tracking.told import tracking_lines
 from msg_tools.bag.provenance import parameters_of
@@ -162,10 +162,13 @@ def _verdict(report, data):
     lines += [f'{check["stars"]} fresh stars pointed at blind: {check["rms_arcsec"]:.2f}″ radial '
               f'RMS, {check["lost"]} lost.' for check in report.get('checks', ())
               if check['stars']]
+    if report.get('verdict'):
+        lines.append('The night was diagnosed after the fit, see below: '
+                     f'{report["verdict"].replace("_", " ")}. The figures of the residuals are of '
+                     'the model that was published last.')
     left = int((~data.used).sum())
     if left:
-        lines.append(f'{left} of {len(data)} rows are not drawn as used: the table of stars says '
-                     'why.')
+        lines.append(f'{left} of {len(data)} stars are not used: their table says why.')
     if headline is None:
         size = data.radial('after')
         headline = 'Nothing was fitted' if size is None else \
@@ -263,17 +266,21 @@ def _words(run, report, split_seed):
     words[judged] = 'fresh star, pointed at blind: judged by, not fitted'
     words[lied] = 'excluded: the camera was frozen'
     used = ~(satellite | judged | lied)
-    if split_seed is not None and used.any():
-        kept = np.flatnonzero(used)
-        stars = kept[~is_for_zero(for_fitting(run))]
-        if len(stars) > 1:
-            half = split_half(run.select(stars), split_seed)
-            words[stars[~half]] = 'used; held out in the check'
+    fitted = used.copy()
+    if report.get('last_stamp_ns') and 'time' in run:
+        # whole microseconds of a float that counts seconds since 1970
+        fitted &= run['time'] <= report['last_stamp_ns'] * 1e-9 + 1e-3
+        words[used & ~fitted] = 'came after the fit'
+    stars = np.flatnonzero(fitted & ~is_for_zero(run))
+    if split_seed is not None and len(stars) > 1:
+        half = split_half(run.select(stars), split_seed)
+        words[stars[~half]] = 'used; held out in the check'
     for one in report.get('outliers') or ():
         at = (run['star'] == one['star']) & (one['time'] is None or (
             np.abs(run.get('time', np.full(n, one['time'])) - (one['time'] or 0.0)) < 1e-3))
         far = float(np.hypot(one['x_arcsec'], one['y_arcsec']))
-        words[at & used] = f'rejected: an outlier, {far:.1f}″ off'
+        for i in np.flatnonzero(at & used):
+            words[i] = words[i].replace('used', f'rejected: an outlier, {far:.1f}″ off')
         used &= ~at
     return used, words
 
