@@ -151,5 +151,5 @@ def _nodes(nodes):
              if any(word in node['name'].rsplit('/', 1)[-1] for word in _INSTRUMENTS) else '')
             for node in nodes]
     return folded('What each node said last', table(
-        ('node', 'at the end', 'worst', 'in words', 'what it counts'), rows, '',
+        ('node', 'at the end', 'worst', 'in words', 'what it counts'), rows, 'nodes',
         'What each node said last'))

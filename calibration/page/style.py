@@ -125,7 +125,8 @@ th button { font:inherit; color:inherit; background:none; border:0; padding:0; c
   text-align:inherit }
 th[aria-sort] button::after { content:" ▾" } th[aria-sort=ascending] button::after { content:" ▴" }
 td { border-bottom:1px solid var(--line); padding:4px 10px 4px 0; vertical-align:top;
-  overflow-wrap:anywhere }
+  overflow-wrap:break-word; max-width:60ch }
+.nodes td:last-child { min-width:30ch }
 .numbers td:not(:first-child),.numbers th:not(:first-child) { text-align:right }
 .numbers td:last-child,.numbers th:last-child { padding-right:0 }
 .nights :is(td,th):nth-child(-n+2) { text-align:left!important; white-space:nowrap }
@@ -178,7 +179,7 @@ tr.lit td { background:color-mix(in srgb,var(--lit) 22%,var(--card)) }
   .verdict { border-left:0 } h2,h3 { break-after:avoid } .scroll { overflow:visible }
   .scroll.tall { max-height:none; overflow:visible } .tall thead th { position:static }
   table { font-size:9pt } .stars,.keep { font-size:7.5pt }
-  td,th { white-space:normal!important; padding-right:6px; overflow-wrap:anywhere }
+  td,th { white-space:normal!important; padding-right:6px }
   thead { display:table-header-group }
   tr,svg,figure { break-inside:avoid } .pair { grid-template-columns:1fr 1fr }
   .scroll svg { min-width:0 } .controls { display:none }

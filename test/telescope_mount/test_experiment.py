@@ -91,6 +91,8 @@ def test_what_is_printed(experiment):
     text = (experiment.parent / 'stdout').read_text()
     for words in ('table 1', 'GPS satellite 26690', 'section 1.1', '+13.99 ± 11.33', 'RMS'):
         assert words in text, words
+    page = (experiment / 'page.html').read_text(encoding='utf-8')
+    assert 'What the zeros of the power-ons follow' in page and '>nan' not in page
     for name in ('nights.png', 'gps.png', 'zeros.png'):
         assert (experiment / name).read_bytes().startswith(b'\x89PNG')
 
