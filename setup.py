@@ -60,6 +60,7 @@ setup(
         'sgp4>=2.22',
         'rich>=13',
         'matplotlib>=3.6',
+        'threadpoolctl>=3',
     ],
     extras_require={
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],

@@ -62,6 +62,29 @@ def settled(run, names=None, *, encoder='enc', robust=True):
     return run, origin
 
 
+def settled_together(*groups, encoder='enc'):
+    """Runs of one mount, with the errors that hold by the longest of the first group.
+
+    Parameters
+    ----------
+    *groups : sequence of PointingRun, or None
+        The first is not empty.
+    encoder : {'enc', 'abs'}
+
+    Returns
+    -------
+    groups : tuple
+        As they were given.
+    origin : Origin or None
+        Where the errors that hold are others than the runs had; else None.
+    """
+    origin = origin_of_errors(max(groups[0], key=len), encoder=encoder)
+    if origin is None or origin.holds in ('', groups[0][0].mount.errors):
+        return groups, None
+    return tuple([with_errors(run, origin.holds) for run in each] if each else each
+                 for each in groups), origin
+
+
 @dataclass(frozen=True)
 class Origin:
     """Which of the two leaves less on rows left out.

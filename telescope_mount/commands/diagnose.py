@@ -93,13 +93,11 @@ def _run(args):
 
 def _settled(runs, held, args, console):
     """The runs, with the errors that hold by the longest of them; said where they do not turn."""
-    from calibration.sky_model import origin_of_errors, with_errors
-    origin = origin_of_errors(max(runs, key=len), encoder=args.encoder)
-    if origin is None or origin.holds in ('', runs[0].mount.errors):
-        return runs, held
-    print_lines(console, 'sides of the pier', [origin.sentence()])
-    return tuple([with_errors(run, origin.holds) for run in each] if each else each
-                 for each in (runs, held))
+    from calibration.sky_model import settled_together
+    (runs, held), origin = settled_together(runs, held, encoder=args.encoder)
+    if origin is not None:
+        print_lines(console, 'sides of the pier', [origin.sentence()])
+    return runs, held
 
 
 def _base_file(text, mount):
