@@ -74,6 +74,7 @@ setup(
         'images': ['astropy>=6'],
         'indi': ['indipyclient>=0.9'],
         'alpaca': ['alpyca>=3.1.3'],
+        'docs': ['sphinx>=8', 'myst-parser>=4', 'furo'],
     },
     tests_require=['pytest'],
     zip_safe=True,
