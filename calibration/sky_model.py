@@ -124,8 +124,8 @@ class Origin:
     def sentence(self):
         """For people."""
         mount, sky = (self.left_out[name] / ARCSEC for name in (OF_MOUNT, ON_SKY))
-        figures = (f'rows left out {mount:.2f} arcsec radial as errors of the mount, {sky:.2f} '
-                   f'as errors applied on the sky before the flip (p = {self.chance:.1g})')
+        figures = (f'{mount:.2f} arcsec radial on rows left out as errors of the mount, {sky:.2f} '
+                   f'as errors applied on the sky (p = {self.chance:.1g})')
         if self.holds == ON_SKY:
             terms = ', '.join(f'{row["name"]} {row["value_arcsec"]:+.1f}'
                               for row in self.fits[ON_SKY].term_rows())
@@ -133,7 +133,7 @@ class Origin:
                     f'corrects them there, or makes them; with one sign on both sides: {terms}')
         if self.holds == OF_MOUNT:
             return f'the errors go through the pole with the mount: {figures}'
-        return f'whether the errors go through the pole with the mount is not told: {figures}'
+        return f'whether the errors go through the pole with the mount cannot be told: {figures}'
 
 
 def origin_of_errors(run, names=None, *, encoder='enc', robust=True):

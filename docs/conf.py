@@ -1,4 +1,4 @@
-"""The site: `python -m sphinx -q -c docs . site`. Pages are those of GitHub; navigation: index.md."""
+"""The site: `python -m sphinx -q -c docs . site`. Pages as on GitHub; navigation: index.md."""
 
 import re
 from pathlib import Path

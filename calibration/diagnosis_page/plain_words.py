@@ -54,7 +54,7 @@ def verdict_sentences(document, effect_texts=(), limit=5, caution=''):
                     'that no effect describes', [
                         *_wander(document), 'No effect is added. Observe once more in an order '
                         'that mixes the sky.', *outliers])
-        return ('The zero wanders, and its cause is not told', [
+        return ('The zero wanders, and what moves it is not known', [
             *_wander(document), 'No effect is added. How far the zero can be trusted is part of '
             'the model: set it anew as often as that asks for.', *outliers])
     sentences = []
@@ -126,7 +126,7 @@ def best_pair(document):
 def floor_words(document):
     """What the noise floor is called: it holds what wanders too."""
     wander = document.get('wander')
-    return 'noise floor, what wanders in it' if wander and wander.get('slow') else 'noise floor'
+    return 'noise floor, with what wanders' if wander and wander.get('slow') else 'noise floor'
 
 
 def _listed(names):

@@ -322,7 +322,14 @@ def on_axis(axis, value, cos_el):
 # ------------------------------------------------------------- words that the sentences share
 
 #: drivers in words, where their name is not the word
-_DRIVER_WORDS = {'order': 'order of the rows', 'run_hours': 'time since the start of the run'}
+_DRIVER_WORDS = {'order': 'order of the rows', 'run_hours': 'time since the start of the run',
+                 'lst': 'sidereal time', 'pier_side': 'side of the pier', 'run': 'power-on',
+                 **{name: words for names, words in (
+                     (('approach_az', 'approach_el'), 'direction of approach'),
+                     (('travel_az', 'travel_el'), 'way travelled to the star'),
+                     (('reading_az', 'reading_el'), 'encoder reading'),
+                     (('miss_x', 'miss_y'), 'miss distance'), (('az_rate', 'el_rate'), 'rate'),
+                     (('pm_x', 'pm_y'), 'proper motion')) for name in names}}
 #: last motion of an axis in words
 SIDES = {f'approach_{axis}': dict(zip((-1, 1), words))
          for axis, words in zip(AXES, KINDS[_USUAL].sides)}
@@ -357,7 +364,7 @@ def readable(name):
     if curve:
         driver, axis, shape = curve.groups()
         axis = {'az': 'azimuth', 'el': 'elevation'}.get(axis, axis)
-        name = f'{axis} by a curve of {driver}, {shape}'
+        name = f'{axis} by a curve of {driver_word(driver)}, {shape}'
         name = name.replace('_cosE', f', × cos {_LETTERS[axis]}')
     elif '_cosE' in name:
         axis = next((key for key in _LETTERS if name.startswith(key)), 'azimuth')
