@@ -369,6 +369,14 @@ def readable(name):
     elif '_cosE' in name:
         axis = next((key for key in _LETTERS if name.startswith(key)), 'azimuth')
         name = name.replace('_cosE', f', × cos {_LETTERS[axis]}')
+    name = re.sub(r'subdivision_(grating|bars)_(\d+)', lambda found: f'subdivision, {found[2]} per '
+                  f'{"line" if found[1] == "grating" else "bar"}', name)
+    column = re.fullmatch(r'(.+)_(az|el)(_angle)?', name)
+    if column and not curve:  # what follows a column of the file
+        driver, axis, angle = column.groups()
+        axis = {'az': 'first axis', 'el': 'second axis'}[axis] + (
+            ', on the sky,' if axis == 'az' and not angle else '')
+        name = f'{axis} following {driver.replace("_equation", "")}'
     name = name.replace('_by_side', ', by side of the pier').replace(
         '_changing_with', ', changing with')
     return re.sub(r'_memory_([\d.]+)deg', r', memory \1°', name).replace('_', ' ')
