@@ -202,7 +202,7 @@ class Diagnosis:
 
     @property
     def effects(self):
-        """One dict an effect, by weight: ``name``, ``coefficients_arcsec``, ``p_family``, ..."""
+        """One dict an effect: ``name``, ``coefficients_arcsec``, ``p_family``, ..."""
         return self.document['effects']
 
     @property
