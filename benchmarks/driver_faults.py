@@ -189,7 +189,7 @@ def run(name, seed):
     fault, rng = FAULTS[name], np.random.default_rng(seed)
     absolute = name.startswith('absolute')
     specs = [
-        NodeSpec('mount_guard', NODES['mount_guard'], GUARD),
+        NodeSpec('mount_guard', NODES['mount_guard'], dict(GUARD)),
         NodeSpec('star_observer', NODES['star_observer'], {
             'plan': 'home, stars 200', 'absolute_encoder': absolute, 'give_up_s': fault.give_up,
             'slew_rate_deg_s': 16.0, 'star_seed': seed, 'field_deg': 1.0, 'wait_for_nodes': [''],
