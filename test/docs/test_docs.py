@@ -107,6 +107,16 @@ def test_a_mount_is_drawn_as_the_geometry_turns_it(made):
     assert abs(skeleton[1] - drawings.Skeleton('altaz', {}).sight()[1]).max() > 0.01
 
 
+def test_the_sample_night_is_small_and_can_be_fitted():
+    from telescope_mount import fit, read_run
+    folder = ROOT / 'examples' / 'night'
+    assert sum(path.stat().st_size for path in folder.rglob('*') if path.is_file()) < 900_000
+    found = fit(read_run(folder / 'bag'))
+    assert len(found.run) == 60 and found.rms_left_out_arcsec < 1.6
+    # the mount that docs/first_night.md observes: scenario default
+    assert abs(found.terms_arcsec['AN'] - 37.0) < 1.0
+
+
 def test_the_glossary_has_every_term_of_every_mount():
     from pointing_model.mounts import KINDS
     from pointing_model.terms import terms_of
