@@ -51,7 +51,7 @@ def _run(args):
     options.check_target(args.save, ('.json', '.yaml', '.yml'))
     options.check_target(args.json)
     options.check_target(args.report, ('.html', '.htm'))
-    from calibration.check import external_check
+    from calibration.check import checked_by_halves
     from calibration.diagnosis import check_columns, naming_columns
     from calibration.fit import fit_terms
     from calibration.fit_document import fit_document
@@ -76,11 +76,7 @@ def _run(args):
     result = fit_terms(observed, args.terms, robust=not args.no_robust, encoder=args.encoder,
                        provenance={'source': str(args.file)})
     console = new_console()
-    held_out = None
-    used = observed.select(result.weights > 0.0)
-    if len(used) >= 4 * len(args.terms):
-        held_out = external_check(used, names=args.terms, encoder=args.encoder,
-                                  robust=not args.no_robust)
+    held_out = checked_by_halves(observed, result, args.terms, args.encoder, not args.no_robust)
     for table in fit_tables(observed, result, args.encoder, held_out):
         console.print(table)
     plain = model = result.model
