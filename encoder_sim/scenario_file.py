@@ -132,6 +132,26 @@ def scenario_names():
     return sorted(f.name[:-5] for f in _FOLDER.iterdir() if f.name.endswith('.yaml'))
 
 
+def described_scenarios():
+    """What each scenario of the package does, in a sentence, by its name.
+
+    Returns
+    -------
+    dict of str to str
+    """
+    import yaml
+    out = {}
+    for name in scenario_names():
+        text = (_FOLDER / f'{name}.yaml').read_text(encoding='utf-8')
+        said = (yaml.safe_load(text) or {}).get('undeclared', {}).get('what', '')
+        if said in ('', 'nothing'):  # the comment at its head
+            lines = text.splitlines()
+            count = next((i for i, line in enumerate(lines) if line[:1] != '#'), len(lines))
+            said = ' '.join(line.strip('# ') for line in lines[:count]).partition('. ')[0]
+        out[name] = ' '.join(said.split())
+    return out
+
+
 def load_scenario(name_or_path='default'):
     """Read a scenario.
 

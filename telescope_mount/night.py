@@ -184,6 +184,8 @@ def observe(folder, specs, plan, write, progress=None, domain_number=None, param
         watcher = Watcher('night', lock.number, nodes.environment, nodes.check)
         with _at_rest_after(watcher, specs, note or (lambda _: None)):
             _watch(watcher, nodes, plan, progress or (lambda *_: None), stall, say, note)
+            if progress:
+                progress('writing the results', 0, None)
             return _results(watcher, specs, plan, write)
     except RuntimeError as err:
         nodes.stop()

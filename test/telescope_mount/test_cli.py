@@ -70,6 +70,7 @@ def test_help_imports_nothing_that_takes_time():
     (('fit',), 'RUN'),
     (('fit', 'x.csv', '--encoder', 'both'), 'both'),
     (('fit', 'x.csv', '--azimuth-origin', 'E'), "'E'"),
+    (('diagnose', 'x.csv', '--alpha', '2'), 'argument --alpha'),
     (('fit', 'x.csv', '--harmonics', 'nadir'), "'nadir'"),
     (('replay', 'x', '--harmonics-degree', '5'), 'whole number, 0 to 4'),
     (('replay',), 'BAG'),
@@ -79,8 +80,8 @@ def test_bad_options_are_one_line(refused, words, text):
 
 
 def test_git_ignores_what_is_written_by_default():
-    from telescope_mount.cli import _parser
-    commands = next(a.choices for a in _parser()._actions if a.dest == 'command')
+    from telescope_mount.cli import make_parser
+    commands = next(a.choices for a in make_parser()._actions if a.dest == 'command')
     folders = [str(parser.get_default('out')) for parser in commands.values()
                if parser.get_default('out')]
     assert len(folders) == 5
@@ -198,7 +199,7 @@ def test_fit_adds_harmonics_and_says_what_they_are_worth(ended, run_csv, tmp_pat
     assert chosen.strip().startswith('7 terms, then 7 harmonics, E read as zenith distance')
     assert 'cross-validation prefers another model: 7 terms' in ' '.join(out.split())
     code, out, _ = ended('fit', run_csv, '--harmonics', 'printed', '--harmonics-alone', '--save',
-                         saved)
+                         saved, '--overwrite')
     alone = PointingModel.load(saved)
     assert code == 0 and alone.terms == {} and alone.harmonics.interpretation == 'printed'
     assert 'chosen by cross-validation' in out
@@ -301,7 +302,8 @@ def test_ctrl_c_and_a_closed_pipe(ended, monkeypatch, run_csv):
     monkeypatch.setattr(fit, 'run', stop(BrokenPipeError()))
     assert ended('fit', run_csv)[::2] == (0, '')
     monkeypatch.setattr(fit, 'run', stop(OSError(28, 'No space left on device', 'model')))
-    assert ended('fit', run_csv) == (2, '', 'error: model: No space left on device\n')
+    assert ended('fit', run_csv) == (2, '', 'error: model: No space left on device; '
+                                    'free some, or write elsewhere\n')
     monkeypatch.setattr(fit, 'run', stop(ValueError('two\n  lines')))
     assert ended('fit', run_csv) == (2, '', 'error: two lines\n')
     monkeypatch.setattr(fit, 'run', stop(TypeError('a bug')))

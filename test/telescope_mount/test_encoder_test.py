@@ -65,5 +65,6 @@ def test_command(monkeypatch, tmp_path, capsys, report):
     assert json.loads(figures.read_text())['methods'] == report['methods']
     assert 'template' in capsys.readouterr().out
     monkeypatch.setattr(encoder_test, 'plot', lambda *_: None)
-    assert main(['encoder-test', '--out', str(tmp_path), '--json', str(tmp_path)]) == 2
+    nowhere = str(tmp_path / 'no' / 'out.json')
+    assert main(['encoder-test', '--out', str(tmp_path), '--json', nowhere]) == 2
     assert capsys.readouterr().err.startswith('error: ')
