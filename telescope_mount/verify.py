@@ -17,7 +17,7 @@ from calibration.tracking.live import LiveTracking
 from calibration.tracking.night import KEY
 from calibration.witnesses import encoder_diagnostics, homings_from_diagnostics, homings_of
 from msg_tools.bag import BagReader
-from msg_tools.bag.provenance import parameters_of
+from msg_tools.bag.parameters import parameters_of
 from msg_tools.convert import from_stamp
 from msg_tools.homing import cloud_to_homing
 from msg_tools.units import DEG

@@ -2,8 +2,11 @@
 
 import json
 
+from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters
+from rclpy.node import NodeNameNonExistentError
+from rclpy.parameter import parameter_value_to_python
+
 from ..params import OF_TRUTH
-from .recorder import RECORD
 
 #: calls of `step` after which another node is asked before one that does not answer
 PATIENCE = 20
@@ -51,11 +54,9 @@ class ParameterCollector:
         if self._client is None and self._waiting:
             self._name = self._waiting.pop(0)
             self._tries[self._name] = self._tries.get(self._name, 0) + 1
-            from rcl_interfaces.srv import ListParameters
             self._begin(ListParameters, 'list_parameters', ListParameters.Request(), self._listed)
 
     def _answers(self, name, namespace, full):
-        from rclpy.node import NodeNameNonExistentError
         try:
             services = self._node.get_service_names_and_types_by_node(name, namespace)
         except NodeNameNonExistentError:
@@ -80,7 +81,6 @@ class ParameterCollector:
         self._node.destroy_client(client)
 
     def _listed(self, answer):
-        from rcl_interfaces.srv import DescribeParameters
         self._drop()
         names = sorted(n for n in answer.result.names if not n.startswith('qos_overrides.'))
         self._begin(DescribeParameters, 'describe_parameters',
@@ -88,7 +88,6 @@ class ParameterCollector:
                     lambda told: self._described(names, told))
 
     def _described(self, names, answer):
-        from rcl_interfaces.srv import GetParameters
         self._drop()
         truth = {name for name, told in zip(names, answer.descriptors)
                  if OF_TRUTH in told.additional_constraints}
@@ -96,7 +95,6 @@ class ParameterCollector:
                     lambda values: self._got(names, truth, values))
 
     def _got(self, names, truth, answer):
-        from rclpy.parameter import parameter_value_to_python
         name = self._name
         self._drop()
         self._take(name, {key: as_text(parameter_value_to_python(value))
@@ -109,26 +107,3 @@ def as_text(value):
     if isinstance(value, bytes) or hasattr(value, 'tolist'):
         value = list(value)
     return json.dumps(value)
-
-
-def parameters_of(metadata, suffix):
-    """Parameters of the node whose full name ends with `suffix`, from a log's metadata.
-
-    Parameters
-    ----------
-    metadata : dict of str to dict
-        As `BagReader.metadata`.
-    suffix : str
-        As ``/calibration``.
-
-    Returns
-    -------
-    dict or None
-    """
-    for name, record in metadata.items():
-        if name.startswith(RECORD) and name.endswith(suffix):
-            try:
-                return {key: json.loads(text) for key, text in record.items()}
-            except (ValueError, RecursionError):
-                return None
-    return None

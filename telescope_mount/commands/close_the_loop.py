@@ -18,7 +18,7 @@ def add(commands):
     what.add_argument('file', nargs='?', type=options.log_path, metavar='RUN',
                       help='a measured run: CSV, TPOINT, MMT, IRAM, or a log; judged on rows that '
                       'were kept out')
-    what.add_argument('--scenario', help='instead: what is wrong with the simulated mount, a name '
+    options.add_scenario(what, help='instead: what is wrong with the simulated mount, a name '
                       '(loop_*, mount_*), a YAML file, a pattern such as "mount_*" for all of them '
                       'in one table, or "all" for every loop_*; "list": print their names')
     options.add_out(parser, 'loop', 'log, model, reports and page')

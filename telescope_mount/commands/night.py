@@ -21,7 +21,7 @@ def add(commands):
     parser.add_argument('--stars', type=options.whole(4, 5000), default=30,
                         help='in each of the two blocks (default: 30)')
     options.add(parser, 'polaris')
-    parser.add_argument('--scenario', default='default',
+    options.add_scenario(parser, default='default',
                         help='what is wrong with the simulated mount: a name or a YAML file; '
                         'list: print the names')
     options.add(parser, 'reference', help='model.json of an earlier night: the zero is the change '

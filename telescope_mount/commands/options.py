@@ -323,6 +323,16 @@ def is_list(args):
     return getattr(args, 'scenario', None) == 'list'
 
 
+def add_scenario(parser, **given):
+    """Add --scenario, which shells complete."""
+    parser.add_argument('--scenario', **given).completer = _scenarios
+
+
+def _scenarios(**_):
+    from ..simulator import scenario_names
+    return ['list', *scenario_names()]
+
+
 def list_scenarios(args, *patterns):
     """Print the names of scenarios and what each does; those that fit a pattern, if there are any.
 

@@ -47,8 +47,8 @@ class Asker:
 
 
 def collected(deaf, monkeypatch):
-    from rclpy import parameter
-    monkeypatch.setattr(parameter, 'parameter_value_to_python', lambda v: v.integer_value)
+    from msg_tools.bag import provenance
+    monkeypatch.setattr(provenance, 'parameter_value_to_python', lambda v: v.integer_value)
     node, got = Asker(deaf), {}
 
     def take(name, values, truth):
