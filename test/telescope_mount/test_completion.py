@@ -40,6 +40,7 @@ def test_bash_completes(words, there):
 
 
 def test_every_shell_has_a_script(ended):
-    for shell, word in (('bash', 'complete -o'), ('zsh', 'compdef'), ('fish', 'complete --command')):
+    for shell, word in (('bash', 'complete -o'), ('zsh', 'compdef'),
+                        ('fish', 'complete --command')):
         code, out, err = ended('completion', shell)
         assert (code, err) == (0, '') and word in out and 'telescope-mount' in out
