@@ -5,6 +5,7 @@ Only the simulator reads them. What a file does not name stays at the value of t
 """
 
 import dataclasses
+from difflib import get_close_matches
 from importlib import resources
 from pathlib import Path
 
@@ -257,8 +258,10 @@ def _read(text):
             raise ValueError(f'scenario file {text} does not exist')
         return path.stem, text, path.read_text(encoding='utf-8')
     if text not in scenario_names():
-        raise ValueError(f'no scenario {text!r}: give a .yaml file or one of '
-                         + ', '.join(scenario_names()))
+        near = get_close_matches(text, scenario_names(), 1)
+        raise ValueError(f'no scenario {text!r}'
+                         + (f'; did you mean {near[0]}? (list names all)' if near else
+                            f': give a .yaml file or one of {", ".join(scenario_names())}'))
     file = f'{text}.yaml'
     return text, file, (_FOLDER / file).read_text(encoding='utf-8')
 

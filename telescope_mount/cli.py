@@ -70,25 +70,17 @@ def main(argv=None):
     wrong, an image that was not solved, a refusal), 2 bad input, 130 ended by Ctrl-C, 143 by
     SIGTERM.
     """
-    from msg_tools.spelling import spell_out
-    for stream in (sys.stdout, sys.stderr):
-        spell_out(stream)
-    parser = make_parser()
-    if '_ARGCOMPLETE' in os.environ:
-        import argcomplete
-        argcomplete.autocomplete(parser, always_complete_options=False)
-    from .commands.options import json_given
-    argv = json_given(sys.argv[1:] if argv is None else list(argv))
-    args, unknown = parser.parse_known_args(argv)
-    if unknown:  # of the command: its own help says what it takes
-        _refuse(parser, args.command, unknown)
+    command = ''
     try:
+        parser, argv = make_parser(), sys.argv[1:] if argv is None else list(argv)
+        args = _parsed(parser, argv)
+        command = args.command
         return _run(args)
     except KeyboardInterrupt as end:
         number = end.args[0] if end.args else signal.SIGINT
         by = 'Ctrl-C' if number == signal.SIGINT else signal.Signals(number).name
-        logged = '; what was logged is closed and readable' if hasattr(
-            _module(args.command.replace('-', '_')), 'NEEDS_ROS') else ''
+        logged = '; what was logged is closed and readable' if command and hasattr(
+            _module(command.replace('-', '_')), 'NEEDS_ROS') else ''
         print(f'ended by {by}{logged}', file=sys.stderr)
         return 128 + number
     except BrokenPipeError:
@@ -98,7 +90,7 @@ def main(argv=None):
         return 0
     except ImportError as err:
         from .ros import missing
-        line = missing(err, args.command)
+        line = missing(err, command)
         if line is None:
             raise
         print(f'error: {line}', file=sys.stderr)
@@ -106,6 +98,22 @@ def main(argv=None):
     except (ValueError, OSError, RuntimeError, MemoryError) as err:
         print(f'error: {_one_line(err)}', file=sys.stderr)
         return 2
+
+
+def _parsed(parser, argv):
+    """The arguments; an exit where they are wrong."""
+    from msg_tools.spelling import spell_out
+
+    from .commands.options import json_given
+    for stream in (sys.stdout, sys.stderr):
+        spell_out(stream)
+    if '_ARGCOMPLETE' in os.environ:
+        import argcomplete
+        argcomplete.autocomplete(parser, always_complete_options=False)
+    args, unknown = parser.parse_known_args(json_given(argv))
+    if unknown:  # of the command: its own help says what it takes
+        _refuse(parser, args.command, unknown)
+    return args
 
 
 def _run(args):
@@ -152,6 +160,18 @@ def _meant(word, words):
     return f'; did you mean {bare[near[0]]}?' if near else ''
 
 
+def _near(name):
+    """A file beside the one that is not there, with nearly its name."""
+    folder, word = os.path.split(name)
+    with suppress(OSError):
+        from difflib import get_close_matches
+        near = get_close_matches(word, os.listdir(folder or '.'), 1, 0.8)
+        if near:
+            return f'; did you mean {os.path.join(folder, near[0])}?'
+        return '; look at the name, or give the whole path'
+    return f'; there is no folder {folder}'
+
+
 def diagnose():
     """Entry point of ``ros2 run telescope_mount diagnose``."""
     return main(['diagnose', *sys.argv[1:]])
@@ -160,6 +180,8 @@ def diagnose():
 def _one_line(err):
     if isinstance(err, MemoryError):
         return f'not enough memory: {" ".join(str(err).split()) or "take fewer rows"}'
+    if isinstance(err, FileNotFoundError) and err.filename:
+        return f'{err.filename}: No such file or directory{_near(str(err.filename))}'
     if isinstance(err, OSError) and err.strerror:
         what = {28: 'No space left on device; free some, or write elsewhere',
                 13: 'Permission denied; write elsewhere, or have the rights changed',

@@ -2,6 +2,7 @@
 
 import csv
 import difflib
+import re
 
 import numpy as np
 
@@ -14,6 +15,8 @@ from .table import Table, bad_cell, content, floats, is_number, same_width
 
 CSV_NAMES = {csv_name: name for name, (csv_name, _, _) in COLUMNS.items()}
 CSV_NAMES.update({name: name for name in table.SPECIAL if name != 'lst_told'})
+#: a number with a decimal comma, where commas divide nothing
+_DECIMAL = re.compile(r'^([-+]?\d+),(\d+)$')
 #: of other mounts: their columns, those of a place of the horizon, and the side of the pier
 _HORIZON = {'az_deg': 'az', 'el_deg': 'el'}
 _OTHERS = [(names, {**{name: name for name in table.SPECIAL if name != 'lst_told'},
@@ -80,8 +83,13 @@ def read_csv(path, lines, delimiter, encoder=None):
     blocks, texts = [], []
     for i in range(1, len(body), _BLOCK):
         rows = _split(path, body[i:i + _BLOCK], delimiter)
+        if delimiter != ',' and any(',' in line for _, line in body[i:i + _BLOCK]):
+            rows = [[_DECIMAL.sub(r'\1.\2', cell) for cell in row] for row in rows]
         same_width(path, numbers[i - 1:], rows, len(header), 'cells',
-                   f'the header has {len(header)}')
+                   f'the header has {len(header)}' + (
+                       '; are there decimal commas? Write points, or semicolons between the cells'
+                       if delimiter == ',' and all(len(r) == 2 * len(header) for r in rows)
+                       else ''))
         # of a million rows, cells as text and rows that differ would take most of the memory
         texts += [hash('\0'.join(row)) for row in rows]
         blocks.append([np.array([cell.encode() for cell in cells]) for cells in zip(*rows)])

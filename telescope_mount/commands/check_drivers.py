@@ -47,8 +47,7 @@ def run(args):
     from ..drivers.samples import WRONG
     from .console import new_console
     options.check_target(args.json)
-    if args.params is not None and not args.params.is_file():
-        raise ValueError(f'{args.params} is no file; give a ROS parameter file with --params')
+    options.check_params(args.params)
     if args.star and not args.nudge:
         raise ValueError('--star is for --nudge: give both')
     sky = options.sky_of(args)

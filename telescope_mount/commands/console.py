@@ -18,6 +18,9 @@ def new_console():
             for shown in reversed(_SHOWN):
                 shown.aside()
             super().print(*objects, **options)
+
+        def on_broken_pipe(self):
+            raise BrokenPipeError  # `cli.main` ends for it
     # a pipe has no width of its own
     wide = None if sys.stdout.isatty() or os.environ.get('COLUMNS', '').isdigit() else 120
     return StandardOutput(width=wide, highlight=False, markup=False, emoji=False)
@@ -192,5 +195,10 @@ def write_outputs(console, *outputs):
     """
     for path, write, what in outputs:
         if path:
-            write(path)
+            try:
+                write(path)
+            except OSError as error:
+                if error.filename is None:  # a full disk tells no name
+                    error.filename = str(path)
+                raise
             print_files(console, {what: path})

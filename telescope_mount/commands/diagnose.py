@@ -1,5 +1,6 @@
 """The command ``diagnose``: what is wrong with a mount."""
 
+import argparse
 from pathlib import Path
 
 from . import options
@@ -122,7 +123,15 @@ def _write(args, found, console, base=None):
 
 def _hours(text):
     """Hours of a gap; none: 0."""
-    return 0.0 if text == 'none' else options.real(-1e6, 1e6, 'hours, or none')(text)
+    return 0.0 if text == 'none' else _number_of_hours(text)
+
+
+def _number_of_hours(text):
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f'{text!r}: write a number of hours, or none') from None
 
 
 def show(found, console):

@@ -59,8 +59,7 @@ def run(args):
     if options.is_list(args):
         return options.list_scenarios(args)
     options.check_target(args.json)
-    if args.params is not None and not args.params.is_file():
-        raise ValueError(f'{args.params} is no file; give a ROS parameter file with --params')
+    options.check_params(args.params)
     if args.reference is not None and args.power_cycle != 'incremental':
         raise ValueError(f'--power-cycle {args.power_cycle}: with --reference a night is one '
                          'power-on; leave one of them out')

@@ -48,8 +48,7 @@ def run(args):
     from ..real_night import run_real_night
     from .console import Progress, new_console, print_calibration, print_files, write_outputs
     options.check_target(args.json)
-    if args.params is not None and not args.params.is_file():
-        raise ValueError(f'{args.params} is no file; give a ROS parameter file with --params')
+    options.check_params(args.params)
     console = new_console()
 
     def say(text):

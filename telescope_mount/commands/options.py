@@ -5,6 +5,7 @@ import math
 import os
 import sys
 from contextlib import contextmanager, redirect_stdout
+from datetime import datetime
 from pathlib import Path
 
 #: suffixes of models and pages
@@ -30,7 +31,18 @@ def whole(low, high):
 
 def real(low, high, unit=''):
     """A type for ``add_argument``: a number from `low` to `high`, in `unit`."""
-    return _within(float, low, high, f'{low:g} to {high:g} {unit}')
+    return _within(float, low, high, f'{low:g} to {high:g} {unit}'.rstrip())
+
+
+def utc(text):
+    """A type for ``add_argument``: an ISO 8601 date."""
+    if text:
+        try:
+            datetime.fromisoformat(text.strip().removesuffix('Z'))
+        except ValueError:
+            raise argparse.ArgumentTypeError(
+                f'{text!r} is no date; write 2026-01-15T13:00:00') from None
+    return text
 
 
 def names(text):
@@ -60,7 +72,7 @@ SHARED = {
     'polaris': {'type': whole(2, 5000), 'default': 16,
                 'help': 'exposures for a zero: of Polaris where it is well up, else of a few '
                 'stars (default: 16)'},
-    'date': {'default': '', 'metavar': 'UTC',
+    'date': {'default': '', 'type': utc, 'metavar': 'UTC',
              'help': 'begin of the night, ISO 8601 (default: 2026-01-15T13:00:00)'},
     'latitude': {'type': real(-90.0, 90.0, 'degrees'), 'metavar': 'DEG', 'help': 'of the site'},
     'longitude': {'type': real(-180.0, 360.0, 'degrees'), 'metavar': 'DEG',
@@ -179,6 +191,28 @@ def sky_of(args):
     return {name: value for name, value in given.items() if value is not None}
 
 
+def check_params(path):
+    """Refuse a ROS parameter file that is none, before the graph is started.
+
+    Raises
+    ------
+    ValueError
+        It is not there, or no YAML.
+    """
+    if path is None:
+        return
+    if not path.is_file():
+        raise ValueError(f'{path} is no file; give a ROS parameter file with --params')
+    import yaml
+    try:
+        document = yaml.safe_load(path.read_text(encoding='utf-8'))
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ValueError(f'{path} is no YAML ({" ".join(str(error).split())[:100]}); '
+                         'config/site.yaml is one to copy') from None
+    if document is not None and not isinstance(document, dict):
+        raise ValueError(f'{path} holds no parameters; config/site.yaml is one to copy')
+
+
 def check_target(path, suffixes=()):
     """Refuse a file that could not be written, before the work and not after it.
 
@@ -197,9 +231,15 @@ def check_target(path, suffixes=()):
         return
     if suffixes and path.suffix.lower() not in suffixes:
         raise ValueError(f'{path}: the name must end in {" or ".join(suffixes)}')
-    if path.is_dir() or not path.absolute().parent.is_dir():
-        raise ValueError(f'{path} cannot be written: '
-                         + ('it is a folder' if path.is_dir() else 'there is no such folder'))
+    folder = path.absolute().parent
+    wrong = ('it is a folder; name a file' if path.is_dir() else
+             'there is no such folder; make it, or name another' if not folder.is_dir() else
+             'it may only be read; name another file' if path.exists() and not os.access(
+                 path, os.W_OK) else
+             'the folder may only be read; name another' if not path.exists() and not os.access(
+                 folder, os.W_OK) else '')
+    if wrong:
+        raise ValueError(f'{path} cannot be written: {wrong}')
 
 
 class _JsonTarget:

@@ -138,13 +138,13 @@ def test_what_the_user_chose_reaches_the_night(refused, monkeypatch, tmp_path):
     monkeypatch.setattr(night, 'run_night', refuse)
     assert 'enough' in refused(
         'night', '--out', tmp_path / 'n', '--seed', 5, '--stars', 6, '--polaris', 7,
-        '--scenario', 'ideal', '--reference', 'm.json', '--date', 'yesterday', '--latitude', -40,
+        '--scenario', 'ideal', '--reference', 'm.json', '--date', '2026-02-01', '--latitude', -40,
         '--longitude', 10, '--height', 2000, '--params', tmp_path / 'p.yaml', '--time-scale', 2,
         '--domain', 3, '--mount', 'german')
     assert 'enough' in refused('night')
     assert asked[0] == {
         'out': tmp_path / 'n', 'seed': 5, 'stars': 6, 'polaris': 7, 'scenario': 'ideal',
-        'start_time': 'yesterday', 'reference': Path('m.json'), 'domain_number': 3,
+        'start_time': '2026-02-01', 'reference': Path('m.json'), 'domain_number': 3,
         'time_scale': 2.0, 'params_file': tmp_path / 'p.yaml', 'absolute': 'angles',
         'cycle': 'incremental', 'calibration': {}, 'mount': 'german', 'of_server': None,
         'track': '', 'apart': '',
