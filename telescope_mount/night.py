@@ -395,7 +395,7 @@ def write_results(folder, results):
         report['notes'].append(orientation.statement())
     if topics.TRACKING.name in results:
         report['tracking'] = json.loads(results[topics.TRACKING.name].data)
-    write_csv(run, folder / 'observations.csv')
+    write_csv(run, folder / 'observations.csv', plain=True)
     (folder / 'model.json').write_text(results[topics.MODEL.name].data + '\n')
     (folder / 'report.json').write_text(json.dumps(report, indent=1) + '\n')
     report['files'] = {'log': str(folder / 'bag'), 'model': str(folder / 'model.json'),

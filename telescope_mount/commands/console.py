@@ -34,24 +34,24 @@ class Progress:
     """A line on the standard error, if that is a terminal: how far the work is, the time left.
 
     It comes when the work has taken `PATIENCE` seconds, steps aside for what is printed, and
-    leaves nothing behind.
+    leaves nothing behind. Where neither output is a terminal a night leaves a line a step.
 
     Parameters
     ----------
     console : rich.console.Console, optional
-        Not used; that of the results.
+        That of the results, for a line a step where no terminal is; without it nothing is said
+        there.
     unit : str
         What is counted.
     first : str
         What comes before the first count.
     every : float
-        Seconds after which a step has a line where the standard error is no terminal; by default
-        nothing is said there.
+        Seconds after which a step has another such line.
     """
 
     def __init__(self, console=None, unit='exposures', first='starting the nodes',
                  every=float('inf')):
-        self._unit, self._every = unit, every
+        self._console, self._unit, self._every = console, unit, every
         self._lock, self._timer, self._bar = RLock(), None, None
         self._at = first, 0, None
         self._since = time.monotonic()
@@ -75,7 +75,7 @@ class Progress:
         with self._lock:
             self._at = text, done, total
             self._show()
-        if not sys.stderr.isatty():
+        if self._console is not None and not (sys.stderr.isatty() or sys.stdout.isatty()):
             self._tell(text, done, total)
 
     def aside(self, for_good=False):
@@ -134,9 +134,9 @@ class Progress:
 
     def _tell(self, text, done, total):
         now = time.monotonic()
-        if total is not None and self._every < float('inf') and (
-                text != self._told or now >= self._next):
-            print(f'{text}: {done} of {total} {self._unit} done', file=sys.stderr, flush=True)
+        # before the first line of a step nothing is counted: that says nothing
+        if total is not None and (text != self._told or now >= self._next):
+            self._console.print(f'{text}: {done} of {total} {self._unit} done')
             self._told, self._next = text, now + self._every
 
 
