@@ -113,10 +113,11 @@ class Progress:
         with self._lock:
             if self._timer is None:  # it has ended meanwhile
                 return
+            console = Console(stderr=True, highlight=False, markup=False, emoji=False)
             self._bar = Progress(
                 SpinnerColumn('line' if plain else 'dots'), TextColumn('{task.description}'),
-                BarColumn(16), TextColumn('{task.fields[count]}'), Left(),
-                console=Console(stderr=True, highlight=False, markup=False, emoji=False),
+                *[BarColumn(16)] * (console.width >= 60), TextColumn('{task.fields[count]}'),
+                Left(), console=console,
                 transient=True, redirect_stdout=False, redirect_stderr=False)
             self._bar.add_task('', total=None, count='')
             self._show()
@@ -128,8 +129,8 @@ class Progress:
         text, done, total = self._at
         # what follows the last count takes its time, too
         known = total is not None and done < total
+        self._bar.tasks[0].total = total if known else None  # `update` takes no None
         self._bar.update(self._bar.task_ids[0], description=text, completed=done if known else 0,
-                         total=total if known else None,
                          count=f'{done} of {total} {self._unit}' if known else '')
 
     def _tell(self, text, done, total):

@@ -20,8 +20,8 @@ def add(commands):
     parser.add_argument('--nights', type=options.whole(4, 200), default=11,
                         help='of the table, after two for their models (default: 11)')
     what = parser.add_mutually_exclusive_group()
-    options.add_scenario(what, metavar='NAME',
-                      help='what is wrong with the simulated mount, in place of the drifts: a '
+    options.add_scenario(
+        what, help='what is wrong with the simulated mount, in place of the drifts: a '
                       'season whose zeros follow something (season_temperature, season_trend, '
                       'season_none), or a YAML file; list: print their names')
     what.add_argument('--drifts', choices=('paper', 'random'), default='paper',

@@ -365,7 +365,7 @@ def is_list(args):
 
 def add_scenario(parser, **given):
     """Add --scenario, which shells complete."""
-    parser.add_argument('--scenario', **given).completer = _scenarios
+    parser.add_argument('--scenario', metavar='NAME', **given).completer = _scenarios
 
 
 def _scenarios(**_):

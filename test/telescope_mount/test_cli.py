@@ -321,3 +321,24 @@ def test_a_folder_of_images_points_to_what_says_what_they_are(refused, tmp_path)
     assert f'write {tmp_path / "mount.yaml"}' in refused('fit', tmp_path)
     (tmp_path / 'mount.yaml').touch()
     assert f'give {tmp_path / "mount.yaml"}' in refused('diagnose', tmp_path)
+
+
+def test_an_option_means_one_thing_in_all_commands():
+    """The same kind of value, the same choices; but --out may be a folder or a table."""
+    from telescope_mount.cli import RENAMED, make_parser
+    commands = next(a.choices for a in make_parser()._actions if a.dest == 'command')
+    meanings = {}
+    for name, parser in commands.items():
+        for action in parser._actions:
+            for option in action.option_strings:
+                meanings.setdefault(option, {}).setdefault((
+                    type(action), action.nargs, action.metavar,
+                    action.choices and tuple(action.choices)), []).append(name)
+    several = {option: kinds for option, kinds in meanings.items() if len(kinds) > 1}
+    assert set(several) == {'--out'}
+    assert {kind[2] for kind in several['--out']} == {'DIR', 'FILE', 'FILE.csv'}
+    # what may be printed for programs may be, everywhere, and nothing named is overwritten
+    assert set(commands) - set(sum(meanings['--json'].values(), [])) == {'apply', 'completion'}
+    assert set(commands) - set(sum(meanings['--overwrite'].values(), [])) == {'completion'}
+    for (command, _), new in RENAMED.items():
+        assert new in commands[command]._option_string_actions
