@@ -114,10 +114,13 @@ class Progress:
             if self._timer is None:  # it has ended meanwhile
                 return
             console = Console(stderr=True, highlight=False, markup=False, emoji=False)
+            turning = SpinnerColumn('line' if plain else 'dots')
+            words, count = TextColumn('{task.description}'), TextColumn('{task.fields[count]}')
+            # what has no room in a narrow terminal is cut at the end, and no number shall be
+            columns = ((turning, words, BarColumn(16), count, Left()) if console.width >= 75
+                       else (turning, Left(), count, words))
             self._bar = Progress(
-                SpinnerColumn('line' if plain else 'dots'), TextColumn('{task.description}'),
-                *[BarColumn(16)] * (console.width >= 60), TextColumn('{task.fields[count]}'),
-                Left(), console=console,
+                *columns, console=console,
                 transient=True, redirect_stdout=False, redirect_stderr=False)
             self._bar.add_task('', total=None, count='')
             self._show()
