@@ -171,7 +171,7 @@ FAULTS = {
     'absolute encoder absent': Fault('the mount has none: absolute_encoder: false', nothing,
                                      'waiting', first=True, shown=spoken),
     'home hanging': Fault('home to answer: it homes', nothing, first=True, shown=called),
-    'names wrong': Fault('joint names', names, first=True),
+    'names wrong': Fault('joint names', names, first=True, shown=spoken),
     'commander stops': Fault('no longer renewed', commander, 'observing'),
     'camera silent': Fault('camera: silent', silent('miss')),
 }
@@ -189,7 +189,7 @@ def run(name, seed):
     fault, rng = FAULTS[name], np.random.default_rng(seed)
     absolute = name.startswith('absolute')
     specs = [
-        NodeSpec('mount_guard', NODES['mount_guard'], GUARD),
+        NodeSpec('mount_guard', NODES['mount_guard'], dict(GUARD)),
         NodeSpec('star_observer', NODES['star_observer'], {
             'plan': 'home, stars 200', 'absolute_encoder': absolute, 'give_up_s': fault.give_up,
             'slew_rate_deg_s': 16.0, 'star_seed': seed, 'field_deg': 1.0, 'wait_for_nodes': [''],

@@ -1,10 +1,12 @@
 """A mount, an encoder and a camera on the time of the wall, in the process of a benchmark.
 
 Drivers as a user writes them (docs/real_mount.md), each of which may fail at a moment, and beside
-them an independent look at what the mount is commanded.
+them an independent look at what the mount is commanded. The site lies where it is midnight, so that
+the hour of the run does not decide what happens.
 """
 
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import erfa
@@ -46,15 +48,25 @@ def hermite(start, times, angles, rates, stamp):
     return a + s * (va + s * (3 * (b - a) - 2 * va - vb + s * (va + vb - 2 * (b - a))))
 
 
-def sun_place(when):
-    """Azimuth and elevation of the Sun at a UTC time, s, rad; good to some arcminutes."""
+def sun_of_greenwich(when):
+    """Hour angle at Greenwich and declination of the Sun at a UTC time, s, rad; to arcminutes."""
     days = when / 86400.0
     earth = erfa.epv00(2440587.5, days)[0][0]
     x, y, z = -np.asarray(earth)
-    angle = erfa.gst06a(2440587.5, days, 2440587.5, days) + DEFAULT_SITE.longitude
-    hour = angle - np.arctan2(y, x)
-    dec = np.arctan2(z, np.hypot(x, y))
-    return erfa.hd2ae(hour, dec, DEFAULT_SITE.latitude)
+    angle = erfa.gst06a(2440587.5, days, 2440587.5, days)
+    return angle - np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))
+
+
+def midnight_site(when):
+    """A site at which it is midnight at a UTC time, s."""
+    longitude = float(wrap(np.pi - sun_of_greenwich(when)[0]))
+    return replace(DEFAULT_SITE, longitude=longitude)
+
+
+def sun_place(when, site):
+    """Azimuth and elevation of the Sun, rad."""
+    hour, dec = sun_of_greenwich(when)
+    return erfa.hd2ae(hour + site.longitude, dec, site.latitude)
 
 
 def apart(one, other):
@@ -71,6 +83,7 @@ class LiveMount:
         On whose topics they are.
     seed : int
         Of the noise.
+    site : Site
 
     Attributes
     ----------
@@ -86,8 +99,8 @@ class LiveMount:
         What was commanded beyond the limits.
     """
 
-    def __init__(self, node, seed=1):
-        self._node, self._rng = node, np.random.default_rng(seed)
+    def __init__(self, node, seed=1, site=DEFAULT_SITE):
+        self._node, self._rng, self._site = node, np.random.default_rng(seed), site
         self.position, self._path = np.array([170.0, 45.0]) * DEG, None
         self.reading = lambda stamp, angles: (stamp, angles)
         self.miss = lambda stamp, x, y: (stamp, x, y)
@@ -141,7 +154,7 @@ class LiveMount:
         speed = np.abs(np.diff(way, axis=0)).max(initial=0.0) / 0.05
         if speed > 20.5 * DEG:
             self.beyond.append(f'{speed / DEG:.1f} deg/s')
-        sun = sun_place(start * 1e-9)
+        sun = sun_place(start * 1e-9, self._site)
         near = apart((way[:, 0], way[:, 1]), sun).min() / DEG
         if near < SUN - 0.2:  # of the Sun's place here
             self.beyond.append(f'{near:.2f} deg from the Sun')
@@ -182,7 +195,7 @@ class LiveMount:
     def _see(self, stamp):
         """The star nearest to the boresight, NaN beyond the field."""
         if self._places is None or stamp - self._places[0] > 5e9:
-            self._places = stamp, *observed_place(self._stars, stamp * 1e-9, DEFAULT_SITE,
+            self._places = stamp, *observed_place(self._stars, stamp * 1e-9, self._site,
                                                   DEFAULT_WEATHER)
         _, az, el = self._places
         looks = self.position - BESIDE
@@ -190,7 +203,7 @@ class LiveMount:
                               < FIELD + 0.03 * DEG)
         if not len(near):
             return np.nan, np.nan
-        az, el = observed_place(self._stars.select(near), stamp * 1e-9, DEFAULT_SITE,
+        az, el = observed_place(self._stars.select(near), stamp * 1e-9, self._site,
                                 DEFAULT_WEATHER)
         x, y = wrap(az - looks[0]) * np.cos(el), el - looks[1]
         far = np.hypot(x, y)
@@ -216,7 +229,11 @@ class Night:
         self._lock = domain.claim(None)
         self.nodes = Processes(self.folder / 'nodes', self._lock.number)
         self.watcher = Watcher('drivers', self._lock.number, self.nodes.environment, lambda: None)
-        self.mount = LiveMount(self.watcher.node, seed)
+        site = midnight_site(time.time())
+        for spec in specs:
+            if spec.name in ('mount_guard', 'star_observer'):
+                spec.parameters['longitude_deg'] = site.longitude / DEG
+        self.mount = LiveMount(self.watcher.node, seed, site)
         self.heard = []  # (time, where, text)
         for topic, name in ((topics.OBSERVER_STATUS, 'observer'), (topics.GUARD_STATUS, 'guard')):
             self.watcher.node.create_subscription(

@@ -9,7 +9,7 @@ what the filter assumes), ``speed``. `--full`: 200 nights of each rate, 1000 qui
 
 Nights of 8 h with a star in 10 minutes anywhere above 20 degrees; the tilt wanders a fifth as fast
 as the zeros; evening models of 40 stars. The noise of a star is 1.0" in each of x and y, that of
-the project's simulated camera; `--noise` takes another.
+the project's simulated camera; `--noise` takes another, `--sky elevation` other places.
 """
 
 import argparse
@@ -17,6 +17,7 @@ import time
 from collections import Counter
 
 import numpy as np
+import tracking_nights
 from tracking_nights import BASE, NAMES, PLACES, K, Night, Truth, sky
 
 from calibration.tracking.causes import ABSOLUTE, INCREMENTAL, TUBE
@@ -25,7 +26,6 @@ from msg_tools.units import ARCSEC
 
 LIMITS = {'a': 0.25, 'b': 0.35, 'c': 1.05}
 LIMIT_D = {10: 0.75, 5: 0.55, 2: 0.45}
-WHERE = sky(np.random.default_rng(5), PLACES)
 
 
 def follow(night, expect=False, noise=None):
@@ -33,13 +33,14 @@ def follow(night, expect=False, noise=None):
     """
     tracker = Tracker(night.model(), 0)
     terms, heard, expected = [], [], []
+    where = sky(np.random.default_rng(5), PLACES)
     sigma = night.truth.noise if noise is None else noise
     for k in range(night.count):
         terms.append(np.array([tracker.terms()[0][name] for name in NAMES]) - BASE)
         if expect:
             # in the middle of the stretch to the next star, as the truth is looked at along it
             ahead = 3600.0 * night.truth.every * (np.arange(4) + 1) / 4.0
-            expected.append(np.mean([np.mean(tracker.expected(*WHERE, s).radial ** 2)
+            expected.append(np.mean([np.mean(tracker.expected(*where, s).radial ** 2)
                                      for s in ahead]))
         heard.append(tracker.star(night.stamps[k], night.az[k], night.el[k], *night.offsets[k],
                                   sigma))
@@ -250,9 +251,12 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--nights', type=int, default=12)
     parser.add_argument('--noise', type=float, default=1.0, help='of a star, arcsec an axis')
+    parser.add_argument('--sky', choices=('area', 'elevation'), default='area',
+                        help='stars and places alike all over the sky, or in elevation')
     parser.add_argument('--only', choices=('errors', 'jumps', 'other', 'speed'))
     parser.add_argument('--full', action='store_true')
     options = parser.parse_args()
+    tracking_nights.DRAWN = options.sky
     count = 200 if options.full else options.nights
     parts = {'errors': lambda: say_errors(count, options.noise),
              'jumps': lambda: say_jumps(count, 1000 if options.full else 2 * count, options.noise),

@@ -4,6 +4,7 @@ Offsets are of exact rotations, not of the filter's columns.
 """
 
 from dataclasses import dataclass, field
+from functools import cache
 
 import numpy as np
 
@@ -24,10 +25,17 @@ HOUR = 3_600_000_000_000
 EVENING_STARS = 40
 
 
+#: how stars and places are drawn: ``area``, alike all over the sky between 20 and 85 degrees;
+#: ``elevation``, alike in elevation between 20 and 88 degrees
+DRAWN = 'area'
+
+
 def sky(rng, n):
-    """Azimuths and elevations alike all over the sky between 20 and 85 degrees."""
-    return rng.uniform(0.0, 2.0 * np.pi, n), np.arcsin(
-        rng.uniform(np.sin(20 * DEG), np.sin(85 * DEG), n))
+    """Azimuths and elevations as `DRAWN` says."""
+    az = rng.uniform(0.0, 2.0 * np.pi, n)
+    if DRAWN == 'elevation':
+        return az, rng.uniform(20 * DEG, 88 * DEG, n)
+    return az, np.arcsin(rng.uniform(np.sin(20 * DEG), np.sin(85 * DEG), n))
 
 
 def columns(az, el):
@@ -35,12 +43,15 @@ def columns(az, el):
     return np.stack(design(NAMES, az, el), axis=1)
 
 
-GRID = columns(*sky(np.random.default_rng(5), PLACES))
+@cache
+def grid():
+    """Columns of places that stand for the sky."""
+    return columns(*sky(np.random.default_rng(5), PLACES))
 
 
 def radial(off):
     """Mean and mean square over the sky of the error of terms that are off by so much, rad."""
-    length = np.hypot(*(GRID @ off).T)
+    length = np.hypot(*(grid() @ off).T)
     return length.mean(), np.mean(length**2)
 
 

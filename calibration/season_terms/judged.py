@@ -1,6 +1,6 @@
 """A season judged: causes, wander, the season in hindsight and a night to come."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime, timezone
 
 import numpy as np
@@ -8,10 +8,14 @@ import numpy as np
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
 
+from ..tracking.history import past_of_runs, rates_of_nights
+from ..tracking.opening import PAST, RATES, past_document, rates_document
 from .causes import ALPHA, candidates, choose_causes
 from .filter import Smoothed, Told, Wander, forecast, smoothed
 from .nights import Nights, days, table_rows
 
+#: stars with times of their own of a night that tells how fast terms wander
+TELLING = 12
 _DAY = 86400.0
 _YEAR = 365.25
 
@@ -62,13 +66,22 @@ class SeasonJudged:
                 for found, own in zip(self.causes, self.coefficients())]
 
     def model(self):
-        """`PointingModel` of the night to come: the terms foretold with their covariance."""
+        """`PointingModel` of the night to come: the terms foretold with their covariance.
+
+        In its provenance stands what a tracked night begins with, see `tracking.opening`.
+        """
+        told = {}
+        if all(night.run is not None for night in self.season.nights):
+            past, rates = past_and_rates(self.season, self.mean)
+            noise = past.noise / ARCSEC
+            told = {'fitted_rms_arcsec': {'x': noise, 'y': noise}, PAST: past_document(past),
+                    **({RATES: rates_document(rates)} if rates else {})}
         return PointingModel(
             dict(zip(self.season.names, self.mean.tolist())), self.covariance,
             mount=self.season.mount, provenance={
                 'source': f'foretold from {len(self.season.nights)} nights, the last of '
                           f'{date_of(self.season.nights[-1].time)}',
-                'for': date_of(self.tonight)})
+                'for': date_of(self.tonight), **told})
 
     def document(self):
         """All of it, JSON-ready; angles in arcsec."""
@@ -160,6 +173,38 @@ def judge_season(season, *, declared=(), tonight=None, causes=None, alpha=ALPHA)
     mean, covariance = forecast(hindsight, wander, at - day[-1],
                                 np.concatenate([np.zeros((k, 0)), *columns], axis=1))
     return SeasonJudged(season, found, wander, hindsight, tonight, mean, covariance, notes)
+
+
+def past_and_rates(season, mean):
+    """What nights before say of one to come, and of how terms wander within one.
+
+    Parameters
+    ----------
+    season : Nights
+    mean : ndarray, shape (k,)
+        Terms that are foretold, rad.
+
+    Returns
+    -------
+    past : tracking.history.Past
+        Scatter from night to night as `past_of_runs` has it.
+    rates : tracking.history.Rates or None
+        None where no night has stars with times.
+    """
+    past = replace(past_of_runs([night.run for night in season.nights], season.names), mean=mean)
+    model = PointingModel(dict(zip(season.names, mean.tolist())), past.covariance,
+                          mount=season.mount)
+    told = [(model, run) for run in (_timed(night.run) for night in season.nights)
+            if len(run) >= TELLING]
+    return past, rates_of_nights(told, noise=past.noise) if told else None
+
+
+def _timed(run):
+    """Rows with times of their own, in order."""
+    if 'time' not in run:
+        return run.select(np.zeros(0, int))
+    _, first = np.unique(run['time'], return_index=True)
+    return run.select(first[np.isfinite(run['time'][first])])
 
 
 def date_of(time, other=None):

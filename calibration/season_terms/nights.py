@@ -40,6 +40,8 @@ class Night(NamedTuple):
         Of what the fit leaves, radial, rad.
     causes : dict of str to (float, float)
         Mean over the night of each column that may move the mount, and its scatter in it.
+    run : PointingRun
+        Its rows.
     """
 
     source: str
@@ -49,6 +51,7 @@ class Night(NamedTuple):
     covariance: np.ndarray
     rms: float
     causes: dict
+    run: object = None
 
 
 class Nights(NamedTuple):
@@ -156,7 +159,7 @@ def _night(run, names, label, columns, seen):
             if len(values):
                 causes[name] = float(values.mean()), float(values.std())
     return Night(label, time, int(used.sum()), fit.coefficients[:k], fit.covariance[:k, :k],
-                 rms(fit.residual_x[used], fit.residual_y[used]), causes)
+                 rms(fit.residual_x[used], fit.residual_y[used]), causes, run)
 
 
 def _time_of(run, label):

@@ -6,9 +6,12 @@ from pointing_model.zero import RunZero
 
 from .confidence import HONEST
 from .night import KEY, TrackedNight, difference_of, lean_of
+from .opening import PAST, RATES
 
 #: a model of a file that does not tell when it held is of another night, ns
 _A_DAY = 86_400_000_000_000
+#: of a model that tells of the nights before: just before the first star, ns
+_BEFORE = 10**9
 
 
 class LiveTracking:
@@ -30,7 +33,8 @@ class LiveTracking:
         self.night = TrackedNight(
             session.in_force, session.zeros_in_force.newest, session.last_stamp,
             noise and tuple(float(v) * ARCSEC for v in noise),
-            difference_of(session.observations()), lean_of(session.observations()))
+            difference_of(session.observations()), lean_of(session.observations()),
+            session.reference and session.reference.provenance.get(RATES))
 
     def take_up(self, session, model):
         """Go on with the night of a tracked model, with the rows that are here.
@@ -68,7 +72,9 @@ class LiveTracking:
             first = int(rows['time'][0] * 1e9)
             told = reference.provenance.get('last_stamp_ns')
             held = told if isinstance(told, int) else first
-            self.night = TrackedNight(reference, RunZero(0.0, 0.0), min(held, first - _A_DAY))
+            # one that tells of nights is of this one: how far nights differ is in it
+            held = first - _BEFORE if PAST in reference.provenance else min(held, first - _A_DAY)
+            self.night = TrackedNight(reference, RunZero(0.0, 0.0), held)
         return any(one.taken for one in self.night.take(rows))
 
     def pair(self, session):
@@ -95,7 +101,10 @@ class LiveTracking:
             return [('tracking', 'not begun')]
         told = self.night.document()
         expected = told['expected_arcsec']
+        begun = told.get('opening')
         return [('tracking', f'{told["stars"]} stars'),
+                *([('since the nights before', max(begun['chances'], key=begun['chances'].get))]
+                  if begun else []),
                 ('expected error now, in 1 h [arcsec]',
                  f'{expected["now"]:.2f}, {expected["1 h"]:.2f}'),
                 ('innovations', told['confidence'])]

@@ -23,6 +23,7 @@ from ..distrust import distrusted
 from ..rows import is_kept_out
 from .heard import Seen
 from .hindsight import hindsight
+from .opening import PAST, RATES, Opening, past_of, weights_of
 from .tracker import Tracker
 
 #: noise of a star where the model does not tell what it left, rad
@@ -41,7 +42,8 @@ class TrackedNight:
     Parameters
     ----------
     model : PointingModel
-        To begin with.
+        To begin with. One that tells of the nights before (`opening`) stands for them: the first
+        stars decide what has happened since.
     zero : RunZero
         That goes with it; of another power-on it is widened.
     stamp : int
@@ -51,6 +53,9 @@ class TrackedNight:
     difference, lean : dict, optional
         Absolute - incremental encoder up to then, of `difference_of`, and what the base leans, of
         `lean_of`; None: it is no witness.
+    rates : list of dict, optional
+        How fast such nights wander, as of `opening.rates_document`; by default what the model
+        tells of it.
 
     Attributes
     ----------
@@ -62,11 +67,11 @@ class TrackedNight:
         What the tracker was told since `keep`.
     """
 
-    def __init__(self, model, zero, stamp, noise=None, difference=None, lean=None):
+    def __init__(self, model, zero, stamp, noise=None, difference=None, lean=None, rates=None):
         self._begin(json.loads(model.to_json()), zero, int(stamp), noise or _noise_of(model),
-                    difference, lean)
+                    difference, lean, rates or model.provenance.get(RATES))
 
-    def _begin(self, document, zero, stamp, noise, difference, lean):
+    def _begin(self, document, zero, stamp, noise, difference, lean, rates):
         # what is written down and read again is the model, here as anywhere else
         self._document, self._evening = document, from_document(document)
         # as it comes back from the column of times
@@ -76,13 +81,23 @@ class TrackedNight:
         self._last, self._taken = [], self._began  # rows; stamp of the last one
         self._events, self._nis = [], []  # what was called; of stars before which nothing happened
         self.heard, self.seen, self._at_first = [], None, None
-        self._tracker = Tracker(
-            self._evening, self._began, witnesses=[name for name, told in (
-                ('difference', difference), ('inclinometer', lean)) if told])
+        self._rates = rates
+        self._witnesses = [name for name, told in (
+            ('difference', difference), ('inclinometer', lean)) if told]
+        self._tracker = self._tracker_of(self._evening, self._began)
+        past = past_of(self._evening)
+        self._opening = None if past is None else Opening(self._evening, past)
+        self._opened = None  # how likely each story of the opening was
         for axis, apart in enumerate(difference['apart'] if difference else ()):
             self._tracker.difference(self._began, axis, apart, difference['sigma'][axis])
         if lean:
             self._tracker.inclinometer(self._began, *lean['lean'], lean['sigma'])
+
+    def _tracker_of(self, model, stamp):
+        tracker = Tracker(model, stamp, witnesses=self._witnesses)
+        weights = weights_of(self._rates, tracker.facts)
+        return tracker if weights is None else Tracker(
+            model, stamp, witnesses=self._witnesses, rate_weights=weights)
 
     @classmethod
     def of_model(cls, model):
@@ -100,7 +115,7 @@ class TrackedNight:
         try:
             zero = RunZero(*begun['zero_rad'], run=begun['run'], started=begun['encoder_start'])
             out._begin(begun['model'], zero, begun['stamp'], begun['noise'], begun['difference'],
-                       begun['lean'])
+                       begun['lean'], begun.get('rates'))
         except (KeyError, TypeError) as err:
             raise ValueError(f'the evening of a tracked model is damaged: {err}') from None
         return out
@@ -158,12 +173,36 @@ class TrackedNight:
                 self._hear(self._tell('inclinometer', stamp, (
                     float(own['lean_north'][0]), float(own['lean_west'][0]),
                     self._lean['sigma'])))
-            heard = self._tell('star', stamp, (
+            heard = self._take_star(stamp, (
                 float(own['az'][0]), float(own['el'][0]), *self._offsets(own), self._noise,
                 f'{own["star"][0]:.0f}', Context.of_run(own) if self._evening.effects else None))
             self.heard.append(heard)
             self._note(heard)
         return self.heard
+
+    def _take_star(self, stamp, values):
+        """To the tracker; one of the first of a night to what it is made of."""
+        opening = self._opening
+        if opening is None:
+            return self._tell('star', stamp, values)
+        heard = self._tracker.star(stamp, *values)  # what was expected before it
+        if not heard.taken:
+            return heard
+        *place_and_offset, _, _, context = values
+        opening.take(*place_and_offset, context)
+        self._tracker = self._tracker_of(opening.model(), stamp)
+        self._tracker.bank.count = opening.stars
+        self._opened = opening.document()
+        heard = replace(heard, chances=dict.fromkeys(heard.chances, 0.0), called=(), confidence='')
+        if opening.over:
+            self._end_opening()
+            heard = replace(heard, called=(opening.sentence(),))
+        return heard
+
+    def _end_opening(self):
+        self._opening = None
+        if self.seen is not None:
+            self.keep()
 
     def model(self, stamp):
         """The `PointingModel` by now, with all that is needed to come to it again.
@@ -176,8 +215,10 @@ class TrackedNight:
         model, tracker = self._tracker.model(), self._tracker
         names = list(model.terms)
         walk = np.sqrt(np.diag(tracker.bank.mean_walk())[:len(names)])
+        # the nights before are in it by now
+        kept = {key: value for key, value in self._evening.provenance.items() if key != PAST}
         return replace(model, provenance={
-            **self._evening.provenance, 'last_stamp_ns': stamp, KEY: {
+            **kept, 'last_stamp_ns': stamp, KEY: {
                 'stars': tracker.stars,
                 'walk_arcsec_per_root_hour': dict(zip(names, (walk / ARCSEC).tolist())),
                 'jumps_per_hour': sum(jump.per_hour for jump in tracker.bank.jumps),
@@ -185,7 +226,8 @@ class TrackedNight:
                     'model': self._document, 'stamp': self._began,
                     'zero_rad': self._first_zero.angles.tolist(), 'run': self._first_zero.run,
                     'encoder_start': self._first_zero.started, 'noise': list(self._noise),
-                    'difference': self._difference, 'lean': self._lean}}})
+                    'difference': self._difference, 'lean': self._lean,
+                    'rates': self._rates}}})
 
     def bound_zero(self, name):
         """The zero that goes with the model of that name: all that is not known is in the model.
@@ -214,8 +256,9 @@ class TrackedNight:
             'walk_factor': tracker.confidence.walk, 'notes': tracker.notes,
             'innovations': {'stars': len(self._nis), 'mean_square': (
                 float(np.mean(self._nis)) / 2.0 if self._nis else None),
-                'beyond_95': int(np.count_nonzero(np.array(self._nis) > _BEYOND))},
-            'events': self._events,
+                'beyond_95': int(np.count_nonzero(np.array(self._nis) > _BEYOND)),
+                'squares': [round(float(v), 4) for v in self._nis]},
+            'events': self._events, **({'opening': self._opened} if self._opened else {}),
             'heard': [one.document() for one in self.heard]}
 
     def _tell(self, what, stamp, values):
@@ -242,7 +285,11 @@ class TrackedNight:
         run = float(row['run'][0])
         if run == self.zero.run:
             return
-        self._tell('power_on', stamp, ((0, 1), BROAD))
+        # from night to night they are switched on: that is in what is known of nights before
+        if self._opening is None or self._opening.stars:
+            self._tell('power_on', stamp, ((0, 1), BROAD))
+            if self._opening is not None:
+                self._end_opening()
         started = float(row['encoder_start'][0]) if 'encoder_start' in row else None
         self.zero = replace(self.zero, run=run, started=started)
 

@@ -24,6 +24,10 @@ def tracking_lines(document):
         out.append(f'innovations: mean square {found["mean_square"]:.2f} of {found["stars"]} stars '
                    f'(1 is honest), {found["beyond_95"]} beyond 95 %: the filter is '
                    f'{document["confidence"]}')
+    begun = document.get('opening')
+    if begun:
+        out.append(f'since the nights before, by the first {begun["stars"]} stars: ' + ', '.join(
+            f'{story} {100.0 * chance:.0f} %' for story, chance in begun['chances'].items()))
     for event in document['events']:
         when = datetime.fromtimestamp(event['stamp'] * 1e-9, timezone.utc)
         out.append(f'{when:%H:%M:%S} {event["text"]}')

@@ -20,18 +20,17 @@ from . import clocks
 from .asking import Asking
 from .blind_checks import CHECKS_FORMAT, CHECKS_VERSION, blind_summary
 from .exposing import Exposer
+from .holding import Holding
 from .instruments import MOUNT
 from .plan import POWER_CYCLES
 from .pointing import Standing
 from .star_choice import Limits, choose_stars
-from .track_choice import TrackedModel, choose_next, next_time
 from .zero_choice import ZeroChoice
 
 #: what a star takes, to know that it stays within the limits until its turn, s
 SECONDS_A_STAR = 40.0
-#: stars among which `track` chooses, the last ones that it does not take again, and what a star
-#: takes beside its slew and exposure, s
-CANDIDATES, LAST_ONES, EXPOSURE = 40, 10, 10.0
+#: the last stars, which `track` does not take again
+LAST_ONES = 10
 #: targets in a row that the guard refuses, after which the plan is given up
 REFUSALS = 5
 #: what to do where `home` is not there, or has been called and does not answer
@@ -40,7 +39,6 @@ AFTER_HOME = ("start the mount's driver, or leave home out of the plan",
 #: elevation of a star that both axes follow evenly, deg
 BEST = 35.0, 65.0
 _HOUR = 3_600_000_000_000  # ns
-_MINUTE = _HOUR // 60
 
 
 class NightSteps:
@@ -78,6 +76,8 @@ class NightSteps:
         The last target that the guard has refused, and why.
     asked : Asked or None
         By the calibration.
+    outcome : str
+        What the last step that tells it has come to.
     """
 
     def __init__(self, outbox, instruments, in_force, table, wake, keep):
@@ -89,12 +89,12 @@ class NightSteps:
         self.evening, self.checks, self.calibrated = 0, [], 0
         self.homes, self.earlier, self.clocks = False, 0, {}
         self._refusals, self._refused = 0, set()  # in a row; stars, by their numbers
-        self.refusal, self.asked = '', None
+        self.refusal, self.asked, self.outcome = '', None, ''
         self._catalogue = self._polaris = None
 
     def do(self, step, done=0):
         """Steps that do `step`, of which so many exposures are done."""
-        left = replace(step, count=step.count - done)
+        left, self.outcome = replace(step, count=step.count - done), ''
         what = {'track': step, 'tell_apart': left}.get(step.verb, step.what or left.count)
         yield from getattr(self, f'_do_{step.verb}')(what)
 
@@ -173,42 +173,21 @@ class NightSteps:
     def _do_track(self, step):
         """Keep the expected error of the model below a goal, with as few stars as do it."""
         yield from self._need_home()
-        end = self.exposer.now() + step.count * _MINUTE
-        known = self._in_force
-        if known.model is not None and 'tracked' not in known.model.provenance:
-            yield from self._observe_fresh(1)  # with it a model that was fitted is tracked
-        while True:
-            yield from self._calibration_has_all()
-            newest = self._table.newest
-            if known.model is not None and 'tracked' in known.model.provenance:
-                yield from self._until(lambda newest=newest: known.model_stamp >= newest,
-                                       'the tracked model')
-            try:
-                model = TrackedModel(known.model)
-            except ValueError as err:
-                raise Refused(str(err)) from None
-            stars = self._fresh_stars(CANDIDATES, again=True)
-            places = np.array([self._out.mount().axes_of(*(v[0] for v in star.place(
-                np.array([self.exposer.now() * 1e-9]), *self._out.sky()))) for star in stars]).T
-            due = model.stamp + round(next_time(model, step.goal, *places) * 1e9)
-            self.exposer.earliest = max(due, self.exposer.now())
-            if self.exposer.earliest >= end:
-                return
-            waited = (self.exposer.earliest - model.stamp) * 1e-9
-            chosen = choose_next(model, *places, self._instruments.here,
-                                 EXPOSURE + self._out.value('exposure_s'), waited,
-                                 self._out.value('slew_rate_deg_s') * DEG)
-            star = stars[chosen.row]
-            self._tell(f'{star.name}: {chosen.sentence()}')
-            yield from self._observe(star, fresh=True)
+        self.outcome = yield from Holding(
+            self._out, self.exposer, self._in_force, self._table, self._instruments,
+            partial(self._fresh_stars, again=True), partial(self._observe, fresh=True),
+            partial(self._observe_fresh, 1), self._until, self._calibration_has_all,
+            self._tell).steps(step)
+        self._tell(self.outcome)
 
     def _do_tell_apart(self, step):
         """What the calibration asks for, to tell causes apart."""
         yield from self._need_home()
-        self._tell((yield from Asking(
+        self.outcome = yield from Asking(
             self._out, self.exposer, self._table, self._instruments, self._observe, self._until,
             partial(self._new_model, 'diagnose'), self._calibration_has_all, lambda: self.asked,
-            self._tell, self._stars, self._limits, self._refused).steps(step)))
+            self._tell, self._stars, self._limits, self._refused).steps(step)
+        self._tell(self.outcome)
 
     def _tell(self, words):
         self._out.get_logger().info(words)

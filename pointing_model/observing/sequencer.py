@@ -278,7 +278,8 @@ class Sequencer:
 
     def _ended(self, error):
         if error is None:
-            self._night.set_state('done', 'plan finished')
+            outcome = self._night.outcome
+            self._night.set_state('done', 'plan finished' + (f': {outcome}' if outcome else ''))
             self._out.get_logger().info(f'plan finished: {len(self._table)} observations, '
                                  f'{self._night.progress.lost} stars lost')
         else:

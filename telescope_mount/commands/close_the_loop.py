@@ -70,7 +70,8 @@ def run(args):
     written = args.json, lambda p: options.write_json(p, report), 'report'
     if 'scenarios' in report:
         console.print(all_table(report))
-        print_files(console, {'report': args.out / 'report.json'})
+        print_files(console, {'report': args.out / 'report.json',
+                              'page': args.out / 'page.html'})
         write_outputs(console, written)
         return
     console.print(used_sentence(report), markup=False)

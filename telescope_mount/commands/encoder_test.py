@@ -1,5 +1,6 @@
 """The command ``encoder-test``."""
 
+from pathlib import Path
 
 from . import options
 
@@ -10,7 +11,7 @@ def add(commands):
         'encoder-test', help='the 23-face test of the absolute encoder, beside the paper\'s',
         description='Turn the simulated disc of the absolute encoder to 23 standard angles, read '
         'it by the paper\'s method, its two rivals and ours, and compare with what was printed.')
-    options.add_out(parser, 'encoder_test', 'the picture')
+    options.add_out(parser, 'encoder_test', 'the picture and the page')
     options.add_json(parser, 'all figures')
     options.add_overwrite(parser)
     options.add(parser, 'seed', help='of disc, table and noise (default: 1)')
@@ -23,6 +24,7 @@ def add(commands):
 def run(args):
     """Turn, read, print, plot."""
     from .. import encoder_test
+    from ..encoder_page import write_encoder_page
     from .console import Progress, new_console, print_files, print_lines, write_outputs
     options.check_target(args.json)
     console = new_console()
@@ -34,5 +36,8 @@ def run(args):
     print_lines(console, 'note', encoder_test.notes(report))
     picture = args.out / 'encoder_test.png'
     encoder_test.plot(report, picture)
-    print_files(console, {'picture': picture})
     write_outputs(console, (args.json, lambda p: options.write_json(p, report), 'figures'))
+    page = args.out / 'page.html'
+    write_encoder_page(page, report, [picture, *(
+        [args.json] if isinstance(args.json, Path) else [])])
+    print_files(console, {'picture': picture, 'page': page})

@@ -26,7 +26,7 @@ def add(commands):
     parser.add_argument('--base', type=options.model_path, metavar='MODEL',
                         help='a model file, ours or of '
                         'another program: its terms are fitted anew, its values shown beside')
-    options.add_outputs(parser, report=False)
+    options.add_outputs(parser)
 
 
 def run(args):
@@ -79,7 +79,8 @@ def _run(args):
                                   robust=not args.no_robust)
     for table in fit_tables(observed, result, args.encoder, held_out):
         console.print(table)
-    model, document = result.model, fit_document(observed, result, args.encoder, held_out, checked)
+    plain = model = result.model
+    document = fit_document(observed, result, args.encoder, held_out, checked)
     if harmonics:
         model, document['harmonics'] = _with_harmonics(observed, result, args, console)
     if args.predict:
@@ -92,9 +93,13 @@ def _run(args):
         console.print(base.table(model))
         print_lines(console, 'note', base.notes)
         document['base_model'] = base.compared(model)
-        model = base.whole(model)
+    further, model = None if model is plain else model, base.whole(model) if base else model
+
+    def write_page(path):
+        from calibration.page.fit import write_fit_page
+        write_fit_page(path, observed, result, document, args.encoder, further)
     write_outputs(console, (args.json, lambda p: options.write_json(p, document), 'result'),
-                  (args.save, model.save, 'model'))
+                  (args.save, model.save, 'model'), (args.report, write_page, 'page'))
 
 
 def _to_predict(observed, args, console):
