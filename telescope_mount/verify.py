@@ -104,7 +104,7 @@ class _Check:
         """Compare texts, or numbers bit by bit."""
         self.checked[kind] += 1
         if isinstance(logged, str):
-            same = logged == computed
+            same = _same(logged, computed)
         else:
             logged, computed = (np.asarray(v, dtype=float) for v in (logged, computed))
             same = logged.shape == computed.shape and np.array_equal(
@@ -113,10 +113,31 @@ class _Check:
             self.differences.append(f'{kind} of {where}: {_difference(logged, computed)}')
 
 
+#: entries of a document that say its numbers in a sentence: another version in other words
+_WORDS = ('statement', 'text')
+
+
+def _same(logged, computed):
+    """Whether two texts are the same; of documents, whether all but their sentences is."""
+    if logged == computed or logged is None or computed is None:
+        return logged == computed
+    try:
+        return _without_words(json.loads(logged)) == _without_words(json.loads(computed))
+    except ValueError:
+        return False
+
+
+def _without_words(value):
+    if isinstance(value, dict):
+        return {key: _without_words(one) for key, one in value.items() if key not in _WORDS}
+    return [_without_words(one) for one in value] if isinstance(value, list) else value
+
+
 def _difference(logged, computed):
     if isinstance(logged, str):
         try:
-            return _first_difference(json.loads(logged), json.loads(computed or 'null'))
+            return _first_difference(*(_without_words(json.loads(text))
+                                       for text in (logged, computed or 'null')))
         except ValueError:
             return 'another text'
     return f'logged {logged.tolist()}, computed {computed.tolist()}'
@@ -339,7 +360,7 @@ class _Replay:
             model, report = session.fit(homings)
             tried = session, model, json.dumps(report)
             first = first or tried
-            if logged in (None, tried[-1]):
+            if logged is None or _same(logged, tried[-1]):
                 break
         else:
             tried = first

@@ -140,9 +140,14 @@ def _settle_mount(path, table, given):
         try:
             mount = parse_mount(mount or 'equatorial', latitude)
         except ValueError as error:
-            raise ValueError(f'{path}: {error} (a line "# latitude_deg: 31.05" before the header, '
-                             'or --latitude DEG)' if 'latitude' in str(error) else
-                             f'{path}: {error}') from None
+            if 'latitude' not in str(error):
+                raise ValueError(f'{path}: {error}') from None
+            # of places among the stars the longitude is asked for too, and not afterwards
+            both = 'ra_deg' in table.columns and not (meta.get('site') or {}).get('longitude')
+            raise ValueError(
+                f'{path}: {error}' + (', and its longitude' if both else '') +
+                ' (a line "# latitude_deg: 31.05" before the header, or --latitude DEG'
+                + (' --longitude DEG' if both else '') + ')') from None
     if mount.names is not table.names:
         first, second = mount.names.columns
         raise ValueError(f'{path}: the columns are of {" and ".join(table.names.axes)}; those of a '

@@ -226,6 +226,8 @@ def _unknown(model, context, out, reverse):
     import numpy as np
 
     from msg_tools.units import DEG
+    from pointing_model.context import UNKNOWN
+    from pointing_model.effects.base import readable
     if not model.effects:
         return []
     if reverse:
@@ -235,7 +237,8 @@ def _unknown(model, context, out, reverse):
     for effect, rows in model.unknown(context.az, context.el, context).items():
         count = int(np.count_nonzero(rows))
         where = 'all rows' if count == len(rows) else f'{count} of {len(rows)} rows'
-        notes.append(f'{effect} counts as zero in {where}: {", ".join(needs[effect])} is not known')
+        reasons = dict.fromkeys(UNKNOWN.get(name, f'{name} is not known') for name in needs[effect])
+        notes.append(f'{readable(effect)} counts as zero in {where}: {"; ".join(reasons)}')
     return notes
 
 

@@ -89,13 +89,11 @@ def _run(args):
 
 def _settled(runs, held, args, console):
     """The runs, with the errors that hold by the longest of them; said where they do not turn."""
-    from calibration.sky_model import origin_of_errors, with_errors
-    origin = origin_of_errors(max(runs, key=len), encoder=args.encoder)
-    if origin is None or origin.holds in ('', runs[0].mount.errors):
-        return runs, held
-    print_lines(console, 'sides of the pier', [origin.sentence()])
-    return tuple([with_errors(run, origin.holds) for run in each] if each else each
-                 for each in (runs, held))
+    from calibration.sky_model import settled_together
+    (runs, held), origin = settled_together(runs, held, encoder=args.encoder)
+    if origin is not None:
+        print_lines(console, 'sides of the pier', [origin.sentence()])
+    return runs, held
 
 
 def _base_file(text, mount):
@@ -144,6 +142,7 @@ def show(found, console):
     from calibration.diagnosis_page.plain_words import floor_words, readable, verdict_sentences
     from calibration.diagnosis_page.view import effect_sentences
     from calibration.tables import new_table
+    from pointing_model.effects.base import driver_word
     document, names = found.to_dict(), found.observations.run.mount.names
     first, second = names.columns
     headline, sentences = verdict_sentences(document, effect_sentences(found), limit=20,
@@ -174,18 +173,18 @@ def show(found, console):
     console.print(errors)
     spread = after['cv_spread']
     if spread and spread['partitions'] > 1:
-        console.print(f'mean of {spread["partitions"]} ways to leave rows out; after, they go from '
+        console.print(f'mean of {spread["partitions"]} ways to leave rows out; after goes from '
                       f'{_number(spread["min_arcsec"])} to {_number(spread["max_arcsec"])} arcsec')
     if found.expected:
         console.print(expected_sentence(document))
     console.print(f'{floor_words(document)}: {_number(document["noise_floor_arcsec"])} arcsec '
-                  'radial (what the rows fitted leave, over the freedom that is left)\n')
+                  'radial (what is left, corrected for the number of coefficients)\n')
     if found.effects:
         effects = new_table('Effects', 'effect', 'on', 'driver', 'p', 'ΔBIC', 'gain, arcsec')
         for effect in document['effects']:
             acts = {'az': first, 'el': second}.get(effect['axes'], effect['axes'])
             effects.add_row(readable(effect['name']), acts,
-                            found.observations.context.said(effect['driver']).replace('_', ' '),
+                            driver_word(effect['driver']).replace('_', ' '),
                             _number(effect['p_family'], 4), _number(effect['delta_bic'], 1),
                             _number(effect['cv_gain_arcsec']))
         console.print(effects)
@@ -193,8 +192,9 @@ def show(found, console):
         console.print(line, markup=False)
     print_lines(console, 'note', found.notes)
     if found.columns_alike:
-        print_lines(console, 'note', ['read otherwise the columns fit as well, which no fit can '
-                                      'tell: ' + '; '.join(found.columns_alike)])
+        print_lines(console, 'note', ['the columns would fit as well if they meant something '
+                                      'else, which no fit can tell; make sure that it is not: '
+                                      + '; '.join(found.columns_alike)])
     for item in document['next_observations'][:6]:
         console.print(_proposal(item, names), markup=False)
 

@@ -1,5 +1,6 @@
 """The command ``encoder-test``."""
 
+
 from pathlib import Path
 
 from . import options
@@ -38,6 +39,6 @@ def run(args):
     encoder_test.plot(report, picture)
     write_outputs(console, (args.json, lambda p: options.write_json(p, report), 'figures'))
     page = args.out / 'page.html'
-    write_encoder_page(page, report, [picture, *(
-        [args.json] if isinstance(args.json, Path) else [])])
+    figures = [args.json] if isinstance(args.json, Path) else []
+    write_encoder_page(page, report, [picture, *figures])
     print_files(console, {'picture': picture, 'page': page})

@@ -47,7 +47,7 @@ def _run(args):
         raise ValueError('--predict chooses on its own, robustly: leave out '
                          + ('--harmonics' if harmonics else '--no-robust'))
     options.check_outputs(args)
-    from calibration.check import external_check
+    from calibration.check import checked_by_halves
     from calibration.diagnosis import check_columns, naming_columns
     from calibration.fit import fit_terms
     from calibration.fit_document import fit_document
@@ -72,11 +72,7 @@ def _run(args):
     result = fit_terms(observed, args.terms, robust=not args.no_robust, encoder=args.encoder,
                        provenance={'source': str(args.file)})
     console = new_console()
-    held_out = None
-    used = observed.select(result.weights > 0.0)
-    if len(used) >= 4 * len(args.terms):
-        held_out = external_check(used, names=args.terms, encoder=args.encoder,
-                                  robust=not args.no_robust)
+    held_out = checked_by_halves(observed, result, args.terms, args.encoder, not args.no_robust)
     for table in fit_tables(observed, result, args.encoder, held_out):
         console.print(table)
     plain = model = result.model
@@ -93,11 +89,13 @@ def _run(args):
         console.print(base.table(model))
         print_lines(console, 'note', base.notes)
         document['base_model'] = base.compared(model)
-    further, model = None if model is plain else model, base.whole(model) if base else model
+    fitted = None if model is plain else model
+    if base:
+        model = base.whole(model)
 
     def write_page(path):
         from calibration.page.fit import write_fit_page
-        write_fit_page(path, observed, result, document, args.encoder, further)
+        write_fit_page(path, observed, result, document, args.encoder, fitted)
     write_outputs(console, (args.json, lambda p: options.write_json(p, document), 'result'),
                   (args.save, model.save, 'model'), (args.report, write_page, 'page'))
 

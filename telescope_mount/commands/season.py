@@ -97,7 +97,7 @@ def _tables(document):
     told, wander = document['tonight'], document['wander']
     out = new_table(f'{len(nights)} nights, {nights[0]["time"][:10]} to '
                     f'{nights[-1]["time"][:10]}; foretold for {told["time"]}, arcsec', 'term',
-                    'foretold', 'last night', 'wanders in the root of a day', 'of a night alone')
+                    'foretold', 'last night', 'wanders per √day', 'scatter by night')
     for name in document['terms']:
         last = nights[-1]
         out.add_row(name, f'{told["terms_arcsec"][name]:+.1f} ± {told["sigma_arcsec"][name]:.1f}',
