@@ -123,7 +123,7 @@ def _write(args, found, console, base=None):
         print_files(console, {'result': args.json})
     if args.report:
         from calibration.diagnosis_page.page import write_report
-        write_report(found, args.report)
+        write_report(found, args.report, args.runs)
         print_files(console, {'page': args.report})
     if args.save:
         (base.whole(found.model) if base else found.model).save(args.save)

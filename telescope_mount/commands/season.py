@@ -76,7 +76,7 @@ def run(args):
     print_lines(console, 'note', document['notes'])
     for path, write, what in ((args.json, lambda p: options.write_json(p, document), 'result'),
                               (args.save, judged.model().save, 'model'),
-                              (args.report, lambda p: write_page(judged, p), 'page')):
+                              (args.report, lambda p: write_page(judged, p, args.files), 'page')):
         if path:
             write(path)
             print_files(console, {what: path})

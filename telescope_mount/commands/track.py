@@ -57,7 +57,7 @@ def run(args):
     print_lines(console, 'tracked', tracking_lines(summary))
     for path, write, what in ((args.json, lambda p: options.write_json(p, summary), 'result'),
                               (args.save, tracked.model.save, 'model'),
-                              (args.report, lambda p: write_page(tracked, p), 'page')):
+                              (args.report, lambda p: write_page(tracked, p, [args.file]), 'page')):
         if path:
             write(path)
             print_files(console, {what: path})
