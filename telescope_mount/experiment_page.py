@@ -83,7 +83,7 @@ def render_experiment(report, run=None, files=()):
                        for axis, name in AXES]), 'alarm' if report['alarms'] else '', gains(bars)),
         section('Mean error night by night', legend(
             ('before', 'before the zero is set (dots)'), ('after', 'after (squares)')),
-            pair(_nights(table1, axis, name, when) for when in WHENS for axis, name in AXES),
+            *(pair(_nights(table1, axis, name, when) for axis, name in AXES) for when in WHENS),
             note='Point at a night, here or in the table.'),
         section('Nights', _table(report)),
         section('Over all nights', _statistics(told, paper['statistics'])),
@@ -194,7 +194,8 @@ def _satellite(report):
     rows = [(f'{name}, {when}', *(number(one[when].get(f'{axis}_{key}_arcsec'))
                                   for one in (told, told['paper']) for key in ('mean', 'std')))
             for when in WHENS for axis, name in AXES]
-    return section('A GPS satellite, before and after the zero calibration', pair(drawn), table(
+    return section('A GPS satellite, before and after the zero calibration', pair(drawn[:2]),
+                   pair(drawn[2:]), table(
         ('arcsec', 'mean', 'std', 'paper: mean', 'paper: std'), rows, 'numbers'))
 
 
