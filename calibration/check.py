@@ -90,6 +90,25 @@ def external_check(run, *, seed=0, encoder='enc', zero=NO_ZERO, **options):
     return rms_arcsec(*left)
 
 
+def checked_by_halves(run, result, names, encoder='enc', robust=True):
+    """`external_check` of a fit, on the rows that it used; None where they are too few for it.
+
+    Parameters
+    ----------
+    run : PointingRun
+    result : FitResult
+        Of terms to `run`.
+    names : sequence of str
+        The terms.
+    encoder, robust
+        As of the fit.
+    """
+    used = run.select(result.weights > 0.0)
+    if len(used) < 4 * len(names):
+        return None
+    return external_check(used, names=names, encoder=encoder, robust=robust)
+
+
 def rms_of(model, run, zero):
     """RMS of a model's residuals on a run, dict: ``x``, ``y``, ``radial``, arcsec."""
     return rms_arcsec(*model.residuals(run, zero=zero))._asdict()

@@ -86,22 +86,22 @@ class MeasuredZero(RunZero):
         """What the zero rests on, in words: terms that its exposures cannot tell from it."""
         def list_of(axis):
             parts = sorted(self.contamination[axis].items(), key=lambda item: -abs(item[1]))
-            return ', '.join(f'{name} {v:+.2f}' for name, v in parts if abs(v) >= 0.005)
+            return ', '.join(f'{name} {v:+.2f}\u2033' for name, v in parts if abs(v) >= 0.005)
         first, second = self.mount.names.axes
         by = '' if self.by == BY_POLARIS else f'by {self.by}: '
         wide = '' if self.misfit == 1.0 else (
             f'; the stars disagree by {self.misfit:.1f} times what their noise and the held terms '
             'allow (a term has changed): sigma is widened by that')
         if self.reference == NO_MODEL and not (list_of('az') or list_of('el')):
-            return (f'{by}without a reference the zero is freed from other terms by the stars '
-                    f'themselves, as far as its sigma says{wide}')
+            return (f'{by}no earlier model is its reference: the stars themselves tell the zero '
+                    f'from the other terms, as well as its sigma says{wide}')
         if self.reference == NO_MODEL:
-            return (f'{by}without a reference the zero contains every other term; for each arcsec '
-                    f'of one the {first} holds (arcsec): {list_of("az")}; the {second}: '
+            return (f'{by}no earlier model is its reference, so the other terms are in the zero. '
+                    f'1\u2033 of a term shifts it: {first} by {list_of("az")}; {second} by '
                     f'{list_of("el")}{wide}')
-        return (f'{by}the zero contains other terms as they were at its reference, '
-                f'{self.reference}; for each arcsec by which one has changed since, the {first} is '
-                f'false by (arcsec): {list_of("az")}; the {second}: {list_of("el")}{wide}')
+        return (f'{by}the zero is right as long as the other terms are as they were at its '
+                f'reference ({self.reference}). 1\u2033 of change in one of them makes it wrong: '
+                f'{first} by {list_of("az")}; {second} by {list_of("el")}{wide}')
 
     def to_dict(self):
         """Numbers for a log or a provenance, in arcsec; ``by`` where it is not Polaris."""

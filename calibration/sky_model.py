@@ -62,6 +62,29 @@ def settled(run, names=None, *, encoder='enc', robust=True):
     return run, origin
 
 
+def settled_together(*groups, encoder='enc'):
+    """Runs of one mount, with the errors that hold by the longest of the first group.
+
+    Parameters
+    ----------
+    *groups : sequence of PointingRun, or None
+        The first is not empty.
+    encoder : {'enc', 'abs'}
+
+    Returns
+    -------
+    groups : tuple
+        As they were given.
+    origin : Origin or None
+        Where the errors that hold are others than the runs had; else None.
+    """
+    origin = origin_of_errors(max(groups[0], key=len), encoder=encoder)
+    if origin is None or origin.holds in ('', groups[0][0].mount.errors):
+        return groups, None
+    return tuple([with_errors(run, origin.holds) for run in each] if each else each
+                 for each in groups), origin
+
+
 @dataclass(frozen=True)
 class Origin:
     """Which of the two leaves less on rows left out.
@@ -101,8 +124,8 @@ class Origin:
     def sentence(self):
         """For people."""
         mount, sky = (self.left_out[name] / ARCSEC for name in (OF_MOUNT, ON_SKY))
-        figures = (f'rows left out {mount:.2f} arcsec radial as errors of the mount, {sky:.2f} '
-                   f'as errors applied on the sky before the flip (p = {self.chance:.1g})')
+        figures = (f'{mount:.2f} arcsec radial on rows left out as errors of the mount, {sky:.2f} '
+                   f'as errors applied on the sky (p = {self.chance:.1g})')
         if self.holds == ON_SKY:
             terms = ', '.join(f'{row["name"]} {row["value_arcsec"]:+.1f}'
                               for row in self.fits[ON_SKY].term_rows())
@@ -110,7 +133,7 @@ class Origin:
                     f'corrects them there, or makes them; with one sign on both sides: {terms}')
         if self.holds == OF_MOUNT:
             return f'the errors go through the pole with the mount: {figures}'
-        return f'whether the errors go through the pole with the mount is not told: {figures}'
+        return f'whether the errors go through the pole with the mount cannot be told: {figures}'
 
 
 def origin_of_errors(run, names=None, *, encoder='enc', robust=True):

@@ -1,7 +1,6 @@
 """ROS messages to arrays and back. Stamps are integer nanoseconds, angles radians."""
 
 import numpy as np
-from builtin_interfaces.msg import Time
 
 AXES = ('azimuth', 'elevation')
 #: the two joints of every kind of mount, the first axis first
@@ -11,6 +10,7 @@ MOUNT_FRAME = 'mount_enu'
 
 def to_stamp(ns):
     """The ROS time message of `ns` nanoseconds since 1970."""
+    from builtin_interfaces.msg import Time
     return Time(sec=int(ns // 1_000_000_000), nanosec=int(ns % 1_000_000_000))
 
 

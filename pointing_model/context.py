@@ -19,6 +19,16 @@ _KNOWN = set(COLUMNS) - {'pressure'} | {
 _NIGHT = 12.0 * 3600.0
 #: derived drivers that a row has from the rows around it
 _INHERITED = ('order', 'travel_az', 'travel_el', 'before_az', 'before_el')
+#: why a driver that no column has by its own name is not known, and which column would tell it
+UNKNOWN = {
+    **dict.fromkeys(('pm_x', 'pm_y'), 'the proper motion of the stars is not known (a column star '
+                    'with Hipparcos numbers tells it)'),
+    **dict.fromkeys(('miss_x', 'miss_y'), 'the miss distance is not known (columns miss_x_arcsec, '
+                    'miss_y_arcsec)'),
+    **dict.fromkeys(('az_rate', 'el_rate'), 'how fast the axes moved is not known (a column time, '
+                    'or the rates)'),
+    'pier_side': 'the side of the pier is not known',
+    'lst': 'the sidereal time is not known (a column time, and the longitude of the site)'}
 _TURN = 2.0 * np.pi
 _SIDEREAL = _TURN / 86164.0905  # rad/s
 _J2000 = 946728000.0  # UTC seconds of 2000-01-01T12:00
@@ -206,7 +216,7 @@ class Context:
         """
         value, said = self.get(name), self.said(name)
         if value is None:
-            return None, f'{said} is not known'
+            return None, UNKNOWN.get(name, f'{said} is not known')
         finite = value[np.isfinite(value)]
         if len(finite) < 0.5 * len(value):
             return None, f'{said} is known in only {len(finite)} of {len(value)} rows'

@@ -6,7 +6,7 @@ import numpy as np
 
 from calibration.solves import judge_solves
 from msg_tools.bag import BagReader
-from msg_tools.bag.provenance import parameters_of
+from msg_tools.bag.parameters import parameters_of
 from pointing_model.context import Context
 from pointing_model.effects import declared_graduation
 from pointing_model.mounts import is_beyond, mount_text, parse_mount

@@ -17,7 +17,7 @@ from calibration.tracking.live import LiveTracking
 from calibration.tracking.night import KEY
 from calibration.witnesses import encoder_diagnostics, homings_from_diagnostics, homings_of
 from msg_tools.bag import BagReader
-from msg_tools.bag.provenance import parameters_of
+from msg_tools.bag.parameters import parameters_of
 from msg_tools.convert import from_stamp
 from msg_tools.homing import cloud_to_homing
 from msg_tools.units import DEG
@@ -33,7 +33,7 @@ from .verify_rows import RAW, Pairing, at_time
 _STATES = 3
 
 
-def verify_log(bag, *, reference=None, seed=None):
+def verify_log(bag, *, reference=None, seed=None, progress=None):
     """Compute zeros, models, reports and diagnoses of a log anew, and the observations too.
 
     Encoder readings and miss distances give the observations; the observations give the rest, in
@@ -48,11 +48,14 @@ def verify_log(bag, *, reference=None, seed=None):
         The reference model that the night had; by default what the log says of it.
     seed : int, optional
         Of the choice of held-out stars; by default that of the log, or 1.
+    progress : callable, optional
+        Called with (text, done, total) as it goes on.
 
     Returns
     -------
     dict
-        ``checked`` (kind -> count), ``differences`` and ``unchecked``, a line each.
+        ``checked`` (kind -> count), ``differences`` and ``unchecked``, a line each; ``damaged``,
+        whether the log is.
 
     Raises
     ------
@@ -81,12 +84,12 @@ def verify_log(bag, *, reference=None, seed=None):
     if isinstance(session, NightSeries):
         for _, homings in rows.homings:
             session.hear(homings(0))
-    _calibrate(rows, session, parameters, check)
+    _calibrate(rows, session, parameters, check, *([progress] if progress else []))
     if not check.checked:
         raise ValueError(f'{bag} has nothing derived in it that could be verified')
     check.unchecked += log.problems
     return {'checked': dict(check.checked), 'differences': check.differences,
-            'unchecked': check.unchecked}
+            'unchecked': check.unchecked, 'damaged': bool(log.problems)}
 
 
 class _Check:
@@ -101,7 +104,7 @@ class _Check:
         """Compare texts, or numbers bit by bit."""
         self.checked[kind] += 1
         if isinstance(logged, str):
-            same = logged == computed
+            same = _same(logged, computed)
         else:
             logged, computed = (np.asarray(v, dtype=float) for v in (logged, computed))
             same = logged.shape == computed.shape and np.array_equal(
@@ -110,10 +113,31 @@ class _Check:
             self.differences.append(f'{kind} of {where}: {_difference(logged, computed)}')
 
 
+#: entries of a document that say its numbers in a sentence: another version in other words
+_WORDS = ('statement', 'text')
+
+
+def _same(logged, computed):
+    """Whether two texts are the same; of documents, whether all but their sentences is."""
+    if logged == computed or logged is None or computed is None:
+        return logged == computed
+    try:
+        return _without_words(json.loads(logged)) == _without_words(json.loads(computed))
+    except ValueError:
+        return False
+
+
+def _without_words(value):
+    if isinstance(value, dict):
+        return {key: _without_words(one) for key, one in value.items() if key not in _WORDS}
+    return [_without_words(one) for one in value] if isinstance(value, list) else value
+
+
 def _difference(logged, computed):
     if isinstance(logged, str):
         try:
-            return _first_difference(json.loads(logged), json.loads(computed or 'null'))
+            return _first_difference(*(_without_words(json.loads(text))
+                                       for text in (logged, computed or 'null')))
         except ValueError:
             return 'another text'
     return f'logged {logged.tolist()}, computed {computed.tolist()}'
@@ -217,7 +241,7 @@ def _session(log, parameters, reference, seed, rows):
             else CalibrationSession(model, seed, harmonics=harmonics))
 
 
-def _calibrate(rows, session, parameters, check):
+def _calibrate(rows, session, parameters, check, progress=lambda *_: None):
     """Feed the observations one by one, and repeat what was asked for after each."""
     zeros, models = {}, {}
     for _, data in rows.said['zero']:
@@ -230,7 +254,9 @@ def _calibrate(rows, session, parameters, check):
             continue
         models.setdefault(stamp, []).append((log_time, data.data))
     replay = _Replay(session, rows, parameters, check)
-    for stamp in sorted({*rows.observations, *zeros, *models, *rows.tables}):
+    stamps = sorted({*rows.observations, *zeros, *models, *rows.tables})
+    for done, stamp in enumerate(stamps):
+        progress('computing again', done, len(stamps))
         if stamp in rows.observations:
             replay.session.add(rows.observations[stamp], stamp)
             replay.asked()
@@ -334,7 +360,7 @@ class _Replay:
             model, report = session.fit(homings)
             tried = session, model, json.dumps(report)
             first = first or tried
-            if logged in (None, tried[-1]):
+            if logged is None or _same(logged, tried[-1]):
                 break
         else:
             tried = first

@@ -186,9 +186,9 @@ def _without_memory(work, found, fitted):
     keep = found.state.weights > 0.0
     alone = work.fit(found.chosen, work.problem.plain.state(found.chosen, final=True)).residual
     alone, here = radial_arcsec(alone, keep), radial_arcsec(fitted.residual, keep)
-    return [f'the zero wanders, and the terms are fitted so; fitted as if no row had to do with '
-            f'the one before, as `fit` does, they leave less on these rows, {alone:.2f} in place '
-            f'of {here:.2f} arcsec, for they take up a part of what wanders'
+    return [f'the zero wanders, and the terms were fitted with that in mind; `fit`, which takes '
+            f'each row for itself, leaves {alone:.2f} in place of {here:.2f} arcsec on these rows, '
+            'because its terms take up a part of the wander'
             ] if here > _MORE * alone else []
 
 
@@ -260,8 +260,8 @@ def _assemble(work, found, stands, fits, chance):
     candidates = problem.dictionary.effects
     scores = problem.dictionary.score(nothing)
     ranking = ranking_of(candidates, scores.delta_bic, chance.p_of_all(nothing, scores))
-    outlier = f'outlier: more than {BISQUARE:g} times the noise from the model, and no whole bar ' \
-              'or line off'
+    outlier = f'outlier: more than {BISQUARE:g} times the noise away from the model, and not by ' \
+              'whole lines of the encoder'
     return concluded(
         obs, work.base, (base_fit, fitted), made, effects, found.state.weights,
         len(found.state.basis), outlier, ranking,

@@ -175,21 +175,21 @@ def wander_entry(found, problem, context):
                       'row_to_row_arcsec': float(np.sqrt(near) * typical[axis] / ARCSEC)}
         slow |= one.memory > usual
         beside = axes[name]['row_to_row_arcsec']
-        parts.append(f'by {moves:.2f}\u2033 in {words[axis]} (from row to row the noise is '
+        parts.append(f'by {moves:.2f}\u2033 in {words[axis]} (neighbouring rows by '
                      f'{beside:.2f}\u2033)')
     step = along_the_sky(context, sequence)
     if slow:
         text = ('neighbouring rows err alike, as where the zero wanders' if step else
-                'the zero wanders') + (f': rows {said} apart differ by it (RMS), '
-                                       f'{" and ".join(parts)}, and its cause is not told')
+                'the zero wanders') + (f': rows {said} apart differ {" and ".join(parts)}, RMS. '
+                                       'What moves it is not known')
         like = _like(found, problem)
         if like:
-            text += f'; it could as well be {like}'
+            text += f'; it may be {like}'
         if step:
             text += (f'. The rows went over the sky step by step, {step["step_deg"]:.0f}\u00b0 '
                      f'from one to the next ({step["any_deg"]:.0f}\u00b0 between any two): an '
-                     'error of the direction that no effect here describes looks the same, and '
-                     'only rows in an order that mixes the sky tell them apart')
+                     'error of the direction that no effect here describes would look the same. '
+                     'Only rows in an order that mixes the sky tell them apart')
     else:
         text = 'rows taken close together share their error: they count as fewer'
     return {'axes': axes, 'p': found.p,

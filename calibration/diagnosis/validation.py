@@ -9,6 +9,7 @@ from pathlib import PurePath
 import numpy as np
 
 from msg_tools.units import ARCSEC
+from pointing_model.effects.base import driver_word, readable
 from pointing_model.fitted_effects import total
 from pointing_model.mounts import ALTAZ
 from pointing_model.terms import stacked_design
@@ -146,7 +147,7 @@ def cross_validated(work, chosen, wanders, count, alpha, chance, rng, ways=None,
         nonlocal folds_done
         folds_done += 1
         if progress:
-            progress('choosing without a part of the rows', folds_done, max(expected, folds_done))
+            progress('cross-validation', folds_done, max(expected, folds_done))
 
     def apart(folds):
         left, _ = nested(problem, folds, alpha, rng, wanders, whole=chance, done=told)
@@ -325,8 +326,9 @@ def judge_on(runs, result, own_terms, encoder='enc'):
     for found in result.model.effects:
         lost = np.count_nonzero(found.unknown(obs.context))
         if lost:
-            notes.append(f'held out: {found.effect.name} counts as zero in {lost} of {len(obs)} '
-                         f'rows, where {found.effect.driver} is not known')
+            notes.append(f'held out: {readable(found.effect.name)} counts as zero in {lost} of '
+                         f'{len(obs)} rows, where the {driver_word(found.effect.driver)} is not '
+                         'known')
     note = (f'held out: {len(obs)} observations of {len(obs.runs)} runs, '
             f'{", ".join(own_terms)} refitted in each, nothing else; '
             f'{int(np.sum(~kept))} outliers set aside')

@@ -17,7 +17,7 @@ def verdict_sentences(document, effect_texts=(), limit=5, caution=''):
     document : dict
         `Diagnosis.to_dict()`.
     effect_texts : sequence of str
-        A sentence for each of its effects.
+        A sentence for each of its effects, in their order; the largest is told first.
     limit : int
         Effects that are told; the others are counted.
     caution : str
@@ -54,7 +54,7 @@ def verdict_sentences(document, effect_texts=(), limit=5, caution=''):
                     'that no effect describes', [
                         *_wander(document), 'No effect is added. Observe once more in an order '
                         'that mixes the sky.', *outliers])
-        return ('The zero wanders, and its cause is not told', [
+        return ('The zero wanders, and what moves it is not known', [
             *_wander(document), 'No effect is added. How far the zero can be trusted is part of '
             'the model: set it anew as often as that asks for.', *outliers])
     sentences = []
@@ -65,14 +65,17 @@ def verdict_sentences(document, effect_texts=(), limit=5, caution=''):
                          f'{arcsec(after)}{share}.')
     if caution:
         sentences.append(caution)
-    sentences += [*_wander(document), *outliers]
-    for row, text in list(zip(effects, effect_texts))[:limit]:
+    # the largest first: what to mend first
+    told = sorted(zip(effects, effect_texts),
+                  key=lambda each: -(each[0].get('cv_gain_arcsec') or 0.0))
+    for row, text in told[:limit]:
         if row.get('alternatives'):
             text += (' With these observations it could as well be: '
                      f'{_listed(row["alternatives"])}.')
         sentences.append(text)
     if len(effect_texts) > limit:
         sentences.append(f'And {len(effect_texts) - limit} more.')
+    sentences += [*_wander(document), *outliers]
     if verdict == 'unknown':
         headline = 'Something is left that no known effect explains'
     elif verdict == 'ambiguous':
@@ -126,7 +129,7 @@ def best_pair(document):
 def floor_words(document):
     """What the noise floor is called: it holds what wanders too."""
     wander = document.get('wander')
-    return 'noise floor, what wanders in it' if wander and wander.get('slow') else 'noise floor'
+    return 'noise floor, with what wanders' if wander and wander.get('slow') else 'noise floor'
 
 
 def _listed(names):

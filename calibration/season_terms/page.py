@@ -83,8 +83,8 @@ def render(judged, more=''):
 
 def _tonight(document):
     told, wander = document['tonight'], document['wander']
-    return table(('term', 'foretold ″', '± ″', 'wanders by ″ in the root of a day',
-                  'of a night alone ± ″'),
+    return table(('term', 'foretold ″', '± ″', 'wanders by ″ per √day',
+                  'scatter from night to night ± ″'),
                  [(name, number(told['terms_arcsec'][name], 1, True),
                    number(told['sigma_arcsec'][name], 1),
                    number(wander[name]['walk_arcsec_per_root_day'], 2),

@@ -18,12 +18,12 @@ def tracking_lines(document):
     found = document['innovations']
     out = [f'{document["stars"]} stars; expected error {expected["now"]:.2f} arcsec after the last '
            f'one, {expected["10 min"]:.2f} ten minutes and {expected["1 h"]:.2f} an hour later',
-           f'zeros wander by {rates["zero"]:.1f} arcsec in the root of an hour, the lean of the '
-           f'first axis by {rates["tilt"]:.1f}']
+           f'zeros wander by {rates["zero"]:.1f} arcsec in an hour (and as the root of time), the '
+           f'lean of the first axis by {rates["tilt"]:.1f}']
     if found['stars']:
-        out.append(f'innovations: mean square {found["mean_square"]:.2f} of {found["stars"]} stars '
-                   f'(1 is honest), {found["beyond_95"]} beyond 95 %: the filter is '
-                   f'{document["confidence"]}')
+        out.append(f'{found["stars"]} stars against what was expected of them: mean square '
+                   f'{found["mean_square"]:.2f} of the expected (1 is right), '
+                   f'{found["beyond_95"]} beyond 95 %: the filter is {document["confidence"]}')
     begun = document.get('opening')
     if begun:
         out.append(f'since the nights before, by the first {begun["stars"]} stars: ' + ', '.join(

@@ -7,7 +7,6 @@ from rclpy.node import NodeNameNonExistentError
 from rclpy.parameter import parameter_value_to_python
 
 from ..params import OF_TRUTH
-from .recorder import RECORD
 
 #: calls of `step` after which another node is asked before one that does not answer
 PATIENCE = 20
@@ -108,26 +107,3 @@ def as_text(value):
     if isinstance(value, bytes) or hasattr(value, 'tolist'):
         value = list(value)
     return json.dumps(value)
-
-
-def parameters_of(metadata, suffix):
-    """Parameters of the node whose full name ends with `suffix`, from a log's metadata.
-
-    Parameters
-    ----------
-    metadata : dict of str to dict
-        As `BagReader.metadata`.
-    suffix : str
-        As ``/calibration``.
-
-    Returns
-    -------
-    dict or None
-    """
-    for name, record in metadata.items():
-        if name.startswith(RECORD) and name.endswith(suffix):
-            try:
-                return {key: json.loads(text) for key, text in record.items()}
-            except (ValueError, RecursionError):
-                return None
-    return None

@@ -322,7 +322,14 @@ def on_axis(axis, value, cos_el):
 # ------------------------------------------------------------- words that the sentences share
 
 #: drivers in words, where their name is not the word
-_DRIVER_WORDS = {'order': 'order of the rows', 'run_hours': 'time since the start of the run'}
+_DRIVER_WORDS = {'order': 'order of the rows', 'run_hours': 'time since the start of the run',
+                 'lst': 'sidereal time', 'pier_side': 'side of the pier', 'run': 'power-on',
+                 **{name: words for names, words in (
+                     (('approach_az', 'approach_el'), 'direction of approach'),
+                     (('travel_az', 'travel_el'), 'way travelled to the star'),
+                     (('reading_az', 'reading_el'), 'encoder reading'),
+                     (('miss_x', 'miss_y'), 'miss distance'), (('az_rate', 'el_rate'), 'rate'),
+                     (('pm_x', 'pm_y'), 'proper motion')) for name in names}}
 #: last motion of an axis in words
 SIDES = {f'approach_{axis}': dict(zip((-1, 1), words))
          for axis, words in zip(AXES, KINDS[_USUAL].sides)}
@@ -357,11 +364,19 @@ def readable(name):
     if curve:
         driver, axis, shape = curve.groups()
         axis = {'az': 'azimuth', 'el': 'elevation'}.get(axis, axis)
-        name = f'{axis} by a curve of {driver}, {shape}'
+        name = f'{axis} by a curve of {driver_word(driver)}, {shape}'
         name = name.replace('_cosE', f', × cos {_LETTERS[axis]}')
     elif '_cosE' in name:
         axis = next((key for key in _LETTERS if name.startswith(key)), 'azimuth')
         name = name.replace('_cosE', f', × cos {_LETTERS[axis]}')
+    name = re.sub(r'subdivision_(grating|bars)_(\d+)', lambda found: f'subdivision, {found[2]} per '
+                  f'{"line" if found[1] == "grating" else "bar"}', name)
+    column = re.fullmatch(r'(.+)_(az|el)(_angle)?', name)
+    if column and not curve:  # what follows a column of the file
+        driver, axis, angle = column.groups()
+        axis = {'az': 'first axis', 'el': 'second axis'}[axis] + (
+            ', on the sky,' if axis == 'az' and not angle else '')
+        name = f'{axis} following {driver.replace("_equation", "")}'
     name = name.replace('_by_side', ', by side of the pier').replace(
         '_changing_with', ', changing with')
     return re.sub(r'_memory_([\d.]+)deg', r', memory \1°', name).replace('_', ' ')

@@ -3,6 +3,7 @@
 import numpy as np
 
 from msg_tools.units import ARCSEC, wrap
+from pointing_model.context import UNKNOWN
 from pointing_model.terms import stacked_design
 
 from .base import Effect, Offer, effect, form, offer
@@ -47,7 +48,7 @@ def propose(context, lacking, own):
         kinds = ('rotation',) if centred else ('rotation', 'scale')
         return [effect('camera', of=of, most=float(far)) for of in kinds]
 
-    unknown = None if context.get('miss_y') is not None else 'miss_y is not known'
+    unknown = None if context.get('miss_y') is not None else UNKNOWN['miss_y']
     centred = '' if unknown else _too_well_centred(context)
     yield offer('camera', 'camera rotation and scale', context, 'miss_x', build, unknown)
     if centred:

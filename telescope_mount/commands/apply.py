@@ -15,13 +15,16 @@ def add(commands):
         'el_enc_deg) and write it with the angles of the other side in two further columns. '
         'Further columns by the names of a run (time, temperature_c, approach_az, ...) drive the '
         'effects that need them.')
-    parser.add_argument('model', type=Path, metavar='MODEL', help='a model file of ours (.json, '
+    parser.add_argument('model', type=options.model_path, metavar='MODEL',
+                        help='a model file of ours (.json, '
                         '.yaml), or of a program that `export --to` writes')
     parser.add_argument('file', nargs='?', default='-', metavar='FILE',
                         help='CSV with a header row; - (default): from the standard input')
     parser.add_argument('--reverse', action='store_true', help='encoder angles to directions')
     parser.add_argument('--out', type=Path, metavar='FILE', help='write here; else to the '
                         'standard output')
+    options.add_overwrite(parser)
+    parser.set_defaults(written=('out',))
     parser.add_argument('--time', metavar='UTC', help='of all rows, ISO 8601; goes before a '
                         'column time')
     parser.add_argument('--set', action='append', default=[], metavar='COLUMN=VALUE', dest='given',
@@ -221,6 +224,8 @@ def _unknown(model, context, out, reverse):
     import numpy as np
 
     from msg_tools.units import DEG
+    from pointing_model.context import UNKNOWN
+    from pointing_model.effects.base import readable
     if not model.effects:
         return []
     if reverse:
@@ -230,7 +235,8 @@ def _unknown(model, context, out, reverse):
     for effect, rows in model.unknown(context.az, context.el, context).items():
         count = int(np.count_nonzero(rows))
         where = 'all rows' if count == len(rows) else f'{count} of {len(rows)} rows'
-        notes.append(f'{effect} counts as zero in {where}: {", ".join(needs[effect])} is not known')
+        reasons = dict.fromkeys(UNKNOWN.get(name, f'{name} is not known') for name in needs[effect])
+        notes.append(f'{readable(effect)} counts as zero in {where}: {"; ".join(reasons)}')
     return notes
 
 

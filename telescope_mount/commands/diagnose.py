@@ -1,9 +1,10 @@
 """The command ``diagnose``: what is wrong with a mount."""
 
+import argparse
 from pathlib import Path
 
 from . import options
-from .console import Progress, new_console, print_files, print_lines
+from .console import Progress, new_console, print_lines, write_outputs
 
 BASES = ('physical, standard6, index, sh13 (or sh1 to sh4; sh4p: E as printed), or terms, '
          'joined by +')
@@ -16,7 +17,7 @@ def add(commands):
         description='Fit the declared model to pointing runs, look at what it leaves, name the '
         'physical effect that explains it, and prove the gain on data that neither the fit nor '
         'the choice has seen.')
-    parser.add_argument('runs', nargs='+', type=Path, metavar='RUN',
+    parser.add_argument('runs', nargs='+', type=options.log_path, metavar='RUN',
                         help='pointing runs of one mount: logs, CSV, TPOINT, MMT or IRAM files')
     parser.add_argument('--base', default='physical', metavar='MODEL',
                         help=f'what the model has already: {BASES} (default: physical); or a '
@@ -29,17 +30,14 @@ def add(commands):
     parser.add_argument('--graduation', metavar='NAME=LINES', help='lines or bars in a turn of '
                         'the encoders, such as grating=47200 or az.grating=47200,el.bars=1080: '
                         'outliers by whole ones are slips (default: what a log of ours tells)')
-    parser.add_argument('--driver', action='append', default=[], metavar='COLUMN', help='a column '
+    parser.add_argument('--cause', action='append', default=[], metavar='COLUMN', help='a column '
                         'of the file that may be a cause, though its name does not say so')
-    parser.add_argument('--alpha', type=float, default=0.01,
+    parser.add_argument('--alpha', type=options.real(1e-6, 0.5), default=0.01,
                         help='chance that a run with nothing wrong gets any effect (default: 0.01)')
-    parser.add_argument('--holdout', nargs='+', type=Path, default=[], metavar='RUN',
+    parser.add_argument('--holdout', nargs='+', type=options.log_path, default=[], metavar='RUN',
                         help='judge on these as well; only the terms of --own (or IA,IE) are '
                         'refitted there, as on a new night')
-    parser.add_argument('--json', type=Path, metavar='FILE', help='write the result')
-    parser.add_argument('--report', type=Path, metavar='FILE.html', help='write a page')
-    parser.add_argument('--save', type=Path, metavar='FILE',
-                        help='write the model with what was found (.json, .yaml)')
+    options.add_outputs(parser, save='the model with what was found')
     options.add(parser, 'encoder', 'azimuth-origin')
     options.add(parser, 'latitude', help='of the site, for runs in right ascension and of '
                 'equatorial mounts')
@@ -65,11 +63,9 @@ def _run(args):
 
     from ..runs import load_runs
     console = new_console()
-    for path, suffixes in ((args.json, ()), (args.report, ('.html', '.htm')),
-                           (args.save, ('.json', '.yaml', '.yml'))):
-        options.check_target(path, suffixes)
+    options.check_outputs(args)
     place = {'azimuth_origin': args.azimuth_origin, 'graduation': args.graduation,
-             'drivers': args.driver, **options.place_of(args)}
+             'drivers': args.cause, **options.place_of(args)}
     runs, empty = load_runs(args.runs, **place)
     held, empty_held = load_runs(args.holdout, **place) if args.holdout else (None, [])
     print_lines(console, 'note', [*empty, *empty_held])
@@ -79,7 +75,7 @@ def _run(args):
                       if each else each for each in (runs, held))
     else:
         runs, held = _settled(runs, held, args, console)
-    with Progress(console, 'folds', 'looking for effects', after=30.0, every=60.0) as progress:
+    with Progress(unit='folds', first='looking for effects') as progress:
         found = diagnose(runs, '+'.join(base.terms) if base else args.base, args.alpha,
                          holdout=held, own_terms=args.own, encoder=args.encoder, seed=args.seed,
                          sessions=args.sessions, progress=progress)
@@ -93,13 +89,11 @@ def _run(args):
 
 def _settled(runs, held, args, console):
     """The runs, with the errors that hold by the longest of them; said where they do not turn."""
-    from calibration.sky_model import origin_of_errors, with_errors
-    origin = origin_of_errors(max(runs, key=len), encoder=args.encoder)
-    if origin is None or origin.holds in ('', runs[0].mount.errors):
-        return runs, held
-    print_lines(console, 'sides of the pier', [origin.sentence()])
-    return tuple([with_errors(run, origin.holds) for run in each] if each else each
-                 for each in (runs, held))
+    from calibration.sky_model import settled_together
+    (runs, held), origin = settled_together(runs, held, encoder=args.encoder)
+    if origin is not None:
+        print_lines(console, 'sides of the pier', [origin.sentence()])
+    return runs, held
 
 
 def _base_file(text, mount):
@@ -117,22 +111,26 @@ def _base_file(text, mount):
 
 
 def _write(args, found, console, base=None):
-    if args.json:
-        options.write_json(args.json, found.to_dict() | (
-            {'base_model': base.compared(found.model)} if base else {}))
-        print_files(console, {'result': args.json})
-    if args.report:
-        from calibration.diagnosis_page.page import write_report
-        write_report(found, args.report, args.runs)
-        print_files(console, {'page': args.report})
-    if args.save:
-        (base.whole(found.model) if base else found.model).save(args.save)
-        print_files(console, {'model': args.save})
+    from calibration.diagnosis_page.page import write_report
+    compared = {'base_model': base.compared(found.model)} if base else {}
+    model = base.whole(found.model) if base else found.model
+    write_outputs(
+        console, (args.json, lambda p: options.write_json(p, found.to_dict() | compared), 'result'),
+        (args.report, lambda p: write_report(found, p, args.runs), 'page'),
+        (args.save, model.save, 'model'))
 
 
 def _hours(text):
     """Hours of a gap; none: 0."""
-    return 0.0 if text == 'none' else float(text)
+    return 0.0 if text == 'none' else _number_of_hours(text)
+
+
+def _number_of_hours(text):
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f'{text!r}: write a number of hours, or none') from None
 
 
 def show(found, console):
@@ -141,6 +139,7 @@ def show(found, console):
     from calibration.diagnosis_page.plain_words import floor_words, readable, verdict_sentences
     from calibration.diagnosis_page.view import effect_sentences
     from calibration.tables import new_table
+    from pointing_model.effects.base import driver_word
     document, names = found.to_dict(), found.observations.run.mount.names
     first, second = names.columns
     headline, sentences = verdict_sentences(document, effect_sentences(found), limit=20,
@@ -171,18 +170,18 @@ def show(found, console):
     console.print(errors)
     spread = after['cv_spread']
     if spread and spread['partitions'] > 1:
-        console.print(f'mean of {spread["partitions"]} ways to leave rows out; after, they go from '
+        console.print(f'mean of {spread["partitions"]} ways to leave rows out; after goes from '
                       f'{_number(spread["min_arcsec"])} to {_number(spread["max_arcsec"])} arcsec')
     if found.expected:
         console.print(expected_sentence(document))
     console.print(f'{floor_words(document)}: {_number(document["noise_floor_arcsec"])} arcsec '
-                  'radial (what the rows fitted leave, over the freedom that is left)\n')
+                  'radial (what is left, corrected for the number of coefficients)\n')
     if found.effects:
         effects = new_table('Effects', 'effect', 'on', 'driver', 'p', 'ΔBIC', 'gain, arcsec')
         for effect in document['effects']:
             acts = {'az': first, 'el': second}.get(effect['axes'], effect['axes'])
             effects.add_row(readable(effect['name']), acts,
-                            found.observations.context.said(effect['driver']).replace('_', ' '),
+                            driver_word(effect['driver']).replace('_', ' '),
                             _number(effect['p_family'], 4), _number(effect['delta_bic'], 1),
                             _number(effect['cv_gain_arcsec']))
         console.print(effects)
@@ -190,8 +189,9 @@ def show(found, console):
         console.print(line, markup=False)
     print_lines(console, 'note', found.notes)
     if found.columns_alike:
-        print_lines(console, 'note', ['read otherwise the columns fit as well, which no fit can '
-                                      'tell: ' + '; '.join(found.columns_alike)])
+        print_lines(console, 'note', ['the columns would fit as well if they meant something '
+                                      'else, which no fit can tell; make sure that it is not: '
+                                      + '; '.join(found.columns_alike)])
     for item in document['next_observations'][:6]:
         console.print(_proposal(item, names), markup=False)
 

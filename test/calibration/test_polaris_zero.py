@@ -180,10 +180,11 @@ def test_the_statement_names_what_polaris_cannot_tell_from_the_zero():
                   sigma_x=np.full(4, 1e-6), sigma_y=np.full(4, 1e-6))
     zero = zero_from_polaris(now, now, reference_name='night 3')
     text = zero.statement()
-    azimuth, elevation = text.split('; the elevation: ')
-    for words in (f'CA {1 / np.cos(el):+.2f}', f'NPAE {np.tan(el):+.2f}', f'AW {np.tan(el):+.2f}',
+    azimuth, elevation = text.split('; elevation by ')
+    for words in (f'CA {1 / np.cos(el):+.2f}″', f'NPAE {np.tan(el):+.2f}″',
+                  f'AW {np.tan(el):+.2f}″',
                   'night 3'):
         assert words in azimuth, words
-    assert elevation == f'AN +1.00, TF {np.cos(el):+.2f}'
+    assert elevation == f'AN +1.00″, TF {np.cos(el):+.2f}″'
     assert zero.to_dict()['statement'] == text
-    assert 'every other term' in zero_from_polaris(now, PointingModel({})).statement()
+    assert 'no earlier model' in zero_from_polaris(now, PointingModel({})).statement()

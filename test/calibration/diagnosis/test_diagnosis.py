@@ -343,7 +343,7 @@ def test_held_out_rows_and_drivers_that_fail_are_said():
     result = diagnose(night(80, effect=backlash(8.0)), holdout=later, **FAST)
     text = '\n'.join(result.notes)
     assert 'held out: run:4 left out: az_enc not finite' in text
-    assert 'counts as zero in 59 of 59 rows, where approach_az is not known' in text
+    assert 'counts as zero in 59 of 59 rows, where the direction of approach is not known' in text
 
 
 def test_two_clocks_are_not_joined():

@@ -125,7 +125,7 @@ def test_a_zero_that_wanders_is_no_effect_and_is_told():
         assert axis['unit'] == 'hours' and 0.05 < axis['memory'] < 10.0
     assert 'the zero wanders' in told.wander['text']
     headline, sentences = verdict_sentences(told.to_dict())
-    assert 'wanders' in headline and 'its cause is not told' in sentences[0]
+    assert 'wanders' in headline and 'What moves it is not known' in sentences[0]
     document = json.loads(json.dumps(told.to_dict()))
     assert document['wander']['p'] <= 0.01
 

@@ -247,6 +247,11 @@ def test_the_most_honest_pair_is_quoted():
         'The pointing error in cross-validation goes from 6.00″ to 2.00″ (−67 %).',
         'A is off. With these observations it could as well be: azimuth encoder, 2 per turn; or '
         'c.']
+    # the one that takes off most is told first
+    document['effects'] = [{'name': name, 'cv_gain_arcsec': gain}
+                           for name, gain in (('a', 1.0), ('b', 5.0), ('c', None))]
+    assert verdict_sentences(document, ['A.', 'B.', 'C.'], limit=2)[1][1:] == [
+        'B.', 'A.', 'And 1 more.']
 
 
 def test_numbers_and_names():

@@ -1,0 +1,92 @@
+"""Writes the list of causes that the diagnosis knows, from the effects themselves.
+
+    .venv/bin/python docs/make/effects.py
+"""
+
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT))
+
+from msg_tools.units import DEG  # noqa: E402
+from pointing_model.context import Context  # noqa: E402
+from pointing_model.effects import dictionary  # noqa: E402
+from pointing_model.effects.base import driver_word  # noqa: E402
+from pointing_model.mounts import parse_mount  # noqa: E402
+from pointing_model.run import PointingRun  # noqa: E402
+from pointing_model.sky import Site  # noqa: E402
+
+#: drivers, as a reader says them
+WORDS = {'lst': 'sidereal time', 'reading_az': 'reading of the encoder', 'az_rate': 'rate',
+         'miss_x': 'miss distance', 'run': 'power-on', 'approach_az': 'direction of approach',
+         'approach_el': 'direction of approach'}
+SIDES = 'it differs by the side of the pier'
+PAGE = ROOT / 'docs' / 'effects.md'
+HEAD = """<!-- made by docs/make/effects.py from pointing_model/effects; do not edit -->
+# Causes that the diagnosis knows
+
+Each is tried on a run that can show it; a run without times cannot show what drifts with time, and
+the report says so.
+*Follows*: what the error depends on. *Look at*: where on the mount, or in its software, to begin.
+[residual_to_cause.md](residual_to_cause.md) says how to go from a residual to one of these.
+"""
+
+
+def run_of(kind):
+    """A run that can show everything: all columns that there are, by chance."""
+    rng, n = np.random.default_rng(1), 240
+    site = Site()
+    mount = parse_mount(kind, site.latitude)
+    az, el = rng.uniform(0.0, 2 * np.pi, n), rng.uniform(20.0, 80.0, n) * DEG
+    side = np.arange(n) % 2 == 1 if kind == 'german' else False
+    first, second = (az, el) if mount.altaz else mount.axes_of(az, el, side)
+    columns = {'az': first, 'el': second, 'az_enc': first, 'el_enc': second, 'az_raw': first,
+               'el_raw': second, 'time': 1.7e9 + 120.0 * np.arange(n),
+               'run': np.repeat((1, 2, 3, 4), n // 4), 'approach_az': rng.choice((-1, 1), n),
+               'approach_el': rng.choice((-1, 1), n), 'ra_pm': rng.normal(size=n)}
+    for name in ('temperature', 'pressure', 'magnitude', 'wind_speed', 'wind_from', 'humidity',
+                 'miss_x', 'miss_y', 'az_rate', 'el_rate'):
+        columns[name] = rng.normal(size=n) * (1e-4 if '_' in name else 1.0)
+    return PointingRun(columns, {'site': site, 'mount': mount, 'raw_reading': True,
+                                 'graduation': {}})
+
+
+def rows_of(kind):
+    """Cause, driver, what to look at; one row for effects that differ in an order or an axis."""
+    found = {}
+    for effect in dictionary(Context.of_run(run_of(kind)))[0]:
+        key = effect.form, effect.look_at, re.sub(r'_?(az|el|azimuth|elevation|hour_angle|'
+                                                  r'declination)\b', '', effect.driver)
+        found.setdefault(key, []).append(effect)
+    for effects in found.values():
+        first = effects[0]
+        if SIDES in first.cause:
+            continue
+        cause, driver = first.cause, WORDS.get(first.driver, driver_word(first.driver))
+        if 'column' in cause:
+            cause, driver = 'follows a column of the file', 'that column'
+        yield cause[:1].upper() + cause[1:], driver, first.look_at
+
+
+def page():
+    """The text of the page."""
+    out, told = [HEAD], set()
+    for title, kind in (('Any mount; the words are those of an alt-azimuth one', 'altaz'),
+                        ('Beside them, of German mounts', 'german')):
+        lines = [f'\n## {title}\n', '| cause | follows | look at |', '| --- | --- | --- |']
+        new = [row for row in rows_of(kind) if row[2] not in told]
+        lines += dict.fromkeys(f'| {" | ".join(row)} |' for row in new)
+        told |= {row[2] for row in new}
+        out += lines
+    out.append('\nEach of them, and each term, may also differ by the side of the pier: what '
+               'shifts when the tube goes over (mirror cell, focuser, counterweight).')
+    return '\n'.join(out) + '\n'
+
+
+if __name__ == '__main__':
+    PAGE.write_text(page(), encoding='utf-8')
+    print(PAGE)

@@ -1,0 +1,413 @@
+"""For Python programs: read a pointing run, fit it, diagnose it, apply a model. No ROS needed.
+
+::
+
+    from telescope_mount import read_run, fit, diagnose, apply
+
+    run = read_run('run.csv')
+    print(fit(run))
+    found = diagnose(run)
+    az_enc_deg, el_enc_deg = apply(found, 120.0, 45.0)
+
+These are the commands of the same names, without their printing: the same file gives the same
+numbers. What they return carries its unit in its name: ``_deg``, ``_arcsec``, ``_c``, ``_hpa``,
+``_m``; offsets are encoder - catalogue, on the sky. Behind each stands the object of the package
+that computed it, in radians (`Run.rows`, `Fit.result`, `Diagnosis.result`).
+
+These names are kept: what is here now stays, with its meaning and its unit, within a major version.
+"""
+
+from functools import cached_property, wraps
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from calibration.check import checked_by_halves
+from calibration.diagnosis import check_columns
+from calibration.diagnosis import diagnose as _diagnose
+from calibration.fit import fit_terms
+from calibration.fit_document import fit_document
+from calibration.sky_model import settled, settled_together
+from msg_tools.units import ARCSEC, DEG
+from pointing_model import apply as _apply
+from pointing_model.run import COLUMNS, PointingRun, column_name
+
+from .commands.options import place_of
+from .runs import load_run
+
+__all__ = ['Diagnosis', 'Fit', 'Run', 'apply', 'diagnose', 'fit', 'read_run']
+
+
+def _one_thread(work):
+    """With matrices as small as ours threads of BLAS stand in each other's way: a diagnosis of 80
+    rows takes four times as long, and its last bits are others than the command's."""
+    @wraps(work)
+    def limited(*args, **options):
+        with threadpool_limits(1):
+            return work(*args, **options)
+    return limited
+
+
+class Run:
+    """A pointing run: its columns by the names that they have in a CSV file, unit included.
+
+    ``run['az_deg']``, ``run['el_enc_deg']``, ``run['temperature_c']``, ``run['time']`` (UTC,
+    seconds since 1970), of equatorial mounts ``run['ha_deg']``; `pointing_model.run.COLUMNS` has
+    them all.
+
+    Attributes
+    ----------
+    rows : pointing_model.run.PointingRun
+        The same in radians.
+    """
+
+    def __init__(self, rows):
+        self.rows = rows
+        self._names = {column_name(name, rows.mount.names): name for name in rows.columns}
+
+    def __len__(self):
+        return len(self.rows)
+
+    def __contains__(self, name):
+        return name in self._names
+
+    def __getitem__(self, name):
+        """Column `name` in the unit that the name says, shape (n,)."""
+        if name not in self._names:
+            raise KeyError(f'no column {name}; the run has {", ".join(self.names)}')
+        inside = self._names[name]
+        values, unit = self.rows[inside], COLUMNS.get(inside, ('', 1.0))[1]
+        return values / unit if unit != 1.0 else values
+
+    @property
+    def names(self):
+        """Names of the columns, list of str."""
+        return list(self._names)
+
+    @property
+    def notes(self):
+        """What the reader of the file has to say, list of str."""
+        return list(self.rows.meta.get('notes', ()))
+
+    def select(self, rows):
+        """The run with only these rows (a mask or indices)."""
+        picked = self.rows.select(rows)
+        picked.meta = {**self.rows.meta, 'lines': self.rows.lines[rows]}
+        return Run(picked)
+
+    def __repr__(self):
+        source = Path(str(self.rows.meta.get('source', ''))).name
+        return f'<Run {source}: {len(self)} rows, {self.rows.mount.kind}>'
+
+
+class Fit:
+    """What `fit` found.
+
+    Attributes
+    ----------
+    run : Run
+    result : calibration.fit_result.FitResult
+        In radians.
+    document : dict
+        What ``telescope-mount fit --json`` writes.
+    """
+
+    def __init__(self, run, result, document):
+        self.run, self.result, self.document = run, result, document
+
+    @property
+    def model(self):
+        """The `pointing_model.model.PointingModel`."""
+        return self.result.model
+
+    @property
+    def terms_arcsec(self):
+        """Term -> value, encoder - catalogue, arcsec; dict of str to float."""
+        return {row['name']: row['value_arcsec'] for row in self.document['terms']}
+
+    @property
+    def sigmas_arcsec(self):
+        """Term -> standard error, arcsec; dict of str to float."""
+        return {row['name']: row['sigma_arcsec'] for row in self.document['terms']}
+
+    @property
+    def rms_before_arcsec(self):
+        """Radial RMS on the sky as the encoders read, arcsec."""
+        return self.document['before']['rms_arcsec']
+
+    @property
+    def rms_arcsec(self):
+        """Radial RMS on the sky of the rows fitted, arcsec."""
+        return self.document['after']['rms_arcsec']
+
+    @property
+    def rms_left_out_arcsec(self):
+        """The same of each half of the rows by a fit to the other half, arcsec; None: too few."""
+        return self.document['after']['cv_rms_arcsec']
+
+    @property
+    def residuals_arcsec(self):
+        """What the terms leave on the sky along both axes, arcsec, shape (2, n); NaN: not used."""
+        return np.array((self.result.residual_x, self.result.residual_y)) / ARCSEC
+
+    @property
+    def used(self):
+        """Which rows of `run` were used, ndarray of bool, shape (n,)."""
+        return self.result.weights > 0.0
+
+    def save(self, path):
+        """Write the model (.json, .yaml), as ``fit --save`` does."""
+        self.model.save(path)
+
+    def __repr__(self):
+        sigmas = self.sigmas_arcsec
+        terms = ''.join(f'{name:>8} {value:+10.2f} ± {sigmas[name]:.2f}"\n'
+                        for name, value in self.terms_arcsec.items())
+        return (f'{terms}{self.document["observations"]} of {len(self.run)} rows, RMS on the sky '
+                f'{self.rms_before_arcsec:.2f}" -> {self.rms_arcsec:.2f}"')
+
+
+class Diagnosis:
+    """What `diagnose` found.
+
+    Attributes
+    ----------
+    result : calibration.diagnosis.Diagnosis
+        In radians.
+    """
+
+    def __init__(self, result):
+        self.result = result
+
+    @cached_property
+    def document(self):
+        """What ``telescope-mount diagnose --json`` writes, dict."""
+        return self.result.to_dict()
+
+    @property
+    def verdict(self):
+        """Of 'none', 'wanders', 'undecided', 'identified', 'ambiguous', 'unknown', 'refused'."""
+        return self.result.verdict
+
+    @property
+    def sentences(self):
+        """The verdict for people: a headline, and what follows from it; list of str."""
+        from calibration.diagnosis_page.plain_words import verdict_sentences
+        from calibration.diagnosis_page.view import effect_sentences
+        headline, more = verdict_sentences(self.document, effect_sentences(self.result),
+                                           caution=self.result.caution)
+        return [headline, *more]
+
+    @property
+    def effects(self):
+        """One dict an effect: ``name``, ``coefficients_arcsec``, ``p_family``, ..."""
+        return self.document['effects']
+
+    @property
+    def model(self):
+        """The `pointing_model.model.PointingModel` with what was found."""
+        return self.result.model
+
+    @property
+    def rms_before_arcsec(self):
+        """Radial RMS on the sky that the declared model leaves on the rows fitted, arcsec."""
+        return self.document['before']['rms_arcsec']
+
+    @property
+    def rms_after_arcsec(self):
+        """The same with the effects, arcsec."""
+        return self.document['after']['rms_arcsec']
+
+    @property
+    def rms_left_out_arcsec(self):
+        """Before and after on rows that neither fit nor choice has seen, arcsec; None: unknown."""
+        return tuple(self.document[when]['cv_rms_arcsec'] for when in ('before', 'after'))
+
+    @property
+    def residuals_before_arcsec(self):
+        """What the declared model leaves on the sky along both axes, arcsec, shape (2, n)."""
+        return self.result.residual_before / ARCSEC
+
+    @property
+    def residuals_after_arcsec(self):
+        """What is left with the effects, arcsec, shape (2, n)."""
+        return self.result.residual_after / ARCSEC
+
+    @property
+    def used(self):
+        """Which rows of the residuals are no outliers, ndarray of bool, shape (n,)."""
+        return self.result.weights > 0.0
+
+    @property
+    def az_deg(self):
+        """First angle of the catalogue place of the residuals' rows, degrees, shape (n,)."""
+        return self.result.observations.run['az'] / DEG
+
+    @property
+    def el_deg(self):
+        """Second angle of the same, degrees, shape (n,)."""
+        return self.result.observations.run['el'] / DEG
+
+    def save(self, path):
+        """Write the model with what was found (.json, .yaml), as ``diagnose --save`` does."""
+        self.model.save(path)
+
+    def write_page(self, path):
+        """Write the HTML page, as ``diagnose --report`` does."""
+        from calibration.diagnosis_page.page import write_report
+        write_report(self.result, path)
+
+    def __repr__(self):
+        return '\n'.join(self.sentences)
+
+
+def read_run(path, *, mount=None, latitude_deg=None, longitude_deg=None, height_m=None,
+             pressure_hpa=None, temperature_c=None, azimuth_origin=None):
+    """Read a pointing run from a file of any kind that the commands take, or from a log.
+
+    Parameters
+    ----------
+    path : str or Path
+        CSV, TPOINT, TheSky, MMT, IRAM, MountWizzard4, gpoint, ... or the folder of a log: see
+        `pointing_model.run_files.read_run`.
+    mount : str, optional
+        ``altaz``, ``equatorial``, ``german`` or ``free:AZ,EL[,ROLL]``, in place of what the file
+        tells.
+    latitude_deg, longitude_deg, height_m : float, optional
+        Of the site (degrees, east positive; metres), where the file does not tell it.
+    pressure_hpa, temperature_c : float, optional
+        Of the air, for the refraction of places in right ascension.
+    azimuth_origin : {'N', 'S'}, optional
+        Where azimuth 0 is in a TPOINT file.
+
+    Returns
+    -------
+    Run
+
+    Raises
+    ------
+    ValueError
+        Not a pointing run; one line that says what is wrong, where, and what to do.
+    OSError
+        It cannot be read.
+    """
+    place = place_of(SimpleNamespace(
+        mount=mount, latitude=latitude_deg, longitude=longitude_deg, height=height_m,
+        pressure=pressure_hpa, temperature=temperature_c))
+    return Run(load_run(path, azimuth_origin=azimuth_origin, **place))
+
+
+@_one_thread
+def fit(run, terms=None, *, encoder='enc', robust=True):
+    """Fit pointing terms.
+
+    Parameters
+    ----------
+    run : Run, PointingRun, str or Path
+        A path is read as `read_run` does.
+    terms : sequence of str, optional
+        By default the seven physical terms of the mount.
+    encoder : {'enc', 'abs'}
+        Which pair of encoder columns.
+    robust : bool
+        Give rows far from the fit less weight, or none.
+
+    Returns
+    -------
+    Fit
+
+    Raises
+    ------
+    ValueError
+        Too few usable rows, unknown terms, or columns that are not what they are named.
+    """
+    rows = _rows(run)
+    names = rows.mount.names.physical if terms is None else tuple(terms)
+    checked = check_columns(rows, encoder)
+    rows, origin = settled(rows, names, encoder=encoder, robust=robust)
+    result = fit_terms(rows, names, robust=robust, encoder=encoder,
+                       provenance={'source': str(rows.meta.get('source', ''))})
+    document = fit_document(rows, result, encoder,
+                            checked_by_halves(rows, result, names, encoder, robust), checked)
+    if origin is not None:
+        document['origin_of_errors'] = origin.document()
+    return Fit(Run(rows), result, document)
+
+
+@_one_thread
+def diagnose(runs, base='physical', *, alpha=0.01, holdout=(), encoder='enc', seed=0,
+             progress=None):
+    """Find the effects that a model lacks, and prove the gain.
+
+    Parameters
+    ----------
+    runs : Run, PointingRun, str or Path, or a sequence of them
+        Several are several runs of one mount; a path is read as `read_run` does.
+    base : str
+        What the model has already: ``physical``, ``index``, ``standard6``, terms joined by +, ...
+    alpha : float
+        Chance that a run with nothing wrong gets any effect.
+    holdout : as `runs`, optional
+        Judge there too.
+    encoder : {'enc', 'abs'}
+    seed : int
+        Of the resampling.
+    progress : callable, optional
+        See `calibration.diagnosis.diagnose`.
+
+    Returns
+    -------
+    Diagnosis
+
+    Raises
+    ------
+    ValueError
+        Too few usable rows, unknown terms, or columns that are not what they are named.
+    """
+    (runs, held), _ = settled_together(_several(runs), _several(holdout), encoder=encoder)
+    return Diagnosis(_diagnose(runs, base, alpha, holdout=held or None, encoder=encoder,
+                               seed=seed, progress=progress))
+
+
+def apply(model, az_deg, el_deg, *, reverse=False, zero='newest', latitude_deg=None,
+          longitude_deg=None, **drivers):
+    """Encoder angles at which the mount looks at directions, or back; degrees in, degrees out.
+
+    Parameters
+    ----------
+    model : Fit, Diagnosis, PointingModel, str or Path
+        A path: a model file of ours, or of another program.
+    az_deg, el_deg, reverse, zero, latitude_deg, longitude_deg, **drivers
+        As of `pointing_model.apply.apply`, which does the work: ``temperature_c=4.5``, ...
+
+    Returns
+    -------
+    az_deg, el_deg : ndarray, shape (n,)
+        What the encoders read; with `reverse` where the mount looks.
+
+    Raises
+    ------
+    ValueError
+        No such zero, a file that holds no model, or drivers of another length.
+    OSError
+        The file cannot be read.
+    """
+    if isinstance(model, Fit | Diagnosis):
+        model = model.model
+    return _apply.apply(model, az_deg, el_deg, reverse=reverse, zero=zero,
+                        latitude_deg=latitude_deg, longitude_deg=longitude_deg, **drivers)
+
+
+def _rows(run):
+    """PointingRun of what a caller may give."""
+    if isinstance(run, str | Path):
+        return load_run(run)
+    return run.rows if isinstance(run, Run) else run
+
+
+def _several(runs):
+    """List of PointingRun."""
+    one = isinstance(runs, str | Path | Run | PointingRun)
+    return [_rows(run) for run in ([runs] if one else runs)]

@@ -1,0 +1,126 @@
+"""The documentation holds together: links, pages that are made from the nodes, pictures, index."""
+
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+DOCS = ROOT / 'docs'
+PAGES = sorted([*ROOT.glob('*.md'), *DOCS.rglob('*.md'), ROOT / 'calibration/data/README.md'])
+LINK = re.compile(r'(?<!\\)\[[^\]\[]*(?:\[[^\]]*\][^\]\[]*)*\]\(<?([^)\s>]+)>?(?:\s+"[^"]*")?\)')
+
+
+@pytest.fixture
+def made(monkeypatch):
+    """The scripts that make pages and pictures."""
+    monkeypatch.syspath_prepend(str(DOCS / 'make'))
+    yield
+    for name in ('nodes', 'drawings', 'effects'):
+        sys.modules.pop(name, None)
+
+
+def text_of(path):
+    """A page without its blocks of code."""
+    return re.sub(r'^(```|~~~).*?^\1', '', path.read_text(encoding='utf-8'), flags=re.M | re.S)
+
+
+def links_of(text):
+    """Targets of the links and pictures of a page."""
+    plain = re.sub(r'`[^`\n]*`', lambda code: re.sub(r'[\[\]()]', ' ', code.group()), text)
+    return LINK.findall(plain) + re.findall(r'<img[^>]* src="([^"]+)"', plain)
+
+
+def anchors_of(text):
+    """What a link may name in a page: its headings as GitHub and the site spell them."""
+    found = []
+    for heading in re.findall(r'^#{1,6}\s+(.+?)\s*#*$', text, flags=re.M):
+        heading = re.sub(r'\[([^\]]*)\]\([^)]*\)', r'\1', heading)
+        slug = re.sub(r'[^\w\- ]', '', heading.lower()).replace(' ', '-')
+        found.append(slug if slug not in found else f'{slug}-{found.count(slug)}')
+    return found
+
+
+def broken(path, text=None):
+    """Links of a page that lead nowhere."""
+    wrong = []
+    for link in links_of(text_of(path) if text is None else text):
+        if re.match(r'[a-z]+:', link):
+            continue
+        name, _, anchor = link.partition('#')
+        target = (path.parent / name).resolve() if name else path
+        there = target.exists() and ROOT in target.parents
+        if there and anchor:
+            there = anchor in anchors_of(text_of(target) if text is None or name else text)
+        if not there:
+            wrong.append(link)
+    return wrong
+
+
+def test_every_link_leads_somewhere():
+    wrong = {str(path.relative_to(ROOT)): broken(path) for path in PAGES}
+    assert {path: links for path, links in wrong.items() if links} == {}
+
+
+def test_a_broken_link_is_found():
+    page = DOCS / 'index.md'
+    text = '# A *b*, c\n[x](nowhere.md) [y](#a-b-c) [z](#d) ![p](pictures/no.svg) [w](../README.md)'
+    assert broken(page, text) == ['nowhere.md', '#d', 'pictures/no.svg']
+
+
+def test_every_page_is_in_the_index():
+    """What the site's navigation is made of, see docs/conf.py."""
+    linked = {(page.parent / link.partition('#')[0]).resolve()
+              for page in (DOCS / 'index.md', DOCS / 'nodes' / 'index.md')
+              for link in links_of(text_of(page))}
+    assert set(DOCS.rglob('*.md')) - linked - {DOCS / 'index.md'} == set()
+
+
+def test_pages_of_the_nodes_are_those_that_the_script_makes(made, ros_domain, tmp_path):
+    """`python docs/make/nodes.py` writes them again."""
+    import nodes
+    for path, text in nodes.pages(nodes.declared(tmp_path)).items():
+        assert (DOCS / path).read_text(encoding='utf-8') == text, path
+    from telescope_mount.graph import NODES
+    assert {path.stem for path in (DOCS / 'nodes').glob('*.md')} == {*NODES, 'index'}
+
+
+def test_pictures_are_those_that_the_script_makes(made):
+    """`python docs/make/drawings.py` writes them again."""
+    import drawings
+    for name, text in drawings.pages().items():
+        assert (DOCS / 'pictures' / name).read_text(encoding='utf-8') == text, name
+
+
+def test_the_list_of_causes_is_that_of_the_dictionary(made):
+    """`python docs/make/effects.py` writes it again."""
+    import effects
+    assert (DOCS / 'effects.md').read_text(encoding='utf-8') == effects.page()
+
+
+def test_a_mount_is_drawn_as_the_geometry_turns_it(made):
+    import drawings
+    for name in ('CA', 'NPAE', 'AN', 'AW', 'CH', 'NP', 'MA', 'ME'):
+        assert drawings.skeleton_error(name) < 1e-9
+    skeleton = drawings.Skeleton('altaz', {'AN': 0.1}).sight()
+    assert abs(skeleton[1] - drawings.Skeleton('altaz', {}).sight()[1]).max() > 0.01
+
+
+def test_the_sample_night_is_small_and_can_be_fitted():
+    from telescope_mount import fit, read_run
+    folder = ROOT / 'examples' / 'night'
+    assert sum(path.stat().st_size for path in folder.rglob('*') if path.is_file()) < 900_000
+    found = fit(read_run(folder / 'bag'))
+    assert len(found.run) == 60 and found.rms_left_out_arcsec < 1.6
+    # the mount that docs/first_night.md observes: scenario default
+    assert abs(found.terms_arcsec['AN'] - 37.0) < 1.0
+
+
+def test_the_glossary_has_every_term_of_every_mount():
+    from pointing_model.mounts import KINDS
+    from pointing_model.terms import terms_of
+    text = (DOCS / 'glossary.md').read_text(encoding='utf-8')
+    named = set(re.findall(r'\*\*([A-Z0-9]+)\*\*', text))
+    wanted = {name for kind in KINDS for name in terms_of(kind)}
+    assert wanted - named == set()
