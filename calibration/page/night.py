@@ -1,6 +1,5 @@
 """The page of a night: one file with all that it found."""
 
-import json
 from datetime import datetime, timezone
 from pathlib import Path
 
@@ -66,14 +65,14 @@ def write_night_page(folder, run, model, report, log=None, title='Night'):
     diagnosed = folder / 'diagnosis.html'
     path = folder / 'page.html'
     path.write_text(render_night(
-        run, model, report, _told(log), title,
+        run, model, report, told_of(log), title,
         diagnosed.read_text(encoding='utf-8') if diagnosed.is_file() else '',
         [log, *(folder / name for name in FILES)]), encoding='utf-8')
     return path
 
 
-def _told(log):
-    """Health and parameters of a log; what of it cannot be read is not there."""
+def told_of(log):
+    """Health and parameters of a log, for `render_night`; what cannot be read is not there."""
     try:
         bag = open_bag(log)
         return {'health': log_health(log), 'site': parameters_of(bag.metadata, '/star_observer'),
@@ -283,8 +282,3 @@ def _words(run, report, split_seed):
             words[i] = words[i].replace('used', f'rejected: an outlier, {far:.1f}″ off')
         used &= ~at
     return used, words
-
-
-def read_report(path):
-    """The report that a night has written, a dict."""
-    return json.loads(Path(path).read_text(encoding='utf-8'))

@@ -19,11 +19,13 @@ from calibration.fit_document import fit_document
 from calibration.page.fit import write_fit_page
 from calibration.page.log_health import log_health
 from calibration.page.night import render_night, residuals_of, write_night_page
+from calibration.page.of_log import write_page_of_log
 from calibration.page.parts import number
 from calibration.page.provenance import sum_of
 from calibration.page.residuals import Residuals, controls, residual_sections
 from calibration.page.style import CSS
 from calibration.page.zeros import zeros_of
+from msg_tools.bag import BagReader, BagWriter
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
 from pointing_model.rms import rms
@@ -134,6 +136,23 @@ def test_a_log_tells_how_its_instruments_did():
     health = log_health(Path(__file__).parents[1] / 'data' / 'sample_log')
     assert all(row['count'] > 0 and row['rate_hz'] != 0.0 for row in health['streams'])
     assert {'streams', 'marks', 'sigmas_arcsec', 'nodes', 'whole'} <= set(health)
+
+
+def test_a_night_that_is_over_has_its_page_from_its_log(tmp_path):
+    log, page = Path(__file__).parents[2] / 'examples' / 'night' / 'bag', tmp_path / 'page.html'
+    write_page_of_log(log, page)
+    text = page.read_text(encoding='utf-8')
+    ElementTree.fromstring(text.split('\n', 1)[1])
+    report = json.loads([message.data.data for message in BagReader(log).messages(
+        '/mount/calibration/report', decode=True)][-1])
+    for term in report['terms']:
+        assert number(term['value_arcsec'], 3, True) in text
+    assert 'No message of an instrument was lost.' in text and len(text) < 400_000
+    assert text.count('<tr data-i=') == report['stars'] == 60
+    with BagWriter(tmp_path / 'empty'):
+        pass
+    with pytest.raises(ValueError, match='it is no log of a night'):
+        write_page_of_log(tmp_path / 'empty', page)
 
 
 @pytest.mark.parametrize('n', [0, 1])
