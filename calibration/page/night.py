@@ -171,7 +171,7 @@ def _verdict(report, data):
     if headline is None:
         size = data.radial('after')
         headline = 'Nothing was fitted' if size is None else \
-            f'The stars are missed by {size:.2f}″'
+            f'Nothing was fitted; {data.after_text} the stars are missed by {size:.2f}″'
     return verdict('alarm' if alarms else '', headline, lines, cards(numbers),
                    'alarm' if alarms else '', gains(bars, *_noise(report)))
 
@@ -233,7 +233,8 @@ def residuals_of(run, model, report, split_seed=None):
         groups=rows.columns.get('run'), group_word='power-on',
         noise=tuple(noise) if noise else None,
         before_text='zero set, no model' if measured else 'as the encoders read',
-        after_text='zero and model', turned=turned,
+        after_text='zero and model' if model.terms or model.harmonics else 'as the encoders read',
+        turned=turned,
         places=None if mount.altaz else (rows['az'], rows['el']),
         utc=run.meta.get('time_is_utc', True))
 
@@ -256,7 +257,7 @@ def _name(star):
 def _words(run, report, split_seed):
     """Which rows the fit used, and of each what became of it."""
     n = len(run)
-    words = np.full(n, 'used', dtype=object)
+    words = np.full(n, 'used' if report.get('terms') else 'not fitted', dtype=object)
     if not n:
         return np.zeros(0, bool), words
     satellite, lied = run.get('star', np.zeros(n)) < 0, distrusted(run)
@@ -271,7 +272,7 @@ def _words(run, report, split_seed):
         fitted &= run['time'] <= report['last_stamp_ns'] * 1e-9 + 1e-3
         words[used & ~fitted] = 'came after the fit'
     stars = np.flatnonzero(fitted & ~is_for_zero(run))
-    if split_seed is not None and len(stars) > 1:
+    if split_seed is not None and len(stars) > 1 and report.get('steps'):
         half = split_half(run.select(stars), split_seed)
         words[stars[~half]] = 'used; held out in the check'
     for one in report.get('outliers') or ():
