@@ -178,8 +178,9 @@ tr.lit td { background:color-mix(in srgb,var(--lit) 22%,var(--card)) }
   section { border:0; border-top:1px solid #999; border-radius:0; padding:10px 0; margin:8px 0 }
   .verdict { border-left:0 } h2,h3 { break-after:avoid } .scroll { overflow:visible }
   .scroll.tall { max-height:none; overflow:visible } .tall thead th { position:static }
-  table { font-size:9pt } .stars,.keep { font-size:7.5pt }
+  table { font-size:9pt } .stars,.keep { font-size:7pt }
   td,th { white-space:normal!important; padding-right:6px }
+  :is(.stars,.keep) :is(td,th) { padding-right:4px }
   thead { display:table-header-group }
   tr,svg,figure { break-inside:avoid } .pair { grid-template-columns:1fr 1fr }
   .scroll svg { min-width:0 } .controls { display:none }

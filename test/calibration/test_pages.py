@@ -255,7 +255,7 @@ def test_in_a_browser_it_opens_at_once_fits_and_asks_for_nothing(request, browse
                        for what in ('backgroundColor', 'color'))
         light = [sum(map(int, re.findall(r'\d+', colour)[:3])) for colour in (ground, ink)]
         assert (light[0] < light[1]) == dark
-    browser.window(800, kind='print')
+    browser.window(700, kind='print')
     assert _fits(browser)
     assert browser.run('getComputedStyle(document.querySelector(".controls")).display') == 'none'
     assert browser.complaints == [] and browser.run('document.title') != 'taken'
