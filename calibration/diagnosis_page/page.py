@@ -8,7 +8,8 @@ from pointing_model.effects.base import arcsec
 from ..page.drawing import clean
 from ..page.parts import cards, listed, section, verdict, whole
 from ..page.provenance import provenance_section
-from ..page.residuals import controls, histograms, sky_maps, stars_table, targets
+from ..page.residuals import controls, histograms, sky_maps, targets
+from ..page.stars import stars_table
 from ..page.terms import correlation_table, terms_table
 from . import sections as page
 from .plain_words import best_pair, floor_words, verdict_sentences
