@@ -89,8 +89,8 @@ def test_the_page_of_a_night_has_every_part(night):
         'Encoders and instruments', 'Stars', 'Terms of the model', 'Models that were compared',
         'What the model lacks', 'Notes', 'Where this comes from']
     last = next(step for step in night.report['steps'] if step['step'] == '7 physical terms')
-    assert headings[0].startswith('From ') and headings[0].endswith(
-        f' to {last["held_out"]["radial"]:.2f}″ on stars held out')
+    assert headings[0].startswith('Stars held out: from ') and headings[0].endswith(
+        f' to {last["held_out"]["radial"]:.2f}″ with the model')
     assert sum_of(night.folder / 'report.json') in night.text
 
 
