@@ -115,12 +115,13 @@ def _write(args, found, console, base=None):
     model = base.whole(found.model) if base else found.model
     write_outputs(
         console, (args.json, lambda p: options.write_json(p, found.to_dict() | compared), 'result'),
-        (args.report, lambda p: _write_page(found, p), 'page'), (args.save, model.save, 'model'))
+        (args.report, lambda p: _write_page(found, p, args.runs), 'page'),
+        (args.save, model.save, 'model'))
 
 
-def _write_page(found, path):
+def _write_page(found, path, files):
     from calibration.diagnosis_page.page import write_report
-    write_report(found, path)
+    write_report(found, path, files)
 
 
 def _hours(text):
