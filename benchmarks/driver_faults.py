@@ -171,7 +171,7 @@ FAULTS = {
     'absolute encoder absent': Fault('the mount has none: absolute_encoder: false', nothing,
                                      'waiting', first=True, shown=spoken),
     'home hanging': Fault('home to answer: it homes', nothing, first=True, shown=called),
-    'names wrong': Fault('joint names', names, first=True),
+    'names wrong': Fault('joint names', names, first=True, shown=spoken),
     'commander stops': Fault('no longer renewed', commander, 'observing'),
     'camera silent': Fault('camera: silent', silent('miss')),
 }

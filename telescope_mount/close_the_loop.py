@@ -10,6 +10,7 @@ from calibration.diagnosis.rows_told import rows_of_reader
 from pointing_model.observing.plan import parse_plan
 
 from .graph import measured_graph, night_graph
+from .loop_page import write_all_page, write_loop_page
 from .night import NightFailed, observe, prepare_folder
 from .simulator import kind_of_mount, scenario_names, undeclared
 
@@ -183,12 +184,17 @@ def close_the_loop(out, *, scenario='', file=None, seed=1, stars=90, polaris=16,
             mount=mount or kind_of_mount(scenario))
     about = {'scenario': scenario or None, 'source': str(file) if file else None, 'seed': seed,
              'plan': plan}
-    report = observe(folder, specs, plan, partial(_write, folder, about), progress, domain_number)
+    kept = {}
+    report = observe(folder, specs, plan, partial(_write, folder, about, kept), progress,
+                     domain_number)
+    told = None
     if file is not None:
         report['rows_read'] += rows_of_reader(run).lost
-        return _judge(folder, report, None)
-    # now that everything is decided
-    return _judge(folder, report, undeclared(folder / 'bag_truth'))
+    else:  # now that everything is decided
+        told = undeclared(folder / 'bag_truth')
+    report = _judge(folder, report, told)
+    write_loop_page(folder, report, kept['run'])
+    return report
 
 
 def close_all(out, *, names=ALL, seed=1, progress=None, **options):
@@ -228,6 +234,7 @@ def close_all(out, *, names=ALL, seed=1, progress=None, **options):
             reports.append({'scenario': name, 'error': str(err)})
     report = {'format': FORMAT, 'version': VERSION, 'seed': seed, 'scenarios': reports}
     (folder / 'report.json').write_text(json.dumps(report, indent=1) + '\n')
+    write_all_page(folder, report)
     return report
 
 
@@ -282,8 +289,8 @@ def _player(run, file, azimuth_origin, folder):
     return {'file': str(file.resolve()), 'azimuth_origin': azimuth_origin or ''}
 
 
-def _write(folder, about, latest):
-    """diagnosis.json, model.json and observations.csv; the report so far."""
+def _write(folder, about, kept, latest):
+    """diagnosis.json, model.json and observations.csv; the report so far; `kept` gets ``run``."""
     from msg_tools import topics
     from pointing_model.model import PointingModel
     from pointing_model.run_files import write_csv
@@ -292,7 +299,7 @@ def _write(folder, about, latest):
     diagnosis = json.loads(latest[topics.DIAGNOSIS.name].data)
     checks = latest.get(topics.CHECKS.name)
     checks = json.loads(checks.data)['checks'] if checks is not None else []
-    run = cloud_to_run(latest[topics.OBSERVATIONS.name])
+    kept['run'] = run = cloud_to_run(latest[topics.OBSERVATIONS.name])
     report = {
         'format': FORMAT, 'version': VERSION, **about, **run.mount.entries(),
         'verdict': diagnosis['verdict'], 'effects': diagnosis['effects'],
@@ -379,6 +386,6 @@ def _judge(folder, report, told):
         told and told['shows_as'], report['effects'], report['verdict'], harmful)
     report['files'] = {name: str(folder / file) for name, file in (
         ('log', 'bag'), ('model', 'model.json'), ('observations', 'observations.csv'),
-        ('report', 'report.json'), ('diagnosis', 'diagnosis.json'), ('page', 'diagnosis.html'))}
+        ('report', 'report.json'), ('diagnosis', 'diagnosis.json'), ('page', 'page.html'))}
     (folder / 'report.json').write_text(json.dumps(report, indent=1) + '\n')
     return report

@@ -27,7 +27,11 @@ from .simulator import SCALES, IndexingTable
 #: what the paper found for each method: standard deviation, arcsec
 PRINTED_STD = {'paper': 4.57, 'centroid': 26.77, 'parabola': 16.93}
 #: methods in the picture; the others are variants of them
-_COLOURS = {'centroid': 'C1', 'parabola': 'C2', 'paper': 'C0', 'template': 'C3'}
+#: colours that the colour-blind tell apart (they differ by 38 in CIELAB at least), and their marks
+_COLOURS = {'centroid': '#7a6a58', 'parabola': '#d55e00', 'paper': '#0072b2',
+            'template': '#2d0a33'}
+_MARKERS = {'centroid': 'o', 'parabola': 'x', 'paper': 's', 'template': '^'}
+_LINES = {'centroid': ':', 'parabola': '-', 'paper': '-', 'template': '--'}
 #: of one bar in ten at readings 5, 10 and 15, in bar periods
 DAMAGE = 0.15
 #: pixel noise at which the page repeats the comparison, grey levels: see `needed`
@@ -329,7 +333,7 @@ def plot(report, path):
           curves['damaged'], names)
     axes = figure.add_subplot(grid[1, 1])
     _draw(axes, 'Through one bar, without noise', curves['one_bar_position'], curves['one_bar'],
-          names, marker='', centroid_width=0.5)
+          names, marked=False, centroid_width=0.5)
     axes.set_xlabel('place in the bar ["]')
 
     axes = figure.add_subplot(grid[:, 2])
@@ -355,12 +359,13 @@ def plot(report, path):
     figure.savefig(path, dpi=110)
 
 
-def _draw(axes, title, x, curves, labels, marker='o', centroid_width=1.2):
+def _draw(axes, title, x, curves, labels, marked=True, centroid_width=1.2):
     """The curves of the methods in `labels`."""
     for name, label in labels.items():
         # a gross error would flatten the rest: it is left out, as a rejected reading is
         values = np.array([np.nan if v is None else v for v in curves[name]])
-        axes.plot(x, _usual(values, 600.0), c=_COLOURS[name], marker=marker, ms=3, label=label,
+        axes.plot(x, _usual(values, 600.0), c=_COLOURS[name], ls=_LINES[name], ms=4,
+                  marker=_MARKERS[name] if marked else '', label=label,
                   lw=centroid_width if name == 'centroid' else 1.2)
     axes.axhline(0.0, color='0.6', lw=0.6)
     axes.set(title=title, xlabel='reading', ylabel='error ["]')

@@ -6,6 +6,7 @@ from functools import partial
 
 from pointing_model.observing.plan import parse_plan
 
+from .experiment_page import write_experiment_page
 from .graph import night_graph
 from .night import observe, prepare_folder
 
@@ -18,6 +19,9 @@ NIGHTS = 11
 SATELLITE_NIGHT = 4
 #: first night, -1: the satellite of paper 000 (elements of 2013 day 264) is up in its evenings
 START = '2013-09-20T13:00:00'
+#: written beside log and page
+FILES = ('table1.csv', 'zeros.csv', 'gps.json', 'report.json', 'observations.csv', 'nights.png',
+         'zeros.png', 'gps.png')
 #: a plan of that many nights would be an hour of commands at a real telescope
 _HOURS = 24
 
@@ -96,8 +100,12 @@ def run_experiment(out, *, seed=1, drifts='paper', stars=30, polaris=16, satelli
         bag=str(folder / 'bag'), scenario=scenario or DRIFTS[drifts], seed=seed,
         start_time=START, plan=plan, first_run=1 - REFERENCE_AGE, reference_age=REFERENCE_AGE,
         satellite='gps-26690', sample_rate_hz=1.0)
-    return observe(folder, specs, plan, partial(_write, folder, nights, said), progress,
-                   domain_number)
+    report = observe(folder, specs, plan, partial(_write, folder, nights, said), progress,
+                     domain_number)
+    page = folder / 'page.html'
+    write_experiment_page(page, report, [folder / 'bag', *(folder / name for name in FILES)])
+    report['files']['page'] = str(page)
+    return report
 
 
 def _write(folder, nights, said, latest):
@@ -114,9 +122,7 @@ def _write(folder, nights, said, latest):
     report = compare_with_paper(calibrated['nights'], nights)
     report.update(said)
     report['zeros'] = judge_season(calibrated['power_ons'], calibrated['zero_expected'])
-    files = {name: folder / name for name in (
-        'table1.csv', 'zeros.csv', 'gps.json', 'report.json', 'observations.csv', 'nights.png',
-        'zeros.png', 'gps.png')}
+    files = {name: folder / name for name in FILES}
     with open(files['table1.csv'], 'w', newline='', encoding='utf-8') as file:
         table = csv.writer(file)
         table.writerow(COLUMNS)

@@ -113,12 +113,16 @@ def run_night(out, *, stars=30, polaris=16, reference=None, cycle='incremental',
         from pointing_model.model import PointingModel
         PointingModel.load(reference)
     folder = prepare_folder(out)
+    if apart:
+        graph['calibration'] = diagnosing(folder, graph.get('calibration'))
+    kept = {}
     specs = night_graph(
         bag=str(folder / 'bag'), plan=plan, scenario=scenario,
         mount=mount or kind_of_mount(scenario),
         model_file=str(reference.resolve()) if reference else '', **graph)
-    report = observe(folder, specs, plan, partial(write_results, folder), progress, domain_number,
-                     params_file)
+    report = observe(folder, specs, plan, partial(write_results, folder, kept=kept), progress,
+                     domain_number, params_file)
+    write_page(folder, report, kept)  # before there is anything of the simulator's in the report
     _add_truth(folder / 'bag_truth', report)
     return report
 
@@ -374,8 +378,26 @@ def _add_truth(bag, report):
         change['simulated'] = {'az_arcsec': az / ARCSEC, 'el_arcsec': el / ARCSEC}
 
 
-def write_results(folder, results):
-    """observations.csv, model.json, report.json and the plot."""
+def diagnosing(folder, calibration=None):
+    """Parameters of a calibration that writes the page of its diagnosis into the folder."""
+    return {**(calibration or {}), 'diagnosis_page': str((folder / 'diagnosis.html').resolve())}
+
+
+def write_page(folder, report, kept, log=None):
+    """The page of the night, once its log is whole; `kept` as of `write_results`."""
+    if not kept:  # nothing was written
+        return
+    from calibration.page.night import write_night_page
+    try:
+        path = write_night_page(folder, kept['run'], kept['model'], report, log)
+    except Exception as err:  # whatever it is: a night is not lost for its page
+        report['notes'].append(f'the page was not written: {type(err).__name__}: {err}')
+    else:
+        report['files']['page'] = str(path)
+
+
+def write_results(folder, results, kept=None):
+    """observations.csv, model.json, report.json and the plot; `kept` gets ``run`` and ``model``."""
     from calibration.night_plot import plot_night
     from msg_tools import topics
     from msg_tools.units import ARCSEC
@@ -388,6 +410,8 @@ def write_results(folder, results):
     fitted = results.get(topics.CALIBRATION_REPORT.name)
     report = json.loads(fitted.data) if fitted else {'notes': []}
     model = PointingModel.from_json(results[topics.MODEL.name].data)
+    if kept is not None:
+        kept.update(run=run, model=model)
     orientation = earth_orientation(float(run['time'][0]))
     if orientation.sigma > 0.1 * ARCSEC:
         report['notes'].append(orientation.statement())

@@ -66,12 +66,17 @@ def run_real_night(out, *, plan='', stars=30, drivers=(), domain_number=None, pa
     _check_files(drivers, reference)
     folder, again = _folder(Path(out), plan, graph.get('mount', 'altaz'), anew, note)
     bag = _free(folder / 'bag')
+    if 'diagnose' in verbs:
+        graph['calibration'] = night.diagnosing(folder, graph.get('calibration'))
     specs = real_graph(bag=str(bag), plan=plan, state_file=str(folder / STATE),
                        model_file=str(reference.resolve()) if reference else '', **graph)
-    return night.observe(
-        folder, specs, plan, partial(write_with_checks, folder, bag=bag), progress, domain_number,
-        params_file, claim=domain.join, drivers=drivers, stall=STALL, say=say, note=note,
-        again=again)
+    kept = {}
+    report = night.observe(
+        folder, specs, plan, partial(write_with_checks, folder, bag=bag, kept=kept), progress,
+        domain_number, params_file, claim=domain.join, drivers=drivers, stall=STALL, say=say,
+        note=note, again=again)
+    night.write_page(folder, report, kept, bag)
+    return report
 
 
 def run_server_night(out, mount, *, stars=30, reference=None, camera='', drivers=(),
@@ -105,9 +110,12 @@ def run_server_night(out, mount, *, stars=30, reference=None, camera='', drivers
     specs = nodes_of(found, plan=plan, camera=camera, drivers=drivers, bag=str(bag),
                      state_file=str(folder / STATE),
                      model_file=str(reference.resolve()) if reference else '', **graph)
-    return night.observe(
-        folder, specs, plan, partial(write_with_checks, folder, bag=bag), progress, domain_number,
-        params_file, drivers=drivers, stall=STALL, say=say, note=note, again=again)
+    kept = {}
+    report = night.observe(
+        folder, specs, plan, partial(write_with_checks, folder, bag=bag, kept=kept), progress,
+        domain_number, params_file, drivers=drivers, stall=STALL, say=say, note=note, again=again)
+    night.write_page(folder, report, kept, bag)
+    return report
 
 
 def _check_files(drivers, reference):
@@ -147,10 +155,10 @@ def _free(path):
     return free
 
 
-def write_with_checks(folder, results, bag=None):
+def write_with_checks(folder, results, bag=None, kept=None):
     """As `night.write_results`, with the blind checks in the report; `bag`: another log."""
     from msg_tools import topics
-    report = night.write_results(folder, results)
+    report = night.write_results(folder, results, kept)
     if bag is not None:
         report['files']['log'] = str(bag)
     if topics.CHECKS.name in results:

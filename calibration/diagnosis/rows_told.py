@@ -33,8 +33,8 @@ class RowsTold:
     copies : int
         Rows that are there twice.
     outliers : list of dict
-        ``row`` (the line in the file), ``source`` (of several files), ``star`` (its number, where
-        a fit has it), ``x_arcsec``, ``y_arcsec``:
+        ``row`` (the line in the file), ``source`` (of several files), ``star`` (its number
+        or name, where a fit has it), ``x_arcsec``, ``y_arcsec``:
         how far from the model, on the sky; the farthest first.
     rms_with : float or None
         Radial RMS in arcsec with the outliers.
@@ -117,14 +117,20 @@ def _told(left, weights, excluded, lines, sources=None, stars=None):
     away = away[np.argsort(-np.hypot(*left[:, away]), kind='stable')]
     outliers = [{'row': int(lines[i]),
                  **({} if sources is None else {'source': PurePath(str(sources[i])).name}),
-                 **({} if stars is None or not np.isfinite(stars[i]) else
-                    {'star': int(stars[i])}),
+                 **({} if stars is None else _named(stars[i])),
                  'x_arcsec': float(left[0, i]) / ARCSEC, 'y_arcsec': float(left[1, i]) / ARCSEC}
                 for i in away]
     n = left.shape[1]
     return RowsTold(
         n + lost, n - len(away), copies, outliers,
         float(np.hypot(*(rms(r) for r in left))) / ARCSEC if outliers else None)
+
+
+def _named(star):
+    """Entry of a star that has a number or a name."""
+    if isinstance(star, str):
+        return {'star': str(star)}
+    return {'star': int(star)} if np.isfinite(star) else {}
 
 
 def _lost(excluded):

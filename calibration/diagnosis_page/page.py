@@ -5,10 +5,12 @@ from pathlib import Path
 from calibration.diagnosis.rows_told import used_sentence
 from pointing_model.effects.base import arcsec
 
+from ..page.drawing import clean
+from ..page.parts import cards, listed, section, verdict, whole
+from ..page.residuals import controls, histograms, sky_maps, stars_table, targets
+from ..page.terms import correlation_table, terms_table
 from . import sections as page
 from .plain_words import best_pair, floor_words, verdict_sentences
-from .style import CSS
-from .svg_plot import clean
 from .view import view_of
 
 _VERDICTS = {'none': 'nothing missing', 'wanders': 'the zero wanders', 'undecided': 'undecided',
@@ -47,36 +49,35 @@ def render(view):
     -------
     str
     """
-    document = view.document
+    document, data = view.document, view.residuals
     title = 'Pointing diagnosis'
     body = [
-        f'<h1>{title}</h1>', _meta(view), _verdict(view),
-        page.section('Where the residuals are on the sky', page.sky_maps(view)),
+        f'<h1>{title}</h1>', _meta(view), controls(data), _verdict(view),
+        section('Where the residuals are on the sky', sky_maps(data)),
+        section('Target', targets(data)),
         _effects(view),
-        page.section('Residual against each driver', page.legend(view.changed),
+        section('Residual against each driver', page.legend(view.changed),
                      page.driver_figures(view)),
-        page.section('Ranking of the candidate effects',
+        section('Ranking of the candidate effects',
                      page.ranking(view.ranking, view.set_width),
                      note='Each alone, on what the declared model leaves.'),
-        page.section('Distribution of the residuals', page.histograms(view)),
-        page.section('Terms of the model', page.terms_table(view.terms),
+        section('Distribution of the residuals', histograms(data)),
+        section('Terms of the model', terms_table(view.terms),
                      page.run_terms_table(view.run_terms),
-                     page.correlation_table(view.correlated, view.correlations),
+                     correlation_table(view.correlated, view.correlations),
                      note='Encoder − catalogue, σ from the fit.'),
-        page.section('What was left out, and why', page.exclusions(document.get('excluded'))),
-        page.section('What to observe next', page.next_observations(
+        section('Stars', stars_table(data), note='Point at a star: it lights up everywhere.'),
+        section('What was left out, and why', page.exclusions(document.get('excluded'))),
+        section('What to observe next', page.next_observations(
             document.get('next_observations') or [], document.get('mount') or 'altaz'),
             note='Observations that would best tell the members of the set apart.'),
-        page.section('What these observations cannot show', page.untestable(view.untestable)),
-        page.section('Notes on the data', _list(view.notes)),
+        section('What these observations cannot show', page.untestable(view.untestable)),
+        section('Notes on the data', listed(view.notes)),
         f'<footer>All offsets are encoder − catalogue, {_offsets(view)}, in seconds of '
         'arc on the sky (arcsec, ″). RMS values are radial unless an axis is named.</footer>',
     ]
-    return ('<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"/>'
-            '<meta name="viewport" content="width=device-width, initial-scale=1"/>'
-            f'<title>{title}: {clean(_VERDICTS.get(document["verdict"], document["verdict"]))}'
-            f'</title><style>{CSS}</style></head><body><main>\n' + '\n'.join(b for b in body if b)
-            + '\n</main></body></html>\n')
+    return whole(f'{title}: {_VERDICTS.get(document["verdict"], document["verdict"])}', body,
+                 'Pointing diagnosis of a telescope mount')
 
 
 def _meta(view):
@@ -98,24 +99,21 @@ def _meta(view):
 
 def _verdict(view):
     document = view.document
-    verdict = document['verdict']
+    name = document['verdict']
     headline, sentences = verdict_sentences(document, [e.sentence for e in view.effects],
                                             caution=view.caution)
     label, before, after = best_pair(document)
-    cards = []
-    for value, text in ((before, f'before, {label}'), (after, f'after, {label}'),
-                        (document.get('noise_floor_arcsec'), floor_words(document))):
-        if value is not None and not (verdict in _STAYS and text.startswith('after')):
-            cards.append(f'<div><b>{arcsec(value)}</b><span>{clean(text)}</span></div>')
+    numbers = [(value, text) for value, text in (
+        (before, f'before, {label}'), (after, f'after, {label}'),
+        (document.get('noise_floor_arcsec'), floor_words(document)))
+        if not (name in _STAYS and text.startswith('after'))]
     told = document.get('expected')
     if told:
-        cards.append(f'<div><b>{arcsec(told["rms_arcsec"])}</b><span>expected on fresh stars, '
-                     f'{arcsec(told["low_arcsec"])} to {arcsec(told["high_arcsec"])}</span></div>')
-    kind = verdict if verdict in _VERDICTS else ''
-    return (f'<section class="verdict {kind}"><span class="badge">'
-            f'{clean(_VERDICTS.get(verdict, verdict))}</span><h2>{clean(headline)}</h2>'
-            f'{_list(sentences)}<div class="numbers-row">{"".join(cards)}</div></section>'
-            + page.section('Error before and after', page.gain_bars(document, view.axes)))
+        numbers.append((told['rms_arcsec'], f'expected on fresh stars, '
+                        f'{arcsec(told["low_arcsec"])} to {arcsec(told["high_arcsec"])}'))
+    return (verdict(_VERDICTS.get(name, name), headline, sentences, cards(numbers),
+                    name if name in _VERDICTS else '')
+            + section('Error before and after', page.gain_bars(document, view.axes)))
 
 
 def _effects(view):
@@ -128,12 +126,7 @@ def _effects(view):
         parts.append(f'<h3>{clean(effect.name)}</h3><p>{clean(effect.sentence)}</p>'
                      f'<div class="{kind}"><dl>{facts}</dl>{drawing}</div>'
                      f'{page.rivals(effect.ranking)}')
-    return page.section('What was added to the model', *parts)
-
-
-def _list(texts):
-    items = ''.join(f'<li>{clean(text)}</li>' for text in texts)
-    return f'<ul>{items}</ul>' if items else ''
+    return section('What was added to the model', *parts)
 
 
 def _offsets(view):

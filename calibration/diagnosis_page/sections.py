@@ -4,66 +4,18 @@ from pathlib import PurePath
 
 import numpy as np
 
-from calibration.diagnosis.summary import histogram
 from pointing_model.effects.base import AXES as AXIS_WORDS
-from pointing_model.effects.base import SIDES, arcsec, readable
+from pointing_model.effects.base import SIDES, readable
 from pointing_model.mounts import KINDS
-from pointing_model.rms import rms
 
+from ..page.drawing import MAX_NAMED, Panel, SkyMap, clean, limit_of, svg
+from ..page.parts import Markup, figure, folded, gains, number, pair, probability, table
+from ..page.parts import legend as legend_of
 from .plain_words import floor_words
-from .svg_plot import MAX_ARROWS, MAX_NAMED, Panel, SkyMap, clean, limit_of, svg, text, thin, ticks
 
 _MEASURES = (('holdout_rms_arcsec', 'held out'), ('cv_rms_arcsec', 'cross-validated'),
              ('rms_arcsec', 'rows fitted'), ('rms_x_arcsec', 'rows fitted, {}'),
              ('rms_y_arcsec', 'rows fitted, {}'))
-
-
-def section(title, *parts, note=''):
-    """A part of the page with a heading; nothing if there is nothing in it."""
-    body = ''.join(part for part in parts if part)
-    if not body:
-        return ''
-    note = f'<p class="note">{clean(note)}</p>' if note else ''
-    return f'<section><h2>{clean(title)}</h2>{note}{body}</section>'
-
-
-def figure(drawing, caption):
-    """A drawing with its caption."""
-    caption = f'<figcaption>{clean(caption)}</figcaption>' if caption else ''
-    return f'<figure>{drawing}{caption}</figure>'
-
-
-def table(header, rows, kind=''):
-    """A table; cells are text, except those that begin with a tag of ours."""
-    head = ''.join(f'<th>{clean(cell)}</th>' for cell in header)
-    body = ''.join('<tr>' + ''.join(f'<td>{_cell(cell)}</td>' for cell in row) + '</tr>'
-                   for row in rows)
-    return (f'<div class="scroll"><table class="{kind}"><thead><tr>{head}</tr></thead><tbody>'
-            f'{body}</tbody></table></div>')
-
-
-class Markup(str):
-    """A cell that is HTML already."""
-
-
-def _cell(value):
-    if isinstance(value, Markup):
-        return value
-    return clean('–' if value is None else value)
-
-
-def number(value, digits=2, sign=False):
-    """A number as text; None and NaN are a dash."""
-    if value is None or not np.isfinite(value):
-        return '–'
-    return f'{value:{"+" if sign else ""}.{digits}f}'.replace('-', '−')
-
-
-def probability(p):
-    """A p-value as text."""
-    if p is None or not np.isfinite(p):
-        return '–'
-    return f'{p:.1g}' if p < 0.01 else f'{p:.2f}'
 
 
 # ------------------------------------------------------------------------------ before and after
@@ -77,96 +29,17 @@ def gain_bars(document, axes=('azimuth × cos E', 'elevation')):
             if before.get(key) is not None or after.get(key) is not None]
     if not rows:
         return ''
-    top = max(v for row in rows for v in row[1:] if v is not None and np.isfinite(v)) or 1.0
-    left, width, step, head = 210.0, 430.0, 46.0, 22.0
-    height = head + step * len(rows)
-    parts = []
-    floor = document.get('noise_floor_arcsec')
-    if floor is not None and np.isfinite(floor) and 0.0 < floor < 1.2 * top:
-        x = left + width * floor / top
-        radial = sum('rows fitted,' not in label for label, *_ in rows)
-        parts.append(f'<path class="floor" d="M{x:.1f} {head - 4:g}V{head + step * radial - 8:.1f}"'
-                     '/>' + text(x, head - 9, f'{floor_words(document)} {arcsec(floor)}'))
-    for i, (label, *pair) in enumerate(rows):
-        y = head + step * i
-        parts.append(text(left - 12, y + 21, label, 'label', 'end'))
-        for j, (value, style) in enumerate(zip(pair, ('before', 'after'))):
-            if value is None or not np.isfinite(value):
-                continue
-            length = max(width * value / top, 1.0)
-            parts.append(f'<rect class="bar {style}" x="{left:g}" y="{y + 17 * j:g}" '
-                         f'width="{length:.1f}" height="14" rx="2"/>'
-                         + text(left + length + 6, y + 17 * j + 11.5, f'{arcsec(value)} {style}',
-                                'tick strong', 'start'))
-    return figure(svg(760, height, parts, 'Error before and after'),
-                  'RMS on the sky in arcsec (″), radial unless an axis is named. A gain counts on '
-                  'rows that neither the fit nor the choice has seen.')
-
-
-# --------------------------------------------------------------------------------------- the sky
-
-def sky_maps(view):
-    """Residual vectors before and after, same scale."""
-    used = view.used
-    lowest = max(0.0, 10.0 * np.floor(np.degrees(view.el[used].min()) / 10.0)) if used.any() else 0
-    lowest = min(lowest, 60.0)
-    radial = np.hypot(*view.before)[used]
-    typical = float(np.quantile(radial, 0.9)) if radial.size else 1.0
-    scale = (34.0 if radial.size <= 150 else 24.0) / max(typical, 1e-6)
-    unit = ticks(0.0, max(2.0 * typical, 1e-6), 2)
-    unit = float(unit[unit > 0][0]) if (unit > 0).any() else 1.0
-    drawn = np.flatnonzero(used)
-    drawn = drawn[thin(len(drawn), MAX_ARROWS)]
-    out = []
-    for title, values in (('Before', view.before), ('After', view.after)):
-        sky = SkyMap(400, lowest)
-        radial = rms(*values[:, used])
-        x, y = values[:, drawn]
-        names = [f'{view.names[i]}: {number(a, 2, True)}″ {view.axes[0]}, {number(b, 2, True)}″ '
-                 f'{view.axes[1]}' for i, a, b in zip(drawn, x, y)]
-        x, y = view.on_horizon(x, y, drawn)
-        sky.arrows(view.az[drawn], view.el[drawn], x, y, scale, title.lower(), names)
-        sky.parts.append(f'<path class="{title.lower()} key" d="M12 388h{unit * scale:.1f}"/>'
-                         + text(12, 382, f'{unit:g}″', anchor='start'))
-        out.append(figure(svg(400, 400, sky.parts, f'Sky map {title.lower()}'),
-                          f'{title}: {arcsec(radial)} radial RMS. Zenith in the middle, rim at '
-                          f'{lowest:g}° elevation.'))
-    some = f' {len(drawn)} of {int(used.sum())} stars are drawn.' if len(drawn) < used.sum() else ''
-    return _pair(out) + (
-        f'<p class="note">Arrows show where the encoders read beyond the model, same scale on both '
-        f'maps.{some}</p>')
-
-
-def histograms(view):
-    """Residuals of each axis before and after, same bins."""
-    out = []
-    for axis, title in enumerate(view.axes):
-        before, after = (v[axis][view.used] for v in (view.before, view.after))
-        limit = limit_of(before, after)
-        edges, counts, (wide, sigma) = histogram(before, after, limit)
-        panel = Panel((52, 26, 350, 190), (-limit, limit),
-                      (0.0, 1.12 * max(1, *(c.max() for c in counts))))
-        panel.axes(f'residual, {title} [arcsec]', 'observations', title)
-        for values, style in zip(counts, ('before', 'after')):
-            x, y = np.repeat(edges, 2), np.concatenate([[0], np.repeat(values, 2), [0]])
-            panel.line(x, y, f'{style} area', close=True)
-        if np.isfinite(sigma) and sigma > 0.0:
-            u = np.linspace(-limit, limit, 120)
-            step = edges[1] - edges[0]
-            panel.line(u, len(after) * step / sigma / np.sqrt(2 * np.pi)
-                       * np.exp(-0.5 * (u / sigma)**2), 'gauss')
-        out.append(figure(svg(420, 262, panel.parts, f'Histogram {title}'),
-                          f'{title}: standard deviation {arcsec(wide)} before, '
-                          f'{arcsec(sigma)} after; dotted: normal distribution of the latter.'))
-    return _pair(out) + legend()
+    return gains([(label, [(pair[0], 'before', 'before'), (pair[1], 'after', 'after')])
+                  for label, *pair in rows], document.get('noise_floor_arcsec'),
+                 floor_words(document)) + (
+        '<p class="note">RMS on the sky in arcsec (″), radial unless an axis is named. A gain '
+        'counts on rows that neither the fit nor the choice has seen.</p>')
 
 
 def legend(fit=False):
     """What the marks mean."""
-    text = '<span class="swatch before"></span>before <span class="swatch after"></span>after'
-    if fit:
-        text += ' <span class="swatch fit"></span>what the added effects take away'
-    return f'<p class="legend">{text}</p>'
+    marks = [('before', 'before'), ('after', 'after')]
+    return legend_of(*marks, *[('fit', 'what the added effects take away')] * fit)
 
 
 # ----------------------------------------------------------------------------- against a driver
@@ -207,17 +80,7 @@ def driver_figure(view, driver):
         out.append(svg(420, 320, [*top.parts, *low.parts], f'Residual, {title}, {driver.label}'))
     missing = int((~np.isfinite(driver.values[used])).sum())
     caption = f'Unknown in {missing} rows.' if missing else ''
-    return f'<h3>{clean(driver.title)}</h3>' + figure(_pair(out), caption)
-
-
-def _pair(drawings):
-    """Beside each other where the page is wide enough."""
-    return f'<div class="pair">{"".join(drawings)}</div>'
-
-
-def folded(summary, body):
-    """What opens on a click."""
-    return f'<details><summary>{summary}</summary>{body}</details>'
+    return f'<h3>{clean(driver.title)}</h3>' + figure(pair(out), caption)
 
 
 def driver_figures(view, limit=8):
@@ -247,7 +110,7 @@ def effect_figure(view, effect):
         out.append(svg(420, 262, panel.parts, f'{effect.name}, {title}'))
     if not out:
         return ''
-    return figure(out[0] if len(out) == 1 else _pair(out),
+    return figure(out[0] if len(out) == 1 else pair(out),
                   f'Everything else taken off: what is left (dots) and the fitted effect (strokes) '
                   f'against {driver.label}.')
 
@@ -305,39 +168,7 @@ def rivals(rows, limit=6):
                   table([*_RANKING[:5], _RANKING[6]], cells, 'ranking'))
 
 
-# ------------------------------------------------------------------------------ terms, exclusions
-
-def terms_table(terms):
-    """Terms with their standard errors."""
-    rows = [[t['name'], number(t['value'], 3, True), number(t['sigma'], 3),
-             number(abs(t['value'] / t['sigma']), 1) if t['sigma'] else '–', t['unit']]
-            for t in terms]
-    return table(['term', 'value', 'σ', '|value| / σ', 'unit'], rows, 'numbers') if rows else ''
-
-
-def correlation_table(names, matrix, limit=24):
-    """Correlations as coloured cells; of many terms only the strong pairs."""
-    if matrix is None or len(names) < 2:
-        return ''
-    heading = '<h3>Correlations</h3>'
-    if len(names) > limit:
-        pairs = [(abs(matrix[i, j]), names[i], names[j], matrix[i, j])
-                 for i in range(len(names)) for j in range(i) if abs(matrix[i, j]) > 0.7]
-        rows = [[a, b, number(value, 3, True)] for _, a, b, value in sorted(pairs, reverse=True)]
-        return heading + (table(['term', 'term', 'correlation'], rows[:60], 'numbers') if rows
-                          else '<p class="note">No correlation above 0.7.</p>')
-    rows = []
-    for i, name in enumerate(names):
-        cells = [Markup(f'<b>{i + 1}</b>\u2002{clean(name)}')]
-        for j in range(i + 1):
-            value = float(matrix[i, j])
-            strength = min(abs(value), 1.0) if i != j else 0.0
-            colour = '213,94,0' if value > 0 else '0,114,178'
-            cells.append(Markup(f'<span class="corr" style="background:rgba({colour},'
-                                f'{0.75 * strength**1.5:.2f})">{number(value)}</span>'))
-        rows.append(cells + [''] * (len(names) - 1 - i))
-    return heading + table(['', *map(str, range(1, len(names) + 1))], rows, 'correlations')
-
+# ------------------------------------------------------------------------ exclusions, proposals
 
 def exclusions(excluded, limit=12):
     """What was left out, by reason, with the rows."""

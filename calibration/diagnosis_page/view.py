@@ -14,6 +14,8 @@ from pointing_model.effects import Amount
 from pointing_model.effects.base import SIDES, arcsec, readable
 from pointing_model.mounts import ALTAZ
 
+from ..page.residuals import Residuals
+
 _LABELS = {
     'temperature': ('air temperature [°C]', 1.0), 'pressure': ('air pressure [hPa]', 1.0),
     'magnitude': ('magnitude of the star [mag]', 1.0),
@@ -149,11 +151,23 @@ class View:
     #: components toward azimuth and elevation of x and y, shape (2, 2, n); None: the same
     turned: np.ndarray | None = None
 
-    def on_horizon(self, x, y, rows):
-        """Residuals of some rows toward growing azimuth and elevation."""
-        if self.turned is None:
-            return x, y
-        return tuple(one[0, rows] * x + one[1, rows] * y for one in self.turned)
+    #: of each row: time (s, None where it is not known) and whether it is UTC, number of its run,
+    #: what became of it
+    time: np.ndarray | None = None
+    utc: bool = True
+    groups: np.ndarray | None = None
+    words: Sequence = ()
+
+    @property
+    def residuals(self):
+        """The rows for the figures that all pages have."""
+        floor = self.document.get('noise_floor_arcsec')
+        return Residuals(
+            self.names, self.az, self.el, self.before, self.after, self.used, self.words,
+            self.axes, self.time, self.groups, noise=None if floor is None else (
+                floor / np.sqrt(2.0), floor / np.sqrt(2.0)),
+            before_text='declared model', after_text='with what was found' if self.changed
+            else 'after', turned=self.turned, utc=self.utc)
 
     @property
     def changed(self):
@@ -187,7 +201,19 @@ def view_of(diagnosis):
         correlated=_coefficients(names), correlations=matrix, sources=_sources(obs),
         notes=_notes(diagnosis),
         untestable=[*diagnosis.untestable, *((text, ALIKE) for text in diagnosis.columns_alike)],
-        run_terms=diagnosis.run_terms, caution=diagnosis.caution, **_axes_of(context))
+        run_terms=diagnosis.run_terms, caution=diagnosis.caution, **_axes_of(context),
+        time=context.get('time'), utc=getattr(context, 'time_is_utc', True),
+        groups=_groups(obs), words=np.where(diagnosis.weights > 0.0, 'used', 'outlier: not used'))
+
+
+def _groups(obs):
+    """Name of the run of each row, where there are several and not too many to choose from."""
+    if not 1 < len(obs.runs) <= 100:
+        return None
+    names = [name if isinstance(name, (int, float)) else PurePath(str(name)).name
+             for name in obs.runs]
+    return np.array(names if len({type(name) for name in names}) == 1 else list(map(str, names))
+                    )[obs.label]
 
 
 def _in_words(rows, mount):

@@ -6,19 +6,20 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 
-from ..diagnosis_page.sections import figure, number, section, table
-from ..diagnosis_page.style import CSS
-from ..diagnosis_page.svg_plot import Panel, clean, svg, text
+from ..page.drawing import Panel, clean, svg, text
+from ..page.parts import (
+    figure,
+    legend,
+    listed,
+    number,
+    scrolled,
+    section,
+    table,
+    verdict,
+    whole,
+)
 from .judged import date_of
 
-_STYLE = """
-path.error { fill:none; stroke:var(--before); stroke-width:1.2 }
-path.step { fill:none; stroke:var(--fit); stroke-width:1.6; stroke-dasharray:5 3 }
-path.tonight { fill:none; stroke:var(--fit); stroke-width:2.4 }
-.nights td,.nights th { white-space:nowrap; text-align:right; padding-right:12px }
-.nights td:nth-child(-n+2),.nights th:nth-child(-n+2) { text-align:left }
-.swatch.band { background:var(--after); height:8px; border-radius:2px }
-"""
 _YEAR = 365.25 * 86400.0
 _WIDTH, _HEIGHT = 940, 190
 
@@ -53,31 +54,25 @@ def render(judged):
     document, season = judged.document(), judged.season
     first, last = (date_of(season.nights[i].time) for i in (0, -1))
     sentences = judged.sentences()
-    verdict = (f'{len(sentences)} {"cause" if len(sentences) == 1 else "causes"} found' if sentences
-               else 'Nothing moves the terms beyond their own wander')
-    items = ''.join(f'<li>{clean(sentence)}</li>' for sentence in sentences)
+    headline = (f'{len(sentences)} cause{"s" * (len(sentences) != 1)} found' if sentences else
+                'Nothing moves the terms beyond their own wander')
     body = [
         '<h1>Season of a mount</h1>',
         f'<p class="meta">{len(season.nights)} nights from {first} to {last}, terms '
         f'{clean(", ".join(season.names))}</p>',
-        f'<section class="verdict {"" if sentences else "none"}"><h2>{verdict}</h2>'
-        f'<ul>{items}</ul></section>',
+        verdict('', headline, sentences, kind='' if sentences else 'none'),
         section(f'Foretold for {document["tonight"]["time"]}, before its first star',
                 _tonight(document)),
         section('Terms night by night', _legend(bool(sentences)), *(
-            figure(_panel(judged, i), '') for i in range(len(season.names)))),
+            figure(scrolled(_panel(judged, i)), '') for i in range(len(season.names)))),
         section('Nights', _nights(document),
                 note='RMS of what the night’s own fit leaves. Off: the term that lay '
                 'farthest from what the nights before it say, with the causes that all nights '
                 'together show.'),
-        section('Notes', ''.join(f'<p class="note">{clean(v)}</p>' for v in document['notes'])),
+        section('Notes', listed(document['notes'])),
         '<footer>Terms in arcsec with 1 σ. The level wanders from night to night; each night is '
         'off it by what is of that night alone and by the error of its fit.</footer>']
-    return ('<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"/>'
-            '<meta name="viewport" content="width=device-width, initial-scale=1"/>'
-            f'<title>Season of a mount: {clean(verdict)}</title><style>{CSS}{_STYLE}</style>'
-            '</head><body><main>\n' + '\n'.join(part for part in body if part)
-            + '\n</main></body></html>\n')
+    return whole(f'Season of a mount: {headline}', body, 'Season of a telescope mount')
 
 
 def _tonight(document):
@@ -92,10 +87,9 @@ def _tonight(document):
 
 
 def _legend(steps):
-    return ('<p class="legend"><span class="swatch before"></span>fit of the night ± 1 σ'
-            '<span class="swatch band"></span>level in hindsight ± 2 σ'
-            + ('<span class="swatch fit"></span>step, and the night to come ± 1 σ' if steps else
-               '<span class="swatch fit"></span>the night to come ± 1 σ') + '</p>')
+    return legend(('before', 'fit of the night ± 1 σ'), ('level', 'level in hindsight ± 2 σ'),
+                  ('fit', 'step, and the night to come ± 1 σ' if steps else
+                   'the night to come ± 1 σ'))
 
 
 def _panel(judged, i):
@@ -152,4 +146,4 @@ def _nights(document):
                      number(night['rms_arcsec']),
                      f'{worst} {number(off[worst], 1, True)} σ' if worst else None,
                      *(number(night['terms_arcsec'][name], 1, True) for name in document['terms'])))
-    return table(('UTC', 'run', 'rows', 'RMS ″', 'off', *document['terms']), rows, 'nights')
+    return table(('UTC', 'run', 'rows', 'RMS ″', 'off', *document['terms']), rows, 'nights numbers')

@@ -256,7 +256,8 @@ class TrackedNight:
             'walk_factor': tracker.confidence.walk, 'notes': tracker.notes,
             'innovations': {'stars': len(self._nis), 'mean_square': (
                 float(np.mean(self._nis)) / 2.0 if self._nis else None),
-                'beyond_95': int(np.count_nonzero(np.array(self._nis) > _BEYOND))},
+                'beyond_95': int(np.count_nonzero(np.array(self._nis) > _BEYOND)),
+                'squares': [round(float(v), 4) for v in self._nis]},
             'events': self._events, **({'opening': self._opened} if self._opened else {}),
             'heard': [one.document() for one in self.heard]}
 

@@ -8,15 +8,20 @@ from scipy.stats import chi2
 
 from msg_tools.units import ARCSEC
 
-from ..diagnosis_page.sections import figure, section, table
-from ..diagnosis_page.style import CSS
-from ..diagnosis_page.svg_plot import Panel, clean, svg
+from ..page.drawing import Panel, svg
+from ..page.parts import (
+    cards,
+    figure,
+    legend,
+    pair,
+    scrolled,
+    section,
+    table,
+    verdict,
+    whole,
+)
 from .told import tracking_lines
 
-_STYLE = """
-path.expected { fill:none; stroke:var(--fit); stroke-width:1.8 }
-rect.count { fill:#b3bbc6 }
-"""
 _WIDTH = 940
 
 
@@ -50,11 +55,6 @@ def render(tracked):
     summary = tracked.summary()
     missed = summary['missed_rms_arcsec']
     begin = datetime.fromtimestamp(tracked.time[0], timezone.utc)
-    lines = ''.join(f'<li>{clean(line)}</li>' for line in tracking_lines(summary))
-    cards = ''.join(f'<div><b>{missed[name]:.2f}″</b><span>{text}</span></div>' for name, text in (
-        ('model of the evening', 'missed by the model of the evening, RMS'),
-        ('tracked', 'by the tracked model, before each star was seen'),
-        ('expected', 'expected of it')))
     events = [(datetime.fromtimestamp(event['stamp'] * 1e-9, timezone.utc).strftime('%H:%M:%S'),
                event['star'], event['what']) for event in tracked.hindsight.events]
     hours = (tracked.time - tracked.time[0]) / 3600.0
@@ -64,24 +64,25 @@ def render(tracked):
         f'<p class="meta">{len(tracked.rows)} stars from {begin:%Y-%m-%d %H:%M} UTC on'
         + (f'; the model of the evening is of the {tracked.fitted} stars before'
            if tracked.fitted else '') + '</p>',
-        f'<section class="verdict"><div class="numbers-row">{cards}</div><ul>{lines}</ul>'
-        '</section>',
-        section('What each star was missed by', '<p class="legend"><span class="swatch before">'
-                '</span>model of the evening<span class="swatch after"></span>tracked, before it '
-                'was seen<span class="swatch fit"></span>expected, 1 σ</p>',
-                figure(_misses(tracked, hours), '')),
-        section('Whether the expected errors hold', figure(_innovations(tracked), 'Normalised '
-                'innovation squared of each star beside chi squared with two degrees of freedom.')),
+        verdict('', f'Each star before it was seen: {missed["tracked"]:.2f}″ with the model that '
+                f'follows, {missed["model of the evening"]:.2f}″ with that of the evening',
+                tracking_lines(summary), cards(
+                    (f'{missed[name]:.2f}″', text) for name, text in (
+                        ('model of the evening', 'missed by the model of the evening, RMS'),
+                        ('tracked', 'by the tracked model, before each star was seen'),
+                        ('expected', 'expected of it')))),
+        section('What each star was missed by', legend(
+            ('before', 'model of the evening (dots)'), ('after', 'tracked, before it was seen '
+             '(squares)'), ('fit', 'expected, 1 σ')),
+            figure(scrolled(_misses(tracked, hours)), '')),
+        section('Whether the expected errors hold', innovations_figure(
+            np.sum((tracked.live / tracked.sigma)**2, axis=1))),
         section('What happened, in hindsight', table(('UTC', 'star', 'what'), events)
                 if events else ''),
-        section('Terms in hindsight', *(figure(_term(tracked, seen, i), '')
+        section('Terms in hindsight', *(figure(scrolled(_term(tracked, seen, i)), '')
                                         for i in range(len(tracked.hindsight.names))),
                 note='By all stars, before and after; ± 2 σ, arcsec.')]
-    return ('<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"/>'
-            '<meta name="viewport" content="width=device-width, initial-scale=1"/>'
-            f'<title>A mount that was followed</title><style>{CSS}{_STYLE}</style>'
-            '</head><body><main>\n' + '\n'.join(part for part in body if part)
-            + '\n</main></body></html>\n')
+    return whole('A mount that was followed', body, 'Tracking of a telescope mount')
 
 
 def _span(hours):
@@ -102,12 +103,26 @@ def _misses(tracked, hours):
     return svg(_WIDTH, 290, panel.parts, 'radial miss of each star in time')
 
 
-def _innovations(tracked):
-    nis = np.sum((tracked.live / tracked.sigma)**2, axis=1)
+def innovations_figure(squares):
+    """Distribution of normalised innovations squared, beside what an honest filter has.
+
+    Parameters
+    ----------
+    squares : array_like, shape (n,)
+        NIS of each star: chi squared with two degrees of freedom, where the filter is honest.
+
+    Returns
+    -------
+    str
+        HTML; '' of none.
+    """
+    nis = np.asarray(squares, float)
+    if not nis.size:
+        return ''
     edges = np.linspace(0.0, 12.0, 25)
     counts = np.histogram(np.minimum(nis, 11.99), edges)[0]
     wanted = len(nis) * np.diff(chi2.cdf(edges, 2))
-    panel = Panel((64, 12, _WIDTH - 84, 180), (0.0, 12.0),
+    panel = Panel((52, 12, 380, 180), (0.0, 12.0),
                   (0.0, 1.1 * max(float(counts.max()), float(wanted.max()))))
     panel.axes('normalised innovation squared', 'stars')
     left, right, top = panel.x(edges[:-1]), panel.x(edges[1:]), panel.y(counts)
@@ -115,7 +130,12 @@ def _innovations(tracked):
     panel.parts += [f'<rect class="count" x="{a + 1:.1f}" y="{b:.1f}" width="{c - a - 2:.1f}" '
                     f'height="{bottom - b:.1f}"/>' for a, c, b in zip(left, right, top)]
     panel.line(0.5 * (edges[1:] + edges[:-1]), wanted, 'expected')
-    return svg(_WIDTH, 240, panel.parts, 'distribution of the normalised innovations')
+    mean, beyond = float(np.mean(nis)) / 2.0, float(np.mean(nis > chi2.isf(0.05, 2)))
+    said = (f'{len(nis)} stars: the mean is {mean:.2f} of what is expected, {100 * beyond:.0f} % '
+            'lie beyond the 95 % point (5 % are expected)')
+    return pair([figure(svg(450, 240, panel.parts, f'Normalised innovations squared. {said}'),
+                        f'{said}. Line: chi squared with two degrees of freedom, as of a filter '
+                        'that errs as it says. What lies beyond 12 is in the last bar.')])
 
 
 def _term(tracked, hours, i):

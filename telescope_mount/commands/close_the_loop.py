@@ -62,7 +62,8 @@ def run(args):
                 progress=progress, **chosen)
     if 'scenarios' in report:
         console.print(all_table(report))
-        print_files(console, {'report': args.out / 'report.json'})
+        print_files(console, {'report': args.out / 'report.json',
+                              'page': args.out / 'page.html'})
         return
     console.print(used_sentence(report), markup=False)
     for table in loop_tables(report):

@@ -26,6 +26,7 @@ def add(commands):
     parser.add_argument('--no-robust', action='store_true', help='plain least squares')
     parser.add_argument('--base', type=Path, metavar='MODEL', help='a model file, ours or of '
                         'another program: its terms are fitted anew, its values shown beside')
+    parser.add_argument('--report', type=Path, metavar='FILE.html', help='write a page')
     parser.add_argument('--json', type=Path, metavar='FILE', help='write the result')
     parser.add_argument('--save', type=Path, metavar='FILE', help='write the model (.json, .yaml)')
 
@@ -49,6 +50,7 @@ def _run(args):
                          + ('--harmonics' if harmonics else '--no-robust'))
     options.check_target(args.save, ('.json', '.yaml', '.yml'))
     options.check_target(args.json)
+    options.check_target(args.report, ('.html', '.htm'))
     from calibration.check import checked_by_halves
     from calibration.diagnosis import check_columns, naming_columns
     from calibration.fit import fit_terms
@@ -77,7 +79,8 @@ def _run(args):
     held_out = checked_by_halves(observed, result, args.terms, args.encoder, not args.no_robust)
     for table in fit_tables(observed, result, args.encoder, held_out):
         console.print(table)
-    model, document = result.model, fit_document(observed, result, args.encoder, held_out, checked)
+    plain = model = result.model
+    document = fit_document(observed, result, args.encoder, held_out, checked)
     if harmonics:
         model, document['harmonics'] = _with_harmonics(observed, result, args, console)
     if args.predict:
@@ -90,6 +93,11 @@ def _run(args):
         console.print(base.table(model))
         print_lines(console, 'note', base.notes)
         document['base_model'] = base.compared(model)
+    if args.report:
+        from calibration.page.fit import write_fit_page
+        write_fit_page(args.report, observed, result, document, args.encoder,
+                       None if model is plain else model)
+    if base:
         model = base.whole(model)
     if args.json:
         options.write_json(args.json, document)
@@ -97,6 +105,8 @@ def _run(args):
     if args.save:
         model.save(args.save)
         print_files(console, {'model': args.save})
+    if args.report:
+        print_files(console, {'page': args.report})
 
 
 def _to_predict(observed, args, console):

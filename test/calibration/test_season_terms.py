@@ -130,7 +130,7 @@ def test_what_moves_a_term_is_named_and_foretold_with():
     assert judged.model().covariance == pytest.approx(judged.covariance)
     page = render(judged)
     ElementTree.fromstring(page.removeprefix('<!DOCTYPE html>\n'))
-    assert 'TF follows temperature' in page and 'http' not in page
+    assert 'TF follows temperature' in page and '://' not in page
     with pytest.raises(ValueError, match='ask for a later one'):
         judge_season(nights, tonight=0.0)
     with pytest.raises(ValueError, match='no column|no night has a column'):

@@ -174,6 +174,9 @@ def test_what_is_printed_and_written(german):
     assert 'azimuth' not in german.text
     page = (german.folder / 'diagnosis.html').read_text()
     assert page.startswith('<!DOCTYPE html') and 'hour angle' in page
+    whole = (german.folder / 'page.html').read_text()
+    assert '<h2>Fresh stars pointed at blind: from ' in whole
+    assert '<h2 class="part">Pointing diagnosis' in whole and whole.count('class="controls"') == 1
     for path in german.report['files'].values():
         assert path in german.text
 

@@ -91,6 +91,8 @@ def test_what_is_printed(experiment):
     text = (experiment.parent / 'stdout').read_text()
     for words in ('table 1', 'GPS satellite 26690', 'section 1.1', '+13.99 ± 11.33', 'RMS'):
         assert words in text, words
+    page = (experiment / 'page.html').read_text(encoding='utf-8')
+    assert 'What the zeros of the power-ons follow' in page and '>nan' not in page
     for name in ('nights.png', 'gps.png', 'zeros.png'):
         assert (experiment / name).read_bytes().startswith(b'\x89PNG')
 
@@ -129,7 +131,8 @@ def test_the_drifts_are_the_papers_unless_others_are_asked_for(
         monkeypatch, tmp_path, given, scenario):
     seen = {}
     monkeypatch.setattr(module, 'observe', lambda folder, specs, plan, *_: seen.update(
-        {spec.name: spec.parameters for spec in specs}, plan=plan))
+        {spec.name: spec.parameters for spec in specs}, plan=plan) or {'files': {}})
+    monkeypatch.setattr(module, 'write_experiment_page', lambda *_: None)
     module.run_experiment(tmp_path / 'out', stars=8, nights=4, **given)
     for node in ('mount_simulator', 'incremental_encoder', 'absolute_encoder', 'camera'):
         assert seen[node]['scenario'] == scenario

@@ -41,6 +41,11 @@ def test_the_files_are_there(night):
                  'bag/metadata.yaml', 'bag_truth/metadata.yaml'):
         assert (night / name).stat().st_size > 0, name
     assert (night / 'residuals.png').read_bytes().startswith(b'\x89PNG')
+    page = (night / 'page.html').read_text(encoding='utf-8')
+    assert len(page) < 400_000 and 'All 9 nodes ended without a warning.' in page
+    # nothing that only the simulator knows
+    assert 'simulated</' not in page and 'bag_truth' not in page
+    assert f'page          {night / "page.html"}' in (night.parent / 'stdout').read_text()
     logs = {path.name.removesuffix('.log') for path in (night / 'nodes').glob('*.log')}
     assert logs >= set(NIGHT)
 

@@ -53,7 +53,7 @@ def test_its_page_is_whole():
     tracked = track_run(drifting(), first=15)
     page = render(tracked)
     ElementTree.fromstring(page.removeprefix('<!DOCTYPE html>\n'))
-    assert 'http' not in page and 'jumped before star 30' in page
+    assert '://' not in page and 'jumped before star 30' in page
     assert json.loads(json.dumps(tracked.summary()))['fitted_rows'] == 15
 
 

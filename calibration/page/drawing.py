@@ -6,7 +6,10 @@ import numpy as np
 
 #: points drawn at most in one panel; the figures beside them are of all rows
 MAX_POINTS = 3000
+#: of a map, where every row is to be found again
 MAX_ARROWS = 400
+#: marks that are no dots, by class
+_MARKS = {'third': 'm-2.8 2.4h5.6l-2.8 -5z', 'fit': 'm-2.6 -2.6l5.2 5.2m0 -5.2l-5.2 5.2'}
 MAX_NAMED = 400  # up to here every point has its name as a tooltip
 
 
@@ -118,33 +121,66 @@ class Panel:
         if title:
             out.append(text(left, top - 7, title, 'title', 'start'))
 
-    def _places(self, x, y):
+    def _places(self, x, y, limit=MAX_POINTS):
         """Which values to draw, and where: what lies beyond the frame at its edge."""
         x, y = np.asarray(x, float), np.asarray(y, float)
         good = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
-        good = good[thin(len(good))]
+        good = good[thin(len(good), limit)]
         return good, self.x(x[good]), self.y(np.clip(y[good], *self.y_range))
 
-    def points(self, x, y, style, names=None):
-        """Dots; what lies beyond the frame is drawn at its edge as a triangle."""
-        good, px, py = self._places(x, y)
+    def points(self, x, y, style, names=None, keys=None):
+        """Dots; what lies beyond the frame is drawn at its edge as a triangle.
+
+        Parameters
+        ----------
+        x, y : array_like, shape (n,)
+        style : str
+            Class.
+        names : sequence of str, optional
+            Of each point, for tooltips.
+        keys : sequence of str, optional
+            Of its row: it lights up with all that has the same one, and every point is drawn.
+        """
+        good, px, py = self._places(x, y, len(x) if keys is not None else MAX_POINTS)
         shown = np.asarray(y, float)[good]
         low, high = self.y_range
         over = (shown < low) | (shown > high)
         inside = ~over
-        if names is not None and len(x) <= MAX_NAMED:
+        if keys is not None:
+            self.parts.append(f'<g class="{style} dots">' + ''.join(
+                f'<path data-i="{keys[i]}" d="M{_n(a)} {_n(b)}h0"/>'
+                for a, b, i in zip(px[inside], py[inside], good[inside])) + '</g>')
+        elif names is not None and len(x) <= MAX_NAMED:
             self.parts.append(f'<g class="{style}">' + ''.join(
                 f'<circle cx="{_n(a)}" cy="{_n(b)}" r="2.4"><title>{clean(names[i])}'
                 f'</title></circle>'
                 for a, b, i in zip(px[inside], py[inside], good[inside])) + '</g>')
         else:
-            d = ''.join(f'M{_n(a)} {_n(b)}h0' for a, b in zip(px[inside], py[inside]))
-            self.parts.append(f'<path class="{style} dots" stroke-width="3.84" '
-                              f'd="{d or "M0 0"}"/>')
-        for a, value in zip(px[over], shown[over]):
+            mark = _MARKS.get(style.split(' ')[0], 'h0')
+            d = ''.join(f'M{_n(a)} {_n(b)}{mark}' for a, b in zip(px[inside], py[inside]))
+            self.parts.append(f'<path class="{style} dots" d="{d or "M0 0"}"/>')
+        for a, value, i in zip(px[over], shown[over], good[over]):
             b, s = (self.top + 1, 6) if value > high else (self.top + self.height - 1, -6)
-            self.parts.append(f'<path class="{style} beyond" d="M{_n(a)} {_n(b)}l4 {s}h-8z">'
+            key = '' if keys is None else f' data-i="{keys[i]}"'
+            self.parts.append(f'<path class="{style} beyond"{key} d="M{_n(a)} {_n(b)}l4 {s}h-8z">'
                               f'<title>{value:.1f} arcsec, beyond the frame</title></path>')
+
+    def crosses(self, x, y, style, keys):
+        """What counts for nothing: a cross for each, at the edge where it lies beyond."""
+        good, px, py = self._places(x, y, len(x))
+        px = np.clip(px, self.left, self.left + self.width)
+        self.parts.append(f'<g class="{style} crosses">' + ''.join(
+            f'<path data-i="{keys[i]}" d="M{_n(a)} {_n(b)}m-3 -3l6 6m0 -6l-6 6"/>'
+            for a, b, i in zip(px, py, good)) + '</g>')
+
+    def bars(self, x, y, sigma, style):
+        """Upright strokes of 1 sigma to either side."""
+        x, y, sigma = (np.asarray(v, float) for v in (x, y, sigma))
+        good = np.isfinite(x) & np.isfinite(y) & np.isfinite(sigma)
+        ends = (self.y(np.clip(y + s * sigma, *self.y_range)) for s in (-1.0, 1.0))
+        d = ''.join(f'M{_n(a)} {_n(b)}V{_n(c)}' for a, b, c, g in zip(self.x(x), *ends, good) if g)
+        if d:
+            self.parts.append(f'<g class="{style} bars-of"><path d="{d}"/></g>')
 
     def dashes(self, x, y, style, length=7.0):
         """A short level stroke at each value: a fit that is no curve of x alone."""
@@ -176,7 +212,7 @@ def _open(limits):
     return low, high
 
 
-def svg(width, height, parts, label):
+def svg(width, height, parts, label, kind=''):
     """A whole drawing that scales with the page.
 
     Parameters
@@ -186,8 +222,11 @@ def svg(width, height, parts, label):
     parts : list of str
     label : str
         For readers that do not see it.
+    kind : str
+        Class: ``link`` where what is pointed at lights up.
     """
-    return (f'<svg viewBox="0 0 {width:g} {height:g}" role="img" aria-label="{clean(label)}">'
+    kind = f' class="{kind}"' if kind else ''
+    return (f'<svg{kind} viewBox="0 0 {width:g} {height:g}" role="img" aria-label="{clean(label)}">'
             f'{"".join(parts)}</svg>')
 
 
@@ -241,7 +280,7 @@ class SkyMap:
         distance = self.radius * (90.0 - np.degrees(el)) / (90.0 - self.lowest)
         return self.centre + distance * np.sin(az), self.centre - distance * np.cos(az)
 
-    def arrows(self, az, el, x, y, scale, style, names):
+    def arrows(self, az, el, x, y, scale, style, names, keys=None):
         """Residual vectors: toward growing azimuth and elevation, `scale` drawing units an arcsec.
 
         Parameters
@@ -250,6 +289,8 @@ class SkyMap:
             Radians.
         x, y : ndarray, shape (n,)
             On the sky, arcsec.
+        names, keys : sequence of str
+            As of `Panel.points`.
         """
         px, py = self.place(az, el)
         s, c = np.sin(az), np.cos(az)
@@ -257,10 +298,13 @@ class SkyMap:
         dy = (x * s + y * c) * scale
         long = np.hypot(dx, dy)
         cap = np.minimum(1.0, 0.6 * self.radius / np.maximum(long, 1e-12))
-        for name, a, b, u, v in zip(names, px, py, dx * cap, dy * cap):
-            self.parts.append(
-                f'<g class="{style}"><title>{clean(name)}</title><circle cx="{_n(a)}" '
-                f'cy="{_n(b)}" r="1.7"/><path d="{_arrow(a, b, u, v)}"/></g>')
+        self.parts.append(f'<g class="{style}">')
+        for i, (a, b, u, v) in enumerate(zip(px, py, dx * cap, dy * cap)):
+            key = '' if keys is None else f' data-i="{keys[i]}"'
+            title = '' if names is None else f'<title>{clean(names[i])}</title>'
+            self.parts.append(f'<g{key}>{title}<circle cx="{_n(a)}" cy="{_n(b)}" r="1.7"/>'
+                              f'<path d="{_arrow(a, b, u, v)}"/></g>')
+        self.parts.append('</g>')
 
     def marks(self, az, el, style, texts):
         """Numbered places."""

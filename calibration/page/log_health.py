@@ -1,0 +1,165 @@
+"""How the instruments of a night did, as its log tells: rates, gaps, marks, decoding."""
+
+from collections import deque
+
+import numpy as np
+
+from msg_tools.bag.sqlite import open_bag
+from msg_tools.gaps import SequenceGaps
+from msg_tools.homing import cloud_to_homing
+from msg_tools.units import ARCSEC
+
+#: ends of the topics of instruments -> what they are
+STREAMS = {
+    'incremental/joint_states': 'incremental encoder', 'absolute/joint_states': 'absolute encoder',
+    'absolute/sigma': 'absolute encoder, errors', 'absolute/frame': 'absolute encoder, images',
+    'incremental/homing': 'marks', 'camera/miss_distance': 'camera', 'inclinometer': 'inclinometer',
+    'ambient/temperature': 'thermometer', 'observation': 'observations'}
+#: messages of instruments up to which each is looked at: half a minute of reading
+MOST_READ = 1_000_000
+#: of errors and of diagnostics that are decoded, at most
+_SIGMAS, _STATUSES = 2000, 1500
+#: beginnings of what a node says of its topics, which the table of streams has
+_OF_TOPICS = ('instance', 'publishes ', 'published ', 'subscribes ', 'received ', 'last ', 'gaps ',
+              'rate ')
+LEVELS = ('ok', 'warning', 'error', 'silent')
+
+
+def log_health(path):
+    """What a log of a night tells of its instruments.
+
+    Parameters
+    ----------
+    path : str or Path
+        The log of the night; that of the truth is refused.
+
+    Returns
+    -------
+    dict
+        ``streams``: a row each with ``what``, ``topic``, ``count``, ``rate_hz`` (mean),
+        ``interval_s`` (middle), ``longest_s`` and ``lost``, the last three None where the log is
+        so large that only its index was read (``whole`` False). ``marks``: of each power-on and
+        axis what `msg_tools.homing` tells, with ``worst_error_counts``. ``sigmas_arcsec``: of each
+        axis ``count``, ``middle``, ``beyond_95``, ``largest``, ``none`` of the errors that the
+        absolute encoder tells of its readings. ``nodes``: ``name``, ``level`` and ``worst`` (of
+        `LEVELS`), ``message``, ``values``.
+
+    Raises
+    ------
+    ValueError, OSError
+        It is no log, or not to be read.
+    """
+    bag = open_bag(path)
+    if bag.has_truth:
+        raise ValueError(f'{path} holds the truth of the simulator')
+    named = {}
+    for topic in bag.topics:
+        for end, what in STREAMS.items():
+            if topic.name.endswith('/' + end) and topic.count:
+                named[topic.name] = what, topic
+    whole = sum(topic.count for _, topic in named.values()) <= MOST_READ
+    streams = _streams(bag, named, whole)
+    simulated = any(topic.name == '/clock' and topic.count for topic in bag.topics)
+    return {'whole': whole, 'simulated_clock': simulated, 'streams': streams,
+            'marks': _marks(bag, named), 'sigmas_arcsec': _sigmas(bag, named) if whole else {},
+            'nodes': _nodes(bag),
+            'problems': list(bag.problems)}
+
+
+def _streams(bag, named, whole):
+    span = 0.0 if bag.start_time is None else (bag.end_time - bag.start_time) * 1e-9
+    times = {name: [] for name in named}
+    gaps = {name: SequenceGaps(topic.latched) for name, (_, topic) in named.items()}
+    if whole and named:
+        for message in bag.messages(list(named)):
+            times[message.topic].append(message.log_time)
+            gaps[message.topic].add(message.sequence)
+    out = []
+    for name, (what, topic) in sorted(named.items(), key=lambda item: list(STREAMS.values()).index(
+            item[1][0])):
+        row = {'what': what, 'topic': name, 'count': topic.count, 'interval_s': None,
+               'longest_s': None, 'lost': None,
+               'rate_hz': (topic.count - 1) / span if topic.count > 1 and span > 0.0 else None}
+        if len(times[name]) > 1:
+            apart = np.diff(np.array(times[name], float)) * 1e-9
+            moved = apart[apart > 0.0]  # of a simulated clock many have one time
+            if len(moved):
+                row.update(interval_s=float(np.median(moved)), longest_s=float(moved.max()))
+        if gaps[name].publishers:
+            row['lost'] = gaps[name].gaps
+        out.append(row)
+    return out
+
+
+def _marks(bag, named):
+    topics = [name for name, (what, _) in named.items() if what == 'marks']
+    out = {}
+    for message in bag.messages(topics, decode=True) if topics else ():
+        try:
+            axes = cloud_to_homing(message.data)
+        except ValueError:
+            continue
+        for axis, told in axes.items():
+            before = out.get((told.power_on, axis), {})
+            error = abs(told.mark_error) if np.isfinite(told.mark_error) else None
+            worst = before.get('worst_error_counts')
+            out[told.power_on, axis] = {
+                'power_on': told.power_on, 'axis': axis, 'homed': told.homed,
+                'side': told.side or before.get('side', ''), 'passages': told.passages,
+                'missed': told.missed_marks, 'started': _or_none(told.started),
+                'worst_error_counts': max((v for v in (error, worst) if v is not None),
+                                          default=None),
+                'supply': _or_none(told.supply), 'temperature': _or_none(told.temperature)}
+    return [out[key] for key in sorted(out)]
+
+
+def _or_none(value):
+    return float(value) if np.isfinite(value) else None
+
+
+def _sigmas(bag, named):
+    topics = {name: topic.count for name, (what, topic) in named.items() if what.endswith('errors')}
+    values = {}
+    for name, count in topics.items():
+        step = max(1, count // _SIGMAS)
+        for i, message in enumerate(bag.messages(name)):
+            if i % step:
+                continue
+            told = bag.decode(message)
+            for axis, sigma in zip(getattr(told, 'name', ()), getattr(told, 'position', ())):
+                values.setdefault(axis, []).append(sigma / ARCSEC)
+    out = {}
+    for axis, found in values.items():
+        found = np.array(found)
+        good = found[np.isfinite(found)]
+        out[axis] = {'count': len(found), 'none': int(len(found) - len(good)), **({} if not len(
+            good) else {'middle': float(np.median(good)), 'largest': float(good.max()),
+                        'beyond_95': float(np.quantile(good, 0.95))})}
+    return out
+
+
+def _nodes(bag):
+    topic = next((t for t in bag.topics if t.name.endswith('/diagnostics') and t.count), None)
+    if topic is None:
+        return []
+    messages = bag.messages(topic.name)
+    # of a long night the end: what counts up is there too
+    kept = deque(messages, maxlen=_STATUSES)
+    out = {}
+    for message in kept:
+        told = bag.decode(message)
+        for status in getattr(told, 'status', ()):
+            level = _level(status.level)
+            before = out.get(status.name)
+            out[status.name] = {
+                'name': status.name, 'level': LEVELS[level], 'message': status.message,
+                'worst': LEVELS[max(level, LEVELS.index(before['worst']) if before else 0)],
+                'values': {v.key: v.value for v in status.values
+                           if not v.key.startswith(_OF_TOPICS)}}
+    return [out[name] for name in sorted(out)]
+
+
+def _level(value):
+    """ROS has it as a byte."""
+    value = value[0] if isinstance(value, bytes) else value
+    return min(int(value), len(LEVELS) - 1)

@@ -1,0 +1,211 @@
+"""The pages of `close-the-loop`: of one night or run, and of many scenarios."""
+
+from pathlib import Path
+
+import numpy as np
+
+from calibration.page.drawing import clean, limit_of
+from calibration.page.health import health_section
+from calibration.page.log_health import log_health
+from calibration.page.parts import (
+    Markup,
+    body_of,
+    cards,
+    gains,
+    listed,
+    number,
+    pair,
+    section,
+    table,
+    verdict,
+    whole,
+)
+from calibration.page.provenance import provenance_section, site_text
+from calibration.page.residuals import controls_alone, target
+from msg_tools.bag.provenance import parameters_of
+from msg_tools.bag.sqlite import open_bag
+from msg_tools.units import ARCSEC
+
+from .loop_tables import loop_sentences
+
+_FILES = ('bag', 'observations.csv', 'model.json', 'report.json', 'diagnosis.json')
+
+
+def write_loop_page(folder, report, run):
+    """Write ``page.html`` of one night or run; the page of its diagnosis becomes a part of it.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the night.
+    report : dict
+        Of `close_the_loop.close_the_loop`.
+    run : PointingRun
+        All rows.
+
+    Raises
+    ------
+    OSError
+        It cannot be written.
+    """
+    diagnosed = folder / 'diagnosis.html'
+    page = diagnosed.read_text(encoding='utf-8') if diagnosed.is_file() else ''
+    (folder / 'page.html').write_text(
+        render_loop(report, run, page, folder / 'bag', [folder / name for name in _FILES]),
+        encoding='utf-8')
+
+
+def render_loop(report, run, diagnosis='', log=None, files=()):
+    """The page as text.
+
+    Parameters
+    ----------
+    report, run
+        As of `write_loop_page`.
+    diagnosis : str
+        The page of the diagnosis.
+    log : Path, optional
+        Of the night.
+    files : iterable of Path
+        From which it is made.
+
+    Returns
+    -------
+    str
+    """
+    before, after, label = _pair(report)
+    what = report['scenario'] or Path(str(report['source'])).name
+    headline = f'{label[:1].upper()}{label[1:]}: from {_said(before)} to {_said(after)}'
+    if before is None or after is None:
+        headline = f'Verdict: {report["verdict"]}'
+    alarms = [f'Alarm: {text}' for text in report['alarms']]
+    told = report.get('undeclared')
+    health, params = None, {}
+    if log is not None:
+        try:
+            health = log_health(log) if told else None
+            params = parameters_of(open_bag(log).metadata, '/star_observer') or {}
+        except (OSError, ValueError):
+            pass
+    names = run.mount.names.axes
+    hits = _targets(report, run)
+    body = [
+        '<h1>The loop closed</h1>',
+        f'<p class="meta">{clean(what)} · verdict {clean(report["verdict"])} · mount '
+        f'{clean(run.mount.kind)} · {len(run)} observations</p>',
+        controls_alone(),
+        verdict(report['verdict'].replace('_', ' '), headline,
+                [*alarms, *loop_sentences({**report, 'notes': [], 'alarms': []})],
+                cards([(_said(before), f'before: {label}'), (_said(after), f'after: {label}'),
+                       (_said(report['noise_floor_arcsec']), 'noise floor')]),
+                'alarm' if report['alarms'] or report.get('found') in ('wrong', 'harmful') else '',
+                gains(_bars(report), report['noise_floor_arcsec'], 'noise floor')),
+        section('Fresh stars, pointed at blind', hits, note='What the camera saw: the mount was '
+                'sent there by the model alone. Other stars before and after.' if hits else ''),
+        section('Effects that were added', _effects(report['effects'])),
+        body_of(diagnosis),
+        health_section(health, run, names) if health else '',
+        section('Notes', listed(report['notes'])),
+        provenance_section([
+            ('scenario', report['scenario'] and f'{report["scenario"]} (simulated)'),
+            ('run', report['source']), ('seed', str(report['seed'])), ('plan', report['plan']),
+            ('site', site_text(params))], files)]
+    return whole(f'The loop closed: {what}', body, 'A pointing model that was mended and tried')
+
+
+def _pair(report):
+    """The most honest errors before and after, arcsec, and of what they are."""
+    blind = [report[f'blind_{when}'] for when in ('before', 'after')]
+    if all(blind):
+        return *(check['rms_arcsec'] for check in blind), 'fresh stars pointed at blind'
+    for key, label in (('holdout_rms_arcsec', 'rows kept out'),
+                       ('cv_rms_arcsec', 'rows left out in turn'), ('rms_arcsec', 'rows fitted')):
+        values = [report[when].get(key) for when in ('before', 'after')]
+        if None not in values:
+            return *values, label
+    return None, None, 'rows fitted'
+
+
+def _said(value):
+    return None if value is None else f'{value:.2f}″'
+
+
+def _bars(report):
+    """Each measure of the error, before and after."""
+    rows = [('fresh stars, blind', [(check and check['rms_arcsec'], when, when) for when, check in (
+        (when, report[f'blind_{when}']) for when in ('before', 'after'))])]
+    for key, label in (('holdout_rms_arcsec', 'rows kept out'),
+                       ('cv_rms_arcsec', 'cross-validated'), ('rms_arcsec', 'rows fitted')):
+        rows.append((label, [(report[when].get(key), when, when) for when in ('before', 'after')]))
+    return rows
+
+
+def _targets(report, run):
+    """Miss distances of the blind stars, before and after."""
+    if 'check' not in run or 'miss_x' not in run or not report['blind_after']:
+        return ''
+    blind = (run['check'] == 1.0) & np.isfinite(run['miss_x']) & np.isfinite(run['miss_y'])
+    blocks = np.unique(run['block'][blind]) if 'block' in run else ()
+    if len(blocks) < 2:
+        return ''
+    hits = [np.array([run['miss_x'], run['miss_y']])[:, blind & (run['block'] == block)] / ARCSEC
+            for block in (blocks[0], blocks[-1])]
+    limit = limit_of(*hits)
+    first, second = run.mount.names.axes
+    axes = (f'{first} × cos {run.mount.names.letters[1]}', second)
+    return pair(target(axes, limit, *hit, f'missed {when}', when)
+                for hit, when in zip(hits, ('before', 'after')))
+
+
+def _effects(effects):
+    rows = []
+    for effect in effects:
+        for i, (name, value) in enumerate(effect['coefficients_arcsec'].items()):
+            rows.append(((effect['name'], name) if i == 0 else ('', name)) + (
+                number(value, 2, True), number(effect['sigma_arcsec'][name]),
+                None if i or effect['p_family'] is None else f'{effect["p_family"]:.2g}',
+                number(effect['delta_bic'], 1) if i == 0 else ''))
+    return table(('effect', 'coefficient', 'arcsec', 'σ', 'p', 'ΔBIC'), rows, 'numbers') \
+        if rows else '<p>None: the model stays as it was.</p>'
+
+
+def write_all_page(folder, report):
+    """Write ``page.html`` of many scenarios, which leads to the page of each.
+
+    Parameters
+    ----------
+    folder : Path
+    report : dict
+        Of `close_the_loop.close_all`.
+
+    Raises
+    ------
+    OSError
+        It cannot be written.
+    """
+    rows, bars, good = [], [], 0
+    for row in report['scenarios']:
+        if 'error' in row:
+            rows.append((row['scenario'], 'failed', row['error'], '', '', '', ''))
+            continue
+        good += row['found'] in ('yes', 'in the set', 'rightly none')
+        before, after, _ = _pair(row)
+        name = clean(row['scenario'])
+        rows.append((Markup(f'<a href="{name}/page.html">{name}</a>'), row['verdict'],
+                     ', '.join(row['applied']) or None, row['found'], number(before),
+                     number(after), number(row['noise_floor_arcsec'])))
+        bars.append((row['scenario'], [(before, 'before', 'before'), (after, 'after', 'after')]))
+    total = len(report['scenarios'])
+    page = whole('The loop closed: all scenarios', [
+        '<h1>The loop closed</h1>',
+        f'<p class="meta">{total} scenarios, seed {report["seed"]}</p>',
+        verdict('', f'In {good} of {total} scenarios what was wrong was found, or rightly nothing',
+                [], '', '' if good == total else 'alarm'),
+        section('Each scenario', table(
+            ('scenario', 'verdict', 'effects added', 'found', 'before ″', 'after ″', 'floor ″'),
+            rows, 'sort'), note='Miss distance of fresh stars pointed at blind, radial RMS on the '
+            'sky, arcsec.'),
+        section('Before and after', gains(bars)),
+        provenance_section([('seed', str(report['seed']))], [folder / 'report.json'])],
+        'Pointing models that were mended and tried')
+    (folder / 'page.html').write_text(page, encoding='utf-8')
