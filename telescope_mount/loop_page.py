@@ -22,7 +22,7 @@ from calibration.page.parts import (
 )
 from calibration.page.provenance import provenance_section, site_text
 from calibration.page.residuals import controls_alone, target
-from msg_tools.bag.provenance import parameters_of
+from msg_tools.bag.parameters import parameters_of
 from msg_tools.bag.sqlite import open_bag
 from msg_tools.units import ARCSEC
 

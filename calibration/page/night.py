@@ -12,7 +12,7 @@ from calibration.distrust import distrusted
 from calibration.rows import is_kept_out
 from calibration.tracking.page import innovations_figure
 from calibration.tracking.told import tracking_lines
-from msg_tools.bag.provenance import parameters_of
+from msg_tools.bag.parameters import parameters_of
 from msg_tools.bag.sqlite import open_bag
 from msg_tools.units import ARCSEC
 from pointing_model.following import Following
