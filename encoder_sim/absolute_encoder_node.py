@@ -30,7 +30,7 @@ PARAMS = (
           'subscribes; 0: one for every reading [Hz]', 0.0, 2000.0),
 )
 #: with which no image is lost on the way to the node that reads it
-EVERY_FRAME = dataclasses.replace(topics.ABSOLUTE_FRAME, qos=topics.DEEP)
+EVERY_FRAME = dataclasses.replace(topics.ABSOLUTE_FRAME, quality=topics.DEEP)
 
 
 class AbsoluteEncoders(MountedDevice):

@@ -16,12 +16,14 @@ from .device_params import DEVICE_PARAMS, MAX_RATE, Decimator, MountedDevice
 from .drives import ShaftCouplings
 from .incremental import IncrementalEncoder
 
+PARAMS = (*DEVICE_PARAMS, MAX_RATE)
+
 
 class IncrementalEncoders(MountedDevice):
     """Turns true axis angles into counts; NaN until the reference mark has been met."""
 
     def __init__(self, **kwargs):
-        super().__init__('incremental_encoder', (*DEVICE_PARAMS, MAX_RATE),
+        super().__init__('incremental_encoder', PARAMS,
                          hardware_id='simulated incremental encoder', **kwargs)
         self._stamp = self.start
         self._encoders = self.encoders(IncrementalEncoder, self.scenario.incremental)

@@ -5,6 +5,7 @@ Only the simulator reads them. What a file does not name stays at the value of t
 """
 
 import dataclasses
+from difflib import get_close_matches
 from importlib import resources
 from pathlib import Path
 
@@ -132,6 +133,26 @@ def scenario_names():
     return sorted(f.name[:-5] for f in _FOLDER.iterdir() if f.name.endswith('.yaml'))
 
 
+def described_scenarios():
+    """What each scenario of the package does, in a sentence, by its name.
+
+    Returns
+    -------
+    dict of str to str
+    """
+    import yaml
+    out = {}
+    for name in scenario_names():
+        text = (_FOLDER / f'{name}.yaml').read_text(encoding='utf-8')
+        said = (yaml.safe_load(text) or {}).get('undeclared', {}).get('what', '')
+        if said in ('', 'nothing'):  # the comment at its head
+            lines = text.splitlines()
+            count = next((i for i, line in enumerate(lines) if line[:1] != '#'), len(lines))
+            said = ' '.join(line.strip('# ') for line in lines[:count]).partition('. ')[0]
+        out[name] = ' '.join(said.split())
+    return out
+
+
 def load_scenario(name_or_path='default'):
     """Read a scenario.
 
@@ -237,8 +258,10 @@ def _read(text):
             raise ValueError(f'scenario file {text} does not exist')
         return path.stem, text, path.read_text(encoding='utf-8')
     if text not in scenario_names():
-        raise ValueError(f'no scenario {text!r}: give a .yaml file or one of '
-                         + ', '.join(scenario_names()))
+        near = get_close_matches(text, scenario_names(), 1)
+        raise ValueError(f'no scenario {text!r}'
+                         + (f'; did you mean {near[0]}? (list names all)' if near else
+                            f': give a .yaml file or one of {", ".join(scenario_names())}'))
     file = f'{text}.yaml'
     return text, file, (_FOLDER / file).read_text(encoding='utf-8')
 

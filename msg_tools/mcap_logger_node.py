@@ -8,6 +8,7 @@ from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy._rclpy_pybind11 import RCLError
+from rclpy.qos import DurabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from std_srvs.srv import SetBool
 
@@ -103,7 +104,7 @@ class McapLogger(MountNode):
 
     def _record(self, name, type_name, qos, offers, counter=None):
         """Subscribe to a topic; raises what the middleware or the bag have against it."""
-        latched = qos.durability == topics.LATCHED.durability
+        latched = qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
         topic = Topic(name, type_name, qos)
         message = topic.message
         again = counter is not None

@@ -18,6 +18,7 @@ from std_srvs.srv import Trigger
 from . import NAMESPACE
 from .executor import NodeExecutor
 from .gaps import SequenceGaps
+from .node_help import node_help, wants_help
 from .parameters import ParameterNode
 from .params import BadInput, Param
 from .readiness import LAST, PUBLISHED, PUBLISHES, SUBSCRIBES, GraphReports
@@ -333,7 +334,8 @@ def run_node(make_node, args=None, *, last=None):
     Parameters
     ----------
     make_node : callable
-        Returns the node; raises ValueError or OSError with one line for bad input.
+        Returns the node, and its class if it shall tell ``--help``; raises ValueError or OSError
+        with one line for bad input.
     last : callable, optional
         ``last(node)`` is called after a signal, while its topics still work.
 
@@ -342,6 +344,9 @@ def run_node(make_node, args=None, *, last=None):
     int
         Exit code: 0 after a clean end, 2 after bad input.
     """
+    if isinstance(make_node, type) and wants_help(sys.argv[1:] if args is None else args):
+        print(node_help(make_node), end='')
+        return 0
     node = executor = None
     running = False
     # KeyboardInterrupt could fall into the middle of a record of the log; rclpy shuts the

@@ -3,8 +3,6 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
-
 #: in the constraints of a parameter's descriptor, see `Param.truth`
 OF_TRUTH = 'what only the simulator knows: kept out of the log that a calibration reads'
 #: of the site: one file tells them to all nodes (`/**`), and who has no use for them lets them be
@@ -49,6 +47,7 @@ class Param:
 
     def descriptor(self):
         """The ParameterDescriptor that tells the user of range and unit."""
+        from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
         out = ParameterDescriptor(description=self.doc, read_only=self.fixed)
         if self.low is not None:
             if isinstance(self.default, float):

@@ -1,13 +1,27 @@
 """Every topic of the graph: relative name, type, quality of service. Nodes take them from here."""
 
 from dataclasses import dataclass
+from functools import cache
 from importlib import import_module
+from typing import NamedTuple
 
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+class Quality(NamedTuple):
+    """A quality of service: what `make_qos` takes. Names of topics are read without ROS, too."""
+
+    depth: int
+    reliable: bool = True
+    latched: bool = False
+
+
+@cache
+def _profile(quality):
+    return make_qos(quality.depth, reliable=quality.reliable, latched=quality.latched)
 
 
 def make_qos(depth, *, reliable=True, latched=False):
     """Keep so many messages; reliable or best effort; the last ones for who comes late, or not."""
+    from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
         depth=depth,
@@ -16,12 +30,12 @@ def make_qos(depth, *, reliable=True, latched=False):
     )
 
 
-RELIABLE = make_qos(100)
+RELIABLE = Quality(100)
 # An encoder at 1 kHz may run a few seconds ahead of a busy subscriber before a sample is lost.
-DEEP = make_qos(5000)
-LATCHED = make_qos(1, latched=True)
-HISTORY = make_qos(100, latched=True)
-SENSOR = make_qos(5, reliable=False)
+DEEP = Quality(5000)
+LATCHED = Quality(1, latched=True)
+HISTORY = Quality(100, latched=True)
+SENSOR = Quality(5, reliable=False)
 
 
 @dataclass(frozen=True)
@@ -34,7 +48,7 @@ class Topic:
         Relative to the namespace of the mount, absolute where ROS fixes it.
     type : str
         As in ``ros2 topic list -t``, for instance ``sensor_msgs/msg/JointState``.
-    qos : rclpy.qos.QoSProfile
+    quality : Quality or rclpy.qos.QoSProfile
         What both sides ask for; a user may override it by parameter.
     many : bool
         Whether several nodes may publish it; else one that starts beside another ends.
@@ -42,8 +56,13 @@ class Topic:
 
     name: str
     type: str
-    qos: QoSProfile
+    quality: object
     many: bool = False
+
+    @property
+    def qos(self):
+        """The rclpy.qos.QoSProfile; those of one quality share theirs."""
+        return _profile(self.quality) if isinstance(self.quality, Quality) else self.quality
 
     @property
     def message(self):
@@ -54,7 +73,9 @@ class Topic:
     @property
     def latched(self):
         """Whether a late subscriber still gets the last message."""
-        return self.qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
+        if isinstance(self.quality, Quality):
+            return self.quality.latched
+        return self.quality.durability.name == 'TRANSIENT_LOCAL'
 
 
 CLOCK = Topic('/clock', 'rosgraph_msgs/msg/Clock', RELIABLE)

@@ -319,7 +319,7 @@ def _write(folder, about, kept, latest):
     model = PointingModel.from_json(latest[topics.MODEL.name].data)
     report['drive'] = drive_error(run, model, diagnosis['site_deg'],
                                   bool((report['judged'] or {}).get('taken_back')))
-    write_csv(run, folder / 'observations.csv')
+    write_csv(run, folder / 'observations.csv', plain=True)
     (folder / 'model.json').write_text(latest[topics.MODEL.name].data + '\n')
     (folder / 'diagnosis.json').write_text(json.dumps(diagnosis, indent=1) + '\n')
     return report

@@ -129,7 +129,7 @@ def _write(folder, nights, said, latest):
         table.writerows([row[name] for name in COLUMNS] for row in report['table1'])
     files['gps.json'].write_text(json.dumps(report['gps'], indent=1) + '\n')
     files['report.json'].write_text(json.dumps(report, indent=1) + '\n')
-    write_csv(run, files['observations.csv'])
+    write_csv(run, files['observations.csv'], plain=True)
     write_season(calibrated['power_ons'], files['zeros.csv'])
     plot_nights(report, files['nights.png'])
     plot_season(report['zeros'], files['zeros.png'])

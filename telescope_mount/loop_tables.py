@@ -110,13 +110,6 @@ def all_table(report):
     alarms = any(row.get('alarms') for row in report['scenarios'])
     table = new_table('Miss distance of fresh stars pointed blind, radial RMS on the sky, arcsec',
                       *names, *['alarms'] * alarms)
-    # only the names may be broken, and nothing be cut
-    widths = (10, 10, 16 if alarms else 20, 8, 6, 5, 5, 14)
-    for column, width in zip(table.columns, widths):
-        column.min_width = width
-    for column in table.columns:
-        if column.header in ('scenario', 'effects added', 'found', 'alarms'):
-            column.no_wrap, column.overflow = False, 'fold'
     for row in report['scenarios']:
         if 'error' in row:
             table.add_row(row['scenario'], 'failed', row['error'])

@@ -188,6 +188,8 @@ def observe(folder, specs, plan, write, progress=None, domain_number=None, param
         watcher = Watcher('night', lock.number, nodes.environment, nodes.check)
         with _at_rest_after(watcher, specs, note or (lambda _: None)):
             _watch(watcher, nodes, plan, progress or (lambda *_: None), stall, say, note)
+            if progress:
+                progress('writing the results', 0, None)
             return _results(watcher, specs, plan, write)
     except RuntimeError as err:
         nodes.stop()
@@ -417,7 +419,7 @@ def write_results(folder, results, kept=None):
         report['notes'].append(orientation.statement())
     if topics.TRACKING.name in results:
         report['tracking'] = json.loads(results[topics.TRACKING.name].data)
-    write_csv(run, folder / 'observations.csv')
+    write_csv(run, folder / 'observations.csv', plain=True)
     (folder / 'model.json').write_text(results[topics.MODEL.name].data + '\n')
     (folder / 'report.json').write_text(json.dumps(report, indent=1) + '\n')
     report['files'] = {'log': str(folder / 'bag'), 'model': str(folder / 'model.json'),

@@ -11,7 +11,8 @@ from . import domain
 from .graph import replay_graph
 
 
-def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None, harmonics=None):
+def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None, harmonics=None,
+               progress=None):
     """Publish the observations of a log to a new calibration node, and let it fit.
 
     If the night was diagnosed, so is the replay; the model is then the amended one.
@@ -30,6 +31,8 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None, har
         ROS domain; a free one by default.
     harmonics : dict, optional
         Parameters ``harmonics...`` of the calibration; by default those of the night.
+    progress : callable, optional
+        Called with (text, done, total) as it goes on.
 
     Returns
     -------
@@ -43,7 +46,7 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None, har
     RuntimeError
         A node ended or did not answer.
     """
-    bag = BagReader(log)
+    bag, progress = BagReader(log), progress or (lambda *_: None)
     if bag.has_truth:
         raise ValueError(f'{log} holds the truth of the simulator; replay the log beside it')
     topic = next((t for t in bag.topics if t.name.endswith('/observation')), None)
@@ -78,15 +81,19 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None, har
             watcher = Watcher('replay', lock.number, nodes.environment, nodes.check)
 
             def taken():
-                return observations_taken(watcher.latest.get(topics.CALIBRATION_STATUS.name))
+                done = observations_taken(watcher.latest.get(topics.CALIBRATION_STATUS.name))
+                progress('observing again', done, topic.count)
+                return done
 
             if not watcher.spin_until(lambda: taken() >= topic.count, 60.0):
                 raise RuntimeError(f'only {taken()} of {topic.count} observations arrived')
             if had_zero:
                 watcher.call('calibrate_zero')
+            progress('fitting')
             watcher.call('fit')
             there = [topics.MODEL.name, topics.CALIBRATION_REPORT.name]
             if diagnosed:
+                progress('diagnosing')
                 watcher.call('diagnose', timeout=120.0)
                 there.append(topics.DIAGNOSIS.name)
             judged = bool(diagnosed) and 'judged' in diagnosed

@@ -9,11 +9,12 @@ when all is over.
 import json
 
 from encoder_sim.indexing_table import SCALES, IndexingTable
-from encoder_sim.scenario_file import load_scenario, scenario_names
+from encoder_sim.scenario_file import described_scenarios, load_scenario, scenario_names
 from encoder_sim.scenario_file import undeclared as _undeclared
 from msg_tools.bag import BagReader
 
-__all__ = ['SCALES', 'IndexingTable', 'kind_of_mount', 'scenario_names', 'undeclared']
+__all__ = ['SCALES', 'IndexingTable', 'described_scenarios', 'kind_of_mount',
+           'scenario_names', 'undeclared']
 
 
 def kind_of_mount(scenario):

@@ -6,6 +6,7 @@ last bit when it is verified. So it has one, however a node is started; who sets
 """
 
 import os
+import sys
 from importlib import import_module
 
 from .parent import end_with_parent
@@ -21,4 +22,11 @@ def __getattr__(name):
     from .graph import NODES
     if name not in NODES:
         raise AttributeError(f'{__name__} has no executable {name}')
-    return import_module(NODES[name]).main
+    try:
+        return import_module(NODES[name]).main
+    except ImportError as error:
+        from .ros import missing
+        line = missing(error, name)
+        if line is None:
+            raise
+        sys.exit(f'error: {line}')

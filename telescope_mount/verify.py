@@ -33,7 +33,7 @@ from .verify_rows import RAW, Pairing, at_time
 _STATES = 3
 
 
-def verify_log(bag, *, reference=None, seed=None):
+def verify_log(bag, *, reference=None, seed=None, progress=None):
     """Compute zeros, models, reports and diagnoses of a log anew, and the observations too.
 
     Encoder readings and miss distances give the observations; the observations give the rest, in
@@ -48,11 +48,14 @@ def verify_log(bag, *, reference=None, seed=None):
         The reference model that the night had; by default what the log says of it.
     seed : int, optional
         Of the choice of held-out stars; by default that of the log, or 1.
+    progress : callable, optional
+        Called with (text, done, total) as it goes on.
 
     Returns
     -------
     dict
-        ``checked`` (kind -> count), ``differences`` and ``unchecked``, a line each.
+        ``checked`` (kind -> count), ``differences`` and ``unchecked``, a line each; ``damaged``,
+        whether the log is.
 
     Raises
     ------
@@ -81,12 +84,12 @@ def verify_log(bag, *, reference=None, seed=None):
     if isinstance(session, NightSeries):
         for _, homings in rows.homings:
             session.hear(homings(0))
-    _calibrate(rows, session, parameters, check)
+    _calibrate(rows, session, parameters, check, *([progress] if progress else []))
     if not check.checked:
         raise ValueError(f'{bag} has nothing derived in it that could be verified')
     check.unchecked += log.problems
     return {'checked': dict(check.checked), 'differences': check.differences,
-            'unchecked': check.unchecked}
+            'unchecked': check.unchecked, 'damaged': bool(log.problems)}
 
 
 class _Check:
@@ -238,7 +241,7 @@ def _session(log, parameters, reference, seed, rows):
             else CalibrationSession(model, seed, harmonics=harmonics))
 
 
-def _calibrate(rows, session, parameters, check):
+def _calibrate(rows, session, parameters, check, progress=lambda *_: None):
     """Feed the observations one by one, and repeat what was asked for after each."""
     zeros, models = {}, {}
     for _, data in rows.said['zero']:
@@ -251,7 +254,9 @@ def _calibrate(rows, session, parameters, check):
             continue
         models.setdefault(stamp, []).append((log_time, data.data))
     replay = _Replay(session, rows, parameters, check)
-    for stamp in sorted({*rows.observations, *zeros, *models, *rows.tables}):
+    stamps = sorted({*rows.observations, *zeros, *models, *rows.tables})
+    for done, stamp in enumerate(stamps):
+        progress('computing again', done, len(stamps))
         if stamp in rows.observations:
             replay.session.add(rows.observations[stamp], stamp)
             replay.asked()

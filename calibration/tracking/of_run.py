@@ -64,7 +64,7 @@ class TrackedRun:
             'hindsight': self.hindsight.document()}
 
 
-def track_run(run, model=None, first=None, names=None):
+def track_run(run, model=None, first=None, names=None, progress=None):
     """Track a run.
 
     Parameters
@@ -77,6 +77,8 @@ def track_run(run, model=None, first=None, names=None):
         How many those are; by default a third of the run, `FEWEST` at least.
     names : sequence of str, optional
         Terms to fit; by default the physical ones.
+    progress : callable, optional
+        Called with (text, done, total) as it goes on.
 
     Returns
     -------
@@ -114,6 +116,8 @@ def track_run(run, model=None, first=None, names=None):
     rows, time, evening, live, sigma = [], [], [], [], []
     for i in range(fitted, len(run)):
         one = run.select([i])
+        if progress:
+            progress('following the mount', i, len(run))
         for heard in night.take(one):
             if heard.what == 'star' and heard.taken:
                 rows.append(int(order[i]))
@@ -125,6 +129,8 @@ def track_run(run, model=None, first=None, names=None):
                 evening.append([float(o[0] - b[0]) for o, b in zip(one.offsets(), base)])
     if len(rows) < 3:
         raise ValueError(f'{len(rows)} stars to follow; three at least')
+    if progress:
+        progress('in hindsight', len(run), len(run))
     return TrackedRun(
         night.model(int(np.rint(run['time'][-1] * 1e9))), np.array(rows), np.array(time),
         np.array(evening), np.array(live), np.array(sigma), night.hindsight(), night.document(),

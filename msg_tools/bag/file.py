@@ -106,7 +106,8 @@ class BagFile:
         with open(path, 'rb') as stream:
             self.stream = stream
             if self._at(0, 8) != MAGIC[:self.size]:
-                raise ValueError(f'{path} is not an MCAP file')
+                raise ValueError(f'{path} is not an MCAP file: a log is the folder of '
+                                 'a bag, or a file of it')
             try:
                 self.complete = self._read_summary()
             except PARSE_ERRORS as error:

@@ -2,9 +2,11 @@
 
 import csv
 import difflib
+import re
 
 import numpy as np
 
+from msg_tools.units import DEG
 from pointing_model.mounts import ALTAZ, KINDS, is_beyond, mount_text, through_pole
 from pointing_model.run import COLUMNS, column_name
 
@@ -14,6 +16,8 @@ from .table import Table, bad_cell, content, floats, is_number, same_width
 
 CSV_NAMES = {csv_name: name for name, (csv_name, _, _) in COLUMNS.items()}
 CSV_NAMES.update({name: name for name in table.SPECIAL if name != 'lst_told'})
+#: a number with a decimal comma, where commas divide nothing
+_DECIMAL = re.compile(r'^([-+]?\d+),(\d+)$')
 #: of other mounts: their columns, those of a place of the horizon, and the side of the pier
 _HORIZON = {'az_deg': 'az', 'el_deg': 'el'}
 _OTHERS = [(names, {**{name: name for name in table.SPECIAL if name != 'lst_told'},
@@ -80,8 +84,13 @@ def read_csv(path, lines, delimiter, encoder=None):
     blocks, texts = [], []
     for i in range(1, len(body), _BLOCK):
         rows = _split(path, body[i:i + _BLOCK], delimiter)
+        if delimiter != ',' and any(',' in line for _, line in body[i:i + _BLOCK]):
+            rows = [[_DECIMAL.sub(r'\1.\2', cell) for cell in row] for row in rows]
         same_width(path, numbers[i - 1:], rows, len(header), 'cells',
-                   f'the header has {len(header)}')
+                   f'the header has {len(header)}' + (
+                       '; are there decimal commas? Write points, or semicolons between the cells'
+                       if delimiter == ',' and all(len(r) == 2 * len(header) for r in rows)
+                       else ''))
         # of a million rows, cells as text and rows that differ would take most of the memory
         texts += [hash('\0'.join(row)) for row in rows]
         blocks.append([np.array([cell.encode() for cell in cells]) for cells in zip(*rows)])
@@ -285,13 +294,15 @@ def _reads_as_iso(cell):
 
 # ------------------------------------------------------------------------------------- writing
 
-def iso_utc(seconds):
-    """Times as ISO 8601 UTC to the nanosecond: enough for the same float64 when read again.
+def iso_utc(seconds, unit='ns'):
+    """Times as ISO 8601 UTC; to the nanosecond enough for the same float64 when read again.
 
     Parameters
     ----------
     seconds : ndarray, shape (n,)
         UTC, seconds since 1970; NaN gives an empty text.
+    unit : {'ns', 'us'}
+        The last digit.
 
     Returns
     -------
@@ -299,14 +310,27 @@ def iso_utc(seconds):
     """
     known = np.isfinite(seconds)
     whole = np.floor(np.where(known, seconds, 0.0))
-    nanoseconds = np.rint((np.where(known, seconds, 0.0) - whole) * 1e9).astype(np.int64)
+    parts = 1e9 if unit == 'ns' else 1e6
+    rest = np.rint((np.where(known, seconds, 0.0) - whole) * parts).astype(np.int64)
     stamps = whole.astype(np.int64).astype('datetime64[s]') \
-        + nanoseconds.astype('timedelta64[ns]')
-    texts = np.datetime_as_string(stamps, unit='ns')
+        + rest.astype(f'timedelta64[{unit}]')
+    texts = np.datetime_as_string(stamps, unit=unit)
     return [text + 'Z' if ok else '' for text, ok in zip(texts.tolist(), known.tolist())]
 
 
-def write_csv(run, path):
+def _plain(values, unit):
+    """Cells as people write them."""
+    known = values[values == values]
+    if known.size and np.all(known == np.rint(known)) and np.abs(known).max() < 1e15:
+        return ['' if v != v else f'{v:.0f}' for v in values.tolist()]
+    if unit == 1.0:
+        return ['' if v != v else repr(v) for v in values.tolist()]
+    digits = 10 if unit == DEG else 4
+    # not minus zero
+    return ['' if v != v else f'{round(v, digits) + 0.0:.{digits}f}' for v in values.tolist()]
+
+
+def write_csv(run, path, *, plain=False):
     """Write a run as CSV that `read_run` gives back to better than 1e-9 arcsec.
 
     Parameters
@@ -314,6 +338,9 @@ def write_csv(run, path):
     run : PointingRun
     path : str or Path
         Written anew.
+    plain : bool
+        Numbers as people write them: angles to 1e-10 degrees (3.6e-7 arcsec), what is in arcsec to
+        1e-4, times to the microsecond, whole numbers without a point.
 
     Raises
     ------
@@ -325,8 +352,8 @@ def write_csv(run, path):
     Notes
     -----
     Of another mount than an alt-azimuth one comments before the header tell which. Columns in the
-    order of `COLUMNS`, then the user's own; numbers with all their digits;
-    unknown (NaN) is an empty cell; time is ISO 8601 UTC, or seconds where the run's
+    order of `COLUMNS`, then the user's own; numbers with all their digits unless they shall be
+    plain; unknown (NaN) is an empty cell; time is ISO 8601 UTC, or seconds where the run's
     ``meta['time_is_utc']`` is False. The rest of ``meta`` is not written.
     """
     names = [name for name in COLUMNS if name in run]
@@ -341,10 +368,11 @@ def write_csv(run, path):
         if not mount.altaz and name in ('miss_x', 'miss_y'):
             values = np.where(is_beyond(run['el']), -values, values)
         if name == 'time' and run.meta.get('time_is_utc', True):
-            columns.append(iso_utc(np.asarray(values, dtype=float)))
+            columns.append(iso_utc(np.asarray(values, dtype=float), 'us' if plain else 'ns'))
         elif values.dtype.kind in 'fc':
             values = values if unit == 1.0 else values / unit
-            columns.append(['' if v != v else repr(v) for v in values.tolist()])
+            columns.append(_plain(values, unit) if plain else
+                           ['' if v != v else repr(v) for v in values.tolist()])
         else:
             columns.append(values.tolist())
     texts = [cell for cells in [header, *columns] for cell in cells if isinstance(cell, str)]

@@ -1,5 +1,6 @@
 """Which kind of pointing-run file this is, and the run that it holds."""
 
+import re
 from pathlib import Path
 
 from msg_tools.units import DEG
@@ -14,7 +15,7 @@ from .images import read_images
 from .iram import looks_like_iram, read_iram
 from .mmt import looks_like_mmt, read_mmt
 from .mountwizzard import looks_like_mountwizzard, read_mountwizzard
-from .table import read_lines
+from .table import content, is_number, read_lines
 from .tpoint import looks_like_tpoint, read_tpoint
 from .unam import looks_like_unam, read_unam
 
@@ -175,6 +176,10 @@ def _read_table(path, encoder):
         return read_csv(path, lines, delimiter, encoder)
     if looks_like_tpoint(lines):
         return read_tpoint(path, lines)
+    top = content(lines)[:1]
+    if top and len(cells := re.split('[,;\t]', top[0][1])) > 3 and all(map(is_number, cells)):
+        raise ValueError(f'{path} is not a pointing run: it has no header row; write the names '
+                         'of the columns above the numbers, as az_deg,el_deg,az_enc_deg,el_enc_deg')
     raise ValueError(f'{path} is not a pointing run: expected {_KINDS}')
 
 

@@ -90,6 +90,14 @@ def read_lines(path):
         raise ValueError(f'{path} is an MCAP log, not a table of observations')
     if not data.strip():
         raise ValueError(f'{path} is empty')
+    if data.startswith((b'\xff\xfe', b'\xfe\xff')):  # what some spreadsheets call Unicode text
+        try:
+            data = data.decode('utf-16').encode()
+        except UnicodeDecodeError:
+            raise ValueError(f'{path} is UTF-16 and breaks off; save it as CSV in UTF-8') from None
+    if data.startswith((b'PK\x03\x04', b'\xd0\xcf\x11\xe0')):
+        raise ValueError(f'{path} is a workbook of a spreadsheet or an archive: save the table as '
+                         'CSV and give that')
     # control characters other than tab, newline, form feed, carriage return, DOS end of file
     if re.search(rb'[\x00-\x08\x0b\x0e-\x19\x1b-\x1f]', data):
         raise ValueError(f'{path} is a binary file, not a pointing run')
@@ -200,7 +208,18 @@ def floats(path, lines, label, cells):
         return np.array([cell or 'nan' for cell in cells], dtype=float)
     except ValueError:
         bad = next((i for i, cell in enumerate(cells) if cell and not is_number(cell)), 0)
-        raise bad_cell(path, lines, label, cells, bad, 'is not a number') from None
+        raise bad_cell(path, lines, label, cells, bad, _no_number(cells[bad])) from None
+
+
+def _no_number(cell):
+    """What is said of a cell that should be a number."""
+    if re.fullmatch(r'[-+]?\d+[ :hd°]\s*\d+.*', cell):
+        return 'is not a number; write decimal degrees, as 45.5'
+    if re.fullmatch(r'[-+]?[\d.]+\s*\D+', cell):
+        return 'is not a number; leave the unit out: the name of the column has it'
+    if cell.lower() in ('n/a', 'na', '-', '--', 'none', 'null', '?'):
+        return 'is not a number; leave the cell empty where nothing is known'
+    return 'is not a number'
 
 
 def parse_iso(path, lines, label, cells):

@@ -15,13 +15,16 @@ def add(commands):
         'el_enc_deg) and write it with the angles of the other side in two further columns. '
         'Further columns by the names of a run (time, temperature_c, approach_az, ...) drive the '
         'effects that need them.')
-    parser.add_argument('model', type=Path, metavar='MODEL', help='a model file of ours (.json, '
+    parser.add_argument('model', type=options.model_path, metavar='MODEL',
+                        help='a model file of ours (.json, '
                         '.yaml), or of a program that `export --to` writes')
     parser.add_argument('file', nargs='?', default='-', metavar='FILE',
                         help='CSV with a header row; - (default): from the standard input')
     parser.add_argument('--reverse', action='store_true', help='encoder angles to directions')
     parser.add_argument('--out', type=Path, metavar='FILE', help='write here; else to the '
                         'standard output')
+    options.add_overwrite(parser)
+    parser.set_defaults(written=('out',))
     parser.add_argument('--time', metavar='UTC', help='of all rows, ISO 8601; goes before a '
                         'column time')
     parser.add_argument('--set', action='append', default=[], metavar='COLUMN=VALUE', dest='given',

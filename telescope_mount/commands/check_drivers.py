@@ -4,6 +4,9 @@ from pathlib import Path
 
 from . import options
 
+#: see `telescope_mount.ros`
+NEEDS_ROS = True
+
 
 def add(commands):
     """Add the parser."""
@@ -29,7 +32,8 @@ def add(commands):
                         help='ROS parameter file with the limits of the mount, of the guard that '
                         'leads the nudge where none runs')
     parser.add_argument('--namespace', default='/mount', help='of the graph (default: /mount)')
-    parser.add_argument('--json', type=Path, metavar='FILE', help='write the findings as JSON')
+    options.add_json(parser, 'the findings')
+    options.add_overwrite(parser)
     options.add(parser, 'domain', help='ROS domain (default: ROS_DOMAIN_ID, or 0)')
 
 
@@ -43,8 +47,7 @@ def run(args):
     from ..drivers.samples import WRONG
     from .console import new_console
     options.check_target(args.json)
-    if args.params is not None and not args.params.is_file():
-        raise ValueError(f'{args.params} is no file; give a ROS parameter file with --params')
+    options.check_params(args.params)
     if args.star and not args.nudge:
         raise ValueError('--star is for --nudge: give both')
     sky = options.sky_of(args)

@@ -1,8 +1,10 @@
 """The command ``close-the-loop``."""
 
-from pathlib import Path
 
 from . import options
+
+#: see `telescope_mount.ros`
+NEEDS_ROS = True
 
 
 def add(commands):
@@ -13,12 +15,12 @@ def add(commands):
         'take a measured run), fit, diagnose the residual, add what is found to the model, and '
         'point at fresh stars with it: the miss distance before and after.')
     what = parser.add_mutually_exclusive_group(required=True)
-    what.add_argument('file', nargs='?', type=Path, metavar='RUN',
+    what.add_argument('file', nargs='?', type=options.log_path, metavar='RUN',
                       help='a measured run: CSV, TPOINT, MMT, IRAM, or a log; judged on rows that '
                       'were kept out')
-    what.add_argument('--scenario', help='instead: what is wrong with the simulated mount, a name '
+    options.add_scenario(what, help='instead: what is wrong with the simulated mount, a name '
                       '(loop_*, mount_*), a YAML file, a pattern such as "mount_*" for all of them '
-                      'in one table, or "all" for every loop_*')
+                      'in one table, or "all" for every loop_*; "list": print their names')
     options.add_out(parser, 'loop', 'log, model, reports and page')
     options.add(parser, 'seed')
     parser.add_argument('--stars', type=options.whole(12, 5000), default=90,
@@ -36,6 +38,8 @@ def add(commands):
     options.add(parser, 'longitude', 'azimuth-origin')
     options.add(parser, 'mount', help=options.MOUNT_OF_NIGHT)
     options.add(parser, 'domain')
+    options.add_json(parser, 'the report')
+    options.add_overwrite(parser)
 
 
 def run(args):
@@ -44,7 +48,10 @@ def run(args):
 
     from ..close_the_loop import ALL, close_all, close_the_loop
     from ..loop_tables import all_table, loop_sentences, loop_tables
-    from .console import Progress, new_console, print_files, print_lines
+    from .console import Progress, new_console, print_files, print_lines, write_outputs
+    if options.is_list(args):
+        return options.list_scenarios(args, 'loop_*', 'mount_*')
+    options.check_target(args.json)
     chosen = {
         'seed': args.seed, 'stars': args.stars, 'polaris': args.polaris, 'check': args.check,
         'alpha': args.alpha, 'start_time': args.date, 'sky': options.sky_of(args),
@@ -60,14 +67,17 @@ def run(args):
                 args.out, scenario=args.scenario or '', file=args.file,
                 check_every=args.check_every, azimuth_origin=args.azimuth_origin,
                 progress=progress, **chosen)
+    written = args.json, lambda p: options.write_json(p, report), 'report'
     if 'scenarios' in report:
         console.print(all_table(report))
         print_files(console, {'report': args.out / 'report.json',
                               'page': args.out / 'page.html'})
+        write_outputs(console, written)
         return
     console.print(used_sentence(report), markup=False)
     for table in loop_tables(report):
         console.print(table)
     print_lines(console, 'note', [text for text in (
         expected_sentence(report), outlier_sentence(report)) if text] + loop_sentences(report))
+    write_outputs(console, written)
     print_files(console, report['files'])

@@ -1,75 +1,166 @@
 """What the commands print with: a console, a line of progress, tables and files."""
 
+import os
 import sys
 import time
+from threading import RLock, Timer
+
+#: s of work after which progress is shown
+PATIENCE = 1.0
 
 
 def new_console():
-    """A rich console, as wide as tables need on a pipe."""
+    """A rich console on the standard output, which lets the line of progress step aside."""
     from rich.console import Console
-    # a pipe has no width of its own; tables must not be cut there
-    return Console(width=None if sys.stdout.isatty() else 120, highlight=False)
+
+    class StandardOutput(Console):
+        def print(self, *objects, **options):
+            for shown in reversed(_SHOWN):
+                shown.aside()
+            super().print(*objects, **options)
+
+        def on_broken_pipe(self):
+            raise BrokenPipeError  # `cli.main` ends for it
+    # a pipe has no width of its own
+    wide = None if sys.stdout.isatty() or os.environ.get('COLUMNS', '').isdigit() else 120
+    return StandardOutput(width=wide, highlight=False, markup=False, emoji=False)
+
+
+#: lines of progress that are on, the last one shown
+_SHOWN = []
 
 
 class Progress:
-    """A line that tells how far the work is; on a pipe one line a step.
+    """A line on the standard error, if that is a terminal: how far the work is, the time left.
+
+    It comes when the work has taken `PATIENCE` seconds, steps aside for what is printed, and
+    leaves nothing behind. Where neither output is a terminal a night leaves a line a step.
 
     Parameters
     ----------
-    console : rich.console.Console
+    console : rich.console.Console, optional
+        That of the results, for a line a step where no terminal is; without it nothing is said
+        there.
     unit : str
         What is counted.
     first : str
         What comes before the first count.
-    after : float
-        Seconds before which nothing is said on a pipe: what is fast needs no line.
     every : float
-        Seconds after which a step has another line on a pipe.
+        Seconds after which a step has another such line.
     """
 
-    def __init__(self, console, unit='exposures', first='starting the nodes', after=0.0,
+    def __init__(self, console=None, unit='exposures', first='starting the nodes',
                  every=float('inf')):
-        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
-        self._bar = Progress(
-            TextColumn('{task.description:<18}'), BarColumn(), MofNCompleteColumn(),
-            TextColumn(unit), console=console, transient=True)
-        self._console, self._unit, self._first = console, unit, first
-        self._quiet_until, self._every = time.monotonic() + after, every
-        self._task = None
-        self._text, self._next = None, 0.0
+        self._console, self._unit, self._every = console, unit, every
+        self._lock, self._timer, self._bar = RLock(), None, None
+        self._at = first, 0, None
+        self._since = time.monotonic()
+        self._told, self._next = None, 0.0
 
     def __enter__(self):
-        if self._console.is_terminal:
-            self._bar.start()
-            self._task = self._bar.add_task(self._first, total=None)
+        for outer in _SHOWN:
+            outer.aside(for_good=True)
+        _SHOWN.append(self)
+        self._wait()
         return self
 
     def __exit__(self, *exc):
-        if self._task is not None:
-            self._bar.stop()
+        self.aside(for_good=True)
+        _SHOWN.remove(self)
+        for outer in _SHOWN[-1:]:
+            outer._wait()
 
-    def __call__(self, text, done, total):
-        if self._task is not None:
-            self._bar.update(self._task, description=text, completed=done, total=total)
+    def __call__(self, text, done=0, total=None):
+        """What is done now, and how much of it; `total` None: not known."""
+        with self._lock:
+            self._at = text, done, total
+            self._show()
+        if self._console is not None and not (sys.stderr.isatty() or sys.stdout.isatty()):
+            self._tell(text, done, total)
+
+    def aside(self, for_good=False):
+        """Take the line away; it comes again after a while, unless `for_good`."""
+        with self._lock:
+            if self._timer is not None:
+                self._timer.cancel()
+                self._timer = None
+            if self._bar is not None:
+                self._bar.stop()
+                self._bar = None
+        if not for_good:
+            self._wait()
+
+    def _wait(self):
+        if sys.stderr.isatty():
+            self._timer = Timer(PATIENCE, self._begin)
+            self._timer.daemon = True
+            self._timer.start()
+
+    def _begin(self):
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, ProgressColumn, SpinnerColumn, TextColumn
+        from rich.text import Text
+
+        class Left(ProgressColumn):
+            """Time left where it is known, else time passed."""
+
+            def render(self, task):
+                left = None if task.total is None else task.time_remaining
+                return Text(_clock(time.monotonic() - self.since) if left is None
+                            else f'{_clock(left)} left')
+        Left.since = self._since
+        plain = not (sys.stderr.encoding or '').lower().startswith('utf')
+        with self._lock:
+            if self._timer is None:  # it has ended meanwhile
+                return
+            console = Console(stderr=True, highlight=False, markup=False, emoji=False)
+            turning = SpinnerColumn('line' if plain else 'dots')
+            words, count = TextColumn('{task.description}'), TextColumn('{task.fields[count]}')
+            # what has no room in a narrow terminal is cut at the end, and no number shall be
+            columns = ((turning, words, BarColumn(16), count, Left()) if console.width >= 75
+                       else (turning, Left(), count, words))
+            self._bar = Progress(
+                *columns, console=console,
+                transient=True, redirect_stdout=False, redirect_stderr=False)
+            self._bar.add_task('', total=None, count='')
+            self._show()
+            self._bar.start()
+
+    def _show(self):
+        if self._bar is None:
             return
+        text, done, total = self._at
+        # what follows the last count takes its time, too
+        known = total is not None and done < total
+        self._bar.tasks[0].total = total if known else None  # `update` takes no None
+        self._bar.update(self._bar.task_ids[0], description=text, completed=done if known else 0,
+                         count=f'{done} of {total} {self._unit}' if known else '')
+
+    def _tell(self, text, done, total):
         now = time.monotonic()
         # before the first line of a step nothing is counted: that says nothing
-        if total is not None and now >= self._quiet_until and (
-                text != self._text or now >= self._next):
+        if total is not None and (text != self._told or now >= self._next):
             self._console.print(f'{text}: {done} of {total} {self._unit} done')
-            self._text, self._next = text, now + self._every
+            self._told, self._next = text, now + self._every
+
+
+def _clock(seconds):
+    """``0:07``, ``1:02:03``."""
+    minutes, seconds = divmod(int(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f'{hours}:{minutes:02d}:{seconds:02d}' if hours else f'{minutes}:{seconds:02d}'
 
 
 def print_lines(console, kind, lines):
     """Lines that begin with what they are: a note, an alarm, a loss."""
     for line in lines:
-        console.print(f'{kind}: {line}', markup=False)
+        console.print(f'{kind}: {line}')
 
 
 def print_files(console, files, width=13):
     """Name and path of what was written."""
     for name, path in files.items():
-        console.print(f'{name:<{width}} {path}', markup=False)
+        console.print(f'{name:<{width}} {path}', soft_wrap=True)  # a path is for copying
 
 
 def print_calibration(console, report):
@@ -95,3 +186,23 @@ def print_calibration(console, report):
         if check['stars']:
             console.print(f'{check["stars"]} fresh stars pointed at blind: '
                           f'{check["rms_arcsec"]:.2f} arcsec radial RMS, {check["lost"]} lost')
+
+
+def write_outputs(console, *outputs):
+    """Write what was asked for, and say where.
+
+    Parameters
+    ----------
+    console : rich.console.Console
+    *outputs : tuple of (Path or None, callable, str)
+        Where, what writes there, and what it is; nothing where no path is given.
+    """
+    for path, write, what in outputs:
+        if path:
+            try:
+                write(path)
+            except OSError as error:
+                if error.filename is None:  # a full disk tells no name
+                    error.filename = str(path)
+                raise
+            print_files(console, {what: path})

@@ -1,9 +1,10 @@
 """The command ``diagnose``: what is wrong with a mount."""
 
+import argparse
 from pathlib import Path
 
 from . import options
-from .console import Progress, new_console, print_files, print_lines
+from .console import Progress, new_console, print_lines, write_outputs
 
 BASES = ('physical, standard6, index, sh13 (or sh1 to sh4; sh4p: E as printed), or terms, '
          'joined by +')
@@ -16,7 +17,7 @@ def add(commands):
         description='Fit the declared model to pointing runs, look at what it leaves, name the '
         'physical effect that explains it, and prove the gain on data that neither the fit nor '
         'the choice has seen.')
-    parser.add_argument('runs', nargs='+', type=Path, metavar='RUN',
+    parser.add_argument('runs', nargs='+', type=options.log_path, metavar='RUN',
                         help='pointing runs of one mount: logs, CSV, TPOINT, MMT or IRAM files')
     parser.add_argument('--base', default='physical', metavar='MODEL',
                         help=f'what the model has already: {BASES} (default: physical); or a '
@@ -29,17 +30,14 @@ def add(commands):
     parser.add_argument('--graduation', metavar='NAME=LINES', help='lines or bars in a turn of '
                         'the encoders, such as grating=47200 or az.grating=47200,el.bars=1080: '
                         'outliers by whole ones are slips (default: what a log of ours tells)')
-    parser.add_argument('--driver', action='append', default=[], metavar='COLUMN', help='a column '
+    parser.add_argument('--cause', action='append', default=[], metavar='COLUMN', help='a column '
                         'of the file that may be a cause, though its name does not say so')
-    parser.add_argument('--alpha', type=float, default=0.01,
+    parser.add_argument('--alpha', type=options.real(1e-6, 0.5), default=0.01,
                         help='chance that a run with nothing wrong gets any effect (default: 0.01)')
-    parser.add_argument('--holdout', nargs='+', type=Path, default=[], metavar='RUN',
+    parser.add_argument('--holdout', nargs='+', type=options.log_path, default=[], metavar='RUN',
                         help='judge on these as well; only the terms of --own (or IA,IE) are '
                         'refitted there, as on a new night')
-    parser.add_argument('--json', type=Path, metavar='FILE', help='write the result')
-    parser.add_argument('--report', type=Path, metavar='FILE.html', help='write a page')
-    parser.add_argument('--save', type=Path, metavar='FILE',
-                        help='write the model with what was found (.json, .yaml)')
+    options.add_outputs(parser, save='the model with what was found')
     options.add(parser, 'encoder', 'azimuth-origin')
     options.add(parser, 'latitude', help='of the site, for runs in right ascension and of '
                 'equatorial mounts')
@@ -65,11 +63,9 @@ def _run(args):
 
     from ..runs import load_runs
     console = new_console()
-    for path, suffixes in ((args.json, ()), (args.report, ('.html', '.htm')),
-                           (args.save, ('.json', '.yaml', '.yml'))):
-        options.check_target(path, suffixes)
+    options.check_outputs(args)
     place = {'azimuth_origin': args.azimuth_origin, 'graduation': args.graduation,
-             'drivers': args.driver, **options.place_of(args)}
+             'drivers': args.cause, **options.place_of(args)}
     runs, empty = load_runs(args.runs, **place)
     held, empty_held = load_runs(args.holdout, **place) if args.holdout else (None, [])
     print_lines(console, 'note', [*empty, *empty_held])
@@ -79,7 +75,7 @@ def _run(args):
                       if each else each for each in (runs, held))
     else:
         runs, held = _settled(runs, held, args, console)
-    with Progress(console, 'folds', 'looking for effects', after=30.0, every=60.0) as progress:
+    with Progress(unit='folds', first='looking for effects') as progress:
         found = diagnose(runs, '+'.join(base.terms) if base else args.base, args.alpha,
                          holdout=held, own_terms=args.own, encoder=args.encoder, seed=args.seed,
                          sessions=args.sessions, progress=progress)
@@ -115,22 +111,25 @@ def _base_file(text, mount):
 
 
 def _write(args, found, console, base=None):
-    if args.json:
-        options.write_json(args.json, found.to_dict() | (
-            {'base_model': base.compared(found.model)} if base else {}))
-        print_files(console, {'result': args.json})
-    if args.report:
-        from calibration.diagnosis_page.page import write_report
-        write_report(found, args.report)
-        print_files(console, {'page': args.report})
-    if args.save:
-        (base.whole(found.model) if base else found.model).save(args.save)
-        print_files(console, {'model': args.save})
+    from calibration.diagnosis_page.page import write_report
+    compared = {'base_model': base.compared(found.model)} if base else {}
+    model = base.whole(found.model) if base else found.model
+    write_outputs(
+        console, (args.json, lambda p: options.write_json(p, found.to_dict() | compared), 'result'),
+        (args.report, lambda p: write_report(found, p), 'page'), (args.save, model.save, 'model'))
 
 
 def _hours(text):
     """Hours of a gap; none: 0."""
-    return 0.0 if text == 'none' else float(text)
+    return 0.0 if text == 'none' else _number_of_hours(text)
+
+
+def _number_of_hours(text):
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f'{text!r}: write a number of hours, or none') from None
 
 
 def show(found, console):

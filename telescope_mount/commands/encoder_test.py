@@ -1,5 +1,6 @@
 """The command ``encoder-test``."""
 
+
 from pathlib import Path
 
 from . import options
@@ -12,7 +13,8 @@ def add(commands):
         description='Turn the simulated disc of the absolute encoder to 23 standard angles, read '
         'it by the paper\'s method, its two rivals and ours, and compare with what was printed.')
     options.add_out(parser, 'encoder_test', 'the picture and the page')
-    parser.add_argument('--json', type=Path, metavar='FILE', help='write all figures')
+    options.add_json(parser, 'all figures')
+    options.add_overwrite(parser)
     options.add(parser, 'seed', help='of disc, table and noise (default: 1)')
     parser.add_argument('--turns', type=options.whole(2, 1000), default=20,
                         help='of 23 angles each (default: 20)')
@@ -22,25 +24,21 @@ def add(commands):
 
 def run(args):
     """Turn, read, print, plot."""
-    import json
-
     from .. import encoder_test
     from ..encoder_page import write_encoder_page
-    from .console import new_console, print_files, print_lines
+    from .console import Progress, new_console, print_files, print_lines, write_outputs
+    options.check_target(args.json)
     console = new_console()
     args.out.mkdir(parents=True, exist_ok=True)
-    with console.status('') as status:
-        tell = status.update if console.is_terminal else console.print
-        report = encoder_test.run(args.seed, args.turns, args.pitch,
-                                  lambda text: tell(f'{text} ...'))
+    with Progress(first='turning the disc') as progress:
+        report = encoder_test.run(args.seed, args.turns, args.pitch, progress)
     for table in encoder_test.tables(report):
         console.print(table)
     print_lines(console, 'note', encoder_test.notes(report))
     picture = args.out / 'encoder_test.png'
     encoder_test.plot(report, picture)
-    if args.json:
-        args.json.write_text(json.dumps(report, indent=1) + '\n', encoding='utf-8')
+    write_outputs(console, (args.json, lambda p: options.write_json(p, report), 'figures'))
     page = args.out / 'page.html'
-    write_encoder_page(page, report, [picture, *([args.json] if args.json else [])])
-    print_files(console, {'picture': picture, **({'figures': args.json} if args.json else {}),
-                          'page': page})
+    figures = [args.json] if isinstance(args.json, Path) else []
+    write_encoder_page(page, report, [picture, *figures])
+    print_files(console, {'picture': picture, 'page': page})

@@ -2,6 +2,9 @@
 
 from . import options
 
+#: see `telescope_mount.ros`
+NEEDS_ROS = True
+
 
 def add(commands):
     """Add the parser."""
@@ -17,10 +20,10 @@ def add(commands):
     parser.add_argument('--nights', type=options.whole(4, 200), default=11,
                         help='of the table, after two for their models (default: 11)')
     what = parser.add_mutually_exclusive_group()
-    what.add_argument('--scenario', metavar='NAME',
-                      help='what is wrong with the simulated mount, in place of the drifts: a '
+    options.add_scenario(
+        what, help='what is wrong with the simulated mount, in place of the drifts: a '
                       'season whose zeros follow something (season_temperature, season_trend, '
-                      'season_none), or a YAML file')
+                      'season_none), or a YAML file; list: print their names')
     what.add_argument('--drifts', choices=('paper', 'random'), default='paper',
                         help='of the zero at each power-on: those that give the paper\'s errors '
                         'before calibration (default), or random ones of that scatter')
@@ -30,6 +33,8 @@ def add(commands):
     parser.add_argument('--satellite', type=options.whole(2, 200), default=20,
                         help='exposures of the satellite before and after (default: 20)')
     options.add(parser, 'domain')
+    options.add_json(parser, 'the report')
+    options.add_overwrite(parser)
 
 
 def run(args):
@@ -38,7 +43,10 @@ def run(args):
     from calibration.season_report import season_lines, season_table
 
     from ..experiment import run_experiment
-    from .console import Progress, new_console, print_files, print_lines
+    from .console import Progress, new_console, print_files, print_lines, write_outputs
+    if options.is_list(args):
+        return options.list_scenarios(args, 'season_*')
+    options.check_target(args.json)
     console = new_console()
     with Progress(console) as progress:
         report = run_experiment(
@@ -50,4 +58,5 @@ def run(args):
     console.print(season_table(report['zeros']))
     print_lines(console, 'zeros', season_lines(report['zeros']))
     print_lines(console, 'alarm', report['alarms'])
+    write_outputs(console, (args.json, lambda p: options.write_json(p, report), 'report'))
     print_files(console, report['files'], 17)

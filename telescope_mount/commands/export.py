@@ -23,19 +23,20 @@ def add(commands):
         description='Write a pointing run (a log of ours, or any file that fit reads) as a CSV '
         'that fit reads again; with --topics the messages of a log, a table a topic; with --to a '
         'model as another program reads it.')
-    parser.add_argument('file', type=Path, metavar='RUN', help='with --to a model')
+    parser.add_argument('file', type=options.log_path, metavar='RUN', help='with --to a model')
     parser.add_argument('out', type=Path, metavar='OUT',
                         help='file, .csv or .parquet; with --topics a folder')
     parser.add_argument('--to', choices=model_export.programs(), metavar='PROGRAM',
                         help='the program that shall read the model: '
                         + ', '.join(model_export.programs()))
-    parser.add_argument('--sky', type=Path, metavar='RUN', help='what the program cannot hold is '
+    parser.add_argument('--sky', type=options.log_path, metavar='RUN',
+                        help='what the program cannot hold is '
                         'refitted and told on the directions of this run (default: a uniform sky '
                         'above 20 degrees)')
     parser.add_argument('--zero', metavar='WHICH', help='of the zeros that the model carries: add '
                         'newest, or that of the run of this number, to its indices (default: none)')
-    parser.add_argument('--json', type=Path, metavar='FILE', help='with --to: write what is held '
-                        'and lost')
+    options.add_json(parser, 'what was written (with --to: what is held and lost)')
+    options.add_overwrite(parser)
     parser.add_argument('--topics', type=options.names, metavar='NAMES',
                         help='comma-separated topics of a log, by full name or its end')
     parser.add_argument('--format', choices=('csv', 'parquet'), default='csv',
@@ -53,25 +54,33 @@ def add(commands):
 
 def run(args):
     """Read, write, say what was left out."""
-    from .console import new_console, print_lines
+    from .console import new_console, print_lines, write_outputs
+    options.check_target(args.json)
     console = new_console()
     if args.to:
         _run_model(args, console)
         return
-    _refuse(args, ('sky', 'zero', 'json'), 'is of models: say the program with --to')
+    _refuse(args, ('sky', 'zero'), 'is of models: say the program with --to')
     if args.topics:
         files, problems = export_topics(args.file, args.out, args.topics, form=args.format,
                                         start=args.start, end=args.end)
         print_lines(console, 'note', problems)
         for path, rows in files.items():
-            console.print(f'{rows} messages: {path}')
+            console.print(f'{rows} messages: {path}', soft_wrap=True)
+        write_outputs(console, (args.json, lambda p: options.write_json(
+            p, {'files': files, 'problems': problems}), 'result'))
         return
+    if not _same(args.out, args.file):
+        options.refuse_existing(args.out, args)
     written = export_run(args.file, args.out, azimuth_origin=args.azimuth_origin,
                          start=args.start, end=args.end, **options.place_of(args))
     for row in written.meta['excluded']:
         console.print(f'row {row["row"]} left out: {row["reason"]}')
     print_lines(console, 'note', written.meta['notes'])
-    console.print(f'{len(written)} observations: {args.out}')
+    console.print(f'{len(written)} observations: {args.out}', soft_wrap=True)
+    write_outputs(console, (args.json, lambda p: options.write_json(
+        p, {'observations': len(written), 'file': args.out, **{
+            key: written.meta[key] for key in ('excluded', 'notes')}}), 'result'))
 
 
 def _run_model(args, console):
@@ -79,6 +88,8 @@ def _run_model(args, console):
     _refuse(args, ('topics', 'start', 'end'), 'is of runs, and --to of models')
     for path in (args.out, args.json):
         options.check_target(path)
+    if not _same(args.out, args.file):
+        options.refuse_existing(args.out, args)
     zero = args.zero or 'none'
     if zero not in ('none', 'newest') and not zero.lstrip('-').isdigit():
         raise ValueError(f'--zero {zero}: write newest, none or the number of a run')
@@ -88,8 +99,7 @@ def _run_model(args, console):
                                         azimuth_origin=args.azimuth_origin, **place)
     model_export.show(written, console)
     if args.json:
-        import json
-        args.json.write_text(json.dumps(written.to_dict(), indent=1) + '\n', encoding='utf-8')
+        options.write_json(args.json, written.to_dict())
 
 
 def _whole_site(site, args):
@@ -103,6 +113,10 @@ def _whole_site(site, args):
         raise ValueError('a site needs --latitude and --longitude (an equatorial mount alone '
                          '--mount and --latitude)')
     return site
+
+
+def _same(path, other):
+    return path.exists() and other.exists() and path.samefile(other)
 
 
 def _refuse(args, names, why):

@@ -1,6 +1,5 @@
 """The command ``fit``."""
 
-from pathlib import Path
 
 from . import options
 
@@ -11,7 +10,7 @@ def add(commands):
         'fit', help='fit pointing terms to a measured run',
         description='Read a pointing run (CSV, TPOINT, or a log of ours) and print the terms and '
         'the error before and after.')
-    parser.add_argument('file', type=Path, metavar='RUN')
+    parser.add_argument('file', type=options.log_path, metavar='RUN')
     parser.add_argument('--terms', type=options.names, help='comma-separated (default: the seven '
                         'physical terms of the mount)')
     options.add(parser, 'encoder', 'azimuth-origin', 'mount')
@@ -24,11 +23,10 @@ def add(commands):
                         help='of several runs in the file (column run) the one of this number')
     options.add(parser, 'harmonics', 'harmonics-alone', 'harmonics-degree')
     parser.add_argument('--no-robust', action='store_true', help='plain least squares')
-    parser.add_argument('--base', type=Path, metavar='MODEL', help='a model file, ours or of '
+    parser.add_argument('--base', type=options.model_path, metavar='MODEL',
+                        help='a model file, ours or of '
                         'another program: its terms are fitted anew, its values shown beside')
-    parser.add_argument('--report', type=Path, metavar='FILE.html', help='write a page')
-    parser.add_argument('--json', type=Path, metavar='FILE', help='write the result')
-    parser.add_argument('--save', type=Path, metavar='FILE', help='write the model (.json, .yaml)')
+    options.add_outputs(parser)
 
 
 def run(args):
@@ -48,9 +46,7 @@ def _run(args):
     if args.predict and (harmonics or args.no_robust):
         raise ValueError('--predict chooses on its own, robustly: leave out '
                          + ('--harmonics' if harmonics else '--no-robust'))
-    options.check_target(args.save, ('.json', '.yaml', '.yml'))
-    options.check_target(args.json)
-    options.check_target(args.report, ('.html', '.htm'))
+    options.check_outputs(args)
     from calibration.check import checked_by_halves
     from calibration.diagnosis import check_columns, naming_columns
     from calibration.fit import fit_terms
@@ -59,7 +55,7 @@ def _run(args):
     from calibration.tables import fit_tables
 
     from ..runs import load_run
-    from .console import new_console, print_files, print_lines
+    from .console import new_console, print_lines, write_outputs
     with naming_columns():
         observed = _one_run(load_run(args.file, azimuth_origin=args.azimuth_origin,
                                      **options.place_of(args)), args)
@@ -93,20 +89,15 @@ def _run(args):
         console.print(base.table(model))
         print_lines(console, 'note', base.notes)
         document['base_model'] = base.compared(model)
-    if args.report:
-        from calibration.page.fit import write_fit_page
-        write_fit_page(args.report, observed, result, document, args.encoder,
-                       None if model is plain else model)
+    fitted = None if model is plain else model
     if base:
         model = base.whole(model)
-    if args.json:
-        options.write_json(args.json, document)
-        print_files(console, {'result': args.json})
-    if args.save:
-        model.save(args.save)
-        print_files(console, {'model': args.save})
-    if args.report:
-        print_files(console, {'page': args.report})
+
+    def write_page(path):
+        from calibration.page.fit import write_fit_page
+        write_fit_page(path, observed, result, document, args.encoder, fitted)
+    write_outputs(console, (args.json, lambda p: options.write_json(p, document), 'result'),
+                  (args.save, model.save, 'model'), (args.report, write_page, 'page'))
 
 
 def _to_predict(observed, args, console):

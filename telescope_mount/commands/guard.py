@@ -2,6 +2,9 @@
 
 from . import options
 
+#: see `telescope_mount.ros`
+NEEDS_ROS = True
+
 #: services of the guard
 VERBS = ('abort', 'pause', 'resume', 'park')
 
@@ -16,6 +19,8 @@ def add(commands):
     parser.add_argument('verb', nargs='?', choices=VERBS)
     parser.add_argument('--namespace', default='/mount', help='of the graph (default: /mount)')
     options.add(parser, 'domain', help='ROS domain (default: ROS_DOMAIN_ID, or 0)')
+    options.add_json(parser, 'the answer')
+    options.add_overwrite(parser)
 
 
 def run(args):
@@ -28,15 +33,23 @@ def run(args):
     try:
         if args.verb:
             done, text = graph.trigger(args.verb)
-            print(text if done else f'{args.verb} refused: {text}')
+            _tell(args, {'done': done, 'said': text},
+                  text if done else f'{args.verb} refused: {text}')
             return int(not done)
         status = graph.last(topics.GUARD_STATUS)
         if status is None:
             raise ValueError(f'no guard in {args.namespace}{graph.where_else()}')
-        print(sentence(status))
+        _tell(args, {row.key: row.value for row in status.values} | {'said': status.message},
+              sentence(status))
     finally:
         graph.close()
     return 0
+
+
+def _tell(args, document, text):
+    print(text)
+    if args.json:
+        options.write_json(args.json, document)
 
 
 def sentence(status):

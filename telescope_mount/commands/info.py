@@ -3,30 +3,32 @@
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
 
+from . import options
+
 
 def add(commands):
     """Add the parser."""
     parser = commands.add_parser(
         'info', help='what is in a log, and whether it is whole',
         description='Print topics, counts, rates, losses, time span, size and integrity of a log '
-        'of ours or of rosbag2.')
-    parser.add_argument('log', type=Path, metavar='BAG')
+        'of ours or of rosbag2. Exit code 1 where it is damaged.')
+    parser.add_argument('log', type=options.log_path, metavar='BAG')
     parser.add_argument('--quick', action='store_true',
                         help='tell what the index says, without reading the messages')
-    parser.add_argument('--json', action='store_true', help='print it as JSON')
+    options.add_json(parser, 'it')
+    options.add_overwrite(parser)
 
 
 def run(args):
     """Read and print."""
+    from .console import new_console, write_outputs
+    options.check_target(args.json)
     info = log_info(args.log, quick=args.quick)
-    if args.json:
-        import json
-        print(json.dumps(info, indent=1))
-        return
-    from .console import new_console
     console = new_console()
     for part in info_tables(info):
         console.print(part)
+    write_outputs(console, (args.json, lambda p: options.write_json(p, info), 'result'))
+    return int(bool(info['problems']) or not info['complete'])
 
 
 def log_info(path, *, quick=False):
@@ -110,11 +112,10 @@ def _utc(ns):
 
 def info_tables(info):
     """What `log_info` tells, as rich tables and lines for the console."""
-    from rich.table import Table
-    table = Table(title=f'{info["path"]}: {info["messages"]} messages')
-    for name, justify in (('topic', 'left'), ('type', 'left'), ('messages', 'right'),
-                          ('rate [Hz]', 'right'), ('publishers', 'right'), ('lost', 'right')):
-        table.add_column(name, justify=justify)
+    from calibration.tables import new_table
+    table = new_table(f'{info["path"]}: {info["messages"]} messages', 'topic', 'type', 'messages',
+                      'rate [Hz]', 'publishers', 'lost')
+    table.columns[1].justify = 'left'
     for row in info['topics']:
         table.add_row(
             row['name'], row['type'], str(row['count']),

@@ -2,6 +2,9 @@
 
 from . import options
 
+#: see `telescope_mount.ros`
+NEEDS_ROS = True
+
 #: in the order of the states
 TRANSITIONS = ('configure', 'activate', 'deactivate', 'cleanup', 'shutdown')
 
@@ -17,6 +20,8 @@ def add(commands):
     parser.add_argument('transition', nargs='?', choices=TRANSITIONS)
     parser.add_argument('--namespace', default='/mount', help='of the graph (default: /mount)')
     options.add(parser, 'domain', help='ROS domain (default: ROS_DOMAIN_ID, or 0)')
+    options.add_json(parser, 'the states')
+    options.add_overwrite(parser)
 
 
 def run(args):
@@ -29,11 +34,15 @@ def run(args):
     try:
         if args.node:
             done = nodes.change(args.node, args.transition)
-            print(f'{args.node}: {nodes.state(args.node)}' + (
+            states = {args.node: nodes.state(args.node)}
+            print(f'{args.node}: {states[args.node]}' + (
                 '' if done else f'; the transition {args.transition} was not made'))
-            return int(not done)
-        for name in nodes.managed():
-            print(f'{name}: {nodes.state(name)}')
+        else:
+            done, states = True, {name: nodes.state(name) for name in nodes.managed()}
+            for name, state in states.items():
+                print(f'{name}: {state}')
+        if args.json:
+            options.write_json(args.json, states)
     finally:
         nodes.close()
-    return 0
+    return int(not done)

@@ -5,6 +5,9 @@ from pathlib import Path
 
 from . import options
 
+#: see `telescope_mount.ros`
+NEEDS_ROS = True
+
 
 def add(commands):
     """Add the parser."""
@@ -18,8 +21,9 @@ def add(commands):
     parser.add_argument('--stars', type=options.whole(4, 5000), default=30,
                         help='in each of the two blocks (default: 30)')
     options.add(parser, 'polaris')
-    parser.add_argument('--scenario', default='default',
-                        help='what is wrong with the simulated mount: a name or a YAML file')
+    options.add_scenario(parser, default='default',
+                        help='what is wrong with the simulated mount: a name or a YAML file; '
+                        'list: print the names')
     options.add(parser, 'reference', help='model.json of an earlier night: the zero is the change '
                 'since then, and tonight is one power-on: stars, zero, stars')
     parser.add_argument('--power-cycle', choices=('incremental', 'absolute', 'both'),
@@ -44,14 +48,18 @@ def add(commands):
                         help='simulated seconds a second; 0 (default): as fast as the graph '
                         'answers')
     options.add(parser, 'domain')
+    options.add_json(parser, 'the report')
+    options.add_overwrite(parser)
 
 
 def run(args):
     """Observe, print, write."""
     from ..night import is_server, run_night
-    from .console import Progress, new_console, print_calibration, print_files
-    if args.params is not None and not args.params.is_file():
-        raise ValueError(f'{args.params} is no file; give a ROS parameter file with --params')
+    from .console import Progress, new_console, print_calibration, print_files, write_outputs
+    if options.is_list(args):
+        return options.list_scenarios(args)
+    options.check_target(args.json)
+    options.check_params(args.params)
     if args.reference is not None and args.power_cycle != 'incremental':
         raise ValueError(f'--power-cycle {args.power_cycle}: with --reference a night is one '
                          'power-on; leave one of them out')
@@ -89,4 +97,5 @@ def run(args):
                 'camera': args.camera, 'drivers': args.driver, 'anew': args.anew,
                 'exposure': args.exposure} if of_server else None)
     print_calibration(console, report)
+    write_outputs(console, (args.json, lambda p: options.write_json(p, report), 'report'))
     print_files(console, report['files'])

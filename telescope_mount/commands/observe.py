@@ -4,6 +4,9 @@ from pathlib import Path
 
 from . import options
 
+#: see `telescope_mount.ros`
+NEEDS_ROS = True
+
 
 def add(commands):
     """Add the parser."""
@@ -36,18 +39,20 @@ def add(commands):
     parser.add_argument('--params', type=Path, metavar='FILE',
                         help='ROS parameter file, read by every node and driver')
     options.add(parser, 'domain', help='ROS domain (default: ROS_DOMAIN_ID, or 0)')
+    options.add_json(parser, 'the report')
+    options.add_overwrite(parser)
 
 
 def run(args):
     """Observe, print, write."""
     from ..real_night import run_real_night
-    from .console import Progress, new_console, print_calibration, print_files
-    if args.params is not None and not args.params.is_file():
-        raise ValueError(f'{args.params} is no file; give a ROS parameter file with --params')
+    from .console import Progress, new_console, print_calibration, print_files, write_outputs
+    options.check_target(args.json)
+    options.check_params(args.params)
     console = new_console()
 
     def say(text):
-        console.print(f'held up: {text}' if text else 'goes on', markup=False)
+        console.print(f'held up: {text}' if text else 'goes on')
 
     with Progress(console, every=30.0) as progress:
         report = run_real_night(
@@ -58,4 +63,5 @@ def run(args):
             progress=progress, say=say,
             note=lambda text: console.print(text, markup=False))
     print_calibration(console, report)
+    write_outputs(console, (args.json, lambda p: options.write_json(p, report), 'report'))
     print_files(console, report['files'])

@@ -1,7 +1,15 @@
 """Kinds of options, and options that several commands have."""
 
 import argparse
+import math
+import os
+import sys
+from contextlib import contextmanager, redirect_stdout
+from datetime import datetime
 from pathlib import Path
+
+#: suffixes of models and pages
+MODELS, PAGES = ('.json', '.yaml', '.yml'), ('.html', '.htm')
 
 
 def _within(kind, low, high, words):
@@ -23,12 +31,38 @@ def whole(low, high):
 
 def real(low, high, unit=''):
     """A type for ``add_argument``: a number from `low` to `high`, in `unit`."""
-    return _within(float, low, high, f'{low:g} to {high:g} {unit}')
+    return _within(float, low, high, f'{low:g} to {high:g} {unit}'.rstrip())
+
+
+def utc(text):
+    """A type for ``add_argument``: an ISO 8601 date."""
+    if text:
+        try:
+            datetime.fromisoformat(text.strip().removesuffix('Z'))
+        except ValueError:
+            raise argparse.ArgumentTypeError(
+                f'{text!r} is no date; write 2026-01-15T13:00:00') from None
+    return text
 
 
 def names(text):
     """The names in a comma-separated list."""
     return tuple(name.strip() for name in text.split(',') if name.strip())
+
+
+def log_path(text):
+    """A type for ``add_argument``: a log; of a night's folder its `bag`."""
+    path = Path(text)
+    if (path / 'bag').is_dir() and not (path / 'metadata.yaml').is_file() \
+            and not any(path.glob('*.mcap')):
+        return path / 'bag'
+    return path
+
+
+def model_path(text):
+    """A type for ``add_argument``: a model; of a night's folder its `model.json`."""
+    path = Path(text)
+    return path / 'model.json' if (path / 'model.json').is_file() else path
 
 
 #: options that several commands have, as ``add_argument`` takes them
@@ -38,14 +72,14 @@ SHARED = {
     'polaris': {'type': whole(2, 5000), 'default': 16,
                 'help': 'exposures for a zero: of Polaris where it is well up, else of a few '
                 'stars (default: 16)'},
-    'date': {'default': '', 'metavar': 'UTC',
+    'date': {'default': '', 'type': utc, 'metavar': 'UTC',
              'help': 'begin of the night, ISO 8601 (default: 2026-01-15T13:00:00)'},
     'latitude': {'type': real(-90.0, 90.0, 'degrees'), 'metavar': 'DEG', 'help': 'of the site'},
     'longitude': {'type': real(-180.0, 360.0, 'degrees'), 'metavar': 'DEG',
                   'help': 'of the site, east positive'},
     'height': {'type': real(-500.0, 9000.0, 'm'), 'metavar': 'M',
                'help': 'of the site above the ellipsoid'},
-    'reference': {'type': Path, 'metavar': 'MODEL'},
+    'reference': {'type': model_path, 'metavar': 'MODEL'},
     'encoder': {'choices': ('enc', 'abs'), 'default': 'enc',
                 'help': 'which pair of encoder columns (default: enc)'},
     'azimuth-origin': {'choices': ('N', 'S'), 'help': 'where azimuth 0 is in a TPOINT file'},
@@ -157,6 +191,28 @@ def sky_of(args):
     return {name: value for name, value in given.items() if value is not None}
 
 
+def check_params(path):
+    """Refuse a ROS parameter file that is none, before the graph is started.
+
+    Raises
+    ------
+    ValueError
+        It is not there, or no YAML.
+    """
+    if path is None:
+        return
+    if not path.is_file():
+        raise ValueError(f'{path} is no file; give a ROS parameter file with --params')
+    import yaml
+    try:
+        document = yaml.safe_load(path.read_text(encoding='utf-8'))
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ValueError(f'{path} is no YAML ({" ".join(str(error).split())[:100]}); '
+                         'config/site.yaml is one to copy') from None
+    if document is not None and not isinstance(document, dict):
+        raise ValueError(f'{path} holds no parameters; config/site.yaml is one to copy')
+
+
 def check_target(path, suffixes=()):
     """Refuse a file that could not be written, before the work and not after it.
 
@@ -171,16 +227,193 @@ def check_target(path, suffixes=()):
     ValueError
         Its name ends otherwise, it is a folder, or there is none for it.
     """
-    if path is None:
+    if not isinstance(path, Path):
         return
     if suffixes and path.suffix.lower() not in suffixes:
         raise ValueError(f'{path}: the name must end in {" or ".join(suffixes)}')
-    if path.is_dir() or not path.absolute().parent.is_dir():
-        raise ValueError(f'{path} cannot be written: '
-                         + ('it is a folder' if path.is_dir() else 'there is no such folder'))
+    folder = path.absolute().parent
+    wrong = ('it is a folder; name a file' if path.is_dir() else
+             'there is no such folder; make it, or name another' if not folder.is_dir() else
+             'it may only be read; name another file' if path.exists() and not os.access(
+                 path, os.W_OK) else
+             'the folder may only be read; name another' if not path.exists() and not os.access(
+                 folder, os.W_OK) else '')
+    if wrong:
+        raise ValueError(f'{path} cannot be written: {wrong}')
+
+
+class _JsonTarget:
+    """The standard output as the target of --json, while what is for people is not printed."""
+
+    def __init__(self, stream):
+        self._stream = stream
+
+    def write_text(self, text, encoding=None):
+        self._stream.write(text)
+        self._stream.flush()
+
+    def __str__(self):
+        return 'the standard output'
+
+
+def add_json(parser, what='the result'):
+    """Add --json and what it writes: the same in all commands, see `json_given`."""
+    parser.add_argument('--json', type=_json_target, nargs='?', const='-', metavar='FILE.json',
+                        help=f'print {what} as JSON, and nothing else; with FILE.json write it '
+                        'there, beside what is printed')
+
+
+def _json_target(text):
+    return text if text == '-' else Path(text)
+
+
+def json_given(argv):
+    """Have --json take the word behind it only if that is the name of a JSON file.
+
+    Parameters
+    ----------
+    argv : list of str
+
+    Returns
+    -------
+    list of str
+    """
+    out = []
+    for word, after in zip(argv, [*argv[1:], '']):
+        alone = word == '--json' and after != '-' and not after.lower().endswith('.json')
+        out.append('--json=-' if alone else word)
+    return out
+
+
+@contextmanager
+def json_alone(args):
+    """While --json prints, nothing else does; what is told of files comes on the way, too."""
+    if getattr(args, 'json', None) != '-':
+        yield
+        return
+    args.json = _JsonTarget(sys.stdout)
+    with open(os.devnull, 'w', encoding='utf-8') as nobody, redirect_stdout(nobody):
+        yield
+
+
+def add_overwrite(parser):
+    """Add --overwrite."""
+    parser.add_argument('--overwrite', action='store_true',
+                        help='write files that are named although they are there already')
+
+
+def check_written(args):
+    """Refuse files that a user has named and that are there, unless --overwrite is given.
+
+    Raises
+    ------
+    ValueError
+        The first of them.
+    """
+    if getattr(args, 'overwrite', True):
+        return
+    for name in ('json', 'save', 'report', *getattr(args, 'written', ())):
+        refuse_existing(getattr(args, name, None), args)
+
+
+def refuse_existing(path, args):
+    """Refuse a file that is there, unless --overwrite is given.
+
+    Raises
+    ------
+    ValueError
+        It is.
+    """
+    if not args.overwrite and isinstance(path, Path) and path.is_file() and (
+            path.absolute().parts[1:2] != ('dev',)):
+        raise ValueError(f'{path} is there already; name another file, or give --overwrite')
 
 
 def write_json(path, document):
-    """Write a result, as --json of all commands does."""
+    """Write a result, as --json of all commands does; what is no number is null.
+
+    Parameters
+    ----------
+    path : Path
+        As the parser gave it.
+    document : dict or list
+    """
     import json
-    path.write_text(json.dumps(document, indent=1) + '\n', encoding='utf-8')
+    path.write_text(json.dumps(_plain(document), indent=1, allow_nan=False) + '\n',
+                    encoding='utf-8')
+
+
+def _plain(value):
+    """What JSON can hold of it."""
+    if isinstance(value, dict):
+        return {str(key): _plain(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(each) for each in value]
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if value is None or isinstance(value, bool | int | str):
+        return value
+    if hasattr(value, 'tolist'):
+        return _plain(value.tolist())
+    return str(value)
+
+
+def is_list(args):
+    """Whether only the names of scenarios are asked for."""
+    return getattr(args, 'scenario', None) == 'list'
+
+
+def add_scenario(parser, **given):
+    """Add --scenario, which shells complete."""
+    parser.add_argument('--scenario', metavar='NAME', **given).completer = _scenarios
+
+
+def _scenarios(**_):
+    from ..simulator import scenario_names
+    return ['list', *scenario_names()]
+
+
+def list_scenarios(args, *patterns):
+    """Print the names of scenarios and what each does; those that fit a pattern, if there are any.
+
+    Returns
+    -------
+    None
+    """
+    from fnmatch import fnmatchcase
+
+    from ..simulator import described_scenarios
+    from .console import new_console, write_outputs
+    told = {name: text for name, text in described_scenarios().items()
+            if not patterns or any(fnmatchcase(name, pattern) for pattern in patterns)}
+    from calibration.tables import new_table
+    console = new_console()
+    table = new_table('', 'scenario', 'what it does')
+    table.columns[1].justify = 'left'
+    for row in told.items():
+        table.add_row(*row)
+    console.print(table)
+    write_outputs(console, (args.json, lambda p: write_json(p, told), 'names'))
+
+
+def add_outputs(parser, json='the result', save='the model', report=True):
+    """Add --report, --json, --save and --overwrite, as `console.write_outputs` writes them."""
+    if report:
+        parser.add_argument('--report', type=Path, metavar='FILE', help='write the page (.html)')
+    add_json(parser, json)
+    if save:
+        parser.add_argument('--save', type=Path, metavar='FILE',
+                            help=f'write {save} (.json, .yaml)')
+    add_overwrite(parser)
+
+
+def check_outputs(args):
+    """Refuse targets of `add_outputs` that could not be written, before the work.
+
+    Raises
+    ------
+    ValueError
+        See `check_target`.
+    """
+    for name, suffixes in (('save', MODELS), ('json', ()), ('report', PAGES)):
+        check_target(getattr(args, name, None), suffixes)

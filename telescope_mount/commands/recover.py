@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+from . import options
+
 
 def add(commands):
     """Add the parser."""
@@ -9,19 +11,23 @@ def add(commands):
         'recover', help='make a whole log of what can be read of a damaged one',
         description='Write what can be read of a log into a new one, with index, statistics and '
         'metadata, and say what was lost. The damaged log is only read.')
-    parser.add_argument('log', type=Path, metavar='BAG')
+    parser.add_argument('log', type=options.log_path, metavar='BAG')
     parser.add_argument('--out', type=Path, metavar='DIR',
                         help='folder of the new log (default: BAG_recovered)')
+    options.add_json(parser, 'what was saved and lost')
+    options.add_overwrite(parser)
 
 
 def run(args):
     """Recover and print."""
-    from .console import new_console, print_lines
+    from .console import new_console, print_lines, write_outputs
+    options.check_target(args.json)
     report = recover_log(args.log, args.out)
     console = new_console()
     print_lines(console, 'lost', report['lost'])
     console.print(f'{report["messages"]} messages of {report["topics"]} topics saved, '
-                  f'{report["lost_bytes"]} bytes lost: {report["out"]}')
+                  f'{report["lost_bytes"]} bytes lost: {report["out"]}', soft_wrap=True)
+    write_outputs(console, (args.json, lambda p: options.write_json(p, report), 'result'))
 
 
 def recover_log(bag, out=None, compression='zstd'):

@@ -1,8 +1,9 @@
 """The command ``replay``."""
 
-from pathlib import Path
-
 from . import options
+
+#: see `telescope_mount.ros`
+NEEDS_ROS = True
 
 
 def add(commands):
@@ -10,22 +11,22 @@ def add(commands):
     parser = commands.add_parser(
         'replay', help='replay a log into a fresh calibration',
         description='Publish a log again, calibrate on it, and print the same tables.')
-    parser.add_argument('log', type=Path, metavar='BAG')
+    parser.add_argument('log', type=options.log_path, metavar='BAG')
     options.add(parser, 'reference', help='the reference model, if the night had one')
     options.add(parser, 'seed',
                 help='of the choice of held-out stars; that of the night (default: 1)')
     options.add(parser, 'harmonics', default=None, help="paper 000's spherical harmonics in the "
                 'model, by how their E is read (default: as the night had them)')
     options.add(parser, 'harmonics-alone', 'harmonics-degree')
-    parser.add_argument('--out', type=Path, metavar='FILE', help='write the model')
+    options.add_outputs(parser, 'the report', report=False)
     options.add(parser, 'domain')
 
 
 def run(args):
     """Replay, print, write."""
     from ..replay import replay_log
-    from .console import new_console, print_calibration, print_files
-    options.check_target(args.out)
+    from .console import Progress, new_console, print_calibration, print_files, write_outputs
+    options.check_outputs(args)
     if args.reference is not None:
         from pointing_model.model import PointingModel
         PointingModel.load(args.reference)
@@ -33,10 +34,14 @@ def run(args):
     args.harmonics = args.harmonics or 'none'
     harmonics = {'harmonics': 'none', **options.harmonics_of(args)} if asked else None
     console = new_console()
-    report = replay_log(args.log, reference=args.reference, seed=args.seed, out=args.out,
-                        domain_number=args.domain, harmonics=harmonics)
+    with Progress(unit='rows') as progress:
+        report = replay_log(args.log, reference=args.reference, seed=args.seed, out=args.save,
+                            domain_number=args.domain, harmonics=harmonics, progress=progress)
     print_calibration(console, report)
     if report['diagnosis']:
         found = report['diagnosis']
         print_files(console, {
             'diagnosis': f'{found["verdict"]}: {", ".join(found["applied"]) or "–"}'})
+    if args.save:
+        print_files(console, {'model': args.save})
+    write_outputs(console, (args.json, lambda p: options.write_json(p, report), 'report'))

@@ -1,6 +1,5 @@
 """The command ``season``."""
 
-from pathlib import Path
 
 from . import options
 
@@ -12,7 +11,7 @@ def add(commands):
         description='Read the pointing runs of many nights (any kind that fit takes), fit each, '
         'and print how the terms wander, what moves them (temperature, time, a step that nobody '
         'has told of) and what is foretold for a night to come.')
-    parser.add_argument('files', type=Path, metavar='RUN', nargs='+',
+    parser.add_argument('files', type=options.log_path, metavar='RUN', nargs='+',
                         help='files, logs, or folders of files')
     parser.add_argument('--terms', type=options.names, help='comma-separated (default: the seven '
                         'physical terms of the mount)')
@@ -21,28 +20,23 @@ def add(commands):
     parser.add_argument('--tonight', action='append', default=[], metavar='DATE|COLUMN=VALUE',
                         help='the night to foretell (default: a day after the last), and what '
                         'is known of it, such as temperature=4.5; may be given again')
-    parser.add_argument('--driver', action='append', default=[], metavar='COLUMN',
+    parser.add_argument('--cause', action='append', default=[], metavar='COLUMN',
                         help='a column that may move the mount though its name does not say so')
     options.add(parser, 'azimuth-origin', 'mount', 'latitude', 'longitude', 'height', 'pressure',
                 'temperature')
-    parser.add_argument('--report', type=Path, metavar='FILE', help='write the page (.html)')
-    parser.add_argument('--json', type=Path, metavar='FILE', help='write the result')
-    parser.add_argument('--save', type=Path, metavar='FILE',
-                        help='write the model foretold (.json, .yaml)')
+    options.add_outputs(parser, save='the model foretold')
 
 
 def run(args):
     """Read, fit, judge, print, write."""
-    options.check_target(args.save, ('.json', '.yaml', '.yml'))
-    options.check_target(args.json)
-    options.check_target(args.report, ('.html', '.htm'))
+    options.check_outputs(args)
     from calibration.season_terms.judged import judge_season
     from calibration.season_terms.nights import day_of, nights_of
     from calibration.season_terms.page import write_page
     from pointing_model.run_files import NoObservations
 
     from ..runs import load_run
-    from .console import new_console, print_files, print_lines
+    from .console import Progress, new_console, print_lines, write_outputs
     declared = []
     for text in args.since:
         date, _, what = text.partition('=')
@@ -58,15 +52,19 @@ def run(args):
         else:
             tonight = day_of(name)
     console, runs, empty = new_console(), [], []
-    for path in _files(args.files):
-        try:
-            runs.append(load_run(path, azimuth_origin=args.azimuth_origin,
-                                 **options.place_of(args)))
-        except NoObservations as err:
-            empty.append(f'left out: {err}')
-    season = nights_of(runs, args.terms, args.driver)
-    season.notes.extend(empty)
-    with console.status('looking for what moves the terms'):
+    files = list(_files(args.files))
+    with Progress(unit='runs', first='reading') as progress:
+        for number, path in enumerate(files):
+            progress('reading', number, len(files))
+            try:
+                runs.append(load_run(path, azimuth_origin=args.azimuth_origin,
+                                     **options.place_of(args)))
+            except NoObservations as err:
+                empty.append(f'left out: {err}')
+        progress(f'fitting {len(runs)} nights')
+        season = nights_of(runs, args.terms, args.cause)
+        season.notes.extend(empty)
+        progress('looking for what moves the terms')
         judged = judge_season(season, declared=declared, tonight=tonight, causes=causes)
     document = judged.document()
     for table in _tables(document):
@@ -74,19 +72,18 @@ def run(args):
     print_lines(console, 'found', judged.sentences()
                 or ['nothing moves the terms beyond their own wander'])
     print_lines(console, 'note', document['notes'])
-    for path, write, what in ((args.json, lambda p: options.write_json(p, document), 'result'),
-                              (args.save, judged.model().save, 'model'),
-                              (args.report, lambda p: write_page(judged, p), 'page')):
-        if path:
-            write(path)
-            print_files(console, {what: path})
+    write_outputs(console, (args.json, lambda p: options.write_json(p, document), 'result'),
+                  (args.save, judged.model().save, 'model'),
+                  (args.report, lambda p: write_page(judged, p), 'page'))
 
 
 def _files(paths):
-    """What was named; of a folder that is no log, the files in it."""
+    """What was named; of a folder that is no log, the files and the nights in it."""
     for path in paths:
         if path.is_dir() and not any(path.glob('*.mcap')):
-            inside = sorted(p for p in path.iterdir() if p.is_file() and p.name[0] != '.')
+            logs = (options.log_path(p) for p in path.iterdir() if p.name[0] != '.')
+            inside = sorted(p for p in logs if p.is_file() or (
+                p.is_dir() and any(p.glob('*.mcap'))))
             if not inside:
                 raise ValueError(f'{path} is empty: name pointing runs')
             yield from inside

@@ -13,7 +13,7 @@ def add(commands):
         'images of a folder and write a pointing run that fit and diagnose read. What is solved is '
         'not solved again: after an interruption give the same command.')
     parser.add_argument('folder', type=Path, metavar='FOLDER')
-    parser.add_argument('--mount', type=Path, metavar='FILE.yaml', help='which keywords of the '
+    parser.add_argument('--keywords', type=Path, metavar='FILE.yaml', help='which keywords of the '
                         'images are what (default: FOLDER/mount.yaml)')
     parser.add_argument('--out', type=Path, metavar='FILE.csv',
                         help='the run (default: FOLDER/solved.csv)')
@@ -26,6 +26,8 @@ def add(commands):
                         'and surer')
     parser.add_argument('--again', action='store_true',
                         help='try images that were not solved once more')
+    options.add_json(parser, 'how many were solved')
+    options.add_overwrite(parser)
 
 
 def run(args):
@@ -34,24 +36,28 @@ def run(args):
     from pointing_model.plate_solved.solvers import find_solver
 
     from ..solving.folder import FAILED, HUNG, SOLVED, solve_folder
-    from .console import new_console, print_files
+    from .console import Progress, new_console, print_files, write_outputs
+    options.check_target(args.json)
     if not args.folder.is_dir():
         raise ValueError(f'{args.folder} is no folder of images')
     if args.scale and args.scale[0] > args.scale[1]:
         raise ValueError('--scale: the first is the lower one')
     out = args.out or args.folder / 'solved.csv'
     options.check_target(out, ('.csv',))
-    mount = args.mount or args.folder / 'mount.yaml'
+    mount = args.keywords or args.folder / 'mount.yaml'
     if not mount.exists():
         raise ValueError(f'{mount} is not there: it says which keywords of the images are what '
-                         '(docs/plate_solved.md has one to copy); --mount names another')
+                         '(docs/plate_solved.md has one to copy); --keywords names another')
     mapping = load_mapping(mount)
     solver = find_solver(args.solver, args.timeout, tuple(args.scale) if args.scale else None)
     console = new_console()
-    counts = solve_folder(args.folder, mapping, solver, out, again=args.again,
-                          told=lambda text: console.print(text, markup=False))
+    with Progress(unit='images', first='looking for images') as progress:
+        counts = solve_folder(args.folder, mapping, solver, out, again=args.again,
+                              told=console.print, progress=progress)
     total = sum(counts.values())
     console.print(f'{counts[SOLVED]} of {total} images solved, {counts[FAILED]} not, on '
                   f'{counts[HUNG]} the solver hung')
     print_files(console, {'run': out})
+    write_outputs(console, (args.json, lambda p: options.write_json(
+        p, {**counts, 'images': total, 'run': out}), 'result'))
     return 0 if counts[SOLVED] == total else 1

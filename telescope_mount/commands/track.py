@@ -1,6 +1,5 @@
 """The command ``track``."""
 
-from pathlib import Path
 
 from . import options
 
@@ -12,25 +11,20 @@ def add(commands):
         description='Go through a pointing run (CSV, or a log of ours) in the order of time with a '
         'model that follows the mount, and print what each star was missed by before it was seen, '
         'what jumped and drifted, and whether the expected errors hold.')
-    parser.add_argument('file', type=Path, metavar='RUN')
-    parser.add_argument('--model', type=Path, metavar='MODEL', help='to begin with (default: '
-                        'fitted to the first stars)')
+    parser.add_argument('file', type=options.log_path, metavar='RUN')
+    parser.add_argument('--model', type=options.model_path, metavar='MODEL',
+                        help='to begin with (default: fitted to the first stars)')
     parser.add_argument('--first', type=options.whole(4, 100000), metavar='N',
                         help='stars that it is fitted to (default: a third, 12 at least)')
     parser.add_argument('--terms', type=options.names, help='comma-separated, of that fit')
     options.add(parser, 'azimuth-origin', 'mount', 'latitude', 'longitude', 'height', 'pressure',
                 'temperature')
-    parser.add_argument('--report', type=Path, metavar='FILE', help='write the page (.html)')
-    parser.add_argument('--json', type=Path, metavar='FILE', help='write the result')
-    parser.add_argument('--save', type=Path, metavar='FILE',
-                        help='write the model after the last star (.json, .yaml)')
+    options.add_outputs(parser, save='the model after the last star')
 
 
 def run(args):
     """Read, track, print, write."""
-    options.check_target(args.save, ('.json', '.yaml', '.yml'))
-    options.check_target(args.json)
-    options.check_target(args.report, ('.html', '.htm'))
+    options.check_outputs(args)
     if args.model and (args.first or args.terms):
         raise ValueError('--first and --terms are of a model that is fitted: leave out --model')
     from calibration.tables import new_table
@@ -40,10 +34,11 @@ def run(args):
     from pointing_model.model import PointingModel
 
     from ..runs import load_run
-    from .console import new_console, print_files, print_lines
+    from .console import Progress, new_console, print_lines, write_outputs
     run = load_run(args.file, azimuth_origin=args.azimuth_origin, **options.place_of(args))
     model = args.model and PointingModel.load(args.model)
-    tracked = track_run(run, model, args.first, args.terms)
+    with Progress(unit='rows', first='following the mount') as progress:
+        tracked = track_run(run, model, args.first, args.terms, progress)
     summary, console = tracked.summary(), new_console()
     missed = summary['missed_rms_arcsec']
     table = new_table(f'{len(tracked.rows)} stars before they were seen, radial, arcsec', '',
@@ -55,9 +50,6 @@ def run(args):
     if tracked.fitted:
         console.print(f'the model of the evening is of the first {tracked.fitted} stars')
     print_lines(console, 'tracked', tracking_lines(summary))
-    for path, write, what in ((args.json, lambda p: options.write_json(p, summary), 'result'),
-                              (args.save, tracked.model.save, 'model'),
-                              (args.report, lambda p: write_page(tracked, p), 'page')):
-        if path:
-            write(path)
-            print_files(console, {what: path})
+    write_outputs(console, (args.json, lambda p: options.write_json(p, summary), 'result'),
+                  (args.save, tracked.model.save, 'model'),
+                  (args.report, lambda p: write_page(tracked, p), 'page'))

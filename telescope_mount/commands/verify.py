@@ -1,7 +1,5 @@
 """The command ``verify``."""
 
-from pathlib import Path
-
 from . import options
 
 
@@ -11,23 +9,28 @@ def add(commands):
         'verify', help='compute what a log derived once more, and compare',
         description='Compute observations, zeros, models, reports and diagnoses of a log again '
         'from what they were derived from, without a ROS graph. Exit code 1 if a number is not '
-        'the same to the bit.')
-    parser.add_argument('log', type=Path, metavar='BAG')
+        'the same to the bit, or the log is damaged.')
+    parser.add_argument('log', type=options.log_path, metavar='BAG')
     options.add(parser, 'reference',
                 help='the reference model of the night (default: as the log says)')
     options.add(parser, 'seed', default=None,
                 help='of the choice of held-out stars (default: as the log says, or 1)')
+    options.add_json(parser, 'what was checked')
+    options.add_overwrite(parser)
 
 
 def run(args):
     """Compute, compare, print; 1 if something differs."""
     from ..verify import verify_log
-    from .console import new_console, print_lines
-    report = verify_log(args.log, reference=args.reference, seed=args.seed)
+    from .console import Progress, new_console, print_lines, write_outputs
+    options.check_target(args.json)
+    with Progress(unit='rows', first='reading the log') as progress:
+        report = verify_log(args.log, reference=args.reference, seed=args.seed, progress=progress)
     console = new_console()
     print_lines(console, 'note', report['unchecked'])
     print_lines(console, 'difference', report['differences'])
     total = sum(report['checked'].values())
     console.print(', '.join(f'{count} {kind}' for kind, count in report['checked'].items()))
     console.print(f'{total - len(report["differences"])} of {total} are the same to the bit')
-    return 1 if report['differences'] else 0
+    write_outputs(console, (args.json, lambda p: options.write_json(p, report), 'result'))
+    return 1 if report['differences'] or report['damaged'] else 0

@@ -13,7 +13,7 @@ def add(commands):
         'temperature_c, supply_v, since_h, side, time), and print what they follow. A last row '
         'without zeros is tonight: its zero is told in advance.')
     parser.add_argument('file', type=Path, metavar='FILE')
-    parser.add_argument('--json', type=Path, metavar='FILE', help='write the verdict')
+    options.add_outputs(parser, 'the verdict', save='', report=False)
 
 
 def run(args):
@@ -21,7 +21,7 @@ def run(args):
     from calibration.season_file import judge_zeros
     from calibration.season_report import season_lines, season_table
 
-    from .console import new_console, print_files, print_lines
+    from .console import new_console, print_lines, write_outputs
     options.check_target(args.json)
     judged = judge_zeros(args.file)
     console = new_console()
@@ -29,6 +29,4 @@ def run(args):
     for line in season_lines(judged):
         console.print(line, markup=False)
     print_lines(console, 'note', judged['notes'])
-    if args.json:
-        options.write_json(args.json, judged)
-        print_files(console, {'verdict': args.json})
+    write_outputs(console, (args.json, lambda p: options.write_json(p, judged), 'verdict'))

@@ -60,7 +60,8 @@ def _stamp(image):
     return f'{status.st_size}.{status.st_mtime_ns}'
 
 
-def solve_folder(folder, mapping, solver, out, *, again=False, told=lambda text: None):
+def solve_folder(folder, mapping, solver, out, *, again=False, told=lambda text: None,
+                 progress=None):
     """Solve the images of a folder into a run.
 
     Parameters
@@ -76,6 +77,8 @@ def solve_folder(folder, mapping, solver, out, *, again=False, told=lambda text:
         Try those that were not solved once more.
     told : callable
         Gets a line for people for each image.
+    progress : callable, optional
+        Called with (text, done, total) as it goes on.
 
     Returns
     -------
@@ -93,7 +96,9 @@ def solve_folder(folder, mapping, solver, out, *, again=False, told=lambda text:
     rows = _rows(mapping, files)
     counts, hangs = Counter(), 0
     try:
-        for file in files:
+        for done, file in enumerate(files):
+            if progress:
+                progress('solving', done, len(files))
             row, reason = rows[file.name][:2]
             entry = journal.of(file)
             if reason is not None:

@@ -1,5 +1,7 @@
 """Pointing runs from files: what is read, what is refused, what comes back."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -84,6 +86,30 @@ def test_round_trip(tmp_path):
     assert run['star'].dtype.kind == 'i'
     header = (tmp_path / 'run.csv').read_text().splitlines()[0]
     assert header.startswith('time,star,az_deg,el_deg,az_enc_deg') and header.endswith('my_driver')
+
+
+def test_plain_numbers_are_those_of_people(tmp_path):
+    rng = np.random.default_rng(4)
+    az, el = rng.uniform(0, 7, 50), rng.uniform(0.1, 1.5, 50)
+    time = 1.75e9 + rng.uniform(0, 1e5, 50)
+    run = PointingRun({
+        'time': time, 'run': np.ones(50), 'az': az, 'el': el, 'az_enc': az + 1e-4,
+        'el_enc': el - 1e-4, 'miss_x': np.r_[-1e-9 * ARCSEC, rng.normal(size=49) * ARCSEC],
+        'approach_az': np.tile([-1.0, 1.0], 25), 'temperature': np.r_[np.nan, np.full(49, 4.25)],
+        'encoder_start': np.full(50, 1768482003.866)})
+    write_csv(run, tmp_path / 'run.csv', plain=True)
+    header, first, second = (line.split(',') for line in
+                             (tmp_path / 'run.csv').read_text().splitlines()[:3])
+    told = dict(zip(header, zip(first, second)))
+    assert re.fullmatch(r'2025-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{6}Z', told['time'][0])
+    assert told['run'] == ('1', '1') and told['approach_az'] == ('-1', '1')
+    assert all(re.fullmatch(r'\d+\.\d{10}', cell) for cell in told['az_enc_deg'])
+    assert told['miss_x_arcsec'][0] == '0.0000' and told['temperature_c'] == ('', '4.25')
+    back = read_run(tmp_path / 'run.csv')
+    assert np.abs(back['time'] - time).max() < 1e-6
+    assert np.array_equal(back['encoder_start'], run['encoder_start'])
+    for name in ('az', 'el', 'az_enc', 'el_enc'):
+        assert np.abs(back[name] - run[name]).max() < 2e-7 * ARCSEC
 
 
 def test_text_with_commas_comes_back(tmp_path):

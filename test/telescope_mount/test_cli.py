@@ -70,6 +70,7 @@ def test_help_imports_nothing_that_takes_time():
     (('fit',), 'RUN'),
     (('fit', 'x.csv', '--encoder', 'both'), 'both'),
     (('fit', 'x.csv', '--azimuth-origin', 'E'), "'E'"),
+    (('diagnose', 'x.csv', '--alpha', '2'), 'argument --alpha'),
     (('fit', 'x.csv', '--harmonics', 'nadir'), "'nadir'"),
     (('replay', 'x', '--harmonics-degree', '5'), 'whole number, 0 to 4'),
     (('replay',), 'BAG'),
@@ -79,8 +80,8 @@ def test_bad_options_are_one_line(refused, words, text):
 
 
 def test_git_ignores_what_is_written_by_default():
-    from telescope_mount.cli import _parser
-    commands = next(a.choices for a in _parser()._actions if a.dest == 'command')
+    from telescope_mount.cli import make_parser
+    commands = next(a.choices for a in make_parser()._actions if a.dest == 'command')
     folders = [str(parser.get_default('out')) for parser in commands.values()
                if parser.get_default('out')]
     assert len(folders) == 5
@@ -137,13 +138,13 @@ def test_what_the_user_chose_reaches_the_night(refused, monkeypatch, tmp_path):
     monkeypatch.setattr(night, 'run_night', refuse)
     assert 'enough' in refused(
         'night', '--out', tmp_path / 'n', '--seed', 5, '--stars', 6, '--polaris', 7,
-        '--scenario', 'ideal', '--reference', 'm.json', '--date', 'yesterday', '--latitude', -40,
+        '--scenario', 'ideal', '--reference', 'm.json', '--date', '2026-02-01', '--latitude', -40,
         '--longitude', 10, '--height', 2000, '--params', tmp_path / 'p.yaml', '--time-scale', 2,
         '--domain', 3, '--mount', 'german')
     assert 'enough' in refused('night')
     assert asked[0] == {
         'out': tmp_path / 'n', 'seed': 5, 'stars': 6, 'polaris': 7, 'scenario': 'ideal',
-        'start_time': 'yesterday', 'reference': Path('m.json'), 'domain_number': 3,
+        'start_time': '2026-02-01', 'reference': Path('m.json'), 'domain_number': 3,
         'time_scale': 2.0, 'params_file': tmp_path / 'p.yaml', 'absolute': 'angles',
         'cycle': 'incremental', 'calibration': {}, 'mount': 'german', 'of_server': None,
         'track': '', 'apart': '',
@@ -198,7 +199,7 @@ def test_fit_adds_harmonics_and_says_what_they_are_worth(ended, run_csv, tmp_pat
     assert chosen.strip().startswith('7 terms, then 7 harmonics, E read as zenith distance')
     assert 'cross-validation prefers another model: 7 terms' in ' '.join(out.split())
     code, out, _ = ended('fit', run_csv, '--harmonics', 'printed', '--harmonics-alone', '--save',
-                         saved)
+                         saved, '--overwrite')
     alone = PointingModel.load(saved)
     assert code == 0 and alone.terms == {} and alone.harmonics.interpretation == 'printed'
     assert 'chosen by cross-validation' in out
@@ -301,7 +302,8 @@ def test_ctrl_c_and_a_closed_pipe(ended, monkeypatch, run_csv):
     monkeypatch.setattr(fit, 'run', stop(BrokenPipeError()))
     assert ended('fit', run_csv)[::2] == (0, '')
     monkeypatch.setattr(fit, 'run', stop(OSError(28, 'No space left on device', 'model')))
-    assert ended('fit', run_csv) == (2, '', 'error: model: No space left on device\n')
+    assert ended('fit', run_csv) == (2, '', 'error: model: No space left on device; '
+                                    'free some, or write elsewhere\n')
     monkeypatch.setattr(fit, 'run', stop(ValueError('two\n  lines')))
     assert ended('fit', run_csv) == (2, '', 'error: two lines\n')
     monkeypatch.setattr(fit, 'run', stop(TypeError('a bug')))
@@ -319,3 +321,24 @@ def test_a_folder_of_images_points_to_what_says_what_they_are(refused, tmp_path)
     assert f'write {tmp_path / "mount.yaml"}' in refused('fit', tmp_path)
     (tmp_path / 'mount.yaml').touch()
     assert f'give {tmp_path / "mount.yaml"}' in refused('diagnose', tmp_path)
+
+
+def test_an_option_means_one_thing_in_all_commands():
+    """The same kind of value, the same choices; but --out may be a folder or a table."""
+    from telescope_mount.cli import RENAMED, make_parser
+    commands = next(a.choices for a in make_parser()._actions if a.dest == 'command')
+    meanings = {}
+    for name, parser in commands.items():
+        for action in parser._actions:
+            for option in action.option_strings:
+                meanings.setdefault(option, {}).setdefault((
+                    type(action), action.nargs, action.metavar,
+                    action.choices and tuple(action.choices)), []).append(name)
+    several = {option: kinds for option, kinds in meanings.items() if len(kinds) > 1}
+    assert set(several) == {'--out'}
+    assert {kind[2] for kind in several['--out']} == {'DIR', 'FILE', 'FILE.csv'}
+    # what may be printed for programs may be, everywhere, and nothing named is overwritten
+    assert set(commands) - set(sum(meanings['--json'].values(), [])) == {'apply', 'completion'}
+    assert set(commands) - set(sum(meanings['--overwrite'].values(), [])) == {'completion'}
+    for (command, _), new in RENAMED.items():
+        assert new in commands[command]._option_string_actions

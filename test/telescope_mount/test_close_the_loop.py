@@ -146,7 +146,7 @@ def test_the_diagnosis_is_logged_and_nobody_was_told(german):
 
 def test_a_replay_finds_the_same(german, cli, tmp_path):
     out = tmp_path / 'model.json'
-    done = cli('replay', german.folder / 'bag', '--out', out)
+    done = cli('replay', german.folder / 'bag', '--save', out)
     assert done.returncode == 0, done.stderr
     assert 'identified: MA_by_counterweight' in done.stdout
     again = PointingModel.load(out)

@@ -97,7 +97,8 @@ def test_days_in_one_file_are_told_apart(tmp_path, capsys):
         np.arange(80) // 20]
     write_csv(run, path)
     for option in ([], ['--sessions', '3']):
-        assert main(['diagnose', path, *option, '--json', str(tmp_path / 'd.json')]) == 0
+        assert main(['diagnose', path, *option, '--json', str(tmp_path / 'd.json'),
+                     '--overwrite']) == 0
         out = capsys.readouterr().out
         assert 'lacks nothing' in out and 'days.csv: 4 sessions, at gaps of more than 3 h' in out
         result = json.loads((tmp_path / 'd.json').read_text())
@@ -168,10 +169,9 @@ def test_above_a_third_left_out_is_no_result(tmp_path, capsys):
 @pytest.mark.parametrize('arguments, text', [
     (['{run}', '--sessions', '-1'], 'gaps of -1 h'),
     (['{run}', '--graduation', 'grating=27.5'], 'number of lines'),
-    (['{run}', '--driver', 'wind'], 'no column wind'),
+    (['{run}', '--cause', 'wind'], 'no column wind'),
     (['nowhere.csv'], 'No such file'),
     (['{run}', '--base', 'magic'], 'magic'),
-    (['{run}', '--alpha', '2'], 'alpha'),
     (['{run}', '--report', 'page.txt'], 'must end in .html'),
     (['{run}', '--json', '/nowhere/at/all.json'], 'no such folder'),
     (['{bad}'], 'bad.csv'),

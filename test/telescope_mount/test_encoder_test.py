@@ -68,5 +68,6 @@ def test_command(monkeypatch, tmp_path, capsys, report):
     assert len(page) < 400_000 and '>nan' not in page
     assert str(out / 'page.html') in (said := capsys.readouterr().out) and 'template' in said
     monkeypatch.setattr(encoder_test, 'plot', lambda *_: None)
-    assert main(['encoder-test', '--out', str(tmp_path), '--json', str(tmp_path)]) == 2
+    nowhere = str(tmp_path / 'no' / 'out.json')
+    assert main(['encoder-test', '--out', str(tmp_path), '--json', nowhere]) == 2
     assert capsys.readouterr().err.startswith('error: ')

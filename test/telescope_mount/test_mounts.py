@@ -45,7 +45,7 @@ def test_fit_prints_the_terms_of_the_mount(ended, german_csv, tmp_path):
     assert json.loads(model.read_text())['mount']['kind'] == 'german'
     # all keys are there, whatever was asked
     found = json.loads(figures.read_text())
-    ended('fit', german_csv, '--json', figures)
+    ended('fit', german_csv, '--json', figures, '--overwrite')
     plain = json.loads(figures.read_text())
     assert plain['mount_axes'] == ['hour angle', 'declination'] and plain['rows_used'] == 40
     assert plain['predicted'] is plain['harmonics'] is plain['base_model'] is None
@@ -59,7 +59,7 @@ def test_fit_prints_the_terms_of_the_mount(ended, german_csv, tmp_path):
     text = german_csv.read_text().replace('dec_deg', 'x').replace('ha_deg', 'dec_deg')
     wrong.write_text(text.replace('x,', 'ha_deg,', 1) if ',x' not in text else
                      text.replace(',x', ',ha_deg', 1))
-    code, _, err = ended('fit', wrong, '--json', figures)
+    code, _, err = ended('fit', wrong, '--json', figures, '--overwrite')
     assert code == 2 and 'exchanged' in err
     refused = json.loads(figures.read_text())
     assert set(refused) | {'mount', 'mount_axes'} == set(plain) and refused['readings']

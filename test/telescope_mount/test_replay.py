@@ -17,7 +17,7 @@ def test_what_is_left_of_a_log_gives_the_same_model_to_the_bit(other_night, cli,
     assert not BagReader(file).complete
     before = file.read_bytes()
     out = tmp_path / 'model.json'
-    done = cli('replay', file, '--seed', 3, '--out', out)
+    done = cli('replay', file, '--seed', 3, '--save', out)
     assert (done.returncode, done.stderr) == (0, '')
     assert out.read_bytes() == (other_night / 'model.json').read_bytes()
     assert PointingModel.load(out).harmonics.interpretation == 'printed'
@@ -51,7 +51,7 @@ def test_marks_are_judged_again_and_other_harmonics_may_be_asked_for(other_night
                 data = serialize_message(homing_to_cloud(axes, from_stamp(told.header.stamp)))
             new.write(message.topic, data, message.log_time, message.publish_time,
                       message.sequence)
-    done = cli('replay', tmp_path / 'bag', '--seed', 3, '--harmonics', 'none', '--out',
+    done = cli('replay', tmp_path / 'bag', '--seed', 3, '--harmonics', 'none', '--save',
                tmp_path / 'plain.json')
     assert done.returncode == 0, done.stderr
     assert 'homed from above, not from below' in ' '.join(done.stdout.split())
@@ -74,7 +74,7 @@ def test_logs_that_cannot_be_replayed(night, refused, tmp_path):
 
 def test_the_model_cannot_be_written(night, refused, tmp_path):
     assert 'no such folder' in refused(
-        'replay', night / 'bag', '--out', tmp_path / 'no' / 'model.json')
+        'replay', night / 'bag', '--save', tmp_path / 'no' / 'model.json')
 
 
 def test_a_reference_that_is_no_model(night, refused, tmp_path):

@@ -161,7 +161,7 @@ def test_what_was_solved_before_an_interruption_is_kept(folder, ended, monkeypat
     (('--solver', 'astap'), 'no plate solver is installed; install astap'),
     (('--solver', 'platypus'), "'platypus' is none that is known: solve-field, astap"),
     (('--solver', '/nowhere/solve-field'), 'no program that can be started'),
-    (('--mount', 'other.yaml'), 'other.yaml is not there: it says which keywords'),
+    (('--keywords', 'other.yaml'), 'other.yaml is not there: it says which keywords'),
     (('--out', 'run.txt'), 'must end in .csv'),
     (('--scale', '3', '2'), 'the first is the lower one'),
     (('--timeout', '0'), 'must be 1 to 36000 s'),

@@ -1,0 +1,142 @@
+"""Tables for a terminal of any width, in which no number is ever cut."""
+
+from rich.cells import cell_len
+from rich.measure import Measurement
+from rich.table import Table
+from rich.text import Text
+
+from msg_tools.spelling import spelled
+
+#: spaces between two columns, and on the left of a table
+_GAP, _MARGIN = 3, 1
+#: a column of words is not made narrower than this before the table is stacked
+_WORDS = 14
+
+
+class TerminalTable(Table):
+    """A `rich` table that folds its words, and then its columns, rather than cut a number.
+
+    As wide as it likes where there is room. Where there is not, headers and columns of words are
+    broken at their spaces; where that is not enough each row becomes a paragraph: what it is, and
+    below it the name of each column with its value.
+    """
+
+    def __rich_console__(self, console, options):
+        cells = [[spelled(str(cell), console.encoding) for cell in (column.header, *column.cells)]
+                 for column in self.columns]
+        room = options.max_width - _MARGIN - _GAP * (len(cells) - 1)
+        widths = _folded([_Column(column) for column in cells], room)
+        if widths is None:
+            yield from _stacked(self.title, cells, options.max_width, console.encoding)
+            return
+        if self.title:
+            yield Text(spelled(str(self.title), console.encoding), style='bold')
+            yield Text('')
+        yield from _laid_out(cells, widths, self.columns, spelled('─', console.encoding))
+        yield Text('')
+
+    def __rich_measure__(self, console, options):
+        return Measurement(min(40, options.max_width), options.max_width)
+
+
+class _Column:
+    """How wide the cells of a column are, and how narrow they may become."""
+
+    def __init__(self, cells):
+        header, *body = cells
+        self.natural = max(map(_width, cells))
+        longest = max((cell_len(word) for cell in cells for word in cell.split()), default=0)
+        self.words = any(_is_words(cell) for cell in body)
+        self.least = min(self.natural, max(longest, _WORDS)) if self.words else max(
+            max(map(_width, body), default=0),
+            max((cell_len(word) for word in header.split()), default=0))
+
+
+def _width(cell):
+    return max(map(cell_len, cell.split('\n')), default=0)
+
+
+def _is_words(cell):
+    """Whether a cell may be broken at its spaces: it has two words with letters."""
+    return sum(any(sign.isalpha() for sign in word) for word in cell.split()) > 1
+
+
+def _folded(columns, room):
+    """Widths with which all columns go into `room`, the widest made narrower first; or None."""
+    widths = [column.natural for column in columns]
+    while sum(widths) > room:
+        able = [i for i, column in enumerate(columns) if widths[i] > column.least]
+        if not able:
+            return None
+        # headers of numbers before words: they lose nothing by a second line
+        widest = max(able, key=lambda i: (not columns[i].words, widths[i]))
+        widths[widest] -= 1
+    return widths
+
+
+def _laid_out(cells, widths, columns, rule):
+    """Lines of a table: header, rule, rows; without blanks at their ends."""
+    rows = list(zip(*cells))
+    total = _MARGIN + sum(widths) + _GAP * (len(widths) - 1)
+    for number, row in enumerate(rows):
+        parts = [_broken(cell, width) for cell, width in zip(row, widths)]
+        height = max(map(len, parts))
+        if number == 0:  # headers stand on the rule
+            parts = [[''] * (height - len(part)) + part for part in parts]
+        for i in range(height):
+            line = ' ' * _MARGIN + (' ' * _GAP).join(
+                _justified(part[i] if i < len(part) else '', width, column.justify)
+                for part, width, column in zip(parts, widths, columns))
+            yield Text(line.rstrip(), style='bold' if number == 0 else '', no_wrap=True,
+                       overflow='ignore')
+        if number == 0:
+            yield Text(' ' + rule * (total - _MARGIN), no_wrap=True, overflow='ignore')
+
+
+def _justified(text, width, justify):
+    blank = ' ' * (width - cell_len(text))
+    return blank + text if justify == 'right' else text + blank
+
+
+def _broken(cell, width):
+    """The lines of a cell."""
+    lines = []
+    for line in cell.split('\n'):
+        if cell_len(line) <= width:
+            lines.append(line)  # with the blanks that it is laid out with
+            continue
+        now = ''
+        for word in line.split():
+            if now and cell_len(f'{now} {word}') > width:
+                lines.append(now)
+                now = ''
+            now = f'{now} {word}' if now else word
+        lines.append(now)
+    return lines
+
+
+def _stacked(title, cells, width, encoding):
+    """Each row as a paragraph: the first cell, below it header and value of the others."""
+    if title:
+        yield Text(spelled(str(title), encoding), style='bold')
+    headers = [column[0] for column in cells]
+    for row in zip(*(column[1:] for column in cells)):
+        yield Text(' '.join(f'{headers[0]} {row[0]}'.split()) if _is_number(row[0]) else row[0])
+        line, pairs = ' ', [' '.join(f'{header} {cell}'.split())
+                            for header, cell in zip(headers[1:], row[1:]) if cell.strip()]
+        for pair in pairs:
+            if line.strip() and cell_len(f'{line}  {pair}') > width:
+                yield Text(line)
+                line = ' '
+            line += f' {pair}' if not line.strip() else f'  {pair}'
+        if line.strip():
+            yield Text(line)
+    yield Text('')
+
+
+def _is_number(cell):
+    try:
+        float(cell)
+        return True
+    except ValueError:
+        return False

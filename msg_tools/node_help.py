@@ -1,0 +1,203 @@
+"""``NODE --help``: what a node does, its parameters, topics and services, without starting it.
+
+Topics and services are read from the source of the node and of what it is made of, so the help
+needs neither a graph nor the devices that the node is for.
+"""
+
+import ast
+import re
+import sys
+import textwrap
+from importlib import import_module
+from pathlib import Path
+
+from . import NAMESPACE, topics
+
+#: ends of names of parameters that say their unit
+_UNITS = (('_deg_s2', 'deg/s^2'), ('_deg_s', 'deg/s'), ('_arcsec_s', 'arcsec/s'), ('_deg', 'deg'),
+          ('_arcsec', 'arcsec'), ('_hz', 'Hz'), ('_ms', 'ms'), ('_hpa', 'hPa'), ('_um', 'um'),
+          ('_mb', 'MB'), ('_c', 'deg C'), ('_m', 'm'), ('_s', 's'))
+#: what every node has
+_SHARED = (('msg_tools', 'node'), ('msg_tools', 'parameters'))
+_VERBS = {'publisher': 'gives', 'subscribe': 'takes'}
+
+
+def wants_help(args):
+    """Whether a user asks for help: ``--help`` or ``-h`` before what is for ROS.
+
+    Parameters
+    ----------
+    args : list of str
+        Without the name of the program.
+    """
+    own = args[:args.index('--ros-args')] if '--ros-args' in args else args
+    return '--help' in own or '-h' in own
+
+
+def node_help(node_class):
+    """The text of the help.
+
+    Parameters
+    ----------
+    node_class : type
+        Of a node; its module has the parameters as `PARAMS` and says in its docstring what it does.
+
+    Returns
+    -------
+    str
+    """
+    module = sys.modules[node_class.__module__]
+    name = Path(module.__file__).stem.removesuffix('_node')
+    lines = [f'usage: ros2 run telescope_mount {name} --ros-args [-p PARAMETER:=VALUE ...] '
+             f'[-r __ns:=/NAME] [--params-file FILE]', '', *_paragraphs(module.__doc__)]
+    ends = endpoints(node_class)
+    for verb in ('takes', 'gives'):
+        rows = [(topic.name, topic.type) for topic in ends[verb]]
+        lines += _block(f'topics that it {verb} (relative to {NAMESPACE}):', rows)
+    lines += _block('services:', [(service, '') for service in ends['services']])
+    params = getattr(node_class, 'PARAMS', None) or vars(module).get('PARAMS', ())
+    lines += _block('parameters:', [(param.name, _said(param)) for param in params])
+    return '\n'.join(lines).rstrip() + '\n'
+
+
+def _paragraphs(text):
+    for part in (text or '').strip().split('\n\n'):
+        yield from textwrap.wrap(' '.join(part.split()), 79)
+        yield ''
+
+
+def _block(title, rows):
+    if not rows:
+        return []
+    out = [title]
+    for name, text in rows:
+        wrapped = textwrap.wrap(text, 79 - 26) or ['']
+        if len(name) > 23:
+            out.append(f'  {name}')
+        else:
+            out.append(f'  {name:<24}{wrapped.pop(0)}'.rstrip())
+        out += [' ' * 26 + line for line in wrapped]
+    return [*out, '']
+
+
+def _said(param):
+    """What a parameter does, its unit, range and default."""
+    unit = re.findall(r'\[([^\]]+)\]', param.doc)
+    unit = unit[-1] if unit else next(
+        (unit for end, unit in _UNITS if param.name.endswith(end)), '')
+    limits = ' or '.join(f"'{choice}'" for choice in param.choices)
+    if param.low is not None:
+        limits = ' to '.join(f'{v:g}' if isinstance(param.default, float) else str(v)
+                             for v in (param.low, param.high))
+    default = ', '.join(map(str, param.default)) if isinstance(
+        param.default, list | tuple) else param.default
+    default = str(default).lower() if isinstance(default, bool) else default
+    told = [f'{limits} {unit}'.strip(), f'default {default}' if default != '' else 'default: empty',
+            'only at the start' if param.fixed else '']
+    return re.sub(r'\s*\[[^\]]+\]', '', param.doc) + f' ({", ".join(filter(None, told))})'
+
+
+# --- from the source -----------------------------------------------------------------------------
+
+
+def endpoints(node_class):
+    """Topics and services of a node, as its source makes them.
+
+    Parameters
+    ----------
+    node_class : type
+
+    Returns
+    -------
+    dict of str to list
+        ``takes`` and ``gives`` of `topics.Topic`, ``services`` of str.
+    """
+    found = {'takes': {}, 'gives': {}, 'services': {}}
+    seen = set()
+    for base in node_class.__mro__:
+        name = base.__module__
+        if name == '__main__':  # started by ``python -m``
+            name = sys.modules[name].__spec__.name
+        house, _, part = name.partition('.')
+        if part and house != 'rclpy' and (house, part) not in _SHARED:
+            _scan(name, found, seen)
+    return {'takes': sorted(found['takes'].values(), key=lambda t: t.name),
+            'gives': sorted(found['gives'].values(), key=lambda t: t.name),
+            'services': sorted(found['services'])}
+
+
+def _scan(name, found, seen):
+    """Look through a module, and those of the same house that it calls with the node."""
+    if name in seen:
+        return
+    seen.add(name)
+    module = import_module(name)
+    tree = ast.parse(Path(module.__file__).read_text(encoding='utf-8'))
+    constants = {target.id: item.value for item in tree.body if isinstance(item, ast.Assign)
+                 for target in item.targets if isinstance(target, ast.Name)}
+    for function in ast.walk(tree):
+        if isinstance(function, ast.FunctionDef):
+            loops = {name.id: loop.iter for loop in ast.walk(function)
+                     if isinstance(loop, ast.For) for name in ast.walk(loop.target)
+                     if isinstance(name, ast.Name)}
+            for call in ast.walk(function):
+                if isinstance(call, ast.Call):
+                    _take(call, {**constants, **loops}, found)
+    for item in tree.body:
+        if isinstance(item, ast.ImportFrom):
+            house = name.split('.')[0]
+            other = f'{house}.{item.module}' if item.level else item.module
+            helper = other and other.split('.')[0] in (house, 'pointing_model', 'encoder_reading')
+            if helper and not other.endswith('_node') and _has_node(other):
+                _scan(other, found, seen)
+
+
+def _has_node(name):
+    """Whether a module has functions that give a node its endpoints."""
+    try:
+        module = import_module(name)
+        source = Path(module.__file__).read_text(encoding='utf-8')
+    except (ImportError, OSError):
+        return False
+    return 'node.publisher(' in source or 'node.subscribe(' in source
+
+
+def _take(call, known, found):
+    made = call.func
+    if not (isinstance(made, ast.Attribute) and isinstance(made.value, ast.Name)
+            and made.value.id in ('self', 'node') and call.args):
+        return
+    if made.attr in _VERBS:
+        for topic in _topics(call.args[0], known):
+            found[_VERBS[made.attr]][topic.name] = topic
+    elif made.attr in ('serve', 'create_service'):
+        for text in _texts(call.args[made.attr == 'create_service'], known):
+            found['services'][text] = None
+
+
+def _topics(node, known):
+    if isinstance(node, ast.Name) and node.id in known:
+        node = known[node.id]
+    for part in ast.walk(node):
+        if isinstance(part, ast.Attribute) and isinstance(part.value, ast.Name) and (
+                part.value.id == 'topics'):
+            topic = getattr(topics, part.attr, None)
+            if isinstance(topic, topics.Topic):
+                yield topic
+
+
+def _texts(node, known):
+    if isinstance(node, ast.Constant) and isinstance(node.value, str):
+        yield node.value
+    elif isinstance(node, ast.JoinedStr):  # '~/' and a name
+        for text in _texts(node.values[-1].value, known):
+            yield node.values[0].value + text
+    elif isinstance(node, ast.Attribute):  # the name of a function
+        yield from _texts(node.value, known)
+    elif isinstance(node, ast.Name) and isinstance(known.get(node.id), ast.Tuple):
+        for row in known[node.id].elts:
+            first = row.elts[0] if isinstance(row, ast.Tuple) else row
+            if isinstance(first, ast.Attribute):
+                yield first.attr
+            elif isinstance(first, ast.Constant) and isinstance(first.value, str):
+                yield first.value

@@ -1,0 +1,55 @@
+"""Signs for a terminal or a file that cannot write them."""
+
+import codecs
+import unicodedata
+
+#: what is written where a sign cannot be
+SPELLED = {
+    '″': '"', '′': "'", '°': ' deg', 'σ': 'sigma', 'µ': 'u', 'μ': 'u', '±': '+-', '−': '-',
+    '–': '-', '—': '-', '…': '...', 'Δ': 'd', 'δ': 'declination', 'φ': 'latitude', 'χ': 'chi',
+    'ρ': 'rho', '×': 'x', '·': '*', '≤': '<=', '≥': '>=', '→': '->', '←': '<-', '≈': '~', '²': '2',
+    '³': '3', '√': 'root ', '“': '"', '”': '"', '’': "'", '‘': "'", '•': '*', '─': '-', '━': '-',
+    '│': '|', '\u202f': ' ',
+}
+
+
+def spelled(text, encoding):
+    """A text as `encoding` can write it: ″ as ", σ as sigma; what nothing stands for as ?.
+
+    Parameters
+    ----------
+    text : str
+    encoding : str
+        Of a terminal or file, as ``ascii``.
+    """
+    return text.encode(encoding, _HANDLER).decode(encoding)
+
+
+def spell_out(stream):
+    """Have a text stream spell what its encoding cannot write, where it can be told to."""
+    if hasattr(stream, 'reconfigure'):
+        stream.reconfigure(errors=_HANDLER)
+
+
+def _spell(error):
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    return ''.join(_sign(sign, error.encoding)
+                   for sign in error.object[error.start:error.end]), error.end
+
+
+def _sign(sign, encoding):
+    plain = ''.join(part for part in unicodedata.normalize('NFKD', sign)
+                    if not unicodedata.combining(part))
+    for way in (SPELLED.get(sign), plain):
+        if way:
+            try:
+                way.encode(encoding)
+                return way
+            except UnicodeEncodeError:
+                pass
+    return '?'
+
+
+_HANDLER = 'telescope_mount.spelled'
+codecs.register_error(_HANDLER, _spell)

@@ -1,0 +1,54 @@
+"""What to do where ROS is not installed: one line with the command that installs it."""
+
+import platform
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
+#: modules that only ROS brings, by the beginning of their names
+_OF_ROS = ('rclpy', 'rcl_interfaces', 'rosidl', 'rpyutils', 'builtin_interfaces', 'lifecycle_msgs',
+           'rosgraph_msgs', 'std_msgs', 'std_srvs', 'sensor_msgs', 'geometry_msgs',
+           'trajectory_msgs', 'diagnostic_msgs', 'visualization_msgs')
+
+
+def check(command):
+    """Refuse a command that needs ROS where there is none.
+
+    Raises
+    ------
+    ValueError
+        With the command that installs it.
+    """
+    if find_spec('rclpy') is None:
+        raise ValueError(_line(command))
+
+
+def missing(error, command):
+    """The line for an ImportError that comes of ROS being missing, or of half of it; else None.
+
+    Parameters
+    ----------
+    error : ImportError
+    command : str
+        Of the user.
+    """
+    name = error.name or ''
+    if not name.startswith(_OF_ROS):
+        return None
+    return _line(command, '' if isinstance(error, ModuleNotFoundError)
+                 else f' ({" ".join(str(error).split())[:120]})')
+
+
+def _line(command, why=''):
+    root = Path(__file__).resolve().parents[1]
+    there = sorted(Path('/opt/ros').glob('*/setup.bash')) if sys.platform == 'linux' else []
+    if there:
+        how = f'source {there[-1]}'
+    elif sys.platform != 'linux' or platform.machine() not in ('x86_64', 'AMD64'):
+        how = 'install ROS 2 Jazzy (its wheels are for Linux on x86-64 only)'
+    elif (root / 'install.sh').is_file() and Path(sys.prefix).resolve() == root / '.venv':
+        how = f'{root / "install.sh"} ros'
+    else:
+        how = (f"{sys.executable} -m pip install 'ros-jazzy-rclpy[fastrtps]' "
+               'ros-jazzy-common-interfaces')
+    return (f'{command} needs ROS 2, which cannot be loaded here{why}; do: {how}')

@@ -1,0 +1,62 @@
+"""``--help`` of a node."""
+
+import pytest
+
+pytest.importorskip('rclpy', reason='rclpy is not installed (./install.sh ros)',
+                    exc_type=ImportError)
+
+
+@pytest.fixture
+def told(capsys):
+    from importlib import import_module
+
+    from telescope_mount.graph import NODES
+
+    def help_of(name, monkeypatch):
+        monkeypatch.setattr('sys.argv', [name, '--help'])
+        with pytest.raises(SystemExit) as end:
+            import_module(NODES[name]).main()
+        assert not end.value.code
+        return capsys.readouterr().out
+    return help_of
+
+
+def test_every_node_tells_its_parameters_and_what_it_takes_and_gives(told, monkeypatch):
+    from telescope_mount.graph import NODES
+    for name in NODES:
+        text = told(name, monkeypatch)
+        assert text.startswith(f'usage: ros2 run telescope_mount {name} ')
+        assert 'parameters:' in text and max(map(len, text.splitlines()[1:])) <= 80
+        assert 'topics that it ' in text or name == 'mcap_logger'
+
+
+def test_units_ranges_and_defaults_are_there(told, monkeypatch):
+    text = ' '.join(told('star_observer', monkeypatch).split())
+    assert 'deg, default' in text
+    assert 'camera/miss_distance geometry_msgs/msg/Vector3Stamped' in text
+    # what a helper subscribes for it, and what has a loop for it
+    assert 'ambient/temperature' in text and 'zero_on_polaris' in text
+    text = ' '.join(told('calibration', monkeypatch).split())
+    assert "'batch' or 'track', default batch, only at the start" in text
+    assert '1 to 100000, default 16' in text and '~/cancel' in text
+
+
+def test_what_a_live_node_has_is_told(graph):
+    """The source says what the node itself does."""
+    from calibration.calibration_node import Calibration
+    from msg_tools import topics
+    from msg_tools.node_help import endpoints
+    node, told = graph.add(Calibration), endpoints(Calibration)
+    for kind, there in (('gives', node._publishers_of), ('takes', node._subscriptions_of)):
+        assert {node.resolve_topic_name(topic.name) for topic in told[kind]} == set(there)
+    own = f'{node.get_fully_qualified_name()}/'
+    services = {s.srv_name.replace(own, '~/').removeprefix('/mount/') for s in node.services
+                if 'parameter' not in s.srv_name and 'type_description' not in s.srv_name}
+    assert services == set(told['services'])
+    assert topics.ZERO in told['gives']
+
+
+def test_help_for_ros_is_left_to_ros():
+    from msg_tools.node_help import wants_help
+    assert wants_help(['-h']) and wants_help(['--help', '--ros-args'])
+    assert not wants_help(['--ros-args', '-p', 'x:=1', '--help']) and not wants_help([])

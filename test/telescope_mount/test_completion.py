@@ -1,0 +1,46 @@
+"""What a shell completes, asked of the shell itself."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip('argcomplete')
+
+
+def completed(*words):
+    """What bash makes of a line when TAB is pressed behind its last word."""
+    bash = shutil.which('bash')
+    if bash is None:
+        pytest.skip('bash is not installed')
+    line = ' '.join(words)
+    script = (f'eval "$({sys.executable} -m telescope_mount completion bash)"\n'
+              f'telescope-mount() {{ {sys.executable} -m telescope_mount "$@"; }}\n'
+              f'export -f telescope-mount\nCOMP_LINE={line!r} COMP_POINT={len(line)} COMP_TYPE=9\n'
+              f'COMP_WORDS=({" ".join(words) if words[-1] else " ".join(words) + repr("")}) '
+              f'COMP_CWORD={len(words) - 1}\n'
+              '_python_argcomplete telescope-mount\nprintf "%s\\n" "${COMPREPLY[@]}"')
+    done = subprocess.run([bash, '-c', script], capture_output=True, text=True, check=True,
+                          env={**os.environ, 'PYTHONPATH': str(Path(__file__).parents[2])})
+    return {word.strip() for word in done.stdout.splitlines() if word.strip()}
+
+
+@pytest.mark.parametrize('words, there', [
+    (('telescope-mount', 'dia'), {'diagnose'}),
+    (('telescope-mount', 'fit', '--sa'), {'--save'}),
+    (('telescope-mount', 'fit', '--encoder', ''), {'enc', 'abs'}),
+    (('telescope-mount', 'night', '--scenario', 'season_'),
+     {'season_none', 'season_temperature', 'season_trend'}),
+])
+def test_bash_completes(words, there):
+    assert completed(*words) == there
+
+
+def test_every_shell_has_a_script(ended):
+    for shell, word in (('bash', 'complete -o'), ('zsh', 'compdef'),
+                        ('fish', 'complete --command')):
+        code, out, err = ended('completion', shell)
+        assert (code, err) == (0, '') and word in out and 'telescope-mount' in out
