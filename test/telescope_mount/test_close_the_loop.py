@@ -388,7 +388,7 @@ def test_all_scenarios_in_one_table_and_one_that_failed_does_not_end_it(
     Console(file=out, width=200).print(all_table(report))
     lines = {line.split()[0]: line for line in out.getvalue().splitlines() if line.strip()}
     assert 'the mount fell over' in lines['loop_clean'] and 'alarms' not in out.getvalue()
-    for words in ('identified', 'MA_by_counterweight', 'yes, 1 besides',
+    for words in ('identified', 'MA by counterweight', 'yes, 1 besides',
                   f'{german.report["blind_before"]["rms_arcsec"]:.2f}'):
         assert words in lines['loop_refraction']
     # a pattern, and what the witnesses said
