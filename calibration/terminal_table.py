@@ -30,7 +30,9 @@ class TerminalTable(Table):
             yield from _stacked(self.title, cells, options.max_width, console.encoding)
             return
         if self.title:
-            yield Text(spelled(str(self.title), console.encoding), style='bold')
+            title = spelled(str(self.title), console.encoding)
+            widths = _as_wide_as(len(title), widths, room)
+            yield Text(title, style='bold')
             yield Text('')
         yield from _laid_out(cells, widths, self.columns, spelled('─', console.encoding))
         yield Text('')
@@ -72,6 +74,18 @@ def _folded(columns, room):
         widest = max(able, key=lambda i: (not columns[i].words, widths[i]))
         widths[widest] -= 1
     return widths
+
+
+def _as_wide_as(title, widths, room):
+    """Widths of a table that is as wide as its title: each column has a share."""
+    missing = min(title - _GAP * (len(widths) - 1), room) - sum(widths)
+    total = sum(widths)
+    out = []
+    for width in widths:
+        more = max(0, -(-width * missing // total)) if total else 0  # rounded up
+        out.append(width + more)
+        missing, total = missing - more, total - width
+    return out
 
 
 def _laid_out(cells, widths, columns, rule):

@@ -18,7 +18,6 @@ from std_srvs.srv import Trigger
 from . import NAMESPACE
 from .executor import NodeExecutor
 from .gaps import SequenceGaps
-from .node_help import node_help, wants_help
 from .parameters import ParameterNode
 from .params import BadInput, Param
 from .readiness import LAST, PUBLISHED, PUBLISHES, SUBSCRIBES, GraphReports
@@ -344,9 +343,11 @@ def run_node(make_node, args=None, *, last=None):
     int
         Exit code: 0 after a clean end, 2 after bad input.
     """
-    if isinstance(make_node, type) and wants_help(sys.argv[1:] if args is None else args):
-        print(node_help(make_node), end='')
-        return 0
+    if isinstance(make_node, type) and {'-h', '--help'} & set(args or sys.argv[1:]):
+        from .node_help import node_help, wants_help
+        if wants_help(args or sys.argv[1:]):
+            print(node_help(make_node), end='')
+            return 0
     node = executor = None
     running = False
     # KeyboardInterrupt could fall into the middle of a record of the log; rclpy shuts the

@@ -325,7 +325,7 @@ def _plain(values, unit):
         return ['' if v != v else f'{v:.0f}' for v in values.tolist()]
     if unit == 1.0:
         return ['' if v != v else repr(v) for v in values.tolist()]
-    digits = 10 if unit == DEG else 4
+    digits = 10 if unit == DEG else 6
     # not minus zero
     return ['' if v != v else f'{round(v, digits) + 0.0:.{digits}f}' for v in values.tolist()]
 
@@ -340,7 +340,7 @@ def write_csv(run, path, *, plain=False):
         Written anew.
     plain : bool
         Numbers as people write them: angles to 1e-10 degrees (3.6e-7 arcsec), what is in arcsec to
-        1e-4, times to the microsecond, whole numbers without a point.
+        1e-6, times to the microsecond, whole numbers without a point.
 
     Raises
     ------

@@ -43,7 +43,7 @@ def run(args):
     from pointing_model.model_files import read_model
     from pointing_model.mounts import ALTAZ
 
-    from .console import print_lines
+    from .console import new_console, print_lines, step_aside
     options.check_target(args.out)
     if args.zero not in (NEWEST, NO_ZEROS):
         try:
@@ -57,10 +57,10 @@ def run(args):
         with open(args.out, 'w', newline='', encoding='utf-8') as stream:
             _write(stream, header, rows, delimiter)
     else:
+        step_aside(for_good=True)
         _write(sys.stdout, header, rows, delimiter)
-    from rich.console import Console
     # the table may be on the standard output
-    print_lines(Console(stderr=True, width=200, highlight=False), 'note', [*loaded.notes, *notes])
+    print_lines(new_console(stderr=True), 'note', [*loaded.notes, *notes])
 
 
 def _apply(model, args):
@@ -104,6 +104,8 @@ def _table(file):
     """Name for messages, header, rows, line of each, delimiter."""
     name = 'standard input' if file == '-' else file
     if file == '-':
+        if sys.stdin.isatty():
+            print('directions are read from the terminal; end with Ctrl-D', file=sys.stderr)
         text = sys.stdin.read()
     else:
         text = Path(file).read_text(encoding='utf-8-sig', errors='replace')

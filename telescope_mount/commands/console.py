@@ -9,21 +9,27 @@ from threading import RLock, Timer
 PATIENCE = 1.0
 
 
-def new_console():
-    """A rich console on the standard output, which lets the line of progress step aside."""
+def step_aside(for_good=False):
+    """Have the line of progress step aside for what is written otherwise than by `new_console`."""
+    for shown in reversed(_SHOWN):
+        shown.aside(for_good)
+
+
+def new_console(stderr=False):
+    """A rich console on one of the standard outputs, for which the line of progress steps aside."""
     from rich.console import Console
 
     class StandardOutput(Console):
         def print(self, *objects, **options):
-            for shown in reversed(_SHOWN):
-                shown.aside()
+            step_aside()
             super().print(*objects, **options)
 
         def on_broken_pipe(self):
             raise BrokenPipeError  # `cli.main` ends for it
     # a pipe has no width of its own
-    wide = None if sys.stdout.isatty() or os.environ.get('COLUMNS', '').isdigit() else 120
-    return StandardOutput(width=wide, highlight=False, markup=False, emoji=False)
+    terminal = (sys.stderr if stderr else sys.stdout).isatty()
+    wide = None if terminal or os.environ.get('COLUMNS', '').isdigit() else 120
+    return StandardOutput(width=wide, stderr=stderr, highlight=False, markup=False, emoji=False)
 
 
 #: lines of progress that are on, the last one shown

@@ -112,12 +112,16 @@ def _base_file(text, mount):
 
 
 def _write(args, found, console, base=None):
-    from calibration.diagnosis_page.page import write_report
     compared = {'base_model': base.compared(found.model)} if base else {}
     model = base.whole(found.model) if base else found.model
     write_outputs(
         console, (args.json, lambda p: options.write_json(p, found.to_dict() | compared), 'result'),
-        (args.report, lambda p: write_report(found, p), 'page'), (args.save, model.save, 'model'))
+        (args.report, lambda p: _write_page(found, p), 'page'), (args.save, model.save, 'model'))
+
+
+def _write_page(found, path):
+    from calibration.diagnosis_page.page import write_report
+    write_report(found, path)
 
 
 def _hours(text):

@@ -47,7 +47,8 @@ def run(args):
 
 
 def _tell(args, document, text):
-    print(text)
+    from .console import new_console
+    new_console().print(text)
     if args.json:
         options.write_json(args.json, document)
 

@@ -28,19 +28,21 @@ def run(args):
     """List, or change."""
     from .. import domain
     from ..graph_client import GraphClient
+    from .console import new_console
     if args.node and not args.transition:
         raise ValueError(f'{args.node}: name a transition, {", ".join(TRANSITIONS)}')
+    console = new_console()
     nodes = GraphClient(domain.join(args.domain).number, args.namespace, 'lifecycle')
     try:
         if args.node:
             done = nodes.change(args.node, args.transition)
             states = {args.node: nodes.state(args.node)}
-            print(f'{args.node}: {states[args.node]}' + (
+            console.print(f'{args.node}: {states[args.node]}' + (
                 '' if done else f'; the transition {args.transition} was not made'))
         else:
             done, states = True, {name: nodes.state(name) for name in nodes.managed()}
             for name, state in states.items():
-                print(f'{name}: {state}')
+                console.print(f'{name}: {state}')
         if args.json:
             options.write_json(args.json, states)
     finally:

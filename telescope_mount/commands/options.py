@@ -249,6 +249,8 @@ class _JsonTarget:
         self._stream = stream
 
     def write_text(self, text, encoding=None):
+        from .console import step_aside
+        step_aside(for_good=True)
         self._stream.write(text)
         self._stream.flush()
 

@@ -104,7 +104,7 @@ def test_plain_numbers_are_those_of_people(tmp_path):
     assert re.fullmatch(r'2025-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{6}Z', told['time'][0])
     assert told['run'] == ('1', '1') and told['approach_az'] == ('-1', '1')
     assert all(re.fullmatch(r'\d+\.\d{10}', cell) for cell in told['az_enc_deg'])
-    assert told['miss_x_arcsec'][0] == '0.0000' and told['temperature_c'] == ('', '4.25')
+    assert told['miss_x_arcsec'][0] == '0.000000' and told['temperature_c'] == ('', '4.25')
     back = read_run(tmp_path / 'run.csv')
     assert np.abs(back['time'] - time).max() < 1e-6
     assert np.array_equal(back['encoder_start'], run['encoder_start'])

@@ -80,7 +80,7 @@ def test_bad_options_are_one_line(refused, words, text):
 
 
 def test_git_ignores_what_is_written_by_default():
-    from telescope_mount.cli import make_parser
+    from telescope_mount.parsing import make_parser
     commands = next(a.choices for a in make_parser()._actions if a.dest == 'command')
     folders = [str(parser.get_default('out')) for parser in commands.values()
                if parser.get_default('out')]
@@ -325,7 +325,7 @@ def test_a_folder_of_images_points_to_what_says_what_they_are(refused, tmp_path)
 
 def test_an_option_means_one_thing_in_all_commands():
     """The same kind of value, the same choices; but --out may be a folder or a table."""
-    from telescope_mount.cli import RENAMED, make_parser
+    from telescope_mount.parsing import RENAMED, make_parser
     commands = next(a.choices for a in make_parser()._actions if a.dest == 'command')
     meanings = {}
     for name, parser in commands.items():
