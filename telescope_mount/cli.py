@@ -89,7 +89,7 @@ def _one_line(err):
         return f'{err.filename}: No such file or directory{_near(str(err.filename))}'
     if isinstance(err, OSError) and err.strerror:
         what = {28: 'No space left on device; free some, or write elsewhere',
-                13: 'Permission denied; write elsewhere, or have the rights changed',
+                13: 'Permission denied; have its rights changed, or take another',
                 30: 'Read-only file system; write elsewhere'}.get(err.errno, err.strerror)
         return f'{err.filename}: {what}' if err.filename else what
     return ' '.join(str(err).split())

@@ -1,12 +1,12 @@
 """One way to load pointing runs, whatever they are kept in."""
 
-from pathlib import Path
 
 import numpy as np
 
 from calibration.solves import judge_solves
 from msg_tools.bag import BagReader
 from msg_tools.bag.parameters import parameters_of
+from msg_tools.night_folder import log_of
 from pointing_model.context import Context
 from pointing_model.effects import declared_graduation
 from pointing_model.mounts import is_beyond, mount_text, parse_mount
@@ -22,7 +22,7 @@ def load_run(path, azimuth_origin=None, *, site=None, weather=None, encoder=None
     Parameters
     ----------
     path : str or Path
-        A file, or the folder of a log.
+        A file, the folder of a log, or of a night.
     azimuth_origin : {'N', 'S'}, optional
         Where azimuth 0 is in a TPOINT file.
     site : pointing_model.sky.Site, optional
@@ -50,7 +50,7 @@ def load_run(path, azimuth_origin=None, *, site=None, weather=None, encoder=None
     OSError
         It cannot be read.
     """
-    path = Path(path)
+    path = log_of(path)
     if not path.is_dir() and path.suffix != '.mcap':
         run = _without_judges(judge_solves(read_run(
             path, azimuth_origin=azimuth_origin, site=site, weather=weather, encoder=encoder,

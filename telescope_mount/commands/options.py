@@ -8,6 +8,10 @@ from contextlib import contextmanager, redirect_stdout
 from datetime import datetime
 from pathlib import Path
 
+from msg_tools.night_folder import log_of, model_of
+
+#: types for ``add_argument``: a log or run, and a model; a night's folder stands for both
+log_path, model_path = log_of, model_of
 #: suffixes of models and pages
 MODELS, PAGES = ('.json', '.yaml', '.yml'), ('.html', '.htm')
 
@@ -48,21 +52,6 @@ def utc(text):
 def names(text):
     """The names in a comma-separated list."""
     return tuple(name.strip() for name in text.split(',') if name.strip())
-
-
-def log_path(text):
-    """A type for ``add_argument``: a log; of a night's folder its `bag`."""
-    path = Path(text)
-    if (path / 'bag').is_dir() and not (path / 'metadata.yaml').is_file() \
-            and not any(path.glob('*.mcap')):
-        return path / 'bag'
-    return path
-
-
-def model_path(text):
-    """A type for ``add_argument``: a model; of a night's folder its `model.json`."""
-    path = Path(text)
-    return path / 'model.json' if (path / 'model.json').is_file() else path
 
 
 #: options that several commands have, as ``add_argument`` takes them

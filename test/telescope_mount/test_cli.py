@@ -342,3 +342,49 @@ def test_an_option_means_one_thing_in_all_commands():
     assert set(commands) - set(sum(meanings['--overwrite'].values(), [])) == {'completion'}
     for (command, _), new in RENAMED.items():
         assert new in commands[command]._option_string_actions
+
+
+# --- what holds for all -------------------------------------------------------------------------
+
+
+def test_the_version(ended):
+    code, out, err = ended('--version')
+    assert (code, err) == (0, '') and out.startswith('telescope-mount 0.')
+    done = subprocess.run([sys.executable, '-m', 'telescope_mount', '--version'],
+                          capture_output=True, text=True, check=True)
+    assert done.stdout == out
+
+
+def test_the_folder_of_a_night_stands_for_its_log(night, ended, tmp_path):
+    for words in (('info', night), ('verify', night), ('fit', night),
+                  ('export', night, tmp_path / 'run.csv'), ('recover', night, '--out',
+                                                            tmp_path / 'whole')):
+        code, out, err = ended(*words)
+        assert (code, err) == (0, ''), (words, out, err)
+    assert (tmp_path / 'run.csv').is_file() and (tmp_path / 'whole' / 'metadata.yaml').is_file()
+    code, _, err = ended('apply', night, tmp_path / 'run.csv', '--out', tmp_path / 'angles.csv')
+    assert code == 0 and 'note: ' in err
+    (tmp_path / 'nights').mkdir()
+    (tmp_path / 'nights' / 'first').symlink_to(night)
+    code, _, err = ended('season', tmp_path / 'nights')
+    assert code == 2 and 'a season takes three' in err
+
+
+def test_a_damaged_log_is_told_by_the_code(ended, tmp_path):
+    sample = Path(__file__).parents[1] / 'data' / 'sample_log'
+    whole = next(sample.glob('*.mcap')).read_bytes()
+    cut = tmp_path / 'cut.mcap'
+    cut.write_bytes(whole[:len(whole) * 2 // 3])
+    for words, told in ((('info', sample), 0), (('info', cut), 1), (('info', cut, '--quick'), 1),
+                        (('verify', cut), 1), (('recover', cut), 0)):
+        code, out, err = ended(*words)
+        assert (code, err) == (told, ''), (words, out)
+    assert ended('info', tmp_path / 'cut_recovered')[0] == 0
+
+
+def test_scenarios_are_listed(ended):
+    from telescope_mount.simulator import scenario_names
+    out = ended('night', '--scenario', 'list')[1]
+    assert all(name in out for name in scenario_names())
+    out = ended('close-the-loop', '--scenario', 'list')[1]
+    assert 'loop_clean' in out and 'mount_gusts' in out and 'season_none' not in out
