@@ -88,9 +88,9 @@ class Judgement:
         for axis in shown:
             c = getattr(self, axis)
             parts.append(f'{c.before:.2f} -> {c.after:.2f} arcsec {names[axis]} '
-                         f'({c.chance:.2g})')
+                         f'(p = {c.chance:.2g})')
         return (f'{self.rows} rows that it has not seen: ' + ', '.join(parts)
-                + '; in brackets the chance that a harmless change looks as bad')
+                + '; p: the chance that a harmless change looks as bad')
 
     def to_dict(self):
         """JSON-ready."""

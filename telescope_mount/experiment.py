@@ -100,16 +100,21 @@ def run_experiment(out, *, seed=1, drifts='paper', stars=30, polaris=16, satelli
         bag=str(folder / 'bag'), scenario=scenario or DRIFTS[drifts], seed=seed,
         start_time=START, plan=plan, first_run=1 - REFERENCE_AGE, reference_age=REFERENCE_AGE,
         satellite='gps-26690', sample_rate_hz=1.0)
-    report = observe(folder, specs, plan, partial(_write, folder, nights, said), progress,
+    kept = {}
+    report = observe(folder, specs, plan, partial(_write, folder, nights, said, kept), progress,
                      domain_number)
     page = folder / 'page.html'
-    write_experiment_page(page, report, [folder / 'bag', *(folder / name for name in FILES)])
+    write_experiment_page(page, report, kept.get('run'), [
+        folder / 'bag', *(folder / name for name in FILES)])
     report['files']['page'] = str(page)
     return report
 
 
-def _write(folder, nights, said, latest):
-    """table1.csv, zeros.csv, gps.json, report.json, observations.csv and the pictures."""
+def _write(folder, nights, said, kept, latest):
+    """table1.csv, zeros.csv, gps.json, report.json, observations.csv and the pictures.
+
+    `kept` gets ``run``.
+    """
     from calibration.paper_table_1 import COLUMNS, compare_with_paper, plot_nights
     from calibration.satellite_check import plot_gps
     from calibration.season_report import judge_season, plot_season, write_season
@@ -117,7 +122,7 @@ def _write(folder, nights, said, latest):
     from pointing_model.run_files import write_csv
     from pointing_model.run_messages import cloud_to_run
 
-    run = cloud_to_run(latest[topics.OBSERVATIONS.name])
+    kept['run'] = run = cloud_to_run(latest[topics.OBSERVATIONS.name])
     calibrated = json.loads(latest[topics.CALIBRATION_REPORT.name].data)
     report = compare_with_paper(calibrated['nights'], nights)
     report.update(said)

@@ -4,7 +4,9 @@ from pathlib import Path
 
 import numpy as np
 
+from calibration.fit import fit_terms
 from calibration.page.drawing import Panel, limit_of, svg
+from calibration.page.horizon import of_mount, on_horizon
 from calibration.page.parts import (
     cards,
     figure,
@@ -19,17 +21,20 @@ from calibration.page.parts import (
     whole,
 )
 from calibration.page.provenance import provenance_section
-from calibration.page.residuals import controls_alone
+from calibration.page.residuals import Residuals, controls, controls_alone, residual_sections
+from calibration.rows import for_fitting
 from calibration.season import season_from_rows
 from calibration.season_report import season_lines
 from calibration.zero_causes import DRIVERS
 from msg_tools.units import ARCSEC
+from pointing_model.zero import RunZero
+from pointing_model.zero_exposures import is_for_zero
 
 AXES = (('az', 'azimuth'), ('el', 'elevation'))
 WHENS = ('before', 'after')
 
 
-def write_experiment_page(path, report, files=()):
+def write_experiment_page(path, report, run=None, files=()):
     """Write the page.
 
     Parameters
@@ -37,6 +42,8 @@ def write_experiment_page(path, report, files=()):
     path : str or Path
     report : dict
         As `experiment.run_experiment` gives it.
+    run : PointingRun, optional
+        All rows of all nights.
     files : iterable of Path
         Written beside it.
 
@@ -45,10 +52,10 @@ def write_experiment_page(path, report, files=()):
     OSError
         It cannot be written.
     """
-    Path(path).write_text(render_experiment(report, files), encoding='utf-8')
+    Path(path).write_text(render_experiment(report, run, files), encoding='utf-8')
 
 
-def render_experiment(report, files=()):
+def render_experiment(report, run=None, files=()):
     """The page as text; parameters as of `write_experiment_page`."""
     table1, told, paper = (report['table1'], report['statistics'], report['paper'])
     words = [f'{name} from {told[f"before_{axis}_arcsec"]["rms"]:.2f}″ to '
@@ -66,23 +73,64 @@ def render_experiment(report, files=()):
                      f'to point within {case["specification_arcsec"]:g}″: stars are missed by '
                      f'{case["before_rms_arcsec"]:.2f}″ (radial RMS) before the zero is set, by '
                      f'{case["after_rms_arcsec"]:.2f}″ after.')
+    data = None if run is None else residuals_of_nights(report, run)
     body = [
         '<h1>Nights with the model of two nights before</h1>',
         f'<p class="meta">{len(table1)} nights · seed {report.get("seed")} · {what} · simulated'
-        '</p>', controls_alone(),
+        '</p>', controls_alone() if data is None else controls(data),
         verdict('', 'Mean error of a night, RMS over the nights: ' + ', '.join(words), lines,
                 cards([(f'{told[f"after_{axis}_arcsec"]["rms"]:.2f}″', f'after, {name}')
                        for axis, name in AXES]), 'alarm' if report['alarms'] else '', gains(bars)),
         section('Mean error night by night', legend(
             ('before', 'before the zero is set (dots)'), ('after', 'after (squares)')),
-            pair(_nights(table1, axis, name, when) for when in WHENS for axis, name in AXES),
+            *(pair(_nights(table1, axis, name, when) for axis, name in AXES) for when in WHENS),
             note='Point at a night, here or in the table.'),
         section('Nights', _table(report)),
         section('Over all nights', _statistics(told, paper['statistics'])),
+        *([] if data is None else residual_sections(data)),
         _satellite(report), _zeros(report['zeros']),
         provenance_section([('seed', str(report.get('seed'))), ('what the simulator does', what)],
                            files)]
     return whole('Nights with the model of two nights before', body, 'Experiment of paper 000')
+
+
+def residuals_of_nights(report, run):
+    """Every star of the nights by the model of two nights before, its zero and tonight's.
+
+    Parameters
+    ----------
+    report : dict
+    run : PointingRun
+
+    Returns
+    -------
+    Residuals or None
+        The means of its rows before and after Polaris are those of the report.
+    """
+    parts = []
+    for night in report['nights']:
+        told = night['physical']
+        zero = np.array([told['zero'][f'{axis}_arcsec'] for axis, _ in AXES]) * ARCSEC
+        then = zero - np.array([told[f'change_{axis}_arcsec'] for axis, _ in AXES]) * ARCSEC
+        reference = for_fitting(run.select(run['run'] == night['reference']))
+        rows = run.select((run['run'] == night['night']) & (run['star'] >= 0))
+        rows = rows.select(~is_for_zero(rows))
+        if not len(rows) or not len(reference):
+            continue
+        model = fit_terms(reference, zero=RunZero(*then)).model
+        parts.append((rows, *(np.array(model.residuals(rows, zero=RunZero(*one))) / ARCSEC
+                              for one in (then, zero))))
+    if not parts:
+        return None
+    rows = type(run).concatenate([part[0] for part in parts])
+    before, after = (np.concatenate([part[i] for part in parts], axis=1) for i in (1, 2))
+    az, el, turned = on_horizon(rows)
+    return Residuals(
+        [f'HIP {star:.0f}' for star in rows['star']], az, el, before, after,
+        np.ones(len(rows), bool), ['judged by, not fitted'] * len(rows), **of_mount(rows.mount),
+        time=rows['time'], groups=rows['run'], group_word='night',
+        before_text='model of two nights before, zero of then',
+        after_text='the same model, zero of tonight', turned=turned)
 
 
 def _key(night):
@@ -146,7 +194,8 @@ def _satellite(report):
     rows = [(f'{name}, {when}', *(number(one[when].get(f'{axis}_{key}_arcsec'))
                                   for one in (told, told['paper']) for key in ('mean', 'std')))
             for when in WHENS for axis, name in AXES]
-    return section('A GPS satellite, before and after the zero calibration', pair(drawn), table(
+    return section('A GPS satellite, before and after the zero calibration', pair(drawn[:2]),
+                   pair(drawn[2:]), table(
         ('arcsec', 'mean', 'std', 'paper: mean', 'paper: std'), rows, 'numbers'))
 
 

@@ -25,6 +25,7 @@ from calibration.page.residuals import controls_alone, target
 from msg_tools.bag.parameters import parameters_of
 from msg_tools.bag.sqlite import open_bag
 from msg_tools.units import ARCSEC
+from pointing_model.effects.base import readable
 
 from .loop_tables import loop_sentences
 
@@ -161,7 +162,7 @@ def _effects(effects):
     rows = []
     for effect in effects:
         for i, (name, value) in enumerate(effect['coefficients_arcsec'].items()):
-            rows.append(((effect['name'], name) if i == 0 else ('', name)) + (
+            rows.append(((readable(effect['name']), name) if i == 0 else ('', name)) + (
                 number(value, 2, True), number(effect['sigma_arcsec'][name]),
                 None if i or effect['p_family'] is None else f'{effect["p_family"]:.2g}',
                 number(effect['delta_bic'], 1) if i == 0 else ''))

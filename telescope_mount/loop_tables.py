@@ -3,6 +3,7 @@
 from textwrap import shorten
 
 from calibration.tables import new_table
+from pointing_model.effects.base import readable
 from pointing_model.mounts import KINDS
 
 #: characters of an alarm in the table of all
@@ -46,10 +47,10 @@ def _effects(report):
         gain = '–' if effect['delta_bic'] is None else f'{effect["delta_bic"]:.1f}'
         sigma = effect['sigma_arcsec']
         for i, (name, value) in enumerate(effect['coefficients_arcsec'].items()):
-            table.add_row(effect['name'] if i == 0 else '', name, f'{value:+.2f}',
+            table.add_row(readable(effect['name']) if i == 0 else '', name, f'{value:+.2f}',
                           f'{sigma[name]:.2f}', *((p, gain) if i == 0 else ('', '')))
     for entry in report['refused']:
-        table.add_row(', '.join(entry['effects']), 'not published', '', '', '', '')
+        table.add_row(', '.join(map(readable, entry['effects'])), 'not published', '', '', '', '')
     if not report['effects'] and not report['refused']:
         table.add_row('nothing significant; the model stays as it was', '', '', '', '', '')
     return table
@@ -80,11 +81,11 @@ def loop_sentences(report):
     for effect in report['effects']:
         others = [name for name in effect['alternatives'] if name not in effect['aliases']]
         if others:
-            out.append(f'{effect["name"]} was added; this night cannot tell it from '
-                       + ', '.join(others))
+            out.append(f'{readable(effect["name"])} was added; this night cannot tell it from '
+                       + ', '.join(map(readable, others)))
         if effect['aliases']:
-            out.append(f'{effect["name"]} is the same curve in this night as '
-                       + ', '.join(effect['aliases']))
+            out.append(f'{readable(effect["name"])} is the same curve in this night as '
+                       + ', '.join(map(readable, effect['aliases'])))
     if report['judged'] is not None:
         out.append('fresh stars: ' + report['judged']['why'])
     drive = report.get('drive')
@@ -99,8 +100,8 @@ def loop_sentences(report):
         out.append(f'the scenario: {told["what"]}')
         if report['found']:
             out.append(f'found: {report["found"]}'
-                       + (f'; besides: {", ".join(report["false"])}' if _besides(report)
-                          else ''))
+                       + ('; besides: ' + ', '.join(map(readable, report['false']))
+                          if _besides(report) else ''))
     return out + report['notes'] + [f'witnesses: {alarm}' for alarm in report['alarms']]
 
 
@@ -118,7 +119,7 @@ def all_table(report):
         if _besides(row):
             found += f', {len(row["false"])} besides'
         table.add_row(
-            row['scenario'], row['verdict'], '\n'.join(row['applied']) or '–', found,
+            row['scenario'], row['verdict'], '\n'.join(map(readable, row['applied'])) or '–', found,
             _arcsec(row['blind_before'] and row['blind_before']['rms_arcsec']),
             _arcsec(row['blind_after'] and row['blind_after']['rms_arcsec']),
             _arcsec(row['noise_floor_arcsec']), *[_alarms(row)] * alarms)

@@ -23,6 +23,10 @@ os.environ.update(ONE_THREAD | os.environ)  # before numpy comes, and for what i
 sys.dont_write_bytecode = False
 os.environ.pop('PYTHONDONTWRITEBYTECODE', None)
 
+# of the terminal that the suite is started in, or of readline in pytest; a pipe has none
+for _size in ('COLUMNS', 'LINES'):
+    os.environ.pop(_size, None)
+
 PATIENCE = 60.0  # s until a test gives up waiting; far more than the slowest machine needs
 WORKER = os.environ.get('PYTEST_XDIST_WORKER')
 MOST_WORKERS = 8  # the slowest file takes an eighth of all

@@ -93,7 +93,7 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
     obs = observations(runs, encoder)
     if obs.context.left_out():
         obs.notes.append('no drivers, for they may be outcomes of a measurement and not causes: '
-                         f'{", ".join(obs.context.left_out())} (--driver NAME takes one)')
+                         f'{", ".join(obs.context.left_out())} (--cause NAME takes one)')
     rng = np.random.default_rng(seed)
     if len(obs) > streamed_from:
         result = diagnose_streamed(obs, base, alpha, rng, streamed_from)

@@ -7,7 +7,9 @@ from pointing_model.effects.base import arcsec
 
 from ..page.drawing import clean
 from ..page.parts import cards, listed, section, verdict, whole
-from ..page.residuals import controls, histograms, sky_maps, stars_table, targets
+from ..page.provenance import provenance_section
+from ..page.residuals import controls, histograms, sky_maps, targets
+from ..page.stars import stars_table
 from ..page.terms import correlation_table, terms_table
 from . import sections as page
 from .plain_words import best_pair, floor_words, verdict_sentences
@@ -21,7 +23,7 @@ _VERDICTS = {'none': 'nothing missing', 'wanders': 'the zero wanders', 'undecide
 _STAYS = ('none', 'wanders', 'undecided', 'refused', 'withheld', 'taken_back')
 
 
-def write_report(diagnosis, path):
+def write_report(diagnosis, path, files=None):
     """Write the page of a diagnosis.
 
     Parameters
@@ -29,21 +31,26 @@ def write_report(diagnosis, path):
     diagnosis : calibration.diagnosis.Diagnosis
     path : str or Path
         HTML file to write; it refers to nothing outside itself.
+    files : iterable of Path, optional
+        From which it is made: where it comes from is told with their sums.
 
     Raises
     ------
     OSError
         It cannot be written.
     """
-    Path(path).write_text(render(view_of(diagnosis)), encoding='utf-8')
+    made = '' if files is None else provenance_section([], files)
+    Path(path).write_text(render(view_of(diagnosis), made), encoding='utf-8')
 
 
-def render(view):
+def render(view, more=''):
     """The page as text: HTML that is well-formed XML too.
 
     Parameters
     ----------
     view : View
+    more : str
+        HTML at the end.
 
     Returns
     -------
@@ -72,7 +79,7 @@ def render(view):
             document.get('next_observations') or [], document.get('mount') or 'altaz'),
             note='Observations that would best tell the members of the set apart.'),
         section('What these observations cannot show', page.untestable(view.untestable)),
-        section('Notes on the data', listed(view.notes)),
+        section('Notes on the data', listed(view.notes)), more,
         f'<footer>All offsets are encoder − catalogue, {_offsets(view)}, in seconds of '
         'arc on the sky (arcsec, ″). RMS values are radial unless an axis is named.</footer>',
     ]

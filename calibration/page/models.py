@@ -43,7 +43,7 @@ def headline_of(report):
     start = 'as the encoders read' if first['step'] == RAW else 'with the ' + first['step']
     after = f'{last["held_out"]["radial"]:.2f}″'
     middle = f', {zeroed["held_out"]["radial"]:.2f}″ with the zero set,' if zeroed else ''
-    headline = f'From {before} {start}{middle} to {after} on stars held out'
+    headline = f'Stars held out: from {before} {start}{middle} to {after} with the model'
     numbers = [(before, f'before: {first["step"]}')]
     if zeroed:
         numbers.append((f'{zeroed["held_out"]["radial"]:.2f}″', zeroed['step']))

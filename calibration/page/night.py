@@ -1,6 +1,5 @@
 """The page of a night: one file with all that it found."""
 
-import json
 from datetime import datetime, timezone
 from pathlib import Path
 
@@ -66,14 +65,14 @@ def write_night_page(folder, run, model, report, log=None, title='Night'):
     diagnosed = folder / 'diagnosis.html'
     path = folder / 'page.html'
     path.write_text(render_night(
-        run, model, report, _told(log), title,
+        run, model, report, told_of(log), title,
         diagnosed.read_text(encoding='utf-8') if diagnosed.is_file() else '',
         [log, *(folder / name for name in FILES)]), encoding='utf-8')
     return path
 
 
-def _told(log):
-    """Health and parameters of a log; what of it cannot be read is not there."""
+def told_of(log):
+    """Health and parameters of a log, for `render_night`; what cannot be read is not there."""
     try:
         bag = open_bag(log)
         return {'health': log_health(log), 'site': parameters_of(bag.metadata, '/star_observer'),
@@ -172,7 +171,7 @@ def _verdict(report, data):
     if headline is None:
         size = data.radial('after')
         headline = 'Nothing was fitted' if size is None else \
-            f'The stars are missed by {size:.2f}″'
+            f'Nothing was fitted; {data.after_text} the stars are missed by {size:.2f}″'
     return verdict('alarm' if alarms else '', headline, lines, cards(numbers),
                    'alarm' if alarms else '', gains(bars, *_noise(report)))
 
@@ -234,7 +233,8 @@ def residuals_of(run, model, report, split_seed=None):
         groups=rows.columns.get('run'), group_word='power-on',
         noise=tuple(noise) if noise else None,
         before_text='zero set, no model' if measured else 'as the encoders read',
-        after_text='zero and model', turned=turned,
+        after_text='zero and model' if model.terms or model.harmonics else 'as the encoders read',
+        turned=turned,
         places=None if mount.altaz else (rows['az'], rows['el']),
         utc=run.meta.get('time_is_utc', True))
 
@@ -257,7 +257,7 @@ def _name(star):
 def _words(run, report, split_seed):
     """Which rows the fit used, and of each what became of it."""
     n = len(run)
-    words = np.full(n, 'used', dtype=object)
+    words = np.full(n, 'used' if report.get('terms') else 'not fitted', dtype=object)
     if not n:
         return np.zeros(0, bool), words
     satellite, lied = run.get('star', np.zeros(n)) < 0, distrusted(run)
@@ -272,7 +272,7 @@ def _words(run, report, split_seed):
         fitted &= run['time'] <= report['last_stamp_ns'] * 1e-9 + 1e-3
         words[used & ~fitted] = 'came after the fit'
     stars = np.flatnonzero(fitted & ~is_for_zero(run))
-    if split_seed is not None and len(stars) > 1:
+    if split_seed is not None and len(stars) > 1 and report.get('steps'):
         half = split_half(run.select(stars), split_seed)
         words[stars[~half]] = 'used; held out in the check'
     for one in report.get('outliers') or ():
@@ -283,8 +283,3 @@ def _words(run, report, split_seed):
             words[i] = words[i].replace('used', f'rejected: an outlier, {far:.1f}″ off')
         used &= ~at
     return used, words
-
-
-def read_report(path):
-    """The report that a night has written, a dict."""
-    return json.loads(Path(path).read_text(encoding='utf-8'))

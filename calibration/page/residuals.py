@@ -12,15 +12,15 @@ from pointing_model.rms import rms
 
 from .drawing import Panel, SkyMap, clean, limit_of, svg, text, thin, ticks
 from .parts import figure, legend, number, pair, section
+from .stars import WHENS, group_name, stars_table
 
 #: arrows drawn on a map; rows up to which every plot has every row to point at, and up to which
-#: any has; rows of the table
-MAX_ARROWS, MAX_LINKED, MAX_POINTED, MAX_TABLE = 400, 600, 1500, 1500
+#: any has
+MAX_ARROWS, MAX_LINKED, MAX_POINTED = 400, 600, 1500
 #: after is drawn once more, larger, where it is smaller than before by so much
 _MAGNIFIED = 4.0
 #: within its radial RMS lies this much of noise that is alike in both axes
 _WITHIN = 1.0 - np.exp(-1.0)
-WHENS = ('before', 'after')
 
 
 @dataclass
@@ -162,15 +162,11 @@ def controls_alone(more=''):
 def _groups(data):
     """Name and a sentence of each group."""
     for value in np.unique(data.groups):
-        rows, name = data.groups == value, _group_name(value)
+        rows, name = data.groups == value, group_name(value)
         said = ', '.join(f'{arcsec(size)} {when}' for when in WHENS
                          if (size := data.radial(when, rows)) is not None)
         yield name, (f'{data.group_word} {name}: {int((rows & data.used).sum())} rows'
                      + (f', radial RMS {said}' if said else ''))
-
-
-def _group_name(value):
-    return f'{value:g}' if isinstance(value, (float, np.floating)) else str(value)
 
 
 # ---------------------------------------------------------------------------------------- figures
@@ -378,59 +374,6 @@ def _histogram(before, after, limit, title, whens):
                   whens[0] if len(whens) == 1 else '')
 
 
-# ------------------------------------------------------------------------------------------ table
-
-def stars_table(data):
-    """Every row, the worst first; it sorts by any column, and its rows light up in the plots."""
-    if not len(data):
-        return '<p>There is no row.</p>'
-    size = np.hypot(*data.after)
-    order = np.argsort(-np.where(np.isfinite(size), size, -1.0), kind='stable')[:MAX_TABLE]
-    first, second = (word.split(' × ')[0] for word in data.axes)
-    head = ['star', data.group_word if data.groups is not None else None,
-            None if data.time is None else 'UTC' if data.utc else 'time s',
-            f'{data.place_words[0]} °', f'{data.place_words[1]} °']
-    head = [word for word in head if word is not None]
-    when = [(f'{w} {name} ″', w) for w in WHENS for name in (first, second, 'radial')]
-    heads = ''.join(f'<th scope="col">{clean(word)}</th>' for word in head) + ''.join(
-        f'<th scope="col" class="when-{kind}"{sort}>{clean(word)}</th>'
-        for (word, kind), sort in zip(when, [''] * 5 + [' aria-sort="descending"'])) \
-        + '<th scope="col">what became of it</th>'
-    days = data.time is not None and np.nanmax(data.time) - np.nanmin(data.time) > 86400.0
-    places = np.degrees(data.places or (np.mod(data.az, 2.0 * np.pi), data.el))
-    rows = []
-    for i in order:
-        cells = [clean(data.names[i])]
-        if data.groups is not None:
-            cells.append(clean(_group_name(data.groups[i])))
-        if data.time is not None:
-            cells.append(_clock(data.time[i], days, data.utc))
-        cells += [number(place[i], 1) for place in places]
-        tail = ''
-        for kind in WHENS:
-            x, y = data.of(kind)[:, i]
-            tail += ''.join(f'<td class="when-{kind}">{number(v, 2, sign)}</td>'
-                            for v, sign in ((x, True), (y, True), (np.hypot(x, y), False)))
-        group = '' if data.groups is None else f' data-g="{cells[1]}"'
-        rows.append(f'<tr data-i="{data.keys[i]}"{group}>'
-                    + ''.join(f'<td>{cell}</td>' for cell in cells) + tail
-                    + f'<td>{clean(data.words[i])}</td></tr>')
-    some = f'<p class="note">The worst {len(order)} of {len(data)} rows.</p>' * (
-        len(order) < len(data))
-    return (f'{some}<div class="scroll tall"><table class="stars sort"><caption>Rows of the run, '
-            f'the worst first</caption><thead><tr>{heads}</tr></thead><tbody>{"".join(rows)}'
-            '</tbody></table></div>')
-
-
-def _clock(seconds, days, utc):
-    if not np.isfinite(seconds):
-        return '–'
-    if not utc:
-        return f'{seconds:.0f}'
-    moment = datetime.fromtimestamp(seconds, timezone.utc)
-    return f'{moment:%m-%d %H:%M:%S}' if days else f'{moment:%H:%M:%S}'
-
-
 def residual_sections(data, skip=()):
     """All of them, as list of HTML.
 
@@ -446,7 +389,7 @@ def residual_sections(data, skip=()):
              ('What is left, against the axes', along_axes, ''),
              ('Distribution of the residuals', histograms, ''),
              ('Stars', stars_table, 'Point at a star, here or in a plot: it lights up everywhere '
-              'and is told in the bar above. A click or Enter keeps it, Escape lets it go. A '
-              'click on a heading sorts.'))
+              'and is told at the foot of the window. A click or Enter keeps it, Escape lets it '
+              'go. A click on a heading sorts.'))
     return [section(title, make(data), note=note) for title, make, note in parts
             if title not in skip]

@@ -12,7 +12,10 @@ function all(query, root) { return Array.from((root || doc).querySelectorAll(que
 function words(row) {
   var heads = all('th', row.closest('table'));
   return Array.from(row.cells).map(function (cell, i) {
-    return (heads[i] ? heads[i].textContent + ' ' : '') + cell.textContent; }).join(', ');
+    var of = / ?([^ ]*)$/.exec(heads[i] ? heads[i].textContent : ''), unit = '';
+    if (of[1] === '\u2033' || of[1] === '\u00b0') { unit = of[1]; }
+    var name = unit ? of.input.slice(0, of.index) : of.input;
+    return (name + ' ' + cell.textContent + unit).trim(); }).join(', ');
 }
 function light(key, byRow) {
   if (key === shown) { return; }

@@ -158,12 +158,15 @@ footer { color:var(--soft); font-size:.82rem; margin-top:22px }
 .controls label { white-space:nowrap }
 .controls select { font:inherit; max-width:60vw; color:inherit; background:var(--card);
   border:1px solid var(--rim); border-radius:4px }
-.controls output { flex:1 1 260px; min-height:1.4em; color:var(--ink); overflow-wrap:anywhere }
+.controls output { position:fixed; left:0; right:0; bottom:0; background:var(--card);
+  border-top:2px solid var(--lit); padding:6px clamp(10px,2.4vw,28px); overflow-wrap:anywhere }
+.controls output:empty { display:none }
 :focus-visible { outline:3px solid var(--lit); outline-offset:1px }
 svg.link { cursor:crosshair } tr[data-i] { cursor:pointer }
 .lit,.lit path { stroke:var(--lit)!important; stroke-opacity:1!important }
-.dots .lit { stroke-width:10 } .lit path,.crosses .lit,.bars-of .lit { stroke-width:3.2 }
-.lit circle { fill:var(--lit) }
+.dots .lit { stroke-width:10px!important }
+.lit path,.crosses .lit { stroke-width:3.2 }
+.lit circle { fill:var(--lit); stroke:var(--lit); stroke-width:5 }
 tr.lit td { background:color-mix(in srgb,var(--lit) 22%,var(--card)) }
 .off { display:none }
 @media screen {
@@ -178,8 +181,9 @@ tr.lit td { background:color-mix(in srgb,var(--lit) 22%,var(--card)) }
   section { border:0; border-top:1px solid #999; border-radius:0; padding:10px 0; margin:8px 0 }
   .verdict { border-left:0 } h2,h3 { break-after:avoid } .scroll { overflow:visible }
   .scroll.tall { max-height:none; overflow:visible } .tall thead th { position:static }
-  table { font-size:9pt } .stars,.keep { font-size:7.5pt }
+  table { font-size:9pt } .stars,.keep { font-size:7pt }
   td,th { white-space:normal!important; padding-right:6px }
+  :is(.stars,.keep) :is(td,th) { padding-right:4px }
   thead { display:table-header-group }
   tr,svg,figure { break-inside:avoid } .pair { grid-template-columns:1fr 1fr }
   .scroll svg { min-width:0 } .controls { display:none }

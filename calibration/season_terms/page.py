@@ -18,34 +18,40 @@ from ..page.parts import (
     verdict,
     whole,
 )
+from ..page.provenance import provenance_section
 from .judged import date_of
 
 _YEAR = 365.25 * 86400.0
 _WIDTH, _HEIGHT = 940, 190
 
 
-def write_page(judged, path):
+def write_page(judged, path, files=None):
     """Write the page, a file that refers to nothing outside itself.
 
     Parameters
     ----------
     judged : judged.SeasonJudged
     path : str or Path
+    files : iterable of Path, optional
+        From which it is made: where it comes from is told with their sums.
 
     Raises
     ------
     OSError
         It cannot be written.
     """
-    Path(path).write_text(render(judged), encoding='utf-8')
+    made = '' if files is None else provenance_section([], files)
+    Path(path).write_text(render(judged, made), encoding='utf-8')
 
 
-def render(judged):
+def render(judged, more=''):
     """The page as text.
 
     Parameters
     ----------
     judged : judged.SeasonJudged
+    more : str
+        HTML at the end.
 
     Returns
     -------
@@ -69,7 +75,7 @@ def render(judged):
                 note='RMS of what the night’s own fit leaves. Off: the term that lay '
                 'farthest from what the nights before it say, with the causes that all nights '
                 'together show.'),
-        section('Notes', listed(document['notes'])),
+        section('Notes', listed(document['notes'])), more,
         '<footer>Terms in arcsec with 1 σ. The level wanders from night to night; each night is '
         'off it by what is of that night alone and by the error of its fit.</footer>']
     return whole(f'Season of a mount: {headline}', body, 'Season of a telescope mount')

@@ -73,8 +73,8 @@ class Confidence:
             drifts = fastest > 0.5 and np.sum(last[1:] * last[:-1]) > TURNS * total
             what = 'walk' if drifts else 'noise'
             setattr(self, what, min(getattr(self, what) * size, MOST))
-            return (f'over-confident: innovations of the last {count} stars are {size:.2f} times '
-                    'as large as expected; '
+            return (f'over-confident: the last {count} stars were off by {size:.2f} times what was '
+                    'expected; '
                     + (f'drifts are thought {self.walk:.2f} times as fast from now on'
                        if what == 'walk' else
                        f'the noise of stars is taken {self.noise:.2f} times as large from now on'))
@@ -84,12 +84,12 @@ class Confidence:
             self.noise, self.walk = max(1.0, self.noise * size), max(1.0, self.walk * size)
             self.verdict = OVER if self.noise * self.walk > 1.0 else UNDER
             if widened:
-                return (f'innovations of the last {count} stars are {size:.2f} times as large as '
+                return (f'the last {count} stars were off by {size:.2f} times what was '
                         f'expected; from now on the noise of stars is taken {self.noise:.2f} '
                         f'times as large, drifts {self.walk:.2f} times as fast')
             return '' if said else (
-                f'under-confident: innovations of the last {count} stars are {size:.2f} times as '
-                'large as expected; the noise of stars or the drift that is expected is too large')
+                f'under-confident: the last {count} stars were off by {size:.2f} times what was '
+                'expected; the noise of stars or the drift that is expected is too large')
         if count == WINDOW and self.noise * self.walk == 1.0:
             self.verdict = HONEST
         return ''

@@ -20,33 +20,39 @@ from ..page.parts import (
     verdict,
     whole,
 )
+from ..page.provenance import provenance_section
 from .told import tracking_lines
 
 _WIDTH = 940
 
 
-def write_page(tracked, path):
+def write_page(tracked, path, files=None):
     """Write the page, a file that refers to nothing outside itself.
 
     Parameters
     ----------
     tracked : of_run.TrackedRun
     path : str or Path
+    files : iterable of Path, optional
+        From which it is made: where it comes from is told with their sums.
 
     Raises
     ------
     OSError
         It cannot be written.
     """
-    Path(path).write_text(render(tracked), encoding='utf-8')
+    made = '' if files is None else provenance_section([], files)
+    Path(path).write_text(render(tracked, made), encoding='utf-8')
 
 
-def render(tracked):
+def render(tracked, more=''):
     """The page as text.
 
     Parameters
     ----------
     tracked : of_run.TrackedRun
+    more : str
+        HTML at the end.
 
     Returns
     -------
@@ -81,7 +87,7 @@ def render(tracked):
                 if events else ''),
         section('Terms in hindsight', *(figure(scrolled(_term(tracked, seen, i)), '')
                                         for i in range(len(tracked.hindsight.names))),
-                note='By all stars, before and after; ± 2 σ, arcsec.')]
+                note='By all stars, before and after; ± 2 σ, arcsec.'), more]
     return whole('A mount that was followed', body, 'Tracking of a telescope mount')
 
 

@@ -44,8 +44,8 @@ def which_fits(table, rows, icrs, of_date, mount):
         best = 'J2000'
         said += ', which cannot be told apart'
     table.meta['notes'].append(
-        f'the file does not say the equinox of its catalogue: taken as {best}, for the '
-        f'{len(mount.names.physical)} terms leave, in the median, {said}')
+        f'the file does not say the equinox of its catalogue: taken as {best}; the '
+        f'{len(mount.names.physical)} terms leave (median) {said}')
     return ways[best]
 
 

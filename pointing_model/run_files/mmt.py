@@ -69,7 +69,7 @@ def read_mmt(path, lines):
         columns['lst_h'] = hours
         columns['time'] = (hours - hours[0]) * _SIDEREAL_HOUR
         meta['time_is_utc'] = False
-        meta['notes'].append('time: seconds since the first star, from the sidereal clock')
+        meta['notes'].append('time: seconds since the first star, made from the sidereal times')
     else:
         meta['notes'].append('no time: a record has no LST')
     return Table(columns, np.array(starts) + 1, texts, meta)

@@ -1,6 +1,7 @@
 """The command ``diagnose``: what is wrong with a mount."""
 
 import argparse
+from itertools import groupby
 from pathlib import Path
 
 from . import options
@@ -115,12 +116,13 @@ def _write(args, found, console, base=None):
     model = base.whole(found.model) if base else found.model
     write_outputs(
         console, (args.json, lambda p: options.write_json(p, found.to_dict() | compared), 'result'),
-        (args.report, lambda p: _write_page(found, p), 'page'), (args.save, model.save, 'model'))
+        (args.report, lambda p: _write_page(found, p, args.runs), 'page'),
+        (args.save, model.save, 'model'))
 
 
-def _write_page(found, path):
+def _write_page(found, path, files):
     from calibration.diagnosis_page.page import write_report
-    write_report(found, path)
+    write_report(found, path, files)
 
 
 def _hours(text):
@@ -195,12 +197,22 @@ def show(found, console):
         print_lines(console, 'note', ['the columns would fit as well if they meant something '
                                       'else, which no fit can tell; make sure that it is not: '
                                       + '; '.join(found.columns_alike)])
-    for item in document['next_observations'][:6]:
-        console.print(_proposal(item, names), markup=False)
+    for line in _proposals(document['next_observations'][:6], names):
+        console.print(line, markup=False)
 
 
-def _proposal(item, names):
+def _proposals(items, names):
+    """A line for each pair of causes: the places that tell them apart, one after the other."""
     from calibration.diagnosis_page.plain_words import readable
+    for separates, group in groupby(items, key=lambda item: item['separates']):
+        group = list(group)
+        yield (f'next, to tell {" from ".join(map(readable, separates))} (ΔBIC between them now '
+               f'{group[0]["separation_before"]:.1f}, with all of these '
+               f'{group[-1]["separation_after"]:.1f}): observe '
+               + '; '.join(_place(item, names) for item in group))
+
+
+def _place(item, names):
     place = f'azimuth {item["az_deg"]:.0f}°, elevation {item["el_deg"]:.0f}°'
     keys = [f'{column}_deg' for column in names.columns]
     if keys[0] != 'az_deg' and keys[0] in item:
@@ -216,9 +228,7 @@ def _proposal(item, names):
         place += f' by a last move back of {item["last_move_deg"]:g}°'
     if item['after_hours']:
         place += f', {item["after_hours"]:g} h later'
-    return (f'next: {place}: tells ' + ' from '.join(readable(n) for n in item['separates'])
-            + f' (ΔBIC between them {item["separation_before"]:.1f}, expected then '
-            f'{item["separation_after"]:.1f})')
+    return place
 
 
 def _number(value, digits=2):

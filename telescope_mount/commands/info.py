@@ -15,6 +15,8 @@ def add(commands):
     parser.add_argument('log', type=options.log_path, metavar='BAG')
     parser.add_argument('--quick', action='store_true',
                         help='tell what the index says, without reading the messages')
+    parser.add_argument('--report', type=Path, metavar='FILE', help='write the page of the night '
+                        'that it is the log of (.html)')
     options.add_json(parser, 'it')
     options.add_overwrite(parser)
 
@@ -22,12 +24,17 @@ def add(commands):
 def run(args):
     """Read and print."""
     from .console import new_console, write_outputs
-    options.check_target(args.json)
+    options.check_outputs(args)
     info = log_info(args.log, quick=args.quick)
     console = new_console()
     for part in info_tables(info):
         console.print(part)
-    write_outputs(console, (args.json, lambda p: options.write_json(p, info), 'result'))
+
+    def write_page(path):
+        from calibration.page.of_log import write_page_of_log
+        write_page_of_log(args.log, path)
+    write_outputs(console, (args.json, lambda p: options.write_json(p, info), 'result'),
+                  (args.report, write_page, 'page'))
     return int(bool(info['problems']) or not info['complete'])
 
 

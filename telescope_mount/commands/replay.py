@@ -39,9 +39,10 @@ def run(args):
                             domain_number=args.domain, harmonics=harmonics, progress=progress)
     print_calibration(console, report)
     if report['diagnosis']:
+        from pointing_model.effects.base import readable
         found = report['diagnosis']
-        print_files(console, {
-            'diagnosis': f'{found["verdict"]}: {", ".join(found["applied"]) or "–"}'})
+        added = ', '.join(map(readable, found['applied'])) or '–'
+        print_files(console, {'diagnosis': f'{found["verdict"]}: {added}'})
     if args.save:
         print_files(console, {'model': args.save})
     write_outputs(console, (args.json, lambda p: options.write_json(p, report), 'report'))

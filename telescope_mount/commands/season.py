@@ -74,7 +74,7 @@ def run(args):
     print_lines(console, 'note', document['notes'])
     write_outputs(console, (args.json, lambda p: options.write_json(p, document), 'result'),
                   (args.save, judged.model().save, 'model'),
-                  (args.report, lambda p: write_page(judged, p), 'page'))
+                  (args.report, lambda p: write_page(judged, p, args.files), 'page'))
 
 
 def _files(paths):

@@ -52,4 +52,4 @@ def run(args):
     print_lines(console, 'tracked', tracking_lines(summary))
     write_outputs(console, (args.json, lambda p: options.write_json(p, summary), 'result'),
                   (args.save, tracked.model.save, 'model'),
-                  (args.report, lambda p: write_page(tracked, p), 'page'))
+                  (args.report, lambda p: write_page(tracked, p, [args.file]), 'page'))

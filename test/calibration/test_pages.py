@@ -19,11 +19,13 @@ from calibration.fit_document import fit_document
 from calibration.page.fit import write_fit_page
 from calibration.page.log_health import log_health
 from calibration.page.night import render_night, residuals_of, write_night_page
+from calibration.page.of_log import write_page_of_log
 from calibration.page.parts import number
 from calibration.page.provenance import sum_of
 from calibration.page.residuals import Residuals, controls, residual_sections
 from calibration.page.style import CSS
 from calibration.page.zeros import zeros_of
+from msg_tools.bag import BagReader, BagWriter
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
 from pointing_model.rms import rms
@@ -87,8 +89,8 @@ def test_the_page_of_a_night_has_every_part(night):
         'Encoders and instruments', 'Stars', 'Terms of the model', 'Models that were compared',
         'What the model lacks', 'Notes', 'Where this comes from']
     last = next(step for step in night.report['steps'] if step['step'] == '7 physical terms')
-    assert headings[0].startswith('From ') and headings[0].endswith(
-        f' to {last["held_out"]["radial"]:.2f}″ on stars held out')
+    assert headings[0].startswith('Stars held out: from ') and headings[0].endswith(
+        f' to {last["held_out"]["radial"]:.2f}″ with the model')
     assert sum_of(night.folder / 'report.json') in night.text
 
 
@@ -136,12 +138,30 @@ def test_a_log_tells_how_its_instruments_did():
     assert {'streams', 'marks', 'sigmas_arcsec', 'nodes', 'whole'} <= set(health)
 
 
+def test_a_night_that_is_over_has_its_page_from_its_log(tmp_path):
+    log, page = Path(__file__).parents[2] / 'examples' / 'night' / 'bag', tmp_path / 'page.html'
+    write_page_of_log(log, page)
+    text = page.read_text(encoding='utf-8')
+    ElementTree.fromstring(text.split('\n', 1)[1])
+    report = json.loads([message.data.data for message in BagReader(log).messages(
+        '/mount/calibration/report', decode=True)][-1])
+    for term in report['terms']:
+        assert number(term['value_arcsec'], 3, True) in text
+    assert 'No message of an instrument was lost.' in text and len(text) < 400_000
+    assert text.count('<tr data-i=') == report['stars'] == 60
+    with BagWriter(tmp_path / 'empty'):
+        pass
+    with pytest.raises(ValueError, match='it is no log of a night'):
+        write_page_of_log(tmp_path / 'empty', page)
+
+
 @pytest.mark.parametrize('n', [0, 1])
 def test_runs_of_no_row_and_of_one(n):
     run = a_night(2, 2)[0].select(2 + np.arange(n)) if n else measured(3).select(np.arange(0))
     text = render_night(run, PointingModel({}), {'notes': []})
     ElementTree.fromstring(text.split('\n', 1)[1])
-    assert 'Nothing was fitted' in text if n == 0 else 'The stars are missed by' in text
+    assert 'Nothing was fitted' in text
+    assert ('; as the encoders read the stars are missed by' in text) == (n == 1)
     assert ('There is no row' in text) == (n == 0)
 
 
@@ -235,7 +255,7 @@ def test_in_a_browser_it_opens_at_once_fits_and_asks_for_nothing(request, browse
                        for what in ('backgroundColor', 'color'))
         light = [sum(map(int, re.findall(r'\d+', colour)[:3])) for colour in (ground, ink)]
         assert (light[0] < light[1]) == dark
-    browser.window(800, kind='print')
+    browser.window(700, kind='print')
     assert _fits(browser)
     assert browser.run('getComputedStyle(document.querySelector(".controls")).display') == 'none'
     assert browser.complaints == [] and browser.run('document.title') != 'taken'

@@ -1,6 +1,7 @@
 """The documentation holds together: links, pages that are made from the nodes, pictures, index."""
 
 import re
+import runpy
 import sys
 from pathlib import Path
 
@@ -69,12 +70,17 @@ def test_a_broken_link_is_found():
     assert broken(page, text) == ['nowhere.md', '#d', 'pictures/no.svg']
 
 
-def test_every_page_is_in_the_index():
-    """What the site's navigation is made of, see docs/conf.py."""
-    linked = {(page.parent / link.partition('#')[0]).resolve()
-              for page in (DOCS / 'index.md', DOCS / 'nodes' / 'index.md')
-              for link in links_of(text_of(page))}
-    assert set(DOCS.rglob('*.md')) - linked - {DOCS / 'index.md'} == set()
+def test_every_page_is_in_the_navigation_of_the_site():
+    """Which docs/conf.py makes of the lists in the index and in that of the nodes."""
+    navigation = runpy.run_path(str(DOCS / 'conf.py'))['navigation']
+    entries = set()
+    for name in ('docs/index', 'docs/nodes/index'):
+        source = [(ROOT / f'{name}.md').read_text(encoding='utf-8')]
+        navigation(None, name, source)
+        entries |= {ROOT / f'{entry}.md' for entry in re.findall(
+            r'^/([\w/.-]+)$', source[0], flags=re.M)}
+    assert set(DOCS.rglob('*.md')) - entries == {DOCS / 'index.md'}
+    assert ROOT / 'CONTRIBUTING.md' in entries
 
 
 def test_pages_of_the_nodes_are_those_that_the_script_makes(made, ros_domain, tmp_path):

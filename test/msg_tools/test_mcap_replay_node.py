@@ -123,4 +123,5 @@ def test_a_process_ends_with_the_log_and_a_missing_log_is_one_line(graph, proces
         [sys.executable, '-m', 'msg_tools.mcap_replay_node', '--ros-args', '-p',
          f'bag:={tmp_path}/absent'], capture_output=True, text=True, timeout=120)
     assert done.returncode == 2
-    assert done.stderr == f'error: {tmp_path}/absent does not exist\n'
+    assert done.stderr == (
+        f'error: {tmp_path}/absent does not exist; give the folder of a log, or of its night\n')

@@ -108,7 +108,8 @@ def test_the_rows_of_a_check_are_blind_and_marked(german):
     for block, key in zip(blocks, ('blind_before', 'blind_after')):
         part = checks.select(checks['block'] == block)
         radial = np.sqrt(np.mean(part['miss_x'] ** 2 + part['miss_y'] ** 2)) / ARCSEC
-        assert radial == pytest.approx(german.report[key]['rms_arcsec'])
+        # the file has ten thousandths of an arcsec
+        assert radial == pytest.approx(german.report[key]['rms_arcsec'], abs=1e-4)
     fresh = rows['star'][rows['block'] != 2.0]  # those of the zero are seen several times
     assert len(np.unique(fresh)) == len(fresh) == 40 + 24
     # what a pointing error is does not depend on how it is asked: the model of then missed by
@@ -148,7 +149,7 @@ def test_a_replay_finds_the_same(german, cli, tmp_path):
     out = tmp_path / 'model.json'
     done = cli('replay', german.folder / 'bag', '--save', out)
     assert done.returncode == 0, done.stderr
-    assert 'identified: MA_by_counterweight' in done.stdout
+    assert 'identified: MA by counterweight' in done.stdout
     again = PointingModel.load(out)
     assert again.terms == german.model.terms
     np.testing.assert_array_equal(
@@ -167,7 +168,7 @@ def test_the_change_is_judged_before_and_after_it_is_published(german, ended):
 
 
 def test_what_is_printed_and_written(german):
-    for words in ('Verdict: identified', 'MA_by_counterweight', ' ha ', ' dec ',
+    for words in ('Verdict: identified', 'MA by counterweight', ' ha ', ' dec ',
                   'fresh stars, pointed blind, before', 'noise floor', 'leans 15"',
                   'found: yes', f'{german.report["blind_after"]["rms_arcsec"]:.2f}'):
         assert words in german.text, words
@@ -387,7 +388,7 @@ def test_all_scenarios_in_one_table_and_one_that_failed_does_not_end_it(
     Console(file=out, width=200).print(all_table(report))
     lines = {line.split()[0]: line for line in out.getvalue().splitlines() if line.strip()}
     assert 'the mount fell over' in lines['loop_clean'] and 'alarms' not in out.getvalue()
-    for words in ('identified', 'MA_by_counterweight', 'yes, 1 besides',
+    for words in ('identified', 'MA by counterweight', 'yes, 1 besides',
                   f'{german.report["blind_before"]["rms_arcsec"]:.2f}'):
         assert words in lines['loop_refraction']
     # a pattern, and what the witnesses said

@@ -12,8 +12,11 @@ from msg_tools.bag import BagReader
 from msg_tools.units import ARCSEC
 from pointing_model.observing.plan import parse_plan
 from pointing_model.run_files import read_run
+from pointing_model.run_messages import cloud_to_run
+from pointing_model.zero_exposures import is_for_zero
 from telescope_mount import experiment as module
 from telescope_mount.experiment import SATELLITE_NIGHT, experiment_plan
+from telescope_mount.experiment_page import residuals_of_nights
 
 NIGHTS = SATELLITE_NIGHT
 
@@ -91,10 +94,28 @@ def test_what_is_printed(experiment):
     text = (experiment.parent / 'stdout').read_text()
     for words in ('table 1', 'GPS satellite 26690', 'section 1.1', '+13.99 ± 11.33', 'RMS'):
         assert words in text, words
-    page = (experiment / 'page.html').read_text(encoding='utf-8')
-    assert 'What the zeros of the power-ons follow' in page and '>nan' not in page
     for name in ('nights.png', 'gps.png', 'zeros.png'):
         assert (experiment / name).read_bytes().startswith(b'\x89PNG')
+
+
+def test_the_page_has_every_star_by_the_model_that_the_report_judges(experiment):
+    page = (experiment / 'page.html').read_text(encoding='utf-8')
+    assert 'What the zeros of the power-ons follow' in page and '>nan' not in page
+    report = json.loads((experiment / 'report.json').read_text())
+    run = cloud_to_run([message.data for message in BagReader(experiment / 'bag').messages(
+        '/mount/observations', decode=True)][-1])
+    data = residuals_of_nights(report, run)
+    for night in report['nights']:
+        own = data.groups == night['night']
+        polaris = run['time'][(run['run'] == night['night']) & is_for_zero(run)]
+        for when, rows in (('before', own & (data.time < polaris[0])),
+                           ('after', own & (data.time > polaris[-1]))):
+            told = night['physical'][when]
+            assert told['stars'] == rows.sum()
+            assert np.mean(data.of(when)[1, rows]) == pytest.approx(told['el_mean_arcsec'],
+                                                                    abs=1e-9)
+            assert data.radial(when, rows) == pytest.approx(told['radial_rms_arcsec'], abs=1e-9)
+    assert page.count('<tr data-i=') == len(data) + NIGHTS and len(page) < 1_000_000
 
 
 def test_the_zeros_go_with_what_is_measured_where_the_marks_are_met(experiment):
