@@ -65,8 +65,7 @@ class Reader:
         self._decoders = Decoders(self._skipped)
         self._qos = {'': []}  # by its text
         if not self.path.exists():
-            raise ValueError(f'{self.path} does not exist; give the folder of a log, or of its '
-                             'night')
+            raise ValueError(f'{self.path} does not exist')
 
     @property
     def message_count(self):
