@@ -92,10 +92,7 @@ def _one_line(err):
                 13: 'Permission denied; have its rights changed, or take another',
                 30: 'Read-only file system; write elsewhere'}.get(err.errno, err.strerror)
         return f'{err.filename}: {what}' if err.filename else what
-    text = ' '.join(str(err).split())
-    if text.endswith(' does not exist'):
-        text += _near(text.removesuffix(' does not exist'))
-    return text
+    return ' '.join(str(err).split())
 
 
 if __name__ == '__main__':

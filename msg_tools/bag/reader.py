@@ -65,7 +65,8 @@ class Reader:
         self._decoders = Decoders(self._skipped)
         self._qos = {'': []}  # by its text
         if not self.path.exists():
-            raise ValueError(f'{self.path} does not exist')
+            raise ValueError(f'{self.path} does not exist; give the folder of a log, or of its '
+                             'night')
 
     @property
     def message_count(self):

@@ -126,7 +126,7 @@ MISTAKES = [
     ('a run for a log', 'info run.csv', 'run.csv', 'a log is the folder'),
     ('a run to verify', 'verify run.csv', 'run.csv', 'a log is the folder'),
     ('a broken log of rosbag2', 'info old.db3', 'old.db3'),
-    ('a log that is not there', 'verify nowhere', 'nowhere does not exist', 'look at the name'),
+    ('a log that is not there', 'verify nowhere', 'nowhere does not exist', 'give the folder of a log'),
     ('a run for a model', 'apply run.csv run.csv', 'run.csv', 'model'),
     ('a model of another program', 'apply model.json run.csv', 'model.json'),
     ('half a model', 'apply broken.json run.csv', 'broken.json'),
