@@ -347,20 +347,21 @@ class Judge:
         most : int
             Boxes into which they may be cut.
         """
-        lowest, near_sun = 0.0, self.keep_out
+        lowest, begin = 0.0, None
         done, exact = 0, False
         while True:
             (above, apart), (above_here, apart_here), half = self._clearances(boxes, sun, exact)
             sure = above >= lowest
             if sun is not None:
+                near_sun = self.keep_out if begin is None else np.minimum(
+                    self.keep_out, self._stayed(begin, boxes.time, sun) - SLACK)
                 sure &= apart >= near_sun
             if sure.all():
                 return ''
             if state is not None:
-                here, state = np.array(state.angles)[:, None], None
-                above, apart = self._clearances(Boxes(here, here, np.zeros(1)), sun)[1]
+                begin, state = np.array(state.angles)[:, None], None
+                above, _ = self._clearances(Boxes(begin, begin, np.zeros(1)), None)[1]
                 lowest = min(lowest, above[0] - SLACK)
-                near_sun = min(near_sun, apart[0] - SLACK) if sun is not None else near_sun
                 continue
             bad = above_here < lowest
             if sun is not None:
@@ -373,6 +374,11 @@ class Judge:
                 return self._said(boxes, i, above_here[i] < lowest + NEAR or sun is None, sun)
             boxes = quartered(boxes, ~sure) if exact else boxes.of(~sure)
             exact = not exact
+
+    def _stayed(self, begin, time, sun):
+        """How near the Sun comes by itself to where the axes began, at the time of each box."""
+        there = np.repeat(begin, len(time), axis=1)
+        return self._clearances(Boxes(there, there, time), sun, False)[1][1]
 
     def _clearances(self, boxes, sun, exact=True):
         """Elevation above the horizon and distance from the Sun: least in a box, in its middle.
