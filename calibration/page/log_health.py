@@ -58,22 +58,28 @@ def log_health(path):
             if topic.name.endswith('/' + end) and topic.count:
                 named[topic.name] = what, topic
     whole = sum(topic.count for _, topic in named.values()) <= MOST_READ
-    streams = _streams(bag, named, whole)
+    streams, errors = _streams(bag, named, whole)
     simulated = any(topic.name == '/clock' and topic.count for topic in bag.topics)
     return {'whole': whole, 'simulated_clock': simulated, 'streams': streams,
-            'marks': _marks(bag, named), 'sigmas_arcsec': _sigmas(bag, named) if whole else {},
+            'marks': _marks(bag, named), 'sigmas_arcsec': _sigmas(errors),
             'nodes': _nodes(bag),
             'problems': list(bag.problems)}
 
 
 def _streams(bag, named, whole):
+    """A row of each stream; some of the messages that tell errors, evenly, decoded."""
     span = 0.0 if bag.start_time is None else (bag.end_time - bag.start_time) * 1e-9
     times = {name: [] for name in named}
     gaps = {name: SequenceGaps(topic.latched) for name, (_, topic) in named.items()}
-    if whole and named:
-        for message in bag.messages(list(named)):
-            times[message.topic].append(message.log_time)
-            gaps[message.topic].add(message.sequence)
+    steps = {name: max(1, topic.count // _SIGMAS) for name, (what, topic) in named.items()
+             if what.endswith('errors')}
+    errors = []
+    for message in bag.messages(list(named)) if whole and named else ():
+        name, own = message.topic, times[message.topic]
+        if name in steps and len(own) % steps[name] == 0:
+            errors.append(bag.decode(message))
+        own.append(message.log_time)
+        gaps[name].add(message.sequence)
     out = []
     for name, (what, topic) in sorted(named.items(), key=lambda item: list(STREAMS.values()).index(
             item[1][0])):
@@ -88,7 +94,7 @@ def _streams(bag, named, whole):
         if gaps[name].publishers:
             row['lost'] = gaps[name].gaps
         out.append(row)
-    return out
+    return out, errors
 
 
 def _marks(bag, named):
@@ -117,17 +123,11 @@ def _or_none(value):
     return float(value) if np.isfinite(value) else None
 
 
-def _sigmas(bag, named):
-    topics = {name: topic.count for name, (what, topic) in named.items() if what.endswith('errors')}
+def _sigmas(errors):
     values = {}
-    for name, count in topics.items():
-        step = max(1, count // _SIGMAS)
-        for i, message in enumerate(bag.messages(name)):
-            if i % step:
-                continue
-            told = bag.decode(message)
-            for axis, sigma in zip(getattr(told, 'name', ()), getattr(told, 'position', ())):
-                values.setdefault(axis, []).append(sigma / ARCSEC)
+    for told in errors:
+        for axis, sigma in zip(getattr(told, 'name', ()), getattr(told, 'position', ())):
+            values.setdefault(axis, []).append(sigma / ARCSEC)
     out = {}
     for axis, found in values.items():
         found = np.array(found)

@@ -28,14 +28,14 @@ def run(args):
     from ..encoder_page import write_encoder_page
     from .console import Progress, new_console, print_files, print_lines, write_outputs
     options.check_target(args.json)
-    console = new_console()
+    console, picture = new_console(), args.out / 'encoder_test.png'
+    options.refuse_existing(picture, args)
     args.out.mkdir(parents=True, exist_ok=True)
     with Progress(first='turning the disc') as progress:
         report = encoder_test.run(args.seed, args.turns, args.pitch, progress)
     for table in encoder_test.tables(report):
         console.print(table)
     print_lines(console, 'note', encoder_test.notes(report))
-    picture = args.out / 'encoder_test.png'
     encoder_test.plot(report, picture)
     write_outputs(console, (args.json, lambda p: options.write_json(p, report), 'figures'))
     page = args.out / 'page.html'

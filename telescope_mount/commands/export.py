@@ -63,7 +63,8 @@ def run(args):
     _refuse(args, ('sky', 'zero'), 'is of models: say the program with --to')
     if args.topics:
         files, problems = export_topics(args.file, args.out, args.topics, form=args.format,
-                                        start=args.start, end=args.end)
+                                        start=args.start, end=args.end,
+                                        overwrite=args.overwrite)
         print_lines(console, 'note', problems)
         for path, rows in files.items():
             console.print(f'{rows} messages: {path}', soft_wrap=True)
@@ -182,7 +183,7 @@ def export_run(source, path, *, start=None, end=None, **options):
     return run
 
 
-def export_topics(source, out, topics, *, form='csv', start=None, end=None):
+def export_topics(source, out, topics, *, form='csv', start=None, end=None, overwrite=False):
     """Write the messages of topics as tables, a row a message and a column a number.
 
     Parameters
@@ -196,6 +197,8 @@ def export_topics(source, out, topics, *, form='csv', start=None, end=None):
     form : {'csv', 'parquet'}
     start, end : str, optional
         Only messages in [start, end) of their log time: see `time_of`.
+    overwrite : bool
+        Write files that are there already.
 
     Returns
     -------
@@ -229,7 +232,10 @@ def export_topics(source, out, topics, *, form='csv', start=None, end=None):
     for name in dict.fromkeys(names):
         path = out / f'{re.sub(r"[^A-Za-z0-9_]+", "_", name).strip("_")}.{form}'
         if path.exists():
-            raise ValueError(f'{path} is there already; choose another folder')
+            if not overwrite:
+                raise ValueError(f'{path} is there already; choose another folder, or give '
+                                 '--overwrite')
+            path.unlink()
 
         def rows(name=name):
             return (_flat(m) for m in bag.messages(name, low, high, decode=True))
