@@ -5,7 +5,7 @@ None. What costs time to import is imported in ``run``.
 """
 
 #: modules in the order of the help
-COMMANDS = ('night', 'observe', 'check_drivers', 'guard', 'lifecycle', 'experiment',
+COMMANDS = ('night', 'observe', 'watch', 'check_drivers', 'guard', 'lifecycle', 'experiment',
             'close_the_loop', 'solve', 'fit', 'diagnose', 'track', 'season', 'zeros', 'apply',
             'export', 'info', 'recover', 'verify', 'replay', 'encoder_test',
             'completion')

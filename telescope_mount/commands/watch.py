@@ -1,0 +1,151 @@
+"""The command ``watch``: a dashboard of a running graph, or of a log."""
+
+import sys
+import time
+from contextlib import contextmanager
+
+from msg_tools import NAMESPACE
+
+from . import options
+
+#: s in which a graph is found, and in which its nodes have told all once they were
+FOUND, TOLD = 10.0, 2.0
+#: s between two pictures, of which so many are spent on taking messages
+PICTURE, TAKING = 0.25, 0.05
+
+
+def add(commands):
+    """Add the parser."""
+    parser = commands.add_parser(
+        'watch', help='a dashboard of a running graph or of a log: sky, offsets, zero, alarms',
+        description='Show the state of a running graph in the terminal until Ctrl-C, or that of a '
+        'log at its end (docs/watch.md). Where the output is no terminal, and with --json: once. '
+        'It only listens. Of a log it needs no ROS.')
+    parser.add_argument('log', nargs='?', type=options.log_path, metavar='BAG',
+                        help='a log; without one the running graph')
+    parser.add_argument('--at', metavar='TIME', help='of a log: the state then, UTC as '
+                        '2026-01-15T13:00:00 or seconds since its begin (default: its end)')
+    parser.add_argument('--once', action='store_true', help='print the state once and end')
+    parser.add_argument('--namespace', default=NAMESPACE,
+                        help=f'of the graph (default: {NAMESPACE})')
+    options.add(parser, 'domain', help='ROS domain (default: ROS_DOMAIN_ID, or 0)')
+    options.add_json(parser, 'the state')
+    options.add_overwrite(parser)
+
+
+def run(args):
+    """Listen or read, draw."""
+    if args.log is None and args.at is not None:
+        raise ValueError('--at is of a log; name one')
+    if args.log is not None and args.domain is not None:
+        raise ValueError('--domain is of a running graph, and a log is named; leave one out')
+    args.namespace = '/' + args.namespace.strip('/')
+    if args.log is None:
+        _graph(args)
+    else:
+        _tell(args, _log(args).state())
+
+
+def _log(args):
+    from msg_tools.bag.sqlite import open_bag
+
+    from ..watching.state import of_log
+    from .export import time_of
+    bag = open_bag(args.log)
+    if args.at is None or bag.start_time is None:
+        return of_log(bag, args.namespace)
+    end = time_of(args.at, bag.start_time)
+    if not bag.start_time <= end:
+        raise ValueError(f'--at {args.at} is before the log begins')
+    return of_log(bag, args.namespace, end)
+
+
+def _tell(args, state):
+    """The state, once."""
+    from ..watching.drawing import Dashboard
+    from .console import new_console
+    new_console().print(Dashboard(state))
+    if args.json:
+        options.write_json(args.json, state.document())
+
+
+def _graph(args):
+    from .. import domain, ros
+    ros.check('watch')
+    from ..graph_client import GraphClient
+    number = domain.join(args.domain).number
+    graph = GraphClient(number, args.namespace, 'watch')
+    try:
+        heard = listen(graph, f'graph in {args.namespace}, domain {number}')
+        if args.once or args.json or not sys.stdout.isatty():
+            if not graph.spin(FOUND, lambda: heard.any):
+                raise ValueError(f'nothing is said in {args.namespace}{graph.where_else()}')
+            graph.spin(TOLD)
+            _tell(args, heard.state(time.monotonic()))
+        else:
+            _dashboard(graph, heard)
+    finally:
+        graph.close()
+
+
+def listen(graph, source):
+    """What a graph says, from now on.
+
+    Parameters
+    ----------
+    graph : GraphClient
+    source : str
+        Its name.
+
+    Returns
+    -------
+    Heard
+    """
+    from msg_tools import topics
+
+    from ..watching.state import HEARD, Heard
+    heard = Heard(source)
+    # of a thousand readings a second the last is enough, and a clock is as fast
+    latest = topics.make_qos(1, reliable=False)
+    for topic in HEARD:
+        fast = topic in (topics.INCREMENTAL, topics.ABSOLUTE, topics.CLOCK, topics.REQUEST)
+        graph.node.create_subscription(
+            topic.message, topic.name,
+            lambda message, name=topic.name: heard.take(name, message, arrived=time.monotonic()),
+            latest if fast else topic.qos)
+    return heard
+
+
+def _dashboard(graph, heard):
+    """Draw until Ctrl-C or SIGTERM."""
+    from rich.live import Live
+
+    from ..watching.drawing import Dashboard
+    from .console import new_console, step_aside
+    step_aside(for_good=True)
+    begin, lost = time.monotonic(), ''
+    with _until_interrupted() as ended, Live(
+            console=new_console(), screen=True, auto_refresh=False,
+            vertical_overflow='crop') as live:
+        while not ended():
+            graph.spin(TAKING)
+            if not heard.any and not lost and time.monotonic() - begin > FOUND:
+                lost = f'nothing is said here yet{graph.where_else()}. '
+            foot = '' if heard.any else lost or 'listening. '
+            live.update(Dashboard(heard.state(time.monotonic()), f'{foot}Ctrl-C ends'),
+                        refresh=True)
+            time.sleep(PICTURE - TAKING)
+
+
+@contextmanager
+def _until_interrupted():
+    """Give a function that tells whether to end: raised within rclpy, Ctrl-C is another error."""
+    import signal
+    told = []
+    before = {number: signal.signal(number, lambda *_: told.append(True))
+              for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield lambda: bool(told)
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,0 +1,1 @@
+"""What `telescope-mount watch` shows: the state of a graph or of a log, and how it is drawn."""
