@@ -349,8 +349,9 @@ class Judge:
         """
         lowest, begin = 0.0, None
         done, exact = 0, False
+        cleared = self._clearances(boxes, sun, exact)
         while True:
-            (above, apart), (above_here, apart_here), half = self._clearances(boxes, sun, exact)
+            (above, apart), (above_here, apart_here), half = cleared
             sure = above >= lowest
             if sun is not None:
                 near_sun = self.keep_out if begin is None else np.minimum(
@@ -359,10 +360,14 @@ class Judge:
             if sure.all():
                 return ''
             if state is not None:
-                begin, state = np.array(state.angles)[:, None], None
-                above, _ = self._clearances(Boxes(begin, begin, np.zeros(1)), None)[1]
-                lowest = min(lowest, above[0] - SLACK)
-                continue
+                here, state = np.array(state.angles)[:, None], None
+                above, apart = self._clearances(Boxes(here, here, np.zeros(1)), sun, False)[1]
+                if sun is not None and apart[0] - SLACK < self.keep_out + TURN_RATE * np.max(
+                        boxes.time):
+                    begin = here
+                if begin is not None or above[0] - SLACK < lowest:
+                    lowest = min(lowest, above[0] - SLACK)
+                    continue
             bad = above_here < lowest
             if sun is not None:
                 bad |= apart_here < near_sun
@@ -374,6 +379,7 @@ class Judge:
                 return self._said(boxes, i, above_here[i] < lowest + NEAR or sun is None, sun)
             boxes = quartered(boxes, ~sure) if exact else boxes.of(~sure)
             exact = not exact
+            cleared = self._clearances(boxes, sun, exact)
 
     def _stayed(self, begin, time, sun):
         """How near the Sun comes by itself to where the axes began, at the time of each box."""
