@@ -130,10 +130,9 @@ def _dashboard(graph, heard):
         while not ended():
             graph.spin(TAKING)
             if not heard.any and not lost and time.monotonic() - begin > FOUND:
-                lost = f'nothing is said here yet{graph.where_else()}. '
-            foot = '' if heard.any else lost or 'listening. '
-            live.update(Dashboard(heard.state(time.monotonic()), f'{foot}Ctrl-C ends'),
-                        refresh=True)
+                lost = f'; nothing is said here yet{graph.where_else()}'
+            note = 'Ctrl-C ends' + ('' if heard.any else lost)
+            live.update(Dashboard(heard.state(time.monotonic()), note), refresh=True)
             time.sleep(PICTURE - TAKING)
 
 

@@ -49,12 +49,12 @@ class Dashboard:
     Parameters
     ----------
     state : WatchState
-    foot : str
-        A line at the end.
+    note : str
+        At the end of the first line, which is seen in a low window, too.
     """
 
-    def __init__(self, state, foot=''):
-        self._state, self._foot = state, foot
+    def __init__(self, state, note=''):
+        self._state, self._note = state, note
 
     def __rich_console__(self, console, options):
         state, whole = self._state, _Room(options.max_width, console.encoding)
@@ -62,7 +62,7 @@ class Dashboard:
         beside = whole._replace(width=whole.width - SKY_WIDE - 2) if wide else whole
         numbers = [*_axes(state, beside), *_stars(state, beside)]
         sky = _sky(state, whole._replace(width=min(SKY_WIDE, whole.width)))
-        yield _text([*_head(state, whole), *_alarms(state, whole)])
+        yield _text([*_head(state, whole, self._note), *_alarms(state, whole)])
         if wide:
             grid = Table.grid(padding=(0, 2, 0, 0))
             grid.add_column(width=SKY_WIDE, no_wrap=True)
@@ -71,8 +71,6 @@ class Dashboard:
             yield grid
         else:
             yield Group(_text(numbers), _text(sky))
-        if self._foot:
-            yield _text(whole.lines(self._foot, 'dim'))
 
 
 def _text(lines):
@@ -84,9 +82,9 @@ def _text(lines):
     return text
 
 
-def _head(state, room):
+def _head(state, room, note):
     when = (state.time_utc or 'no time yet').replace('T', ' ')
-    lines = room.lines(f'{state.source} at {when}', 'bold')
+    lines = room.lines(f'{state.source} at {when}' + (note and f'; {note}'), 'bold')
     plan = state.plan
     if plan:
         of = f' {plan["done"]} of {plan["total"]}' if plan['total'] else ''

@@ -340,11 +340,19 @@ class Heard:
     def _alarms(self, state, now):
         found = [(1, f'{name}: a message that cannot be used: {error}')
                  for name, error in self._bad.items()]
-        for name, (status, arrived) in sorted(self._nodes.items()):
+        silent = {} if now is None else {
+            name: now - arrived for name, (_, arrived) in self._nodes.items()
+            if arrived is not None and now - arrived > SILENT}
+        if len(silent) == len(self._nodes) > 1:
+            found.append((3, f'all {len(silent)} nodes are silent for {min(silent.values()):.0f} '
+                          's: the graph has ended, or is not heard any more'))
+        else:
+            found += [(3, f'{name}: silent for {age:.0f} s')
+                      for name, age in sorted(silent.items())]
+        for name, (status, _) in sorted(self._nodes.items()):
             level = _level(status)
-            if arrived is not None and now is not None and now - arrived > SILENT:
+            if name in silent:
                 state.nodes[name] = {'level': 'silent', 'said': status.message}
-                found.append((3, f'{name}: silent for {now - arrived:.0f} s'))
                 continue
             state.nodes[name] = {'level': _LEVELS[min(level, 3)], 'said': status.message}
             if level:

@@ -67,7 +67,7 @@ def test_the_ament_index_knows_it(prefix):
 
 def test_launch_and_config_are_installed(prefix):
     share = prefix / 'share' / NAME
-    for folder, pattern in (('launch', '*.launch.py'), ('config', '*.yaml')):
+    for folder, pattern in (('launch', '*.launch.py'), ('config', '*.*')):
         wanted = {path.name for path in (ROOT / folder).glob(pattern)}
         assert wanted and {path.name for path in (share / folder).iterdir()} == wanted
 

@@ -25,9 +25,9 @@ def at_end():
     return of_log(BagReader(LOG), '/mount').state()
 
 
-def drawn(state, width, encoding='utf-8', foot=''):
+def drawn(state, width, encoding='utf-8', note=''):
     file = io.TextIOWrapper(io.BytesIO(), encoding=encoding)
-    Console(file=file, width=width, markup=False, highlight=False).print(Dashboard(state, foot))
+    Console(file=file, width=width, markup=False, highlight=False).print(Dashboard(state, note))
     file.flush()
     return file.buffer.getvalue().decode(encoding)
 
@@ -109,9 +109,14 @@ def test_alarms_the_worst_first_and_nodes_that_fall_silent():
         '/mount/camera: no image', '/mount/camera: 3 messages lost',
         'the incremental encoder is not homed'}
     assert any('observation: a message that cannot be used' in said for _, said in told)
+    assert heard.state(now=20.0).alarms[0]['said'].startswith('all 3 nodes are silent for 10 s')
+    heard.take(topics.DIAGNOSTICS.name, Message(status=[
+        status(b'\1', '/mount/camera', 'no image'), status(b'\1', '/mount/sky', 'no stars')]),
+        arrived=19.0)
     late = heard.state(now=20.0)
     assert late.nodes['/mount/guard']['level'] == 'silent'
-    assert late.alarms[0]['said'].endswith('silent for 10 s')
+    assert [row['said'] for row in late.alarms[:2]] == [
+        '/mount/driver: silent for 10 s', '/mount/guard: silent for 10 s']
     text = drawn(late, 80)
     assert f'and {len(late.alarms) - ALARMS} more' in text and 'guard following' in text
     assert heard.state().nodes['/mount/guard']['level'] == 'ok'  # a log is never silent
