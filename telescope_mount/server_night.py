@@ -19,6 +19,9 @@ SITE = (('latitude_deg', DEG), ('longitude_deg', DEG), ('height_m', 1.0))
 #: how the simulators slew, for the guard: both axes at once, and at once at full speed
 SIMULATED = {'first_rate_deg_s': 6.0, 'second_rate_deg_s': 6.0, 'first_acceleration_deg_s2': 60.0,
              'second_acceleration_deg_s2': 60.0, 'slew_timing': 0.8}
+#: INDI's own one turns its hour angle about +90 degrees, and never passes -90 (`rotateCentre` in
+#: drivers/telescope/scopesim_helper of 1.9.9): to a star beyond it goes the long way round
+INDI_FORK = {'first_travel_deg': '-88,178'}
 #: stars of the blind check, of those that are fitted
 CHECKED = 4
 
@@ -170,8 +173,11 @@ def nodes_of(found, *, plan, camera='', drivers=(), exposure=1.0, **graph):
     -------
     list of NodeSpec
     """
+    slews = SIMULATED if found.simulated else None
+    if slews and (found.protocol, found.kind) == ('indi', 'equatorial'):
+        slews = slews | INDI_FORK
     return server_graph(
         protocol=found.protocol, server=found.server, mount=found.kind, sky=found.sky, plan=plan,
         camera=parse_camera(camera) if camera else {}, seen=bool(drivers),
         exposure=exposure if camera or drivers else 0.0,
-        slews=SIMULATED if found.simulated else None, **graph)
+        slews=slews, **graph)

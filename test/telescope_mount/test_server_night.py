@@ -61,6 +61,11 @@ def test_a_real_mount_needs_a_camera(refused, tmp_path):
         found, plan='home', bag='b', camera='indi:dome:7000:CCD Simulator')}
     assert specs['mount_guard']['slew_timing'] == 0.0  # nobody knows how it slews
     assert specs['indi_sky']['camera'] == 'CCD Simulator' and specs['indi_sky']['host'] == 'dome'
+    guards = [next(spec.parameters for spec in nodes_of(
+        found._replace(kind='equatorial', simulated=simulated), plan='home', bag='b')
+        if spec.name == 'mount_guard') for simulated in (False, True)]
+    # beyond -90 degrees the simulator's fork goes the long way round
+    assert [guard.get('first_travel_deg', '') for guard in guards] == ['', '-88,178']
 
 
 def test_a_camera_is_one_of_an_indi_server():
