@@ -193,6 +193,8 @@ def _sky(state, room):
     rows = [[' '] * width for _ in range(high)]
 
     def put(az, el, sign):
+        if not math.isfinite(az + el):
+            return
         away = min(max((90.0 - el) / 90.0, 0.0), 1.0)
         x, y = away * math.sin(math.radians(az)), away * math.cos(math.radians(az))
         rows[round(up - y * up)][round(middle + x * middle)] = sign

@@ -15,7 +15,8 @@ from msg_tools.bag import BagReader
 from msg_tools.units import ARCSEC, DEG
 from telescope_mount.cli import main
 from telescope_mount.watching.drawing import ALARMS, Dashboard
-from telescope_mount.watching.state import Heard, of_log
+from telescope_mount.watching.log import of_log
+from telescope_mount.watching.state import Heard
 
 LOG = Path(__file__).parents[2] / 'data' / 'sample_log'
 
@@ -94,7 +95,8 @@ def test_alarms_the_worst_first_and_nodes_that_fall_silent():
     heard = Heard('a graph')
     heard.take(topics.DIAGNOSTICS.name, Message(status=[
         status(b'\1', '/mount/camera', 'no image', **{'gaps /mount/observation': 3}),
-        status(b'\2', '/mount/driver', 'axis 1 stalled'), status(b'\0', '/mount/guard', 'ok')]),
+        status(b'\2', '/mount/driver', 'axis 1 stalled'),
+        status(b'\2', '/north/driver', 'of another mount'), status(b'\0', '/mount/guard', 'ok')]),
         arrived=10.0)
     heard.take(topics.GUARD_STATUS.name, status(b'\0', 'guard', 'as requested', state='following'))
     heard.take(topics.CALIBRATION_REPORT.name, Message(data=json.dumps(
@@ -108,6 +110,7 @@ def test_alarms_the_worst_first_and_nodes_that_fall_silent():
     assert {said for level, said in told if level == 'warning'} >= {
         '/mount/camera: no image', '/mount/camera: 3 messages lost',
         'the incremental encoder is not homed'}
+    assert not any('another mount' in said for _, said in told)
     assert any('observation: a message that cannot be used' in said for _, said in told)
     assert heard.state(now=20.0).alarms[0]['said'].startswith('all 3 nodes are silent for 10 s')
     heard.take(topics.DIAGNOSTICS.name, Message(status=[
