@@ -133,7 +133,7 @@ def _dashboard(graph, heard):
             if not heard.any and not lost and time.monotonic() - begin > FOUND:
                 lost = f'; nothing is said here yet{graph.where_else()}'
             note = 'Ctrl-C ends' + ('' if heard.any else lost)
-            live.update(Dashboard(heard.state(time.monotonic()), note), refresh=True)
+            live.update(Dashboard(heard.state(time.monotonic()), note, whole=False), refresh=True)
             time.sleep(PICTURE - TAKING)
 
 

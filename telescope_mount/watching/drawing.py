@@ -17,8 +17,8 @@ from msg_tools.spelling import spelled
 BESIDE, SKY_WIDE, SKY_HIGH = 76, 31, 15
 #: columns of a name before numbers, and of a number
 _NAME, _NUMBER = 12, 13
-#: stars in a row of bars, alarms that are told
-BARS, ALARMS = 30, 5
+#: stars in a row of bars; alarms that are told, and lines of each, where the window is full
+BARS, ALARMS, ALARM_LINES = 30, 5, 3
 _BARS, _PLAIN_BARS = '▁▂▃▄▅▆▇█', '_.-:=+*#'
 _BAD = 'bold red'
 
@@ -35,7 +35,7 @@ class _Room(NamedTuple):
         text = ''.join(sign if sign.isprintable() else ' ' for sign in text)
         text = ' '.join(self.spelled(text).split())
         return [(line, style) for line in textwrap.wrap(
-            text, max(self.width, 1), subsequent_indent=indent, break_long_words=False,
+            text, max(self.width, 1), subsequent_indent=indent,
             break_on_hyphens=False) or ['']]
 
     def spelled(self, text):
@@ -51,10 +51,12 @@ class Dashboard:
     state : WatchState
     note : str
         At the end of the first line, which is seen in a low window, too.
+    whole : bool
+        Tell every alarm to its end; else those that leave room for the rest.
     """
 
-    def __init__(self, state, note=''):
-        self._state, self._note = state, note
+    def __init__(self, state, note='', whole=True):
+        self._state, self._note, self._whole = state, note, whole
 
     def __rich_console__(self, console, options):
         state, whole = self._state, _Room(options.max_width, console.encoding)
@@ -62,7 +64,7 @@ class Dashboard:
         beside = whole._replace(width=whole.width - SKY_WIDE - 2) if wide else whole
         numbers = [*_axes(state, beside), *_stars(state, beside)]
         sky = _sky(state, whole._replace(width=min(SKY_WIDE, whole.width)))
-        yield _text([*_head(state, whole, self._note), *_alarms(state, whole)])
+        yield _text([*_head(state, whole, self._note), *_alarms(state, whole, self._whole)])
         if wide:
             grid = Table.grid(padding=(0, 2, 0, 0))
             grid.add_column(width=SKY_WIDE, no_wrap=True)
@@ -100,16 +102,18 @@ def _head(state, room, note):
     return lines
 
 
-def _alarms(state, room):
+def _alarms(state, room, every):
     if not state.alarms:
         nodes = len(state.nodes)
         return room.lines(f'no alarms, {nodes} nodes report' if nodes else 'no node reports')
     lines = []
-    for alarm in state.alarms[:ALARMS]:
+    for alarm in state.alarms[:None if every else ALARMS]:
         warns = alarm['level'] == 'warning'
-        lines += room.lines(f'{"warning" if warns else "ALARM"} {alarm["said"]}',
-                            'yellow' if warns else _BAD)
-    more = len(state.alarms) - ALARMS
+        style = 'yellow' if warns else _BAD
+        told = room.lines(f'{"warning" if warns else "ALARM"} {alarm["said"]}', style)
+        lines += told if every or len(told) <= ALARM_LINES else [
+            *told[:ALARM_LINES], ('  and so on: watch --once', style)]
+    more = 0 if every else len(state.alarms) - ALARMS
     return lines + ([(f'and {more} more', _BAD)] if more > 0 else [])
 
 
@@ -165,7 +169,9 @@ def _stars(state, room):
                        else f'the zero leaves {rms:.2f}″ RMS of {of}', left, 0.0, room)
     for name, values in zip(state.joints, (stars.encoders_first_arcsec,
                                            stars.encoders_second_arcsec)):
-        values = _finite(values)
+        # with another power-on it is another
+        values = _finite(value for value, power_on in zip(values, stars.power_on)
+                         if power_on == stars.power_on[-1])
         if values:
             low, most = min(values), max(values)
             lines += _bars(f'inc - abs, {name.replace("_", " ")}: {low:.2f} to {most:.2f}″', values,

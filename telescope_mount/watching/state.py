@@ -43,6 +43,8 @@ class Stars:
     ----------
     time_s : list of float
         UTC, s since 1970.
+    power_on : list of float
+        Of the incremental encoder; 0 where the row does not say.
     az_deg, el_deg : list of float
         On the sky, azimuth from north through east.
     offset_x_arcsec, offset_y_arcsec : list of float
@@ -54,6 +56,7 @@ class Stars:
     """
 
     time_s: list = field(default_factory=list)
+    power_on: list = field(default_factory=list)
     az_deg: list = field(default_factory=list)
     el_deg: list = field(default_factory=list)
     offset_x_arcsec: list = field(default_factory=list)
@@ -324,7 +327,7 @@ class Heard:
                 left[:, held] = model.residuals(run.select(held), zero=zero)
         difference = [wrap(run[f'{axis}_enc'] - run.get(f'{axis}_abs')) for axis in ('az', 'el')]
         state.stars = Stars(
-            run['time'].tolist(), az.tolist(), el.tolist(),
+            run['time'].tolist(), run.get('run', 0.0).tolist(), az.tolist(), el.tolist(),
             *(_scaled(values, ARCSEC) for values in (*offset, *left, *difference)))
 
     def _statuses(self, state):
@@ -365,7 +368,9 @@ class Heard:
                 found.append((1, f'{name}: {lost} messages lost'))
         for topic in (topics.OBSERVER_STATUS, topics.GUARD_STATUS, topics.CALIBRATION_STATUS):
             message = self._get(topic)
-            if message is not None and _level(message):
+            # a node that has a status says the same on /diagnostics, with more about it
+            if message is not None and _level(message) and (
+                    state.nodes.get(message.name, {}).get('level', 'ok') == 'ok'):
                 found.append((_level(message), f'{topic.name}: {message.message}'))
         if state.reading_deg and not np.isfinite(state.reading_deg).all():
             found.append((1, 'the incremental encoder is not homed'))
