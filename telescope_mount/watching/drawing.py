@@ -5,10 +5,9 @@ At any width no number is cut: what has no room goes on in the next line.
 
 import math
 import textwrap
+from itertools import zip_longest
 from typing import NamedTuple
 
-from rich.console import Group
-from rich.table import Table
 from rich.text import Text
 
 from msg_tools.spelling import spelled
@@ -64,23 +63,25 @@ class Dashboard:
         beside = whole._replace(width=whole.width - SKY_WIDE - 2) if wide else whole
         numbers = [*_axes(state, beside), *_stars(state, beside)]
         sky = _sky(state, whole._replace(width=min(SKY_WIDE, whole.width)))
-        yield _text([*_head(state, whole, self._note), *_alarms(state, whole, self._whole)])
+        lines = [*_head(state, whole, self._note), *_alarms(state, whole, self._whole)]
+        yield _text([[line] for line in lines])
         if wide:
-            grid = Table.grid(padding=(0, 2, 0, 0))
-            grid.add_column(width=SKY_WIDE, no_wrap=True)
-            grid.add_column(no_wrap=True, overflow='ignore')
-            grid.add_row(_text(sky), _text(numbers))
-            yield grid
+            yield _text([(chart.ljust(SKY_WIDE + 2), style), number] for (chart, style), number in
+                        zip_longest(sky, numbers, fillvalue=('', '')))
         else:
-            yield Group(_text(numbers), _text(sky))
+            yield _text([[line] for line in (*numbers, *sky)])
 
 
 def _text(lines):
-    """Lines, each with a style, as one `Text` that is not wrapped."""
+    """Lines, each of parts with a style, as one `Text` that is not wrapped."""
     text = Text(no_wrap=True, overflow='ignore')
-    for number, (line, style) in enumerate(lines):
+    for number, line in enumerate(lines):
         text.append('\n' if number else '')
-        text.append(line.rstrip(), style=style)
+        part = Text()
+        for words, style in line:
+            part.append(words, style=style)
+        part.rstrip()
+        text.append_text(part)
     return text
 
 

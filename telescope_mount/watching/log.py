@@ -39,12 +39,14 @@ def of_log(bag, namespace, end=None):
     # a log has a time of its own
     wanted = [name for name in names if name in there and names[name] != topics.CLOCK.name]
     messages = bag.last_before(wanted, before)
-    for topic in (topics.OBSERVATION, topics.DIAGNOSTICS):  # of these the last is not enough
-        name = full_name(namespace, topic)
-        newest = [message.log_time for message in messages if message.topic == name]
-        if newest:
+    newest = {message.topic: message.log_time for message in messages}
+    # rows that were published together are not looked for one by one
+    table = newest.get(full_name(namespace, topics.OBSERVATIONS), bag.start_time)
+    for topic, first in ((topics.OBSERVATION, table), (topics.DIAGNOSTICS, bag.start_time)):
+        name = full_name(namespace, topic)  # of these the last one is not enough
+        if name in newest:
             messages = [message for message in messages if message.topic != name]
-            messages += _last(bag, name, newest[0])
+            messages += _last(bag, name, first, newest[name])
     messages = [message for message in messages if message.type == types[message.topic]]
     for message in sorted(messages, key=lambda message: message.log_time):
         decoded = bag.decode(message)
@@ -53,11 +55,14 @@ def of_log(bag, namespace, end=None):
     return heard
 
 
-def _last(bag, name, newest):
-    """The last `STARS` messages of a topic, none decoded; far back only where they are few."""
+def _last(bag, name, first, newest):
+    """The last `STARS` messages of a topic between two times, none decoded.
+
+    Far back only where they are few.
+    """
     span = 60 * 10**9
     while True:
-        found = deque(bag.messages(name, max(newest - span, 0), newest + 1), STARS)
-        if len(found) == STARS or newest - span <= bag.start_time:
+        found = deque(bag.messages(name, max(newest - span, first), newest + 1), STARS)
+        if len(found) == STARS or newest - span <= first:
             return found
         span *= 8

@@ -144,7 +144,8 @@ def test_alarms_the_worst_first_and_nodes_that_fall_silent():
 @pytest.mark.parametrize('width', [200, 80, 76, 75, 40, 20])
 def test_no_number_is_cut_and_no_line_too_long(at_end, width, encoding):
     text = drawn(at_end, width, encoding, 'Ctrl-C ends')
-    assert max(len(line.rstrip()) for line in text.splitlines()) <= width
+    assert max(map(len, text.splitlines())) <= width
+    assert all(line == line.rstrip() for line in text.splitlines())
     words, second = ' '.join(text.split()), '″' if encoding == 'utf-8' else '"'
     state = at_end
     for value in (*state.zero_arcsec, *state.encoders_arcsec, *state.miss_arcsec,
