@@ -101,7 +101,7 @@ def run_night(out, *, stars=30, polaris=16, reference=None, cycle='incremental',
         return run_server_night(
             out, mount, stars=stars, reference=reference, domain_number=domain_number,
             params_file=params_file, progress=progress, say=say, note=note or print,
-            **(of_server or {}), **{name: graph[name] for name in (
+            track=track, apart=apart, **(of_server or {}), **{name: graph[name] for name in (
                 'seed', 'sky', 'calibration') if name in graph})
     plan = night_plan(stars, polaris, reference is not None, cycle)
     if apart:

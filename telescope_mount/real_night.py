@@ -81,7 +81,7 @@ def run_real_night(out, *, plan='', stars=30, drivers=(), domain_number=None, pa
 
 def run_server_night(out, mount, *, stars=30, reference=None, camera='', drivers=(),
                      domain_number=None, params_file=None, progress=None, say=None, note=print,
-                     anew=False, sky=None, **graph):
+                     anew=False, sky=None, track='', apart='', **graph):
     """A night on a mount of an INDI or Alpaca server, on the clock of this machine.
 
     Parameters
@@ -94,6 +94,8 @@ def run_server_night(out, mount, *, stars=30, reference=None, camera='', drivers
         As of `server_night.parse_camera`; empty: a driver sees the sky, or a simulator tells.
     stars : int
         To fit the model to.
+    track, apart : str
+        As of `server_night.server_plan`.
     **graph
         As of `server_night.nodes_of`: ``exposure``, ``seed``, ``calibration``.
 
@@ -104,7 +106,9 @@ def run_server_night(out, mount, *, stars=30, reference=None, camera='', drivers
     _check_files(drivers, reference)
     if camera:
         parse_camera(camera)
-    plan, found = server_plan(stars), ask_server(mount, sky, bool(camera or drivers))
+    plan = server_plan(stars, track, apart)
+    parse_plan(plan)
+    found = ask_server(mount, sky, bool(camera or drivers))
     folder, again = _folder(Path(out), plan, found.kind, anew, note)
     bag = _free(folder / 'bag')
     specs = nodes_of(found, plan=plan, camera=camera, drivers=drivers, bag=str(bag),

@@ -46,15 +46,20 @@ class Found(NamedTuple):
     simulated: bool
 
 
-def server_plan(stars):
+def server_plan(stars, track='', apart=''):
     """The plan: one power-on, as the driver has its zero; blind stars before and after a diagnosis.
 
     Parameters
     ----------
     stars : int
+    track, apart : str
+        As of `night.run_night`. A model that is tracked is not judged and taken back.
     """
-    check = max(4, stars // CHECKED)
-    return f'home, stars {stars}, fit, check {check}, diagnose, check {check}, judge'
+    check = f'check {max(4, stars // CHECKED)}'
+    steps = ['home', f'stars {stars}', 'fit', check]
+    if apart or not track:
+        steps += ['diagnose', *([apart] if apart else [])]
+    return ', '.join([*steps, track, check] if track else [*steps, check, 'judge'])
 
 
 def parse_camera(text):

@@ -6,7 +6,7 @@ comes with noise of twice its root (Box and Hill 1967, on discriminating models)
 """
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtr
 
 from msg_tools.units import DEG
 from pointing_model.context import Context
@@ -196,7 +196,7 @@ class Pair:
                          part)
                 left -= part
             adds = max(view.separation() - before, 1e-9)
-            out += p * norm.cdf((lead + adds - TOLD) / (2.0 * np.sqrt(adds)))
+            out += p * ndtr((lead + adds - TOLD) / (2.0 * np.sqrt(adds)))
         return float(out)
 
 

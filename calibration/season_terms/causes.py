@@ -7,7 +7,7 @@ a cause because both drift; wander and scatter are estimated anew with it.
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import f as fisher
+from scipy.special import fdtrc
 
 from .filter import find_wander, levels, log_likelihood, normal_equations
 
@@ -184,7 +184,7 @@ def _chance(ratio, extra, n):
     rest = n - 1 - extra
     if rest < 1:
         return 1.0
-    return float(fisher.sf(np.expm1(max(ratio, 0.0) / n) * rest / extra, extra, rest))
+    return float(fdtrc(extra, rest, np.expm1(max(ratio, 0.0) / n) * rest / extra))
 
 
 def _likely(told, asked, wander):

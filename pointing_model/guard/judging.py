@@ -347,21 +347,27 @@ class Judge:
         most : int
             Boxes into which they may be cut.
         """
-        lowest, near_sun = 0.0, self.keep_out
+        lowest, begin = 0.0, None
         done, exact = 0, False
+        cleared = self._clearances(boxes, sun, exact)
         while True:
-            (above, apart), (above_here, apart_here), half = self._clearances(boxes, sun, exact)
+            (above, apart), (above_here, apart_here), half = cleared
             sure = above >= lowest
             if sun is not None:
+                near_sun = self.keep_out if begin is None else np.minimum(
+                    self.keep_out, self._stayed(begin, boxes.time, sun) - SLACK)
                 sure &= apart >= near_sun
             if sure.all():
                 return ''
             if state is not None:
                 here, state = np.array(state.angles)[:, None], None
-                above, apart = self._clearances(Boxes(here, here, np.zeros(1)), sun)[1]
-                lowest = min(lowest, above[0] - SLACK)
-                near_sun = min(near_sun, apart[0] - SLACK) if sun is not None else near_sun
-                continue
+                above, apart = self._clearances(Boxes(here, here, np.zeros(1)), sun, False)[1]
+                if sun is not None and apart[0] - SLACK < self.keep_out + TURN_RATE * np.max(
+                        boxes.time):
+                    begin = here
+                if begin is not None or above[0] - SLACK < lowest:
+                    lowest = min(lowest, above[0] - SLACK)
+                    continue
             bad = above_here < lowest
             if sun is not None:
                 bad |= apart_here < near_sun
@@ -373,6 +379,12 @@ class Judge:
                 return self._said(boxes, i, above_here[i] < lowest + NEAR or sun is None, sun)
             boxes = quartered(boxes, ~sure) if exact else boxes.of(~sure)
             exact = not exact
+            cleared = self._clearances(boxes, sun, exact)
+
+    def _stayed(self, begin, time, sun):
+        """How near the Sun comes by itself to where the axes began, at the time of each box."""
+        there = np.repeat(begin, len(time), axis=1)
+        return self._clearances(Boxes(there, there, time), sun, False)[1][1]
 
     def _clearances(self, boxes, sun, exact=True):
         """Elevation above the horizon and distance from the Sun: least in a box, in its middle.

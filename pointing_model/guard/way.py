@@ -85,7 +85,8 @@ def around(judge, cubic, state, sun=None, pole=None):
         if by_sun:  # where the Sun is in the middle of it, and so much wider
             clear = _wider(judge, 0.5 * seconds * TURN_RATE)
             then = sun if pole is None else turned(sun, pole, 0.5 * seconds)
-        vias, clean = _free_of_all(clear, cubic, state, then, pole)
+        vias, clean = _free_of_all(clear, cubic, state, then, pole, _Leaving(
+            judge, tuple(map(float, state.angles)), sun, pole) if by_sun else None)
         if not clean:
             return None
         needed = _lead_time(judge, state.angles, vias)
@@ -95,12 +96,34 @@ def around(judge, cubic, state, sun=None, pole=None):
     return None
 
 
-def _free_of_all(judge, cubic, state, sun, pole):
+class _Leaving:
+    """Whether a point may be reached from the begin: from within the circle of the Sun the way is
+    held against staying, and for that the Sun is where it is now.
+
+    Parameters
+    ----------
+    judge, sun, pole
+        As of `around`.
+    here : (float, float)
+        rad.
+    """
+
+    def __init__(self, judge, here, sun, pole):
+        self._judge, self._here, self._sun, self._pole = judge, here, sun, pole
+
+    def to(self, place, there):
+        """Of a way from `place`, whether it begins elsewhere or may be gone, too."""
+        return place != self._here or _ok(self._judge.way(place, there, self._sun, self._pole,
+                                                          True))
+
+
+def _free_of_all(judge, cubic, state, sun, pole, leaving):
     """The points of `around` for a Sun that stays; whether the track is clear of it too."""
     own = judge.in_axes(sun, pole, state)
     for step in GRIDS:
-        path = _path(judge, cubic, state, own, step, sun, pole)
-        vias = path and _shortened(judge, tuple(map(float, state.angles)), path, cubic, sun, pole)
+        path = _path(judge, cubic, state, own, step, sun, pole, leaving)
+        vias = path and _shortened(judge, tuple(map(float, state.angles)), path, cubic, sun, pole,
+                                   leaving)
         if vias:
             return vias, not judge.where_not(cubic.boxes(), own)
     return None, False
@@ -192,7 +215,7 @@ def _grid(judge, ends, step):
     return _Grid(judge, ends, step)
 
 
-def _path(judge, cubic, state, own, step, sun, pole):
+def _path(judge, cubic, state, own, step, sun, pole, leaving):
     """Points of a grid from the begin to one from which the track is reached; None without."""
     here, there = state.angles, cubic.angles[0].tolist()
     ends = tuple((math.floor(max(axis.low, min(a, b) - REACH) / step),
@@ -212,7 +235,8 @@ def _path(judge, cubic, state, own, step, sun, pole):
                 break
     for start in starts:
         good = [k for k in reached if region[k] == region[start]]
-        if not good or not _ok(judge.way(here, grid.node(start), sun, pole, True)):
+        if not good or not _ok(judge.way(here, grid.node(start), sun, pole, True)) or (
+                leaving and not leaving.to(tuple(map(float, here)), grid.node(start))):
             continue
         distance, before = dijkstra(graph, directed=False, indices=start,
                                     return_predecessors=True)
@@ -225,7 +249,7 @@ def _path(judge, cubic, state, own, step, sun, pole):
     return None
 
 
-def _shortened(judge, here, path, cubic, sun, pole):
+def _shortened(judge, here, path, cubic, sun, pole, leaving):
     """Fewer points of a path: each time the last that is reached straight."""
     vias, at, place = [], -1, here
     while at < len(path) - 1:
@@ -234,7 +258,8 @@ def _shortened(judge, here, path, cubic, sun, pole):
         near, far, at = at + 1, len(path), at + 1
         last = len(path) - 1
         while near < last:  # by halves: what is reached straight mostly goes on so
-            if _ok(judge.way(place, path[last], sun, pole, True)):
+            if _ok(judge.way(place, path[last], sun, pole, True)) and (
+                    not leaving or leaving.to(place, path[last])):
                 at = near = last
             else:
                 far = last

@@ -66,7 +66,6 @@ def run(args):
     of_server = is_server(args.mount or '')
     for name, value, usual in (
             ('scenario', args.scenario, 'default'), ('absolute', args.absolute, 'angles'),
-            ('track', args.track, ''), ('tell-apart', args.tell_apart, ''),
             ('time-scale', args.time_scale, 0.0), ('power-cycle', args.power_cycle,
                                                    'incremental'), ('date', args.date, '')) \
             if of_server else (('camera', args.camera, ''), ('driver', args.driver, []),

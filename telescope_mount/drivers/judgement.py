@@ -14,7 +14,7 @@ from .samples import NOTE, OK, WRONG, Finding
 EPOCH = 1e9
 #: a clock ahead by more is wrong by more than a sample's jitter, s
 AHEAD = 0.02
-#: of simulated time, whose ticks come late, s
+#: of simulated time, whose ticks come late: so many seconds of this machine, s
 AHEAD_CLOCK = 1.0
 #: an encoder's sample that comes so late is stamped wrongly or useless, an exposure's, s
 LATE, LATE_FRAME = 0.5, 30.0
@@ -101,7 +101,8 @@ def _stream(out, heard, stream, slow, late):
     if usable and len(ends) == 1:
         out.append(Finding(OK, of, f'one publisher, {names}; type and quality of service fit'))
     _rate(out, heard, stream, slow)
-    _stamps(out, stream, late, AHEAD_CLOCK if heard.clock else AHEAD)
+    _stamps(out, stream, late,
+            AHEAD_CLOCK * max(heard.clock_speed, 1.0) if heard.clock else AHEAD)
     return True
 
 

@@ -45,7 +45,7 @@ class Listener:
     """
 
     def __init__(self, mount, domain, namespace, guard=None, params=None):
-        self._mount, self._clock = mount, None
+        self._mount, self._clock, self._first_tick = mount, None, None
         self._graph = GraphClient(domain, namespace, 'check_drivers', [
             '--ros-args', '--params-file', str(params)] if params else None)
         self._node, self.spin = self._graph.node, self._graph.spin
@@ -72,6 +72,12 @@ class Listener:
 
     def _on_clock(self, message):
         self._clock = convert.from_stamp(message.clock) * 1e-9
+        self._first_tick = self._first_tick or (time.monotonic(), self._clock)
+
+    def _clock_speed(self):
+        began, first = self._first_tick or (time.monotonic(), 0.0)
+        wall = time.monotonic() - began
+        return (self._clock - first) / wall if wall > 0.0 and self._first_tick else 1.0
 
     def _on_joints(self, stream, message):
         values = rates = (np.nan, np.nan)
@@ -109,7 +115,8 @@ class Listener:
                 node.resolve_topic_name(topics.COMMAND.name))
                 if drives(info.node_name)],
             homing=bool(node.count_publishers(node.resolve_topic_name(topics.HOMING.name))),
-            clock=self._clock is not None, nowhere=self._graph.where_else(),
+            clock=self._clock is not None, clock_speed=self._clock_speed(),
+            nowhere=self._graph.where_else(),
             elsewhere=[name for name, _ in node.get_topic_names_and_types()
                        if name.endswith(tails) and name not in ours])
 

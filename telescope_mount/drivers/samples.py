@@ -99,6 +99,8 @@ class Heard:
         Whether `incremental/homing` is published.
     clock : bool
         Whether somebody publishes `/clock`.
+    clock_speed : float
+        Seconds of `/clock` in a second of this machine: a tick that comes late lags by so much.
     elsewhere : list of str
         Topics of instruments in other namespaces.
     nowhere : str
@@ -114,6 +116,7 @@ class Heard:
     followers: list = field(default_factory=list)
     homing: bool = False
     clock: bool = False
+    clock_speed: float = 1.0
     elsewhere: list = field(default_factory=list)
     nowhere: str = ''
 

@@ -99,7 +99,7 @@ def test_predicted_errors_are_those_that_come_out(monkeypatch):
     # what a diagnosis may expect takes most of the time of a fit, and nothing here asks for it
     monkeypatch.setattr('calibration.session_diagnosis.expected_of_fit', lambda *args: None)
     chi = []
-    for seed in range(30):
+    for seed in range(16):
         series = NightSeries(2)
         for run in (-1, 1):
             series.add(night(run, seed, stars=12), run + 10)
@@ -108,7 +108,7 @@ def test_predicted_errors_are_those_that_come_out(monkeypatch):
         after = report['nights'][0]['physical']['after']
         chi.append([after[f'{axis}_mean_arcsec'] / after[f'{axis}_sigma_arcsec']
                     for axis in ('az', 'el')])
-    # 30 values: their RMS is known to 13 %
+    # 16 values: their RMS is known to 18 %
     assert np.sqrt(np.mean(np.square(chi), axis=0)) == pytest.approx([1.0, 1.0], abs=0.35)
 
 
@@ -285,13 +285,14 @@ def test_the_zeros_of_the_season_are_in_the_report():
 def test_the_reference_of_a_night_is_what_was_published_with_harmonics():
     plain, series = (NightSeries(1, harmonics=choice) for choice in (
         HarmonicChoice(), HarmonicChoice('zenith', True, 2)))
+    reports = {}
     for one in (plain, series):
         for run in (1, 2, 3):
             one.add(night(run), run + 10)
             one.calibrate_zero()
-            one.fit()
+            _, reports[one is series] = one.fit()
     assert series.reference.harmonics.degree == 2 and series.reference.terms == {}
-    with_it, without = (one.fit()[1]['nights'] for one in (series, plain))
+    with_it, without = (reports[harmonics]['nights'] for harmonics in (True, False))
     assert [row['night'] for row in with_it] == [row['night'] for row in without]
     # the terms are judged beside it, as where they are published
     for a, b in zip(with_it, without):

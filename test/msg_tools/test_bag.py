@@ -241,7 +241,7 @@ def test_flipped_bytes_never_escape(demo, tmp_path):
     rng = random.Random(5)
     damaged = tmp_path / 'damaged.mcap'
     complaints = 0
-    for _ in range(400):
+    for _ in range(240):
         data = whole.copy()
         data[rng.randrange(len(data))] ^= 1 << rng.randrange(8)
         damaged.write_bytes(data)
@@ -254,7 +254,7 @@ def test_flipped_bytes_never_escape(demo, tmp_path):
         except ValueError as error:
             assert '\n' not in str(error)
             complaints += 1
-    assert complaints > 100
+    assert complaints > 60
 
 
 def test_damaged_chunk_is_left_out_and_told(demo, tmp_path):

@@ -135,16 +135,17 @@ def test_bad_parameters_are_refused(graph, tmp_path, overrides, text):
     assert not (tmp_path / 'log').exists()
 
 
-def test_a_folder_in_use_is_refused_in_one_line(ros_domain, tmp_path):
+def test_a_folder_in_use_is_refused_in_one_line(graph, tmp_path):
     (tmp_path / 'file').write_text('x')
-    for folder, text in ((tmp_path, 'is not empty'), (tmp_path / 'file', 'is a file'),
-                         (tmp_path / 'file' / 'log', 'Not a directory')):
-        done = subprocess.run(
-            [sys.executable, '-m', 'msg_tools.mcap_logger_node', '--ros-args', '-p',
-             f'folder:={folder}'], capture_output=True, text=True, timeout=120)
-        assert done.returncode == 2
-        assert done.stderr.startswith('error: ') and text in done.stderr
-        assert len(done.stderr.splitlines()) == 1
+    for folder, text in ((tmp_path, 'is not empty'), (tmp_path / 'file', 'is a file')):
+        with pytest.raises((ValueError, OSError), match=text):
+            graph.add(McapLogger, folder=str(folder))
+    done = subprocess.run(
+        [sys.executable, '-m', 'msg_tools.mcap_logger_node', '--ros-args', '-p',
+         f'folder:={tmp_path / "file" / "log"}'], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 2
+    assert done.stderr.startswith('error: ') and 'Not a directory' in done.stderr
+    assert len(done.stderr.splitlines()) == 1
     assert (tmp_path / 'file').read_text() == 'x'
 
 

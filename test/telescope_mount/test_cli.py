@@ -221,12 +221,12 @@ def test_too_few_rows_for_the_harmonics_are_one_line(refused, run_csv):
     assert 'observe at least 14 stars' in line and 'or take a lower degree' in line
 
 
-def test_fit_reads_the_log_of_a_night(night, cli, ended):
-    done = cli('fit', night / 'bag')  # in a process, as a user would start it
-    assert done.returncode == 0, done.stderr
-    assert '16 rows' in done.stdout
-    assert '8 exposures of Polaris left out' in done.stdout
-    assert 'fitted as one' not in done.stdout
+def test_fit_reads_the_log_of_a_night(night, ended):
+    code, out, err = ended('fit', night / 'bag')
+    assert code == 0, err
+    assert '16 rows' in out
+    assert '8 exposures of Polaris left out' in out
+    assert 'fitted as one' not in out
     code, out, err = ended('fit', night / 'observations.csv', '--encoder', 'abs')
     assert code == 0, err
     assert '2 runs (column run) fitted as one' in out

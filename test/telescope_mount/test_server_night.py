@@ -91,6 +91,10 @@ def test_an_alpaca_telescope_is_asked_for_the_same(refused, tmp_path):
 def test_the_plan_is_one_power_on_with_blind_stars():
     verbs = [step.verb for step in parse_plan(server_plan(16))]
     assert verbs == ['home', 'stars', 'fit', 'check', 'diagnose', 'check', 'judge']
+    verbs = [step.verb for step in parse_plan(server_plan(16, 'track 2arcsec 30'))]
+    assert verbs == ['home', 'stars', 'fit', 'check', 'track', 'check']
+    verbs = [step.verb for step in parse_plan(server_plan(16, apart='tell_apart 15'))]
+    assert verbs == ['home', 'stars', 'fit', 'check', 'diagnose', 'tell_apart', 'check', 'judge']
 
 
 def test_a_night_that_was_interrupted_goes_on_in_its_folder(tmp_path, monkeypatch):

@@ -82,7 +82,8 @@ def test_the_fit_with_effects_is_exact():
 
 
 def test_clean_nights_stay_as_they_are():
-    found = [diagnose(night(100 + i, n=40), **FAST) for i in range(20)]
+    # the level itself test_search.py has
+    found = [diagnose(night(100 + i, n=40), **FAST) for i in range(12)]
     assert sum(r.verdict != 'none' for r in found) <= 1
     clean = next(r for r in found if r.verdict == 'none')
     assert clean.before == clean.after and clean.to_dict()['effects'] == []
@@ -91,7 +92,7 @@ def test_clean_nights_stay_as_they_are():
 
 def test_noise_that_grows_toward_the_horizon_is_no_effect():
     found = [diagnose(night(200 + i, n=40, noise=lambda rng, el: rng.normal(size=(2, len(el)))
-                            / np.sin(el)), **FAST).verdict for i in range(10)]
+                            / np.sin(el)), **FAST).verdict for i in range(7)]
     assert sum(v != 'none' for v in found) <= 1
 
 

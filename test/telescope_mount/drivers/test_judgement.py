@@ -106,6 +106,10 @@ def test_simulated_time_may_tick_late():
     for stream in (ticks.incremental, ticks.camera):
         stream.ages = [-0.1] * len(stream.stamps)
     assert wrong(judge(ticks)) == []
+    # 0.3 s of a loaded machine are 1.5 s of a clock that goes five times as fast
+    ticks.incremental.ages = [-1.5] * len(ticks.incremental.stamps)
+    assert 'up to 1.500 s ahead' in wrong(judge(ticks))[0]
+    assert wrong(judge(replace(ticks, clock_speed=5.0))) == []
 
 
 # --- one fault each -------------------------------------------------------------------------------
