@@ -49,7 +49,7 @@ def run(args):
 def _log(args):
     from msg_tools.bag.sqlite import open_bag
 
-    from ..watching.state import of_log
+    from ..watching.log import of_log
     from .export import time_of
     bag = open_bag(args.log)
     if args.at is None or bag.start_time is None:
@@ -76,7 +76,7 @@ def _graph(args):
     number = domain.join(args.domain).number
     graph = GraphClient(number, args.namespace, 'watch')
     try:
-        heard = listen(graph, f'graph in {args.namespace}, domain {number}')
+        heard = listen(graph, f'graph in {args.namespace}, domain {number}', args.namespace)
         if args.once or args.json or not sys.stdout.isatty():
             if not graph.spin(FOUND, lambda: heard.any):
                 raise ValueError(f'nothing is said in {args.namespace}{graph.where_else()}')
@@ -88,7 +88,7 @@ def _graph(args):
         graph.close()
 
 
-def listen(graph, source):
+def listen(graph, source, namespace):
     """What a graph says, from now on.
 
     Parameters
@@ -96,6 +96,7 @@ def listen(graph, source):
     graph : GraphClient
     source : str
         Its name.
+    namespace : str
 
     Returns
     -------
@@ -104,7 +105,7 @@ def listen(graph, source):
     from msg_tools import topics
 
     from ..watching.state import HEARD, Heard
-    heard = Heard(source)
+    heard = Heard(source, namespace)
     # of a thousand readings a second the last is enough, and a clock is as fast
     latest = topics.make_qos(1, reliable=False)
     for topic in HEARD:
@@ -132,7 +133,7 @@ def _dashboard(graph, heard):
             if not heard.any and not lost and time.monotonic() - begin > FOUND:
                 lost = f'; nothing is said here yet{graph.where_else()}'
             note = 'Ctrl-C ends' + ('' if heard.any else lost)
-            live.update(Dashboard(heard.state(time.monotonic()), note), refresh=True)
+            live.update(Dashboard(heard.state(time.monotonic()), note, whole=False), refresh=True)
             time.sleep(PICTURE - TAKING)
 
 

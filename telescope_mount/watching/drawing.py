@@ -5,10 +5,9 @@ At any width no number is cut: what has no room goes on in the next line.
 
 import math
 import textwrap
+from itertools import zip_longest
 from typing import NamedTuple
 
-from rich.console import Group
-from rich.table import Table
 from rich.text import Text
 
 from msg_tools.spelling import spelled
@@ -17,8 +16,8 @@ from msg_tools.spelling import spelled
 BESIDE, SKY_WIDE, SKY_HIGH = 76, 31, 15
 #: columns of a name before numbers, and of a number
 _NAME, _NUMBER = 12, 13
-#: stars in a row of bars, alarms that are told
-BARS, ALARMS = 30, 5
+#: stars in a row of bars; alarms that are told, and lines of each, where the window is full
+BARS, ALARMS, ALARM_LINES = 30, 5, 3
 _BARS, _PLAIN_BARS = '▁▂▃▄▅▆▇█', '_.-:=+*#'
 _BAD = 'bold red'
 
@@ -35,7 +34,7 @@ class _Room(NamedTuple):
         text = ''.join(sign if sign.isprintable() else ' ' for sign in text)
         text = ' '.join(self.spelled(text).split())
         return [(line, style) for line in textwrap.wrap(
-            text, max(self.width, 1), subsequent_indent=indent, break_long_words=False,
+            text, max(self.width, 1), subsequent_indent=indent,
             break_on_hyphens=False) or ['']]
 
     def spelled(self, text):
@@ -51,10 +50,12 @@ class Dashboard:
     state : WatchState
     note : str
         At the end of the first line, which is seen in a low window, too.
+    whole : bool
+        Tell every alarm to its end; else those that leave room for the rest.
     """
 
-    def __init__(self, state, note=''):
-        self._state, self._note = state, note
+    def __init__(self, state, note='', whole=True):
+        self._state, self._note, self._whole = state, note, whole
 
     def __rich_console__(self, console, options):
         state, whole = self._state, _Room(options.max_width, console.encoding)
@@ -62,23 +63,25 @@ class Dashboard:
         beside = whole._replace(width=whole.width - SKY_WIDE - 2) if wide else whole
         numbers = [*_axes(state, beside), *_stars(state, beside)]
         sky = _sky(state, whole._replace(width=min(SKY_WIDE, whole.width)))
-        yield _text([*_head(state, whole, self._note), *_alarms(state, whole)])
+        lines = [*_head(state, whole, self._note), *_alarms(state, whole, self._whole)]
+        yield _text([[line] for line in lines])
         if wide:
-            grid = Table.grid(padding=(0, 2, 0, 0))
-            grid.add_column(width=SKY_WIDE, no_wrap=True)
-            grid.add_column(no_wrap=True, overflow='ignore')
-            grid.add_row(_text(sky), _text(numbers))
-            yield grid
+            yield _text([(chart.ljust(SKY_WIDE + 2), style), number] for (chart, style), number in
+                        zip_longest(sky, numbers, fillvalue=('', '')))
         else:
-            yield Group(_text(numbers), _text(sky))
+            yield _text([[line] for line in (*numbers, *sky)])
 
 
 def _text(lines):
-    """Lines, each with a style, as one `Text` that is not wrapped."""
+    """Lines, each of parts with a style, as one `Text` that is not wrapped."""
     text = Text(no_wrap=True, overflow='ignore')
-    for number, (line, style) in enumerate(lines):
+    for number, line in enumerate(lines):
         text.append('\n' if number else '')
-        text.append(line.rstrip(), style=style)
+        part = Text()
+        for words, style in line:
+            part.append(words, style=style)
+        part.rstrip()
+        text.append_text(part)
     return text
 
 
@@ -100,16 +103,18 @@ def _head(state, room, note):
     return lines
 
 
-def _alarms(state, room):
+def _alarms(state, room, every):
     if not state.alarms:
         nodes = len(state.nodes)
         return room.lines(f'no alarms, {nodes} nodes report' if nodes else 'no node reports')
     lines = []
-    for alarm in state.alarms[:ALARMS]:
+    for alarm in state.alarms[:None if every else ALARMS]:
         warns = alarm['level'] == 'warning'
-        lines += room.lines(f'{"warning" if warns else "ALARM"} {alarm["said"]}',
-                            'yellow' if warns else _BAD)
-    more = len(state.alarms) - ALARMS
+        style = 'yellow' if warns else _BAD
+        told = room.lines(f'{"warning" if warns else "ALARM"} {alarm["said"]}', style)
+        lines += told if every or len(told) <= ALARM_LINES else [
+            *told[:ALARM_LINES], ('  and so on: watch --once', style)]
+    more = 0 if every else len(state.alarms) - ALARMS
     return lines + ([(f'and {more} more', _BAD)] if more > 0 else [])
 
 
@@ -165,7 +170,9 @@ def _stars(state, room):
                        else f'the zero leaves {rms:.2f}″ RMS of {of}', left, 0.0, room)
     for name, values in zip(state.joints, (stars.encoders_first_arcsec,
                                            stars.encoders_second_arcsec)):
-        values = _finite(values)
+        # with another power-on it is another
+        values = _finite(value for value, power_on in zip(values, stars.power_on)
+                         if power_on == stars.power_on[-1])
         if values:
             low, most = min(values), max(values)
             lines += _bars(f'inc - abs, {name.replace("_", " ")}: {low:.2f} to {most:.2f}″', values,
@@ -193,6 +200,8 @@ def _sky(state, room):
     rows = [[' '] * width for _ in range(high)]
 
     def put(az, el, sign):
+        if not math.isfinite(az + el):
+            return
         away = min(max((90.0 - el) / 90.0, 0.0), 1.0)
         x, y = away * math.sin(math.radians(az)), away * math.cos(math.radians(az))
         rows[round(up - y * up)][round(middle + x * middle)] = sign

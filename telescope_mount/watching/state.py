@@ -4,13 +4,12 @@ Needs no ROS: the messages of a log have the same fields.
 """
 
 import json
-from collections import deque
 from dataclasses import asdict, dataclass, field
 from datetime import datetime, timedelta, timezone
 
 import numpy as np
 
-from msg_tools import convert, topics
+from msg_tools import NAMESPACE, convert, topics
 from msg_tools.power_on import read_frame
 from msg_tools.status import Progress
 from msg_tools.units import ARCSEC, DEG, wrap
@@ -44,6 +43,8 @@ class Stars:
     ----------
     time_s : list of float
         UTC, s since 1970.
+    power_on : list of float
+        Of the incremental encoder; 0 where the row does not say.
     az_deg, el_deg : list of float
         On the sky, azimuth from north through east.
     offset_x_arcsec, offset_y_arcsec : list of float
@@ -55,6 +56,7 @@ class Stars:
     """
 
     time_s: list = field(default_factory=list)
+    power_on: list = field(default_factory=list)
     az_deg: list = field(default_factory=list)
     el_deg: list = field(default_factory=list)
     offset_x_arcsec: list = field(default_factory=list)
@@ -143,10 +145,12 @@ class Heard:
     ----------
     source : str
         Named in the state.
+    namespace : str
+        Of the graph; what nodes of another one report is left alone.
     """
 
-    def __init__(self, source):
-        self._source = source
+    def __init__(self, source, namespace=NAMESPACE):
+        self._source, self._within = source, f'{namespace.rstrip("/")}/'
         self.last = {}
         self._newest = self._clock = 0
         self._nodes = {}  # name -> status, when it came (s) or None
@@ -155,7 +159,7 @@ class Heard:
     @property
     def any(self):
         """Whether anything of the graph was heard; what is in no namespace does not count."""
-        return bool(self.last)
+        return bool(self.last or self._nodes)
 
     def take(self, name, message, ns=0, arrived=None):
         """Keep a message.
@@ -177,7 +181,8 @@ class Heard:
         self._newest = max(self._newest, ns or (convert.from_stamp(stamp) if stamp else 0))
         if name == topics.DIAGNOSTICS.name:
             for status in message.status:
-                self._nodes[status.name] = status, arrived
+                if status.name.startswith(self._within) or not status.name.startswith('/'):
+                    self._nodes[status.name] = status, arrived
             return
         self.last[name] = message
         if name in (topics.OBSERVATION.name, topics.OBSERVATIONS.name):
@@ -322,7 +327,7 @@ class Heard:
                 left[:, held] = model.residuals(run.select(held), zero=zero)
         difference = [wrap(run[f'{axis}_enc'] - run.get(f'{axis}_abs')) for axis in ('az', 'el')]
         state.stars = Stars(
-            run['time'].tolist(), az.tolist(), el.tolist(),
+            run['time'].tolist(), run.get('run', 0.0).tolist(), az.tolist(), el.tolist(),
             *(_scaled(values, ARCSEC) for values in (*offset, *left, *difference)))
 
     def _statuses(self, state):
@@ -363,7 +368,9 @@ class Heard:
                 found.append((1, f'{name}: {lost} messages lost'))
         for topic in (topics.OBSERVER_STATUS, topics.GUARD_STATUS, topics.CALIBRATION_STATUS):
             message = self._get(topic)
-            if message is not None and _level(message):
+            # a node that has a status says the same on /diagnostics, with more about it
+            if message is not None and _level(message) and (
+                    state.nodes.get(message.name, {}).get('level', 'ok') == 'ok'):
                 found.append((_level(message), f'{topic.name}: {message.message}'))
         if state.reading_deg and not np.isfinite(state.reading_deg).all():
             found.append((1, 'the incremental encoder is not homed'))
@@ -382,59 +389,6 @@ class Heard:
             return json.loads(message.data)['witnesses']['alarms'] if message else []
         except (ValueError, KeyError, TypeError):
             return []
-
-
-def of_log(bag, namespace, end=None):
-    """What a log says at a time.
-
-    Parameters
-    ----------
-    bag : BagReader or another that `open_bag` gives
-    namespace : str
-        Of the graph.
-    end : int, optional
-        ns since 1970; by default the end of the log.
-
-    Returns
-    -------
-    Heard
-
-    Raises
-    ------
-    ValueError
-        It holds no topic of such a graph.
-    """
-    before = 2**63 - 1 if end is None else end + 1
-    there = {topic.name for topic in bag.topics if topic.count}
-    names = {full_name(namespace, topic): topic.name for topic in HEARD}
-    if not there & {name for name in names if name.startswith(f'{namespace}/')}:
-        raise ValueError(f'{bag.path} has no message of a graph in {namespace}: '
-                         'name another with --namespace; `telescope-mount info` lists its topics')
-    heard = Heard(str(bag.path))
-    # a log has a time of its own
-    wanted = [name for name in names if name in there and names[name] != topics.CLOCK.name]
-    messages = bag.last_before(wanted, before)
-    for topic in (topics.OBSERVATION, topics.DIAGNOSTICS):  # of these the last is not enough
-        name = full_name(namespace, topic)
-        newest = [message.log_time for message in messages if message.topic == name]
-        if newest:
-            messages = [message for message in messages if message.topic != name]
-            messages += _last(bag, name, newest[0])
-    for message in sorted(messages, key=lambda message: message.log_time):
-        decoded = bag.decode(message)
-        if decoded is not None:
-            heard.take(names[message.topic], decoded, message.log_time)
-    return heard
-
-
-def _last(bag, name, newest):
-    """The last `STARS` messages of a topic, none decoded; far back only where they are few."""
-    span = 60 * 10**9
-    while True:
-        found = deque(bag.messages(name, max(newest - span, 0), newest + 1), STARS)
-        if len(found) == STARS or newest - span <= bag.start_time:
-            return found
-        span *= 8
 
 
 def full_name(namespace, topic):
@@ -464,5 +418,8 @@ def _rows(status):
 def _utc(ns):
     if not ns:
         return None
-    when = datetime(1970, 1, 1, tzinfo=timezone.utc) + timedelta(microseconds=ns // 1000)
+    try:
+        when = datetime(1970, 1, 1, tzinfo=timezone.utc) + timedelta(microseconds=ns // 1000)
+    except OverflowError:
+        return f'{ns} ns since 1970'
     return when.isoformat(timespec='milliseconds').replace('+00:00', 'Z')

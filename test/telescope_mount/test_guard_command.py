@@ -1,5 +1,6 @@
 """The commands `guard` and `lifecycle` beside a guard that runs."""
 
+import json
 import os
 
 import pytest
@@ -10,6 +11,7 @@ pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportErr
 
 from msg_tools import convert
 from telescope_mount import graph_client
+from telescope_mount.commands import watch
 from telescope_mount.graph_client import elsewhere
 
 
@@ -26,7 +28,15 @@ def test_the_guard_is_asked_from_the_command_line(process, ros_domain, ended, mo
     assert ended('lifecycle', 'mount_guard', 'deactivate')[:2] == (0, 'mount_guard: inactive\n')
     code, out, _ = ended('guard', 'resume')
     assert code == 1 and 'mount_guard is inactive' in out
+    monkeypatch.setattr(watch, 'FOUND', 60.0)
+    code, out, _ = ended('watch', '--json')
+    state = json.loads(out)
+    # whichever came first
+    assert code == 0 and (state['guard'] == 'inactive' or '/mount/mount_guard' in state['nodes'])
     monkeypatch.setattr(graph_client, 'FOUND', 1.0)
+    monkeypatch.setattr(watch, 'FOUND', 1.0)
+    code, out, err = ended('watch', '--namespace', 'other')
+    assert code == 2 and out == '' and 'nothing is said in /other; ' in err
     code, out, err = ended('guard', 'abort', '--namespace', '/other')
     assert code == 2 and out == '' and err.startswith(
         f'error: no node offers /other/abort; domain {ros_domain} has nodes in /mount and none in '

@@ -9,7 +9,7 @@ import pytest
 
 LOG = Path(__file__).parents[1] / 'data' / 'sample_log'
 MMT = Path(__file__).parents[2] / 'calibration' / 'data' / 'mmt_2021-08-21.csv'
-NEED_ROS = ('night', 'observe', 'check-drivers', 'guard', 'lifecycle', 'experiment',
+NEED_ROS = ('night', 'observe', 'check-drivers', 'guard', 'lifecycle', 'watch', 'experiment',
             'close-the-loop --scenario ideal', f'replay {LOG}')
 SCRIPT = """
 import sys, io, json
@@ -43,8 +43,9 @@ def ran():
 def test_runs_and_logs_are_read(ran, tmp_path):
     told = ran((f'fit {MMT} --save m.json', f'fit {LOG} --terms IA,IE', f'info {LOG}',
                 f'verify {LOG}', f'export {LOG} run.csv', f'export {LOG} topics --topics offset',
-                f'track {MMT} --json t.json', f'recover {LOG} --out whole', 'export m.json m.mod '
-                '--to tpoint', 'apply m.json run.csv --out out.csv'), tmp_path)
+                f'track {MMT} --json t.json', f'watch {LOG}',
+                f'recover {LOG} --out whole', 'export m.json m.mod --to tpoint',
+                'apply m.json run.csv --out out.csv'), tmp_path)
     # the last bit of the log may be another on another processor: 1
     assert told[3][0] in (0, 1) and 'of 87 are the same to the bit' in told.pop(3)[1]
     assert [code for code, _, _ in told] == [0] * len(told), told

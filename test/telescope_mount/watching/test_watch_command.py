@@ -12,10 +12,12 @@ from rich.console import Console
 
 from msg_tools import topics
 from msg_tools.bag import BagReader
+from msg_tools.status import Progress
 from msg_tools.units import ARCSEC, DEG
 from telescope_mount.cli import main
 from telescope_mount.watching.drawing import ALARMS, Dashboard
-from telescope_mount.watching.state import Heard, of_log
+from telescope_mount.watching.log import of_log
+from telescope_mount.watching.state import Heard
 
 LOG = Path(__file__).parents[2] / 'data' / 'sample_log'
 
@@ -25,9 +27,10 @@ def at_end():
     return of_log(BagReader(LOG), '/mount').state()
 
 
-def drawn(state, width, encoding='utf-8', note=''):
+def drawn(state, width, encoding='utf-8', note='', whole=True):
     file = io.TextIOWrapper(io.BytesIO(), encoding=encoding)
-    Console(file=file, width=width, markup=False, highlight=False).print(Dashboard(state, note))
+    console = Console(file=file, width=width, markup=False, highlight=False)
+    console.print(Dashboard(state, note, whole))
     file.flush()
     return file.buffer.getvalue().decode(encoding)
 
@@ -53,8 +56,11 @@ def test_a_log_says_how_it_ended(at_end):
     zero = [m.data for m in BagReader(LOG).messages('/mount/zero', decode=True)][-1]
     assert np.allclose(at_end.zero_arcsec, np.array(zero.position) / ARCSEC)
     assert abs(at_end.zero_arcsec[0] - rows['zeros'][-1]['az_arcsec']) < 10.0
-    # what the zero alone leaves: the offset less the zero, on the sky
     stars = at_end.stars
+    assert sorted(set(stars.power_on)) == [1.0, 2.0]
+    since = [value for value, run in zip(stars.encoders_first_arcsec, stars.power_on) if run == 2.0]
+    assert f'azimuth: {min(since):.2f} to {max(since):.2f}″' in drawn(at_end, 80)
+    # what the zero alone leaves: the offset less the zero, on the sky
     el = stars.el_deg[-1] * DEG
     assert at_end.left_by == 'zero'
     assert stars.left_x_arcsec[-1] == pytest.approx(
@@ -94,9 +100,13 @@ def test_alarms_the_worst_first_and_nodes_that_fall_silent():
     heard = Heard('a graph')
     heard.take(topics.DIAGNOSTICS.name, Message(status=[
         status(b'\1', '/mount/camera', 'no image', **{'gaps /mount/observation': 3}),
-        status(b'\2', '/mount/driver', 'axis 1 stalled'), status(b'\0', '/mount/guard', 'ok')]),
+        status(b'\2', '/mount/driver', 'axis 1 stalled'),
+        status(b'\2', '/north/driver', 'of another mount'), status(b'\0', '/mount/guard', 'ok')]),
         arrived=10.0)
     heard.take(topics.GUARD_STATUS.name, status(b'\0', 'guard', 'as requested', state='following'))
+    for name, said in ((topics.OBSERVER_STATUS, 'no image'), (topics.CALIBRATION_STATUS, 'lost')):
+        heard.take(name.name, status(b'\1', {'no image': '/mount/camera'}.get(said, 'x'), said,
+                                     **Progress().rows()))
     heard.take(topics.CALIBRATION_REPORT.name, Message(data=json.dumps(
         {'witnesses': {'alarms': ['elevation: the witnesses differ']}})))
     heard.take(topics.INCREMENTAL.name, joints(1.0, (np.nan, np.nan)))
@@ -108,6 +118,10 @@ def test_alarms_the_worst_first_and_nodes_that_fall_silent():
     assert {said for level, said in told if level == 'warning'} >= {
         '/mount/camera: no image', '/mount/camera: 3 messages lost',
         'the incremental encoder is not homed'}
+    assert not any('another mount' in said for _, said in told)
+    # what a node says on /diagnostics, too, is told once
+    assert ('warning', 'calibration/status: lost') in told
+    assert not any(said.startswith('observer/status') for _, said in told)
     assert any('observation: a message that cannot be used' in said for _, said in told)
     assert heard.state(now=20.0).alarms[0]['said'].startswith('all 3 nodes are silent for 10 s')
     heard.take(topics.DIAGNOSTICS.name, Message(status=[
@@ -117,8 +131,12 @@ def test_alarms_the_worst_first_and_nodes_that_fall_silent():
     assert late.nodes['/mount/guard']['level'] == 'silent'
     assert [row['said'] for row in late.alarms[:2]] == [
         '/mount/driver: silent for 10 s', '/mount/guard: silent for 10 s']
-    text = drawn(late, 80)
+    text = drawn(late, 80, whole=False)
     assert f'and {len(late.alarms) - ALARMS} more' in text and 'guard following' in text
+    text = drawn(late, 20)
+    # a name that is wider than the window goes on in the next line
+    assert all(row['said'].replace(' ', '') in ''.join(text.split()) for row in late.alarms)
+    assert 'and so on' in drawn(late, 20, whole=False)
     assert heard.state().nodes['/mount/guard']['level'] == 'ok'  # a log is never silent
 
 
@@ -126,7 +144,8 @@ def test_alarms_the_worst_first_and_nodes_that_fall_silent():
 @pytest.mark.parametrize('width', [200, 80, 76, 75, 40, 20])
 def test_no_number_is_cut_and_no_line_too_long(at_end, width, encoding):
     text = drawn(at_end, width, encoding, 'Ctrl-C ends')
-    assert max(len(line.rstrip()) for line in text.splitlines()) <= width
+    assert max(map(len, text.splitlines())) <= width
+    assert all(line == line.rstrip() for line in text.splitlines())
     words, second = ' '.join(text.split()), '″' if encoding == 'utf-8' else '"'
     state = at_end
     for value in (*state.zero_arcsec, *state.encoders_arcsec, *state.miss_arcsec,
