@@ -6,6 +6,8 @@ AXES = ('azimuth', 'elevation')
 #: the two joints of every kind of mount, the first axis first
 JOINTS = (AXES, ('hour_angle', 'declination'), ('first_axis', 'second_axis'))
 MOUNT_FRAME = 'mount_enu'
+#: temperatures that air has, degC: those for which the refraction is worked out
+OF_AIR = -90.0, 60.0
 
 
 def to_stamp(ns):
@@ -177,11 +179,13 @@ def read_temperature(message):
     Raises
     ------
     ValueError
-        It is no number, or below the absolute zero.
+        It is no number, or none that air has.
     """
     celsius = message.temperature
-    if not -273.15 <= celsius < np.inf:
-        raise ValueError(f'temperature {celsius} degC')
+    low, high = OF_AIR
+    if not low <= celsius <= high:
+        raise ValueError(f'a temperature of {celsius:g} degC, which no air has ({low:g} to '
+                         f'{high:g}); the last one holds')
     return from_stamp(message.header.stamp), celsius
 
 

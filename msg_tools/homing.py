@@ -15,6 +15,10 @@ from .tables import cloud_to_table, table_to_cloud
 _SIDES = {'': 0.0, 'below': 1.0, 'above': -1.0}
 _LATER = ('started', 'supply', 'temperature')  # fields that older messages do not have
 
+#: sizes beyond which a number is none of an encoder: beyond these float64 counts no longer in
+#: ones, no angle of an axis is, and no clock shows
+_MOST_COUNTED, _MOST_TURNED, _LATEST = 2.0**53, 16.0 * np.pi, 1e11
+
 
 class AxisHoming(NamedTuple):
     """One axis; the message has a field of the same name for each.
@@ -99,7 +103,8 @@ def cloud_to_homing(message):
     for row in zip(*(table[name] for name in ('axis', *AxisHoming._fields))):
         values = dict(zip(('axis', *AxisHoming._fields), map(float, row)))
         wrong = [name for name in whole if not values[name].is_integer()]
-        wrong += [] if np.isfinite(values['count']) else ['count']
+        wrong += [name for name, most in _most(values).items()
+                  if abs(values[name]) > most or (name == 'count' and np.isnan(values[name]))]
         if wrong or values['side'] not in sides or values['axis'] not in range(len(AXES)):
             raise ValueError(f'homing: {wrong[0] if wrong else "axis or side"} out of range')
         axis = AXES[int(values.pop('axis'))]
@@ -107,3 +112,13 @@ def cloud_to_homing(message):
             'homed': bool(values['homed']), 'side': sides[values['side']],
             **{name: int(values[name]) for name in ('missed_marks', 'passages', 'power_on')}})
     return out
+
+
+def _most(values):
+    """How large the numbers of an axis may be; NaN stands for what is not known."""
+    counts = dict.fromkeys(('missed_marks', 'passages', 'power_on'), _MOST_COUNTED)
+    count = abs(values['count'])
+    return counts | {
+        'count': _MOST_TURNED, 'pulse_width': _MOST_TURNED, 'started': _LATEST,
+        'mark_error': min(_MOST_TURNED / count, _MOST_COUNTED) if count > 0.0 else _MOST_COUNTED,
+        'supply': 1e6, 'temperature': 1e6}

@@ -137,7 +137,8 @@ class MountNode(ParameterNode):
             counter.received(info)
             try:
                 callback(message)
-            except ValueError as err:
+            except (ValueError, ArithmeticError, RecursionError) as err:
+                # of JSON an infinite number, or a thousand brackets, are no ValueError
                 self.reject(topic.name, str(err))
 
         sub = self.create_subscription(

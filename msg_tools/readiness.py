@@ -14,6 +14,15 @@ _HEARERS = ('mcap_logger', 'rosbag2_', 'star_observer', 'check_drivers', '_ros2c
             'rqt')
 
 
+#: digits of a count, at most: Python refuses to read some thousands of them
+_DIGITS = 19
+
+
+def is_count(text):
+    """Whether the value of a row is a whole number that a counter can have."""
+    return len(text) <= _DIGITS and text.isdecimal()
+
+
 def drives(node):
     """Whether a node that subscribes to `command` may be the driver of a mount, by its name."""
     return not node.startswith(_HEARERS)
@@ -52,7 +61,7 @@ def parse(status):
     for row in status.values:
         kind, _, topic = row.key.partition(' ')
         # whoever else publishes diagnostics may use such keys for something else
-        if kind in out and topic.startswith('/') and row.value.isdecimal():
+        if kind in out and topic.startswith('/') and is_count(row.value):
             out[kind][topic] = int(row.value)
     return out
 

@@ -9,6 +9,8 @@ import socket
 import time
 import uuid
 
+from .readiness import is_count
+
 #: key of a row of diagnostics: when a node was started, ns, and what tells it from all others
 INSTANCE = 'instance'
 
@@ -22,7 +24,7 @@ def new_instance(now=None):
 def _order(instance):
     """Instances in the order in which they were started, whoever compares; None for no such."""
     start, _, rest = instance.partition(' ')
-    return (int(start), rest) if start.isdecimal() else None
+    return (int(start), rest) if is_count(start) else None
 
 
 def earlier_rival(own, name, topics, status):

@@ -14,6 +14,7 @@ from .following import AXES, Following
 from .model import PointingModel
 from .model_document import identity
 from .mounts import ALTAZ, told
+from .plausible import check_model, check_zero
 from .terms import design
 from .tracked import walks_of
 from .zero import NO_ZERO, zeros_in_force
@@ -280,8 +281,12 @@ class InForce:
         self._next_model = self._next_zero = None  # each waits for the other
 
     def take_model(self, text):
-        """Take a model as its JSON text; ValueError where it is none, or of another mount."""
+        """Take a model as its JSON text; ValueError where it is none, or of another mount.
+
+        Or where no mount has it: see `plausible.check_model`.
+        """
         model, name = PointingModel.from_json(text), identity(text)
+        check_model(model)
         if self._mount is not None and not self._mount.agrees(model.mount):
             raise ValueError(f'a model of another mount ({told(model.mount)}) than this one '
                              f'({told(self._mount)})')
@@ -303,7 +308,18 @@ class InForce:
         self._next_model = self._next_zero = None
 
     def take_zero(self, stamp, zero):
-        """Take a RunZero, unless it is of another power-on than the encoder is in."""
+        """Take a RunZero, unless it is of another power-on than the encoder is in.
+
+        Raises
+        ------
+        ValueError
+            No encoder has it, see `plausible.check_zero`; or it does not say what it is of, and
+            the one in force does.
+        """
+        check_zero(zero)
+        if zero.run is None and None not in (self.zero.run, self.zero.started, self.zero.model):
+            raise ValueError('a zero that does not say of which power-on and model it is, and the '
+                             'one in force does (frame_id of the message)')
         if self._of_another_power_on(zero):
             # no error: right after a power cycle the last zero of before may still be on its way
             self.refused += 1

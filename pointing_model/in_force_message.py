@@ -9,6 +9,7 @@ import numpy as np
 
 from .model import PointingModel
 from .model_document import NO_MODEL, identity
+from .plausible import check_model, check_zero
 from .zero import RunZero
 from .zero_exposures import BY_POLARIS
 
@@ -58,7 +59,7 @@ def text_to_pair(text):
     Raises
     ------
     ValueError
-        It is no such document, or its halves do not go together.
+        It is no such document, its halves do not go together, or no mount has them.
     """
     try:
         document = json.loads(text)
@@ -73,8 +74,9 @@ def text_to_pair(text):
         stamp = int(told['stamp_ns'])
         model_text = json.dumps(model, indent=1) if model else ''
         if model_text:
-            PointingModel.from_json(model_text)
-    except (KeyError, TypeError, AttributeError) as error:
+            check_model(PointingModel.from_json(model_text))
+        check_zero(zero)
+    except (KeyError, TypeError, AttributeError, OverflowError) as error:
         raise ValueError(f'not a pair in force: {error}') from None
     if (zero.model or NO_MODEL) != identity(model_text):
         raise ValueError(f'a zero of model {zero.model} beside model {identity(model_text)}')

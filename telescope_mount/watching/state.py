@@ -11,6 +11,7 @@ import numpy as np
 
 from msg_tools import NAMESPACE, convert, topics
 from msg_tools.power_on import read_frame
+from msg_tools.readiness import is_count
 from msg_tools.status import Progress
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.in_force_message import text_to_pair
@@ -363,7 +364,7 @@ class Heard:
             if level:
                 found.append((level, f'{name}: {status.message}'))
             lost = sum(int(value) for key, value in _rows(status).items()
-                       if key.startswith('gaps ') and value.isdecimal())
+                       if key.startswith('gaps ') and is_count(value))
             if lost:
                 found.append((1, f'{name}: {lost} messages lost'))
         for topic in (topics.OBSERVER_STATUS, topics.GUARD_STATUS, topics.CALIBRATION_STATUS):

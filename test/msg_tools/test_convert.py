@@ -101,6 +101,6 @@ def test_status_rows():
 def test_temperature():
     message = convert.temperature(NS, -12.5)
     assert convert.read_temperature(message) == (NS, -12.5)
-    for bad in (float('nan'), float('inf'), -300.0):
-        with pytest.raises(ValueError, match='temperature'):
+    for bad in (float('nan'), float('inf'), -300.0, 5000.0, 60.1, -90.1):
+        with pytest.raises(ValueError, match='which no air has'):
             convert.read_temperature(convert.temperature(NS, bad))

@@ -59,7 +59,9 @@ def test_a_field_that_is_missing_is_told(name):
 
 @pytest.mark.parametrize('name, value', [
     ('axis', 2.0), ('axis', np.nan), ('homed', 0.5), ('side', 2.0), ('missed_marks', np.nan),
-    ('passages', np.inf), ('count', np.nan), ('power_on', 1.5)])
+    ('passages', np.inf), ('count', np.nan), ('power_on', 1.5),
+    ('mark_error', np.inf), ('mark_error', 1e300), ('count', 1e300), ('missed_marks', 1e300),
+    ('pulse_width', np.inf), ('started', np.inf), ('supply', -np.inf)])
 def test_numbers_that_are_none_are_refused(name, value):
     table = cloud_to_table(homing_to_cloud([AZIMUTH, ELEVATION], NS))
     table[name][0] = value

@@ -13,6 +13,7 @@ def test_parse_takes_endpoint_counts_only():
     rows = status(publishes=2, subscribes=1, published=7, received=5, last=9, gaps=3)
     rows.values += [SimpleNamespace(key='rate /t [Hz]', value='1.0'),
                     SimpleNamespace(key='last word', value='no number'),
+                    SimpleNamespace(key='last /t', value='9' * 5000),
                     SimpleNamespace(key='', value='')]
     assert parse(rows) == {'publishes': {'/t': 2}, 'subscribes': {'/t': 1},
                            'published': {'/t': 7}, 'last': {'/t': 9}}

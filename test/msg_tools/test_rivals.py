@@ -44,3 +44,7 @@ def test_two_of_one_name_are_rivals_without_a_common_topic():
     status(EARLY, topics=()), status(''), status('of another program')])
 def test_no_rival(other):
     assert rival(LATE, other) == ''
+
+
+def test_an_instance_that_is_no_time_is_no_rival():
+    assert rival(LATE, status('9' * 5000 + ' somewhere')) == ''

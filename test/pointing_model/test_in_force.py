@@ -1,9 +1,14 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from msg_tools.power_on import PowerOn
 from msg_tools.units import ARCSEC
+from pointing_model.effects import effect
+from pointing_model.fitted_effects import FittedEffect
 from pointing_model.in_force import InForce, wander_sigma
+from pointing_model.in_force_message import pair_to_text, text_to_pair
 from pointing_model.model import PointingModel
 from pointing_model.model_document import identity
 from pointing_model.zero import NO_ZERO, RunZero
@@ -142,3 +147,47 @@ def test_a_zero_that_wanders_is_trusted_less_and_less():
     assert 0.9 < wander_sigma(model, 10**18, np.pi / 3)[0] / ARCSEC < 1.01
     assert np.all(wander_sigma(PointingModel({}), 5, 0.5) == 0.0)
     assert np.all(wander_sigma(None, 5, 0.5) == 0.0)
+
+
+@pytest.mark.parametrize('zero, words', [
+    (RunZero(1e300, 0.0, run=1), 'zero of 1e\\+300 rad on the first axis'),
+    (RunZero(0.0, -6.3, run=1), 'zero of -6.3 rad on the second axis'),
+    (RunZero(0.0, 0.0, np.diag([1e-12, np.inf]), run=1), 'sigma of inf arcsec of the second axis'),
+    (RunZero(0.1, 0.0), 'does not say of which power-on and model')])
+def test_a_zero_of_no_encoder_is_refused_and_the_last_one_stays(zero, words):
+    now = InForce(OLD)
+    now.take_zero(1, replace(OLD_ZERO, started=1e9))
+    with pytest.raises(ValueError, match=words):
+        now.take_zero(2, zero)
+    assert now.zero is not zero and now.zero_stamp == 1 and demand(now) == 332.0
+
+
+def test_a_zero_that_was_never_measured_may_be_half_a_turn():
+    now = InForce()
+    now.take_zero(1, RunZero(np.pi, -np.pi, np.diag([1e-2, 1e-2]), run=1))
+    assert now.zero_stamp == 1
+
+
+@pytest.mark.parametrize('model, words', [
+    (PointingModel({'IA': 1e308 * ARCSEC}), 'IA = 1e\\+308 arcsec, which no mount has'),
+    (PointingModel({'AN': 1.6}), r'AN = 3.3e\+05 arcsec, which no mount has \(at most 90 deg\)'),
+    (PointingModel({'IA': 0.0, 'IE': 0.0}, np.diag([0.0, 1e250])), 'sigma of .* arcsec of IE'),
+    (PointingModel({'IA': 0.0, 'IE': 0.0}, np.array([[1.0, 2.0], [2.0, 1.0]]) * ARCSEC**2),
+     'a covariance that is none'),
+    (PointingModel({'IA': 0.0}, np.array([[-1.0]]) * ARCSEC**2), 'a covariance that is none'),
+    (PointingModel({}, effects=[FittedEffect(effect('hysteresis', axis='az', shape='cosE'),
+                                             np.array([1e250]))]), 'hysteresis.* no mount has')])
+def test_a_model_of_no_mount_is_refused_and_the_last_one_stays(model, words):
+    now = InForce(OLD)
+    with pytest.raises(ValueError, match=words):
+        now.take_model(model.to_json())
+    assert now.model is OLD
+    with pytest.raises(ValueError, match=words):
+        text_to_pair(pair_to_text(model.to_json(), 1, RunZero(
+            0.0, 0.0, model=identity(model.to_json()))))
+
+
+def test_an_index_term_may_be_any_angle():
+    now = InForce()
+    now.take_model(PointingModel({'IA': 6.0, 'AN': 1.5}).to_json())
+    assert now.models == 1
