@@ -170,12 +170,12 @@ def _lies(head):
         head, record(12, text('parameters /x') + text(text('n') + text(deep))))
 
 
-def metadata_files():
-    """Hostile ``metadata.yaml`` beside a sound file."""
+def metadata_files(scale=1):
+    """Hostile ``metadata.yaml`` beside a sound file; crowds are `scale` times smaller."""
     prefix = 'rosbag2_bagfile_information:\n  relative_file_paths:\n'
     yield 'deep', '[' * 10**6
     yield 'deep blocks', '- ' * 10**6
     yield 'other folders', prefix + '    - ../../../etc/passwd\n    - /etc/passwd\n'
-    yield 'many files', prefix + '    - x.mcap\n' * 150_000
+    yield 'many files', prefix + '    - x.mcap\n' * (150_000 // scale)
     yield 'large', 'a: b\n' * 10**6
     yield 'no text', '\0\1\2'

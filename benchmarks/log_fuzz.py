@@ -224,7 +224,7 @@ def _crafted(fuzz, folder, scale):
     for name, data in crafted(scale):
         fuzz.feed(name, data, folder)
     sound = small_logs(folder / 'sound')[0]
-    for name, content in metadata_files():
+    for name, content in metadata_files(scale):
         bag = folder / 'bag'
         shutil.rmtree(bag, ignore_errors=True)
         bag.mkdir()

@@ -11,6 +11,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from calibration.calibration_node import Calibration
+from calibration.diagnosis import diagnosis
 from calibration.session import CalibrationSession
 from calibration.witnesses import UNJUDGED
 from msg_tools import convert, topics
@@ -29,6 +30,12 @@ from pointing_model.zero_message import joints_to_zero
 
 START = 1_768_482_000_000_000_000
 MOUNT = PointingModel(dict(zip(PHYSICAL, np.array([310, -170, 46, -23, 37, -21, 15]) * ARCSEC)))
+
+
+@pytest.fixture(autouse=True)
+def no_folds(monkeypatch):
+    """Cross-validation takes half of a diagnosis and is no matter of the node."""
+    monkeypatch.setitem(diagnosis.diagnose.__kwdefaults__, 'cross_validation', False)
 
 
 def rows(n, run=1, star=None, zero=(0.0, 0.0), seed=0):

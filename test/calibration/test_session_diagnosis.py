@@ -53,7 +53,8 @@ def session(*blocks, fit=True, **options):
 @pytest.fixture(autouse=True)
 def no_folds(request, monkeypatch):
     """Cross-validation takes half of a diagnosis, and diagnosis/test_diagnosis.py tests it; the
-    nights of `eccentric` and `amended` have it. Rows kept out, or left out by turns, judge all the same."""
+    nights of `eccentric` and `amended` have it. Rows kept out, or left out by turns, judge all the
+    same."""
     if not {'eccentric', 'amended'} & set(request.fixturenames):
         monkeypatch.setitem(diagnose.__kwdefaults__, 'cross_validation', False)
 

@@ -118,13 +118,13 @@ def test_every_place_of_a_bar_and_the_ends_of_the_circle():
     ({'geometry': 'tangent', 'shading_tilt': 0.1}, 0), ({'noise': 10.0}, 3)])
 def test_the_same_to_the_last_bit_alone_and_among_others(changes, blobs):
     params = encoder(**changes)
-    places = angles(130)
-    dust = np.random.default_rng(5).uniform(0.0, params.pixels, (130, blobs)) if blobs else None
+    places = angles(65)
+    dust = np.random.default_rng(5).uniform(0.0, params.pixels, (65, blobs)) if blobs else None
     images = frames(params, places, dust=dust)
     images[::3] = images[::3, ::-1]
     reader = TemplateReader(params.design)
     together = reader.read(images)
-    for size in (1, 2, 7, 63):
+    for size in (1, 7, 63):
         for i in range(0, len(images), size):
             part = reader.read(images[i : i + size])
             for field in dataclasses.fields(part):

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from calibration.diagnosis import diagnosis
 from telescope_mount import apply, diagnose, fit, read_run
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -55,6 +56,8 @@ class NoRos:
 sys.meta_path.insert(0, NoRos())
 from telescope_mount import api, cli, read_run
 print(len(read_run({str(MMT)!r})))
+from calibration.diagnosis import diagnosis
+diagnosis.diagnose.__kwdefaults__["cross_validation"] = False  # most of its time
 for command in (["fit", {str(LOG)!r}], ["info", {str(LOG)!r}],
                 ["export", {str(LOG)!r}, {str(tmp_path / 'rows.csv')!r}],
                 ["diagnose", {str(tmp_path / 'rows.csv')!r}],
@@ -140,8 +143,9 @@ def test_a_diagnosis_is_that_of_the_command(notebook, ended, tmp_path):
     assert found.rms_after_arcsec == pytest.approx(np.sqrt(np.mean(np.sum(kept**2, axis=0))))
 
 
-def test_several_runs_and_a_holdout(notebook):
+def test_several_runs_and_a_holdout(notebook, monkeypatch):
     """Of one mount, as paths or as runs; what is held out is judged."""
+    monkeypatch.setitem(diagnosis.diagnose.__kwdefaults__, 'cross_validation', False)
     rows = read_run(MMT)
     odd = np.arange(len(rows)) % 2 == 1
     found = diagnose([rows.select(~odd)], 'index', holdout=rows.select(odd))

@@ -161,11 +161,11 @@ def test_what_the_user_chose_reaches_the_night(refused, monkeypatch, tmp_path):
     assert asked[1]['out'] == Path('night') and asked[1]['sky'] == asked[1]['calibration'] == {}
 
 
-def test_what_a_parameter_file_makes_impossible(refused_by_graph, tmp_path):
+def test_what_a_parameter_file_makes_impossible(refused, ros_domain, tmp_path):
     path = tmp_path / 'params.yaml'
     path.write_text('/mount/star_observer:\n  ros__parameters:\n    min_elevation_dg: 30.0\n')
-    line = refused_by_graph('night', '--out', tmp_path / 'n', '--stars', 4, '--polaris', 2,
-                            '--params', path)
+    line = refused('night', '--out', tmp_path / 'n', '--stars', 4, '--polaris', 2,
+                   '--params', path)
     assert 'unknown parameter min_elevation_dg; did you mean min_elevation' in line
 
 

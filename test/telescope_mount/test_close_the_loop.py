@@ -145,11 +145,11 @@ def test_the_diagnosis_is_logged_and_nobody_was_told(german):
             german.folder / 'nodes' / f'{name}.params.yaml').read_text()
 
 
-def test_a_replay_finds_the_same(german, cli, tmp_path):
+def test_a_replay_finds_the_same(german, ended, tmp_path):
     out = tmp_path / 'model.json'
-    done = cli('replay', german.folder / 'bag', '--save', out)
-    assert done.returncode == 0, done.stderr
-    assert 'identified: MA by counterweight' in done.stdout
+    code, said, err = ended('replay', german.folder / 'bag', '--save', out)
+    assert code == 0, err
+    assert 'identified: MA by counterweight' in said
     again = PointingModel.load(out)
     assert again.terms == german.model.terms
     np.testing.assert_array_equal(
@@ -352,10 +352,10 @@ def test_bad_input_is_one_line(refused, tmp_path):
     assert not (tmp_path / 'd').exists()
 
 
-def test_a_step_that_cannot_be_carried_out_is_one_line(refused_by_graph, tmp_path):
+def test_a_step_that_cannot_be_carried_out_is_one_line(refused, ros_domain, tmp_path):
     (tmp_path / 'few.csv').write_text(
         'az_deg,el_deg,az_enc_deg,el_enc_deg\n10,50,10.01,50.01\n100,40,100.01,40.01\n')
-    line = refused_by_graph('close-the-loop', tmp_path / 'few.csv', '--out', tmp_path / 'c')
+    line = refused('close-the-loop', tmp_path / 'few.csv', '--out', tmp_path / 'c')
     assert 'fit: 1 usable observations do not determine 7 coefficients' in line
     assert 'observe at least 4 stars' in line and str(tmp_path / 'c' / 'bag') in line
 

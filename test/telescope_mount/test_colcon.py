@@ -1,6 +1,7 @@
 """What a machine with ROS 2 makes of the package: built by colcon, looked up as ros2 run does."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -140,7 +141,6 @@ def test_each_executable_starts(prefix, ros_domain, tmp_path):
 
 def test_package_xml_says_what_is_used():
     """Every ROS package that the sources import is declared."""
-    import ast
     from xml.etree import ElementTree
     package = ElementTree.parse(ROOT / 'package.xml').getroot()
     declared = {item.text for tag in ('depend', 'exec_depend') for item in package.iter(tag)}
@@ -148,9 +148,8 @@ def test_package_xml_says_what_is_used():
     for top in ('encoder_sim', 'pointing_model', 'calibration', 'msg_tools', 'telescope_mount',
                 'launch'):
         for path in (ROOT / top).rglob('*.py'):
-            for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
-                if isinstance(node, ast.ImportFrom) and node.module and not node.level:
-                    used.add(node.module.split('.')[0])
+            used.update(re.findall(r'^ *from (\w+)[\w.]* import ',
+                                   path.read_text(encoding='utf-8'), re.MULTILINE))
     ros = {name for name in used if name.endswith(('_msgs', '_srvs', '_interfaces'))
            or name in ('rclpy', 'launch', 'launch_ros')}
     assert ros <= declared, ros - declared

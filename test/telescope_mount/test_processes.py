@@ -7,11 +7,29 @@ import subprocess
 import pytest
 
 from telescope_mount.graph import NODES, NodeSpec
-from telescope_mount.processes import Processes
+from telescope_mount.processes import ForkServer, Processes
+
+
+@pytest.fixture(scope='module')
+def fork_server(ros_domain, tmp_path_factory):
+    server = ForkServer(tmp_path_factory.mktemp('fork') / 'fork_server.log')
+    yield server
+    server.close()
 
 
 @pytest.fixture
-def processes(ros_domain, tmp_path):
+def processes(ros_domain, tmp_path, fork_server, monkeypatch):
+    """All by one fork server, which imports for most of a second."""
+    monkeypatch.setattr(fork_server, 'close', lambda: None)
+    monkeypatch.setattr('telescope_mount.processes.ForkServer', lambda log: fork_server)
+    started = Processes(tmp_path / 'nodes', ros_domain)
+    yield started
+    started.stop()
+
+
+@pytest.fixture
+def own(ros_domain, tmp_path):
+    """With a fork server of its own."""
     started = Processes(tmp_path / 'nodes', ros_domain)
     yield started
     started.stop()
@@ -44,16 +62,16 @@ def ready(processes, name):
     context.try_shutdown()
 
 
-def test_a_node_lives_under_its_name_and_ends_cleanly(processes):
-    processes.start(spec('camera'))
-    processes.start(spec('calibration'))
-    pids = {name: node.pid for name, node in processes.running.items()}
+def test_a_node_lives_under_its_name_and_ends_cleanly(own):
+    own.start(spec('camera'))
+    own.start(spec('calibration'))
+    pids = {name: node.pid for name, node in own.running.items()}
     for name, pid in pids.items():
-        ready(processes, name)
+        ready(own, name)
         with open(f'/proc/{pid}/comm') as comm:
             assert comm.read().strip() == name
-    processes.check()
-    assert processes.stop() == {'camera': 0, 'calibration': 0}
+    own.check()
+    assert own.stop() == {'camera': 0, 'calibration': 0}
     assert not any(os.path.exists(f'/proc/{pid}') for pid in pids.values())
 
 
@@ -89,9 +107,9 @@ def test_waiting_for_a_node_that_stays_ends_in_time(processes):
         processes.running['camera'].wait(0.05)
 
 
-def test_a_fork_server_that_dies_takes_its_nodes_along(processes):
-    processes.start(spec('camera'))
-    node = processes.running['camera']
+def test_a_fork_server_that_dies_takes_its_nodes_along(own):
+    own.start(spec('camera'))
+    node = own.running['camera']
     with open(f'/proc/{node.pid}/stat') as stat:
         fork_server = int(stat.read().rsplit(')', 1)[1].split()[1])
     os.kill(fork_server, signal.SIGKILL)
@@ -99,10 +117,10 @@ def test_a_fork_server_that_dies_takes_its_nodes_along(processes):
     assert not os.path.exists(f'/proc/{node.pid}')
 
 
-def test_nodes_that_cannot_be_started_are_told(processes, tmp_path):
-    fork_server = processes._fork_server
+def test_nodes_that_cannot_be_started_are_told(own, tmp_path):
+    fork_server = own._fork_server
     fork_server._process.kill()
     fork_server._process.wait()
     fork_server._log.write_text('error: no rclpy here\n')
     with pytest.raises(RuntimeError, match='nodes cannot be started: no rclpy here'):
-        processes.start(spec('camera'))
+        own.start(spec('camera'))

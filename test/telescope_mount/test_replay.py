@@ -27,7 +27,7 @@ def test_what_is_left_of_a_log_gives_the_same_model_to_the_bit(other_night, cli,
     assert file.read_bytes() == before  # and the log is as it was
 
 
-def test_marks_are_judged_again_and_other_harmonics_may_be_asked_for(other_night, cli, tmp_path):
+def test_marks_are_judged_again_and_other_harmonics_may_be_asked_for(other_night, ended, tmp_path):
     pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportError)
     from rclpy.serialization import serialize_message
 
@@ -51,10 +51,10 @@ def test_marks_are_judged_again_and_other_harmonics_may_be_asked_for(other_night
                 data = serialize_message(homing_to_cloud(axes, from_stamp(told.header.stamp)))
             new.write(message.topic, data, message.log_time, message.publish_time,
                       message.sequence)
-    done = cli('replay', tmp_path / 'bag', '--seed', 3, '--harmonics', 'none', '--save',
-               tmp_path / 'plain.json')
-    assert done.returncode == 0, done.stderr
-    assert 'homed from above, not from below' in ' '.join(done.stdout.split())
+    code, said, err = ended('replay', tmp_path / 'bag', '--seed', 3, '--harmonics', 'none',
+                            '--save', tmp_path / 'plain.json')
+    assert code == 0, err
+    assert 'homed from above, not from below' in ' '.join(said.split())
     assert PointingModel.load(tmp_path / 'plain.json').harmonics is None
 
 
