@@ -268,14 +268,18 @@ class Judge:
         return round((0.5 * (axis.low + axis.high) - float(cubic.angles[0, i])) / _TURN)
 
     def _too_fast(self, cubic):
+        # an axis at its slowest that falls behind the track is anywhere beside it
+        least = self.limits.timing or 1.0
+        sure = ', with which it surely follows (slew_timing)' if least < 1.0 else ''
         for i, (axis, word) in enumerate(zip(self.limits.axes, self._words)):
             rate, bend = float(cubic.peak_rate[i]), float(cubic.peak_acceleration[i])
-            if not rate <= axis.rate:  # one that is no number neither
+            most, sharpest = least * axis.rate, least * axis.acceleration
+            if not rate <= most:  # one that is no number neither
                 return (f'{word} at {rate / DEG:.3g} deg/s on the track is faster than '
-                        f'{axis.rate / DEG:g} deg/s: ask for a slower one')
-            if not bend <= axis.acceleration:
+                        f'{most / DEG:.3g} deg/s{sure}: ask for a slower one')
+            if not bend <= sharpest:
                 return (f'{word} at {bend / DEG:.3g} deg/s^2 on the track is over '
-                        f'{axis.acceleration / DEG:g} deg/s^2: ask for a smoother one')
+                        f'{sharpest / DEG:.3g} deg/s^2{sure}: ask for a smoother one')
         return ''
 
     def _track_out_of_travel(self, cubic):
