@@ -30,6 +30,7 @@ _CLOCK = 1e8  # s: below, time counts from an arbitrary start
 _TOO_CLOSE = 0.05  # s on average: no mount goes from star to star so fast
 _CLOSE = 1.0
 _BLOCK = 5000  # lines that are split at a time
+MOST_COLUMNS = 1000  # no program writes so many; ten thousand take minutes
 
 
 def csv_delimiter(lines):
@@ -74,6 +75,9 @@ def read_csv(path, lines, delimiter, encoder=None):
     body = content(lines)
     (header,) = _split(path, body[:1], delimiter)
     numbers = np.array([number for number, _ in body[1:]], dtype=int)
+    if len(header) > MOST_COLUMNS:
+        raise ValueError(f'{path}: {len(header)} columns, at most {MOST_COLUMNS} are read; keep '
+                         'those of the observations')
     twice = [name for name in header if name and header.count(name) > 1]
     if twice:
         raise ValueError(f'{path}: column {twice[0]!r} is there twice')

@@ -121,7 +121,9 @@ class Progress:
                 return
             console = Console(stderr=True, highlight=False, markup=False, emoji=False)
             turning = SpinnerColumn('line' if plain else 'dots')
-            words, count = TextColumn('{task.description}'), TextColumn('{task.fields[count]}')
+            # a name of a file may hold what looks like markup
+            words, count = (TextColumn(field, markup=False) for field in (
+                '{task.description}', '{task.fields[count]}'))
             # what has no room in a narrow terminal is cut at the end, and no number shall be
             columns = ((turning, words, BarColumn(16), count, Left()) if console.width >= 75
                        else (turning, Left(), count, words))

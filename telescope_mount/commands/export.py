@@ -75,8 +75,9 @@ def run(args):
         options.refuse_existing(args.out, args)
     written = export_run(args.file, args.out, azimuth_origin=args.azimuth_origin,
                          start=args.start, end=args.end, **options.place_of(args))
-    for row in written.meta['excluded']:
-        console.print(f'row {row["row"]} left out: {row["reason"]}')
+    from calibration.diagnosis.rows_told import left_out_lines
+    for line in left_out_lines(written.meta['excluded']):
+        console.print(line)
     print_lines(console, 'note', written.meta['notes'])
     console.print(f'{len(written)} observations: {args.out}', soft_wrap=True)
     write_outputs(console, (args.json, lambda p: options.write_json(

@@ -10,6 +10,7 @@ from pointing_model.observing.pairing import centred
 from pointing_model.run import PointingRun
 from pointing_model.run_files import read_run, write_csv
 from pointing_model.star_catalogue import POLARIS_HIP
+from telescope_mount.cli import main
 from telescope_mount.commands.export import export_run
 from telescope_mount.runs import _readings, load_run, load_runs
 
@@ -86,6 +87,15 @@ def test_a_run_with_readings_comes_back(tmp_path):
     write_csv(run, tmp_path / 'run.csv')
     assert 'az_raw_deg,el_raw_deg' in (tmp_path / 'run.csv').read_text()
     assert read_run(tmp_path / 'run.csv')['az_raw'] == pytest.approx([6.1, 9.0], abs=1e-15)
+
+
+def test_copies_by_the_hundred_are_told_in_few_lines(tmp_path, capsys):
+    header, *rows = ROWS.split()
+    (tmp_path / 'run.csv').write_text('\n'.join([header, *rows * 100]) + '\n')
+    assert main(['export', str(tmp_path / 'run.csv'), str(tmp_path / 'out.csv')]) == 0
+    out = capsys.readouterr().out
+    assert f'({99} rows) left out: the same as row 2' in ' '.join(out.split())
+    assert len(out.splitlines()) < 30
 
 
 # --------------------------------------------------------------------------- a log of a night
