@@ -45,7 +45,7 @@ class Bench:
         self.driver.close(0.0)
         self.server.__exit__()
 
-    def until(self, condition, seconds=15.0):
+    def until(self, condition, seconds=60.0):
         """Go on until `condition` gives something true, and return that."""
         end = time.monotonic() + seconds
         while not (found := condition()):

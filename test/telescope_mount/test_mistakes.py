@@ -128,7 +128,9 @@ def test_progress_is_on_a_terminal_only(folder, tmp_path):
         [sys.executable, '-m', 'telescope_mount', 'diagnose',
          ROOT / 'calibration/data/mmt_2021-08-21.csv'], cwd=tmp_path, stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE, stderr=slave, env={**os.environ, 'PYTHONPATH': str(ROOT),
-                                                   'TERM': 'xterm', 'COLUMNS': '80'})
+                                                   'TERM': 'xterm', 'COLUMNS': '80'},
+        # a suite in the background of a script ignores Ctrl-C, and its children would too
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler))
     os.close(slave)
     seen, deadline = b'', time.monotonic() + 60
     while b' left' not in seen and time.monotonic() < deadline:
