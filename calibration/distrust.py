@@ -4,6 +4,7 @@ published because of what is known against them.
 
 import numpy as np
 
+from msg_tools.units import ARCSEC
 from pointing_model.observing.instrument_health import FROZEN_CAMERA, SAME_ROWS, frozen_rows
 
 #: so large a part of the observations that is not to be trusted speaks against all of them
@@ -11,6 +12,13 @@ MOST_DISTRUSTED = 1.0 / 3.0
 #: RMS on stars held out, in units of the noise that the fit itself found, beyond which an alarm
 #: and the model cannot both be lived with
 CONTRADICTED = 10.0
+
+#: rows from which their scatter tells something
+_FEW = 8
+#: noise of a centroid that the air leaves, 1 sigma of an axis, rad: image motion in short exposures
+#: in seeing of 0.8" (r0 = 126 mm) through 4 m, 0.42 wavelength D^(-1/6) r0^(-5/6)
+#: (Martin 1987, PASP 99, 1360). Smaller telescopes see more; exposures of many seconds less.
+AIR = 0.2 * ARCSEC
 
 
 def distrusted(rows):
@@ -38,6 +46,41 @@ def reasons(rows):
         return []
     return [f'{len(bad)} of {len(rows)} observations left out, rows {bad[0]} to {bad[-1]}: '
             + FROZEN_CAMERA.format(SAME_ROWS)]
+
+
+def notes_of(rows):
+    """What the miss distances give away: `reasons`, and a camera that sees less than the air.
+
+    A camera that always says about the same makes a fit that looks too good: it gives back the
+    model by which the mount was pointed, and what is left is the noise of the encoders. A long
+    exposure through steady air may do as well, so the rows are used, and it is said.
+
+    Parameters
+    ----------
+    rows : PointingRun
+        As for `distrusted`.
+
+    Returns
+    -------
+    list of str
+        Sentences; empty where there is nothing to say.
+    """
+    out, bad = reasons(rows), distrusted(rows)
+    if not all(name in rows for name in ('encoder_start', 'miss_x', 'miss_y')):
+        return out
+    miss = np.stack((rows['miss_x'], rows['miss_y']))[:, ~bad]
+    miss = miss[:, np.isfinite(miss).all(axis=0)]
+    if miss.shape[1] < _FEW:
+        return out
+    # of normal noise 1 sigma is 1.4826 times the median of what is off the median
+    off = np.abs(miss - np.median(miss, axis=1, keepdims=True))
+    sigma = 1.4826 * float(np.median(off, axis=1).max())
+    if sigma >= AIR:
+        return out
+    return [*out, f'the miss distances of {miss.shape[1]} observations scatter by only '
+            f'{sigma / ARCSEC:.2f} arcsec, less than the air makes a star wander in short '
+            f'exposures ({AIR / ARCSEC:.1f}): look whether the camera measures at all, for the '
+            'model and its small residuals are worth nothing if it does not']
 
 
 def contradicted(alarms, health, report=None):

@@ -13,7 +13,7 @@ from pointing_model.zero import NO_ZERO, Zeros, zeros_in_force
 from pointing_model.zero_exposures import is_for_zero, is_marked
 
 from .check import power_on_check, split_half, ways
-from .distrust import reasons
+from .distrust import notes_of, reasons
 from .fit_document import told_entries, told_lines
 from .harmonic_fit import HarmonicChoice, Recipe, fit_chosen, rows_of_terms
 from .held_out import held_out_steps
@@ -240,7 +240,7 @@ class CalibrationSession:
         rows = follows.corrected(observed)
         is_star = ~is_for_zero(rows)
         stars = rows.select(is_star)
-        notes = reasons(self.observations())
+        notes = notes_of(self.observations())
         fitted = self._fit_terms(rows)
         self.terms_alone, section, misfits = Candidate(fitted.model, fitted.zeros), None, 0
         by_terms = fitted.result.weights

@@ -85,7 +85,7 @@ class LongWork:
             call, message = self._later.pop(0)
             try:
                 call(message)
-            except ValueError as err:
+            except (ValueError, ArithmeticError, RecursionError) as err:
                 reject(call, err)
 
     def close(self):

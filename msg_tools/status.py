@@ -116,8 +116,12 @@ def handover(message):
         return None
     try:
         left = json.loads(_row(rows, PLAN_LEFT))
-        return int(rows[GIVEN_BACK]), None if left is None else Progress(**left)
-    except TypeError:
+        progress = None if left is None else Progress(**left)
+        if progress and any(type(getattr(progress, field.name)) is not field.type
+                            for field in fields(Progress)):
+            raise TypeError
+        return int(rows[GIVEN_BACK]), progress
+    except (TypeError, RecursionError):
         raise ValueError(f'status with a {PLAN_LEFT} that is none') from None
 
 

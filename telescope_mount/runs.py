@@ -141,7 +141,7 @@ def run_of_log(path):
     ValueError
         No observation in it, or it holds the simulator's truth.
     """
-    from calibration.distrust import distrusted, reasons
+    from calibration.distrust import distrusted, notes_of
     from msg_tools.units import wrap
     from pointing_model.run import PointingRun
     from pointing_model.run_messages import cloud_to_run
@@ -178,7 +178,7 @@ def run_of_log(path):
     stars = ~is_for_zero(run)
     way = way_of(run.select(~stars)) or 'Polaris'
     notes.append(f'{int((~stars).sum())} exposures of {way} left out')
-    notes += reasons(run)
+    notes += notes_of(run)
     stars &= ~distrusted(run)
     meta = {**run.meta, 'source': str(path), 'notes': notes + bag.problems, 'excluded': []}
     told = (parameters_of(bag.metadata, '/calibration') or {}).get('graduation')

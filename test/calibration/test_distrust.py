@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from calibration.distrust import contradicted, distrusted, reasons
+from calibration.distrust import contradicted, distrusted, notes_of, reasons
 from calibration.rows import for_fitting
 from calibration.session import CalibrationSession
 from msg_tools.units import ARCSEC, DEG
@@ -90,3 +90,18 @@ def test_a_model_that_its_alarms_contradict_is_not_published(alarms, held_out, r
     assert bool(why) == refused
     if refused:
         assert '900 arcsec on stars held out' in why and alarms[0] in why
+
+
+@pytest.mark.parametrize('noise, told', [(0.0, False), (0.02, True), (0.1, True), (1.0, False)])
+def test_a_camera_that_says_about_the_same_is_told_and_no_other(noise, told):
+    rows = night(stars=60)
+    rng = np.random.default_rng(5)
+    lying = PointingRun({**rows.columns, 'miss_x': noise * ARCSEC * rng.normal(size=len(rows)),
+                         'miss_y': noise * ARCSEC * rng.normal(size=len(rows))})
+    said = [note for note in notes_of(lying) if 'look whether the camera measures' in note]
+    assert bool(said) == told
+    if noise == 0.0:  # these rows are left out altogether
+        assert notes_of(lying) == reasons(lying) != []
+    if noise == 0.1:
+        assert notes_of(rows) == []
+        assert said[0] in session(lying).fit()[1]['notes']

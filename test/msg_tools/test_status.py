@@ -3,7 +3,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from msg_tools.status import OBSERVATIONS, Progress, observations_taken
+from msg_tools.status import OBSERVATIONS, Progress, handover, handover_rows, observations_taken
 
 
 def status(**rows):
@@ -43,3 +43,14 @@ def test_what_the_calibration_has():
         observations_taken(status(taken=12))
     with pytest.raises(ValueError):
         observations_taken(status(observations='many'))
+
+
+@pytest.mark.parametrize('left', ['{"done": "x"}', '{"block": 1e999}', '[]', '[' * 100_000,
+                                  '5' * 5000])
+def test_a_plan_given_back_that_is_none_is_refused(left):
+    rows = [SimpleNamespace(key=key, value=value) for key, value in
+            {'given_back': '3', 'plan_left': left}.items()]
+    with pytest.raises(ValueError):
+        handover(SimpleNamespace(values=rows))
+    sound = handover_rows(3, Progress('observing', 'stars 30', 2, 7, 30, 51, 2, 1, 'home'))
+    assert handover(status(**sound))[1].done == 7
