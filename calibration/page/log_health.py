@@ -142,15 +142,22 @@ def _nodes(bag):
     topic = next((t for t in bag.topics if t.name.endswith('/diagnostics') and t.count), None)
     if topic is None:
         return []
-    messages = bag.messages(topic.name)
+    observer = [t.name for t in bag.topics if t.name.endswith('/observer/status') and t.count]
     # of a long night the end: what counts up is there too
-    kept = deque(messages, maxlen=_STATUSES)
+    kept = deque(bag.messages([topic.name, *observer]), maxlen=_STATUSES)
+    # by their order: a simulated clock stands
+    over = max((i for i, message in enumerate(kept) if message.topic in observer),
+               default=len(kept))
     out = {}
-    for message in kept:
+    for i, message in enumerate(kept):
+        if message.topic in observer:
+            continue
         told = bag.decode(message)
         for status in getattr(told, 'status', ()):
-            level = _level(status.level)
-            before = out.get(status.name)
+            level, before = _level(status.level), out.get(status.name)
+            # then nodes end one after the other, and miss each other
+            if i > over and before and level > LEVELS.index(before['level']):
+                continue
             out[status.name] = {
                 'name': status.name, 'level': LEVELS[level], 'message': status.message,
                 'worst': LEVELS[max(level, LEVELS.index(before['worst']) if before else 0)],
