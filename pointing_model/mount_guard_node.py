@@ -50,7 +50,8 @@ PARAMS = (
     Param('sun_distance_deg', 20.0, 'least distance from the Sun, on the way too; 0: it is no '
           'matter [deg]', 0.0, 90.0, fixed=True),
     Param('slew_timing', 0.5, 'the axes slew with no less than this share of speed and '
-          'acceleration; 0: in any order', 0.0, 1.0, fixed=True),
+          'acceleration, and no track asks for more than it; 0: in any order, and all of it',
+          0.0, 1.0, fixed=True),
     Param('turn_known', True, 'the first axis reads the turn that it is on; else only what is '
           'safe on any turn is allowed', fixed=True),
     Param('renew_s', 0.5, 'between commands, each of which ends at rest; 0: the whole track at '

@@ -46,7 +46,7 @@ class Heard:
         Of it, if nothing has happened, rad^2.
     chances : dict of str to float
         What may have happened just before: each that may have jumped, ``wrong star``; and
-        ``nothing``.
+        ``nothing``. All 0 for the first stars of a night that decide how it begins (`opening`).
     called : tuple of str
         Sentences about what is decided now, also of the stars before.
     confidence : str

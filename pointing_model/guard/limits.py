@@ -125,7 +125,8 @@ class Limits:
         Least distance from the Sun, rad; 0: it is no matter.
     timing : float
         The axes slew at no less than this share of their rates and accelerations, 0 to 1; each
-        on its own. 0: nothing is known of it, one axis may go while the other waits.
+        on its own, and no track may ask for more. 0: nothing is known of it, one axis may go while
+        the other waits.
     """
 
     mount: Mount = ALTAZ
