@@ -399,8 +399,7 @@ def write_page(folder, report, kept, log=None):
 
 
 def write_results(folder, results, kept=None):
-    """observations.csv, model.json, report.json and the plot; `kept` gets ``run`` and ``model``."""
-    from calibration.night_plot import plot_night
+    """observations.csv, model.json, report.json; `kept` gets ``run`` and ``model``."""
     from msg_tools import topics
     from msg_tools.units import ARCSEC
     from pointing_model.earth import earth_orientation
@@ -424,7 +423,4 @@ def write_results(folder, results, kept=None):
     (folder / 'report.json').write_text(json.dumps(report, indent=1) + '\n')
     report['files'] = {'log': str(folder / 'bag'), 'model': str(folder / 'model.json'),
                        'observations': str(folder / 'observations.csv')}
-    if fitted:
-        plot_night(run, model, report, folder / 'residuals.png')
-        report['files']['plot'] = str(folder / 'residuals.png')
     return report

@@ -10,7 +10,6 @@ e_i - phi_i e_(i-1) of such rows have a tridiagonal covariance: rows are whitene
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg.lapack import dpttrf, dtbtrs
 
 from .repeats import repeats
 
@@ -298,6 +297,7 @@ def factored(phi, white, variance):
     diagonal = variance * (1.0 - phi * phi) + white + phi * phi * before
     if len(diagonal) < 2:  # as of `_bidiagonal`
         return diagonal, diagonal[:0]
+    from scipy.linalg.lapack import dpttrf  # slow to import
     d, lower, info = dpttrf(diagonal, -phi[1:] * white[:-1])
     if info:
         raise np.linalg.LinAlgError('covariance of a wander is not positive definite')
@@ -308,6 +308,7 @@ def _bidiagonal(band, columns, trans='N'):
     """Solution with a unit lower bidiagonal matrix; (n, k)."""
     if not columns.size:  # LAPACK's routine writes beyond an empty array
         return columns
+    from scipy.linalg.lapack import dtbtrs
     return dtbtrs(band, columns, uplo='L', trans=trans, diag='U')[0]
 
 

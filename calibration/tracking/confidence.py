@@ -8,7 +8,6 @@ count once it is decided that nothing jumped before them and that they were no w
 from functools import cache
 
 import numpy as np
-from scipy.special import chdtri, gammaincinv
 
 #: stars of a test: from, and the last so many
 FEWEST, WINDOW = 12, 24
@@ -25,6 +24,7 @@ HONEST, OVER, UNDER = 'honest', 'over-confident', 'under-confident'
 @cache
 def _bounds(count):
     """Sums of so many NIS beyond which a filter is not honest."""
+    from scipy.special import chdtri, gammaincinv
     return 2.0 * gammaincinv(count, LEVEL), chdtri(2 * count, LEVEL)
 
 

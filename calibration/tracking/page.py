@@ -4,7 +4,6 @@ from datetime import datetime, timezone
 from pathlib import Path
 
 import numpy as np
-from scipy.special import chdtr, chdtri
 
 from msg_tools.units import ARCSEC
 
@@ -122,6 +121,8 @@ def innovations_figure(squares):
     str
         HTML; '' of none.
     """
+    from scipy.special import chdtr, chdtri  # a quarter of a second, for tracked nights alone
+
     nis = np.asarray(squares, float)
     if not nis.size:
         return ''

@@ -5,8 +5,6 @@ from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components, dijkstra
 
 from msg_tools.units import DEG
 
@@ -195,6 +193,7 @@ class _Grid:
             near = np.flatnonzero(sun[0] @ self.place
                                   > np.cos(min(judge.keep_out + step, np.pi)))
             free[near] = judge.free(self.boxes.of(near), sun)
+        from scipy.sparse import coo_matrix  # few nights need a way around
         return coo_matrix((self.seconds[free], (self.row[free], self.column[free])),
                           shape=(self.size, self.size)).tocsr()
 
@@ -217,6 +216,8 @@ def _grid(judge, ends, step):
 
 def _path(judge, cubic, state, own, step, sun, pole, leaving):
     """Points of a grid from the begin to one from which the track is reached; None without."""
+    from scipy.sparse.csgraph import connected_components, dijkstra
+
     here, there = state.angles, cubic.angles[0].tolist()
     ends = tuple((math.floor(max(axis.low, min(a, b) - REACH) / step),
                   math.ceil(min(axis.high, max(a, b) + REACH) / step))

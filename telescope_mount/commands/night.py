@@ -16,7 +16,7 @@ def add(commands):
         description='Start every node as a process, observe stars, set the zero (on Polaris where '
         'it is well up, else on a few other stars), fit the pointing model, log everything, and '
         'print the error before and after.')
-    options.add_out(parser, 'night', 'log, model, observations and plot')
+    options.add_out(parser, 'night', 'log, model, observations and page')
     options.add(parser, 'seed')
     parser.add_argument('--stars', type=options.whole(4, 5000), default=30,
                         help='in each of the two blocks (default: 30)')

@@ -15,7 +15,7 @@ def add(commands):
         description='Start the nodes beside drivers (docs/real_mount.md), observe stars, fit the '
         'pointing model, check it on fresh stars, log everything, and print the error before and '
         'after. Time is that of the wall.')
-    options.add_out(parser, 'observed', 'log, model, observations and plot')
+    options.add_out(parser, 'observed', 'log, model, observations and page')
     parser.add_argument('--driver', type=Path, action='append', default=[], metavar='FILE',
                         help='a driver in Python to start as well, again for each; those that run '
                         'already are found')

@@ -3,7 +3,6 @@ import pytest
 
 from calibration.diagnosis.rows_told import left_out_lines
 from calibration.fit import fit_terms
-from calibration.night_plot import plot_night
 from calibration.session import CalibrationSession
 from calibration.tables import fit_tables, night_tables, terms_table
 from msg_tools.units import ARCSEC, DEG
@@ -102,14 +101,6 @@ def test_fit_tables_say_what_was_left_out_and_what_is_uncertain():
     assert 'note: in two files' in text
     assert 'correlations above 0.9: ' in text
     assert '60 rows' in text and 'as the encoders read' in text
-
-
-def test_the_picture_is_written(night, tmp_path):
-    rows, model, report = night
-    path = tmp_path / 'night.png'
-    plot_night(rows, model, report, path)
-    data = path.read_bytes()
-    assert data[:8] == b'\x89PNG\r\n\x1a\n' and len(data) > 20_000
 
 
 def test_rows_left_out_are_a_line_for_each_reason():
