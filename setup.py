@@ -60,7 +60,6 @@ setup(
         'sgp4>=2.22',
         'rich>=13',
         'argcomplete>=2',
-        'matplotlib>=3.6',
         'threadpoolctl>=3',
     ],
     extras_require={
@@ -68,7 +67,7 @@ setup(
         'test': [
             'pytest', 'pytest-xdist', 'ruff', 'setuptools<80', 'colcon-common-extensions',
             'skyfield', 'skyfield-data', 'rosbags', 'astropy>=6', 'indipyclient>=0.9',
-            'alpyca>=3.1.3',
+            'alpyca>=3.1.3', 'matplotlib>=3.6',
         ],
         'bench': ['katpoint==0.10.3'],
         'parquet': ['pyarrow'],

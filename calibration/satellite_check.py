@@ -90,39 +90,3 @@ def gps_statistics(tracks):
     """
     return {**{part: tracking_statistics(tracks[part]) for part in ('before', 'after')},
             'paper': PAPER}
-
-
-def plot_gps(tracks, path):
-    """The paper's figures 1 and 2: errors of the tracked satellite against time.
-
-    Parameters
-    ----------
-    tracks : dict
-        ``before`` and ``after`` from `tracking_errors`.
-    path : str or Path
-        PNG to write.
-    """
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(11.0, 6.5), layout='constrained')
-    panels = figure.subplots(2, 2, sharex='col', sharey='row')
-    for column, (key, title) in enumerate((
-            ('before', 'Before the zero calibration (paper: fig. 1)'),
-            ('after', 'After it (paper: fig. 2)'))):
-        minutes = (np.asarray(tracks[key]['time']) - np.min(tracks[key]['time'])) / 60.0
-        for axes, axis, name in zip(panels[:, column], ('az', 'el'), ('azimuth', 'elevation')):
-            error = tracks[key][f'{axis}_arcsec']
-            mean, std = np.mean(error), np.std(error, ddof=1)
-            axes.plot(minutes, error, '.', ms=3)
-            axes.axhline(mean, color='tab:blue', lw=1.0, label=f'{mean:.2f} ± {std:.2f}″')
-            paper = PAPER[key]
-            axes.axhline(paper[f'{axis}_mean_arcsec'], color='tab:orange', ls='--', lw=1.0,
-                         label=f'paper {paper[f"{axis}_mean_arcsec"]:.2f} ± '
-                               f'{paper[f"{axis}_std_arcsec"]:.2f}″')
-            axes.axhline(0.0, color='0.7', lw=0.7)
-            axes.legend(fontsize=8)
-            if column == 0:
-                axes.set_ylabel(f'{name} error [arcsec]')
-        panels[0, column].set_title(title, fontsize=10)
-        panels[1, column].set_xlabel('time [min]')
-    figure.savefig(path, dpi=110)

@@ -2,10 +2,6 @@
 
 import csv
 
-import numpy as np
-
-from msg_tools.units import ARCSEC
-
 from .season import season_from_rows
 from .tables import new_table
 from .zero_causes import AXES, DRIVERS, zero_causes
@@ -122,46 +118,3 @@ def write_season(power_ons, path):
         for row in power_ons:
             table.writerow([row['run'], row['time'], *(
                 '' if value is None else value for name in _COLUMNS for value in row[name])])
-
-
-def plot_season(judged, path):
-    """The zeros against each driver that was tried, both axes; tonight's expected one beside.
-
-    Parameters
-    ----------
-    judged : dict
-        From `judge_season`.
-    path : str or Path
-        PNG to write.
-    """
-    from matplotlib.figure import Figure
-    found = judged['causes']
-    season = season_from_rows(judged['power_ons'])
-    names = found['drivers'] or ['temperature']
-    figure = Figure(figsize=(4.5 * len(names) + 1.0, 7.0), layout='constrained')
-    panels = figure.subplots(2, len(names), squeeze=False)
-    for k, axis in enumerate(AXES):
-        slopes = {c['driver']: c['slope_arcsec'] for c in found['axes'][axis]['causes']}
-        zeros, sigmas = season.zeros[:, k] / ARCSEC, season.sigmas[:, k] / ARCSEC
-        for column, name in enumerate(names):
-            axes, values = panels[k, column], season.drivers[name][:, k]
-            axes.errorbar(values[:-1], zeros[:-1], sigmas[:-1], fmt='o', ms=4, color='tab:blue',
-                          label='power-ons')
-            axes.errorbar(values[-1:], zeros[-1:], sigmas[-1:], fmt='s', ms=6, color='tab:green',
-                          label='tonight, measured')
-            if judged['tonight']:
-                told = judged['tonight'][axis]
-                axes.errorbar(values[-1:], [told['expected_arcsec']], [told['sigma_arcsec'] or 0.0],
-                              fmt='x', color='tab:orange', label='tonight, expected')
-            if name in slopes and np.isfinite(values).any():
-                ends = np.array([np.nanmin(values), np.nanmax(values)])
-                level = np.nanmean(zeros[:-1] - slopes[name] * values[:-1])
-                axes.plot(ends, level + slopes[name] * ends, color='0.6', lw=1.0)
-            words, unit, _ = DRIVERS[name]
-            axes.set_xlabel(f'{words} [{unit}]')
-            axes.set_title(f'{axis}: {found["axes"][axis]["verdict"]}', fontsize=10)
-            if column == 0:
-                axes.set_ylabel('zero since the first [arcsec]')
-    panels[0, 0].legend(fontsize=8)
-    figure.suptitle('Zeros of the power-ons against what was measured at the mark')
-    figure.savefig(path, dpi=110)

@@ -61,7 +61,7 @@ class CalibrationSession:
         self._yesterday = yesterday
         #: how Polaris and the encoders stand to each other tonight, from `fit` on
         self.witness = None
-        self._parts = {}  # by the stamp of the newest row
+        self._parts, self._count = {}, 0  # by the stamp of the newest row; rows in all
         self.last_stamp = 0
         #: that `fit` made last, PointingModel
         self.model = None
@@ -79,7 +79,7 @@ class CalibrationSession:
         self._diagnosis = self._result = None
 
     def __len__(self):
-        return sum(map(len, self._parts.values()))
+        return self._count
 
     @property
     def mount(self):
@@ -121,6 +121,7 @@ class CalibrationSession:
             'the reference model': self.reference and self.reference.mount})
         if stamp > self.last_stamp:
             self._parts[stamp] = with_marks(run)
+            self._count += len(run)
             self.last_stamp = stamp
 
     def take_table(self, run, stamp):
@@ -135,7 +136,7 @@ class CalibrationSession:
         """
         if stamp >= self.last_stamp and len(run) > len(self):
             self._parts.clear()
-            self.last_stamp = 0
+            self._count = self.last_stamp = 0
             self.add(run, stamp)
 
     def observations(self, until=0):

@@ -269,23 +269,35 @@ class MountNode(ParameterNode):
             rows.append((f'gaps {name}', str(sum(c.gaps for _, c in subs))))
         return rows
 
+    def _connections_and_counts(self):
+        """The numbers of `endpoints`, but for those of the clock, which never comes to rest."""
+        connections = [self._diagnostics.get_subscription_count()]
+        counts = []
+        for name, (pub, counter) in self._publishers_of.items():
+            connections.append(pub.get_subscription_count())
+            if name != CLOCK.name:
+                counts.append(counter.count)
+        for name, subs in self._subscriptions_of.items():
+            for sub, counter in subs:
+                connections.append(sub.get_publisher_count())
+                if name != CLOCK.name:
+                    counts += counter.count, counter.last, counter.gaps
+        return connections, counts
+
     def _diagnose(self):
-        rows = self.endpoints()
-        connections = [row for row in rows if row[0].startswith((PUBLISHES, SUBSCRIBES))]
-        # at once when a connection came or went, or messages have come to rest; the clock never
-        # does; else once a second
-        counts = [row for row in rows if row not in connections and CLOCK.name not in row[0]]
+        # at once when a connection came or went, or messages have come to rest; else once a second
+        connections, counts = self._connections_and_counts()
         quiet = counts == self._last_counts
         self._last_counts = counts
         new = connections != self._told[0] or (quiet and counts != self._told[1])
         if new or time.monotonic() - self._announced_at >= 1.0:
             self._told = connections, counts
-            self.announce(rows)
+            self.announce()
 
-    def announce(self, rows=None):
+    def announce(self):
         """Publish the diagnostics now."""
         from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
-        rows = self.endpoints() if rows is None else rows
+        rows = self.endpoints()
         elapsed = time.monotonic() - self._announced_at
         before = dict(self._announced or [])
         self._announced, self._announced_at = rows, time.monotonic()

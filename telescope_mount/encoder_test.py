@@ -27,11 +27,7 @@ from .simulator import SCALES, IndexingTable
 #: what the paper found for each method: standard deviation, arcsec
 PRINTED_STD = {'paper': 4.57, 'centroid': 26.77, 'parabola': 16.93}
 #: methods in the picture; the others are variants of them
-#: colours that the colour-blind tell apart (they differ by 38 in CIELAB at least), and their marks
-_COLOURS = {'centroid': '#7a6a58', 'parabola': '#d55e00', 'paper': '#0072b2',
-            'template': '#2d0a33'}
-_MARKERS = {'centroid': 'o', 'parabola': 'x', 'paper': 's', 'template': '^'}
-_LINES = {'centroid': ':', 'parabola': '-', 'paper': '-', 'template': '--'}
+DRAWN = ('centroid', 'parabola', 'paper', 'template')
 #: of one bar in ten at readings 5, 10 and 15, in bar periods
 DAMAGE = 0.15
 #: pixel noise at which the page repeats the comparison, grey levels: see `needed`
@@ -110,7 +106,7 @@ def run(seed=1, turns=20, pitch=48, progress=None):
 
 def _curves(errors):
     return {name: [None if np.isnan(v) else float(v) for v in e / ARCSEC]
-            for name, e in errors.items() if name in _COLOURS}
+            for name, e in errors.items() if name in DRAWN}
 
 
 def _usual(errors, gross):
@@ -300,79 +296,3 @@ def notes(report):
 
 def _cell(value, digits=2):
     return '-' if value is None else f'{value:.{digits}f}'
-
-
-def plot(report, path):
-    """The curves beside the printed table, as PNG.
-
-    Parameters
-    ----------
-    report : dict
-        From `run`.
-    path : Path
-        Of the file.
-    """
-    from matplotlib.figure import Figure
-    figure = Figure(figsize=(13.5, 9.0), layout='constrained')
-    grid = figure.add_gridspec(2, 3, width_ratios=[1.25, 1.25, 1.0])
-    curves, conditions, table_2 = report['curves'], report['conditions'], report['table_2']
-    first_turn, loud = report['first_turn'], report['noise_of_the_paper']
-    reading, both = np.arange(1, 24), ('paper', 'template')
-
-    axes = figure.add_subplot(grid[0, 0])
-    axes.plot(reading, table_2['errors_arcsec'], 'ko--', lw=0.8, ms=4,
-              label=f'printed in table 2: {table_2["std_arcsec"]:.2f}"')
-    _draw(axes, 'One turn, and the printed one', reading, curves['first_turn'],
-          {name: _label(name, first_turn) for name in both})
-    _draw(figure.add_subplot(grid[0, 1]),
-          f'All methods, noise {loud["noise_grey_levels"]:g} grey levels (fig. 11)', reading,
-          curves['noise_of_the_paper'],
-          {name: _label(name, loud['methods'], PRINTED_STD) for name in _COLOURS})
-    names = {name: name for name in _COLOURS}
-    _draw(figure.add_subplot(grid[1, 0]), 'Bars displaced at readings 5, 10, 15 (fig. 12)', reading,
-          curves['damaged'], names)
-    axes = figure.add_subplot(grid[1, 1])
-    _draw(axes, 'Through one bar, without noise', curves['one_bar_position'], curves['one_bar'],
-          names, marked=False, centroid_width=0.5)
-    axes.set_xlabel('place in the bar ["]')
-
-    axes = figure.add_subplot(grid[:, 2])
-    axes.axis('off')
-    columns = table_2['errors_arcsec'], *(curves['first_turn'][name] for name in both)
-    rows = [['reading', 'printed', *both]]
-    rows += [[str(i), *map(_cell, values)] for i, values in enumerate(zip(*columns), 1)]
-    rows += [[key, *(_cell(figures[f'{key}_arcsec'])
-                     for figures in (table_2, *(first_turn[name] for name in both)))]
-             for key in ('std', 'max')]
-    cells = axes.table(rows, loc='center', cellLoc='right')
-    cells.auto_set_font_size(False)
-    cells.set_fontsize(8)
-    cells.scale(1.0, 1.35)
-    for (row, _), cell in cells.get_celld().items():
-        cell.set_linewidth(0.3)
-        if row in (0, len(rows) - 2, len(rows) - 1):
-            cell.set_text_props(weight='bold')
-    axes.set_title('Error, arcsec: table 2, and one turn here', fontsize=10)
-    figure.suptitle(
-        f'23-face test of the absolute encoder: {conditions["bar_pitch_px"]:g} px a bar, noise '
-        f'{conditions["noise_grey_levels"]:g} grey levels unless said')
-    figure.savefig(path, dpi=110)
-
-
-def _draw(axes, title, x, curves, labels, marked=True, centroid_width=1.2):
-    """The curves of the methods in `labels`."""
-    for name, label in labels.items():
-        # a gross error would flatten the rest: it is left out, as a rejected reading is
-        values = np.array([np.nan if v is None else v for v in curves[name]])
-        axes.plot(x, _usual(values, 600.0), c=_COLOURS[name], ls=_LINES[name], ms=4,
-                  marker=_MARKERS[name] if marked else '', label=label,
-                  lw=centroid_width if name == 'centroid' else 1.2)
-    axes.axhline(0.0, color='0.6', lw=0.6)
-    axes.set(title=title, xlabel='reading', ylabel='error ["]')
-    axes.title.set_fontsize(10)
-    axes.legend(fontsize=8)
-
-
-def _label(name, summaries, printed=None):
-    text = f'{name}: {_cell(summaries[name]["std_arcsec"])}"'
-    return text + (f' (printed {printed[name]})' if printed and name in printed else '')

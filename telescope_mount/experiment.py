@@ -20,8 +20,7 @@ SATELLITE_NIGHT = 4
 #: first night, -1: the satellite of paper 000 (elements of 2013 day 264) is up in its evenings
 START = '2013-09-20T13:00:00'
 #: written beside log and page
-FILES = ('table1.csv', 'zeros.csv', 'gps.json', 'report.json', 'observations.csv', 'nights.png',
-         'zeros.png', 'gps.png')
+FILES = ('table1.csv', 'zeros.csv', 'gps.json', 'report.json', 'observations.csv')
 #: a plan of that many nights would be an hour of commands at a real telescope
 _HOURS = 24
 
@@ -111,13 +110,12 @@ def run_experiment(out, *, seed=1, drifts='paper', stars=30, polaris=16, satelli
 
 
 def _write(folder, nights, said, kept, latest):
-    """table1.csv, zeros.csv, gps.json, report.json, observations.csv and the pictures.
+    """table1.csv, zeros.csv, gps.json, report.json, observations.csv.
 
     `kept` gets ``run``.
     """
-    from calibration.paper_table_1 import COLUMNS, compare_with_paper, plot_nights
-    from calibration.satellite_check import plot_gps
-    from calibration.season_report import judge_season, plot_season, write_season
+    from calibration.paper_table_1 import COLUMNS, compare_with_paper
+    from calibration.season_report import judge_season, write_season
     from msg_tools import topics
     from pointing_model.run_files import write_csv
     from pointing_model.run_messages import cloud_to_run
@@ -136,9 +134,6 @@ def _write(folder, nights, said, kept, latest):
     files['report.json'].write_text(json.dumps(report, indent=1) + '\n')
     write_csv(run, files['observations.csv'], plain=True)
     write_season(calibrated['power_ons'], files['zeros.csv'])
-    plot_nights(report, files['nights.png'])
-    plot_season(report['zeros'], files['zeros.png'])
-    plot_gps(report['satellite'], files['gps.png'])
     report['files'] = {'log': str(folder / 'bag'),
                        **{name: str(path) for name, path in files.items()}}
     return report

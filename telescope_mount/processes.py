@@ -198,7 +198,7 @@ class Processes:
         self.folder = Path(folder)
         self.folder.mkdir(parents=True, exist_ok=True)
         self.params_file = params_file
-        self.running = {}
+        self.running, self._checked = {}, 0.0
         self.environment = (ONE_THREAD | os.environ | dds_environment(self.folder, domain)
                             | {'ROS_LOG_DIR': str(self.folder)})
         # at once: it imports while the caller does
@@ -237,7 +237,11 @@ class Processes:
                      if line.strip() and not line.startswith(('[INFO]', '[WARN]', '[DEBUG]'))), '')
 
     def check(self):
-        """Raise RuntimeError with a node's own words if one has ended."""
+        """Raise RuntimeError with a node's own words if one has ended; looks ten times a second."""
+        now = time.monotonic()
+        if now - self._checked < 0.1:
+            return
+        self._checked = now
         for name, process in self.running.items():
             code = process.poll()
             if code is not None:

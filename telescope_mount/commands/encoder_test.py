@@ -12,7 +12,7 @@ def add(commands):
         'encoder-test', help='the 23-face test of the absolute encoder, beside the paper\'s',
         description='Turn the simulated disc of the absolute encoder to 23 standard angles, read '
         'it by the paper\'s method, its two rivals and ours, and compare with what was printed.')
-    options.add_out(parser, 'encoder_test', 'the picture and the page')
+    options.add_out(parser, 'encoder_test', 'the page')
     options.add_json(parser, 'all figures')
     options.add_overwrite(parser)
     options.add(parser, 'seed', help='of disc, table and noise (default: 1)')
@@ -23,22 +23,20 @@ def add(commands):
 
 
 def run(args):
-    """Turn, read, print, plot."""
+    """Turn, read, print."""
     from .. import encoder_test
     from ..encoder_page import write_encoder_page
     from .console import Progress, new_console, print_files, print_lines, write_outputs
     options.check_target(args.json)
-    console, picture = new_console(), args.out / 'encoder_test.png'
-    options.refuse_existing(picture, args)
+    console, page = new_console(), args.out / 'page.html'
+    options.refuse_existing(page, args)
     args.out.mkdir(parents=True, exist_ok=True)
     with Progress(first='turning the disc') as progress:
         report = encoder_test.run(args.seed, args.turns, args.pitch, progress)
     for table in encoder_test.tables(report):
         console.print(table)
     print_lines(console, 'note', encoder_test.notes(report))
-    encoder_test.plot(report, picture)
     write_outputs(console, (args.json, lambda p: options.write_json(p, report), 'figures'))
-    page = args.out / 'page.html'
     figures = [args.json] if isinstance(args.json, Path) else []
-    write_encoder_page(page, report, [picture, *figures])
-    print_files(console, {'picture': picture, 'page': page})
+    write_encoder_page(page, report, figures)
+    print_files(console, {'page': page})

@@ -15,7 +15,7 @@ def add(commands):
         'zero calibration. On one night a GPS satellite is tracked. Prints the paper\'s table 1 '
         'with ours beside it, and what the zeros follow: temperature, supply, time, side of the '
         'mark.')
-    options.add_out(parser, 'experiment', 'tables, log and plots')
+    options.add_out(parser, 'experiment', 'tables, log and page')
     options.add(parser, 'seed')
     parser.add_argument('--nights', type=options.whole(4, 200), default=11,
                         help='of the table, after two for their models (default: 11)')

@@ -7,7 +7,6 @@ import pytest
 
 from calibration.satellite_check import (
     gps_statistics,
-    plot_gps,
     tracking_errors,
     tracking_statistics,
 )
@@ -68,9 +67,3 @@ def test_statistics_leave_out_what_was_not_seen(time):
     json.dumps(both, allow_nan=False)
     with pytest.raises(ValueError, match='1 exposures of the satellite'):
         tracking_statistics(tracking_errors(PointingModel({}), run.select(slice(9, 11))))
-
-
-def test_figure_is_written(tmp_path, time):
-    curve = {'time': time, 'az_arcsec': np.sin(time / 1e3), 'el_arcsec': np.cos(time / 1e3)}
-    plot_gps({'before': curve, 'after': curve}, tmp_path / 'gps.png')
-    assert (tmp_path / 'gps.png').read_bytes()[:8] == b'\x89PNG\r\n\x1a\n'

@@ -8,7 +8,6 @@ import pytest
 from calibration.season import SeasonLog, drivers_of, season_from_rows, season_rows
 from calibration.season_report import (
     judge_season,
-    plot_season,
     season_lines,
     season_table,
     write_season,
@@ -78,7 +77,7 @@ def judged():
     return judge_season(rows, expected)
 
 
-def test_what_people_see(judged, tmp_path):
+def test_what_people_see(judged):
     from rich.console import Console
     console = Console(width=110)
     with console.capture() as shown:
@@ -90,8 +89,6 @@ def test_what_people_see(judged, tmp_path):
     lines = season_lines(judged)
     assert 'the zero follows the temperature' in lines[0]
     assert any('not tried: time since' in line for line in lines)
-    plot_season(judged, tmp_path / 'zeros.png')
-    assert (tmp_path / 'zeros.png').read_bytes().startswith(b'\x89PNG')
 
 
 def test_tonight_is_not_among_those_it_is_judged_by(judged):
