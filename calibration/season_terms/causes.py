@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import fdtrc
 
-from .filter import find_wander, levels, log_likelihood, normal_equations
+from .filter import find_wander, levels, log_likelihood, normal_equations, step_gains
 
 #: threshold of the chance below, which is too small where nights are few: so 1 season of 100 that
 #: has no cause shows one (docs/season.md)
@@ -48,6 +48,11 @@ class Cause(NamedTuple):
     shape: np.ndarray
     unit: str
     tonight: object
+
+    @property
+    def first(self):
+        """Number of the first night of a step."""
+        return int(np.argmax(self.shape[:, 0]))
 
     def columns(self, k):
         """As of `filter.Told`, shape (n, k, c)."""
@@ -190,22 +195,28 @@ def _chance(ratio, extra, n):
 def _likely(told, asked, wander):
     """Numbers of the candidates that promise most while wander and scatter stay."""
     n, k = told.values.shape
-    columns = [cause.columns(k) for cause in asked]
+    gains = step_gains(told, wander)
+    chances = np.ones(len(asked))
+    rest = []  # all but the steps, of which there is one for each term and night
+    for number, cause in enumerate(asked):
+        if cause.kind == 'step':
+            chances[number] = _chance(gains[cause.first, cause.terms[0]], 1, n)
+        else:
+            rest.append(number)
+    columns = [asked[number].columns(k) for number in rest]
     ends = np.cumsum([0, *(c.shape[2] for c in columns)])
     first = 1 + told.columns.shape[2]
     gram, log_det = normal_equations(
         told._replace(columns=np.concatenate([told.columns, *columns], axis=2)),
         np.square(wander.walk)[None], np.square(wander.scatter)[None])
     base = log_likelihood(gram[:, :first, :first], log_det, False)[0]
-    chances = []
-    for low, high in zip(first + ends[:-1], first + ends[1:]):
+    for number, low, high in zip(rest, first + ends[:-1], first + ends[1:]):
         take = np.r_[0:first, low:high]
         part = gram[:, take][:, :, take]
         if np.linalg.cond(part[0, 1:, 1:]) > 1e12:  # the same as what is there
-            chances.append(1.0)
             continue
         value = log_likelihood(part, log_det, False)[0]
-        chances.append(_chance(2.0 * (value - base), high - low, n))
+        chances[number] = _chance(2.0 * (value - base), high - low, n)
     order = np.argsort(chances, kind='stable')[:_CLOSER]
     return [int(i) for i in order if chances[i] < 1.0]
 

@@ -16,6 +16,7 @@ from calibration.season_terms.filter import (
     log_likelihood,
     normal_equations,
     smoothed,
+    step_gains,
 )
 from calibration.season_terms.judged import judge_season
 from calibration.season_terms.nights import Night, Nights, days, nights_of
@@ -181,3 +182,26 @@ def test_nights_have_their_dates_and_say_what_is_left_out():
     other.meta['mount'] = Mount.equatorial(30.0 * DEG)
     with pytest.raises(ValueError, match='b is of another mount'):
         nights_of([runs[0], other], tuple(terms))
+
+
+def test_all_steps_at_once_gain_what_each_gains_by_itself():
+    found = season(np.random.default_rng(3), moved=lambda v, _: v.__setitem__(
+        (slice(11, None), 1), v[11:, 1] + 12.0))
+    told, k = told_of(found), len(NAMES)
+    own = told._replace(columns=levels(len(found.nights), k))
+    wander, base = find_wander(own, restricted=False)
+    gains = step_gains(own, wander)
+    variances = np.square(wander.walk)[None], np.square(wander.scatter)[None]
+    base = log_likelihood(*normal_equations(own, *variances), False)[0]
+    steps = [cause for cause in candidates(found, told.days) if cause.kind == 'step']
+    assert len(steps) > 40
+    for cause in steps:
+        more = own._replace(columns=np.concatenate([own.columns, cause.columns(k)], axis=2))
+        value = log_likelihood(*normal_equations(more, *variances), False)[0]
+        assert gains[cause.first, cause.terms[0]] == pytest.approx(
+            2.0 * (value - base), rel=1e-6, abs=1e-6)
+    assert np.unravel_index(np.argmax(gains), gains.shape) == (11, 1)
+    # a step that is taken already gains nothing more
+    with_it = own._replace(columns=np.concatenate(
+        [own.columns, next(c for c in steps if c.first == 11 and c.terms == (1,)).columns(k)], 2))
+    assert step_gains(with_it, wander)[11, 1] == 0.0

@@ -1,0 +1,121 @@
+"""Everything that is promised of speed, beside what a user would run instead, in one table.
+
+    python benchmarks/all.py                     # within two minutes
+    python benchmarks/all.py --full              # all sizes, cost curves, judged by the history
+    python benchmarks/all.py --part fit,sky --json figures.json
+
+Ratio: how many times as fast as the peer, or as the limit; both are measured in the same run, in
+turns, one numeric thread, best of the rounds. A full run is judged by `history.json`: a line whose
+ratio is slower by a quarter than there in each of three runs one after the other makes it end with
+code 1, as a limit that is missed does. `--record` writes what was measured into the history.
+Peers come with the extras `bench` and `test`; one that is missing leaves its place empty.
+"""
+
+import argparse
+import json
+import os
+import sys
+import time
+from pathlib import Path
+
+from telescope_mount.threads import ONE_THREAD
+
+os.environ.update(ONE_THREAD)  # before numpy comes
+
+from compared import PARTS
+from rich.console import Console
+from rich.table import Table
+
+HISTORY = Path(__file__).with_name('history.json')
+#: a ratio that is slower by so much, in so many runs, is a step back
+SLOWER, RUNS = 0.25, 3
+
+
+def seconds(value):
+    """A time as people read it."""
+    if value is None:
+        return '-'
+    unit, factor = next(pair for pair in (('s', 1.0), ('ms', 1e3), ('us', 1e6))
+                        if value * pair[1] >= 1.0 or pair[0] == 'us')
+    return f'{value * factor:.3g} {unit}'
+
+
+def table_of(rows):
+    """The table, for a terminal."""
+    out = Table(title='Ratio: times as fast as the peer or the limit')
+    for name in ('part', 'what', 'size', 'ours', 'peer', 'theirs', 'ratio', 'at least'):
+        out.add_column(name, justify='right' if name in ('ours', 'theirs', 'ratio', 'at least')
+                       else 'left')
+    for row in rows:
+        out.add_row(row.part, row.what, row.size, seconds(row.ours), row.peer, seconds(row.theirs),
+                    '-' if row.ratio is None else f'{row.ratio:.2f}',
+                    '' if row.least is None else
+                    f'{row.least:.2f}' + (' MISSED' if row.met is False else ''))
+    return out
+
+
+def slower(rows, history):
+    """Keys of those whose ratio is below the history's by more than a quarter."""
+    return {row.key for row in rows if row.ratio is not None and row.key in history
+            and row.ratio < history[row.key] / (1.0 + SLOWER)}
+
+
+def measure(parts, full, say):
+    """Rows of the parts, in turn."""
+    rows = []
+    for name in parts:
+        begin = time.perf_counter()
+        rows += PARTS[name](full)
+        say(f'{name}: {time.perf_counter() - begin:.0f} s')
+    return rows
+
+
+def main():
+    """Measure, print, judge; the exit code."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('--full', action='store_true')
+    parser.add_argument('--part', default=','.join(PARTS), help='some of ' + ', '.join(PARTS))
+    parser.add_argument('--json', type=Path, metavar='FILE')
+    parser.add_argument('--history', type=Path, default=HISTORY, metavar='FILE')
+    parser.add_argument('--record', action='store_true', help='write the ratios to the history')
+    args = parser.parse_args()
+    parts = args.part.split(',')
+    if wrong := [name for name in parts if name not in PARTS]:
+        parser.error(f'no part {wrong[0]!r}: it is some of {", ".join(PARTS)}')
+
+    def say(text):
+        print(f'# {text}', file=sys.stderr, flush=True)
+    rows = measure(parts, args.full, say)
+    history = json.loads(args.history.read_text())['ratios'] if args.history.exists() else {}
+    fallen = slower(rows, history) if args.full else set()
+    for number in range(RUNS - 1):
+        if not fallen:
+            break
+        say(f'slower than in the history, run {number + 2} of {RUNS}: ' + '; '.join(fallen))
+        again = {key.split(' | ')[0] for key in fallen}
+        fallen &= slower(measure([p for p in parts if p in again], args.full, say), history)
+    curves = []
+    if args.full:
+        from curves import measure_curves
+        curves = measure_curves(say)
+    console = Console(width=None if sys.stdout.isatty() else 150)
+    console.print(table_of(rows))
+    if curves:
+        from curves import table_of_curves
+        console.print(table_of_curves(curves))
+    for key in sorted(fallen):
+        print(f'SLOWER than in the history by more than {100 * SLOWER:.0f} %: {key}')
+    if args.json:
+        args.json.write_text(json.dumps({'rows': [row.document() for row in rows], 'curves': [
+            curve.document() for curve in curves]}, indent=1) + '\n')
+    if args.record:
+        known = history | {row.key: round(row.ratio, 3) for row in rows if row.ratio is not None}
+        args.history.write_text(json.dumps({'ratios': dict(sorted(known.items()))}, indent=1)
+                                + '\n')
+    missed = [row for row in rows if row.met is False] + [c for c in curves if not c.met]
+    return int(args.full and bool(fallen or missed))
+
+
+if __name__ == '__main__':
+    sys.exit(main())

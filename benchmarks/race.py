@@ -1,0 +1,191 @@
+"""Fair timing of what is ours beside what a user would run instead, and how cost grows with size.
+
+Candidates take turns, so that a machine that is slower for a second is slower for all of them; the
+best of the rounds counts, since noise only adds. Used by `all.py` and by the benchmarks of a part.
+"""
+
+import gc
+import math
+import time
+import tracemalloc
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+#: s of one measurement at least: shorter calls are repeated
+SHORTEST = 0.02
+
+
+@dataclass(frozen=True)
+class Row:
+    """A line of the table.
+
+    Parameters
+    ----------
+    part, what, size : str
+        Of the table; together they name the line in the history.
+    ours : float
+        Seconds.
+    peer : str
+        What is beside it: a program, or a limit.
+    theirs : float or None
+        Seconds of the peer; None where it is not installed.
+    least : float or None
+        What the ratio must be at least.
+    note : str
+    """
+
+    part: str
+    what: str
+    size: str
+    ours: float
+    peer: str
+    theirs: float | None
+    least: float | None = None
+    note: str = ''
+
+    @property
+    def key(self):
+        """Its name in the history."""
+        return ' | '.join((self.part, self.what, self.size, self.peer))
+
+    @property
+    def ratio(self):
+        """Times as fast as the peer; None without one."""
+        return None if self.theirs is None or not self.ours else self.theirs / self.ours
+
+    @property
+    def met(self):
+        """Whether it is as fast as it must be; None where nothing is asked."""
+        return None if self.least is None or self.ratio is None else self.ratio >= self.least
+
+    def document(self):
+        """As JSON has it."""
+        return {**asdict(self), 'ratio': self.ratio, 'met': self.met}
+
+
+def _calls(call):
+    """How often `call` is made in a row to take `SHORTEST` seconds; it is made at least twice."""
+    call()
+    begin = time.perf_counter()
+    call()
+    return max(1, math.ceil(SHORTEST / max(time.perf_counter() - begin, 1e-7)))
+
+
+def race(calls, rounds=5, clock=time.perf_counter):
+    """Best time of each candidate, seconds a call.
+
+    Parameters
+    ----------
+    calls : dict of str to callable
+        Without arguments.
+    rounds : int
+        In each, every candidate has a turn.
+    clock : callable
+
+    Returns
+    -------
+    dict of str to float
+    """
+    times, best = {name: _calls(call) for name, call in calls.items()}, {}
+    gc.collect()
+    gc.disable()
+    try:
+        for _ in range(rounds):
+            for name, call in calls.items():
+                begin = clock()
+                for _ in range(times[name]):
+                    call()
+                took = (clock() - begin) / times[name]
+                best[name] = min(best.get(name, math.inf), took)
+    finally:
+        gc.enable()
+    return best
+
+
+def exponent(sizes, costs):
+    """The power with which cost grows over the larger half of the sizes.
+
+    Small sizes are left out where they cost the same as none: a fixed cost hides the growth.
+
+    Parameters
+    ----------
+    sizes, costs : sequence of float
+        Ascending.
+
+    Returns
+    -------
+    float
+    """
+    sizes, costs = np.asarray(sizes, float), np.asarray(costs, float)
+    first = min(int(np.searchsorted(costs, 2.0 * costs[0])), len(sizes) - 2)
+    x, y = np.log(sizes[first:]), np.log(costs[first:])
+    return float(np.polyfit(x, y, 1)[0])
+
+
+def peak_memory(call):
+    """Bytes that `call` holds at most beyond what there was; numpy's arrays are counted."""
+    gc.collect()
+    tracemalloc.start()
+    try:
+        call()
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Cost of an operation at several sizes."""
+
+    what: str
+    unit: str
+    sizes: tuple
+    seconds: tuple
+    bytes: tuple
+
+    @property
+    def power(self):
+        """Of time."""
+        return exponent(self.sizes, self.seconds)
+
+    @property
+    def power_of_memory(self):
+        """Of memory; 0.0 where it stays below 4 MB: a curve of crumbs."""
+        return exponent(self.sizes, self.bytes) if max(self.bytes) > 4e6 else 0.0
+
+    @property
+    def met(self):
+        """No worse than n log n: over the sizes that are compared, that is a power of its own."""
+        large = [math.log(n) for n in self.sizes if n > 1]
+        limit = 1.0 + 1.0 / (sum(large) / len(large)) + 0.05  # d ln(n ln n) / d ln n, and noise
+        return self.power <= limit and self.power_of_memory <= limit
+
+    def document(self):
+        """As JSON has it."""
+        return {**asdict(self), 'power': self.power, 'power_of_memory': self.power_of_memory,
+                'met': self.met}
+
+
+def curve(what, unit, sizes, prepare, rounds=3):
+    """Measure one.
+
+    Parameters
+    ----------
+    what, unit : str
+        Of the table.
+    sizes : sequence of int
+    prepare : callable
+        ``prepare(size)`` returns what is timed, a callable without arguments.
+    rounds : int
+
+    Returns
+    -------
+    Curve
+    """
+    seconds, memory = [], []
+    for size in sizes:
+        call = prepare(size)
+        seconds.append(race({'': call}, rounds)[''])
+        memory.append(peak_memory(call))
+    return Curve(what, unit, tuple(sizes), tuple(seconds), tuple(memory))
