@@ -26,6 +26,8 @@ sys.path.append(str(Path(__file__).parent))
 
 from desk import START, Desk, rows
 
+pytestmark = pytest.mark.usefixtures('nothing_expected')
+
 
 @pytest.fixture(autouse=True)
 def no_folds(monkeypatch):
