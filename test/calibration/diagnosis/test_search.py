@@ -178,6 +178,19 @@ def test_p_counts_the_flips():
                       g).z == pytest.approx(test.z)
 
 
+def test_flips_that_reach_a_score_are_those_whose_largest_does():
+    problem = make_problem(5, signal=play(1.2))
+    state = problem.state([])
+    test = ChanceTest(state, problem.dictionary.score(state),
+                      index(problem, 'azimuth_hysteresis_cosE'))
+    signs = Chance(60, 399, np.random.default_rng(0)).signs
+    best = np.sort(test.flipped_max(signs))
+    for place in (0, 40, 200, 390, 398):  # between two of them: no rounding decides
+        test.z = float(best[place:place + 2].mean()) if place < 398 else best[-1] + 0.01
+        reached, largest = test.flipped_beyond(signs)
+        assert reached == 398 - place and largest == pytest.approx(best[-1], abs=1e-4)
+
+
 def test_overlap_knows_aliases():
     problem = make_problem(6)
     state = problem.state([])
