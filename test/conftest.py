@@ -327,17 +327,22 @@ def cli(ros_domain, tmp_path_factory):
 
 @pytest.fixture(scope='session', autouse=True)
 def few_partitions():
-    """Cross-validation over few partitions into few folds, in this process: a third of the time.
+    """Cross-validation over few partitions into few folds, few flips, in this process: a third of
+    the time.
 
     What is chosen hardly depends on them, and how sure the figure is `benchmarks/` show. Three
     folds are the fewest that leave most rows in, and 2 partitions the fewest that have a scatter;
-    the rule for more of them has a test of its own.
+    the rule for more of them has a test of its own. Of a p of 0.01, 499 flips leave 0.004.
     """
+    from calibration import harmonic_fit
     from calibration.diagnosis import diagnosis, validation
+    choices = harmonic_fit.cross_validated
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(validation, 'PARTITIONS', 2)
         patch.setattr(validation, 'MOST_PARTITIONS', 3)
         patch.setitem(diagnosis.diagnose.__kwdefaults__, 'folds', 3)
+        patch.setitem(diagnosis.diagnose.__kwdefaults__, 'flips', 499)
+        patch.setattr(choices, '__defaults__', (*choices.__defaults__[:-1], 3))
         yield
 
 
@@ -345,8 +350,19 @@ def few_partitions():
 def folds_of_a_user(request, monkeypatch):
     """What `few_partitions` leaves as it is: where processes diagnose, to the bit the same."""
     if 'cli' in request.fixturenames:
+        from calibration import harmonic_fit
         from calibration.diagnosis import constants, diagnosis
+        choices = harmonic_fit.cross_validated
+        monkeypatch.setattr(
+            choices, '__defaults__', (*choices.__defaults__[:-1], harmonic_fit.FOLDS))
         monkeypatch.setitem(diagnosis.diagnose.__kwdefaults__, 'folds', constants.FOLDS)
+        monkeypatch.setitem(diagnosis.diagnose.__kwdefaults__, 'flips', constants.FLIPS)
+
+
+@pytest.fixture
+def nothing_expected(monkeypatch):
+    """A fit that does not say what is to be expected of it: a third of its time."""
+    monkeypatch.setattr('calibration.session_diagnosis.expected_of_fit', lambda *args: None)
 
 
 @pytest.fixture

@@ -42,6 +42,17 @@ def normal_score(gain, dof, nu):
     return ((1.0 - b) * root - (1.0 - a)) / np.sqrt(a + b * root * root)
 
 
+def _gain_of(z, dof, nu):
+    """The gain from which on `normal_score` is `z`: infinite where no gain is as much."""
+    a, b = 2.0 / (9.0 * dof), 2.0 / (9.0 * nu)
+    square = np.square(1.0 - b) - z * z * b
+    root = (1.0 - a) * (1.0 - b) + z * np.sqrt(np.maximum(
+        np.square(1.0 - b) * a + np.square(1.0 - a) * b - z * z * a * b, 0.0))
+    with np.errstate(divide='ignore', over='ignore'):
+        gain = dof * (root / square)**3
+    return np.where(square > 0.0, gain, np.inf if z > 0.0 else -np.inf)
+
+
 class ChanceTest:
     """Is a group's score beyond what flipped residuals give to the best of all groups?
 
@@ -108,18 +119,34 @@ class ChanceTest:
         ndarray, shape (B,)
         """
         best = np.full(len(signs), -np.inf)
+        for gain, dof, nu in self._gains(signs):
+            best = np.maximum(best, normal_score(gain, dof, nu).max(axis=1))
+        return best
+
+    def flipped_beyond(self, signs):
+        """How many flips reach the group's own score, and the largest score of all.
+
+        As of `flipped_max`, of which most time would go into cube roots of each flip and group.
+        """
+        reached, largest = np.zeros(len(signs), bool), -np.inf
+        for gain, dof, nu in self._gains(signs):
+            reached |= (gain >= _gain_of(self.z, dof, nu)).any(axis=1)
+            largest = max(largest, normal_score(gain.max(axis=0), dof, nu).max())
+        return int(np.count_nonzero(reached)), float(largest)
+
+    def _gains(self, signs):
+        """Of some groups after the others: gain of each flip (B, G), dof and nu of the groups."""
         for pairs, dof, nu, shrink in self._parts:  # (G_d, d, n)
             g, d, n = pairs.shape
             step = max(1, 4_000_000 // max(len(signs) * d, 1))
             for i in range(0, g, step):
                 s = signs @ pairs[i:i + step].reshape(-1, n).T
-                gain = np.square(s).reshape(len(signs), -1, d).sum(axis=2)
+                gain = np.square(s)
+                if d > 1:
+                    gain = gain.reshape(len(signs), -1, d).sum(axis=2)
                 # what the variance of this flip would be without the group's own part
-                gain = gain / np.maximum(1.0 - gain * shrink[i:i + step], 0.02)
-                z = normal_score(gain, dof[i:i + step], nu[i:i + step])
-                if z.size:
-                    best = np.maximum(best, z.max(axis=1))
-        return best
+                yield (gain / np.maximum(1.0 - gain * shrink[i:i + step], 0.02),
+                       dof[i:i + step], nu[i:i + step])
 
 
 class Chance:
@@ -189,12 +216,12 @@ class Chance:
         limit = count if alpha is None else int(np.ceil(alpha * (count + 1)))
         hits, start = 0, 0
         for stop in (*range(200, count, 400), count):
-            best = test.flipped_max(self.signs[start:stop])
-            hits += int(np.sum(best >= test.z))
+            reached, largest = test.flipped_beyond(self.signs[start:stop])
+            hits += reached
             start = stop
             if hits > limit:
                 return max((hits + 1) / (stop + 1), 1.0001 * alpha)
-            if test.z > best.max() + FAR:  # no flip will come near
+            if test.z > largest + FAR:  # no flip will come near
                 break
         return (hits + 1) / (count + 1)
 

@@ -3,18 +3,15 @@
 import bisect
 import heapq
 import re
-import struct
-from array import array
 from collections import Counter
 from contextlib import ExitStack
 from pathlib import Path
 from typing import NamedTuple
 
-from mcap.opcode import Opcode
-
+from .chunk_rows import ChunkRows
 from .decode import Decoders
 from .file import MIN_RECORDS, BagFile
-from .mcap_records import MAX_CHUNK, PARSE_ERRORS, short, walk
+from .mcap_records import MAX_CHUNK, PARSE_ERRORS, short
 from .metadata import is_truth, listed_files
 from .ros_schema import load_qos
 from .writer import plain_name
@@ -340,7 +337,7 @@ class BagReader(Reader):
             self._skipped[f'{chunk} damaged ({short(error)}) and left out'] = 1
             return None
         try:
-            return _Rows(buffer, chosen, low, high, MIN_RECORDS + segment.length)
+            return ChunkRows(buffer, chosen, low, high, MIN_RECORDS + segment.length)
         except ValueError as error:
             self._skipped[f'{chunk} left out ({error})'] = 1
             return None
@@ -380,48 +377,6 @@ class BagReader(Reader):
         with open(target, 'xb') as stream:
             stream.write(data)
         return target
-
-
-class _Rows:
-    """The chosen messages of a chunk, in log time order; bytes are cut out when asked for."""
-
-    __slots__ = ('times', '_begins', '_ends', '_buffer', '_chosen', 'size')
-
-    def __init__(self, buffer, chosen, low, high, most):
-        self._buffer, self._chosen, self.size = buffer, chosen, len(buffer)
-        times, begins, ends = array('Q'), array('Q'), array('Q')
-        unpack = struct.Struct('<HIQ').unpack_from
-        ordered, last = True, 0
-        for opcode, begin, end in walk(buffer, most):
-            if opcode != Opcode.MESSAGE or end - begin < 22:
-                continue
-            channel, _, log_time = unpack(buffer, begin)
-            if channel in chosen and low <= log_time < high:
-                times.append(log_time)
-                begins.append(begin)
-                ends.append(end)
-                ordered = ordered and log_time >= last
-                last = log_time
-        if not ordered:
-            order = sorted(range(len(times)), key=times.__getitem__)
-            times = array('Q', [times[i] for i in order])
-            begins = array('Q', [begins[i] for i in order])
-            ends = array('Q', [ends[i] for i in order])
-        self.times, self._begins, self._ends = times, begins, ends
-
-    def __len__(self):
-        return len(self.times)
-
-    def __lt__(self, other):
-        return False  # ties in the heap end with the order of the file
-
-    def between(self, number, stop):
-        """(what `chosen` holds, (log time, publish time, data, sequence)) of rows."""
-        buffer, chosen = self._buffer, self._chosen
-        unpack = struct.Struct('<HIQQ').unpack_from
-        for begin, end in zip(self._begins[number:stop], self._ends[number:stop]):
-            channel, sequence, log_time, publish_time = unpack(buffer, begin)
-            yield chosen[channel], (log_time, publish_time, buffer[begin + 22:end], sequence)
 
 
 def _may_hold(segment, file, topic):

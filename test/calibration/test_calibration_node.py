@@ -1,5 +1,6 @@
 import json
-import threading
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,64 +9,26 @@ pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportErr
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from std_msgs.msg import String
-from std_srvs.srv import Trigger
 
 from calibration.calibration_node import Calibration
-from calibration.diagnosis import diagnosis
 from calibration.session import CalibrationSession
 from calibration.witnesses import UNJUDGED
 from msg_tools import convert, topics
 from msg_tools.homing import AxisHoming, homing_to_cloud
 from msg_tools.status import Progress, handover
-from msg_tools.units import ARCSEC, DEG
+from msg_tools.units import ARCSEC
 from pointing_model.in_force_message import pair_to_text
 from pointing_model.model import PointingModel
 from pointing_model.model_document import identity
 from pointing_model.run import PointingRun
 from pointing_model.run_messages import run_to_cloud
 from pointing_model.star_catalogue import POLARIS_HIP
-from pointing_model.terms import PHYSICAL
 from pointing_model.zero import RunZero
 from pointing_model.zero_message import joints_to_zero
 
-START = 1_768_482_000_000_000_000
-MOUNT = PointingModel(dict(zip(PHYSICAL, np.array([310, -170, 46, -23, 37, -21, 15]) * ARCSEC)))
+sys.path.append(str(Path(__file__).parent))
 
-
-@pytest.fixture(autouse=True)
-def no_folds(monkeypatch):
-    """Cross-validation takes half of a diagnosis and is no matter of the node."""
-    monkeypatch.setitem(diagnosis.diagnose.__kwdefaults__, 'cross_validation', False)
-
-
-def rows(n, run=1, star=None, zero=(0.0, 0.0), seed=0):
-    rng = np.random.default_rng(seed)
-    az, el = rng.uniform(0, 2 * np.pi, n), np.arcsin(rng.uniform(0.35, 0.99, n))
-    if star is not None:
-        az, el = 0.4 * DEG + 1e-4 * np.arange(n), 34.9 * DEG + 1e-5 * np.arange(n)
-    az_enc, el_enc = MOUNT.sky_to_encoder(az, el)
-    x, y = rng.normal(size=(2, n)) * 0.3 * ARCSEC
-    return PointingRun({
-        'az': az, 'el': el, 'az_enc': az_enc + zero[0] + x / np.cos(el),
-        'el_enc': el_enc + zero[1] + y, 'run': np.full(n, float(run)),
-        'star': np.arange(n) + 1.0 if star is None else np.full(n, float(star))})
-
-
-class Desk:
-    def __init__(self, graph, **overrides):
-        self.graph = graph
-        self.node = graph.add(Calibration, **overrides)
-        self.pub = graph.publisher(topics.OBSERVATION)
-        graph.connect()
-        self.stamp, self.count = START, 0
-
-    def observe(self, run):
-        """Send `run` row by row and wait until all are taken."""
-        for i in range(len(run)):
-            self.stamp += 10**9
-            self.pub.publish(run_to_cloud(run.select([i]), self.stamp))
-        self.count += len(run)
-        self.graph.report('calibration', '', 'observations', self.count)
+from desk import MOUNT, START, Desk, rows
 
 
 def test_a_zero_is_refused_with_a_reason_until_polaris_was_seen(graph):
@@ -367,183 +330,6 @@ def test_bad_start_values(graph, overrides, text):
         graph.add(Calibration, **overrides)
 
 
-# --- diagnosis ----------------------------------------------------------------------------------
-
-
-def eccentric(run):
-    """The same rows, read by a disc that lies off its axis."""
-    columns = dict(run.columns)
-    columns['az_enc'] = columns['az_enc'] + 9.0 * ARCSEC * np.cos(columns['az'] - 0.8)
-    return PointingRun(columns)
-
-
-def test_a_diagnosis_adds_the_effect_and_publishes_what_belongs_together(graph, tmp_path):
-    page = tmp_path / 'page.html'
-    desk = Desk(graph, site='34.3, 109.0', diagnosis_page=str(page))
-    desk.observe(eccentric(rows(60, seed=2)))
-    desk.observe(eccentric(rows(8, star=POLARIS_HIP, seed=3)))
-    assert graph.call('calibrate_zero').success
-    assert graph.call('fit').success
-    status = graph.listen(topics.CALIBRATION_STATUS, depth=10)
-    answer = graph.call('diagnose')
-    assert answer.success, answer.message
-    assert answer.message.startswith('identified: azimuth_encoder_1; ')
-    documents, models, zeros = (graph.listen(topic) for topic in (
-        topics.DIAGNOSIS, topics.MODEL, topics.ZERO))  # late: they are latched
-    graph.wait_for(lambda: documents and models and zeros)
-    document, model = json.loads(documents[0].data), PointingModel.from_json(models[0].data)
-    assert document['verdict'] == 'identified' and document['kept_out'] == 0
-    assert [e.effect.name for e in model.effects] == document['applied'] == ['azimuth_encoder_1']
-    assert model.provenance['last_stamp_ns'] == desk.stamp
-    _, zero = joints_to_zero(zeros[0])
-    told, = model.provenance['zeros_in_force']
-    assert zero.run == told['run'] == 1
-    assert zero.angles == pytest.approx([told['az_arcsec'] * ARCSEC, told['el_arcsec'] * ARCSEC])
-    fresh = eccentric(rows(50, seed=9))
-    x, y = model.residuals(fresh, zero=zero)
-    assert np.sqrt(np.mean(x**2 + y**2)) / ARCSEC < 0.7  # the noise: 0.42
-    assert 'azimuth' in page.read_text()
-    # what takes long is said before it begins
-    graph.wait_for(lambda: status and status[-1].message == answer.message)
-    assert 'diagnosing' in [message.message for message in status]
-    graph.report('calibration', '', 'diagnosis', 'identified: azimuth_encoder_1')
-
-
-def test_a_diagnosis_can_be_watched_and_cancelled(graph, monkeypatch):
-    pause = threading.Event()
-
-    def endless(self, alpha, site, until, progress):
-        self._published = self.model = 'half of it'
-        while not pause.wait(0.01):
-            progress('looking', 1, 2)
-    desk = Desk(graph)
-    desk.observe(rows(30, seed=2))
-    status, models = graph.listen(topics.CALIBRATION_STATUS), graph.listen(topics.MODEL)
-    graph.connect()
-    assert graph.call('fit').success
-    assert graph.call('calibration/cancel').message == 'nothing long is under way'
-    with monkeypatch.context() as patch:
-        patch.setattr(CalibrationSession, 'diagnose', endless)
-        client = graph.tester.create_client(Trigger, 'diagnose')
-        graph.wait_for(client.service_is_ready)
-        answer = client.call_async(Trigger.Request())
-        graph.wait_for(lambda: status[-1].message == 'diagnosing: looking, 1 of 2')
-        assert 'call calibration/cancel' in graph.call('fit').message
-        desk.pub.publish(run_to_cloud(rows(1, seed=3), desk.stamp + 1))
-        graph.report('calibration', '', 'received /mount/observation', 31)
-        graph.report('calibration', '', 'observations', 30)
-        assert graph.call('calibration/cancel').success
-        graph.wait_for(answer.done, 'the end of the diagnosis')
-    assert (answer.result().success, answer.result().message) == (
-        False, 'diagnosing was cancelled')
-    # what came meanwhile counts, and nothing else has changed
-    graph.report('calibration', '', 'observations', 31)
-    assert graph.call('diagnose').success
-    graph.wait_for(lambda: len(models) == 2)
-
-
-def test_rows_kept_out_do_not_reach_fit_and_diagnosis(graph):
-    desk = Desk(graph)
-    desk.observe(rows(40, seed=2))
-    desk.observe(rows(8, star=POLARIS_HIP, seed=3))
-    spoilt = rows(20, seed=4)
-    spoilt.columns['el_enc'] = spoilt['el_enc'] + 500 * ARCSEC
-    marked = PointingRun({**spoilt.columns, 'check': np.ones(20)})
-    desk.observe(marked)
-    # although the rows before do not have the column
-    answer = graph.call('fit')
-    assert answer.success and answer.message.startswith('40 stars fitted')
-    assert graph.call('diagnose').success
-    documents = graph.listen(topics.DIAGNOSIS)
-    graph.wait_for(lambda: documents)
-    document = json.loads(documents[0].data)
-    assert document['kept_out'] == 20 and document['verdict'] == 'none'
-    assert document['after']['holdout_rms_arcsec'] == pytest.approx(500.0, abs=5.0)
-    assert document['after']['rms_arcsec'] < 1.0
-
-
-def test_a_diagnosis_that_cannot_be_is_refused_with_a_reason(graph, tmp_path):
-    desk = Desk(graph, diagnosis_page=str(tmp_path / 'no' / 'page.html'))
-    assert 'no observation has come yet' in graph.call('diagnose').message
-    desk.observe(rows(3))
-    answer = graph.call('diagnose')
-    assert not answer.success and 'observe more' in answer.message
-    desk.observe(rows(40, seed=3))
-    apart = graph.listen(topics.APART)
-    answer = graph.call('diagnose')  # without a fit before it, and with no place for the page
-    assert answer.success and 'the page was not written' in answer.message
-    assert answer.message.startswith('none; ')
-    graph.wait_for(lambda: apart)
-    assert json.loads(apart[0].data)['state'] == 'nothing open'
-    graph.report('calibration', '', 'causes told apart',
-                 'the diagnosis leaves no causes to tell apart: none')
-
-
-def test_angles_that_are_not_what_they_are_named_are_refused_and_said(graph):
-    desk = Desk(graph)
-    wrong = rows(40, seed=3)
-    wrong.columns['az_enc'] = -wrong['az_enc']
-    desk.observe(wrong)
-    models = graph.listen(topics.MODEL)
-    status = graph.listen(topics.CALIBRATION_STATUS, depth=10)
-    for service in ('fit', 'diagnose'):
-        answer = graph.call(service)
-        assert not answer.success
-        assert 'azimuth of the encoders counted the other way' in answer.message
-        graph.wait_for(lambda said=answer.message: status and status[-1].message == said)
-    assert not models
-
-
-def test_a_diagnosis_of_too_few_of_the_rows_claims_nothing(graph):
-    desk = Desk(graph)
-    few = eccentric(rows(60, seed=2))
-    few.columns['el_enc'] = np.where(np.arange(60) % 5 < 2, np.nan, few['el_enc'])
-    desk.observe(few)
-    status = graph.listen(topics.CALIBRATION_STATUS, depth=10)
-    answer = graph.call('diagnose')
-    assert answer.success and answer.message.startswith('36 of 60 rows could be used')
-    graph.wait_for(lambda: status and status[-1].message == answer.message)
-    assert status[-1].level == DiagnosticStatus.WARN
-
-
-@pytest.mark.parametrize('site', ['34.3', '34.3, x', '95, 0', '1, 2, 3'])
-def test_a_site_that_is_none_is_refused(graph, site):
-    with pytest.raises(ValueError, match='calibration: site = '):
-        graph.add(Calibration, site=site)
-
-
-def test_a_change_that_does_not_hold_is_refused_with_a_warning(graph):
-    # the elevation zero climbs while the night's stars are observed, and is back when they are done
-    stars, kept = rows(70, seed=5), rows(20, seed=6)
-    stars.columns['el_enc'] = stars['el_enc'] + np.linspace(0.0, 8.0, 70) * ARCSEC
-    night = PointingRun({
-        **{name: np.concatenate([stars[name], kept[name]]) for name in stars.columns},
-        'star': np.arange(90) + 1.0, 'check': np.repeat([0.0, 1.0], [70, 20]),
-        'time': START * 1e-9 + 15.0 * np.arange(90)})
-    desk = Desk(graph)
-    models, found = graph.listen(topics.MODEL), graph.listen(topics.DIAGNOSIS)
-    reports, said = graph.listen(topics.CALIBRATION_REPORT), graph.listen(topics.CALIBRATION_STATUS)
-    answer = graph.call('judge')
-    assert not answer.success and 'diagnose first' in answer.message
-    desk.observe(night)
-    assert graph.call('fit').success
-    answer = graph.call('diagnose')
-    assert answer.success and answer.message.startswith('withheld; ')
-    assert 'not published: elevation_zero' in answer.message
-    graph.wait_for(lambda: len(models) == len(reports) == 2 and found)
-    before, after = (PointingModel.from_json(message.data) for message in models)
-    assert after.terms == before.terms and after.effects == ()
-    document = json.loads(found[0].data)
-    assert document['verdict'] == 'withheld' and document['refused'][0]['why'] in answer.message
-    graph.wait_for(lambda: said and said[-1].message == answer.message)
-    assert said[-1].level == DiagnosticStatus.WARN
-    graph.report('calibration', 'not published: elevation_zero')
-    assert graph.call('judge').message.startswith('the model is the one of before')
-    graph.wait_for(lambda: len(models) == 3 and len(found) == 2)
-    assert json.loads(models[-1].data)['provenance']['judged'] == 'holds'
-    assert json.loads(found[-1].data)['judged']['taken_back'] is False
-
-
 def test_the_zero_of_tonight_is_told_before_polaris(graph):
     desk = Desk(graph, reference_age=1)
     told, reports = graph.listen(topics.ZERO_EXPECTED), graph.listen(topics.CALIBRATION_REPORT)
@@ -598,4 +384,3 @@ def test_too_few_stars_for_the_harmonics_are_said_and_no_model_comes(graph):
     answer = graph.call('fit')
     assert not answer.success and not models
     assert 'observe at least 14 stars' in answer.message and '\n' not in answer.message
-

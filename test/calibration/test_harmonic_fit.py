@@ -96,15 +96,15 @@ def test_a_series_of_lower_degree_ends_there(reading, degree):
 @pytest.mark.parametrize('reading', ['zenith', 'printed'])
 def test_coefficients_are_within_their_sigma_as_often_as_they_should(reading):
     inside, chi = [], []
-    for seed in range(100):  # 26 each; those of one run are correlated: 1.8 % is by chance
+    for seed in range(60):  # 26 each; those of one run are correlated: 2.3 % is by chance
         mount = harmonic_mount(reading, seed=1000 + seed)
         fit = fit_harmonics(observed(mount, 120, seed=seed), reading, rcond=1e-9)  # undamped
         assert fit.rank == 26
         error = fit.coefficients - np.concatenate((mount.harmonics.coef_x, mount.harmonics.coef_y))
         inside.append(np.abs(error) < fit.sigma)
         chi.append(error @ np.linalg.solve(fit.covariance, error))
-    assert 0.63 < np.mean(inside) < 0.75
-    assert 23.5 < np.mean(chi) < 28.5
+    assert 0.62 < np.mean(inside) < 0.76
+    assert 23.0 < np.mean(chi) < 29.0
 
 
 @pytest.mark.parametrize('reading, degree', [('zenith', 2), ('printed', 4)])
@@ -112,7 +112,7 @@ def test_the_predicted_sigma_on_top_of_terms_is_the_scatter(reading, degree):
     """Terms and harmonics share directions, in which the terms have left nothing."""
     at, mount = sky(np.random.default_rng(5), 100), PointingModel(TERMS)
     truth, z, held = np.array(mount.offsets(*at)), [], []
-    for seed in range(40):
+    for seed in range(24):
         rows = observed(mount, seed=seed, runs=2)
         terms = fit_terms(rows, run_zeros=True)
         fit = fit_harmonics(rows, reading, degree=degree, after=terms, zero=terms.run_zeros)

@@ -1,10 +1,11 @@
-"""Pages of a night and of a fit: what they say, how a browser shows them, that none does harm."""
+"""Pages of a night and of a fit: what they say, how a browser shows them, that none does harm.
+
+How fast one opens `benchmarks/pages.py` says."""
 
 import itertools
 import json
 import re
 import sys
-import time
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 from types import SimpleNamespace
@@ -241,15 +242,14 @@ def _fits(browser):
 
 
 @pytest.mark.parametrize('name', ['night', 'fitted', 'diagnosed'])
-def test_in_a_browser_it_opens_at_once_fits_and_asks_for_nothing(request, browser, name):
+def test_in_a_browser_it_fits_and_asks_for_nothing(request, browser, name):
     path = request.getfixturevalue(name).path
-    seconds = []
+    browser.window(1000)
+    browser.show(path)
+    assert browser.asked == [path.resolve().as_uri()]
     each = itertools.product(WIDTHS, (False, True))
     for width, dark in ((1000, False), (400, True)) if name == 'fitted' else each:
         browser.window(width, dark)
-        if not seconds:
-            seconds.append(browser.show(path))
-            assert browser.asked == [path.resolve().as_uri()]
         assert _fits(browser), (width, dark)
         ground, ink = (browser.run(f'getComputedStyle(document.body).{what}')
                        for what in ('backgroundColor', 'color'))
@@ -260,10 +260,8 @@ def test_in_a_browser_it_opens_at_once_fits_and_asks_for_nothing(request, browse
     assert browser.run('getComputedStyle(document.querySelector(".controls")).display') == 'none'
     assert browser.complaints == [] and browser.run('document.title') != 'taken'
     assert len(browser.asked) == 1
-    assert seconds[0] < 1.0
-    begin = time.monotonic()
     browser.window(1600)
-    assert _fits(browser) and time.monotonic() - begin < 5.0  # of a busy machine
+    assert _fits(browser)
 
 
 def test_in_a_browser_its_numbers_are_those_of_the_json(browser, night):

@@ -44,9 +44,9 @@ def test_zero_is_a_coordinate_angle_to_subtract():
 
 
 @pytest.mark.parametrize('kind', ['model', 'exposures'])
-def test_four_hundred_nights(kind):
+def test_two_hundred_nights(kind):
     error, sigma = [], []
-    for seed in range(400):
+    for seed in range(200):
         rng = np.random.default_rng([1, seed])
         night = exposures(rng, 16)
         if kind == 'model':
@@ -58,21 +58,21 @@ def test_four_hundred_nights(kind):
         sigma.append([zero.sigma_az, zero.sigma_el])
     error, sigma = np.array(error) / ARCSEC, np.array(sigma) / ARCSEC
     expected = np.array([1 / np.cos(LATITUDE), 1.0]) / 4 * (2**0.5 if kind == 'exposures' else 1)
-    assert np.all(np.abs(error.mean(axis=0)) < 4 * expected / 20)
-    np.testing.assert_allclose(error.std(axis=0), expected, rtol=0.13)
+    assert np.all(np.abs(error.mean(axis=0)) < 4 * expected / np.sqrt(200))
+    np.testing.assert_allclose(error.std(axis=0), expected, rtol=0.18)
     np.testing.assert_allclose(sigma.mean(axis=0), expected, rtol=0.10)
     inside = np.mean(np.abs(error) < sigma, axis=0)
-    assert np.all(np.abs(inside - 0.683) < 0.08)
+    assert np.all(np.abs(inside - 0.683) < 0.11)
 
 
 @pytest.mark.parametrize('n', [2, 3, 4, 6])
 def test_few_exposures_hold_68_percent(n):
     inside = 0
-    for seed in range(300):
+    for seed in range(150):
         zero = zero_from_polaris(exposures(np.random.default_rng([2, n, seed]), n), MOUNT)
         inside += int(abs(zero.az - ZERO[0]) < zero.sigma_az) + int(
             abs(zero.el - ZERO[1]) < zero.sigma_el)
-    assert inside / 600 == pytest.approx(0.683, abs=0.06)
+    assert inside / 300 == pytest.approx(0.683, abs=0.08)
 
 
 def test_one_wild_exposure_does_not_move_it():

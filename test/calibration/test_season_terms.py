@@ -74,7 +74,7 @@ def test_the_likelihood_is_that_of_the_whole_covariance():
 
 def test_wander_and_scatter_are_found_and_the_forecast_holds_its_sigma():
     walks, scatters, chi = [], [], []
-    for trial in range(12):
+    for trial in range(8):
         rng = np.random.default_rng([5, trial])
         nights = season(rng, 60)
         told = told_of(nights)
@@ -89,7 +89,7 @@ def test_wander_and_scatter_are_found_and_the_forecast_holds_its_sigma():
     assert np.median(walks, axis=0)[0] == pytest.approx(1.0, abs=0.15)
     assert np.all(np.median(walks, axis=0)[1:] < 0.1)
     assert np.median(scatters, axis=0)[1:] == pytest.approx([3.0, 2.0], rel=0.15)
-    assert 20.0 < np.sum(chi) < 56.0  # 36 on the average; 1.5 % on either side
+    assert 11.5 < np.sum(chi) < 41.4  # 24 on the average; 1.5 % on either side
 
 
 def test_hindsight_agrees_with_the_weighted_mean_of_terms_that_stay():
@@ -189,7 +189,7 @@ def test_all_steps_at_once_gain_what_each_gains_by_itself():
         (slice(11, None), 1), v[11:, 1] + 12.0))
     told, k = told_of(found), len(NAMES)
     own = told._replace(columns=levels(len(found.nights), k))
-    wander, base = find_wander(own, restricted=False)
+    wander = Wander(np.array([1.0, 0.0, 0.0]) * ARCSEC, np.array([1.0, 3.0, 2.0]) * ARCSEC)
     gains = step_gains(own, wander)
     variances = np.square(wander.walk)[None], np.square(wander.scatter)[None]
     base = log_likelihood(*normal_equations(own, *variances), False)[0]

@@ -18,6 +18,7 @@ from pointing_model.terms import PHYSICAL
 from pointing_model.zero import RunZero, Zeros
 
 MOUNT = PointingModel(dict(zip(PHYSICAL, np.array([310, -170, 46, -23, 37, -21, 15]) * ARCSEC)))
+pytestmark = pytest.mark.usefixtures('nothing_expected')
 DRIFT = np.array([20.0, -12.0]) * ARCSEC  # of the second power-on
 START = 1_768_482_000.0
 SITE = {'latitude': 34.3 * DEG, 'longitude': 109.0 * DEG}

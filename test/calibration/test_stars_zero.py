@@ -61,17 +61,17 @@ def drawn(rng, model):
 @pytest.mark.parametrize('mount', [ALTAZ, FORK], ids=['altaz', 'fork'])
 def test_the_errors_are_what_sigma_says_with_the_covariance_of_the_held_terms(mount):
     model, error, sigma = model_of(mount), [], []
-    for seed in range(120):
+    for seed in range(80):
         rng = np.random.default_rng([1, seed])
         zero = zero_from_exposures(exposed(rng, drawn(rng, model), ZERO), model, run=3)
         error.append(zero.angles - ZERO)
         sigma.append(zero.sigma)
     error, sigma = np.array(error), np.array(sigma)
-    assert np.all(np.abs(error.mean(axis=0)) < 4.0 * error.std(axis=0) / np.sqrt(120))
+    assert np.all(np.abs(error.mean(axis=0)) < 4.0 * error.std(axis=0) / np.sqrt(80))
     # Student's factor and the weights that reject widen it by 6 %
-    np.testing.assert_allclose(error.std(axis=0), sigma.mean(axis=0), rtol=0.18)
+    np.testing.assert_allclose(error.std(axis=0), sigma.mean(axis=0), rtol=0.22)
     inside = np.mean(np.abs(error) < sigma, axis=0)
-    assert np.all(np.abs(inside - 0.683) < 0.09), inside
+    assert np.all(np.abs(inside - 0.683) < 0.11), inside
     # without the covariance of what is held it would say too little
     night = exposed(rng, model, ZERO)
     zero, certain = (zero_from_exposures(night, PointingModel(model.terms, c, mount=mount))
@@ -90,7 +90,7 @@ def test_noise_free_exposures_give_the_zero_itself():
 def test_without_a_model_the_terms_cancel_in_the_change_of_the_same_stars():
     truth = PointingModel(dict(zip(ALTAZ.names.physical, 2.0 * VALUES)))
     error, sigma, alone = [], [], []
-    for seed in range(40):
+    for seed in range(24):
         rng = np.random.default_rng([2, seed])
         then = exposed(rng, truth, ZERO)
         now = exposed(rng, truth, ZERO + CHANGE, four(turned=3.0 * DEG), run=2)
@@ -103,8 +103,8 @@ def test_without_a_model_the_terms_cancel_in_the_change_of_the_same_stars():
         # all power-ons together tell IA and IE themselves, as far as they can
         alone.append((zeros[1].angles - ZERO - 2.0 * VALUES[:2]) / zeros[1].sigma)
     error, sigma = np.array(error), np.array(sigma)
-    assert np.all(np.abs(error.mean(axis=0)) < 4.0 * error.std(axis=0) / np.sqrt(40))
-    np.testing.assert_allclose(error.std(axis=0), sigma.mean(axis=0), rtol=0.25)
+    assert np.all(np.abs(error.mean(axis=0)) < 4.0 * error.std(axis=0) / np.sqrt(24))
+    np.testing.assert_allclose(error.std(axis=0), sigma.mean(axis=0), rtol=0.32)
     assert np.all(sigma.mean(axis=0) < [0.75 * ARCSEC, 0.5 * ARCSEC])
     assert np.all(np.sqrt(np.mean(np.square(alone), axis=0)) < 1.25)
     assert change.reference == '16 exposures of stars (4), power-on 1'

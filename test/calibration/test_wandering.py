@@ -14,6 +14,7 @@ from pointing_model.terms import PHYSICAL
 MOUNT = PointingModel(dict(zip(PHYSICAL, np.array([310, -170, 46, -23, 37, -21, 15]) * ARCSEC)))
 START = 1_768_482_000.0
 NOISE = 0.33  # of the absolute encoder
+pytestmark = pytest.mark.usefixtures('nothing_expected')
 
 
 def walk_of(seed, step, n=106):

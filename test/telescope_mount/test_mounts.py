@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from calibration.diagnosis.predicting import choose_to_predict
 from msg_tools.units import ARCSEC, DEG
 from pointing_model import geometry
 from pointing_model.mounts import Mount
@@ -36,7 +37,8 @@ def german_csv(tmp_path_factory):
     return path
 
 
-def test_fit_prints_the_terms_of_the_mount(ended, german_csv, tmp_path):
+def test_fit_prints_the_terms_of_the_mount(ended, german_csv, tmp_path, monkeypatch):
+    monkeypatch.setitem(choose_to_predict.__kwdefaults__, 'folds', 4)
     model, figures = tmp_path / 'model.json', tmp_path / 'fit.json'
     _, out, _ = ended('fit', german_csv, '--predict', '--save', model, '--json', figures)
     for word in ('IH', 'MA', 'TF', ' ha ', ' dec ', 'Chosen to predict', 'HHSH2',

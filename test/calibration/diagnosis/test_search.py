@@ -118,33 +118,33 @@ def test_scores_of_groups_of_any_size_are_alike():
 
 def test_first_test_is_true_to_its_level():
     p = []
-    for i in range(80):
+    for i in range(40):
         problem = make_problem(1000 + i, n=40)
         state = problem.state([])
         scores = problem.dictionary.score(state)
         chance = Chance(40, 199, np.random.default_rng(i))
         p.append(chance.p(state, scores, int(np.argmax(scores.delta_bic))))
     p = np.array(p)
-    # 8 expected below 0.1; 19 would be 4 sigma
-    assert np.sum(p <= 0.1) < 19 and np.median(p) > 0.3
-    assert np.sum(p <= 0.5) >= 20  # nor does it never find anything
+    # 4 expected below 0.1; 12 would be 4 sigma
+    assert np.sum(p <= 0.1) < 12 and np.median(p) > 0.3
+    assert np.sum(p <= 0.5) >= 10  # nor does it never find anything
 
 
 def test_noise_that_grows_toward_the_horizon_keeps_the_level():
     alarms = 0
-    for i in range(60):
+    for i in range(30):
         problem = make_problem(3000 + i, n=40, noise=lambda rng, c: rng.normal(
             size=(2, 40)) / np.sin(c.el)**1.5)
         found = search(problem, 0.05, Chance(40, 399, np.random.default_rng(i)))
         alarms += bool(found.chosen)
-    assert alarms <= 8  # 3 expected
+    assert alarms <= 5  # 1.5 expected
 
 
 def test_identification_at_lambda_nine():
     names = ('azimuth_encoder_2', 'elevation_hysteresis', 'second_flexure', 'azimuth_zero_step',
              'elevation_nod_3', 'magnitude_equation_az', 'elevation_zero_with_temperature')
     good = 0
-    for i in range(28):
+    for i in range(14):
         problem = make_problem(4000 + i)
         g = index(problem, names[i % len(names)]) + (8 if 'step' in names[i % len(names)] else 0)
         columns = problem.dictionary.of(g)
@@ -159,7 +159,7 @@ def test_identification_at_lambda_nine():
             s = standing(problem, found, j, chance, 0.01)
             shown |= {int(line[k]) for k in (choice.group, *s.alternatives)}
         good += int(line[g]) in shown
-    assert good >= 26
+    assert good >= 13
 
 
 def test_p_counts_the_flips():
@@ -176,6 +176,19 @@ def test_p_counts_the_flips():
     problem.b = -problem.b
     assert ChanceTest(problem.state([]), problem.dictionary.score(problem.state([])),
                       g).z == pytest.approx(test.z)
+
+
+def test_flips_that_reach_a_score_are_those_whose_largest_does():
+    problem = make_problem(5, signal=play(1.2))
+    state = problem.state([])
+    test = ChanceTest(state, problem.dictionary.score(state),
+                      index(problem, 'azimuth_hysteresis_cosE'))
+    signs = Chance(60, 399, np.random.default_rng(0)).signs
+    best = np.sort(test.flipped_max(signs))
+    for place in (0, 40, 200, 390, 398):  # between two of them: no rounding decides
+        test.z = float(best[place:place + 2].mean()) if place < 398 else best[-1] + 0.01
+        reached, largest = test.flipped_beyond(signs)
+        assert reached == 398 - place and largest == pytest.approx(best[-1], abs=1e-4)
 
 
 def test_overlap_knows_aliases():

@@ -103,13 +103,14 @@ def test_nothing_is_found_in_noise_that_grows_toward_the_horizon():
 
 def test_each_run_has_zeros_of_its_own():
     runs = [night(80 + i, n=400, effect=two, IA=(20.0 + 300.0 * i) * ARCSEC) for i in range(3)]
-    result = diagnose(runs, streamed_from=1000)
+    some = [run.select(slice(240)) for run in runs]
+    result = diagnose(some, streamed_from=500)
     assert {e.fitted.effect.name for e in result.effects} >= {'azimuth_encoder_2',
                                                               'elevation_hysteresis'}
     zeros = [terms['IA'] for terms in result.run_terms.values()]
     assert np.diff(zeros) == pytest.approx([300.0] * 2, abs=1.0)
     assert not result.excluded and result.after['rms_arcsec'] < 1.5
-    other = diagnose(runs, cross_validation=False, flips=499)
+    other = diagnose(some, cross_validation=False, flips=499)
     for run, terms in other.run_terms.items():
         assert terms == pytest.approx(result.run_terms[run], abs=0.15)
     with pytest.raises(ValueError, match='too many to fit IA, IE in each of 201 runs'):
