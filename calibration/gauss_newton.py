@@ -26,19 +26,24 @@ from .robust import BISQUARE, BISQUARE_VARIANCE, HUBER, sigma_of
 TOLERANCE = 1e-9 * ARCSEC  # of the rounds of the weights, on the sky
 #: between the exact residuals of the result and those of its linearisation
 EXACT = 1e-7 * ARCSEC
-#: from the point of linearisation, on the sky: columns change by 1e-6 of themselves or less
-NEAR = 0.2 * ARCSEC
+#: way from the point of linearisation, rad, times the error that the noise leaves in a mean: so far
+#: off are coefficients that the columns there give, but for some tens by the stars' places
+NEAR = 1e-8 * ARCSEC
 #: of the noise: a linearisation that is wrong by more gives no noise to weigh by
 _WRONG = 1e-3
-#: rows from which a fit begins at that of so many of them
-_MANY, _FIRST = 6000, 1500
+#: rows from which a fit begins at that of some of them: so many, or that part if it is more
+_MANY, _FIRST, _PART = 6000, 1500, 64
 #: of rcond, within the directions kept: their design changes with the weights, and what was chosen
 #: once must not drop out for that
 _INNER = 0.01
 #: of the change in a round, that of the next: from it on the normal matrix is formed again
 _SLOW = 0.2
+#: of the noise: a change of residuals that changes no weight by more
+_LITTLE = 1e-6
 #: of the noise: a change of residuals that ends the search for it
 _SETTLED = 0.01
+#: as that, of a linearisation that will be left
+_ROUGHLY = 0.1
 
 
 class Solved(NamedTuple):
@@ -70,8 +75,11 @@ class Linear:
     def __init__(self, observed, rows):
         self.observed, self.first_order = observed, rows
 
-    def residual(self, p):
-        """Exact residual, shape (2n,), at coefficients p, and which rows have one (None: all)."""
+    def residual(self, p, columns):
+        """Exact residual, shape (2n,), at coefficients p, and which rows have one (None: all).
+
+        `columns` tells whether those will be asked for too.
+        """
         return (self.observed - p @ self.first_order if p.any() else self.observed), None
 
     def columns(self):
@@ -114,8 +122,8 @@ class _Weigher:
     def noise(self, residual, dof_factor):
         """Of each axis, from the medians."""
         standard = residual if self.root is None else residual * self.root
-        return [max(float(sigma_of(part, dof_factor)), self.floor)
-                for part in (standard[:self.n], standard[self.n:])]
+        both = sigma_of(standard.reshape(2, self.n), dof_factor, axis=1)
+        return [max(one, self.floor) for one in both.tolist()]
 
     def huber(self, residual, scales):
         """Weights, shape (n,), and by what a step at a fixed normal matrix is too short."""
@@ -124,7 +132,7 @@ class _Weigher:
         np.maximum(u, HUBER, out=u)
         far = np.count_nonzero(u > HUBER)
         weights = np.divide(HUBER, u, out=u)
-        total = float(weights.sum())
+        total = float(np.add.reduce(weights))
         return weights, total / (0.5 * (total + len(u) - far))
 
     def bisquare(self, residual, scales):
@@ -134,8 +142,8 @@ class _Weigher:
         kept += 1.0
         np.maximum(kept, 0.0, out=kept)
         weights = np.square(kept)
-        total = float(weights.sum())
-        slope = 3.0 * total - 2.0 * float(kept.sum())
+        total = float(np.add.reduce(weights))
+        slope = 3.0 * total - 2.0 * float(np.add.reduce(kept))
         return weights, min(total / slope, 1.9) if slope > 0.0 else 1.0
 
     def distance(self, residual, scales):
@@ -170,25 +178,36 @@ class _Rounds:
     inverse : ndarray, shape (k, k), or None
         About that of the normal matrix: the rounds begin where b is, and not at plain least
         squares.
-    unweighted : bool
-        Whether robust weights are not in that matrix.
+    solution : Solution, optional
+        Of an earlier linearisation at the same noise: its normal matrix is that of the weights.
+    normals : tuple of ndarray, optional
+        Of the design without robust weights, where they are known: a rough beginning.
+    plain : ndarray, shape (k,), optional
+        Plain least squares, where it is known but for the second order.
     """
 
-    def __init__(self, rows, b, base, rcond, inverse, unweighted):
+    def __init__(self, rows, b, base, rcond, inverse=None, solution=None, normals=None,
+                 plain=None):
         self.rows, self.b, self.base, self.rcond = rows, b, base, rcond
         self.weigher = _Weigher(base, len(b) // 2)
-        self.inverse, self.unweighted = inverse, unweighted
-        self.residual, self.begun = b, inverse is not None
-        if not self.begun:
-            self.solve(None)
+        self.solution, self.p, self.residual = solution, np.zeros(len(rows)), b
+        self.inverse = inverse if solution is None else solution.inverse
+        self.unweighted = solution is None
+        self.begun = self.inverse is not None
+        if not self.begun and plain is not None:
+            self.residual = b - plain @ rows
+        elif not self.begun:
+            self.solve(None, normals)
+            self.plain = self.p
+            self.begun = self.unweighted = normals is not None
 
-    def solve(self, weights):
+    def solve(self, weights, normals=None):
         """Exactly, with these weights of the rows (None: 1); how far it moves a residual."""
         before = self.residual
         self.solution = weighted_solve(
             self.rows, self.b, self.base if weights is None else self.weigher.both(weights),
-            self.rcond)
-        self.residual = self.solution.residual
+            self.rcond, normals)
+        self.p, self.residual = self.solution.p, self.solution.residual
         self.inverse, self.unweighted = self.solution.inverse, False
         return self.residual - before
 
@@ -196,45 +215,57 @@ class _Rounds:
         """One with the normal matrix that is there; how far it moves a residual at most."""
         force = self.rows @ (self.weigher.both(weights) * self.residual)
         if self.unweighted:
-            longer *= len(weights) / float(weights.sum())
-        moved = (longer * (self.inverse @ force)) @ self.rows
+            longer *= len(weights) / float(np.add.reduce(weights))
+        step = longer * (self.inverse @ force)
+        moved = step @ self.rows
+        self.p = self.p + step
         self.residual = self.residual - moved
         return _largest(moved)
 
-    def find_noise(self, rank):
-        """Huber's weights, with the noise by the medians; then that of what the bisquare keeps."""
+    def find_noise(self, rank, rough=False):
+        """Huber's weights, with the noise by the medians; then that of what the bisquare keeps.
+
+        `rough`: only the weights.
+        """
         weigher, n = self.weigher, len(self.b) // 2
         dof_factor = np.sqrt(2 * n / max(2 * n - rank, 1))
         for _ in range(30):
             scales = weigher.noise(self.residual, dof_factor)
             weights, longer = weigher.huber(self.residual, scales)
             if not self.begun:
-                moved = weigher.distance(self.solve(weights), scales).max() ** 0.5
+                moved = _largest(weigher.distance(self.solve(weights), scales)) ** 0.5
             else:
                 moved = self.step(weights, longer) / weigher.least(scales)
-            if moved < _SETTLED:
+            if moved < (_ROUGHLY if rough else _SETTLED):
                 break
+        if rough:
+            return None
         scales = weigher.noise(self.residual, dof_factor)
         # the median is wasteful: take the bisquare's own variance of what it keeps
         squares = weigher.squares(self.residual)
         for _ in range(3):
             w, _ = weigher.bisquare(self.residual, scales)
-            total = max(float(w.sum()), 1e-9) * BISQUARE_VARIANCE
+            total = max(float(np.add.reduce(w)), 1e-9) * BISQUARE_VARIANCE
             scales = [max(dof_factor * float(np.sqrt(w @ part / total)), scale / 1.5)
                       for part, scale in zip(squares, scales)]
         return scales
 
     def bisquare(self, scales):
         """Down to the minimum at this noise; the weights there, shape (n,)."""
-        weigh, last = self.weigher.bisquare, np.inf
+        weigh, last, way = self.weigher.bisquare, np.inf, 0.0
+        little = _LITTLE * self.weigher.least(scales) if self.solution is not None else 0.0
         if not self.begun:
             self.solve(weigh(self.residual, scales)[0])
         for _ in range(100):
             moved = self.step(*weigh(self.residual, scales))
-            if TOLERANCE <= moved <= _SLOW * last:
+            way += moved
+            if TOLERANCE * min(last / max(moved, 1e-300), 1e3) <= moved <= _SLOW * last:
                 last = moved
                 continue
             weights, _ = weigh(self.residual, scales)
+            if moved <= _SLOW * last and way < little:  # the matrix is as good as that of before
+                self.solution = self.solution._replace(p=self.p, residual=self.residual)
+                break
             last, moved = np.inf, _largest(self.solve(weights))
             if moved < TOLERANCE:
                 break
@@ -277,16 +308,16 @@ def gauss_newton(start, sigmas, robust, rcond):
     if n >= _MANY and basis is None and (robust or not start.linear):
         p, inverse = _of_some(start, sigmas, robust, rcond), np.linalg.inv(normals[1])
     solution = scales = row_weights = rows = known = None
-    settled = near = False
+    plain, settled, near = None, False, False
     for iteration in range(1, 31):
-        residual, feasible = start.residual(p)
+        residual, feasible = start.residual(p, columns=not near)
         if feasible is not None and not feasible.any():
             raise ValueError(
                 'the fit runs to a mount that can point nowhere; look for rows with degrees of '
                 'error or fit fewer terms')
         same = solution is not None and _same(feasible, known)
         wrong = _largest(residual - solution.residual) if same else np.inf
-        if wrong < EXACT and settled:
+        if wrong < EXACT and near and settled:
             solution = solution._replace(residual=residual)
             break
         if not (same and near):
@@ -304,23 +335,28 @@ def gauss_newton(start, sigmas, robust, rcond):
                 weights = both if weights is None else weights * both
             solution = weighted_solve(rows, residual, weights, _INNER * rcond)
         elif robust:
-            rounds = _Rounds(rows, residual, weights, _INNER * rcond, inverse, scales is None)
+            rough = iteration == 1 and inverse is None and not start.linear
+            rounds = _Rounds(rows, residual, weights, _INNER * rcond, inverse,
+                             solution if scales else None,
+                             normals if rough and rows is first_order and not start.moved else None,
+                             plain)
             if scales is None or wrong > _WRONG * rounds.weigher.least(scales):
-                scales = rounds.find_noise(rank)
-            if iteration == 1 and inverse is None and not start.linear:
-                scales, settled = None, False  # the linearisation can be seconds of arc off
+                scales = rounds.find_noise(rank, rough)
+            if rough:  # the linearisation can be seconds of arc off
+                settled, plain = False, rounds.plain - rounds.p
+                solution = rounds.solution._replace(p=rounds.p, residual=rounds.residual)
             else:
                 row_weights = rounds.bisquare(scales)
-                inverse = rounds.inverse
-            solution = rounds.solution
+                solution, inverse, plain = rounds.solution, None, None
         else:
-            plain = rows is first_order and weights is base and not start.moved
+            known_normals = rows is first_order and weights is base and not start.moved
             solution = weighted_solve(rows, residual, weights, _INNER * rcond,
-                                      normals if plain else None)
+                                      normals if known_normals else None)
         p = p + (solution.p if basis is None else basis @ solution.p)
         if start.linear:
             break
-        near = _largest(residual - solution.residual) < NEAR
+        mean = float(np.sqrt(np.mean(np.square(solution.residual)) / n))
+        near = _largest(residual - solution.residual) * mean < NEAR
     else:
         raise ValueError(
             'the fit does not converge; look for rows with degrees of error or fit fewer terms')
@@ -330,7 +366,8 @@ def gauss_newton(start, sigmas, robust, rcond):
 
 def _of_some(start, sigmas, robust, rcond):
     """Coefficients of a part of many rows: where to begin."""
-    step = start.first_order.shape[1] // 2 // _FIRST
+    n = start.first_order.shape[1] // 2
+    step = n // max(_FIRST, n // _PART)
     try:
         return gauss_newton(start.part(step), None if sigmas is None else every(step, sigmas)[0],
                             robust, rcond).p
@@ -339,6 +376,8 @@ def _of_some(start, sigmas, robust, rcond):
 
 
 def _largest(values):
+    if len(values) < 20_000:  # one pass of numpy costs more than the values
+        return float(np.maximum.reduce(np.abs(values)))
     return max(float(values.max()), -float(values.min()))
 
 

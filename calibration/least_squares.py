@@ -80,6 +80,10 @@ def normal_matrices(rows, weights=None):
     x_normal, normal : ndarray, shape (k, k)
     """
     n = rows.shape[1] // 2
+    if n <= _BLOCK // 2:
+        weighted = rows if weights is None else rows * weights
+        x_normal = weighted[:, :n] @ rows[:, :n].T
+        return x_normal, x_normal + weighted[:, n:] @ rows[:, n:].T
     x_normal, y_normal = (_normal(rows[:, part], None if weights is None else weights[part])
                           for part in (slice(0, n), slice(n, None)))
     return x_normal, x_normal + y_normal
@@ -87,8 +91,6 @@ def normal_matrices(rows, weights=None):
 
 def _normal(rows, weights):
     k, n = rows.shape
-    if n <= _BLOCK:
-        return (rows if weights is None else rows * weights) @ rows.T
     out, weighted = np.zeros((k, k)), np.empty((k, _BLOCK))
     for begin in range(0, n, _BLOCK):
         part = rows[:, begin:begin + _BLOCK]

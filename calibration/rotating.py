@@ -38,9 +38,9 @@ class Rotating:
         self.places = {i: own[name] for i, name in enumerate(terms) if name in own}
         self.at = None
 
-    def residual(self, p):
+    def residual(self, p, columns):
         """As of `gauss_newton.Linear`."""
-        self.at = None
+        self.at, self.filled = None, True
         if not self.turned and not p.any():
             return self.observed, None
         named = dict(self.turned)
@@ -50,9 +50,9 @@ class Rotating:
         rest = p.copy()
         rest[list(self.places)] = 0.0
         residual = self.observed - rest @ self.first_order if rest.any() else self.observed.copy()
-        n = len(residual) // 2
+        n, self.filled = len(residual) // 2, columns
         for part in self._blocks():
-            x, y, _ = self._linearised(part, ())
+            x, y = self._linearised(part, columns)
             residual[part] -= x
             residual[n + part.start:n + part.stop] -= y
         if np.isfinite(residual[:n].sum()):
@@ -63,17 +63,10 @@ class Rotating:
 
     def columns(self):
         """As of `gauss_newton.Linear`."""
-        if self.at is None:
-            return self.first_order
-        n, self.moved = len(self.observed) // 2, True
-        names = [name for name, _ in self.places.values()]
-        for part in self._blocks():
-            columns = self._linearised(part, names)[2]
-            there = slice(n + part.start, n + part.stop)
-            for i, (name, sign) in self.places.items():
-                x, y = columns[name]
-                row = self.first_order[i]
-                row[part], row[there] = (x, y) if sign > 0 else (-x, -y)
+        if not self.filled:
+            for part in self._blocks():
+                self._linearised(part, True)
+            self.filled = True
         return self.first_order
 
     def part(self, step):
@@ -85,12 +78,21 @@ class Rotating:
         n = len(self.observed) // 2
         return (slice(i, min(i + BLOCK, n)) for i in range(0, n, BLOCK))
 
-    def _linearised(self, part, names):
-        trig = self.trig if part == slice(0, len(self.trig.az)) else self.trig.every(part)
+    def _linearised(self, part, fill):
+        """Offsets (x, y) of some rows; `fill`: with their columns."""
+        trig, n = self.trig, len(self.observed) // 2
+        if part.stop - part.start < n:
+            trig = trig.every(part)
         x, y, columns = linearised(
             trig.az, trig.el, (trig.sin_az, trig.cos_az, trig.sin_el, trig.cos_el), self.at,
-            names, trig.mount)
+            [name for name, _ in self.places.values()] if fill else (), trig.mount)
         if trig.side is not None:
             x, y = trig.side * x, trig.side * y
             columns = {name: (trig.side * a, trig.side * b) for name, (a, b) in columns.items()}
-        return x, y, columns
+        if fill:
+            self.moved = True
+            for i, (name, sign) in self.places.items():
+                row, there = self.first_order[i], slice(n + part.start, n + part.stop)
+                row[part], row[there] = columns[name] if sign > 0 else (
+                    -v for v in columns[name])
+        return x, y

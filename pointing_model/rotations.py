@@ -4,6 +4,7 @@ What a mount adds to an angle is small, so it comes from its own sine: `arctan2`
 that it loses are for the few places near the pole where it is not.
 """
 
+from math import cos, hypot, sin
 from typing import NamedTuple
 
 import numpy as np
@@ -66,7 +67,8 @@ def small_angle(sine, cosine):
     if square.ndim == 0:
         small = square < _SMALL * _SMALL and cosine > 0.0
         return angle if small else np.arctan2(sine, cosine)
-    if not (square.max(initial=0.0) < _SMALL * _SMALL and cosine.min(initial=1.0) > 0.0):
+    if square.size and not (np.maximum.reduce(square, axis=None) < _SMALL * _SMALL
+                            and np.minimum.reduce(cosine, axis=None) > 0.0):
         far = ~((square < _SMALL * _SMALL) & (cosine > 0.0))
         angle = np.where(far, np.arctan2(sine, cosine), angle)
     return angle
@@ -74,14 +76,14 @@ def small_angle(sine, cosine):
 
 def turned(place, wx, wy):
     """Rotate a vector by the horizontal rotation vector (wx, wy, 0) (Rodrigues)."""
-    angle = np.hypot(wx, wy)
+    angle = hypot(wx, wy)
     if angle == 0.0:
         return place
     x, y, z = place
-    sine = np.sin(angle) / angle
-    versine = 2.0 * (np.sin(angle / 2.0) / angle) ** 2  # (1 - cos) / angle^2 without cancellation
+    sine = sin(angle) / angle
+    versine = 2.0 * (sin(angle / 2.0) / angle) ** 2  # (1 - cos) / angle^2 without cancellation
     along = (versine * wx) * x + (versine * wy) * y
-    cosine = np.cos(angle)
+    cosine = cos(angle)
     return (
         cosine * x + (sine * wy) * z + wx * along,
         cosine * y - (sine * wx) * z + wy * along,
@@ -156,7 +158,7 @@ def to_axes(sines, coefficients, mount, side):
     if tf and not mount.altaz:
         place = _lifted(place, tf, mount.zenith)
     ux, uy, uz = turned(place, an, aw)
-    sin_c, cos_c, sin_n, cos_n = np.sin(ca), np.cos(ca), np.sin(npae), np.cos(npae)
+    sin_c, cos_c, sin_n, cos_n = sin(ca), cos(ca), sin(npae), cos(npae)
     sin_e = (uz + sin_c * sin_n) / (cos_c * cos_n)
     vx = (-cos_c * sin_n) * sin_e - sin_c * cos_n
     horizontal = ux * ux + uy * uy
@@ -195,7 +197,7 @@ def derivatives(sines, coefficients, way, names, mount, tangent=None):
     _, _, ca, npae, an, aw, _ = coefficients
     cos_el = sines[3]
     ux, uy, horizontal, vx, vy, sin_e, cos_e = way
-    sin_c, cos_c, sin_n, cos_n = np.sin(ca), np.cos(ca), np.sin(npae), np.cos(npae)
+    sin_c, cos_c, sin_n, cos_n = sin(ca), cos(ca), sin(npae), cos(npae)
     if {'CA', 'NPAE', 'AN', 'AW'} & set(names):
         uz = sin_e * (cos_c * cos_n) - sin_c * sin_n
         to_x = cos_el / horizontal
@@ -250,7 +252,7 @@ def to_sky(sines, coefficients, mount):
     """
     _, _, ca, npae, an, aw, tf = coefficients
     sin_a, cos_a, sin_el, cos_el = sines
-    sin_c, cos_c, sin_n, cos_n = np.sin(ca), np.cos(ca), np.sin(npae), np.cos(npae)
+    sin_c, cos_c, sin_n, cos_n = sin(ca), cos(ca), sin(npae), cos(npae)
 
     def look(sin_e, cos_e):
         vx = (-cos_c * sin_n) * sin_e - sin_c * cos_n
