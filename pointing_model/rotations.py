@@ -104,22 +104,27 @@ def _beside(place, zenith):
 
 def _lifted(place, tf, zenith):
     """Unit vectors turned toward the zenith by TF cos E."""
-    sin_el = _dot(place, zenith)
-    angle = tf * _beside(place, zenith)
-    # sin(angle) / cos E, of which nothing is left at the zenith
-    along = tf * np.sinc(angle / np.pi)
-    kept = np.cos(angle) - along * sin_el
+    sin_el, cos_el = _dot(place, zenith), _beside(place, zenith)
+    angle = tf * cos_el
+    sine, cosine = _of_small(angle, tf)
+    # sin(angle) / cos E, which is TF where nothing is left of either
+    along = sine / cos_el if cos_el.all() else tf * np.sinc(angle / np.pi)
+    kept = cosine - along * sin_el
     return tuple(kept * p + along * c for p, c in zip(place, zenith))
 
 
-def lowered(place, tf, zenith, star):
-    """The inverse of `_lifted`: by as much as it lifts `star`."""
-    angle = tf * _beside(star, zenith)
-    high = _dot(place, zenith)
-    sine, cosine = _of_small(angle, tf)
-    along = sine / np.maximum(_beside(place, zenith), 1e-150)
+def lowered(place, tf, zenith, star, height=None):
+    """The inverse of `_lifted`: by as much as it lifts `star`; `height`: `height_of` the place."""
+    high, low = height_of(place, zenith) if height is None else height
+    sine, cosine = _of_small(tf * _beside(star, zenith), tf)
+    along = sine / low
     kept = cosine + along * high
     return tuple(kept * p - along * c for p, c in zip(place, zenith))
+
+
+def height_of(place, zenith):
+    """Sine and cosine of the elevation; the cosine never 0."""
+    return _dot(place, zenith), np.maximum(_beside(place, zenith), 1e-150)
 
 
 def _of_small(angle, most):
@@ -275,8 +280,9 @@ def to_sky(sines, coefficients, mount):
                 break
     elif tf:
         there, star = (x, y, z), (x, y, z)
+        height = height_of(there, mount.zenith)
         for _ in range(_STEPS):
-            before, star = star, lowered(there, tf, mount.zenith, star)
+            before, star = star, lowered(there, tf, mount.zenith, star, height)
             step = sum(np.square(one - other) for one, other in zip(star, before))
             settled = step <= _TOLERANCE * _TOLERANCE
             if np.all(settled):
