@@ -42,8 +42,8 @@ _SLOW = 0.2
 _LITTLE = 1e-6
 #: of the noise: a change of residuals that ends the search for it
 _SETTLED = 0.01
-#: as that, of a linearisation that will be left
-_ROUGHLY = 0.1
+#: as that, of a linearisation that will be left; and the distance of rows that it need not weigh
+_ROUGHLY, _PLAIN = 0.1, 5.0
 
 
 class Solved(NamedTuple):
@@ -213,11 +213,17 @@ class _Rounds:
 
     def step(self, weights, longer):
         """One with the normal matrix that is there; how far it moves a residual at most."""
-        force = self.rows @ (self.weigher.both(weights) * self.residual)
+        n, base = len(weights), self.base
+        weighted = np.empty_like(self.residual)
+        np.multiply(weights, self.residual[:n], out=weighted[:n])
+        np.multiply(weights, self.residual[n:], out=weighted[n:])
+        if base is not None:
+            weighted *= base
+        force = self.rows @ weighted
         if self.unweighted:
             longer *= len(weights) / float(np.add.reduce(weights))
         step = longer * (self.inverse @ force)
-        moved = step @ self.rows
+        moved = np.matmul(step, self.rows, out=weighted)
         self.p = self.p + step
         self.residual = self.residual - moved
         return _largest(moved)
@@ -231,6 +237,8 @@ class _Rounds:
         dof_factor = np.sqrt(2 * n / max(2 * n - rank, 1))
         for _ in range(30):
             scales = weigher.noise(self.residual, dof_factor)
+            if rough and _largest(weigher.distance(self.residual, scales)) < _PLAIN**2:
+                return None  # plain least squares are near enough
             weights, longer = weigher.huber(self.residual, scales)
             if not self.begun:
                 moved = _largest(weigher.distance(self.solve(weights), scales)) ** 0.5

@@ -14,7 +14,7 @@ import numpy as np
 
 from msg_tools.units import wrap
 
-from .earth import TURN_RATE, earth_orientation, split_utc, terrestrial
+from .earth import TURN_RATE, earth_orientation, split_utc
 
 #: s; a part of the day, as UTC and the tables of the IERS change their rules at 0h
 GRID = 7200.0
@@ -137,7 +137,7 @@ def _compute(points):
                 earth, utc = earth_orientation(time), split_utc(time)
             except ValueError:
                 return None
-            tt = terrestrial(time)
+            tt = erfa.ufunc.taitt(*erfa.ufunc.utctai(*utc)[:2])[:2]
             geocentre, _ = erfa.ufunc.apci13(*tt)
             angle = erfa.ufunc.era00(*erfa.ufunc.utcut1(*utc, earth.dut1)[:2])
             sp = erfa.ufunc.sp00(*tt)
