@@ -1,6 +1,6 @@
 """Seven-term pointing fit: time and coefficients against katpoint 0.10.3.
 
-    python benchmarks/fit_vs_katpoint.py [--repeats N] [--seed N]
+    OMP_NUM_THREADS=1 python benchmarks/fit_vs_katpoint.py [--sizes N ...] [--seed N]
 
 Both fit IA, IE, CA, NPAE, AN, AW and TF by linear least squares to the same on-sky offsets in the
 same process, in turn. katpoint's P-terms give encoder - catalogue with these columns, so
@@ -14,18 +14,21 @@ beside it:
   scaled by the measured scatter of each axis;
 - `calibration.fit.fit_terms`: all of it (checks, rank, provenance, model), with first-order
   columns and without robust weights, so the same numbers;
-- `fit_terms` with exact rotations, without and with robust weights: another, better fit, timed
-  for information; its coefficients differ by the second order and by the weights.
+- `fit_terms` with exact rotations, without and with robust weights (the default): another, better
+  fit; its coefficients differ by the second order and by the weights;
+- the normal equations alone, columns included, formed and solved in plain numpy, with sigmas, and
+  the plain fits with those sigmas.
 
-Each round calls every candidate a few times in a row (20 for 30 stars, once for 100 000) and the
-rounds alternate between them; printed is the median round. The one-time import is not timed. The
-deprecation warning of `fit` is avoided, not timed. katpoint comes with the extra `bench`.
+Each round calls every candidate a few times in a row (20 for 30 stars, once for many) and the
+rounds alternate between them; printed is the best round. The one-time import is not timed. The
+deprecation warning of `fit` is avoided, not timed. katpoint: .venv/bin/pip install katpoint, or the
+extra `bench`.
 """
 
 import argparse
-import time
 
 import numpy as np
+from speed_rows import best_of, peer, row, show
 
 from calibration.fit import fit_first_order, fit_terms
 from msg_tools.units import ARCSEC
@@ -37,7 +40,12 @@ from pointing_model.terms import PHYSICAL
 P_TERMS = {'IA': (1, 1), 'IE': (7, 1), 'CA': (4, -1), 'NPAE': (3, 1), 'AN': (5, 1),
            'AW': (6, -1), 'TF': (8, 1)}
 TRUTH = dict(zip(PHYSICAL, np.array([20.0, -35.0, 25.0, -18.0, 30.0, -22.0, 15.0]) * ARCSEC))
-TARGET = 8.0
+#: rows -> rounds, calls in a round, and how much faster than katpoint the default fit is to be
+SIZES = {30: (10, 20, 0.4), 1000: (10, 10, 1.2), 30_000: (7, 1, 2.0), 1_000_000: (5, 1, 4.0)}
+NORMALS = 1.5  # of their time, the plain weighted fit of the most rows at most
+KATPOINT, NUMPY = 'katpoint PointingModel.fit', 'normal equations in numpy, with sigmas'
+DEFAULT = 'fit_terms, the default'
+WEIGHTED = 'fit_first_order, with sigmas'
 
 
 def make_run(n, seed):
@@ -51,67 +59,90 @@ def make_run(n, seed):
                         'el_enc': el_enc + noise[1]})
 
 
-def compare(n, repeats, calls, seed):
-    """Rows (label, seconds, largest coefficient difference in arcsec) for `n` stars."""
-    import katpoint
+def normal_equations(az, el, x, y, sigma):
+    """Coefficients of the seven terms by nothing but numpy."""
+    n = len(az)
+    sin_az, cos_az, sin_el, cos_el = np.sin(az), np.cos(az), np.sin(el), np.cos(el)
+    columns = np.zeros((7, 2 * n))
+    columns[0, :n], columns[1, n:], columns[2, :n], columns[3, :n] = cos_el, 1.0, 1.0, sin_el
+    columns[4, :n], columns[4, n:] = sin_az * sin_el, cos_az
+    columns[5, :n], columns[5, n:] = cos_az * sin_el, -sin_az
+    columns[6, n:] = cos_el
+    weighted = columns / np.square(sigma)
+    return np.linalg.solve(weighted @ columns.T, weighted @ np.concatenate((x, y)))
 
+
+def compare(n, rounds, calls, seed):
+    """Seconds and coefficients of every candidate for `n` stars, by name."""
     run = make_run(n, seed)
     az, el = run['az'], run['el']
     x, y = run.offsets()
     d_az, d_el = run['az_enc'] - az, run['el_enc'] - el
-    enabled = [P_TERMS[name][0] for name in PHYSICAL]
-    theirs = katpoint.PointingModel()
-
-    def katpoint_fit():
-        theirs.set()
-        values, _ = theirs.fit(az, el, d_az, d_el, enabled_params=enabled,
-                               keep_disabled_params=True)
-        return np.array([values[p - 1] * sign for p, sign in P_TERMS.values()])
-
+    sigma = np.full(n, ARCSEC)
+    both = np.concatenate((sigma, sigma))
+    given = PointingRun({**run.columns, 'sigma_x': sigma, 'sigma_y': sigma})
+    coefficients = {}
     candidates = {
-        'katpoint PointingModel.fit': katpoint_fit,
         'fit_first_order': lambda: fit_first_order(az, el, x, y).coefficients,
         'fit_terms, first order, robust off': lambda: fit_terms(
             run, geometry='first_order', robust=False).coefficients,
         'fit_terms, rotations, robust off': lambda: fit_terms(run, robust=False).coefficients,
-        'fit_terms, rotations, robust on': lambda: fit_terms(run).coefficients,
+        DEFAULT: lambda: fit_terms(run).coefficients,
+        WEIGHTED: lambda: fit_first_order(az, el, x, y, PHYSICAL, sigma, sigma).coefficients,
+        'fit_terms, rotations, robust off, with sigmas': lambda: fit_terms(
+            given, robust=False).coefficients,
+        NUMPY: lambda: normal_equations(az, el, x, y, both),
     }
-    seconds = {label: [] for label in candidates}
-    coefficients = {}
-    for _ in range(repeats + 1):  # the first round warms up
-        for label, call in candidates.items():
-            start = time.perf_counter()
-            for _ in range(calls):
-                coefficients[label] = call()
-            seconds[label].append((time.perf_counter() - start) / calls)
-    reference = coefficients['katpoint PointingModel.fit']
-    return [(label, float(np.median(s[1:])),
-             float(np.abs(coefficients[label] - reference).max()) / ARCSEC)
-            for label, s in seconds.items()], coefficients
+    katpoint = peer('katpoint')
+    if katpoint is not None:
+        theirs, enabled = katpoint.PointingModel(), [P_TERMS[name][0] for name in PHYSICAL]
+
+        def katpoint_fit():
+            theirs.set()
+            values, _ = theirs.fit(az, el, d_az, d_el, enabled_params=enabled,
+                                   keep_disabled_params=True)
+            return np.array([values[p - 1] * sign for p, sign in P_TERMS.values()])
+        candidates[KATPOINT] = katpoint_fit
+
+    def kept(name, call):
+        def again():
+            coefficients[name] = call()
+        return again
+    times = best_of({name: kept(name, call) for name, call in candidates.items()}, rounds, calls)
+    return times, coefficients
+
+
+def rows(seed=1, sizes=SIZES):
+    """`speed_rows.Row` of each fit for each number of stars, and differences of coefficients."""
+    out = []
+    for n in sizes:
+        times, coefficients = compare(n, *SIZES[n][:2], seed)
+        for name in times:
+            theirs = NUMPY if 'sigmas' in name or KATPOINT not in times else KATPOINT
+            if name != theirs:
+                out.append(row(name, n, times, name, theirs))
+        if KATPOINT in times:
+            off = np.abs(coefficients['fit_first_order'] - coefficients[KATPOINT]).max() / ARCSEC
+            print(f'{n} stars: fit_first_order and katpoint agree to {off:.1e}"')
+    return out
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument('--repeats', type=int, default=30, help='for 30 stars (default 30)')
-    parser.add_argument('--repeats-large', type=int, default=15,
-                        help='for 100 000 stars (default 15)')
     parser.add_argument('--seed', type=int, default=1)
+    parser.add_argument('--sizes', type=int, nargs='+', choices=tuple(SIZES), default=tuple(SIZES))
     args = parser.parse_args()
-    for n, repeats, calls in ((30, args.repeats, 20), (100_000, args.repeats_large, 1)):
-        rows, coefficients = compare(n, repeats, calls, args.seed)
-        base = rows[0][1]
-        print(f'\n7-term fit of {n} stars, median of {repeats} interleaved rounds of {calls}')
-        print(f'{"":36} {"ms":>9} {"katpoint / it":>14} {"largest difference":>19}')
-        for label, seconds, difference in rows:
-            print(f'{label:36} {seconds * 1e3:9.3f} {base / seconds:13.1f}x '
-                  f'{difference:17.2e} "')
-        print(f'{"arcsec":36} ' + ' '.join(f'{name:>10}' for name in PHYSICAL))
-        for label in ('katpoint PointingModel.fit', 'fit_first_order'):
-            print(f'{label:36} ' + ' '.join(
-                f'{v:10.5f}' for v in coefficients[label] / ARCSEC))
-        ratio = base / rows[1][1]
-        print(f'fit_first_order is {ratio:.1f} times as fast (target {TARGET:g}): '
-              f'{"reached" if ratio >= TARGET else "MISSED"}')
+    result = rows(args.seed, args.sizes)
+    show(result)
+    for one in result:
+        if one.what == DEFAULT and one.peer_name == KATPOINT:
+            least = SIZES[one.size][2]
+            print(f'{one.size} stars, the default fit: {one.ratio:.2f} times as fast (target '
+                  f'{least:g}): {"reached" if one.ratio >= least else "MISSED"}')
+        if one.what == WEIGHTED and one.size == max(SIZES):
+            print(f'{one.size} stars, plain weighted fit: {1 / one.ratio:.2f} of the normal '
+                  f'equations (target {NORMALS:g}): '
+                  f'{"reached" if 1 / one.ratio <= NORMALS else "MISSED"}')
 
 
 if __name__ == '__main__':

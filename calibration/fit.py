@@ -7,16 +7,18 @@ from typing import NamedTuple
 import numpy as np
 
 from msg_tools.units import wrap
-from pointing_model import geometry as rotation
 from pointing_model.context import Context
 from pointing_model.harmonics import DEGREE, Harmonics, columns_of, names_of
 from pointing_model.model import PointingModel
 from pointing_model.mounts import ALTAZ
-from pointing_model.terms import PHYSICAL, known_terms, stacked_design
+from pointing_model.rotations import in_turn
+from pointing_model.terms import PHYSICAL, Trig, known_terms, stacked_design
 from pointing_model.zero import NO_ZERO, RunZero, Zeros
 
 from .fit_result import make_result
-from .least_squares import covariance_of, gauss_newton, need_rows, weighted_solve
+from .gauss_newton import Linear, gauss_newton
+from .least_squares import covariance_of, need_rows, weighted_solve
+from .rotating import Rotating
 from .rows import UNREACHABLE, usable
 
 #: Directions in the space of the (column-scaled) coefficients whose singular value is below this
@@ -155,18 +157,23 @@ def fit_terms(run, names=None, *, held=None, robust=True, geometry=None, encoder
         if not linear:
             turned = {n: v for n, v in base.terms.items() if n in mount.names.terms}
         used = _beyond(base, turned, used, run, encoder)
-    az, el, n = used.az, used.el, len(used.rows)
+    el, n = used.el, len(used.rows)
+    trig = Trig(used.az, el, mount)
     runs = np.unique(run['run'][used.rows]) if run_zeros else ()
     terms, names = names, names + _names_of_zeros(runs, mount)
     observed = np.empty(2 * n)
-    observed[:n] = wrap(used.az_enc - az) * np.cos(el)
-    observed[n:] = used.el_enc - el
-    first_order = stacked_design(terms, az, el, mount)
+    np.multiply(in_turn(used.az_enc - used.az), trig.cos_el, out=observed[:n])
+    if trig.side is not None:
+        observed[:n] *= trig.side
+    np.subtract(used.el_enc, el, out=observed[n:])
+    first_order = stacked_design(terms, used.az, el, mount, trig)
     if len(names) > len(terms):
-        first_order = np.vstack((first_order, _columns_of_zeros(run['run'][used.rows], runs, el)))
+        first_order = np.vstack((first_order,
+                                 _columns_of_zeros(run['run'][used.rows], runs, el)))
     solved = gauss_newton(
-        _linearisation(names, terms, turned, used, observed, first_order, mount),
-        first_order, used.sigmas, robust, rcond, linear)
+        Linear(observed, first_order) if linear
+        else Rotating(trig, terms, turned, observed, first_order, mount),
+        used.sigmas, robust, rcond)
 
     def make_model(p, covariance, facts):
         return _on_top(base, terms, p, covariance, facts)
@@ -221,36 +228,6 @@ def _beyond(held, turned, used, run, encoder):
     return used._replace(
         az_enc=used.az + left / np.cos(used.el), el_enc=used.el + (used.el_enc - used.el - y),
     ).only(np.isfinite(left) & np.isfinite(y), UNREACHABLE)
-
-
-def _linearisation(names, terms, turned, used, observed, first_order, mount):
-    """``start(p) -> (residual, rows, feasible)`` about coefficients `p`, for `gauss_newton`."""
-    az, el, n = used.az, used.el, len(used.rows)
-    everywhere = np.ones(n, bool)
-    places = [i for i, name in enumerate(terms) if name in mount.names.terms]
-
-    def start(p):
-        if not turned and not p.any():
-            return observed, first_order, everywhere
-        fitted = {names[i]: turned.get(names[i], 0.0) + float(p[i]) for i in places}
-        x, y, jacobian = rotation.offsets_and_jacobian(
-            az, el, {**turned, **fitted}, list(fitted), mount)
-        rest = p.copy()
-        rest[places] = 0.0
-        residual = observed - rest @ first_order
-        residual[:n] -= x
-        residual[n:] -= y
-        rows = first_order.copy()
-        for i in places:
-            rows[i, :n], rows[i, n:] = jacobian[names[i]]
-        feasible = np.isfinite(x)
-        if not feasible.all():
-            lost = np.concatenate((~feasible, ~feasible))
-            residual[lost] = 0.0
-            rows[:, lost] = 0.0
-        return residual, rows, feasible
-
-    return start
 
 
 def _on_top(held, terms, p, covariance, facts):
@@ -334,15 +311,13 @@ def fit_harmonics(run, interpretation='zenith', *, degree=DEGREE, held=None, aft
         at_az, at_el = at[:, used.rows]
     else:
         at_az, at_el = used.az, used.el
-    az, el, n = used.az, used.el, len(used.rows)
+    az, el = used.az, used.el
     observed = np.concatenate((wrap(used.az_enc - at_az) * np.cos(el), used.el_enc - at_el))
     rows = columns_of(degree, az, el, interpretation).reshape(k, -1)
     runs = np.unique(run['run'][used.rows]) if run_zeros else ()
     if len(runs) > 1:
         rows = np.vstack((rows, _columns_of_zeros(run['run'][used.rows], runs, el)))
-    everywhere = np.ones(n, bool)
-    solved = gauss_newton(lambda p: (observed, rows, everywhere), rows, used.sigmas,
-                          robust, rcond, linear=True)
+    solved = gauss_newton(Linear(observed, rows), used.sigmas, robust, rcond)
 
     def make_model(p, covariance, facts):
         covariance = covariance[:k, :k]

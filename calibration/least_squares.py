@@ -1,4 +1,4 @@
-"""Weighted and robust least squares of two axes: the algebra behind `fit`.
+"""Weighted least squares of two axes: the algebra behind `fit`; its iteration: `gauss_newton`.
 
 The design has a row a coefficient: x of all stars, then y of all stars. A weight per value may be
 None: all equal.
@@ -8,26 +8,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from msg_tools.units import ARCSEC
+from .few_rows import satterthwaite
+from .robust import BISQUARE_INFLATION, BISQUARE_VARIANCE
 
-from .few_rows import are_few, kept_rows, satterthwaite
-from .robust import (
-    BISQUARE_INFLATION,
-    BISQUARE_VARIANCE,
-    bisquare,
-    huber,
-    reweighted,
-    sigma_of,
-)
-
-TOLERANCE = 1e-9 * ARCSEC  # of an iteration, on the sky
 # of the normal matrix, scaled to a unit diagonal:
 _GRAM_LIMIT = 1e-10  # smallest ratio of eigenvalues that are accurate
 _SAFE_CONDITION = 1e8  # up to here it may be inverted
 _FINE_CONDITION = 1e5  # and up to here rounding stays below 1e-11 of the coefficients
-#: of rcond, within the directions kept: their design changes with the weights, and what was chosen
-#: once must not drop out for that
-_INNER = 0.01
+#: columns of the design at a time that stay in the cache
+_BLOCK = 8192
 
 
 class Spectrum(NamedTuple):
@@ -77,21 +66,39 @@ def spectrum_of(rows, weights, normal):
     return Spectrum(s[::-1], v[::-1].T, scale)
 
 
-def normal_matrices(rows, weighted):
+def normal_matrices(rows, weights=None):
     """The x part of the normal matrix, and all of it.
 
     Parameters
     ----------
-    rows, weighted : ndarray, shape (k, 2n)
-        The design, and the design times the weights.
+    rows : ndarray, shape (k, 2n)
+        The design.
+    weights : ndarray, shape (2n,), or None
 
     Returns
     -------
     x_normal, normal : ndarray, shape (k, k)
     """
     n = rows.shape[1] // 2
-    x_normal = weighted[:, :n] @ rows[:, :n].T
-    return x_normal, x_normal + weighted[:, n:] @ rows[:, n:].T
+    if n <= _BLOCK // 2:
+        weighted = rows if weights is None else rows * weights
+        x_normal = weighted[:, :n] @ rows[:, :n].T
+        return x_normal, x_normal + weighted[:, n:] @ rows[:, n:].T
+    x_normal, y_normal = (_normal(rows[:, part], None if weights is None else weights[part])
+                          for part in (slice(0, n), slice(n, None)))
+    return x_normal, x_normal + y_normal
+
+
+def _normal(rows, weights):
+    k, n = rows.shape
+    out, weighted = np.zeros((k, k)), np.empty((k, _BLOCK))
+    for begin in range(0, n, _BLOCK):
+        part = rows[:, begin:begin + _BLOCK]
+        by = part
+        if weights is not None:
+            by = np.multiply(part, weights[begin:begin + _BLOCK], out=weighted[:, :part.shape[1]])
+        out += by @ part.T
+    return out
 
 
 def weighted_solve(rows, b, weights, rcond, normals=None):
@@ -114,8 +121,7 @@ def weighted_solve(rows, b, weights, rcond, normals=None):
     -------
     Solution
     """
-    weighted = rows if weights is None else rows * weights
-    x_normal, normal = normal_matrices(rows, weighted) if normals is None else normals
+    x_normal, normal = normal_matrices(rows, weights) if normals is None else normals
     try:
         inverse = np.linalg.inv(normal)
         # trace x trace of the scaled matrix and its inverse: never below the condition number
@@ -131,81 +137,12 @@ def weighted_solve(rows, b, weights, rcond, normals=None):
         half = spectrum.vectors[:, -rank:] / (spectrum.scale[:, None] * spectrum.s[-rank:])
         inverse = half @ half.T
         refinements = 3
-    p = inverse @ (weighted @ b)
+    p = inverse @ (rows @ (b if weights is None else weights * b))
     residual = b - p @ rows
     for _ in range(refinements):
-        p = p + inverse @ (weighted @ residual)
+        p = p + inverse @ (rows @ (residual if weights is None else weights * residual))
         residual = b - p @ rows
     return Solution(p, inverse, normal, x_normal, residual, rank)
-
-
-def _distance(standard, n, scales):
-    return np.hypot(standard[:n] / scales[0], standard[n:] / scales[1])
-
-
-def robust_solve(rows, b, base, rcond, scales=None, row_weights=None):
-    """Iteratively reweighted least squares: Huber with the scale, then bisquare at that scale.
-
-    A row (both axes of an observation) has one weight.
-
-    Parameters
-    ----------
-    rows, b, rcond
-        As for `weighted_solve`.
-    base : ndarray, shape (2n,), or None
-        Weights by the given sigmas.
-    scales, row_weights : optional
-        Of an earlier iteration: go on with the bisquare.
-
-    Returns
-    -------
-    solution : Solution
-    scales : list of float
-        Robust noise of each axis.
-    row_weights : ndarray, shape (n,)
-        0: rejected.
-    """
-    n = len(b) // 2
-    # to standard deviations, where the sigmas were given
-    root, floor = (1.0, TOLERANCE) if base is None else (np.sqrt(base), 1e-9)
-
-    def solve(w):
-        both = np.concatenate((w, w))
-        return weighted_solve(rows, b, both if base is None else both * base, rcond)
-
-    def noise(solution):
-        standard = solution.residual * root
-        return [max(float(sigma_of(part, dof_factor)), floor)
-                for part in (standard[:n], standard[n:])]
-
-    def weigh_at_its_noise(solution):
-        nonlocal scales
-        scales = noise(solution)
-        return huber(_distance(solution.residual * root, n, scales))
-
-    def weigh(solution):
-        return bisquare(_distance(solution.residual * root, n, scales))
-
-    if scales is None:
-        solution = weighted_solve(rows, b, base, rcond)
-        dof_factor = np.sqrt(2 * n / max(2 * n - solution.rank, 1))
-        solution, _ = reweighted(
-            solve, weigh_at_its_noise, solution, 30, lambda new, old: _distance(
-                (new.residual - old.residual) * root, n, scales).max() < 0.01)
-        scales = noise(solution)
-        # the median is wasteful: take the bisquare's own variance of what it keeps
-        standard = np.square(solution.residual * root)
-        for _ in range(3):
-            w = weigh(solution)
-            total = max(float(w.sum()), 1e-9) * BISQUARE_VARIANCE
-            scales = [max(dof_factor * float(np.sqrt(w @ part / total)), scale / 1.5)
-                      for part, scale in zip((standard[:n], standard[n:]), scales)]
-    else:
-        solution = solve(row_weights)
-    solution, row_weights = reweighted(
-        solve, weigh, solution, 100,
-        lambda new, old: np.abs(new.residual - old.residual).max() < TOLERANCE)
-    return solution, scales, row_weights
 
 
 def covariance_of(solution, base, row_weights, given, lost=0):
@@ -284,77 +221,3 @@ def need_rows(n, k, given):
         raise ValueError(
             f'{n} usable observations do not determine {k} coefficients; observe at least '
             f'{k // 2 + 1} stars or fit fewer terms')
-
-
-class Solved(NamedTuple):
-    """Result of `gauss_newton`."""
-
-    p: np.ndarray
-    solution: Solution  # in the coordinates of `basis`
-    rows: np.ndarray
-    basis: np.ndarray | None  # directions kept, (k, r); None if all are
-    spectrum: Spectrum  # of the first-order design
-    base: np.ndarray | None
-    row_weights: np.ndarray | None  # 0 or 1 where the rows are few
-    few: bool  # whether they are, so that rows are rejected by a test and not weighed
-    feasible: np.ndarray
-    iterations: int
-
-
-def gauss_newton(start, first_order, sigmas, robust, rcond, linear):
-    """Iterate `start(p) -> (residual, rows, feasible)` to the (robust) least-squares solution.
-
-    What the stars determine is decided once, by the first-order design: in the second order
-    aliases differ a little, and the iteration would run away along them.
-    """
-    k, n = len(first_order), first_order.shape[1] // 2
-    need_rows(n, k, sigmas is not None)
-    base = None if sigmas is None else 1.0 / np.square(sigmas)
-    robust = robust and 4 * n >= 3 * k
-    normals = normal_matrices(first_order, first_order if base is None else first_order * base)
-    spectrum = spectrum_of(first_order, base, normals[1])
-    rank = spectrum.rank(rcond)
-    few = are_few(2 * n - rank, rank)
-    basis = None if rank == k else spectrum.vectors[:, -rank:] / spectrum.scale[:, None]
-    p = np.zeros(k)
-    scales = row_weights = None
-    for iteration in range(1, 31):
-        residual, rows, feasible = start(p)
-        if basis is not None:
-            rows = basis.T @ rows
-        weights = base
-        if not feasible.any():
-            raise ValueError(
-                'the fit runs to a mount that can point nowhere; look for rows with degrees of '
-                'error or fit fewer terms')
-        if not feasible.all():
-            both = np.concatenate((feasible, feasible)).astype(float)
-            weights = both if base is None else base * both
-        if robust and few:
-            if iteration <= 3:  # as below; then it is settled, or the iteration need not end
-                keep = kept_rows(rows, residual, weights, TOLERANCE if base is None else 1.0)
-                row_weights = None if keep is None else keep.astype(float)
-            if row_weights is not None:
-                both = np.concatenate((row_weights, row_weights))
-                weights = both if weights is None else weights * both
-            solution = weighted_solve(rows, residual, weights, _INNER * rcond)
-        elif robust:
-            if iteration <= 2:
-                scales = None  # the linearisation at zero can be seconds of arc off
-            solution, scales, row_weights = robust_solve(
-                rows, residual, weights, _INNER * rcond, scales, row_weights)
-        else:
-            known = rows is first_order and weights is base
-            solution = weighted_solve(
-                rows, residual, weights, _INNER * rcond, normals if known else None)
-        p = p + (solution.p if basis is None else basis @ solution.p)
-        if linear:
-            break
-        if np.abs(solution.residual - residual).max() < TOLERANCE and (
-                not robust or iteration > (3 if few else 2)):
-            break
-    else:
-        raise ValueError(
-            'the fit does not converge; look for rows with degrees of error or fit fewer terms')
-    return Solved(p, solution, rows, basis, spectrum, weights, row_weights, few, feasible,
-                  iteration)

@@ -40,12 +40,15 @@ def sigma_of(residual, dof_factor=1.0, axis=None):
         As for `numpy.median`.
     """
     distance = np.abs(residual)
-    if axis is None and distance.ndim == 1 and len(distance):
+    last = distance.ndim - 1
+    if axis in (None, last) and (last == 0 or axis == last) and distance.size:
         # as numpy.median, to the bit, at a third of its time
-        half = len(distance) // 2
-        part = np.partition(distance, (half - 1 + len(distance) % 2, half, -1))
-        if not np.isnan(part[-1]):
-            return MAD * dof_factor * ((part[half - 1 + len(distance) % 2] + part[half]) / 2.0)
+        half, odd = divmod(distance.shape[-1], 2)
+        distance.partition((half, -1) if half else 0)
+        if not np.isnan(distance[..., -1]).any():
+            high = distance[..., half]
+            low = high if odd else np.maximum.reduce(distance[..., :half], axis=-1)
+            return MAD * dof_factor * ((low + high) / 2.0)
     return MAD * dof_factor * np.median(distance, axis=axis)
 
 

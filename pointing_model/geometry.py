@@ -29,6 +29,8 @@ from msg_tools.units import ARCSEC, wrap
 
 from .mount_names import CANONICAL
 from .mounts import ALTAZ, OF_MOUNT, sides
+from .rotations import derivatives, in_turn, lowered, to_axes, to_sky, turned, values
+from .trig import BLOCK, sincos
 
 #: The coefficients that this module understands, of an alt-azimuth mount.
 GEOMETRIC = CANONICAL
@@ -37,16 +39,18 @@ _TOLERANCE = 1e-8 * ARCSEC
 _STEPS = 50
 
 
-def _values(coefficients, mount):
-    terms = mount.names.terms
-    unknown = [name for name in coefficients if name not in terms]
-    if unknown:
-        raise ValueError(
-            f'{", ".join(unknown)} is no geometric term; this rotation knows {", ".join(terms)}'
-        )
-    by_name = {own: sign * float(coefficients.get(name, 0.0))
-               for name, (own, sign) in terms.items()}
-    return [by_name[name] for name in CANONICAL]
+def _blockwise(function, first, second):
+    """``function(first, second)`` of as many places at a time as stay in the cache."""
+    if first.ndim == 0:
+        return function(first[()], second[()])
+    if first.size <= BLOCK:
+        return function(first, second)
+    out = np.empty((2, *first.shape))
+    flat, pairs = out.reshape(2, -1), (first.reshape(-1), second.reshape(-1))
+    for begin in range(0, first.size, BLOCK):
+        part = slice(begin, begin + BLOCK)
+        flat[0, part], flat[1, part] = function(pairs[0][part], pairs[1][part])
+    return out[0], out[1]
 
 
 def _unit(az, el):
@@ -54,66 +58,9 @@ def _unit(az, el):
     return cos_el * np.sin(az), cos_el * np.cos(az), np.sin(el)
 
 
-def _turn(vector, wx, wy):
-    """Rotate `vector` by the horizontal rotation vector (wx, wy, 0) (Rodrigues)."""
-    x, y, z = vector
-    angle = np.hypot(wx, wy)
-    if angle == 0.0:
-        return vector
-    sine = np.sin(angle) / angle
-    versine = 2.0 * (np.sin(angle / 2.0) / angle) ** 2  # (1 - cos) / angle^2 without cancellation
-    along = versine * (wx * x + wy * y)
-    cosine = np.cos(angle)
-    return (
-        cosine * x + sine * wy * z + along * wx,
-        cosine * y - sine * wx * z + along * wy,
-        cosine * z + sine * (wx * y - wy * x),
-    )
-
-
-def _lifted(place, tf, zenith):
-    """Unit vectors turned toward the zenith by TF cos E."""
-    x, y, z = place
-    sin_el = x * zenith[0] + y * zenith[1] + z * zenith[2]
-    cos_el = np.sqrt(np.maximum(1.0 - sin_el * sin_el, 0.0))
-    angle = tf * cos_el
-    # sin(angle) / cos E, of which nothing is left at the zenith
-    along = tf * np.sinc(angle / np.pi)
-    kept = np.cos(angle) - along * sin_el
-    return tuple(kept * p + along * c for p, c in zip(place, zenith))
-
-
-def _lowered(place, tf, zenith, star):
-    """The inverse of `_lifted`: by as much as it lifts `star`."""
-    sin_el = star[0] * zenith[0] + star[1] * zenith[1] + star[2] * zenith[2]
-    angle = tf * np.sqrt(np.maximum(1.0 - sin_el * sin_el, 0.0))
-    high = place[0] * zenith[0] + place[1] * zenith[1] + place[2] * zenith[2]
-    along = np.sin(angle) / np.sqrt(np.maximum(1.0 - high * high, 1e-300))
-    kept = np.cos(angle) + along * high
-    return tuple(kept * p - along * c for p, c in zip(place, zenith))
-
-
-def _side(el, mount):
+def _side(cos_el, mount):
     """-1 where a place is one through the pole."""
-    return 1.0 if mount.altaz else np.where(np.cos(el) < 0.0, -1.0, 1.0)
-
-
-def _axes(az, el, ca, npae, an, aw, tf, mount):
-    """Axis angles and the vectors on the way: u on the mount's base, v before the azimuth turn."""
-    place = _unit(az, el)
-    if tf and not mount.altaz:
-        place = _lifted(place, tf, mount.zenith)
-    ux, uy, uz = _turn(place, an, aw)
-    sin_c, cos_c, sin_n, cos_n = np.sin(ca), np.cos(ca), np.sin(npae), np.cos(npae)
-    sin_e = (uz + sin_c * sin_n) / (cos_c * cos_n)
-    vx = -sin_c * cos_n - cos_c * sin_n * sin_e
-    with np.errstate(invalid='ignore'):  # a direction closer to the axis than the line of sight
-        vy = _side(el, mount) * np.sqrt(ux * ux + uy * uy - vx * vx)
-    e = np.arctan2(sin_e, vy / cos_c)
-    if not mount.altaz:
-        e = el + wrap(e - el)
-    a = np.arctan2(ux * vy - uy * vx, ux * vx + uy * vy)
-    return a, e, (ux, uy, uz), (vx, vy), sin_e
+    return 1.0 if mount.altaz else np.where(cos_el < 0.0, -1.0, 1.0)
 
 
 def sky_to_encoder(az, el, coefficients, mount=ALTAZ):
@@ -144,12 +91,21 @@ def sky_to_encoder(az, el, coefficients, mount=ALTAZ):
         a, e, side = sides(az, el)
         a_enc, e_enc = sky_to_encoder(a, e, coefficients, mount.with_errors(OF_MOUNT))
         return az + wrap(a_enc - a), el + side * wrap(e_enc - e)
-    ia, ie, ca, npae, an, aw, tf = _values(coefficients, mount)
-    bend = tf * np.cos(el) if mount.altaz else 0.0
-    if ca or npae or an or aw or (tf and not mount.altaz):
-        a, e = _axes(az, el, ca, npae, an, aw, tf, mount)[:2]
-        return az + wrap(a + ia - az), e + ie + bend
-    return az + ia, el + ie + bend
+    known = values(coefficients, mount)
+    ia, ie, ca, npae, an, aw, tf = known
+    if not (ca or npae or an or aw or (tf and not mount.altaz)):
+        return az + ia, el + ie + (tf * np.cos(el) if tf else 0.0)
+    az, el = np.broadcast_arrays(az, el)
+
+    def ends(a, e):
+        sines = *sincos(a), *sincos(e)
+        d_az, d_el, _ = to_axes(sines, known, mount, _side(sines[3], mount))
+        d_el += ie
+        if tf and mount.altaz:
+            d_el += tf * sines[3]
+        return a + in_turn(d_az + ia), e + d_el
+
+    return _blockwise(ends, az, el)
 
 
 def encoder_to_sky(az_enc, el_enc, coefficients, added=None, mount=ALTAZ):
@@ -182,7 +138,10 @@ def encoder_to_sky(az_enc, el_enc, coefficients, added=None, mount=ALTAZ):
     az_enc, el_enc = np.asarray(az_enc, float), np.asarray(el_enc, float)
     if mount.on_sky:
         return _folded(az_enc, el_enc, coefficients, added, mount.with_errors(OF_MOUNT))
-    ia, ie, ca, npae, an, aw, tf = _values(coefficients, mount)
+    known = values(coefficients, mount)
+    ia, ie, ca, npae, an, aw, tf = known
+    if added is None:
+        return _to_sky(az_enc, el_enc, known, mount)
     sin_c, cos_c, sin_n, cos_n = np.sin(ca), np.cos(ca), np.sin(npae), np.cos(npae)
 
     def look(a, e, star=None):
@@ -191,9 +150,9 @@ def encoder_to_sky(az_enc, el_enc, coefficients, added=None, mount=ALTAZ):
         vy = cos_c * np.cos(e)
         vz = cos_c * cos_n * sin_e - sin_c * sin_n
         sin_a, cos_a = np.sin(a), np.cos(a)
-        place = _turn((vx * cos_a + vy * sin_a, vy * cos_a - vx * sin_a, vz), -an, -aw)
+        place = turned((vx * cos_a + vy * sin_a, vy * cos_a - vx * sin_a, vz), -an, -aw)
         if star is not None:
-            place = _lowered(place, tf, mount.zenith, star)
+            place = lowered(place, tf, mount.zenith, star)
         x, y, z = place
         if mount.altaz:
             return az_enc + wrap(np.arctan2(x, y) - az_enc), np.arctan2(z, np.hypot(x, y))
@@ -203,10 +162,8 @@ def encoder_to_sky(az_enc, el_enc, coefficients, added=None, mount=ALTAZ):
 
     a, e = az_enc - ia, el_enc - ie
     az, el = look(a, e)
-    if tf == 0.0 and added is None:
-        return az, el
     for _ in range(_STEPS):
-        d_az, d_el = added(az, el) if added is not None else (0.0, 0.0)
+        d_az, d_el = added(az, el)
         if mount.altaz:
             az_new, el_new = look(a - d_az, e - d_el - tf * np.cos(el))
         else:
@@ -217,6 +174,19 @@ def encoder_to_sky(az_enc, el_enc, coefficients, added=None, mount=ALTAZ):
         if not open_.any():
             return az, el
     return np.where(open_, np.nan, az), np.where(open_, np.nan, el)
+
+
+def _to_sky(az_enc, el_enc, known, mount):
+    """`encoder_to_sky` of the rotations alone, without trigonometry but of the readings."""
+
+    def place(a, e):
+        d_az, d_el = to_sky((*sincos(a - known[0]), *sincos(e - known[1])), known, mount)
+        d_el -= known[1]
+        # an elevation in another turn has its place within the first
+        return (a + in_turn(d_az - known[0]),
+                in_turn(e + d_el) if mount.altaz else e + in_turn(d_el))
+
+    return _blockwise(place, *np.broadcast_arrays(az_enc, el_enc))
 
 
 def _folded(az_enc, el_enc, coefficients, added, mount):
@@ -280,48 +250,43 @@ def offsets_and_jacobian(az, el, coefficients, names, mount=ALTAZ):
                                               mount.with_errors(OF_MOUNT))
         return side * x, side * y, {name: tuple(side * v for v in both)
                                     for name, both in jacobian.items()}
-    ia, ie, ca, npae, an, aw, tf = _values(coefficients, mount)
-    a, e, (ux, uy, uz), (vx, vy), sin_e = _axes(az, el, ca, npae, an, aw, tf, mount)
-    cos_el = np.cos(el)
-    x = wrap(a + ia - az) * cos_el
-    y = e + ie + (tf * cos_el if mount.altaz else 0.0) - el
-    sin_c, cos_c, sin_n, cos_n = np.sin(ca), np.cos(ca), np.sin(npae), np.cos(npae)
-    cos_e = vy / cos_c
-    horizontal = ux * ux + uy * uy
+    known = values(coefficients, mount)
+    sines = *sincos(az), *sincos(el)
+    x, y, columns = linearised(az, el, sines, known, _canonical(names, mount), mount)
+    return x, y, {name: columns[own] if sign > 0 else tuple(-v for v in columns[own])
+                  for name, (own, sign) in ((n, mount.names.terms[n]) for n in names)}
 
-    def columns(d_sin_e, d_vx, dux=0.0, duy=0.0):
-        d_vy = (ux * dux + uy * duy - vx * d_vx) / vy
-        d_a = (dux * uy - ux * duy + d_vy * vx - d_vx * vy) / horizontal
-        return d_a * cos_el, d_sin_e / cos_e
 
-    def tilt(wx, wy):
-        # right Jacobian of the rotation to first order: w + (w x tilt) / 2 about the zenith
-        wz = 0.5 * (an * wy - aw * wx)
-        dux, duy, duz = wy * uz - wz * uy, wz * ux - wx * uz, wx * uy - wy * ux
-        d_sin_e = duz / (cos_c * cos_n)
-        return columns(d_sin_e, -cos_c * sin_n * d_sin_e, dux, duy)
+def _canonical(names, mount):
+    return [mount.names.terms[name][0] for name in names]
 
-    def ca_column():
-        d = (sin_c * cos_n * sin_e + cos_c * sin_n) / (cos_c * cos_n)
-        return columns(d, -cos_c * cos_n + sin_c * sin_n * sin_e - cos_c * sin_n * d)
 
-    def npae_column():
-        d = (cos_c * sin_n * sin_e + sin_c * cos_n) / (cos_c * cos_n)
-        return columns(d, sin_c * sin_n - cos_c * cos_n * sin_e - cos_c * sin_n * d)
+def linearised(az, el, sines, known, names, mount):
+    """As `offsets_and_jacobian`, in the names of `CANONICAL` and with the sines at hand.
 
-    def bend():
-        if mount.altaz:
-            return 0.0, cos_el
+    Parameters
+    ----------
+    az, el : ndarray, shape (n,)
+        Radians.
+    sines : tuple of ndarray, shape (n,)
+        sin A, cos A, sin E, cos E.
+    known : sequence of float
+        Coefficients in the order of `CANONICAL`, radians.
+    names : sequence of str
+        Derivatives to these.
+    mount : Mount
+        Whose errors are its own.
+    """
+    ia, ie, tf = known[0], known[1], known[6]
+    cos_el = sines[3]
+    d_az, d_el, way = to_axes(sines, known, mount, _side(cos_el, mount))
+    d_az += ia
+    x = in_turn(d_az) * cos_el
+    d_el += ie
+    if tf and mount.altaz:
+        d_el += tf * cos_el
+
+    def tangent():
         return tuple(np.tensordot((0.0, 0.0, 1.0), t, 1) for t in mount.tangents(az, el))
 
-    jacobian = {
-        'IA': lambda: (cos_el, 0.0), 'IE': lambda: (0.0, 1.0), 'TF': bend,
-        'CA': ca_column, 'NPAE': npae_column,
-        'AN': lambda: tilt(1.0, 0.0), 'AW': lambda: tilt(0.0, 1.0),
-    }
-    out = {}
-    for name in names:
-        own, sign = mount.names.terms[name]
-        one = jacobian[own]()
-        out[name] = one if sign > 0 else tuple(-v for v in one)
-    return x, y, out
+    return x, d_el, derivatives(sines, known, way, names, mount, tangent)

@@ -2,11 +2,12 @@
 
 IAU 2006/2000A precession-nutation, light deflection by the Sun, annual and diurnal aberration,
 parallax, Earth rotation with UT1-UTC and polar motion, refraction. Everything that depends on
-the time alone is computed once for each distinct time (``apco13``), then each star costs less
-than a microsecond (``atciq``, ``atioq``). The celestial pole offsets, below 0.001", are left out.
+the time alone comes from a grid in time (`sky_frame`), then each star costs less than a
+microsecond (``atciq``, ``atioq``). The celestial pole offsets, below 0.001", are left out.
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import erfa
@@ -14,7 +15,8 @@ import numpy as np
 
 from msg_tools.units import DEG, wrap
 
-from .earth import earth_orientation, split_utc, terrestrial
+from .earth import terrestrial
+from .sky_frame import frame
 
 _SIDEREAL = 2.0 * np.pi / 86164.0905  # rad/s
 
@@ -235,26 +237,27 @@ def _equation_of_origins(time):
 
 
 def _frame(time, site, count):
-    """ERFA's astrom for each time, computed once for each distinct one; with no refraction."""
+    """ERFA's astrom for each time; with no refraction."""
     time = np.asarray(time, float)
     if time.ndim > 1 or (time.ndim == 1 and count not in (None, 1) and time.size != count):
         raise ValueError(f'{time.size} times for {count} stars: give one time, or one for each')
-    moments, inverse = np.unique(time, return_inverse=True)
-    earth = earth_orientation(moments)
-    astrom, _, status = erfa.ufunc.apco13(
-        *split_utc(moments), earth.dut1, site.longitude, site.latitude, site.height, earth.xp,
-        earth.yp, 0.0, 0.0, 0.0, 0.5)
-    if np.any(status < 0):
-        raise ValueError('time is not one that ERFA can convert: give UTC since 1970-01-01')
-    return astrom[inverse.reshape(time.shape)]
+    return frame(time, site)
+
+
+@lru_cache(maxsize=256)
+def _constants(pressure, temperature, humidity, wavelength):
+    return erfa.ufunc.refco(pressure, temperature, humidity, wavelength)
 
 
 def _in_air(astrom, weather):
-    refa, refb = erfa.ufunc.refco(weather.pressure_hpa, weather.temperature_c, weather.humidity,
-                                  weather.wavelength_um)
-    if np.ndim(refa) > astrom.ndim:
-        astrom = np.broadcast_to(astrom, np.shape(refa))
-    astrom = astrom.copy()
+    """With the refraction; `astrom` itself where its shape is that of the weather."""
+    air = (weather.pressure_hpa, weather.temperature_c, weather.humidity, weather.wavelength_um)
+    if all(isinstance(value, (float, int)) for value in air):
+        refa, refb = _constants(*air)
+    else:
+        refa, refb = erfa.ufunc.refco(*air)
+        if np.ndim(refa) > astrom.ndim:
+            astrom = np.broadcast_to(astrom, np.shape(refa)).copy()
     astrom['refa'], astrom['refb'] = refa, refb
     return astrom
 

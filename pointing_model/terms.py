@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .mounts import ALTAZ, KINDS, OF_MOUNT, sides
+from .trig import sincos
 
 #: A column that is zero everywhere; the fit tells it by identity and skips it.
 ZERO = 0.0
@@ -26,20 +27,32 @@ class Trig:
     az, el : float or ndarray
         Catalogue place by the axes of the mount, radians.
     mount : Mount, optional
-        Where its errors act on the sky, the angles are folded back to it.
+        Where its errors act on the sky, the angles are folded back to it, and `mount` is the same
+        with errors of its own; `side` is the sign that what grows along the angles has there (None
+        of other mounts).
     """
 
-    __slots__ = ('az', 'el', 'sin_az', 'cos_az', 'sin_el', 'cos_el', 'mount', '_zenith', '_side')
+    __slots__ = ('az', 'el', 'sin_az', 'cos_az', 'sin_el', 'cos_el', 'mount', 'side', '_zenith')
 
     def __init__(self, az, el, mount=ALTAZ):
-        self._side = None
+        self.side = None
         if mount.on_sky:
-            az, el, self._side = sides(az, el)
+            az, el, self.side = sides(az, el)
             mount = mount.with_errors(OF_MOUNT)
         self.az, self.el, self.mount = az, el, mount
-        self.sin_az, self.cos_az = np.sin(az), np.cos(az)
-        self.sin_el, self.cos_el = np.sin(el), np.cos(el)
+        self.sin_az, self.cos_az = sincos(az)
+        self.sin_el, self.cos_el = sincos(el)
         self._zenith = self if mount.altaz else None
+
+    def every(self, part):
+        """That of some of the places: of a slice, or of every so many of them."""
+        part = part if isinstance(part, slice) else slice(None, None, part)
+        out = object.__new__(Trig)
+        for name in ('az', 'el', 'sin_az', 'cos_az', 'sin_el', 'cos_el'):
+            setattr(out, name, getattr(self, name)[part])
+        out.side = None if self.side is None else self.side[part]
+        out.mount, out._zenith = self.mount, out if self.mount.altaz else None
+        return out
 
     @property
     def zenith(self):
@@ -51,9 +64,9 @@ class Trig:
     def columns(self, term):
         """Pair (x, y) of a `Term` along the axes of the mount."""
         x, y = term.of(self)
-        if self._side is None:
+        if self.side is None:
             return x, y
-        return tuple(v if v is ZERO else self._side * v for v in (x, y))
+        return tuple(v if v is ZERO else self.side * v for v in (x, y))
 
     def lifted(self, by):
         """Pair (x, y) of what lifts the line of sight toward the zenith by so much."""
@@ -235,7 +248,7 @@ def known_terms(names, mount=ALTAZ):
     return [known[name] for name in names]
 
 
-def stacked_design(names, az, el, mount=ALTAZ):
+def stacked_design(names, az, el, mount=ALTAZ, trig=None):
     """The design of both axes in one array, a row a term: x of all stars, then y of all stars.
 
     Contiguous rows make the products of the fit fast.
@@ -246,6 +259,8 @@ def stacked_design(names, az, el, mount=ALTAZ):
     az, el : ndarray, shape (n,)
         Catalogue place by the axes of the mount, radians.
     mount : Mount, optional
+    trig : Trig, optional
+        Of these places, where it is known.
 
     Returns
     -------
@@ -258,14 +273,10 @@ def stacked_design(names, az, el, mount=ALTAZ):
     """
     terms = known_terms(names, mount)
     n = len(az)
-    trig = Trig(az, el, mount)
-    out = np.zeros((len(terms), 2 * n))
+    trig = Trig(az, el, mount) if trig is None else trig
+    out = np.empty((len(terms), 2 * n))
     for x_row, y_row, term in zip(out[:, :n], out[:, n:], terms):
-        x, y = trig.columns(term)
-        if x is not ZERO:
-            x_row[:] = x
-        if y is not ZERO:
-            y_row[:] = y
+        x_row[:], y_row[:] = trig.columns(term)
     return out
 
 

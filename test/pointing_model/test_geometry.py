@@ -3,6 +3,7 @@ import pytest
 
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model import geometry
+from pointing_model.mounts import ALTAZ, ON_SKY, Mount
 from pointing_model.terms import design
 
 LARGE = dict(zip(geometry.GEOMETRIC, np.array([150, -90, 300, -240, 280, -310, 120]) * ARCSEC))
@@ -136,3 +137,32 @@ def test_jacobian_by_differences():
 def test_unknown_coefficient():
     with pytest.raises(ValueError, match='TX'):
         geometry.sky_to_encoder(0.0, 1.0, {'TX': 1.0})
+
+
+@pytest.mark.parametrize('mount', [
+    ALTAZ, Mount.equatorial(0.6), Mount.equatorial(-0.4, 'german'),
+    Mount.equatorial(0.6, 'german').with_errors(ON_SKY), Mount.free(0.3, 0.4, 1.0)],
+    ids=lambda m: m.kind + m.errors)
+def test_many_as_few_and_back_everywhere(mount):
+    """In blocks as one by one; back at the pole and at the zenith of any mount."""
+    rng = np.random.default_rng(5)
+    values = dict(zip(mount.names.terms, LARGE.values()))
+    az, el = random_sky(20_000)
+    if not mount.altaz:
+        el = rng.uniform(-3.0, 3.0, len(el))
+        near = 10.0 ** rng.uniform(-6.0, -2.0, (2, 500))
+        az[:500] = np.arctan2(*mount.zenith[:2]) + near[0]
+        el[:500] = np.arcsin(mount.zenith[2]) + near[1]
+    el[500:1000] = np.pi / 2 - 10.0 ** rng.uniform(-2.0, -1.0, 500)
+    az_enc, el_enc = geometry.sky_to_encoder(az, el, values, mount)
+    few = rng.integers(0, len(az), 40)
+    for i in few:
+        one = geometry.sky_to_encoder(az[i], el[i], values, mount)
+        np.testing.assert_allclose(one, (az_enc[i], el_enc[i]), rtol=0, atol=1e-10 * ARCSEC + 4e-15)
+    seen = np.isfinite(az_enc) & (np.abs(np.cos(el)) > 0.008)  # where each has one place
+    back = geometry.encoder_to_sky(az_enc[seen], el_enc[seen], values, mount=mount)
+    assert on_sky(az[seen], el[seen], *back).max() < 1e-7
+    # the same by the general way
+    general = geometry.encoder_to_sky(az_enc[seen][900:], el_enc[seen][900:], values,
+                                      lambda a, e: (0.0, 0.0), mount)
+    assert on_sky(*(v[900:] for v in back), *general).max() < 1e-6

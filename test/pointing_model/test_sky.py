@@ -53,8 +53,9 @@ def test_same_as_erfa_star_by_star():
         ra, dec, pm_ra, pm_dec, parallax, rv, *split_utc(TIME), o.dut1, site.longitude,
         site.latitude, site.height, o.xp, o.yp, 780.0, 5.0, 0.3, 0.65)
     assert len(stars) > 50
-    assert np.abs(wrap(az - az_erfa)).max() < 1e-12
-    assert np.abs(el - (np.pi / 2 - zenith_distance)).max() < 1e-12
+    # what changes slowly is interpolated, see `sky_frame`
+    assert np.abs(wrap(az - az_erfa) * np.cos(el)).max() < 1e-4 * ARCSEC
+    assert np.abs(el - (np.pi / 2 - zenith_distance)).max() < 1e-4 * ARCSEC
 
 
 def test_proper_motion_and_parallax_of_barnards_star():

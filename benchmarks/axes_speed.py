@@ -1,0 +1,89 @@
+"""Model to encoder and encoder to sky: an earlier commit, and katpoint 0.10.3.
+
+    OMP_NUM_THREADS=1 python benchmarks/axes_speed.py [--commit COMMIT] [--rounds N]
+
+The module of the rotations of that commit (by default the last before they went without arctan2)
+is taken from git and runs in the same process, in turn. Peers: .venv/bin/pip install katpoint.
+"""
+
+import argparse
+import importlib.util
+import subprocess
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from speed_rows import best_of, peer, row, show
+
+from msg_tools.units import ARCSEC, wrap
+from pointing_model import geometry
+from pointing_model.mounts import ALTAZ, Mount
+
+BEFORE = '0de8ea8'
+SIZE = 200_000
+TERMS = np.array([150.0, -90.0, 60.0, -40.0, 80.0, -50.0, 30.0]) * ARCSEC
+
+
+def geometry_of(commit):
+    """`pointing_model.geometry` as of a commit, beside today's."""
+    text = subprocess.run(['git', 'show', f'{commit}:pointing_model/geometry.py'], check=True,
+                          capture_output=True, cwd=Path(__file__).parent).stdout
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / 'earlier.py'
+        path.write_bytes(text)
+        spec = importlib.util.spec_from_file_location('pointing_model.earlier_geometry', path)
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+    return module
+
+
+def rows(rounds=5, commit=BEFORE, size=SIZE):
+    """`speed_rows.Row` of both ways for alt-azimuth and equatorial mounts."""
+    earlier = geometry_of(commit)
+    rng = np.random.default_rng(1)
+    az, el = rng.uniform(-3.0, 3.0, size), rng.uniform(0.2, 1.3, size)
+    out, before = [], f'commit {commit}'
+    for mount in (ALTAZ, Mount.equatorial(0.6)):
+        values = dict(zip(mount.names.terms, TERMS))
+        at = geometry.sky_to_encoder(az, el, values, mount)
+        there = earlier.encoder_to_sky(*at, values, mount=mount)
+        back = geometry.encoder_to_sky(*at, values, mount=mount)
+        off = np.hypot(wrap(back[0] - there[0]) * np.cos(el), back[1] - there[1]).max() / ARCSEC
+        print(f'{mount.kind}: encoder to sky differs from {before} by {off:.1e}" at most')
+        candidates = {
+            'to encoder': lambda m=mount, v=values: geometry.sky_to_encoder(az, el, v, m),
+            'to encoder before': lambda m=mount, v=values: earlier.sky_to_encoder(az, el, v, m),
+            'to sky': lambda m=mount, v=values, r=at: geometry.encoder_to_sky(*r, v, mount=m),
+            'to sky before': lambda m=mount, v=values, r=at: earlier.encoder_to_sky(
+                *r, v, mount=m)}
+        katpoint = peer('katpoint') if mount.altaz else None
+        if katpoint is not None:
+            theirs = katpoint.PointingModel()
+            theirs.fromlist(np.degrees([TERMS[0], 0, TERMS[3], -TERMS[2], TERMS[4], -TERMS[5],
+                                        TERMS[1], TERMS[6]]).tolist())
+            candidates['katpoint apply'] = lambda t=theirs: t.apply(az, el)
+            candidates['katpoint reverse'] = lambda t=theirs, r=at: t.reverse(*r)
+        times = best_of(candidates, rounds)
+        for way, kat in (('to encoder', 'katpoint apply'), ('to sky', 'katpoint reverse')):
+            one = row(f'{mount.kind}, {way}', size, times, way, f'{way} before')
+            out.append(one._replace(peer_name=before))
+            if kat in times:
+                out.append(row(f'{mount.kind}, {way}', size, times, way, kat))
+        out.append(row(f'{mount.kind}, to sky against to encoder of then', size, times, 'to sky',
+                       'to encoder before')._replace(peer_name=before))
+    return out
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('--commit', default=BEFORE, help=f'to compare with (default {BEFORE})')
+    parser.add_argument('--rounds', type=int, default=5)
+    args = parser.parse_args()
+    result = rows(args.rounds, args.commit)
+    show(result)
+    for one in result:
+        print(f'{one.what:50} {one.size / one.ours / 1e6:6.2f} million a second')
+
+
+if __name__ == '__main__':
+    main()

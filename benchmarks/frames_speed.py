@@ -1,0 +1,61 @@
+"""Frames of the absolute encoder, clean and dirty, in a batch: ours and the paper's Newton fit.
+
+    OMP_NUM_THREADS=1 python benchmarks/frames_speed.py [--rounds N]
+
+The peer is the sine fit of the paper in numpy (`encoder_reading.paper_reader`, nothing to install),
+without its decoding. Errors of the readings are printed; bounds: `absolute_encoder.py`.
+"""
+
+import argparse
+from dataclasses import replace
+
+import numpy as np
+from absolute_encoder import (
+    BLOBS,
+    INVERSION,
+    SCALES,
+    SHADING,
+    SHIFTED,
+    WINDOW,
+    PaperReader,
+    Source,
+    TemplateReader,
+    sine_start,
+)
+from encoder_frames import Tally
+from speed_rows import best_of, row, show
+
+BATCH = 1024
+
+
+def rows(rounds=5, pitch=48, seed=1):
+    """`speed_rows.Row`, seconds a frame."""
+    params = SCALES[pitch]
+    shaded = replace(params, **SHADING)
+    sources = {'clean': Source(params, seed),
+               'with 10 % of the bars shifted': Source(replace(shaded, **SHIFTED), seed),
+               'with three blobs': Source(shaded, seed, BLOBS)}
+    template, paper = TemplateReader(params.design), PaperReader(params.design)
+    newton, out = "the paper's Newton fit", []
+    for name, source in sources.items():
+        angles, frames = source.random(BATCH)
+        grey = INVERSION - frames[:64].astype(float)
+        start = sine_start(np.arange(WINDOW), paper.decode(grey).centre[:, :WINDOW])
+        tally = Tally(source.disc.bar_angle)
+        tally.add(template.read(frames), angles)
+        print(f'{name}: {tally.rms:.3f}" rms, {tally.rejected} rejected, {tally.gross} gross')
+        times = best_of({'ours': lambda f=frames: template.read(f),
+                         newton: lambda g=grey, s=start: paper.fit(g, *s)}, rounds)
+        times = {'ours': times['ours'] / BATCH, newton: times[newton] / 64}
+        out.append(row(f'frames {name}, each', BATCH, times, 'ours', newton))
+    return out
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('--rounds', type=int, default=5)
+    show(rows(parser.parse_args().rounds))
+
+
+if __name__ == '__main__':
+    main()

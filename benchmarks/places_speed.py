@@ -1,0 +1,118 @@
+"""Places of a star: time against the full computation, astropy (interpolating) and katpoint 0.10.3.
+
+    OMP_NUM_THREADS=1 python benchmarks/places_speed.py [--rounds N]
+
+Without refraction, with the same site; astropy with ErfaAstromInterpolator of 300 s, and its tables
+of the IERS from the same package. Each first place is of another night, which no cache knows.
+Peers: .venv/bin/pip install astropy katpoint.
+"""
+
+import argparse
+import itertools
+
+import erfa
+import numpy as np
+from speed_rows import best_of, peer, row, show
+
+from msg_tools.units import ARCSEC, DEG, wrap
+from pointing_model.sky import DEFAULT_SITE, Weather, observed_place
+from pointing_model.sky_frame import full_frame
+from pointing_model.star_catalogue import load_catalogue
+
+EPOCHS = 10_000
+BEGIN = 1.6e9
+SLOW = ('full', 'katpoint')  # of so many of the epochs, as each costs the same
+SOME = 300
+AIRLESS = Weather(pressure_hpa=0.0)
+BOUND = 0.001  # arcsec
+
+
+def fully(star, time):
+    """Azimuth and elevation with everything computed for each time."""
+    astrom = full_frame(time, DEFAULT_SITE)
+    az, distance, *_ = erfa.ufunc.atioq(*erfa.ufunc.atciq(*star.at_j2000, astrom), astrom)
+    return az, np.pi / 2.0 - distance
+
+
+def _astropy(star):
+    if peer('astropy') is None:
+        return None
+    from astropy import units
+    from astropy.coordinates import AltAz, EarthLocation, SkyCoord
+    from astropy.coordinates.erfa_astrom import ErfaAstromInterpolator, erfa_astrom
+    from astropy.time import Time
+    from astropy.utils import iers
+
+    iers.conf.auto_download = False
+    site = EarthLocation.from_geodetic(DEFAULT_SITE.longitude / DEG, DEFAULT_SITE.latitude / DEG,
+                                       DEFAULT_SITE.height)
+    ra, dec, *_ = (v[0] for v in star.at_j2000)
+    place = SkyCoord(ra, dec, unit=units.rad, frame='icrs')
+
+    def places(time):
+        with erfa_astrom.set(ErfaAstromInterpolator(300 * units.s)):
+            there = place.transform_to(AltAz(obstime=Time(time, format='unix'), location=site))
+            return there.az.rad, there.alt.rad
+    return places
+
+
+def _katpoint(star):
+    katpoint = peer('katpoint')
+    if katpoint is None:
+        return None
+    import ephem
+    ra, dec, *_ = (v[0] for v in star.at_j2000)
+    antenna = katpoint.Antenna(
+        f'site, {ephem.degrees(DEFAULT_SITE.latitude)}, {ephem.degrees(DEFAULT_SITE.longitude)}, '
+        f'{DEFAULT_SITE.height}, 1.0')
+    target = katpoint.Target(f'star, radec, {ephem.hours(ra)}, {ephem.degrees(dec)}')
+    return lambda time: target.azel(time, antenna)
+
+
+def rows(rounds=5):
+    """`speed_rows.Row`, seconds a place, of many epochs, of the first and of further places."""
+    star = load_catalogue(hip=[32349])
+    peers = {'full': lambda time: fully(star, time), 'astropy': _astropy(star),
+             'katpoint': _katpoint(star)}
+    peers = {name: call for name, call in peers.items() if call}
+
+    def ours(time):
+        return observed_place(star, time, DEFAULT_SITE, AIRLESS)
+
+    time = np.linspace(BEGIN, BEGIN + 86400.0, EPOCHS)
+    az, el = ours(time)
+    full = peers['full'](time)
+    off = np.hypot(wrap(az - full[0]) * np.cos(el), el - full[1]).max() / ARCSEC
+    print(f'{EPOCHS} epochs differ from the full computation by {off:.1e}" at most '
+          f'({"within" if off <= BOUND else "BEYOND"} {BOUND:g}")')
+    out = []
+    days = itertools.count(1)
+    other_days = {name: itertools.count(1) for name in ('ours', *peers)}
+
+    def batch(call, name):
+        # ours on a day that it does not know yet
+        part = time[:SOME] if name in SLOW else time
+        return lambda: call(part + 86400.0 * 2 * next(other_days[name]))
+    times = best_of({name: batch(call, name) for name, call in {'ours': ours, **peers}.items()},
+                    rounds)
+    times = {name: value / (SOME if name in SLOW else EPOCHS) for name, value in times.items()}
+    out += [row('one star at many epochs of a new day, each', EPOCHS, times, 'ours', name)
+            for name in peers]
+    night = {name: itertools.count(50) for name in ('ours', *peers)}
+    times = best_of({name: lambda call=call, n=night[name]: call(BEGIN + 86400.0 * 2 * next(n))
+                     for name, call in {'ours': ours, **peers}.items()}, 10 * rounds)
+    out += [row('first place of a night', 1, times, 'ours', name) for name in peers]
+    times = best_of({name: lambda call=call: call(BEGIN + 3.0 * next(days))
+                     for name, call in {'ours': ours, **peers}.items()}, rounds, 50)
+    out += [row('each further place of the night', 1, times, 'ours', name) for name in peers]
+    return out
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('--rounds', type=int, default=5)
+    show(rows(parser.parse_args().rounds))
+
+
+if __name__ == '__main__':
+    main()

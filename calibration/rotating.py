@@ -1,0 +1,98 @@
+"""What a fit of terms iterates: offsets of exact rotations, and their derivatives."""
+
+import numpy as np
+
+from pointing_model.geometry import linearised
+from pointing_model.rotations import values
+from pointing_model.trig import BLOCK
+
+from .gauss_newton import every
+
+
+class Rotating:
+    """For `gauss_newton`: the geometric terms turn the mount, the others are linear.
+
+    Parameters
+    ----------
+    trig : terms.Trig
+        Of the catalogue places, n of them.
+    terms : sequence of str
+        The fitted ones; rows beyond them are linear.
+    turned : dict of str to float
+        Geometric terms that are held, radians; a fitted one is added.
+    observed : ndarray, shape (2n,)
+        Encoder - catalogue on the sky, x of all rows, then y, radians.
+    first_order : ndarray, shape (k, 2n)
+        Their columns; of the geometric terms they are replaced by those of `columns`.
+    mount : Mount
+    """
+
+    linear = False
+
+    def __init__(self, trig, terms, turned, observed, first_order, mount):
+        self.trig, self.terms, self.turned, self.mount = trig, terms, turned, mount
+        self.observed, self.first_order = observed, first_order
+        self.moved = False
+        own = mount.names.terms
+        #: row -> name and sign of the rotation of an alt-azimuth mount
+        self.places = {i: own[name] for i, name in enumerate(terms) if name in own}
+        self.at = None
+
+    def residual(self, p, columns):
+        """As of `gauss_newton.Linear`."""
+        self.at, self.filled = None, True
+        if not self.turned and not p.any():
+            return self.observed, None
+        named = dict(self.turned)
+        for i in self.places:
+            named[self.terms[i]] = named.get(self.terms[i], 0.0) + float(p[i])
+        self.at = values(named, self.mount)
+        rest = p.copy()
+        rest[list(self.places)] = 0.0
+        residual = self.observed - rest @ self.first_order if rest.any() else self.observed.copy()
+        n, self.filled = len(residual) // 2, columns
+        for part in self._blocks():
+            x, y = self._linearised(part, columns)
+            residual[part] -= x
+            residual[n + part.start:n + part.stop] -= y
+        if np.isfinite(residual[:n].sum()):
+            return residual, None
+        feasible = np.isfinite(residual[:n])
+        residual[np.concatenate((~feasible, ~feasible))] = 0.0
+        return residual, feasible
+
+    def columns(self):
+        """As of `gauss_newton.Linear`."""
+        if not self.filled:
+            for part in self._blocks():
+                self._linearised(part, True)
+            self.filled = True
+        return self.first_order
+
+    def part(self, step):
+        """As of `gauss_newton.Linear`."""
+        return Rotating(self.trig.every(step), self.terms, self.turned,
+                        *every(step, self.observed, self.first_order), self.mount)
+
+    def _blocks(self):
+        n = len(self.observed) // 2
+        return (slice(i, min(i + BLOCK, n)) for i in range(0, n, BLOCK))
+
+    def _linearised(self, part, fill):
+        """Offsets (x, y) of some rows; `fill`: with their columns."""
+        trig, n = self.trig, len(self.observed) // 2
+        if part.stop - part.start < n:
+            trig = trig.every(part)
+        x, y, columns = linearised(
+            trig.az, trig.el, (trig.sin_az, trig.cos_az, trig.sin_el, trig.cos_el), self.at,
+            [name for name, _ in self.places.values()] if fill else (), trig.mount)
+        if trig.side is not None:
+            x, y = trig.side * x, trig.side * y
+            columns = {name: (trig.side * a, trig.side * b) for name, (a, b) in columns.items()}
+        if fill:
+            self.moved = True
+            for i, (name, sign) in self.places.items():
+                row, there = self.first_order[i], slice(n + part.start, n + part.stop)
+                row[part], row[there] = columns[name] if sign > 0 else (
+                    -v for v in columns[name])
+        return x, y

@@ -1,0 +1,310 @@
+"""The rotations of `geometry` in the sines and cosines of the angles.
+
+What a mount adds to an angle is small, so it comes from its own sine: `arctan2` and the turns
+that it loses are for the few places near the pole where it is not.
+"""
+
+from math import cos, hypot, sin
+from typing import NamedTuple
+
+import numpy as np
+
+from msg_tools.units import wrap
+
+from .mount_names import CANONICAL
+
+#: rad: `small_angle` has more digits than a float below it
+_SMALL = 0.01
+#: |TF| up to which the flexure is a small angle
+_BENT = 0.005
+_STEPS = 50
+_TOLERANCE = 5e-14  # rad, 1e-8 arcsec
+
+
+class Way(NamedTuple):
+    """Vectors on the way from a direction to the axis angles.
+
+    Attributes
+    ----------
+    ux, uy, horizontal : ndarray
+        The direction on the mount's base, and the square of its length beside the axis.
+    vx, vy, sin_e, cos_e : ndarray
+        Before the azimuth turn, and before the other rotations about it.
+    """
+
+    ux: np.ndarray
+    uy: np.ndarray
+    horizontal: np.ndarray
+    vx: np.ndarray
+    vy: np.ndarray
+    sin_e: np.ndarray
+    cos_e: np.ndarray
+
+
+def values(coefficients, mount):
+    """Coefficients in the order of `CANONICAL`, radians; ValueError: an unknown one."""
+    terms = mount.names.terms
+    unknown = [name for name in coefficients if name not in terms]
+    if unknown:
+        raise ValueError(
+            f'{", ".join(unknown)} is no geometric term; this rotation knows {", ".join(terms)}'
+        )
+    by_name = {own: sign * float(coefficients.get(name, 0.0))
+               for name, (own, sign) in terms.items()}
+    return [by_name[name] for name in CANONICAL]
+
+
+def small_angle(sine, cosine):
+    """The angle of a sine and cosine, to the last digit where it is small; radians."""
+    square = sine * sine
+    angle = square * (15.0 / 336.0)
+    angle += 3.0 / 40.0
+    angle *= square
+    angle += 1.0 / 6.0
+    angle *= square
+    angle *= sine
+    angle += sine
+    if square.ndim == 0:
+        small = square < _SMALL * _SMALL and cosine > 0.0
+        return angle if small else np.arctan2(sine, cosine)
+    if square.size and not (np.maximum.reduce(square, axis=None) < _SMALL * _SMALL
+                            and np.minimum.reduce(cosine, axis=None) > 0.0):
+        far = ~((square < _SMALL * _SMALL) & (cosine > 0.0))
+        angle = np.where(far, np.arctan2(sine, cosine), angle)
+    return angle
+
+
+def turned(place, wx, wy):
+    """Rotate a vector by the horizontal rotation vector (wx, wy, 0) (Rodrigues)."""
+    angle = hypot(wx, wy)
+    if angle == 0.0:
+        return place
+    x, y, z = place
+    sine = sin(angle) / angle
+    versine = 2.0 * (sin(angle / 2.0) / angle) ** 2  # (1 - cos) / angle^2 without cancellation
+    along = (versine * wx) * x + (versine * wy) * y
+    cosine = cos(angle)
+    return (
+        cosine * x + (sine * wy) * z + wx * along,
+        cosine * y - (sine * wx) * z + wy * along,
+        cosine * z + (sine * wx) * y - (sine * wy) * x,
+    )
+
+
+def _dot(place, zenith):
+    x, y, z = zenith
+    return place[0] * x + place[1] * y + place[2] * z
+
+
+def _beside(place, zenith):
+    """Sine of the distance from the zenith, without the cancellation of 1 - sin^2 E there."""
+    (x, y, z), (a, b, c) = place, zenith
+    return np.sqrt(np.square(y * c - z * b) + np.square(z * a - x * c) + np.square(x * b - y * a))
+
+
+def _lifted(place, tf, zenith):
+    """Unit vectors turned toward the zenith by TF cos E."""
+    sin_el, cos_el = _dot(place, zenith), _beside(place, zenith)
+    angle = tf * cos_el
+    sine, cosine = _of_small(angle, tf)
+    # sin(angle) / cos E, which is TF where nothing is left of either
+    along = sine / cos_el if cos_el.all() else tf * np.sinc(angle / np.pi)
+    kept = cosine - along * sin_el
+    return tuple(kept * p + along * c for p, c in zip(place, zenith))
+
+
+def lowered(place, tf, zenith, star, height=None):
+    """The inverse of `_lifted`: by as much as it lifts `star`; `height`: `height_of` the place."""
+    high, low = height_of(place, zenith) if height is None else height
+    sine, cosine = _of_small(tf * _beside(star, zenith), tf)
+    along = sine / low
+    kept = cosine + along * high
+    return tuple(kept * p - along * c for p, c in zip(place, zenith))
+
+
+def height_of(place, zenith):
+    """Sine and cosine of the elevation; the cosine never 0."""
+    return _dot(place, zenith), np.maximum(_beside(place, zenith), 1e-150)
+
+
+def _of_small(angle, most):
+    """Sine and cosine of angles that are not beyond `most`."""
+    if abs(most) > _BENT:
+        return np.sin(angle), np.cos(angle)
+    square = angle * angle  # the next terms are below 1e-16
+    return (angle * (1.0 - square * (1.0 / 6.0 - square / 120.0)),
+            1.0 - square * (0.5 - square * (1.0 / 24.0 - square / 720.0)))
+
+
+def to_axes(sines, coefficients, mount, side):
+    """What the rotations add to the angles of a direction, but for the zeros of the axes.
+
+    Parameters
+    ----------
+    sines : tuple of ndarray, shape (n,)
+        sin A, cos A, sin E, cos E of the catalogue place.
+    coefficients : sequence of float
+        In the order of `CANONICAL`, radians. Flexure acts here for a mount that is not an
+        alt-azimuth one.
+    mount : Mount
+        Whose errors are its own.
+    side : float or ndarray
+        -1 where the place is one through the pole.
+
+    Returns
+    -------
+    d_az, d_el : ndarray
+        Radians, in -pi to pi; NaN where the mount cannot look.
+    way : Way
+    """
+    _, _, ca, npae, an, aw, tf = coefficients
+    sin_a, cos_a, sin_el, cos_el = sines
+    place = cos_el * sin_a, cos_el * cos_a, sin_el
+    if tf and not mount.altaz:
+        place = _lifted(place, tf, mount.zenith)
+    ux, uy, uz = turned(place, an, aw)
+    sin_c, cos_c, sin_n, cos_n = sin(ca), cos(ca), sin(npae), cos(npae)
+    sin_e = (uz + sin_c * sin_n) / (cos_c * cos_n)
+    vx = (-cos_c * sin_n) * sin_e - sin_c * cos_n
+    horizontal = ux * ux + uy * uy
+    with np.errstate(invalid='ignore', divide='ignore'):
+        # NaN: a direction closer to the axis than the line of sight
+        vy = np.sqrt(horizontal - vx * vx)
+        if not mount.altaz:
+            vy = vy * side
+        cos_e = vy / cos_c
+        d_el = small_angle(sin_e * cos_el - cos_e * sin_el, cos_e * cos_el + sin_e * sin_el)
+        across, along = ux * vy - uy * vx, ux * vx + uy * vy
+        scale = 1.0 / horizontal
+        d_az = small_angle((across * cos_a - along * sin_a) * scale,
+                           (across * sin_a + along * cos_a) * scale)
+    return d_az, d_el, Way(ux, uy, horizontal, vx, vy, sin_e, cos_e)
+
+
+def derivatives(sines, coefficients, way, names, mount, tangent=None):
+    """On-sky columns (x, y) of some of `CANONICAL` where `to_axes` has been.
+
+    Parameters
+    ----------
+    sines, coefficients, mount
+        As of `to_axes`.
+    way : Way
+    names : sequence of str
+        Of `CANONICAL`.
+    tangent : callable, optional
+        ``tangent() -> (x, y)``: the column of the flexure of another mount than an alt-azimuth one.
+
+    Returns
+    -------
+    dict of str to (ndarray or float, ndarray or float)
+        Those of AN and AW neglect the square of the tilt against one.
+    """
+    _, _, ca, npae, an, aw, _ = coefficients
+    cos_el = sines[3]
+    ux, uy, horizontal, vx, vy, sin_e, cos_e = way
+    sin_c, cos_c, sin_n, cos_n = sin(ca), cos(ca), sin(npae), cos(npae)
+    if {'CA', 'NPAE', 'AN', 'AW'} & set(names):
+        uz = sin_e * (cos_c * cos_n) - sin_c * sin_n
+        to_x = cos_el / horizontal
+        by_vx = -to_x * (vx * vx / vy + vy)
+        per_e = 1.0 / cos_e
+
+    def square(d_sin_e, d_vx):
+        return d_vx * by_vx, d_sin_e * per_e
+
+    def tilt(wx, wy):
+        # right Jacobian of the rotation to first order: w + (w x tilt) / 2 about the zenith
+        wz = 0.5 * (an * wy - aw * wx)
+        dux, duy, duz = wy * uz - wz * uy, wz * ux - wx * uz, wx * uy - wy * ux
+        d_sin_e = duz * (1.0 / (cos_c * cos_n))
+        d_x = to_x * (dux * (uy + ux * vx / vy) + duy * (uy * vx / vy - ux))
+        return d_x + (-cos_c * sin_n) * d_sin_e * by_vx, d_sin_e * per_e
+
+    def collimation():
+        d = (sin_c * cos_n / (cos_c * cos_n)) * sin_e + sin_n / cos_n
+        return square(d, sin_c * sin_n * sin_e - cos_c * cos_n - cos_c * sin_n * d)
+
+    def skew():
+        d = (sin_n / cos_n) * sin_e + sin_c / cos_c
+        return square(d, (-cos_c * cos_n) * sin_e + sin_c * sin_n - cos_c * sin_n * d)
+
+    columns = {
+        'IA': lambda: (cos_el, 0.0), 'IE': lambda: (0.0, 1.0),
+        'TF': lambda: (0.0, cos_el) if mount.altaz else tangent(),
+        'CA': collimation, 'NPAE': skew,
+        'AN': lambda: tilt(1.0, 0.0), 'AW': lambda: tilt(0.0, 1.0),
+    }
+    return {name: columns[name]() for name in names}
+
+
+def to_sky(sines, coefficients, mount):
+    """What is to be added to axis angles for the direction in which the mount looks.
+
+    Parameters
+    ----------
+    sines : tuple of ndarray, shape (n,)
+        Of the axis angles without their zeros: sin a, cos a, sin e, cos e.
+    coefficients : sequence of float
+        In the order of `CANONICAL`, radians.
+    mount : Mount
+        Whose errors are its own.
+
+    Returns
+    -------
+    d_az, d_el : ndarray
+        Radians, in -pi to pi; of an alt-azimuth mount to an elevation below 90 degrees. NaN where
+        the flexure does not converge.
+    """
+    _, _, ca, npae, an, aw, tf = coefficients
+    sin_a, cos_a, sin_el, cos_el = sines
+    sin_c, cos_c, sin_n, cos_n = sin(ca), cos(ca), sin(npae), cos(npae)
+
+    def look(sin_e, cos_e):
+        vx = (-cos_c * sin_n) * sin_e - sin_c * cos_n
+        vy = cos_c * cos_e
+        vz = (cos_c * cos_n) * sin_e - sin_c * sin_n
+        return turned((vx * cos_a + vy * sin_a, vy * cos_a - vx * sin_a, vz), -an, -aw)
+
+    x, y, z = look(sin_el, cos_el)
+    settled = True
+    if tf and mount.altaz:
+        bend = 0.0
+        for _ in range(_STEPS):  # bend = TF cos E, by Newton
+            step = (tf * np.sqrt(x * x + y * y) - bend) / (1.0 - tf * z)
+            bend = bend + step
+            sine, cosine = _of_small(bend, 2.0 * tf)
+            x, y, z = look(sin_el * cosine - cos_el * sine, cos_el * cosine + sin_el * sine)
+            # even plain iteration leaves no more
+            settled = np.abs(tf * step) <= 10.0 * _TOLERANCE
+            if np.all(settled):
+                break
+    elif tf:
+        there, star = (x, y, z), (x, y, z)
+        height = height_of(there, mount.zenith)
+        for _ in range(_STEPS):
+            before, star = star, lowered(there, tf, mount.zenith, star, height)
+            step = sum(np.square(one - other) for one, other in zip(star, before))
+            settled = step <= _TOLERANCE * _TOLERANCE
+            if np.all(settled):
+                break
+        x, y, z = star
+    horizontal = np.sqrt(x * x + y * y)
+    if not mount.altaz:
+        side = np.where(cos_el < 0.0, -1.0, 1.0)
+        x, y, horizontal = side * x, side * y, side * horizontal
+    with np.errstate(invalid='ignore', divide='ignore'):
+        d_el = small_angle(z * cos_el - horizontal * sin_el, horizontal * cos_el + z * sin_el)
+        scale = 1.0 / np.sqrt(x * x + y * y)
+        d_az = small_angle((x * cos_a - y * sin_a) * scale, (x * sin_a + y * cos_a) * scale)
+    if not np.all(settled):
+        d_az, d_el = np.where(settled, d_az, np.nan), np.where(settled, d_el, np.nan)
+    return d_az, d_el
+
+
+def in_turn(angle):
+    """`wrap` where something is out of it."""
+    if angle.ndim == 0:
+        return angle if -np.pi <= angle < np.pi else wrap(angle)
+    if angle.size and not (angle.max() < np.pi and angle.min() >= -np.pi):
+        return wrap(angle)
+    return angle
