@@ -16,7 +16,8 @@ from rclpy.time_source import TimeSource
 from std_srvs.srv import Trigger
 
 from . import NAMESPACE
-from .executor import NodeExecutor
+from .asked_again import Answers
+from .executor import ANSWERS, NodeExecutor
 from .gaps import SequenceGaps
 from .parameters import ParameterNode
 from .params import BadInput, Param
@@ -164,12 +165,25 @@ class MountNode(ParameterNode):
         """A timer of wall time, that is steady, whatever the time of the graph is."""
         return self.create_timer(seconds, call, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
-    def serve(self, name, call):
-        """A Trigger service; `call()` returns whether it was done, and a sentence."""
+    def create_service(self, srv_type, *args, **kwargs):
+        """As rclpy's; a question of ours that is asked again is not done again."""
+        service = super().create_service(srv_type, *args, **kwargs)
+        if srv_type is Trigger:
+            setattr(service, ANSWERS, Answers())
+        return service
+
+    def serve(self, name, call, once=False):
+        """A Trigger service; `call()` returns whether it was done, and a sentence.
+
+        With `once` a question that is asked again, as its answer was lost, is not done again;
+        without it what stops something is done whenever it is asked for.
+        """
         def answer(_, response):
             response.success, response.message = call()
             return response
-        self.create_service(Trigger, name, answer)
+        service = self.create_service(Trigger, name, answer)
+        if not once:
+            delattr(service, ANSWERS)
 
     def graph_reports(self):
         """What the nodes of its namespace report of themselves: a `GraphReports`, kept up to date.
