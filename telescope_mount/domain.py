@@ -7,6 +7,8 @@ import socket
 import tempfile
 from pathlib import Path
 
+from .shared_memory import sweep
+
 #: RTPS well-known ports: 7400 + 250 * domain, unicast of the first participant at + 10
 #: (DDSI-RTPS 2.5, section 9.6.2.3); from 102 on they fall into the ephemeral ports of Linux
 LAST_DOMAIN = 101
@@ -64,6 +66,8 @@ def _claimed(number):
     if _taken(number):
         file.close()
         return None
+    first = 7400 + 250 * number
+    sweep(range(first, first + 250))
     return DomainLock(number, file)
 
 
@@ -88,6 +92,7 @@ def join(number=None):
     text = str(os.environ.get('ROS_DOMAIN_ID') or 0) if number is None else str(number)
     if not text.isdecimal() or int(text) > LAST_DOMAIN:
         raise ValueError(f'domain {text}: must be 0 to {LAST_DOMAIN}')
+    sweep()
     return DomainLock(int(text), open(os.devnull))
 
 

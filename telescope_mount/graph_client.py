@@ -14,6 +14,8 @@ from std_srvs.srv import Trigger
 from msg_tools.executor import NodeExecutor
 from msg_tools.steps import Question
 
+from .dds import dds_environment
+
 #: s in which nodes of a graph are found, and answer
 FOUND, ANSWERED = 3.0, 30.0
 
@@ -43,7 +45,7 @@ class GraphClient:
     """
 
     def __init__(self, domain, namespace, name, args=None):
-        os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+        os.environ.update(dds_environment())
         self._context = Context()
         rclpy.init(context=self._context, domain_id=domain, args=args,
                    signal_handler_options=SignalHandlerOptions.NO)
