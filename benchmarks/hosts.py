@@ -18,7 +18,7 @@ import time
 
 #: Linux: <linux/if_tun.h>
 _TUNSETIFF, _IFF_TAP, _IFF_NO_PI = 0x400454CA, 0x0002, 0x1000
-#: frames that a host sends at once, and an own one when the wire is slow
+#: frames that wait in a device while the wire is slow
 _QUEUE = 5000
 
 
@@ -57,8 +57,8 @@ class Host:
             # it holds the mounts of the host: all that is started in it has one /dev/shm
             self._keeper = subprocess.Popen(
                 ['ip', 'netns', 'exec', name, 'sh', '-c',
-                 'mount -t tmpfs tmpfs /dev/shm && echo up && exec sleep infinity'],
-                stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True)
+                 'mount -t tmpfs tmpfs /dev/shm && echo up && exec cat'],  # as long as this process
+                stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
             if self._keeper.stdout.readline() != 'up\n':
                 raise OSError(f'host {name}: no /dev/shm of its own')
         except BaseException:

@@ -37,6 +37,7 @@ CASES = (
     ('no loss', {}, 0.0),
     ('1 % lost, 50 ms', {'loss': 0.01, 'delay': 0.05}, 0.0),
     ('10 % lost, 50 ms', {'loss': 0.1, 'delay': 0.05}, 0.0),
+    ('25 % lost, 50 ms', {'loss': 0.25, 'delay': 0.05}, 0.0),
     ('cut off for 20 s', {}, 20.0),
     ('cut off for 90 s', {}, 90.0),
 )
@@ -165,6 +166,7 @@ def main():
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
     parser.add_argument('--repeat', type=int, default=1)
+    parser.add_argument('--seed', type=int, default=1, help='of the frames that are lost')
     parser.add_argument('--only', default='', help='cases whose name has this')
     options = parser.parse_args()
     why = why_not()
@@ -177,7 +179,7 @@ def main():
     for name, wire, cut in CASES:
         if options.only in name:
             for number in range(options.repeat):
-                rows.append((name, case(wire | {'seed': number + 1}, cut, alone)))
+                rows.append((name, case(wire | {'seed': options.seed + number}, cut, alone)))
                 _print(*rows.pop(0))
     for row in rows:
         _print(*row)

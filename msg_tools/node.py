@@ -1,6 +1,7 @@
 """What every node of the graph shares: parameters, diagnostics, counted messages, a clean end."""
 
 import copy
+import os
 import signal
 import sys
 import time
@@ -342,6 +343,14 @@ class MountNode(ParameterNode):
         """Close files; called once at the end, when the ROS context may already be gone."""
 
 
+def _secured():
+    """Where to look if the node shall be secured, after a sentence that it cannot start."""
+    if os.environ.get('ROS_SECURITY_ENABLE') != 'true':
+        return ''
+    return ('; ROS_SECURITY_ENABLE is true: it needs a DDS with security, which the one from PyPI '
+            'has not, and a keystore (SECURITY.md)')
+
+
 def run_node(make_node, args=None, *, last=None):
     """Run a node until Ctrl-C, SIGTERM or shutdown.
 
@@ -396,7 +405,7 @@ def run_node(make_node, args=None, *, last=None):
         if running and not rclpy.ok():
             return 0  # a signal came while something was being made or published
         # of rcl's own text only the first sentence is for the user
-        print(f'error: {str(err).splitlines()[0].split(", at /")[0]}', file=sys.stderr)
+        print(f'error: {str(err).splitlines()[0].split(", at /")[0]}{_secured()}', file=sys.stderr)
         return 2
     except RuntimeError as err:
         if 'QoS override' not in str(err):

@@ -51,7 +51,7 @@ def test_a_night_over_two_hosts_has_the_numbers_of_one(hosts, night, tmp_path):
     what, report = many_hosts.observe(*hosts, tmp_path)
     assert what == 'report', report
     for name in ('observations.csv', 'model.json'):
-        assert (tmp_path / 'second' / name).read_text() == (night / 'night' / name).read_text()
+        assert (tmp_path / 'second' / name).read_text() == (night / name).read_text()
 
 
 def test_by_default_no_other_host_sees_a_graph_even_one_that_names_this_one_as_its_peer(
