@@ -74,7 +74,8 @@ class Host:
 
     def inside(self, *command):
         """The command that runs `command` in it, list of str."""
-        return ['nsenter', '-t', str(self._keeper.pid), '-m', '-n', '--', *map(str, command)]
+        return ['nsenter', '-t', str(self._keeper.pid), '-m', '-n', f'--wd={os.getcwd()}', '--',
+                *map(str, command)]
 
     def start(self, *command, **options):
         """Start a process in it, as `subprocess.Popen`."""
