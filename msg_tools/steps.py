@@ -108,6 +108,7 @@ class Question:
         self._request = client.srv_type.Request() if request is None else request
         self._patient, self._wall = patient, wall
         self._futures, self._away, self._looked, self._seen = [], False, 0.0, None
+        self._gone = None  # since when the server is
         self._lost = False  # its answer; what was asked for is done
         self._ask()
 
@@ -116,6 +117,11 @@ class Question:
         future = self._client.call_async(self._request)
         self._futures.append(future)
         future.add_done_callback(lambda _: self._wake())
+
+    @property
+    def away(self):
+        """For how long the server has been away, s; 0 while it is there."""
+        return self._looked - self._gone if self._gone is not None else 0.0
 
     @property
     def times(self):
@@ -137,7 +143,10 @@ class Question:
         self._looked = now
         if not self._client.service_is_ready():
             self._since, self._away = now, True  # what is latched comes first when it is back
-        elif self._effect():
+            self._gone = now if self._gone is None else self._gone
+            return False
+        self._gone = None
+        if self._effect():
             self._seen = self._seen or now
             long = PATIENCE if self._patient and not self._away else AGAIN
             self._lost = now - self._seen >= long
@@ -147,7 +156,8 @@ class Question:
         return False
 
 
-def call(verb, client, wake, wait=until, effect=lambda: False, patient=False):
+def call(verb, client, wake, wait=until, effect=lambda: False, patient=False, limit=0.0,
+         wall=time.monotonic):
     """The steps of a service call.
 
     Parameters
@@ -160,8 +170,10 @@ def call(verb, client, wake, wait=until, effect=lambda: False, patient=False):
         Calls `Steps.advance`: no message need follow the answer.
     wait : callable
         ``wait(condition, what)`` gives the steps that wait for something.
-    effect, patient
+    effect, patient, wall
         As of a `Question`.
+    limit : float
+        s for which nobody may offer the service; 0: for ever.
 
     Returns
     -------
@@ -171,11 +183,18 @@ def call(verb, client, wake, wait=until, effect=lambda: False, patient=False):
     Raises
     ------
     Refused
-        The answer is no.
+        The answer is no, or nobody offers the service.
     """
-    yield from wait(client.service_is_ready, f'a server of {client.srv_name}')
-    question = Question(client, wake, effect, patient)
-    yield from wait(question.over, f'{client.srv_name} to answer')
+    begin = wall()
+    yield from wait(lambda: client.service_is_ready() or 0.0 < limit < wall() - begin,
+                    f'a server of {client.srv_name}')
+    question = None
+    if client.service_is_ready():
+        question = Question(client, wake, effect, patient, wall=wall)
+        yield from wait(lambda: question.over() or 0.0 < limit < question.away,
+                        f'{client.srv_name} to answer')
+    if question is None or not question.over():
+        raise Refused(f'{verb}: nobody has offered {client.srv_name} for {limit:g} s')
     answer = question.answer
     if answer is None:
         return f'{verb}: done; its answer was lost on the way'

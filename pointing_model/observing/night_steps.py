@@ -439,7 +439,8 @@ class NightSteps:
         # a driver that is at it need not know that it is asked again
         patient = verb in MOVING and not self._out.value('use_sim_time')
         answer = yield from call(
-            verb, self._out.client(verb), self._wake, wait, effect, patient)
+            verb, self._out.client(verb), self._wake, wait, effect, patient,
+            0.0 if verb in MOVING else self._out.value('give_up_s'))
         self._out.get_logger().info(answer)
 
     def _until(self, condition, what):

@@ -199,14 +199,34 @@ def test_a_driver_has_longer_to_answer_for_what_is_seen_to_be_done():
 
 
 def test_work_goes_on_without_the_answer(ends):
-    client, said = Lossy(), []
+    client, said, now = Lossy(), [], [100.0]
     steps = Steps(ends.append)
 
-    def wait(condition, what):
-        yield lambda: condition() or bool(client.asked)  # as long as nobody answers
-
     def work():
-        said.append((yield from call('home', client, steps.advance, wait)))
+        said.append((yield from call('home', client, steps.advance, effect=lambda: True,
+                                     wall=lambda: now[0])))
     steps.start(work())
-    steps.advance()
+    for _ in range(round(AGAIN) + 2):
+        steps.advance()
+        now[0] += 1.0
     assert said == ['home: done; its answer was lost on the way'] and ends == [None]
+    assert len(client.asked) == 1
+
+
+@pytest.mark.parametrize('asked', [False, True])
+def test_a_service_that_nobody_offers_for_long_is_given_up(ends, asked):
+    client, now = Lossy(), [100.0]
+    client.there = asked
+    steps = Steps(ends.append)
+    steps.start(call('fit', client, steps.advance, limit=60.0, wall=lambda: now[0]))
+    steps.advance()
+    assert len(client.asked) == asked
+    client.there = False
+    for _ in range(600):
+        now[0] += 0.1
+        steps.advance()
+    assert steps.busy
+    for _ in range(10):
+        now[0] += 0.1
+        steps.advance()
+    assert str(ends[0]) == 'fit: nobody has offered /mount/fit for 60 s'
