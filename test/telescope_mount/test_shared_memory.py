@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from telescope_mount import domain
 from telescope_mount.shared_memory import FOLDER, sweep
 
 PARTICIPANT = """
@@ -75,6 +76,11 @@ def test_it_takes_no_longer_than_it_may_and_a_system_without_the_folder_has_noth
     assert sweep((), folder / 'none') == 0
 
 
+def ports(number):
+    """Of a domain."""
+    return range(7400 + 250 * number, 7650 + 250 * number)
+
+
 def mapped(pid):
     """Files of shared memory that a process has."""
     lines = Path(f'/proc/{pid}/maps').read_text().splitlines()
@@ -84,30 +90,33 @@ def mapped(pid):
 
 @pytest.mark.skipif(not os.path.isdir(FOLDER), reason='no shared memory in files')
 def test_a_process_that_was_killed_leaves_nothing_and_one_that_lives_keeps_all(ros_domain):
-    def start(name):
+    def start(name, number):
         child = subprocess.Popen(
-            [sys.executable, '-c', PARTICIPANT, str(ros_domain), name], text=True,
+            [sys.executable, '-c', PARTICIPANT, str(number), name], text=True,
             stdin=subprocess.PIPE, stdout=subprocess.PIPE)
         assert child.stdout.readline() == 'up\n'
         return child
 
-    dead, alive = start('dead'), start('alive')
+    # in domains of their own: one that has met the other has its memory open, too
+    lock = domain.claim()
+    dead, alive = start('dead', ros_domain), start('alive', lock.number)
     try:
         left, kept = mapped(dead.pid), mapped(alive.pid)
-        own = {path for path in left - kept if 'port' not in path.name}
-        assert own  # the test looks at something
+        own = {path for path in left if 'port' not in path.name}
+        assert own and kept  # the test looks at something
         dead.kill()
         dead.communicate()
         assert all(path.exists() for path in own)
         # not world writable, whatever the umask
         assert not any(path.stat().st_mode & 0o022 for path in left | kept if path.exists())
-        first = 7400 + 250 * ros_domain
-        sweep(range(first, first + 250), budget=10.0)
-        assert not any(path.exists() for path in own)
-        assert all(path.exists() for path in mapped(alive.pid)) and kept <= mapped(alive.pid)
+        sweep({*ports(ros_domain), *ports(lock.number)}, budget=10.0)
+        # from 7000 on ports are of all domains
+        assert not [path.name for path in left if path.exists() and 'port70' not in path.name]
+        assert all(path.exists() for path in kept)
         alive.communicate('')
         assert alive.returncode == 0
     finally:
         for child in (dead, alive):
             child.kill()
             child.communicate()
+        lock.release()
