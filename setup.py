@@ -39,6 +39,7 @@ setup(
     package_data={
         'calibration': ['data/*'],
         'encoder_sim': ['scenarios/*.yaml'],
+        'telescope_mount': ['dds/*.xml'],
     },
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),

@@ -368,19 +368,18 @@ def main():
         _be_child(*args.child)
         return
     from telescope_mount import domain
-    from telescope_mount.processes import dds_environment
+    from telescope_mount.dds import dds_environment
     lock = domain.claim()
-    with tempfile.TemporaryDirectory() as folder:
-        os.environ.update(dds_environment(folder, lock.number))
-        everything = not (args.messages or args.starts or args.behaviour or args.nights)
-        if args.behaviour or everything:
-            behaviour()
-        if args.messages or everything:
-            messages(args.rounds, args.seconds)
-        if args.nights or everything:
-            nights(args.rounds)
-        if args.starts or everything:
-            starts(args.count)
+    os.environ.update(dds_environment(lock.number))
+    everything = not (args.messages or args.starts or args.behaviour or args.nights)
+    if args.behaviour or everything:
+        behaviour()
+    if args.messages or everything:
+        messages(args.rounds, args.seconds)
+    if args.nights or everything:
+        nights(args.rounds)
+    if args.starts or everything:
+        starts(args.count)
 
 
 def _be_child(what, *args):

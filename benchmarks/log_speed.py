@@ -157,12 +157,12 @@ def publish(kind, seconds, rate):
 def record(kind, seconds, rate):
     """Logger and publisher as processes; processor time of the logger, and what it has."""
     from telescope_mount import domain
-    from telescope_mount.processes import dds_environment
+    from telescope_mount.dds import dds_environment
     lock = domain.claim()
     with tempfile.TemporaryDirectory() as name:
         environment = {**os.environ, 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
                        'ROS_DOMAIN_ID': str(lock.number), 'ROS_LOG_DIR': name,
-                       **dds_environment(Path(name), lock.number)}
+                       **dds_environment(lock.number)}
         logger = subprocess.Popen(
             [sys.executable, '-m', 'msg_tools.mcap_logger_node', '--ros-args', '-r',
              '__ns:=/mount', '-p', f'folder:={name}/log'], env=environment)

@@ -11,13 +11,12 @@ import os
 import signal
 import subprocess
 import sys
-import tempfile
 import time
 
 import numpy as np
 
 from telescope_mount import domain
-from telescope_mount.processes import dds_environment
+from telescope_mount.dds import dds_environment
 
 MODULE = 'pointing_model.pointing_corrector_node'
 #: s in which a second one must have ended, else it is counted as mixed with the first
@@ -97,21 +96,20 @@ def main():
     times = 20 if options.full else options.times
     watched = 25.0 if options.full else 5.0
     lock = domain.claim()
-    with tempfile.TemporaryDirectory() as folder:
-        os.environ.update(dds_environment(folder, lock.number))
-        imports = min(alone() for _ in range(3))
-        took, good = map(np.array, zip(*(second() for _ in range(times))))
-        rows = [
-            ('second one ends with code 2 and a line, first stays', f'{good.sum()} of {times}',
-             'all'),
-            ('  seconds of it beyond interpreter and imports, median, most',
-             f'{np.median(took) - imports:.1f}, {took.max() - imports:.1f}', '2'),
-            ('of two at once one stays', f'{sum(together() for _ in range(times))} of {times}',
-             'all')]
-        for name, sign in (('killed', signal.SIGKILL), ('ended by Ctrl-C', signal.SIGINT)):
-            stayed = sum(again(watched, sign) for _ in range(times))
-            rows.append((f'started as another was {name}: stays {watched:.0f} s',
-                         f'{stayed} of {times}', 'all'))
+    os.environ.update(dds_environment(lock.number))
+    imports = min(alone() for _ in range(3))
+    took, good = map(np.array, zip(*(second() for _ in range(times))))
+    rows = [
+        ('second one ends with code 2 and a line, first stays', f'{good.sum()} of {times}',
+         'all'),
+        ('  seconds of it beyond interpreter and imports, median, most',
+         f'{np.median(took) - imports:.1f}, {took.max() - imports:.1f}', '2'),
+        ('of two at once one stays', f'{sum(together() for _ in range(times))} of {times}',
+         'all')]
+    for name, sign in (('killed', signal.SIGKILL), ('ended by Ctrl-C', signal.SIGINT)):
+        stayed = sum(again(watched, sign) for _ in range(times))
+        rows.append((f'started as another was {name}: stays {watched:.0f} s',
+                     f'{stayed} of {times}', 'all'))
     lock.release()
     print('| what | figure | target |\n| --- | --- | --- |')
     for row in rows:

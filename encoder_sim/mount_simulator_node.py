@@ -91,8 +91,8 @@ class MountSimulator(ManagedNode):
 
     async def _on_home(self, request, response):
         """Pass the marks; where one was not noticed, again and slower."""
-        if self._homing is not None or not self.active:
-            response.message = self.inactive or 'homing is under way'
+        if not self.active:
+            response.message = self.inactive
             return response
         reason = ''
         for attempt in range(HOME_ATTEMPTS):

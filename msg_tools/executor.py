@@ -35,6 +35,7 @@ from rclpy.executors import (
     Executor,
     ExternalShutdownException,
     TimeoutObject,
+    await_or_execute,
     timeout_sec_to_nsec,
 )
 from rclpy.guard_condition import GuardCondition
@@ -46,6 +47,8 @@ from rclpy.waitable import NumberOfEntities
 
 #: messages that one subscription may take before the others get their turn
 _TAKES = 16
+#: attribute of a service, its `asked_again.Answers`
+ANSWERS = 'answers_asked_again'
 _KINDS = ('timer', 'subscription', 'guard_condition', 'client', 'service')
 
 
@@ -217,6 +220,35 @@ class NodeExecutor(Executor):
             self._run(self._take_service(service) or _nothing)
         for waitable in waitables:
             self._run(self._take_waitable(waitable) or _nothing)
+
+    def _take_service(self, service):
+        """As the base class; where a service knows its `Answers`, what is asked again is told."""
+        answers = getattr(service, ANSWERS, None)
+        if answers is None:
+            return super()._take_service(service)
+        try:
+            with service.handle:
+                request, header = service.handle.service_take_request(service.srv_type.Request)
+        except InvalidHandle:
+            return None
+        if header is None:
+            return None
+        work, response = answers.take(request, header)
+        if response is not None:
+            service.send_response(response, header)
+        if not work:
+            return None
+
+        async def answer():
+            try:
+                response = await await_or_execute(
+                    service.callback, request, service.srv_type.Response())
+            except BaseException:
+                answers.failed()
+                raise
+            for asked in answers.given(response, header):
+                service.send_response(response, asked)
+        return answer
 
     def _call_timer(self, timer):
         try:

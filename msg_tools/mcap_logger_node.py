@@ -228,9 +228,10 @@ class McapLogger(MountNode):
 
     def _make_services(self):
         recorder = self._recorder
-        for call in (recorder.pause, recorder.resume, recorder.is_paused, recorder.split_bagfile,
-                     recorder.snapshot):
-            self.serve(f'~/{call.__name__}', call)
+        for call, once in ((recorder.pause, False), (recorder.resume, False),
+                           (recorder.is_paused, False), (recorder.split_bagfile, True),
+                           (recorder.snapshot, True)):
+            self.serve(f'~/{call.__name__}', call, once)
         self.create_service(SetBool, '~/set_paused', self._on_set_paused)
 
     def _on_set_paused(self, request, response):

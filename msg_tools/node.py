@@ -1,6 +1,7 @@
 """What every node of the graph shares: parameters, diagnostics, counted messages, a clean end."""
 
 import copy
+import os
 import signal
 import sys
 import time
@@ -16,7 +17,8 @@ from rclpy.time_source import TimeSource
 from std_srvs.srv import Trigger
 
 from . import NAMESPACE
-from .executor import NodeExecutor
+from .asked_again import Answers
+from .executor import ANSWERS, NodeExecutor
 from .gaps import SequenceGaps
 from .parameters import ParameterNode
 from .params import BadInput, Param
@@ -164,12 +166,25 @@ class MountNode(ParameterNode):
         """A timer of wall time, that is steady, whatever the time of the graph is."""
         return self.create_timer(seconds, call, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
-    def serve(self, name, call):
-        """A Trigger service; `call()` returns whether it was done, and a sentence."""
+    def create_service(self, srv_type, *args, **kwargs):
+        """As rclpy's; a question of ours that is asked again is not done again."""
+        service = super().create_service(srv_type, *args, **kwargs)
+        if srv_type is Trigger:
+            setattr(service, ANSWERS, Answers())
+        return service
+
+    def serve(self, name, call, once=False):
+        """A Trigger service; `call()` returns whether it was done, and a sentence.
+
+        With `once` a question that is asked again, as its answer was lost, is not done again;
+        without it what stops something is done whenever it is asked for.
+        """
         def answer(_, response):
             response.success, response.message = call()
             return response
-        self.create_service(Trigger, name, answer)
+        service = self.create_service(Trigger, name, answer)
+        if not once:
+            delattr(service, ANSWERS)
 
     def graph_reports(self):
         """What the nodes of its namespace report of themselves: a `GraphReports`, kept up to date.
@@ -340,6 +355,14 @@ class MountNode(ParameterNode):
         """Close files; called once at the end, when the ROS context may already be gone."""
 
 
+def _secured():
+    """Where to look if the node shall be secured, after a sentence that it cannot start."""
+    if os.environ.get('ROS_SECURITY_ENABLE') != 'true':
+        return ''
+    return ('; ROS_SECURITY_ENABLE is true: it needs a DDS with security, which the one from PyPI '
+            'has not, and a keystore (SECURITY.md)')
+
+
 def run_node(make_node, args=None, *, last=None):
     """Run a node until Ctrl-C, SIGTERM or shutdown.
 
@@ -394,7 +417,7 @@ def run_node(make_node, args=None, *, last=None):
         if running and not rclpy.ok():
             return 0  # a signal came while something was being made or published
         # of rcl's own text only the first sentence is for the user
-        print(f'error: {str(err).splitlines()[0].split(", at /")[0]}', file=sys.stderr)
+        print(f'error: {str(err).splitlines()[0].split(", at /")[0]}{_secured()}', file=sys.stderr)
         return 2
     except RuntimeError as err:
         if 'QoS override' not in str(err):

@@ -4,6 +4,8 @@ Such work is a generator of conditions. Nothing here knows ROS, threads or sleep
 what a condition looks at (a message, a timer, the answer of a service) calls `Steps.advance`.
 """
 
+import time
+
 
 class Refused(Exception):
     """A step cannot be done; the text says why."""
@@ -75,7 +77,87 @@ def until(condition, what=''):
     yield condition
 
 
-def call(verb, client, wake, wait=until):
+#: wall seconds after which a question is asked again: that or its answer was lost
+AGAIN = 3.0
+#: so long one may take to answer that has done it, and is asked once only
+PATIENCE = 20.0
+#: wall seconds between looks whether the server is there
+_LOOK = 0.25
+
+
+class Question:
+    """A question that is asked until it is answered.
+
+    Parameters
+    ----------
+    client, wake
+        As of `call`.
+    effect : callable
+        Whether what was asked for is seen to be done.
+    request
+        What is asked; by default nothing but the name of the service.
+    patient : bool
+        Ask again only when the server was away: it may be at it, and might do it once more.
+    wall : callable
+        Seconds of a clock that goes on.
+    """
+
+    def __init__(self, client, wake=lambda: None, effect=lambda: False, patient=False,
+                 request=None, wall=time.monotonic):
+        self._client, self._wake, self._effect = client, wake, effect
+        self._request = client.srv_type.Request() if request is None else request
+        self._patient, self._wall = patient, wall
+        self._futures, self._away, self._looked, self._seen = [], False, 0.0, None
+        self._gone = None  # since when the server is
+        self._lost = False  # its answer; what was asked for is done
+        self._ask()
+
+    def _ask(self):
+        self._since, self._away = self._wall(), False
+        future = self._client.call_async(self._request)
+        self._futures.append(future)
+        future.add_done_callback(lambda _: self._wake())
+
+    @property
+    def away(self):
+        """For how long the server has been away, s; 0 while it is there."""
+        return self._looked - self._gone if self._gone is not None else 0.0
+
+    @property
+    def times(self):
+        """How often it was asked."""
+        return len(self._futures)
+
+    @property
+    def answer(self):
+        """The first answer that came, None before."""
+        return next((future.result() for future in self._futures if future.done()), None)
+
+    def over(self):
+        """Whether it is answered, or done; asks again where it is time to."""
+        if self._lost or any(future.done() for future in self._futures):
+            return True
+        now = self._wall()
+        if now - self._looked < _LOOK:
+            return False
+        self._looked = now
+        if not self._client.service_is_ready():
+            self._since, self._away = now, True  # what is latched comes first when it is back
+            self._gone = now if self._gone is None else self._gone
+            return False
+        self._gone = None
+        if self._effect():
+            self._seen = self._seen or now
+            long = PATIENCE if self._patient and not self._away else AGAIN
+            self._lost = now - self._seen >= long
+            return self._lost
+        elif now - self._since >= AGAIN and (self._away or not self._patient):
+            self._ask()
+        return False
+
+
+def call(verb, client, wake, wait=until, effect=lambda: False, patient=False, limit=0.0,
+         wall=time.monotonic):
     """The steps of a service call.
 
     Parameters
@@ -88,6 +170,10 @@ def call(verb, client, wake, wait=until):
         Calls `Steps.advance`: no message need follow the answer.
     wait : callable
         ``wait(condition, what)`` gives the steps that wait for something.
+    effect, patient, wall
+        As of a `Question`.
+    limit : float
+        s for which nobody may offer the service; 0: for ever.
 
     Returns
     -------
@@ -97,13 +183,21 @@ def call(verb, client, wake, wait=until):
     Raises
     ------
     Refused
-        The answer is no.
+        The answer is no, or nobody offers the service.
     """
-    yield from wait(client.service_is_ready, f'a server of {client.srv_name}')
-    future = client.call_async(client.srv_type.Request())
-    future.add_done_callback(lambda _: wake())
-    yield from wait(future.done, f'{client.srv_name} to answer')
-    answer = future.result()
+    begin = wall()
+    yield from wait(lambda: client.service_is_ready() or 0.0 < limit < wall() - begin,
+                    f'a server of {client.srv_name}')
+    question = None
+    if client.service_is_ready():
+        question = Question(client, wake, effect, patient, wall=wall)
+        yield from wait(lambda: question.over() or 0.0 < limit < question.away,
+                        f'{client.srv_name} to answer')
+    if question is None or not question.over():
+        raise Refused(f'{verb}: nobody has offered {client.srv_name} for {limit:g} s')
+    answer = question.answer
+    if answer is None:
+        return f'{verb}: done; its answer was lost on the way'
     if not answer.success:
         raise Refused(f'{verb}: {answer.message}')
     return f'{verb}: {answer.message}'

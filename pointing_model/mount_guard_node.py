@@ -122,8 +122,8 @@ class MountGuard(ManagedNode):
         self.subscribe(topics.REQUEST, self._on_request)
         self.serve('abort', lambda: self._do('aborted', self._keeper.abort))
         self.serve('pause', lambda: self._do('paused', self._keeper.pause))
-        self.serve('resume', lambda: self._do('resumed', self._keeper.resume))
-        self.serve('park', self._on_park)
+        self.serve('resume', lambda: self._do('resumed', self._keeper.resume), once=True)
+        self.serve('park', self._on_park, once=True)
         self.every(LOOK, self._tick)
         self.every(0.5, self._look_at_commanders)
 

@@ -122,14 +122,15 @@ class RunPlayer(MountNode):
         self._state = ('waiting', 'the graph')
         self._step = ''
         self._told_last = None
+        # discovery comes in this order: who is matched with what follows can answer these
+        self._asked = {name: self.create_client(Trigger, name)
+                       for name in self.value('services') if name}
         self._clock_pub = self.publisher(topics.CLOCK)
         self._observation_pub = self.publisher(topics.OBSERVATION)
         self._observations_pub = self.publisher(topics.OBSERVATIONS)
         self._status_pub = self.publisher(topics.OBSERVER_STATUS)
         self.subscribe(topics.CALIBRATION_STATUS, self._on_calibration)
         self._reports = self.graph_reports()
-        self._asked = {name: self.create_client(Trigger, name)
-                       for name in self.value('services') if name}
         self._steps = Steps(self._ended)
         self._steps.start(self._play())
         self._timer = self.create_timer(0.02, self._advance,

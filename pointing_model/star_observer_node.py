@@ -59,6 +59,8 @@ class StarObserver(MountNode):
 
     def __init__(self, **kwargs):
         super().__init__('star_observer', PARAMS, hardware_id='observer', **kwargs)
+        # discovery comes in this order: who is matched with what follows can answer these
+        self._asked = {verb: self.create_client(Trigger, verb) for verb in SERVICES}
         self._sky = sky_of(self)
         self._request_pub, self._request = self.publisher(topics.REQUEST), None
         self._guard, self._refused, self._allowed = '', (0, ''), None
@@ -101,7 +103,6 @@ class StarObserver(MountNode):
         self.subscribe(topics.APART, self._on_apart)
         self._wanted_nodes = [name for name in self.value('wait_for_nodes') if name]
         self._reports = self.graph_reports() if self._wanted_nodes else {}
-        self._asked = {verb: self.create_client(Trigger, verb) for verb in SERVICES}
         self.create_service(Trigger, 'observe', partial(self._on_observe, False))
         self.create_service(Trigger, '~/anew', partial(self._on_observe, True))
         for service, verb in (('zero', 'zero'), ('zero_on_polaris', 'polaris'),

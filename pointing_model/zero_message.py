@@ -65,7 +65,8 @@ def joints_to_zero(message, run=None):
     ns, angles, _, sigma = read_joints(message)
     if not np.isfinite(angles).all():
         raise ValueError('zero is not a number')
-    covariance = np.diag(np.square(sigma)) if np.isfinite(sigma).all() else None
+    with np.errstate(over='ignore'):  # who uses it asks whether it can be
+        covariance = np.diag(np.square(sigma)) if np.isfinite(sigma).all() else None
     frame = message.header.frame_id
     if not frame.startswith(_PREFIX):
         return ns, RunZero(*angles, covariance, run)

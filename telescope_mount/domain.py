@@ -1,11 +1,15 @@
 """A ROS domain of one's own: two nights or two test suites on one machine do not meet."""
 
+import contextlib
 import errno
 import fcntl
 import os
 import socket
 import tempfile
+import time
 from pathlib import Path
+
+from .shared_memory import left_ports, sweep
 
 #: RTPS well-known ports: 7400 + 250 * domain, unicast of the first participant at + 10
 #: (DDSI-RTPS 2.5, section 9.6.2.3); from 102 on they fall into the ephemeral ports of Linux
@@ -29,10 +33,13 @@ class DomainLock:
         self._file.close()
 
 
+def _lock_file(number):
+    return Path(tempfile.gettempdir(), f'telescope_mount_domain_{number}.lock')
+
+
 def _lock(number):
-    path = Path(tempfile.gettempdir(), f'telescope_mount_domain_{number}.lock')
     try:
-        handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+        handle = os.open(_lock_file(number), os.O_RDWR | os.O_CREAT, 0o666)
     except OSError:
         return None
     file = os.fdopen(handle, 'r+')
@@ -64,7 +71,28 @@ def _claimed(number):
     if _taken(number):
         file.close()
         return None
+    _clear(number)
     return DomainLock(number, file)
+
+
+def _ports(number):
+    """Of a domain."""
+    return range(7400 + 250 * number, 7650 + 250 * number)
+
+
+def _clear(number):
+    """Remove what dead graphs have left in this domain, which is ours, and in those that none has
+    now."""
+    free, ports = contextlib.ExitStack(), {*_ports(number)}
+    with free:
+        for other in {(port - 7400) // 250 for port in left_ports()} - {number}:
+            # a domain that no graph of ours ever had is no matter of ours
+            if 0 <= other <= LAST_DOMAIN and _lock_file(other).exists():
+                file = _lock(other)
+                if file is not None:
+                    free.enter_context(file)
+                    ports.update(() if _taken(other) else _ports(other))
+        sweep(ports)
 
 
 def join(number=None):
@@ -88,6 +116,7 @@ def join(number=None):
     text = str(os.environ.get('ROS_DOMAIN_ID') or 0) if number is None else str(number)
     if not text.isdecimal() or int(text) > LAST_DOMAIN:
         raise ValueError(f'domain {text}: must be 0 to {LAST_DOMAIN}')
+    sweep()
     return DomainLock(int(text), open(os.devnull))
 
 
@@ -112,6 +141,9 @@ def claim(number=None):
         if not 0 <= number <= LAST_DOMAIN:
             raise ValueError(f'domain {number}: must be 0 to {LAST_DOMAIN}')
         lock = _claimed(number)
+        if lock is None:  # a start elsewhere may be clearing it, which takes moments
+            time.sleep(0.05)
+            lock = _claimed(number)
         if lock is None:
             raise ValueError(f'domain {number} is in use on this machine; choose another with '
                              '--domain, or leave it out to get a free one')

@@ -20,6 +20,8 @@ SILENT = 3.0
 HEARD = 1.0
 #: so long the guard may take to answer, s
 ANSWERED = 2.0
+#: so often is it asked meanwhile
+ASKED = 4
 #: its states in which it has not led the mount anywhere, or has it stopped already
 RESTING = ('idle', 'inactive')
 #: those in which it takes no request, either
@@ -133,7 +135,12 @@ def _aborted(watcher):
     client = watcher.client('abort')
     if not _spin(watcher, client.service_is_ready, ANSWERED):
         return False
-    return _spin(watcher, client.call_async(Trigger.Request()).done, ANSWERED)
+    futures = []
+    for _ in range(ASKED):  # it does no harm, and none of these may come
+        futures.append(client.call_async(Trigger.Request()))
+        if _spin(watcher, lambda: any(future.done() for future in futures), ANSWERED / ASKED):
+            return True
+    return False
 
 
 def _spin(watcher, until, seconds):

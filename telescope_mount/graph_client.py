@@ -12,9 +12,18 @@ from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import Trigger
 
 from msg_tools.executor import NodeExecutor
+from msg_tools.steps import Question
+
+from .dds import dds_environment
 
 #: s in which nodes of a graph are found, and answer
 FOUND, ANSWERED = 3.0, 30.0
+
+
+def leads_to(transition):
+    """The state of a managed node after a transition."""
+    return {'configure': 'inactive', 'activate': 'active', 'deactivate': 'inactive',
+            'cleanup': 'unconfigured'}.get(transition, 'finalized')
 
 
 class GraphClient:
@@ -36,7 +45,7 @@ class GraphClient:
     """
 
     def __init__(self, domain, namespace, name, args=None):
-        os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+        os.environ.update(dds_environment())
         self._context = Context()
         rclpy.init(context=self._context, domain_id=domain, args=args,
                    signal_handler_options=SignalHandlerOptions.NO)
@@ -56,19 +65,31 @@ class GraphClient:
         return True
 
     def ask(self, kind, name, request):
-        """Call a service; ValueError where nobody offers it or answers."""
+        """Call a service, again where its answer does not come.
+
+        Returns
+        -------
+        response
+        times : int
+            How often it was asked.
+
+        Raises
+        ------
+        ValueError
+            Nobody offers it or answers.
+        """
         client = self.node.create_client(kind, name)
         if not self.spin(FOUND, client.service_is_ready):
             raise ValueError(f'no node offers {self._within}{name}{self.where_else()}')
-        future = client.call_async(request)
-        if not self.spin(ANSWERED, future.done):
+        question = Question(client, request=request)
+        if not self.spin(ANSWERED, question.over):
             raise ValueError(f'{self._within}{name} did not answer within {ANSWERED:g} s')
         self.node.destroy_client(client)
-        return future.result()
+        return question.answer, question.times
 
     def trigger(self, name):
         """Call a Trigger service: whether it was done, and a sentence; ValueError as of `ask`."""
-        answer = self.ask(Trigger, name, Trigger.Request())
+        answer, _ = self.ask(Trigger, name, Trigger.Request())
         return answer.success, answer.message
 
     def last(self, topic):
@@ -104,7 +125,8 @@ class GraphClient:
 
     def state(self, name):
         """Of a managed node; ValueError where it does not answer."""
-        return self.ask(GetState, f'{name}/get_state', GetState.Request()).current_state.label
+        answer, _ = self.ask(GetState, f'{name}/get_state', GetState.Request())
+        return answer.current_state.label
 
     def change(self, name, transition):
         """Have a node make a transition; whether it did. ValueError where it does not answer.
@@ -114,9 +136,12 @@ class GraphClient:
         if transition == 'shutdown':
             transition = f'{self.state(name)}_shutdown'
         number = getattr(Transition, f'TRANSITION_{transition.upper()}', None)
-        return number is not None and self.ask(
-            ChangeState, f'{name}/change_state',
-            ChangeState.Request(transition=Transition(id=number))).success
+        if number is None:
+            return False
+        answer, times = self.ask(ChangeState, f'{name}/change_state',
+                                 ChangeState.Request(transition=Transition(id=number)))
+        # one that was made at the first question is refused at the second
+        return answer.success or (times > 1 and self.state(name) == leads_to(transition))
 
     def close(self):
         """Leave the graph."""

@@ -28,6 +28,7 @@ from pointing_model.mount_shape import urdf
 from pointing_model.mounts import parse_mount
 from pointing_model.sky import DEFAULT_SITE
 
+from .dds import dds_environment
 from .parent import PARENT
 from .threads import ONE_THREAD
 
@@ -39,11 +40,7 @@ SHARED = (
     ('params_file', '', 'ROS parameter file (site, limits), read by all nodes after the values '
      'above'),
 )
-ENVIRONMENT = {
-    # opening the graph to the network is the user's explicit choice
-    'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-    **ONE_THREAD,
-}
+ENVIRONMENT = {**dds_environment(), **ONE_THREAD}
 
 
 class Values(dict):

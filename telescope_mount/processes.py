@@ -14,47 +14,10 @@ import yaml
 
 from msg_tools import NAMESPACE
 
+from .dds import dds_environment
 from .threads import ONE_THREAD
 
 SET_DEATH_SIGNAL = 1  # Linux: prctl
-
-#: Without it a participant that starts between two announcements of another may wait for the
-#: next one, and a writer that asks for acknowledgement for its next heartbeat: 3 s by default.
-_DDS_PROFILE = """<?xml version="1.0" encoding="UTF-8" ?>
-<dds><profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
-<participant profile_name="quick_discovery" is_default_profile="true"><rtps><builtin>
-<discovery_config><leaseAnnouncement><sec>0</sec><nanosec>200000000</nanosec></leaseAnnouncement>
-</discovery_config></builtin></rtps></participant>
-<data_writer profile_name="quick_repair" is_default_profile="true"><times><heartbeatPeriod>
-<sec>0</sec><nanosec>100000000</nanosec></heartbeatPeriod></times></data_writer></profiles></dds>
-"""
-
-
-def dds_environment(folder, domain):
-    """Environment variables with which a graph of one machine finds itself quickly.
-
-    Parameters
-    ----------
-    folder : Path
-        For the DDS profile.
-    domain : int
-        ROS domain.
-
-    Returns
-    -------
-    dict of str to str
-        What the user has set already is left as it is, but for the domain.
-    """
-    out = {'ROS_DOMAIN_ID': str(domain)}
-    # opening the graph to the network is the user's explicit choice
-    if 'ROS_AUTOMATIC_DISCOVERY_RANGE' not in os.environ:
-        out['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-    names = ('FASTDDS_DEFAULT_PROFILES_FILE', 'FASTRTPS_DEFAULT_PROFILES_FILE')
-    if not any(name in os.environ for name in names):
-        profile = Path(folder) / 'dds_profile.xml'
-        profile.write_text(_DDS_PROFILE)
-        out.update({name: str(profile.resolve()) for name in names})
-    return out
 
 
 class Node:
@@ -199,7 +162,7 @@ class Processes:
         self.folder.mkdir(parents=True, exist_ok=True)
         self.params_file = params_file
         self.running, self._checked = {}, 0.0
-        self.environment = (ONE_THREAD | os.environ | dds_environment(self.folder, domain)
+        self.environment = (ONE_THREAD | os.environ | dds_environment(domain)
                             | {'ROS_LOG_DIR': str(self.folder)})
         # at once: it imports while the caller does
         self._fork_server = ForkServer(self.folder / 'fork_server.log')

@@ -115,7 +115,7 @@ class Watcher:
         return True
 
     def call(self, service, timeout=30.0):
-        """Call a Trigger service of the graph.
+        """Call a Trigger service of the graph; asked again where the answer does not come.
 
         Returns
         -------
@@ -127,14 +127,14 @@ class Watcher:
         RuntimeError
             It did not answer or refused.
         """
-        from std_srvs.srv import Trigger
+        from msg_tools.steps import Question
         client = self.client(service)
         if not self.spin_until(client.service_is_ready, timeout):
             raise RuntimeError(f'no node offers the service {client.srv_name}')
-        future = client.call_async(Trigger.Request())
-        if not self.spin_until(future.done, timeout):
+        question = Question(client)
+        if not self.spin_until(question.over, timeout):
             raise RuntimeError(f'{client.srv_name} did not answer within {timeout:g} s')
-        answer = future.result()
+        answer = question.answer
         if not answer.success:
             raise RuntimeError(f'{service}: {answer.message}')
         return answer.message

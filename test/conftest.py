@@ -110,11 +110,11 @@ def ros_domain(tmp_path_factory):
     pytest.importorskip(
         'rclpy', reason='rclpy is not installed (./install.sh ros)', exc_type=ImportError)
     from telescope_mount import domain
-    from telescope_mount.processes import dds_environment
+    from telescope_mount.dds import dds_environment
     lock = domain.claim()
     folder = tmp_path_factory.mktemp('ros')
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-    os.environ.update(dds_environment(folder, lock.number), ROS_LOG_DIR=str(folder))
+    os.environ.update(dds_environment(lock.number), ROS_LOG_DIR=str(folder))
     yield lock.number
     lock.release()
 

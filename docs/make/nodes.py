@@ -373,8 +373,9 @@ def picture(found, names, title, drivers=False, every=False):
 
 def main():
     """Write all of them."""
-    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     sys.path.insert(0, str(ROOT))
+    from telescope_mount.dds import dds_environment
+    os.environ.update(dds_environment())
     with tempfile.TemporaryDirectory() as folder:
         made = pages(declared(folder))
     for old in {*(DOCS / 'nodes').glob('*.md')} - {DOCS / path for path in made}:

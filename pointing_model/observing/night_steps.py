@@ -36,6 +36,8 @@ REFUSALS = 5
 #: what to do where `home` is not there, or has been called and does not answer
 AFTER_HOME = ("start the mount's driver, or leave home out of the plan",
               "it homes the mount; if the axes stand, look at the mount's driver")
+#: services of drivers; those of a simulated mount know what is asked again
+MOVING = ('home', *{service for services in POWER_CYCLES.values() for service in services})
 #: elevation of a star that both axes follow evenly, deg
 BEST = 35.0, 65.0
 _HOUR = 3_600_000_000_000  # ns
@@ -243,7 +245,7 @@ class NightSteps:
         self.homes = True
         before = self._instruments.stamp
         while not self._instruments.homed_since(before):
-            yield from self._call('home')
+            yield from self._call('home', lambda: self._instruments.homed_since(before))
             # an encoder that was connected late has missed the crossing: home again when it says
             # nothing at all; one whose readings are refused would be homed for ever
             self._instruments.hear(MOUNT)
@@ -256,15 +258,25 @@ class NightSteps:
         for service in POWER_CYCLES[what or 'incremental']:
             if service == 'power_cycle':
                 self._instruments.homed = False
-            yield from self._call(service)
+            before = self._in_force.power_on
+            # of the absolute encoder only a reading tells
+            known = service == 'power_cycle' and before is not None
+            yield from self._call(service, partial(self._off_since, before, known))
+
+    def _off_since(self, before, known):
+        return known and self._in_force.power_on != before
 
     def _do_calibrate_zero(self, count):
         yield from self._calibration_has_all()
-        yield from self._call('calibrate_zero')
         newest = self._table.newest
         known = self._in_force
-        yield from self._until(
-            lambda: max(known.zero_stamp, known.refused_stamp) >= newest, 'the new zero')
+
+        def there():
+            return max(known.zero_stamp, known.refused_stamp) >= newest
+
+        before = there()  # of a fit with the same rows
+        yield from self._call('calibrate_zero', lambda: not before and there())
+        yield from self._until(there, 'the new zero')
         if known.zero_stamp < newest:  # the fit makes a zero of each power-on
             self._out.get_logger().warning(
                 'the new zero is of a power-on that is over: the one before stays in force')
@@ -394,9 +406,12 @@ class NightSteps:
         yield from self._calibration_has_all()
         known, newest = self._in_force, self._table.newest
         before = known.models
-        yield from self._call(verb)
-        yield from self._until(
-            lambda: known.models > before and known.model_stamp >= newest, 'the new model')
+
+        def there():
+            return known.models > before and known.model_stamp >= newest
+
+        yield from self._call(verb, there)
+        yield from self._until(there, 'the new model')
         yield from self._until(known.zero_is_of_model, 'the zero of the new model')
 
     def _calibration_has_all(self):
@@ -414,13 +429,18 @@ class NightSteps:
             yield from self._until(lambda: self._instruments.homed,
                                    'the encoder to be homed (call home)')
 
-    def _call(self, verb):
+    def _call(self, verb, effect):
+        """Call a service, until it has answered or `effect` shows that it was done."""
         def wait(condition, what):
             if verb == 'home':
                 what = f'{what}: {AFTER_HOME[what.endswith("to answer")]}'
             return self._until(condition, what)
 
-        answer = yield from call(verb, self._out.client(verb), self._wake, wait)
+        # a driver that is at it need not know that it is asked again
+        patient = verb in MOVING and not self._out.value('use_sim_time')
+        answer = yield from call(
+            verb, self._out.client(verb), self._wake, wait, effect, patient,
+            0.0 if verb in MOVING else self._out.value('give_up_s'))
         self._out.get_logger().info(answer)
 
     def _until(self, condition, what):

@@ -9,6 +9,7 @@ pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportErr
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from std_msgs.msg import String
+from std_srvs.srv import Trigger
 
 from calibration.calibration_node import Calibration
 from calibration.session import CalibrationSession
@@ -384,3 +385,22 @@ def test_too_few_stars_for_the_harmonics_are_said_and_no_model_comes(graph):
     answer = graph.call('fit')
     assert not answer.success and not models
     assert 'observe at least 14 stars' in answer.message and '\n' not in answer.message
+
+
+@pytest.mark.parametrize('name, topic', [('fit', topics.MODEL), ('diagnose', topics.DIAGNOSIS)])
+def test_what_is_asked_again_before_its_answer_is_worked_out_once(graph, name, topic):
+    desk = Desk(graph)
+    desk.observe(rows(30, seed=2))
+    published = graph.listen(topic)
+    graph.connect()
+    if name == 'diagnose':
+        assert graph.call('fit').success
+    client = graph.tester.create_client(Trigger, name)
+    graph.wait_for(client.service_is_ready, name)
+    futures = [client.call_async(Trigger.Request()) for _ in range(3)]
+    graph.wait_for(lambda: all(future.done() for future in futures), name)
+    answers = {(future.result().success, future.result().message) for future in futures}
+    assert len(answers) == 1 and answers.pop()[0]
+    assert graph.call(name).success  # a later question is another one
+    graph.wait_for(lambda: len(published) >= 2)
+    assert len(published) == 2

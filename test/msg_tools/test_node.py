@@ -330,3 +330,13 @@ def test_signals_end_a_process_cleanly(graph, process, name):
     out, err = child.communicate(timeout=60)
     assert child.returncode == 0, err
     assert 'Traceback' not in err
+
+
+def test_a_node_that_shall_be_secured_does_not_run_without_security(
+        ros_domain, process, monkeypatch, tmp_path):
+    for name, value in (('ENABLE', 'true'), ('STRATEGY', 'Enforce'), ('KEYSTORE', str(tmp_path))):
+        monkeypatch.setenv(f'ROS_SECURITY_{name}', value)
+    child = process('pointing_model.pointing_corrector_node')
+    err = child.communicate(timeout=60)[1]
+    lines = [line for line in err.splitlines() if line.startswith('error: ')]
+    assert child.returncode == 2 and len(lines) == 1 and 'SECURITY.md' in lines[0], err

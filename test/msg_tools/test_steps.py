@@ -2,7 +2,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from msg_tools.steps import Refused, Steps, call
+from msg_tools.steps import AGAIN, PATIENCE, Question, Refused, Steps, call
 
 
 class Client:
@@ -135,3 +135,98 @@ def test_a_service_that_refuses(ends):
     steps.advance()
     client.say(False, 'too few stars')
     assert str(ends[0]) == 'fit: too few stars' and isinstance(ends[0], Refused)
+
+
+class Lossy(Client):
+    """Each question has an answer of its own, which may never come."""
+
+    def __init__(self):
+        super().__init__()
+        self.there, self.asked = True, []
+
+    def call_async(self, request):
+        self.asked.append(Client())
+        return self.asked[-1]
+
+
+class Asking:
+    """A question on a clock of the test, and whether what it asks for is seen to be done."""
+
+    def __init__(self, patient=False):
+        self.client, self.now, self.done = Lossy(), 100.0, False
+        self.question = Question(self.client, lambda: None, lambda: self.done, patient,
+                                 wall=lambda: self.now)
+
+    def after(self, seconds):
+        """Looked at all the time for so long: whether it is over."""
+        end = self.now + seconds
+        while self.now < end and not self.question.over():
+            self.now += 0.05
+        return self.question.over()
+
+
+def test_a_question_that_is_not_answered_is_asked_again_within_seconds_and_any_answer_counts():
+    asking = Asking()
+    assert not asking.after(AGAIN - 0.5) and len(asking.client.asked) == 1
+    assert not asking.after(1.0) and len(asking.client.asked) == 2
+    assert not asking.after(AGAIN) and len(asking.client.asked) == 3
+    asking.client.asked[0].say(True, 'late')
+    assert asking.question.over() and asking.question.answer.message == 'late'
+
+
+def test_what_is_seen_to_be_done_is_not_asked_for_again_and_its_answer_may_still_come():
+    asking = Asking()
+    asking.done = True
+    assert not asking.after(AGAIN - 0.5) and asking.after(1.0)
+    assert asking.question.answer is None and len(asking.client.asked) == 1
+
+
+def test_a_server_that_was_away_is_asked_when_it_has_told_what_it_knows():
+    asking = Asking(patient=True)
+    assert not asking.after(60.0) and len(asking.client.asked) == 1  # it may be at it
+    asking.client.there = False
+    assert not asking.after(20.0)
+    asking.client.there = True
+    assert not asking.after(AGAIN - 0.5) and len(asking.client.asked) == 1
+    assert not asking.after(60.0) and len(asking.client.asked) == 2
+
+
+def test_a_driver_has_longer_to_answer_for_what_is_seen_to_be_done():
+    asking = Asking(patient=True)
+    asking.done = True
+    assert not asking.after(PATIENCE - 1.0) and asking.after(2.0)
+    assert len(asking.client.asked) == 1
+
+
+def test_work_goes_on_without_the_answer(ends):
+    client, said, now = Lossy(), [], [100.0]
+    steps = Steps(ends.append)
+
+    def work():
+        said.append((yield from call('home', client, steps.advance, effect=lambda: True,
+                                     wall=lambda: now[0])))
+    steps.start(work())
+    for _ in range(round(AGAIN) + 2):
+        steps.advance()
+        now[0] += 1.0
+    assert said == ['home: done; its answer was lost on the way'] and ends == [None]
+    assert len(client.asked) == 1
+
+
+@pytest.mark.parametrize('asked', [False, True])
+def test_a_service_that_nobody_offers_for_long_is_given_up(ends, asked):
+    client, now = Lossy(), [100.0]
+    client.there = asked
+    steps = Steps(ends.append)
+    steps.start(call('fit', client, steps.advance, limit=60.0, wall=lambda: now[0]))
+    steps.advance()
+    assert len(client.asked) == asked
+    client.there = False
+    for _ in range(600):
+        now[0] += 0.1
+        steps.advance()
+    assert steps.busy
+    for _ in range(10):
+        now[0] += 0.1
+        steps.advance()
+    assert str(ends[0]) == 'fit: nobody has offered /mount/fit for 60 s'

@@ -315,3 +315,23 @@ def test_another_site_at_runtime_is_used(graph):
     run = night.run()[0]
     assert run['el'][0] / DEG == pytest.approx(50.0, abs=1.0)
     assert sky.commands[0][1][0, 1] / DEG == pytest.approx(50.0, abs=1.0)
+
+
+def test_its_clients_are_discovered_before_what_the_graph_is_judged_by(graph, monkeypatch):
+    """Who is matched with its subscriptions, and says so, can answer its services."""
+    made = []
+
+    def noted(name):
+        make = getattr(StarObserver, name)
+
+        def note(self, kind, what, *args, **options):
+            made.append((name, what))
+            return make(self, kind, what, *args, **options)
+        monkeypatch.setattr(StarObserver, name, note)
+
+    noted('create_client')
+    noted('create_subscription')
+    graph.add(StarObserver)
+    own = [name for name, what in made if what != '/clock']
+    clients = own.count('create_client')
+    assert clients > 1 and set(own[:clients]) == {'create_client'}

@@ -12,6 +12,7 @@ pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportErr
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from std_msgs.msg import String
+from std_srvs.srv import Trigger
 
 from msg_tools import convert, topics
 from msg_tools.power_on import PowerOn
@@ -219,8 +220,13 @@ def test_it_starts_when_asked_and_once(graph):
     Instruments(graph)
     night = Night(graph, 'stars 2', autostart=False)
     graph.connect()
-    answer = graph.call('observe')
-    assert answer.success and 'stars 2' in answer.message
+    client = graph.tester.create_client(Trigger, 'observe')
+    graph.wait_for(client.service_is_ready)
+    # the second is sent before the first is answered: as where an answer was lost
+    futures = [client.call_async(Trigger.Request()) for _ in range(2)]
+    graph.wait_for(lambda: all(future.done() for future in futures))
+    assert all(future.result().success for future in futures)
+    assert all('stars 2' in future.result().message for future in futures)
     answer = graph.call('observe')
     assert not answer.success and answer.message == 'a plan is under way'
     assert len(night.run()) == 2

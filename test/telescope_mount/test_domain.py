@@ -1,10 +1,12 @@
 import socket
 import subprocess
 import sys
+from functools import partial
 
 import pytest
 
 from telescope_mount import domain
+from telescope_mount.shared_memory import left_ports, sweep
 
 
 def test_a_claimed_domain_is_taken_until_it_is_released():
@@ -58,3 +60,21 @@ def test_none_free_is_said(monkeypatch):
     monkeypatch.setattr(domain, '_lock', lambda number: None)
     with pytest.raises(ValueError, match='no ROS domain from 10 to 99 is free'):
         domain.claim()
+
+
+def test_what_a_dead_graph_left_in_a_domain_that_none_has_is_removed(tmp_path, monkeypatch):
+    monkeypatch.setattr(domain.tempfile, 'gettempdir', lambda: str(tmp_path))
+    folder = tmp_path / 'shm'
+    folder.mkdir()
+    monkeypatch.setattr(domain, 'left_ports', partial(left_ports, folder))
+    monkeypatch.setattr(domain, 'sweep', lambda ports: sweep(ports, folder, 10.0))
+    dead, used, foreign = (7400 + 250 * number for number in (97, 98, 99))
+    for port in (dead, used, foreign):
+        (folder / f'fastrtps_port{port}').touch()
+    domain._lock_file(97).touch()
+    with domain._lock(98):
+        lock = domain.claim(96)
+        assert {path.name for path in folder.iterdir()} == {
+            f'fastrtps_port{used}', f'fastrtps_port{foreign}'}
+        lock.release()
+    domain.claim(97).release()  # nothing of it is held

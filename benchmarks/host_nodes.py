@@ -1,0 +1,54 @@
+"""The part of a night that runs on one host: started there by `many_hosts.start`.
+
+Reads one line of JSON: ``folder``, ``domain``, ``specs`` (name, module, parameters) and ``plan``.
+With a plan it observes as `telescope-mount night` does, tells how far it is, a JSON list of
+state, step, observations and what is said of it in a line, and last ``report`` or ``failed``;
+without one it runs the nodes until its input ends, and then tells their exit codes.
+"""
+
+import json
+import sys
+from functools import partial
+from pathlib import Path
+
+from telescope_mount import domain
+from telescope_mount.graph import NodeSpec
+
+
+def _say(*words):
+    print(json.dumps(words), flush=True)
+
+
+def _observe(folder, specs, asked):
+    from telescope_mount.night import NightFailed, observe, write_results
+    try:
+        report = observe(
+            folder, specs, asked['plan'], partial(write_results, folder),
+            lambda step, done, total: _say('at', step, done, total), asked['domain'],
+            claim=domain.join, stall=asked['stall'], say=partial(_say, 'said'))
+    except NightFailed as err:
+        _say('failed', str(err))
+    else:
+        _say('report', report)
+
+
+def main():
+    """Run it."""
+    asked = json.loads(sys.stdin.readline())
+    folder = Path(asked['folder'])
+    folder.mkdir(parents=True, exist_ok=True)
+    specs = [NodeSpec(*spec) for spec in asked['specs']]
+    if asked.get('plan'):
+        _observe(folder, specs, asked)
+        return
+    from telescope_mount.processes import Processes
+    nodes = Processes(folder / 'nodes', asked['domain'])
+    for spec in specs:
+        nodes.start(spec)
+    _say('started')
+    sys.stdin.read()
+    _say('ended', nodes.stop())
+
+
+if __name__ == '__main__':
+    main()

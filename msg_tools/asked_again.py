@@ -1,0 +1,74 @@
+"""Services whose answer may be lost on its way: the question is asked again, and done once.
+
+A question that was sent before the last answer was given cannot follow from that answer: it is the
+same question once more, or one that waited in the network or behind the work. It gets the same
+answer. One that comes while the work is under way joins it. Any later one is a new question. What
+a client does in its place stands in `steps.call`.
+"""
+
+import time
+
+#: s; a question that seems older than this is of a computer whose clock is off, and is done
+OLDEST = 60.0
+
+
+class Answers:
+    """What a service has answered last, and who waits for what it does now.
+
+    Parameters
+    ----------
+    wall : callable
+        ns of the clock that stamps questions.
+    """
+
+    def __init__(self, wall=time.time_ns):
+        self._wall = wall
+        self._request = self._response = None
+        self._given = 0
+        self._waiting = None  # headers of the questions that the work under way answers
+
+    def take(self, request, header):
+        """A question: is it to be worked on? `given` or `failed` follows then.
+
+        Parameters
+        ----------
+        request
+            Of the service.
+        header
+            With ``source_timestamp``, when it was sent, ns of the asker's clock.
+
+        Returns
+        -------
+        work : bool
+        response
+            What is to be answered at once; None for nothing.
+        """
+        same = request == self._request
+        if self._waiting is not None:
+            if same:
+                self._waiting.append(header)
+                return False, None
+            return True, None  # other work of the same service, beside this one
+        sent = header.source_timestamp
+        if same and self._given - round(OLDEST * 1e9) < sent <= self._given:
+            return False, self._response
+        self._request, self._waiting = request, [header]
+        return True, None
+
+    def given(self, response, header):
+        """The work on the question with `header` is done.
+
+        Returns
+        -------
+        list
+            Headers of the questions that `response` answers.
+        """
+        if self._waiting is None or header is not self._waiting[0]:
+            return [header]
+        waiting, self._waiting = self._waiting, None
+        self._response, self._given = response, self._wall()
+        return waiting
+
+    def failed(self):
+        """The work ended without an answer."""
+        self._waiting = None
