@@ -29,7 +29,8 @@ NAMES = ('azimuth', 'elevation', 'x', 'y', 'az', 'el', 'time', 'star', 'run', 'm
          'observations')
 TEXTS = ('9' * 5000, '1e999', 'NaN', 'Infinity', '-1', '0x10', '{}', '[]', 'null', '{"model": {',
          '[' * 3000, '{"terms": {"IA": 1e308}}', '{"version": 1, "terms": [], "mount": 7}',
-         'a\x00b', '{"checks": [{"n": -1}]}', '[1e999, -1e999, NaN]', '\u202e\U0001f52d', ' ' * 3000, 'true')
+         'a\x00b', '{"checks": [{"n": -1}]}', '[1e999, -1e999, NaN]', '\u202e\U0001f52d',
+         ' ' * 3000, 'true')
 
 
 def _value(kind, rng):
