@@ -42,8 +42,8 @@ _SLOW = 0.2
 _LITTLE = 1e-6
 #: of the noise: a change of residuals that ends the search for it
 _SETTLED = 0.01
-#: as that, of a linearisation that will be left; and the distance of rows that it need not weigh
-_ROUGHLY, _PLAIN = 0.1, 5.0
+#: as that, of a linearisation that will be left
+_ROUGHLY = 0.1
 
 
 class Solved(NamedTuple):
@@ -237,8 +237,6 @@ class _Rounds:
         dof_factor = np.sqrt(2 * n / max(2 * n - rank, 1))
         for _ in range(30):
             scales = weigher.noise(self.residual, dof_factor)
-            if rough and _largest(weigher.distance(self.residual, scales)) < _PLAIN**2:
-                return None  # plain least squares are near enough
             weights, longer = weigher.huber(self.residual, scales)
             if not self.begun:
                 moved = _largest(weigher.distance(self.solve(weights), scales)) ** 0.5
@@ -267,7 +265,7 @@ class _Rounds:
         for _ in range(100):
             moved = self.step(*weigh(self.residual, scales))
             way += moved
-            if TOLERANCE * min(last / max(moved, 1e-300), 1e3) <= moved <= _SLOW * last:
+            if 0.1 * TOLERANCE * min(last / max(moved, 1e-300), 1e3) <= moved <= _SLOW * last:
                 last = moved
                 continue
             weights, _ = weigh(self.residual, scales)
