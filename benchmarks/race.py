@@ -10,8 +10,6 @@ import time
 import tracemalloc
 from dataclasses import asdict, dataclass
 
-import numpy as np
-
 #: s of one measurement at least: shorter calls are repeated
 SHORTEST = 0.02
 
@@ -104,23 +102,23 @@ def race(calls, rounds=5, clock=time.perf_counter):
 
 
 def exponent(sizes, costs):
-    """The power with which cost grows over the larger half of the sizes.
-
-    Small sizes are left out where they cost the same as none: a fixed cost hides the growth.
+    """The power with which cost grows between the two largest sizes, without the fixed cost.
 
     Parameters
     ----------
     sizes, costs : sequence of float
-        Ascending.
+        Ascending sizes, three at least; the cost of the smallest is taken as the fixed one.
 
     Returns
     -------
     float
+        0.0 where no growth is seen.
     """
-    sizes, costs = np.asarray(sizes, float), np.asarray(costs, float)
-    first = min(int(np.searchsorted(costs, 2.0 * costs[0])), len(sizes) - 2)
-    x, y = np.log(sizes[first:]), np.log(costs[first:])
-    return float(np.polyfit(x, y, 1)[0])
+    first, *_, before, last = map(float, costs)
+    if last <= 1.2 * first:
+        return 0.0
+    before = max(before - first, 0.01 * (last - first))  # of noise no power of more than two
+    return math.log((last - first) / before) / math.log(sizes[-1] / sizes[-2])
 
 
 def peak_memory(call):
@@ -156,9 +154,9 @@ class Curve:
 
     @property
     def met(self):
-        """No worse than n log n: over the sizes that are compared, that is a power of its own."""
-        large = [math.log(n) for n in self.sizes if n > 1]
-        limit = 1.0 + 1.0 / (sum(large) / len(large)) + 0.05  # d ln(n ln n) / d ln n, and noise
+        """No worse than n log n, which between two sizes is a power somewhat above 1."""
+        n, m = self.sizes[-1], self.sizes[-2]
+        limit = 1.0 + math.log(math.log(n) / math.log(m)) / math.log(n / m) + 0.08  # and noise
         return self.power <= limit and self.power_of_memory <= limit
 
     def document(self):

@@ -1,0 +1,70 @@
+"""How benchmarks judge: ratios against the history, growth of cost."""
+
+import importlib.util
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+FOLDER = Path(__file__).parents[2] / 'benchmarks'
+pytestmark = pytest.mark.skipif(not FOLDER.is_dir(), reason='benchmarks/ is not here')
+
+
+def load(name):
+    spec = importlib.util.spec_from_file_location(f'benchmark_{name}', FOLDER / f'{name}.py')
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # dataclasses look there
+    spec.loader.exec_module(module)
+    return module
+
+
+race = load('race')
+
+
+def test_a_row_says_how_many_times_as_fast_and_whether_that_is_enough():
+    row = race.Row('fit', 'default', '30', 2e-3, 'katpoint', 1e-3, 0.4)
+    assert row.ratio == 0.5 and row.met and row.key == 'fit | default | 30 | katpoint'
+    assert race.Row('fit', 'default', '30', 2e-3, 'katpoint', 7e-4, 0.4).met is False
+    alone = race.Row('fit', 'default', '30', 2e-3, 'katpoint', None, 0.4)
+    assert alone.ratio is None and alone.met is None
+
+
+def test_candidates_take_turns_and_the_best_round_counts():
+    seen, now = [], [0.0]
+
+    def call(name, seconds):
+        def one():
+            seen.append(name)
+            now[0] += seconds
+        return one
+    best = race.race({'a': call('a', 1.0), 'b': call('b', 3.0)}, 2, clock=lambda: now[0])
+    assert best == {'a': 1.0, 'b': 3.0}
+    turns = ''.join(seen).replace('aa', 'a').replace('bb', 'b')
+    while 'aa' in turns or 'bb' in turns:
+        turns = turns.replace('aa', 'a').replace('bb', 'b')
+    assert turns == 'ababab'  # once to see how long they take, then two rounds
+
+
+@pytest.mark.parametrize('power, met', [(0.9, True), (1.0, True), (1.5, False), (2.0, False)])
+def test_growth_is_that_beyond_the_fixed_cost(power, met):
+    sizes = np.array([30.0, 300.0, 3000.0, 30_000.0])
+    cost = 1e-3 + 1e-6 * sizes**power
+    curve = race.Curve('x', 'rows', tuple(sizes), tuple(cost), (1, 1, 1, 1))
+    assert curve.power == pytest.approx(power, abs=0.05)
+    assert curve.met == met
+    n_log_n = race.Curve('x', 'rows', tuple(sizes), tuple(sizes * np.log(sizes)), (1, 1, 1, 1))
+    assert n_log_n.met
+    memory = race.Curve('x', 'rows', tuple(sizes), tuple(sizes), tuple(int(s**2) for s in sizes))
+    assert not memory.met
+
+
+def test_a_ratio_a_quarter_below_the_history_is_a_step_back(monkeypatch):
+    monkeypatch.syspath_prepend(str(FOLDER))
+    if importlib.util.find_spec('rich') is None:
+        pytest.skip('rich is not installed')
+    judged = load('all')
+    rows = [race.Row('fit', name, '30', 1.0, 'katpoint', ratio)
+            for name, ratio in (('same', 1.0), ('little', 0.85), ('much', 0.7), ('new', 0.1))]
+    history = {f'fit | {name} | 30 | katpoint': 1.0 for name in ('same', 'little', 'much')}
+    assert judged.slower(rows, history) == {'fit | much | 30 | katpoint'}
