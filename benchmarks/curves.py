@@ -2,7 +2,7 @@
 
     python benchmarks/curves.py [--only fit,diagnosis]
 
-The exponent is that of the growth between the two largest sizes, less the cost of the smallest; none
+The power is that of the growth between the two largest sizes, less the cost of the smallest; none
 may be worse than n log n, in time or in memory.
 """
 
