@@ -27,6 +27,8 @@ from rich.console import Console
 from rich.table import Table
 
 HISTORY = Path(__file__).with_name('history.json')
+#: the curves of cost belong to a full run
+KNOWN = (*PARTS, 'curves')
 #: a ratio that is slower by so much, in so many runs, is a step back
 SLOWER, RUNS = 0.25, 3
 
@@ -75,14 +77,16 @@ def main():
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--full', action='store_true')
-    parser.add_argument('--part', default=','.join(PARTS), help='some of ' + ', '.join(PARTS))
+    parser.add_argument('--part', default=','.join(KNOWN), help='some of ' + ', '.join(KNOWN))
     parser.add_argument('--json', type=Path, metavar='FILE')
     parser.add_argument('--history', type=Path, default=HISTORY, metavar='FILE')
     parser.add_argument('--record', action='store_true', help='write the ratios to the history')
     args = parser.parse_args()
     parts = args.part.split(',')
-    if wrong := [name for name in parts if name not in PARTS]:
-        parser.error(f'no part {wrong[0]!r}: it is some of {", ".join(PARTS)}')
+    if wrong := [name for name in parts if name not in KNOWN]:
+        parser.error(f'no part {wrong[0]!r}: it is some of {", ".join(KNOWN)}')
+    curved = 'curves' in parts and args.full
+    parts = [name for name in parts if name in PARTS]
 
     def say(text):
         print(f'# {text}', file=sys.stderr, flush=True)
@@ -96,7 +100,7 @@ def main():
         again = {key.split(' | ')[0] for key in fallen}
         fallen &= slower(measure([p for p in parts if p in again], args.full, say), history)
     curves = []
-    if args.full:
+    if curved:
         from curves import measure_curves
         curves = measure_curves(say)
     console = Console(width=None if sys.stdout.isatty() else 150)
