@@ -234,14 +234,17 @@ class _Rounds:
         `rough`: only the weights.
         """
         weigher, n = self.weigher, len(self.b) // 2
-        dof_factor = np.sqrt(2 * n / max(2 * n - rank, 1))
+        dof_factor, last = np.sqrt(2 * n / max(2 * n - rank, 1)), np.inf
         for _ in range(30):
             scales = weigher.noise(self.residual, dof_factor)
             weights, longer = weigher.huber(self.residual, scales)
             if not self.begun:
                 moved = _largest(weigher.distance(self.solve(weights), scales)) ** 0.5
             else:
-                moved = self.step(weights, longer) / weigher.least(scales)
+                step = self.step(weights, longer)
+                moved = step / weigher.least(scales)
+                # with the matrix of another place steps may grow without end: solve from now on
+                self.begun, last = step <= last, step
             if moved < (_ROUGHLY if rough else _SETTLED):
                 break
         if rough:
