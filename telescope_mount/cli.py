@@ -4,7 +4,7 @@
 import os
 import sys
 
-from .interrupt import terminated_as_interrupted
+from .interrupt import interrupted_in_order
 from .threads import ONE_THREAD
 
 os.environ.update(ONE_THREAD | os.environ)  # before numpy comes
@@ -20,7 +20,7 @@ def main(argv=None):
     command = ''
     try:
         from .parsing import parsed
-        with terminated_as_interrupted():
+        with interrupted_in_order():
             args = parsed(sys.argv[1:] if argv is None else list(argv))
             command = args.command
             return _run(args)

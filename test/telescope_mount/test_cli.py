@@ -306,6 +306,13 @@ def test_ctrl_c_and_a_closed_pipe(ended, monkeypatch, run_csv):
     code, _, err = ended('fit', run_csv)
     assert (code, err) == (143, 'ended by SIGTERM\n')
     assert signal.getsignal(signal.SIGTERM) == before
+
+    def imports(args):
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGTERM)
+        raise ImportError('a C extension could not be imported')
+    monkeypatch.setattr(fit, 'run', imports)
+    assert ended('fit', run_csv)[0] == 143
     monkeypatch.setattr(fit, 'run', stop(BrokenPipeError()))
     assert ended('fit', run_csv)[::2] == (0, '')
     monkeypatch.setattr(fit, 'run', stop(OSError(28, 'No space left on device', 'model')))
