@@ -228,23 +228,26 @@ class _Rounds:
         self.residual = self.residual - moved
         return _largest(moved)
 
+    def far(self, weights):
+        """Whether steps with the normal matrix that is there could go too far."""
+        return self.unweighted and np.add.reduce(weights) < 0.5 * len(weights)
+
     def find_noise(self, rank, rough=False):
         """Huber's weights, with the noise by the medians; then that of what the bisquare keeps.
 
         `rough`: only the weights.
         """
         weigher, n = self.weigher, len(self.b) // 2
-        dof_factor, last = np.sqrt(2 * n / max(2 * n - rank, 1)), np.inf
+        dof_factor = np.sqrt(2 * n / max(2 * n - rank, 1))
+        exactly, last = not self.begun, np.inf
         for _ in range(30):
             scales = weigher.noise(self.residual, dof_factor)
             weights, longer = weigher.huber(self.residual, scales)
-            if not self.begun:
+            if exactly or self.far(weights):
                 moved = _largest(weigher.distance(self.solve(weights), scales)) ** 0.5
             else:
-                step = self.step(weights, longer)
-                moved = step / weigher.least(scales)
-                # with the matrix of another place steps may grow without end: solve from now on
-                self.begun, last = step <= last, step
+                moved = self.step(weights, longer) / weigher.least(scales)
+                exactly, last = moved > 0.5 * last, moved
             if moved < (_ROUGHLY if rough else _SETTLED):
                 break
         if rough:
@@ -263,8 +266,9 @@ class _Rounds:
         """Down to the minimum at this noise; the weights there, shape (n,)."""
         weigh, last, way = self.weigher.bisquare, np.inf, 0.0
         little = _LITTLE * self.weigher.least(scales) if self.solution is not None else 0.0
-        if not self.begun:
-            self.solve(weigh(self.residual, scales)[0])
+        weights, _ = weigh(self.residual, scales)
+        if not self.begun or self.far(weights):
+            self.solve(weights)
         for _ in range(100):
             moved = self.step(*weigh(self.residual, scales))
             way += moved
