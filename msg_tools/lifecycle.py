@@ -151,6 +151,11 @@ class ManagedNode(LifecycleNodeMixin, MountNode):
             raise
         return SUCCESS
 
+    def destroy_node(self):
+        """And its state machine: rclpy's own forgets it, and what it has in `/dev/shm` stays."""
+        super().destroy_node()
+        self._state_machine.destroy_when_not_in_use()
+
     # --- diagnostics ---------------------------------------------------------------------------
 
     def waiting_for(self):

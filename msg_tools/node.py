@@ -1,6 +1,7 @@
 """What every node of the graph shares: parameters, diagnostics, counted messages, a clean end."""
 
 import copy
+import gc
 import os
 import signal
 import sys
@@ -430,6 +431,8 @@ def run_node(make_node, args=None, *, last=None):
         if node is not None:
             node.finish()
             node.destroy_node()
+        else:
+            gc.collect()  # what was made of it: it would stay in /dev/shm
         rclpy.try_shutdown()
         # a second signal would find rclpy's handlers gone and end the process hard
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):

@@ -4,6 +4,7 @@
 import os
 import sys
 
+from .interrupt import interrupted_in_order
 from .threads import ONE_THREAD
 
 os.environ.update(ONE_THREAD | os.environ)  # before numpy comes
@@ -19,9 +20,10 @@ def main(argv=None):
     command = ''
     try:
         from .parsing import parsed
-        args = parsed(sys.argv[1:] if argv is None else list(argv))
-        command = args.command
-        return _run(args)
+        with interrupted_in_order():
+            args = parsed(sys.argv[1:] if argv is None else list(argv))
+            command = args.command
+            return _run(args)
     except KeyboardInterrupt as end:
         import signal
 

@@ -14,6 +14,8 @@ from msg_tools import NAMESPACE, topics
 from msg_tools.executor import NodeExecutor
 from msg_tools.readiness import GraphReports, unreceived
 
+from .interrupt import interrupt
+
 #: signals that end what it does
 ENDING = (signal.SIGINT, signal.SIGTERM)
 
@@ -63,7 +65,7 @@ class Watcher:
         self._interrupted = 0
         self._before = {number: signal.getsignal(number) for number in ENDING}
         for number, handler in self._before.items():
-            if handler in (signal.default_int_handler, signal.SIG_DFL):
+            if handler in (signal.default_int_handler, signal.SIG_DFL, interrupt):
                 signal.signal(number, self._interrupt)
         self._context = Context()
         # Ctrl-C belongs to the command line, which ends the nodes in order

@@ -1,5 +1,6 @@
 """The command line: good input, and every kind of bad input with one line and code 2."""
 
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -299,6 +300,19 @@ def test_ctrl_c_and_a_closed_pipe(ended, monkeypatch, run_csv):
     monkeypatch.setattr(fit, 'run', stop(KeyboardInterrupt()))
     code, _, err = ended('fit', run_csv)
     assert code == 130 and len(err.splitlines()) == 1
+    # at any moment, also where no graph is watched
+    before = signal.getsignal(signal.SIGTERM)
+    monkeypatch.setattr(fit, 'run', lambda args: signal.raise_signal(signal.SIGTERM))
+    code, _, err = ended('fit', run_csv)
+    assert (code, err) == (143, 'ended by SIGTERM\n')
+    assert signal.getsignal(signal.SIGTERM) == before
+
+    def imports(args):
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGTERM)
+        raise ImportError('a C extension could not be imported')
+    monkeypatch.setattr(fit, 'run', imports)
+    assert ended('fit', run_csv)[0] == 143
     monkeypatch.setattr(fit, 'run', stop(BrokenPipeError()))
     assert ended('fit', run_csv)[::2] == (0, '')
     monkeypatch.setattr(fit, 'run', stop(OSError(28, 'No space left on device', 'model')))

@@ -155,6 +155,13 @@ def nodes_of(pid):
     return children_of(fork_server)
 
 
+def segments_of(pid):
+    """Names in `/dev/shm` that a process has locked: its own."""
+    links = [os.readlink(link) for link in Path(f'/proc/{pid}/fd').iterdir()]
+    return {Path(link).name for link in links
+            if link.startswith('/dev/shm/') and link.endswith('_el')}
+
+
 def wait_for_lines(child, text):
     """Read the child's output until a line has `text` in it."""
     for line in child.stdout:
@@ -190,6 +197,8 @@ def test_ctrl_c_ends_every_node_and_closes_the_log(cli, tmp_path):
         wait_for_lines(child, 'zero 5000')
         nodes = nodes_of(child.pid)
         assert len(nodes) == len(NIGHT)
+        segments = {name for pid in nodes for name in segments_of(pid)}
+        assert len(segments) >= len(NIGHT)
         child.send_signal(signal.SIGINT)
         _, err = child.communicate(timeout=120)
     assert child.returncode == 130, err
@@ -197,6 +206,7 @@ def test_ctrl_c_ends_every_node_and_closes_the_log(cli, tmp_path):
     bag = BagReader(out / 'bag')
     assert bag.complete and bag.problems == []
     assert not [pid for pid in nodes if os.path.exists(f'/proc/{pid}')]
+    assert not segments & set(os.listdir('/dev/shm'))
 
 
 @pytest.mark.parametrize('report_stamp, model_stamp, good', [
