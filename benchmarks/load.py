@@ -283,12 +283,13 @@ def recorded(seconds, rate, sources):
         told = [json.loads(source.stdout.readline()) for source in floods]
         took = max(row['took'] for row in told)
         used = [b - a for a, b in zip(before, processor_time(pid))]
-        late = time.monotonic() + 10.0
+        late = time.monotonic() + 20.0
         # what is on its way comes to the file: until the logger rests
         while time.monotonic() < late:
             time.sleep(0.5)
             now = [b - a for a, b in zip(before, processor_time(pid))]
-            resting, used = now[0] - used[0] < 0.05, now
+            # neither running nor waiting for a core
+            resting, used = now[0] + now[2] - used[0] - used[2] < 0.05, now
             if resting:
                 break
         for source in floods:
