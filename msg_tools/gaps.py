@@ -1,7 +1,5 @@
 """Messages that were lost on the way, by the publishers' sequence numbers."""
 
-from collections import Counter
-
 #: jumps that may yet turn out to be another publisher
 _JUMPS = 64
 #: messages; so many are rarely lost at once: where publishers are found late, each somewhere in its
@@ -33,7 +31,7 @@ class SequenceGaps:
         self.gaps = 0
         self.publishers = 0
         self._latched = latched
-        self._next = Counter()  # number expected -> publishers that it is expected from
+        self._next = {}  # number expected -> publishers that it is expected from
         self._jumps = {}
 
     def add(self, number):
@@ -42,7 +40,11 @@ class SequenceGaps:
             return
         following = self._next
         if number in following:
-            self._move(number, number + 1)
+            if following[number] == 1 and number + 1 not in following:  # nearly every message
+                del following[number]
+                following[number + 1] = 1
+            else:
+                self._move(number, number + 1)
             return
         below = None if number == 1 else max((n for n in following if n < number), default=None)
         # who was thought to have jumped far has not: hardly that another lost as many as lead here
@@ -59,10 +61,10 @@ class SequenceGaps:
     def _begin(self, number):
         self.publishers += 1
         self.gaps -= self._jumps.pop(number, 0)
-        self._next[number + 1] += 1
+        self._next[number + 1] = self._next.get(number + 1, 0) + 1
 
     def _move(self, old, new):
         self._next[old] -= 1
         if not self._next[old]:
             del self._next[old]
-        self._next[new] += 1
+        self._next[new] = self._next.get(new, 0) + 1
