@@ -7,7 +7,8 @@
 Ratio: how many times as fast as the peer, or as the limit; both are measured in the same run, in
 turns, one numeric thread, best of the rounds. A full run is judged by `history.json`: a line whose
 ratio is slower by a quarter than there in each of three runs one after the other makes it end with
-code 1, as a limit that is missed does. `--record` writes what was measured into the history.
+code 1, as a limit that is missed does. `--record` writes what was measured beside a peer into the
+history; seconds beside a limit are those of the machine.
 Peers come with the extras `bench` and `test`; one that is missing leaves its place empty.
 """
 
@@ -114,7 +115,8 @@ def main():
         args.json.write_text(json.dumps({'rows': [row.document() for row in rows], 'curves': [
             curve.document() for curve in curves]}, indent=1) + '\n')
     if args.record:
-        known = history | {row.key: round(row.ratio, 3) for row in rows if row.ratio is not None}
+        known = history | {row.key: round(row.ratio, 3) for row in rows
+                           if row.ratio is not None and not row.peer.startswith('limit')}
         args.history.write_text(json.dumps({'ratios': dict(sorted(known.items()))}, indent=1)
                                 + '\n')
     missed = [row for row in rows if row.met is False] + [c for c in curves if not c.met]
