@@ -156,10 +156,11 @@ def nodes_of(pid):
 
 
 def segments_of(pid):
-    """Names in `/dev/shm` that a process has locked: its own."""
+    """Names in `/dev/shm` that a process has locked: its own. Ports from 7000 on are those of all
+    graphs of the machine, and of other tests."""
     links = [os.readlink(link) for link in Path(f'/proc/{pid}/fd').iterdir()]
-    return {Path(link).name for link in links
-            if link.startswith('/dev/shm/') and link.endswith('_el')}
+    return {Path(link).name for link in links if link.startswith('/dev/shm/')
+            and link.endswith('_el') and '_port' not in link}
 
 
 def wait_for_lines(child, text):
