@@ -24,37 +24,13 @@ from telescope_mount.threads import ONE_THREAD
 os.environ.update(ONE_THREAD)  # before numpy comes
 
 from compared import PARTS
-from rich.console import Console
-from rich.table import Table
+from race import show
 
 HISTORY = Path(__file__).with_name('history.json')
 #: the curves of cost belong to a full run
 KNOWN = (*PARTS, 'curves')
 #: a ratio that is slower by so much, in so many runs, is a step back
 SLOWER, RUNS = 0.25, 3
-
-
-def seconds(value):
-    """A time as people read it."""
-    if value is None:
-        return '-'
-    unit, factor = next(pair for pair in (('s', 1.0), ('ms', 1e3), ('us', 1e6))
-                        if value * pair[1] >= 1.0 or pair[0] == 'us')
-    return f'{value * factor:.3g} {unit}'
-
-
-def table_of(rows):
-    """The table, for a terminal."""
-    out = Table(title='Ratio: times as fast as the peer or the limit')
-    for name in ('part', 'what', 'size', 'ours', 'peer', 'theirs', 'ratio', 'at least'):
-        out.add_column(name, justify='right' if name in ('ours', 'theirs', 'ratio', 'at least')
-                       else 'left')
-    for row in rows:
-        out.add_row(row.part, row.what, row.size, seconds(row.ours), row.peer, seconds(row.theirs),
-                    '-' if row.ratio is None else f'{row.ratio:.2f}',
-                    '' if row.least is None else
-                    f'{row.least:.2f}' + (' MISSED' if row.met is False else ''))
-    return out
 
 
 def slower(rows, history):
@@ -104,11 +80,10 @@ def main():
     if curved:
         from curves import measure_curves
         curves = measure_curves(say)
-    console = Console(width=None if sys.stdout.isatty() else 150)
-    console.print(table_of(rows))
+    show(rows)
     if curves:
-        from curves import table_of_curves
-        console.print(table_of_curves(curves))
+        from curves import show_curves
+        show_curves(curves)
     for key in sorted(fallen):
         print(f'SLOWER than in the history by more than {100 * SLOWER:.0f} %: {key}')
     if args.json:

@@ -13,7 +13,7 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from speed_rows import best_of, peer, row, show
+from race import Row, peer, race, show
 
 from msg_tools.units import ARCSEC, wrap
 from pointing_model import geometry
@@ -38,7 +38,7 @@ def geometry_of(commit):
 
 
 def rows(rounds=5, commit=BEFORE, size=SIZE):
-    """`speed_rows.Row` of both ways for alt-azimuth and equatorial mounts."""
+    """`race.Row` of both ways for alt-azimuth and equatorial mounts."""
     earlier = geometry_of(commit)
     rng = np.random.default_rng(1)
     az, el = rng.uniform(-3.0, 3.0, size), rng.uniform(0.2, 1.3, size)
@@ -63,14 +63,15 @@ def rows(rounds=5, commit=BEFORE, size=SIZE):
                                         TERMS[1], TERMS[6]]).tolist())
             candidates['katpoint apply'] = lambda t=theirs: t.apply(az, el)
             candidates['katpoint reverse'] = lambda t=theirs, r=at: t.reverse(*r)
-        times = best_of(candidates, rounds)
-        for way, kat in (('to encoder', 'katpoint apply'), ('to sky', 'katpoint reverse')):
-            one = row(f'{mount.kind}, {way}', size, times, way, f'{way} before')
-            out.append(one._replace(peer_name=before))
-            if kat in times:
-                out.append(row(f'{mount.kind}, {way}', size, times, way, kat))
-        out.append(row(f'{mount.kind}, to sky against to encoder of then', size, times, 'to sky',
-                       'to encoder before')._replace(peer_name=before))
+        times = race(candidates, rounds)
+
+        def add(what, ours, theirs, name, m=mount, t=times):
+            out.append(Row('model', f'{m.kind}, {what}', str(size), t[ours], name, t.get(theirs)))
+        for way, kat in (('to encoder', 'apply'), ('to sky', 'reverse')):
+            add(way, way, f'{way} before', before)
+            if mount.altaz:
+                add(way, way, f'katpoint {kat}', f'katpoint {kat}')
+        add('to sky against to encoder of then', 'to sky', 'to encoder before', before)
     return out
 
 
@@ -82,7 +83,7 @@ def main():
     result = rows(args.rounds, args.commit)
     show(result)
     for one in result:
-        print(f'{one.what:50} {one.size / one.ours / 1e6:6.2f} million a second')
+        print(f'{one.what:50} {int(one.size) / one.ours / 1e6:6.2f} million a second')
 
 
 if __name__ == '__main__':

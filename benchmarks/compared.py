@@ -16,6 +16,7 @@ from pathlib import Path
 import axes_speed
 import fit_vs_katpoint
 import frames_speed
+import load
 import numpy as np
 import places_speed
 from race import Row, race
@@ -33,47 +34,13 @@ def raced(part, size, wanted, ours, peers, rounds=5):
             for what, of_peers in wanted.items() for peer, least in of_peers.items()]
 
 
-def taken(part, found, least=None, limits=None):
-    """Rows of `found`, `speed_rows.Row`, as of the table.
-
-    Parameters
-    ----------
-    part : str
-    found : list of speed_rows.Row
-    least : dict of (what, size, peer) to float, optional
-        Ratios that are asked for; ``what`` may be the beginning.
-    limits : dict of what to (name, float), optional
-        Seconds that it may take, a row more.
-
-    Returns
-    -------
-    list of Row
-    """
-    out = []
-    for one in found:
-        wanted = [value for (what, size, peer), value in (least or {}).items()
-                  if one.what.startswith(what) and one.size == size and peer in one.peer_name]
-        out.append(Row(part, one.what, f'{one.size:g}', one.ours, one.peer_name, one.peer,
-                       *wanted[:1]))
-    for what, (name, most) in (limits or {}).items():
-        ours = next(one for one in found if one.what.startswith(what))
-        out.append(Row(part, ours.what, f'{ours.size:g}', ours.ours, name, most, 1.0))
-    return out
-
-
 # --- numerics -------------------------------------------------------------------------------------
 
 
 def fits(full):
     """Seven terms of a run, beside katpoint, bare normal equations, and scipy's robust fit."""
-    sizes = [n for n in fit_vs_katpoint.SIZES if full or n < 1e6]
-    rows = taken('fit', [one for one in fit_vs_katpoint.rows(sizes=sizes)
-                         if one.what in (fit_vs_katpoint.DEFAULT, fit_vs_katpoint.WEIGHTED)], {
-        (fit_vs_katpoint.DEFAULT, 30, 'katpoint'): 0.4,
-        (fit_vs_katpoint.DEFAULT, 1000, 'katpoint'): 1.2,
-        (fit_vs_katpoint.DEFAULT, 30_000, 'katpoint'): 2.0,
-        (fit_vs_katpoint.DEFAULT, 1_000_000, 'katpoint'): 4.0,
-        (fit_vs_katpoint.WEIGHTED, 1_000_000, 'numpy'): 1 / 1.5})
+    rows = fit_vs_katpoint.rows([n for n in fit_vs_katpoint.SIZES if full or n < 1e6],
+                                names=(fit_vs_katpoint.DEFAULT, fit_vs_katpoint.WEIGHTED))
     from scipy.optimize import least_squares
 
     from calibration.fit import fit_terms
@@ -90,15 +57,12 @@ def fits(full):
 
 def angles(full):
     """Directions to encoder angles and back, beside katpoint and an earlier commit of ours."""
-    return taken('model', axes_speed.rows(5 if full else 3))
+    return axes_speed.rows(5 if full else 3)
 
 
 def sky(full):
     """Places of stars and of a satellite, beside katpoint, astropy, Skyfield."""
-    return taken('sky', places_speed.rows(5 if full else 2), limits={
-        'one star at many epochs': ('limit 1.5 us', 1.5e-6),
-        'first place of a night': ('limit 110 us', 110e-6),
-        'each further place': ('limit 25 us', 25e-6)}) + _satellite(1000)
+    return places_speed.rows(5 if full else 2) + _satellite(1000)
 
 
 def _satellite(count):
@@ -123,9 +87,7 @@ def _satellite(count):
 
 def frames(full):
     """Images of the absolute encoder, beside the paper's fit."""
-    return taken('encoder', frames_speed.rows(5 if full else 3), limits={
-        f'frames {name}': ('limit 15 us', 15e-6)
-        for name in ('with 10 % of the bars shifted', 'with three blobs')})
+    return frames_speed.rows(5 if full else 3)
 
 
 # --- logs and files -------------------------------------------------------------------------------
@@ -236,4 +198,5 @@ def nights(full):
 
 
 #: in the order of the table
-PARTS = {'fit': fits, 'model': angles, 'sky': sky, 'encoder': frames, 'log': logs, 'graph': nights}
+PARTS = {'fit': fits, 'model': angles, 'sky': sky, 'encoder': frames, 'log': logs, 'graph': nights,
+         'load': load.rows}

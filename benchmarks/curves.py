@@ -166,8 +166,8 @@ def measure_curves(say, only=()):
     return out
 
 
-def table_of_curves(curves):
-    """The table, for a terminal."""
+def show_curves(curves):
+    """Print the table."""
     out = Table(title='Cost at the smallest and the largest size, and how fast it grows')
     for name in ('what', 'sizes', 'time', 'power', 'memory', 'power of memory', ''):
         out.add_column(name)
@@ -176,7 +176,7 @@ def table_of_curves(curves):
                     f'{one.seconds[0]:.3g} to {one.seconds[-1]:.3g} s', f'{one.power:.2f}',
                     f'{one.bytes[0] / 1e6:.3g} to {one.bytes[-1] / 1e6:.3g} MB',
                     f'{one.power_of_memory:.2f}', '' if one.met else 'WORSE THAN n log n')
-    return out
+    Console(width=None if sys.stdout.isatty() else 150).print(out)
 
 
 def main():
@@ -186,7 +186,7 @@ def main():
     args = parser.parse_args()
     found = measure_curves(lambda text: print(f'# {text}', file=sys.stderr, flush=True),
                            [name for name in args.only.split(',') if name])
-    Console(width=None if sys.stdout.isatty() else 150).print(table_of_curves(found))
+    show_curves(found)
     return int(not all(one.met for one in found))
 
 

@@ -6,7 +6,6 @@ The peer is the sine fit of the paper in numpy (`encoder_reading.paper_reader`, 
 without its decoding. Errors of the readings are printed; bounds: `absolute_encoder.py`.
 """
 
-import argparse
 from dataclasses import replace
 
 import numpy as np
@@ -23,13 +22,14 @@ from absolute_encoder import (
     sine_start,
 )
 from encoder_frames import Tally
-from speed_rows import best_of, row, show
+from race import Row, race, show_rows
 
 BATCH = 1024
+DIRTY = 15e-6  # s, of a dirty frame at most
 
 
 def rows(rounds=5, pitch=48, seed=1):
-    """`speed_rows.Row`, seconds a frame."""
+    """`race.Row`, seconds a frame."""
     params = SCALES[pitch]
     shaded = replace(params, **SHADING)
     sources = {'clean': Source(params, seed),
@@ -44,18 +44,15 @@ def rows(rounds=5, pitch=48, seed=1):
         tally = Tally(source.disc.bar_angle)
         tally.add(template.read(frames), angles)
         print(f'{name}: {tally.rms:.3f}" rms, {tally.rejected} rejected, {tally.gross} gross')
-        times = best_of({'ours': lambda f=frames: template.read(f),
-                         newton: lambda g=grey, s=start: paper.fit(g, *s)}, rounds)
-        times = {'ours': times['ours'] / BATCH, newton: times[newton] / 64}
-        out.append(row(f'frames {name}, each', BATCH, times, 'ours', newton))
+        times = race({'ours': lambda f=frames: template.read(f),
+                      newton: lambda g=grey, s=start: paper.fit(g, *s)}, rounds)
+        ours, what = times['ours'] / BATCH, f'frames {name}, each'
+        out.append(Row('encoder', what, str(BATCH), ours, newton, times[newton] / 64))
+        if name != 'clean':
+            out.append(Row('encoder', what, str(BATCH), ours, f'limit {1e6 * DIRTY:g} us', DIRTY,
+                           1.0))
     return out
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument('--rounds', type=int, default=5)
-    show(rows(parser.parse_args().rounds))
-
-
 if __name__ == '__main__':
-    main()
+    show_rows(__doc__, rows)

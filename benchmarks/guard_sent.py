@@ -24,8 +24,8 @@ from pointing_model.observing.pointing import Track
 
 TICK, SECONDS = 0.05, 240.0
 ROUNDING = 0.01 * DEG
-#: of the limits, by which numbers are rounded; and where two commands meet, rad
-OVER, MEET = 1e-6, 1e-6
+#: of the limits, by which numbers are rounded
+OVER = 1e-6
 
 
 class Session:

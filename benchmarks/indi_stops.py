@@ -58,7 +58,7 @@ def command():
     track.header.frame_id = '/mount/commander'
     while True:
         pub.publish(track)
-        time.sleep(every)
+        time.sleep(every)  # the commander's own rate
 
 
 class Axes:
@@ -137,7 +137,7 @@ def kill_one(name, graph, axes, listener, number, verbose):
         graph.start('commander', *PLACES[number % 2])
     if not wait(lambda: axes.slewing and axes.rate() > 4.0):
         raise SystemExit(f'the mount does not slew: {listener.told[-3:]}')
-    time.sleep(0.5 + 0.037 * number)
+    time.sleep(0.5 + 0.037 * number)  # another phase of the slew and of all timers each time
     began = time.time()
     graph.kill(name)
     wait(lambda: False, AFTER)
@@ -169,10 +169,10 @@ def quiet(seconds, busy, graph, axes, listener):
     try:
         graph.start('commander', *PLACES[0])
         wait(lambda: listener.state == 'following' and axes.rate() < 0.1, 60.0)
-        time.sleep(20.0)
+        time.sleep(20.0)  # amid a track: the slew's end is not to be judged
         count, loads, began = len(listener.told), [], time.time()
         for _ in range(int(seconds / 10.0)):
-            time.sleep(10.0)
+            time.sleep(10.0)  # load is read so often
             loads.append(os.getloadavg()[0])
         stops = [t - began for t, what, *_ in axes.said
                  if t > began and what == 'TELESCOPE_ABORT_MOTION']
@@ -212,7 +212,7 @@ def main():
             for name in ('indi_mount', 'mount_guard'):
                 graph.start(name)
             wait(lambda: listener.told, 60.0)
-            time.sleep(6.0)
+            time.sleep(6.0)  # the slowest of the simulator's own starts
             print(f'{"killed":12} {"times":>5} {"guard stops it":>16} {"abort is heard":>16} '
                   f'{"axes stand":>16}  s: median, worst')
             for name in args.killed.split(',') if args.times else ():

@@ -286,7 +286,7 @@ def recorded(seconds, rate, sources):
         late = time.monotonic() + 20.0
         # what is on its way comes to the file: until the logger rests
         while time.monotonic() < late:
-            time.sleep(0.5)
+            time.sleep(0.5)  # a window in which a logger at work takes at least 0.05 s of a core
             now = [b - a for a, b in zip(before, processor_time(pid))]
             # neither running nor waiting for a core
             resting, used = now[0] + now[2] - used[0] - used[2] < 0.05, now
@@ -319,7 +319,7 @@ def _child(*args):
     return json.loads(done.stdout.splitlines()[-1])
 
 
-def measure(rates=(100, 1000), seconds=3.0, starts=1, flooded=5.0, message_rate=25_000, sources=2):
+def measure(rates=(100, 1000), seconds=3.0, starts=1, flooded=5.0, message_rate=26_000, sources=2):
     """Everything, as dicts: of the rates, of the starts, of the flood (None without one)."""
     return ([_child('rate', rate, seconds) for rate in rates],
             [_child('start') for _ in range(starts)],
@@ -328,16 +328,16 @@ def measure(rates=(100, 1000), seconds=3.0, starts=1, flooded=5.0, message_rate=
 
 def rows_of(at_rates, starts, flooded):
     """Lines of the common table."""
-    out = [Row('graph', 'readings, p99 from stamp to arrival', f'2 x {r["rate"]} Hz', r['p99'],
+    out = [Row('load', 'readings, p99 from stamp to arrival', f'2 x {r["rate"]} Hz', r['p99'],
                f'limit {1e3 * LATENCY:g} ms', LATENCY, 1.0 if r['rate'] == 1000 else None,
                f'{r["lost"]} lost, load {r["load"]:.1f}') for r in at_rates]
     if starts:
         best = min(starts, key=lambda s: s['matched'])
-        out.append(Row('graph', 'start-up', f'{best["nodes"]} nodes', best['matched'],
+        out.append(Row('load', 'start-up', f'{best["nodes"]} nodes', best['matched'],
                        'limit: imports alone', best['imports']))
     if flooded:
         # of what was lost nothing was recorded in time
-        out.append(Row('graph', 'recording, a message', f'{flooded["wanted"]:g} a second',
+        out.append(Row('load', 'recording, a message', f'{flooded["wanted"]:g} a second',
                        1.0 / flooded['rate'] if flooded['rate'] else float('inf'),
                        f'limit {1e6 * RECORDED:g} us', RECORDED, 1.0,
                        f'{flooded["sent"] - flooded["have"]} lost, load {flooded["load"]:.1f}'))
@@ -395,7 +395,7 @@ def main():
     parser.add_argument('--seconds', type=float, help='at each rate')
     parser.add_argument('--starts', type=int)
     parser.add_argument('--flood', type=float, metavar='SECONDS')
-    parser.add_argument('--message-rate', type=float, default=25_000)
+    parser.add_argument('--message-rate', type=float, default=26_000)
     parser.add_argument('--sources', type=int, default=2, choices=(1, 2, 4),
                         help='processes that publish the flood')
     args = parser.parse_args()

@@ -26,7 +26,6 @@ from telescope_mount.night import observe, prepare_folder
 STARS, POLARIS = 4, 4
 ROWS = 2 * STARS + POLARIS  # of a night
 LIMIT = 0.02
-QUANTITIES = ('rss', 'uss', 'files', 'threads')
 
 
 def long_plan(nights):
@@ -60,7 +59,7 @@ def nodes():
 
 
 def measured(pid):
-    """Memory (kB), open files and threads of a process, by the names of `QUANTITIES`."""
+    """Memory (kB; `uss` is its own alone), open files and threads of a process."""
     status = Path(f'/proc/{pid}/status').read_text()
     rollup = Path(f'/proc/{pid}/smaps_rollup').read_text()
 

@@ -4,8 +4,11 @@ Candidates take turns, so that a machine that is slower for a second is slower f
 best of the rounds counts, since noise only adds. Used by `all.py` and by the benchmarks of a part.
 """
 
+import argparse
 import gc
+import importlib
 import math
+import sys
 import time
 import tracemalloc
 from dataclasses import asdict, dataclass
@@ -60,6 +63,47 @@ class Row:
     def document(self):
         """As JSON has it."""
         return {**asdict(self), 'ratio': self.ratio, 'met': self.met}
+
+
+def seconds(value):
+    """A time as people read it."""
+    if value is None:
+        return '-'
+    unit, factor = next(pair for pair in (('s', 1.0), ('ms', 1e3), ('us', 1e6), ('ns', 1e9))
+                        if value * pair[1] >= 1.0 or pair[0] == 'ns')
+    return f'{value * factor:.3g} {unit}'
+
+
+def show(rows):
+    """Print rows as a table."""
+    from rich.console import Console
+    from rich.table import Table
+    out = Table(title='Ratio: times as fast as the peer or the limit')
+    for name in ('part', 'what', 'size', 'ours', 'peer', 'theirs', 'ratio', 'at least', 'note'):
+        out.add_column(name, justify='right' if name in ('ours', 'theirs', 'ratio', 'at least')
+                       else 'left')
+    for row in rows:
+        out.add_row(row.part, row.what, row.size, seconds(row.ours), row.peer, seconds(row.theirs),
+                    '-' if row.ratio is None else f'{row.ratio:.2f}',
+                    '' if row.least is None else
+                    f'{row.least:.2f}' + (' MISSED' if row.met is False else ''), row.note)
+    Console(width=None if sys.stdout.isatty() else 160).print(out)
+
+
+def show_rows(doc, rows):
+    """The `main` of a benchmark whose ``rows(rounds)`` is all there is: its only option is that."""
+    parser = argparse.ArgumentParser(description=doc.splitlines()[0])
+    parser.add_argument('--rounds', type=int, default=5)
+    show(rows(parser.parse_args().rounds))
+
+
+def peer(name):
+    """A peer's module, or None with a line that says how to install it."""
+    try:
+        return importlib.import_module(name)
+    except ImportError:
+        print(f'{name} is absent: .venv/bin/pip install {name}')
+        return None
 
 
 def _calls(call):

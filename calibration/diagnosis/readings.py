@@ -81,11 +81,6 @@ class Reading:
     exchanged: bool = False
 
     @property
-    def as_written(self):
-        """Whether nothing is mistaken."""
-        return self == Reading()
-
-    @property
     def mistakes(self):
         """How many."""
         return (len(set(self.catalogue) | set(self.encoders)) + bool(self.offsets)
