@@ -11,34 +11,36 @@ def restricted(columns, log_det, least=0.0, taken=0):
 
     Parameters
     ----------
-    columns : ndarray, shape (n, k + 1)
+    columns : ndarray, shape (..., n, k + 1)
         Whitened: the design, and behind it what it is fitted to.
-    log_det : float
+    log_det : float or ndarray, shape (...)
         Of the covariance they are whitened by, but for the variance.
     least : float
         1 sigma at least.
-    taken : int
+    taken : int or ndarray, shape (...)
         Numbers that were fitted before.
 
     Returns
     -------
-    value : float
+    value : ndarray, shape (...)
         But for a constant.
-    variance : float
+    variance : ndarray, shape (...)
     """
-    design = columns[:, :-1]
-    size = np.sqrt(np.einsum('ij,ij->j', design, design))
+    n, k = columns.shape[-2], columns.shape[-1] - 1
+    design = columns[..., :-1]
+    size = np.sqrt(np.einsum('...ij,...ij->...j', design, design))
     size = np.where(size > 0.0, size, 1.0)
-    q, r = np.linalg.qr(design / size)
-    diagonal = np.abs(np.diag(r))
+    # of fewer rows than columns R would not be square
+    scaled = np.zeros((*columns.shape[:-2], max(n, k + 1), k + 1))
+    np.divide(design, size[..., None, :], out=scaled[..., :n, :-1])
+    scaled[..., :n, -1] = columns[..., -1]
+    r = np.linalg.qr(scaled, mode='r')
+    diagonal = np.abs(np.diagonal(r, axis1=-2, axis2=-1)[..., :-1])
     live = diagonal > _LIVE
-    q = q[:, live]
-    left = columns[:, -1] - q @ (q.T @ columns[:, -1])
-    free = max(len(left) - taken - int(live.sum()), 1)
-    square = float(left @ left)
-    variance = max(square / free, least**2, 1e-300)
-    logs = np.log(diagonal[live]) + np.log(size[:len(live)][live])
-    value = free * np.log(variance) + log_det + 2.0 * float(logs.sum())
-    if variance > square / free:
-        value += square / variance - free
-    return value, variance
+    # what the design leaves, and what only its rounding took
+    square = np.square(r[..., -1, -1]) + np.sum(np.square(r[..., :-1, -1]), -1, where=~live)
+    free = np.maximum(n - taken - live.sum(-1), 1)
+    variance = np.maximum(np.maximum(square / free, least**2), 1e-300)
+    logs = np.log(np.where(live, diagonal * size, 1.0)).sum(-1)
+    value = free * np.log(variance) + log_det + 2.0 * logs
+    return value + np.where(variance > square / free, square / variance - free, 0.0), variance

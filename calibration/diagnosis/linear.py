@@ -15,6 +15,10 @@ from .constants import EIGEN
 from .wander import White, Whitened
 from .wander_estimate import estimate
 
+#: of a row of unit length that those before it do not explain: with more of each none depends on
+#: others
+_SURE = 1e-3
+
 
 def orthonormal(rows):
     """Orthonormal basis of the span of `rows` (numerically dependent ones dropped).
@@ -32,6 +36,11 @@ def orthonormal(rows):
             break
         length = np.sqrt(np.einsum('ij,ij->i', rows, rows))
         rows = rows[length > 0.0] / length[length > 0.0, None]
+        if 0 < len(rows) <= rows.shape[1]:
+            from scipy.linalg.lapack import dgeqrf, dorgqr  # slow to import
+            turned, tau, _, _ = dgeqrf(rows.T)  # a tenth of the time of the eigenvalues
+            if np.abs(turned.diagonal()).min() > _SURE:
+                return dorgqr(turned, tau, overwrite_a=1)[0].T
         values, vectors = np.linalg.eigh(rows @ rows.T)
         keep = values > EIGEN * values[-1:]
         rows = (vectors[:, keep] / np.sqrt(values[keep])).T @ rows

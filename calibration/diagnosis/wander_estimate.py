@@ -11,6 +11,11 @@ from .wander import STEP, AxisWander, Part, factored, solved
 _SIZE_STEP = 10.0
 _SIZES = _SIZE_STEP ** np.arange(-1.0, 3.0)
 _FINER = _SIZE_STEP ** np.arange(-1.5, 3.0, 0.5)
+#: half a step of memory and of size about the best
+_ABOUT = np.array([(longer, larger) for longer in (-0.5, 0.0, 0.5) for larger in (-0.5, 0.0, 0.5)
+                   if longer or larger])
+#: numbers in the columns of the tries that are made at a time
+_AT_ONCE = 200_000
 
 
 def estimate(sequence, root, scale, rows, b, own=None):
@@ -87,8 +92,8 @@ def likely(sequence, root, wander, scale, rows, b, own=None):
                              own[:, part], b[part])
         if prepared is not None:
             null = _none(*prepared)
-            tried = [_at(*prepared, memory, size, scale[axis], null, wander[axis].angle)
-                     for memory in sequence.memories() for size in _FINER]
+            tried = _at(*prepared, *_grid(sequence.memories(), _FINER), scale[axis], null,
+                        wander[axis].angle)
         every = [AxisWander(scale=scale[axis]), *tried]
         gain = np.array([one.gain for one in every])
         chance = np.exp(0.5 * (gain - gain.max()))
@@ -110,58 +115,65 @@ def _prepared(sequence, root, angle, rows, own, b):
 
 def _none(part, columns):
     """-2 ln L if nothing wanders."""
-    return _likelihood(columns / np.sqrt(part.white)[:, None],
-                       float(np.log(part.white).sum()) - part.log_scale, part)[0]
+    return float(_likelihood(columns / np.sqrt(part.white)[:, None],
+                             np.log(part.white).sum() - part.log_scale, part, 1)[0][0])
 
 
-def _at(part, columns, memory, size, scale, null, angle):
-    """`AxisWander` of one memory and one size (over the variance of the white noise)."""
-    typical = size * float(np.median(part.white))
-    phi = part.phi(memory)
-    diagonal, lower = factored(phi, part.white, typical)
-    value, variance = _likelihood(solved(phi, diagonal, lower, columns),
-                                  float(np.log(diagonal).sum()) - part.log_scale, part)
-    return AxisWander(typical * variance, memory, angle, scale * np.sqrt(variance), null - value)
+def _grid(memories, sizes):
+    """All pairs, each shape (m s,)."""
+    return np.repeat(memories, len(sizes)), np.tile(sizes, len(memories))
 
 
-def _likelihood(white, log_det, part):
-    """-2 ln L restricted (but for a constant), and the variance of the whitened rows.
+def _at(part, columns, memories, sizes, scale, null, angle):
+    """`AxisWander` of each memory and size (over the variance of the white noise), in pairs."""
+    out, n = [], len(columns)
+    step = max(1, _AT_ONCE // max(columns.size, 1))
+    typical = sizes * float(np.median(part.white))
+    for i in range(0, len(memories), step):
+        # the tries are as runs one after the other, that know nothing of each other
+        memory, size = memories[i:i + step], typical[i:i + step]
+        tries = len(memory)
+        phi = np.exp(-part.gap / memory[:, None]).ravel()
+        diagonal, lower = factored(phi, np.tile(part.white, tries), np.repeat(size, n))
+        white = solved(phi, diagonal, lower, np.tile(columns, (tries, 1)))
+        log_det = np.log(diagonal).reshape(tries, n).sum(axis=1) - part.log_scale
+        out += [AxisWander(float(s * variance), float(m), angle, scale * float(np.sqrt(variance)),
+                           float(null - value)) for m, s, value, variance in zip(
+                               memory, size, *_likelihood(white, log_det, part, tries))]
+    return out
+
+
+def _likelihood(white, log_det, part, tries):
+    """-2 ln L restricted (but for a constant) of each try, and the variance of its whitened rows.
 
     What each run fits for itself comes first in the columns: no row of one run has to do with
     those of another, so it is taken out run by run.
     """
     taken, fitted = 0, 0.0
     if part.own:
+        n = len(white) // tries
+        starts = (part.starts + n * np.arange(tries)[:, None]).ravel()
         own, rest = white[:, :part.own], white[:, part.own:]
-        gram = np.add.reduceat(own[:, :, None] * own[:, None, :], part.starts)
+        gram = np.add.reduceat(own[:, :, None] * own[:, None, :], starts)
         values, vectors = np.linalg.eigh(gram)
         live = values > EIGEN * np.maximum(values[:, -1:], 1e-300)
         inverse = vectors * np.where(live, 1.0 / np.where(live, values, 1.0), 0.0)[:, None, :]
         p = inverse @ (vectors.transpose(0, 2, 1) @ np.add.reduceat(
-            own[:, :, None] * rest[:, None, :], part.starts))
-        taken, fitted = int(live.sum()), float(np.log(values[live]).sum())
-        white = rest - np.einsum('nj,njk->nk', own, np.repeat(p, part.lengths, axis=0))
-    return restricted(white, log_det + fitted, taken=taken)
+            own[:, :, None] * rest[:, None, :], starts))
+        taken = live.reshape(tries, -1).sum(axis=1)
+        fitted = np.log(np.where(live, values, 1.0)).reshape(tries, -1).sum(axis=1)
+        white = rest - np.einsum('nj,njk->nk', own,
+                                 np.repeat(p, np.tile(part.lengths, tries), axis=0))
+    return restricted(white.reshape(tries, -1, white.shape[1]), log_det + fitted, taken=taken)
 
 
 def _climb(part, columns, memories, sizes, scale, null, angle, best):
     """The best of a grid, and then of a finer one about it."""
-    tried = []
-
-    def at(memory, size):
-        nonlocal best
-        one = _at(part, columns, memory, size, scale, null, angle)
-        tried.append((one.gain, memory, size))
-        if one.gain > best.gain:
-            best = one
-
-    for memory in memories:
-        for size in sizes:
-            at(memory, size)
-    if tried and max(tried)[0] > 0.0:
-        _, memory, size = max(tried)
-        for longer in (-0.5, 0.0, 0.5):
-            for larger in (-0.5, 0.0, 0.5):
-                if longer or larger:
-                    at(memory * STEP**longer, size * _SIZE_STEP**larger)
-    return best
+    grid = _grid(memories, sizes)
+    tried = _at(part, columns, *grid, scale, null, angle)
+    if tried:
+        first = int(np.argmax([one.gain for one in tried]))
+        if tried[first].gain > 0.0:
+            tried += _at(part, columns, grid[0][first] * STEP**_ABOUT[:, 0],
+                         grid[1][first] * _SIZE_STEP**_ABOUT[:, 1], scale, null, angle)
+    return max([best, *tried], key=lambda one: one.gain)
