@@ -12,6 +12,8 @@ DISTINCT = 0.02
 #: eigenvalues of a normal matrix of unit columns below this part of the largest are rounding: its
 #: entries are good to some 1e-13 of 1e5 rows
 EIGEN = 1e-10
+#: standard errors within which a fitted size agrees with one that physics fixes
+AGREES = 3.0
 #: weight above which a row counts: Hampel's is 0.05 at 20.5 standard deviations
 LIVE = 0.05
 #: parts of the family-wise error that the dictionary and the curves may use. Their alarms overlap

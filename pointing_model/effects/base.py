@@ -95,6 +95,9 @@ class Effect:
         Parameters that the scan tries: each costs an extra ln n.
     kind : {'effect', 'smooth', 'known'}
         'smooth': a curve without a cause; 'known': an amount that is not fitted.
+    size : tuple of float, optional
+        Length of the coefficients as physics fixes it, least and most, in its unit: where the
+        rows ask for another size it is not the cause, and is not offered.
     figure : callable, optional
         `Context` -> (label, values or None) to draw it against, where that is not its driver.
     form : str
@@ -120,6 +123,7 @@ class Effect:
     scan: str | None = None
     scanned: int = 1
     kind: str = 'effect'
+    size: tuple | None = None
     figure: Callable | None = field(default=None, compare=False, repr=False)
     form: str = ''
     parameters: dict = field(default_factory=dict)

@@ -77,7 +77,7 @@ def by_side(effects, context):
         return [], ('what differs by the side of the pier', against)
     terms = [effect('term', name=name, mount=mount.kind) for name in mount.names.physical]
     known = {e.name for e in terms}
-    others = [e for e in effects if direct(e) and e.name not in known]
+    others = [e for e in effects if direct(e) and e.size is None and e.name not in known]
     return [effect('by_side', of=to_document(e)) for e in terms + others], None
 
 

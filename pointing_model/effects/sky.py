@@ -8,6 +8,9 @@ from pointing_model.terms import TERMS
 from .base import Effect, Offer, effect, form, offer
 
 _STARS = 'what the star places were computed with: catalogue, equinox, corrections'
+#: arcsec: what the speed of the Earth makes of a star's place, over the year (its orbit is no
+#: circle), and that of the equator
+_ANNUAL, _DIURNAL = (20.15, 20.84), 0.3193
 _CLOCK = 'clock of the control computer, UT1 - UTC, coordinates of the site'
 
 
@@ -24,16 +27,18 @@ def _annual_aberration():
                   lambda c: [_displaced(c, axis) for axis in c.equatorial()]
                   if c.equatorial() is not None else [(np.nan, np.nan)] * 3,
                   lambda _: 'The star places lack the annual aberration (20.5″)', _STARS,
-                  requires=('lst',))
+                  requires=('lst',), size=_ANNUAL)
 
 
 @form
-def _diurnal_aberration():
+def _diurnal_aberration(latitude=None):
+    most = _DIURNAL * (1.0 if latitude is None else float(np.cos(latitude)))
     return Effect('diurnal_aberration',
                   'diurnal aberration left out of the star places (0.32" cos latitude)',
                   '(cos A, -sin E sin A)', 'azimuth', 'both', ('east',),
                   lambda c: [_displaced(c, np.array([[1.0], [0.0], [0.0]]))],
-                  lambda _: 'The star places lack the diurnal aberration (0.3″)', _STARS)
+                  lambda _: 'The star places lack the diurnal aberration (0.3″)', _STARS,
+                  size=(0.0 if latitude is None else most, most))
 
 
 @form
@@ -99,7 +104,9 @@ def _latency(mount='altaz'):
 
 def propose(context, lacking, own):
     """What needs the site, the sidereal time, catalogue stars or rates."""
-    yield Offer('diurnal_aberration', [effect('diurnal_aberration')])
+    yield Offer('diurnal_aberration', [effect(
+        'diurnal_aberration', latitude=None if context.latitude is None
+        else float(context.latitude))])
     # the same columns; the axes of another mount know nothing of it
     if context.mount.altaz and 'AN' not in lacking:
         yield Offer('latitude', [effect('latitude')])
