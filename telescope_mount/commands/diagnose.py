@@ -76,7 +76,7 @@ def _run(args):
                       if each else each for each in (runs, held))
     else:
         runs, held = _settled(runs, held, args, console)
-    with Progress(unit='folds', first='looking for effects') as progress:
+    with Progress(unit='folds', first='looking for effects', lines=True) as progress:
         found = diagnose(runs, '+'.join(base.terms) if base else args.base, args.alpha,
                          holdout=held, own_terms=args.own, encoder=args.encoder, seed=args.seed,
                          sessions=args.sessions, progress=progress)
