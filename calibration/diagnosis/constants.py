@@ -12,6 +12,9 @@ DISTINCT = 0.02
 #: eigenvalues of a normal matrix of unit columns below this part of the largest are rounding: its
 #: entries are good to some 1e-13 of 1e5 rows
 EIGEN = 1e-10
+#: times the scatter of the others from where a night held out is bad: of 67 nights of one
+#: telescope's six years 64 lie within 1.5 of their median
+BAD_NIGHT = 2.0
 #: standard errors within which a fitted size agrees with one that physics fixes
 AGREES = 3.0
 #: weight above which a row counts: Hampel's is 0.05 at 20.5 standard deviations

@@ -28,6 +28,7 @@ from .constants import (
     RUNS,
     SPREAD,
 )
+from .facts import nights_held_out
 from .linear import Columns, fit_state
 from .resampling import (
     contiguous_folds,
@@ -322,6 +323,7 @@ def judge_on(runs, result, own_terms, encoder='enc'):
         kept &= state.weights > 0.0
     for entry, residual in zip((result.before, result.after), left):
         entry['holdout_rms_arcsec'] = radial_arcsec(residual, kept)
+    result.held_out = nights_held_out(obs, left, kept, result)
     notes = [f'held out: {note}' for note in _left_out(obs)]
     for found in result.model.effects:
         lost = np.count_nonzero(found.unknown(obs.context))

@@ -77,6 +77,12 @@ class Effect:
     say : callable, optional
         `Amount` -> what goes wrong, in a sentence without its full stop that needs no formula; by
         default the cause.
+    shape : str
+        What the error looks like, e.g. "a wave of the azimuth, twice per turn": that much is seen,
+        whatever its cause. By default that it follows its driver.
+    told : str
+        The cause as people are told it beside others, the same of effects that are one cause; by
+        default `cause`.
     look_at : str
         What to look at on the mount.
     unit : str
@@ -115,6 +121,8 @@ class Effect:
     of: Callable = field(compare=False, repr=False)
     say: Callable | None = field(default=None, compare=False, repr=False)
     look_at: str = ''
+    shape: str = ''
+    told: str = ''
     unit: str = 'arcsec'
     tpoint: str | None = None
     requires: tuple = ()
@@ -159,6 +167,32 @@ class Effect:
         if amount.rms is None or not np.isfinite(amount.rms):
             return f'{text}.'
         return f'{text} ({arcsec(amount.rms)} rms of the residual).'
+
+    def described(self, words, swing, rms):
+        """What is seen of it, in a sentence that names no cause.
+
+        Parameters
+        ----------
+        words : sequence of str
+            What the angles of both axes are called.
+        swing : float
+            From its lowest to its highest value in the run, arcsec.
+        rms : float
+            As of `Amount`.
+
+        Returns
+        -------
+        str
+        """
+        where = dict(zip(AXES, words)).get(self.axes, 'pointing')
+        shape = self.shape or f'something that follows {the(self.driver)}'
+        return (f'The {where} error has {shape}: {arcsec(swing)} from lowest to highest '
+                f'({arcsec(rms)} rms of the residual).')
+
+    @property
+    def cause_told(self):
+        """`told`, or the cause."""
+        return self.told or self.cause
 
     @property
     def line(self):
@@ -357,9 +391,33 @@ def times(order):
     return f'{_TIMES.get(order, f"{order} times")} per turn'
 
 
+def the(name):
+    """A driver in words with its article: "the elevation", but "time"."""
+    word = driver_word(name)
+    return word if word in ('time', 'sidereal time') else f'the {word}'
+
+
 def driver_word(name):
     """A driver in words."""
     return _DRIVER_WORDS.get(name, name.replace('_', ' ') if name in _ANGLES else name)
+
+
+#: names of coefficients in words, where they are no words
+_COEFFICIENTS = {'half_difference': 'half of the difference between both sides',
+                 'hour_angle': 'hour angle', 'el_cos': 'up and down, cos',
+                 'el_sin': 'up and down, sin', 'az_cos': 'left and right, cos',
+                 'az_sin': 'left and right, sin'}
+
+
+def coefficient_word(effect, name):
+    """A coefficient of an effect for people."""
+    if effect.kind != 'smooth':
+        return _COEFFICIENTS.get(name, name)
+    shape, number = effect.parameters.get('shape'), int(name[1:])
+    if shape != 'fourier':
+        return {'sawtooth': 'height of a tooth', 'bump': 'height'}.get(shape, f'part {number}')
+    order = effect.parameters['orders'][(number - 1) // 2]
+    return f'{("sin", "cos")[number % 2]}, {order:g} per period'
 
 
 def readable(name):
