@@ -6,7 +6,7 @@ from calibration.robust import BISQUARE
 from calibration.term_notes import notes_of_terms
 from msg_tools.units import ARCSEC
 from pointing_model.effects import effect
-from pointing_model.effects.base import driver_word, readable
+from pointing_model.effects.base import readable, the
 from pointing_model.effects.drifts import places_of_steps
 
 from .base import Base, mount_of, observations
@@ -253,7 +253,7 @@ def _assemble(work, found, stands, fits, chance):
             one.alternatives.append(e.name)
             one.rivals.append(e.name)
             if e.cause_told not in [told['cause'] for told in one.causes]:
-                one.causes.append({'cause': e.cause_told, 'look_at': e.look_at,
+                one.causes.append({'cause': e.cause_told, 'shape': e.shape, 'look_at': e.look_at,
                                    'effects': [e.name], 'delta_bic': gain})
         one.causes.sort(key=lambda told: -told['delta_bic'])
         effects.append(one)
@@ -268,9 +268,8 @@ def _assemble(work, found, stands, fits, chance):
     if work.infeasible.any():
         notes.append(f'{int(work.infeasible.sum())} rows are nearer to the zenith than the mount '
                      'can look')
-    notes += [f'something unknown is left that follows the '
-              f'{driver_word(e.fitted.effect.driver)}: the model has a curve for it '
-              f'({readable(e.fitted.effect.name)})' for e in effects
+    notes += [f'something unknown is left that follows {the(e.fitted.effect.driver)}: the model '
+              f'has a curve for it, {e.fitted.effect.shape}' for e in effects
               if e.fitted.effect.kind == 'smooth']
     candidates = problem.dictionary.effects
     scores = problem.dictionary.score(nothing)

@@ -248,7 +248,7 @@ def _causes(effects, delta_bic, groups):
     for k in sorted(groups, key=lambda k: -delta_bic[k]):
         e = effects[k]
         one = out.setdefault(e.cause_told, {
-            'cause': e.cause_told, 'look_at': e.look_at, 'effects': [],
+            'cause': e.cause_told, 'shape': e.shape, 'look_at': e.look_at, 'effects': [],
             'delta_bic': float(delta_bic[k])})
         if e.name not in one['effects']:
             one['effects'].append(e.name)

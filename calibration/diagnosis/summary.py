@@ -74,8 +74,8 @@ def by_size(diagnosis):
     diagnosis.no_star.sort(key=lambda pair: place.get(pair[0], last))
 
 
-def swing(diagnosis, offsets):
-    """From the lowest to the highest value of what some offsets do beyond the declared terms.
+def extremes(diagnosis, offsets):
+    """Where what some offsets do beyond the declared terms is lowest and highest.
 
     Parameters
     ----------
@@ -85,11 +85,15 @@ def swing(diagnosis, offsets):
 
     Returns
     -------
-    float
-        arcsec, of the axis where it is larger.
+    list of (int, float)
+        Row and value, arcsec, of the lowest and the highest, on the axis where it is larger;
+        empty without rows.
     """
-    left = _beyond(diagnosis, offsets)
-    return float(np.ptp(left, axis=1).max()) if left.size else 0.0
+    left, (rows, _) = _beyond(diagnosis, offsets), _rows(diagnosis)
+    if not left.size:
+        return []
+    one = left[int(np.argmax(np.ptp(left, axis=1)))]
+    return [(int(rows[i]), float(one[i])) for i in (np.argmin(one), np.argmax(one))]
 
 
 def correlations(diagnosis):

@@ -334,7 +334,7 @@ def judge_on(runs, result, own_terms, encoder='enc'):
     note = (f'held out: {len(obs)} observations of {len(obs.runs)} runs, '
             f'{", ".join(own_terms)} refitted in each, nothing else; '
             f'{int(np.sum(~kept))} outliers set aside')
-    result.notes += [note, *notes]
+    result.notes += [note, *dict.fromkeys(notes)]
 
 
 def _left_out(obs):

@@ -13,7 +13,7 @@ from ..page.stars import stars_table
 from ..page.terms import correlation_table, terms_table
 from . import sections as page
 from .plain_words import best_pair, floor_words, verdict_sentences
-from .told import STAYS, causes_of, open_causes
+from .told import STAYS, causes_of, open_causes, steps, way, way_size
 from .view import view_of
 
 _VERDICTS = {'none': 'nothing missing', 'wanders': 'the zero wanders', 'undecided': 'undecided',
@@ -112,8 +112,11 @@ def _verdict(view):
     badge = 'identified' if name == 'ambiguous' and view.effects and not any(
         open_causes(row) > 1 for row in document['effects']) else name
     label, before, after = best_pair(document)
+    read = document.get('as_read_rms_arcsec')
+    if way(document):
+        before, after, label = steps(document)
     numbers = [(value, text) for value, text in (
-        (document.get('as_read_rms_arcsec'), 'as the encoders read'),
+        (read and way_size(read), 'as the encoders read'),
         (before, f'before, {label}'), (after, f'after, {label}'),
         (document.get('noise_floor_arcsec'), floor_words(document)))
         if not (name in STAYS and text.startswith('after'))]
@@ -147,8 +150,9 @@ def _effects(view):
         parts.append(f'<h3>{clean(effect.name)}</h3><p>{clean(effect.sentence)}</p>'
                      f'<div class="{kind}"><dl>{facts}</dl>{drawing}</div>'
                      f'{page.rivals(effect.ranking)}')
+    parts.append(page.words(' '.join(f'{e.name} {e.sentence}' for e in view.effects)))
     return section('What was added to the model', *parts,
-                   note='In the order of what each takes off.' if len(parts) > 1 else '')
+                   note='In the order of what each takes off.' if len(parts) > 2 else '')
 
 
 def _offsets(view):

@@ -5,7 +5,7 @@ from calibration.diagnosis.rows_told import outlier_sentence
 from pointing_model.effects.base import arcsec, readable
 from pointing_model.mounts import KINDS
 
-from .told import next_sentence, open_causes, way
+from .told import next_sentence, open_causes, steps, way
 
 #: arcsec; what is left beyond this is no noise of pointing
 _ABSURD = 1800.0
@@ -38,7 +38,7 @@ def verdict_sentences(document, effect_texts=(), limit=5, caution='', whole=Fals
     headline, sentences = _verdict(document, effect_texts, limit, caution,
                                    bool(whole and way(document)))
     if whole and way(document):
-        return way(document), [f'{headline}.', *sentences]
+        return way(document), [f'{headline}. RMS on the sky, {steps(document)[2]}.', *sentences]
     return headline, sentences
 
 
@@ -74,17 +74,18 @@ def _verdict(document, effect_texts, limit, caution, whole):
             'the model: set it anew as often as that asks for.', *outliers])
     sentences = []
     label, before, after = best_pair(document)
+    gain = ''
     if before is not None and after is not None and not (whole and label != HELD):
         share = f' ({100 * (after / before - 1):+.0f} %)'.replace('-', '−') if before else ''
-        sentences.append(f'The pointing error {label} goes from {arcsec(before)} to '
-                         f'{arcsec(after)}{share}.')
+        gain = (f'The pointing error {label} goes from {arcsec(before)} to {arcsec(after)}'
+                f'{share}.')
+    sentences += [gain] if gain and not whole else []
     if caution:
         sentences.append(caution)
     # the largest first: what to mend first
     told = sorted(zip(effects, effect_texts),
                   key=lambda each: -(each[0].get('removes_rms_arcsec')
                                      or each[0].get('cv_gain_arcsec') or 0.0))
-    sentences += bad_nights(document, KINDS[document.get('mount') or 'altaz'].axes)
     for i, (row, text) in enumerate(told[:limit]):
         if i == 0 and whole and count > 1:
             text = f'The largest error beyond the terms: {text[:1].lower()}{text[1:]}'
@@ -96,13 +97,16 @@ def _verdict(document, effect_texts, limit, caution, whole):
         sentences.append(text)
     if len(effect_texts) > limit:
         sentences.append(f'And {len(effect_texts) - limit} more.')
+    sentences += [gain] if gain and whole else []
+    sentences += bad_nights(document, KINDS[document.get('mount') or 'altaz'].axes)
     sentences += [text for text in (worst_sentence(document),) if text]
     sentences += [*_wander(document), *outliers]
     unclear = sum(open_causes(row) > 1 for row in effects)
     if verdict == 'unknown':
         headline = 'Something is left that no known effect explains'
     elif verdict == 'ambiguous' and (unclear or not all('causes' in row for row in effects)):
-        them = 'it' if count == 1 else f'{unclear} of them' if 0 < unclear < count else 'them'
+        them = 'it' if count == 1 else 'them' if unclear in (0, count) \
+            else f'{"one" if unclear == 1 else unclear} of them'
         headline = f'{many} found{" beyond the terms" * whole}, and more than one cause would ' \
                    f'explain {them}'
     elif verdict in ('withheld', 'taken_back'):

@@ -26,20 +26,27 @@ def way(document):
     read = document.get('as_read_rms_arcsec')
     if read is None or document['verdict'] == 'refused':
         return ''
-    key, label = ('cv_rms_arcsec', 'rows left out') \
-        if document['after'].get('cv_rms_arcsec') is not None else ('rms_arcsec', 'rows fitted')
-    before, after = document['before'].get(key), document['after'].get(key)
+    before, after, _ = steps(document)
     if before is None:
         return ''
     terms, effects = len(document['base_terms']), len(document['effects'])
-    text = (f'From {_size(read)} as the encoders read to {_size(before)} with '
+    text = (f'From {way_size(read)} as the encoders read to {way_size(before)} with '
             f'{_count(terms, "term")}')
     if effects and document['verdict'] not in STAYS:
-        text += f', and to {_size(after)} with {_count(effects, "effect")} beyond them'
-    return f'{text} (RMS on the sky, {label})'
+        text += f', and to {way_size(after)} with {_count(effects, "effect")} beyond them'
+    return text
 
 
-def _size(value):
+def steps(document):
+    """RMS with the terms and with the effects as `way` tells them, and on what: three values."""
+    key, label = ('cv_rms_arcsec', 'on rows left out') \
+        if document['after'].get('cv_rms_arcsec') is not None else ('rms_arcsec',
+                                                                    'on the rows fitted')
+    return document['before'].get(key), document['after'].get(key), label
+
+
+def way_size(value):
+    """An RMS as `way` writes it."""
     return f'{value:.1f}″' if value >= 9.995 else arcsec(value)
 
 
@@ -57,8 +64,8 @@ def causes_sentence(causes):
     told = [one['cause'] for one in causes]
     if len(told) > _MOST_CAUSES:
         told = [*told[:_MOST_CAUSES], f'{len(told) - _MOST_CAUSES} more']
-    return (f'These {len(causes)} causes fit alike, within {SET_WIDTH:g} in ΔBIC, which is too '
-            f'little to tell: {"; ".join(told[:-1])}; or {told[-1]}.')
+    return (f'{len(causes)} causes explain it equally well (within {SET_WIDTH:g} in ΔBIC): '
+            f'{"; ".join(told[:-1])}; or {told[-1]}.')
 
 
 def causes_of(document):
@@ -67,12 +74,12 @@ def causes_of(document):
             for name in one['effects']}
 
 
-def no_star_sentences(document):
-    """A sentence for each effect of which no observation tells the causes apart."""
+def no_star_sentences(document, but=None):
+    """A sentence for each effect, but for one, of which no observation tells the causes apart."""
     told = causes_of(document)
-    return [f'No star tells {told.get(one, one)} from {told.get(other, other)}: in all directions '
-            'that the mount reaches they look alike, so it takes a look at the mount.'
-            for one, other in document.get('no_star') or []]
+    return [f'No star tells {told.get(one, one)} from {told.get(other, other)}: on the whole sky '
+            'they look alike, so look at the mount.'
+            for one, other in document.get('no_star') or [] if one != but]
 
 
 def next_sentence(document, row):
@@ -100,8 +107,8 @@ def next_sentence(document, row):
         return (f'To tell {told[row["name"]]} from {other}, observe first '
                 f'{place_words(mine[0], kind)}; {enough(mine)}.')
     if any(pair[0] == row['name'] for pair in document.get('no_star') or []):
-        return ('No star tells them apart: in all directions that the mount reaches they look '
-                'alike, so it takes a look at the mount.')
+        return ('No star tells them apart: on the whole sky they look alike, so look at the '
+                'mount.')
     return ''
 
 
@@ -186,24 +193,19 @@ def signs_sentences(alike, names):
     -------
     list of str
     """
-    said, first = [], names.axes[0]
-    if not alike:
-        return said
-    rest = []
+    first, rest, mirror = names.axes[0], [], ''
     for text in alike:
-        if text == 'mount and catalogue exchanged':
-            said.append('Sign of the file: with mount and catalogue exchanged the rows fit as '
-                        'well, and every term and effect has the opposite sign. No fit can tell; '
-                        'it was read as the file names its columns: here a positive offset is an '
-                        'encoder that reads too much.')
-        elif text == f'{first} of catalogue and encoders counted the other way':
-            said.append(f'Direction of the {first}: counted the other way in both pairs the rows '
-                        'fit as well, as in a mirror. No fit can tell; it matters for the signs of '
-                        'what turns with it.')
-        else:
+        if text == f'{first} of catalogue and encoders counted the other way':
+            mirror = f'; or the {first} may count the other way in both, as in a mirror'
+        elif text != 'mount and catalogue exchanged':
             rest.append(text)
+    said = []
+    if 'mount and catalogue exchanged' in alike or mirror:
+        said.append('all is well with the columns as far as a fit can tell. What none can, in any '
+                    'run: mount and catalogue may be exchanged, and every sign here be the '
+                    f'opposite{mirror}. The columns were taken as the file has them; positive is '
+                    'an encoder that reads too much')
     if rest:
-        said.append('Read otherwise the columns fit as well: ' + '; '.join(rest)
-                    + '. Make sure that they are not.')
-    return [*said, 'Nothing is wrong by this: it is so in every run. Look at the heading of the '
-            'file once.'] if not rest else said
+        said.append('read otherwise the columns fit as well, so make sure that they are not: '
+                    + '; '.join(rest))
+    return said

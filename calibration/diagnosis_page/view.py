@@ -7,10 +7,11 @@ from pathlib import PurePath
 import numpy as np
 
 from calibration.diagnosis.constants import SET_WIDTH
-from calibration.diagnosis.summary import beyond_base, correlations, effect_offsets, swing
+from calibration.diagnosis.summary import beyond_base, correlations, effect_offsets, extremes
 from msg_tools.units import ARCSEC
 from pointing_model.effects import Amount
-from pointing_model.effects.base import arcsec, coefficient_word, readable
+from pointing_model.effects.base import arcsec, readable
+from pointing_model.effects.words import coefficient_word, common_shape
 from pointing_model.mounts import ALTAZ
 
 from ..page.residuals import Residuals
@@ -275,8 +276,8 @@ def _found(diagnosis, found):
     known = raw[np.isfinite(raw)] if raw is not None else np.zeros(0)
     utc = getattr(context, 'time_is_utc', True)
     if len(found.causes) > 1:
-        sentence = (e.described(context.mount.names.axes, swing(diagnosis, fitted), rms) + ' '
-                    + causes_sentence(found.causes))
+        sentence = (e.described(context.mount.names.axes, _extent(diagnosis, e, fitted), rms,
+                                _shape(found)) + ' ' + causes_sentence(found.causes))
     else:
         sentence = e.sentence(Amount(
             found.fitted.coefficients / ARCSEC, rms,
@@ -304,7 +305,26 @@ def title_of(found, axes):
     if not (e.shape and (len(found.causes) > 1 or e.kind == 'smooth')):
         return readable(e.name)
     where = dict(zip(('az', 'el'), axes)).get(e.axes, 'both axes')
-    return f'{where}: {e.shape}'
+    return f'{where}: {_shape(found)}'
+
+
+def _shape(found):
+    """What is seen of an effect, whatever its cause."""
+    e = found.fitted.effect
+    return common_shape([one['shape'] for one in found.causes] or [e.shape], e.driver)
+
+
+def _extent(diagnosis, e, fitted):
+    """How far an effect goes, and between which places of its driver, in words."""
+    ends = extremes(diagnosis, fitted)
+    if not ends:
+        return '0″'
+    driver = driver_of(diagnosis.observations.context, e.driver)
+    size = arcsec(ends[1][1] - ends[0][1])
+    if driver is None or driver.levels or not driver.label.endswith('[°]'):
+        return f'{size} from lowest to highest'
+    return '{} from lowest (at {:.0f}°) to highest (at {:.0f}°)'.format(
+        size, *(driver.values[row] for row, _ in ends)).replace('-', '−')
 
 
 def _facts(found, context):

@@ -168,26 +168,26 @@ class Effect:
             return f'{text}.'
         return f'{text} ({arcsec(amount.rms)} rms of the residual).'
 
-    def described(self, words, swing, rms):
+    def described(self, words, extent, rms, shape):
         """What is seen of it, in a sentence that names no cause.
 
         Parameters
         ----------
         words : sequence of str
             What the angles of both axes are called.
-        swing : float
-            From its lowest to its highest value in the run, arcsec.
+        extent : str
+            How large it is.
         rms : float
             As of `Amount`.
+        shape : str
+            What all that it may be have in common, see `common_shape`.
 
         Returns
         -------
         str
         """
         where = dict(zip(AXES, words)).get(self.axes, 'pointing')
-        shape = self.shape or f'something that follows {the(self.driver)}'
-        return (f'The {where} error has {shape}: {arcsec(swing)} from lowest to highest '
-                f'({arcsec(rms)} rms of the residual).')
+        return f'The {where} error has {shape}: {extent} ({arcsec(rms)} rms of the residual).'
 
     @property
     def cause_told(self):
@@ -400,24 +400,6 @@ def the(name):
 def driver_word(name):
     """A driver in words."""
     return _DRIVER_WORDS.get(name, name.replace('_', ' ') if name in _ANGLES else name)
-
-
-#: names of coefficients in words, where they are no words
-_COEFFICIENTS = {'half_difference': 'half of the difference between both sides',
-                 'hour_angle': 'hour angle', 'el_cos': 'up and down, cos',
-                 'el_sin': 'up and down, sin', 'az_cos': 'left and right, cos',
-                 'az_sin': 'left and right, sin'}
-
-
-def coefficient_word(effect, name):
-    """A coefficient of an effect for people."""
-    if effect.kind != 'smooth':
-        return _COEFFICIENTS.get(name, name)
-    shape, number = effect.parameters.get('shape'), int(name[1:])
-    if shape != 'fourier':
-        return {'sawtooth': 'height of a tooth', 'bump': 'height'}.get(shape, f'part {number}')
-    order = effect.parameters['orders'][(number - 1) // 2]
-    return f'{("sin", "cos")[number % 2]}, {order:g} per period'
 
 
 def readable(name):

@@ -31,7 +31,7 @@ _SHAPES = {'refraction': 'a rise toward the horizon, as cot E',
            'fork_flexure': 'a curve of the hour angle, as cos h',
            'declination_axis_flexure': 'a shift to one side that grows with the elevation'}
 #: which causes they are told as, where the other that is named has an effect of its own
-_TOLD = {'second_flexure': 'a second flexure of the tube, as sin E'}
+_TOLD = {'second_flexure': 'second flexure of the tube (as sin E)'}
 #: of mounts that are no alt-azimuth ones: what bends toward the zenith is no error of an axis
 _ELSEWHERE = {
     **{name: _TERM_EFFECTS[name] for name in ('refraction', 'refraction_cube')},
@@ -100,7 +100,7 @@ def _fork_cross_term(mount='altaz'):
                   look_at=f'stiffness of the fork and its joint with the {names.word("az")} '
                   'bearing',
                   shape=f'a wave of the {names.word("az")}, once per turn, larger high up',
-                  told=f'the fork bends as the {names.word("az")} turns')
+                  told=f'fork bends as the {names.word("az")} turns')
 
 
 def propose(context, lacking, own):

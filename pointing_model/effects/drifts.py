@@ -110,8 +110,8 @@ def _step(axis, at, driver='time', mount='altaz'):
                                                     1.0 * (c.get(driver) >= at)), c.trig.cos_el)],
                   say, 'what happened then: a power-on, a slew at full speed, a bump; the coupling '
                   'of the encoder, and its reference mark', 'a jump, once',
-                  f'the {names.word(axis)} zero jumped at once: lost counts, a slip, a reference '
-                  'mark found anew',
+                  f'{names.word(axis)} zero jumped at once: lost counts, a slip, a reference mark '
+                  'found anew',
                   requires=(driver,), scan=f'step_{axis}')
 
 

@@ -199,7 +199,8 @@ def show(found, console):
         console.print(line, markup=False)
     print_lines(console, 'note', found.notes)
     print_lines(console, 'note', signs_sentences(found.columns_alike, names))
-    for line in [*_proposals(document), *no_star_sentences(document)]:
+    largest = document['effects'][0]['name'] if document['effects'] else None
+    for line in [*_proposals(document), *no_star_sentences(document, largest)]:
         console.print(line, markup=False)
 
 

@@ -117,7 +117,8 @@ def test_everything_is_in_it_in_order(page, diagnosis):
     before, after = (arcsec(getattr(diagnosis, key)['rms_arcsec']) for key in ('before', 'after'))
     assert headings == [
         f'From {way_start(diagnosis)}″ as the encoders read to {before} with 7 terms, and to '
-        f'{after} with 1 effect beyond them (RMS on the sky, rows fitted)', 'Error before and after',
+        f'{after} with 1 effect beyond them',
+        'Error before and after',
         'Where the residuals are on the sky', 'Target', 'What was added to the model',
         'Residual against each driver', 'Ranking of the candidate effects',
         'Distribution of the residuals', 'Terms of the model', 'Stars',
