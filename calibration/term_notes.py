@@ -16,8 +16,8 @@ def notes_of_terms(terms):
     -------
     list of str
     """
-    return [f'TF is negative ({row["value_arcsec"]:+.1f} ± {row["sigma_arcsec"]:.1f} arcsec), as '
-            'if the tube bent up. Usual reasons: the refraction was taken off twice or too much '
+    return [f'TF is negative (−{abs(row["value_arcsec"]):.1f} ± {row["sigma_arcsec"]:.1f} arcsec), '
+            'as if the tube bent up. Usual reasons: the refraction was taken off twice or too much '
             '(TX or TX3 fits better then); an elevation encoder that errs once a turn; or mount '
             'and catalogue exchanged in the file, which turns every sign.'
             for row in terms if row['name'] == 'TF' and row.get('sigma_arcsec')

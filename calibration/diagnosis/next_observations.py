@@ -54,8 +54,9 @@ def propose(problem, obs, base, found, stands):
         others = [c.effect(problem) for j, c in enumerate(found.chosen) if j != i]
         bank, group = choice.family(problem, found.chosen)
         own = bank.effects[group].cause_told
-        rivals = [] if choice.curve else [k for k in stand.alternatives
-                                          if bank.effects[k].cause_told != own]
+        # what people are told as another cause comes first
+        rivals = [] if choice.curve else sorted(
+            stand.alternatives, key=lambda k, bank=bank, own=own: bank.effects[k].cause_told == own)
         for rival in rivals[:_RIVALS]:
             pair = choice.effect(problem), bank.effects[rival]
             proposals = _separate(problem, obs, base, found, pair, others, grid,
@@ -65,7 +66,7 @@ def propose(problem, obs, base, found, stands):
                 out += proposals
                 break
         else:
-            if rivals:
+            if rivals and bank.effects[rivals[0]].cause_told != own:
                 none.append([choice.effect(problem).name, bank.effects[rivals[0]].name])
     return out, none
 

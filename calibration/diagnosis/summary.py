@@ -65,6 +65,8 @@ def by_size(diagnosis):
     """
     for found in diagnosis.effects:
         found.removes_arcsec = beyond_base(diagnosis, effect_offsets(found))
+    if len(diagnosis.effects) < 2:
+        return
     diagnosis.effects.sort(key=lambda found: -found.removes_arcsec)
     place = {found.fitted.effect.name: i for i, found in enumerate(diagnosis.effects)}
     last = len(place)

@@ -13,7 +13,7 @@ from ..page.stars import stars_table
 from ..page.terms import correlation_table, terms_table
 from . import sections as page
 from .plain_words import best_pair, floor_words, verdict_sentences
-from .told import STAYS, causes_of, open_causes, steps, way, way_size
+from .told import STAYS, causes_of, open_causes, proposals, steps, way, way_size
 from .view import view_of
 
 _VERDICTS = {'none': 'nothing missing', 'wanders': 'the zero wanders', 'undecided': 'undecided',
@@ -75,7 +75,7 @@ def render(view, more=''):
         section('Stars', stars_table(data), note='Point at a star: it lights up everywhere.'),
         section('What was left out, and why', page.exclusions(document.get('excluded'))),
         section('What to observe next', page.next_observations(
-            document.get('next_observations') or [], document.get('mount') or 'altaz',
+            proposals(document), document.get('mount') or 'altaz',
             causes_of(document)), page.no_star(document),
             note='Observations that would best tell causes apart.'),
         section('What these observations cannot show', page.untestable(view.untestable)),

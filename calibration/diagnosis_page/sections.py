@@ -53,13 +53,14 @@ def held_out(document, axes):
     if not nights:
         return ''
     keys = [f'rms_{key}arcsec' for key in ('x_', 'y_', '')]
-    rows = [[night['run'], str(night['rows']), str(night['set_aside']),
-             *(number(night[when][key]) for when in ('before', 'after') for key in keys),
-             'bad' if night['bad'] else ''] for night in nights]
+    rows = [[f'{night["run"]}: bad' if night['bad'] else night['run'], str(night['rows']),
+             str(night['set_aside']),
+             *(number(night[when][key]) for when in ('before', 'after') for key in keys)]
+            for night in nights]
     names = [*(axis.partition(' × ')[0] for axis in axes), 'radial']
     return '<h3>Runs held out</h3>' + table(
         ['run', 'rows', 'set aside', *(f'{when}, {name}' for when in ('before', 'after')
-                                       for name in names), ''], rows, 'numbers') + (
+                                       for name in names)], rows, 'numbers') + (
         '<p class="note">RMS on the sky in arcsec, of all rows: those set aside as outliers too.'
         '</p>')
 

@@ -74,6 +74,13 @@ def causes_of(document):
             for name in one['effects']}
 
 
+def proposals(document):
+    """Proposed observations that tell causes apart which people are told as two."""
+    told = causes_of(document)
+    return [item for item in document.get('next_observations') or []
+            if len({told.get(name, name) for name in item['separates']}) > 1]
+
+
 def no_star_sentences(document, but=None):
     """A sentence for each effect, but for one, of which no observation tells the causes apart."""
     told = causes_of(document)
@@ -99,8 +106,7 @@ def next_sentence(document, row):
     if open_causes(row) < 2:
         return ''
     told = {name: one['cause'] for one in row['causes'] for name in one['effects']}
-    mine = [item for item in document.get('next_observations') or []
-            if item['separates'][0] == row['name']]
+    mine = [item for item in proposals(document) if item['separates'][0] == row['name']]
     if mine:
         kind = document.get('mount') or 'altaz'
         other = told.get(mine[0]['separates'][1], 'the next')
@@ -196,7 +202,7 @@ def signs_sentences(alike, names):
     first, rest, mirror = names.axes[0], [], ''
     for text in alike:
         if text == f'{first} of catalogue and encoders counted the other way':
-            mirror = f'; or the {first} may count the other way in both, as in a mirror'
+            mirror = f'; or {text}, as in a mirror'
         elif text != 'mount and catalogue exchanged':
             rest.append(text)
     said = []

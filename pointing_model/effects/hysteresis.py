@@ -64,7 +64,8 @@ def _hysteresis(axis, shape='1', memory_deg=0.0, mount='altaz'):
                   + (' x cos E' if shape == 'cosE' else ''),
                   f'approach_{axis}', axis, ('half_difference',), of, say,
                   f'preload of the {names.word(axis)} drive, its gear, and the coupling of the '
-                  'encoder; until then approach stars from one side', seen, told,
+                  'encoder' + ', play of mirror cell and focuser' * ((axis, shape) == ('az', '1'))
+                  + '; until then approach stars from one side', seen, told,
                   requires=requires,
                   # how many degrees it takes to be complete makes no other cause
                   mechanism=f'hysteresis of {axis}, {shape}',

@@ -206,10 +206,10 @@ def show(found, console):
 
 def _proposals(document, most=6):
     """A line for each pair of causes: the places that tell them apart, one after the other."""
-    from calibration.diagnosis_page.told import causes_of, enough, place_words
+    from calibration.diagnosis_page.told import causes_of, enough, place_words, proposals
     from pointing_model.effects.base import readable
     told, kind = causes_of(document), document.get('mount') or 'altaz'
-    for separates, group in groupby(document['next_observations'][:most],
+    for separates, group in groupby(proposals(document)[:most],
                                     key=lambda item: item['separates']):
         group = list(group)
         names = ' from '.join(told.get(name) or readable(name) for name in separates)
