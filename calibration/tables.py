@@ -15,6 +15,7 @@ from .diagnosis.rows_told import (
 from .few_rows import few_lines
 from .harmonic_fit import READ_AS
 from .held_out import RAW
+from .term_notes import notes_of_terms
 
 
 def new_table(title, *columns):
@@ -178,7 +179,8 @@ def fit_tables(run, result, encoder='enc', held_out=None):
     for dropped in result.dropped:
         lines.append(f'the stars do not determine {dropped["text"]}')
     lines += left_out_lines(excluded_of_fit(run, result))
-    lines += [f'note: {note}' for note in run.meta.get('notes', [])]
+    lines += [f'note: {note}' for note in [*run.meta.get('notes', []),
+                                           *notes_of_terms(result.term_rows())]]
     return [used_sentence(told.to_dict()), terms_table(result.term_rows()), steps, *lines]
 
 

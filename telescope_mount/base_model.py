@@ -39,6 +39,7 @@ class BaseModel:
         ValueError
             It is no such file, declares no term, or is of another mount.
         """
+        from pointing_model.effects.base import readable
         from pointing_model.model_files import read_model
         from pointing_model.mounts import told
         loaded = read_model(path, mount)
@@ -49,7 +50,8 @@ class BaseModel:
             raise ValueError(f'{path} has no term to fit anew')
         out = cls(Path(path), loaded.model, list(loaded.notes))
         if out.held is not None:
-            out.notes.append(f'held as {path} has it, not fitted anew: {", ".join(out._held())}')
+            out.notes.append(f'held as {path} has it, not fitted anew: '
+                             f'{", ".join(map(readable, out._held()))}')
         return out
 
     @property

@@ -185,7 +185,7 @@ def sentences(exported):
                 f'arcsec at most {where}']
     lines = []
     if exported.left:
-        lines.append(f'{program.title} has no term for: {"; ".join(exported.left)}')
+        lines.append(f'{program.title} has no term for: {"; ".join(map(_part, exported.left))}')
     if exported.refitted:
         lines.append('refitted in its terms: taken over by name alone they would be off by '
                      f'{direct.rms:.3f} arcsec RMS, at most {direct.largest:.3f}')
@@ -200,3 +200,11 @@ def sentences(exported):
         lines.append('of what follows the direction, on a uniform sky above 20 degrees: '
                      f'{other.rms:.3f} arcsec RMS, at most {other.largest:.3f}')
     return lines
+
+
+def _part(text):
+    """A part of a model that a program does not hold, for people."""
+    from pointing_model.effects.base import driver_word, readable
+    name, _, needs = text.removesuffix(')').partition(' (follows ')
+    words = dict.fromkeys(map(driver_word, needs.split(', '))) if needs else ()
+    return readable(name) + (f' (follows {", ".join(words)})' if words else '')

@@ -3,8 +3,10 @@
 import numpy as np
 
 from calibration.robust import BISQUARE
+from calibration.term_notes import notes_of_terms
+from msg_tools.units import ARCSEC
 from pointing_model.effects import effect
-from pointing_model.effects.base import driver_word, readable
+from pointing_model.effects.base import readable, the
 from pointing_model.effects.drifts import places_of_steps
 
 from .base import Base, mount_of, observations
@@ -21,6 +23,7 @@ from .rows_told import claimed
 from .scores import Bank
 from .sessions import arrange, split
 from .streamed import diagnose_streamed
+from .summary import by_size
 from .undecided import judge_undecided
 from .unexplained import ahead, along_the_sky, unexplained, wander_entry
 from .validation import cross_validated, judge_on, partitions_of
@@ -101,8 +104,12 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
         result = _in_memory(obs, base, alpha, rng, flips, folds if cross_validation else 0,
                             partitions, progress or _silent)
     result = claimed(result)
+    by_size(result)
     result.columns_alike = checked.alike
-    result.notes += checked.notes
+    result.notes += checked.notes + notes_of_terms(
+        {'name': name, 'value_arcsec': value / ARCSEC, 'sigma_arcsec': np.sqrt(max(variance, 0.0))
+         / ARCSEC} for (name, value), variance in zip(result.model.terms.items(),
+                                                      np.diag(result.model.covariance)))
     if holdout is not None:
         holdout = holdout if hours is None else split(holdout, hours)
         judge_on(holdout, result, own_terms or obs.run.mount.names.index, encoder)
@@ -161,7 +168,8 @@ def _in_memory(obs, base, alpha, rng, flips, folds, ways, progress):
     if left is not None and mixed:
         result.notes += _without_memory(work, found, fitted)
     if result.verdict == 'ambiguous':
-        result.next_observations = propose(problem, obs, base, found, chosen.stands)
+        result.next_observations, result.no_star = propose(problem, obs, base, found,
+                                                           chosen.stands)
     return result
 
 
@@ -215,17 +223,19 @@ def _refine_steps(work, found):
 
 
 def _as_well_as_a_step(problem, found, i):
-    """Names of curves of time or temperature that explain as much as a step."""
+    """Curves of time or temperature that explain as much as a step, and their gains."""
     choice = found.chosen[i]
     if choice.effect(problem).form != 'step' or not len(problem.curves):
         return []
     state = problem.plain.state(found.chosen, without=i)
     own = problem.dictionary.score(state).delta_bic[choice.group]
     scores = problem.curves.score(state, gains_only=True)
-    return list(dict.fromkeys(
-        problem.curves.effects[g].name for g in np.argsort(-scores.delta_bic)
-        if scores.delta_bic[g] > own - SET_WIDTH
-        and problem.curves.effects[g].driver in _GRADUAL))[:_MOST_CURVES]
+    out = {}
+    for g in np.argsort(-scores.delta_bic):
+        e = problem.curves.effects[g]
+        if scores.delta_bic[g] > own - SET_WIDTH and e.driver in _GRADUAL:
+            out.setdefault(e.name, (e, float(scores.delta_bic[g])))
+    return list(out.values())[:_MOST_CURVES]
 
 
 def _assemble(work, found, stands, fits, chance):
@@ -239,8 +249,13 @@ def _assemble(work, found, stands, fits, chance):
         one = diagnosed(f, s.p, c.columns(problem).reshape(-1, 2, len(obs)), bank.effects,
                         s.every, group, s.alternatives, s.same)
         gradual = _as_well_as_a_step(problem, found, i)
-        one.alternatives += gradual
-        one.rivals += gradual
+        for e, gain in gradual:
+            one.alternatives.append(e.name)
+            one.rivals.append(e.name)
+            if e.cause_told not in [told['cause'] for told in one.causes]:
+                one.causes.append({'cause': e.cause_told, 'shape': e.shape, 'look_at': e.look_at,
+                                   'effects': [e.name], 'delta_bic': gain})
+        one.causes.sort(key=lambda told: -told['delta_bic'])
         effects.append(one)
     notes = list(obs.notes)
     for why, dropped in (('no gain on rows left out', found.dropped_by_cv),
@@ -253,9 +268,8 @@ def _assemble(work, found, stands, fits, chance):
     if work.infeasible.any():
         notes.append(f'{int(work.infeasible.sum())} rows are nearer to the zenith than the mount '
                      'can look')
-    notes += [f'something unknown is left that follows the '
-              f'{driver_word(e.fitted.effect.driver)}: the model has a curve for it '
-              f'({readable(e.fitted.effect.name)})' for e in effects
+    notes += [f'something unknown is left that follows {the(e.fitted.effect.driver)}: the model '
+              f'has a curve for it, {e.fitted.effect.shape}' for e in effects
               if e.fitted.effect.kind == 'smooth']
     candidates = problem.dictionary.effects
     scores = problem.dictionary.score(nothing)

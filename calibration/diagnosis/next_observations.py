@@ -39,19 +39,25 @@ def propose(problem, obs, base, found, stands):
 
     Returns
     -------
-    list of dict
+    proposals : list of dict
         ``az_deg``, ``el_deg`` (of the horizon; of another mount than an alt-azimuth one its own
         angles too, such as ``ha_deg``, ``dec_deg``, and ``through_pole``), ``approach_az``,
         ``approach_el`` (0: either), ``last_move_deg`` (of both axes, against the move before;
         None: any), ``after_hours`` (since the last row; None: at any time), ``separates`` (two
         names), and ``separation_before``: delta BIC between them by the rows there are;
         ``separation_after``: the same to be expected with all proposals so far.
+    none : list of list of str
+        An effect and its strongest rival, where no observation tells it from any.
     """
-    out, grid = [], _grid(obs)
+    out, none, grid = [], [], _grid(obs)
     for i, (choice, stand) in enumerate(zip(found.chosen, stands)):
         others = [c.effect(problem) for j, c in enumerate(found.chosen) if j != i]
         bank, group = choice.family(problem, found.chosen)
-        for rival in [] if choice.curve else stand.alternatives[:_RIVALS]:
+        own = bank.effects[group].cause_told
+        # what people are told as another cause comes first
+        rivals = [] if choice.curve else sorted(
+            stand.alternatives, key=lambda k, bank=bank, own=own: bank.effects[k].cause_told == own)
+        for rival in rivals[:_RIVALS]:
             pair = choice.effect(problem), bank.effects[rival]
             proposals = _separate(problem, obs, base, found, pair, others, grid,
                                   abs(stand.every[group] - stand.every[rival]))
@@ -59,7 +65,10 @@ def propose(problem, obs, base, found, stands):
             if last['separation_after'] > last['separation_before'] + _WORTH:
                 out += proposals
                 break
-    return out
+        else:
+            if rivals and bank.effects[rivals[0]].cause_told != own:
+                none.append([choice.effect(problem).name, bank.effects[rivals[0]].name])
+    return out, none
 
 
 def _grid(obs):

@@ -89,7 +89,7 @@ def choose_to_predict(runs, base='physical', *, encoder='enc', seed=0, folds=FOL
     work = Work(obs, Base.parse(base, (), mount_of(runs)), alpha=0.01, curves=False)
     problem = work.problem
     effects = [part for e in problem.dictionary.effects if direct(e) for part in parts(e)]
-    problem.dictionary = Bank(effects, obs.context)
+    problem.dictionary = Bank(effects, obs.context, sizes=False)
     chosen = _forward(problem)
     plain = problem.plain
     fits = [work.fit(choice, plain.state(choice, final=True)) for choice in ([], chosen)]

@@ -12,6 +12,7 @@ from pointing_model.rms import rms
 
 from .base import Base, Observations
 from .constants import SET_WIDTH
+from .facts import as_read, worst_rows
 from .resampling import radial_arcsec
 from .rows_told import RMS_KEYS, rows_told
 
@@ -32,7 +33,12 @@ class DiagnosedEffect:
     ranking : list of dict
         Every candidate with this effect left out: ``name``, ``driver``, ``axes``, ``delta_bic``,
         ``in_set``; best first.
+    causes : list of dict
+        What it may be, as people are told it: ``cause``, ``effects`` (names) and ``delta_bic``;
+        those within `SET_WIDTH` of the best, the best first. What people are told alike is one.
     columns : ndarray, shape (k, 2, n)
+    removes_arcsec : float or None
+        RMS on the sky that it takes off, beyond what the declared terms could.
     """
 
     fitted: FittedEffect
@@ -44,6 +50,8 @@ class DiagnosedEffect:
     rivals: list = field(default_factory=list)
     ranking: list = field(default_factory=list)
     cv_gain_arcsec: float | None = None
+    causes: list = field(default_factory=list)
+    removes_arcsec: float | None = None
 
     def to_dict(self):
         """Entry of the JSON result."""
@@ -55,6 +63,7 @@ class DiagnosedEffect:
             'sigma_arcsec': dict(zip(names, (self.fitted.sigma / ARCSEC).tolist())),
             'p_family': self.p_family, 'delta_bic': self.delta_bic,
             'alternatives': self.alternatives, 'cv_gain_arcsec': self.cv_gain_arcsec,
+            'causes': self.causes, 'removes_rms_arcsec': self.removes_arcsec,
         }
 
 
@@ -99,6 +108,12 @@ class Diagnosis:
         `unexplained.wander_entry`.
     expected : dict or None
         Error on fresh stars of the same night, see `expected.expected_error`.
+    held_out : list of dict
+        Runs held out, each for itself, see `facts.nights_held_out`.
+    no_star : list of list of str
+        Pairs of effects that no observation tells apart, see `next_observations.propose`.
+    whole : bool
+        Whether the rows are what the encoders read, and nothing was taken off before.
     """
 
     verdict: str
@@ -125,6 +140,9 @@ class Diagnosis:
     caution: str = ''
     wander: dict | None = None
     expected: dict | None = None
+    held_out: list = field(default_factory=list)
+    no_star: list = field(default_factory=list)
+    whole: bool = True
 
     def told_of_wander(self, entry):
         """Take `unexplained.wander_entry`."""
@@ -144,6 +162,8 @@ class Diagnosis:
             'excluded': _excluded(self.excluded, self.observations),
             'next_observations': self.next_observations, 'detectable': self.detectable,
             'wander': self.wander, 'expected': self.expected,
+            'as_read_rms_arcsec': as_read(self.observations, self.weights) if self.whole else None,
+            'worst_rows': worst_rows(self), 'held_out': self.held_out, 'no_star': self.no_star,
         }
 
 
@@ -218,7 +238,21 @@ def diagnosed(fitted, p, columns, effects, delta_bic, group, near, same):
     # one curve may have two causes
     rivals = [k for k in near if k not in same or own is None or effects[k].mechanism != own]
     return DiagnosedEffect(fitted, p, columns, float(delta_bic[group]), names(near), names(same),
-                           names(rivals), lines_of(effects, delta_bic))
+                           names(rivals), lines_of(effects, delta_bic),
+                           causes=_causes(effects, delta_bic, [group, *near]))
+
+
+def _causes(effects, delta_bic, groups):
+    """`DiagnosedEffect.causes` of groups."""
+    out = {}
+    for k in sorted(groups, key=lambda k: -delta_bic[k]):
+        e = effects[k]
+        one = out.setdefault(e.cause_told, {
+            'cause': e.cause_told, 'shape': e.shape, 'look_at': e.look_at, 'effects': [],
+            'delta_bic': float(delta_bic[k])})
+        if e.name not in one['effects']:
+            one['effects'].append(e.name)
+    return list(out.values())
 
 
 def rms_entry(residual, keep):

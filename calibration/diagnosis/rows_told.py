@@ -173,7 +173,7 @@ def claimed(result):
         result, verdict='refused', effects=[], model=result.base_model,
         after=dict(result.before), residual_after=result.residual_before, next_observations=[],
         cv_contiguous={}, caution=told.refusal, wander=None, detectable=None,
-        expected=None)
+        expected=None, no_star=[])
 
 
 def refused_document(error):
@@ -195,7 +195,8 @@ def refused_document(error):
         'excluded': None, 'next_observations': [], 'rows_read': error.rows_read,
         'rows_used': error.rows_used, 'outliers': [], 'rms_with_outliers_arcsec': None,
         'columns_alike': [], 'readings': error.readings, 'detectable': None, 'wander': None,
-        'expected': None}
+        'expected': None, 'as_read_rms_arcsec': None, 'worst_rows': None, 'held_out': [],
+        'no_star': []}
 
 
 def used_sentence(told):

@@ -5,9 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from msg_tools.units import ARCSEC
 from pointing_model.effects.base import known
 
-from .constants import DISTINCT, LIVE
+from .constants import AGREES, DISTINCT, LIVE
 
 _CHUNK = 64  # groups that are scored at a time
 
@@ -21,7 +22,8 @@ class Scores:
     dof : ndarray of int, shape (G,)
         Columns that the model does not have; 0: none, it cannot be told from the model.
     delta_bic : ndarray, shape (G,)
-        Gain of adding the group; -inf where dof is 0.
+        Gain of adding the group; -inf where dof is 0, and where physics fixes the group's size
+        and the rows ask for another.
     bases : list of (ndarray of int, ndarray of shape (G_d, d, 2n), ndarray of int)
         Groups of equal size, their orthonormal bases beyond the model, and their dof.
     """
@@ -47,10 +49,14 @@ class Bank:
     effects : list of Effect
     context : Context
         Of the rows.
+    sizes : bool
+        Whether effects of a size that physics fixes are held to it; not where no cause is asked
+        for.
     """
 
-    def __init__(self, effects, context=None, _columns=None):
+    def __init__(self, effects, context=None, _columns=None, sizes=True):
         self.effects = list(effects)
+        self._sized = [g for g, e in enumerate(self.effects) if sizes and e.size is not None]
         sizes = np.array([len(e.coefficient_names) for e in self.effects], int)
         self._start = np.concatenate(([0], np.cumsum(sizes)))
         if _columns is None:
@@ -156,7 +162,41 @@ class Bank:
             gain = -live * np.log(np.maximum(ratio, 1e-12)).sum(axis=1) - cost
             dof[groups] = k
             dbic[groups[k > 0]] = gain[k > 0]
+        for g in self._sized:
+            if dof[g] and not agrees(self.effects[g].size, *self._fitted(g, state)):
+                dbic[g] = -np.inf
         return Scores(dof, dbic, bases)
+
+    def _fitted(self, g, state):
+        """Coefficients of a group beside the model, and their covariance, radians."""
+        columns = state.basis.off(np.array(state.white(self.of(g))), in_place=True)
+        inverse = np.linalg.pinv(columns @ columns.T, rcond=DISTINCT**2)
+        coefficients = inverse @ (columns @ state.residual)
+        left = state.residual - coefficients @ columns
+        live = max(np.count_nonzero(state.weights > LIVE), 2)
+        free = max(2 * live - len(state.basis) - len(columns), 1)
+        return coefficients, inverse * (left @ left) / free
+
+
+def agrees(size, coefficients, covariance):
+    """Whether fitted coefficients are as long as physics says, within their error.
+
+    Parameters
+    ----------
+    size : tuple of float
+        Least and most length, arcsec.
+    coefficients : ndarray, shape (k,)
+        Radians.
+    covariance : ndarray, shape (k, k)
+
+    Returns
+    -------
+    bool
+    """
+    length = float(np.sqrt(coefficients @ coefficients))
+    toward = coefficients / max(length, 1e-300)
+    error = AGREES * float(np.sqrt(max(toward @ covariance @ toward, 0.0)))
+    return size[0] * ARCSEC - error <= length <= size[1] * ARCSEC + error
 
 
 def best_of(scores, excluded=()):

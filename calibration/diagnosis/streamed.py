@@ -17,6 +17,7 @@ from .chance import normal_score
 from .constants import ALIAS, DISTINCT, EIGEN, FLIPS, MOST_EFFECTS
 from .linear import fit_state
 from .result import concluded, diagnosed, hidden, lines_of, ranking_of
+from .scores import agrees
 from .work import Fitted, made_model
 
 _CHUNK = 10000  # rows
@@ -264,11 +265,15 @@ class _Sums:
                 continue
             u = (vectors[:, keep] / np.sqrt(values[keep])).T * d  # to orthonormal scores
             together = np.concatenate((index, columns))
-            q, _ = self._fit(together)
+            q, beside = self._fit(together)
             e = self.effects[g]
             out.dof[g] = keep.sum()
             out.delta_bic[g] = n * np.log(rss / self._rss(together, q)).sum() - np.log(n) * (
                 keep.sum() + (0 if e.scan is None else e.scanned))
+            new, noise = slice(len(index), None), self._rss(together, q).sum() / max(
+                2 * n - len(together), 1)
+            if e.size is not None and not agrees(e.size, q[new], beside[new, new] * noise):
+                out.delta_bic[g] = -np.inf
             w, q = np.linalg.eigh(u @ out.variance[np.ix_(columns, columns)] @ u.T)
             whiten = (q / np.sqrt(np.maximum(w, 1e-12 * w[-1]))) @ q.T
             out.z[g] = normal_score(float(np.square(whiten @ (u @ score[columns])).sum()),

@@ -1,5 +1,7 @@
 """Figures that a page of a diagnosis shows beside its result."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from msg_tools.units import ARCSEC
@@ -41,11 +43,59 @@ def beyond_base(diagnosis, offsets):
     float
         arcsec.
     """
+    left = _beyond(diagnosis, offsets)
+    return float(np.sqrt(np.square(left).sum() / max(left.shape[1], 1)))
+
+
+def _beyond(diagnosis, offsets):
+    """What the declared terms leave of some offsets, shape (2, m), of the rows with weight."""
     obs = diagnosis.observations
-    rows, both = _rows(diagnosis)
-    left = diagnosis.base.columns(obs.context, obs.label).rows(both).left_of(
-        offsets.reshape(-1)[both], White(np.ones(len(both))))
-    return float(np.sqrt(np.square(left).sum() / max(len(rows), 1)))
+    _, both = _rows(diagnosis)
+    return diagnosis.base.columns(obs.context, obs.label).rows(both).left_of(
+        offsets.reshape(-1)[both], White(np.ones(len(both)))).reshape(2, -1)
+
+
+def by_size(diagnosis):
+    """Put the effects of a diagnosis, and of its model, in the order of what they take off.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+        Changed in place.
+    """
+    for found in diagnosis.effects:
+        found.removes_arcsec = beyond_base(diagnosis, effect_offsets(found))
+    if len(diagnosis.effects) < 2:
+        return
+    diagnosis.effects.sort(key=lambda found: -found.removes_arcsec)
+    place = {found.fitted.effect.name: i for i, found in enumerate(diagnosis.effects)}
+    last = len(place)
+    diagnosis.model = replace(diagnosis.model, effects=tuple(sorted(
+        diagnosis.model.effects, key=lambda f: place.get(f.effect.name, last))))
+    diagnosis.next_observations.sort(key=lambda row: place.get(row['separates'][0], last))
+    diagnosis.no_star.sort(key=lambda pair: place.get(pair[0], last))
+
+
+def extremes(diagnosis, offsets):
+    """Where what some offsets do beyond the declared terms is lowest and highest.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+    offsets : ndarray, shape (2, n)
+        arcsec.
+
+    Returns
+    -------
+    list of (int, float)
+        Row and value, arcsec, of the lowest and the highest, on the axis where it is larger;
+        empty without rows.
+    """
+    left, (rows, _) = _beyond(diagnosis, offsets), _rows(diagnosis)
+    if not left.size:
+        return []
+    one = left[int(np.argmax(np.ptp(left, axis=1)))]
+    return [(int(rows[i]), float(one[i])) for i in (np.argmin(one), np.argmax(one))]
 
 
 def correlations(diagnosis):

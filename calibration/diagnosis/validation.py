@@ -28,6 +28,7 @@ from .constants import (
     RUNS,
     SPREAD,
 )
+from .facts import nights_held_out
 from .linear import Columns, fit_state
 from .resampling import (
     contiguous_folds,
@@ -322,6 +323,7 @@ def judge_on(runs, result, own_terms, encoder='enc'):
         kept &= state.weights > 0.0
     for entry, residual in zip((result.before, result.after), left):
         entry['holdout_rms_arcsec'] = radial_arcsec(residual, kept)
+    result.held_out = nights_held_out(obs, left, kept, result)
     notes = [f'held out: {note}' for note in _left_out(obs)]
     for found in result.model.effects:
         lost = np.count_nonzero(found.unknown(obs.context))
@@ -332,7 +334,7 @@ def judge_on(runs, result, own_terms, encoder='enc'):
     note = (f'held out: {len(obs)} observations of {len(obs.runs)} runs, '
             f'{", ".join(own_terms)} refitted in each, nothing else; '
             f'{int(np.sum(~kept))} outliers set aside')
-    result.notes += [note, *notes]
+    result.notes += [note, *dict.fromkeys(notes)]
 
 
 def _left_out(obs):

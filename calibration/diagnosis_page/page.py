@@ -13,14 +13,13 @@ from ..page.stars import stars_table
 from ..page.terms import correlation_table, terms_table
 from . import sections as page
 from .plain_words import best_pair, floor_words, verdict_sentences
+from .told import STAYS, causes_of, open_causes, proposals, steps, way, way_size
 from .view import view_of
 
 _VERDICTS = {'none': 'nothing missing', 'wanders': 'the zero wanders', 'undecided': 'undecided',
              'identified': 'cause identified', 'ambiguous': 'cause ambiguous',
              'unknown': 'cause unknown', 'refused': 'nothing concluded',
              'withheld': 'not published', 'taken_back': 'taken back'}
-#: of these the model stays as it was
-_STAYS = ('none', 'wanders', 'undecided', 'refused', 'withheld', 'taken_back')
 
 
 def write_report(diagnosis, path, files=None):
@@ -72,12 +71,13 @@ def render(view, more=''):
         section('Terms of the model', terms_table(view.terms),
                      page.run_terms_table(view.run_terms),
                      correlation_table(view.correlated, view.correlations),
-                     note='Encoder − catalogue, σ from the fit.'),
+                     note=f'Encoder − catalogue, σ from the fit. {_tpoint_signs(document)}'),
         section('Stars', stars_table(data), note='Point at a star: it lights up everywhere.'),
         section('What was left out, and why', page.exclusions(document.get('excluded'))),
         section('What to observe next', page.next_observations(
-            document.get('next_observations') or [], document.get('mount') or 'altaz'),
-            note='Observations that would best tell the members of the set apart.'),
+            proposals(document), document.get('mount') or 'altaz',
+            causes_of(document)), page.no_star(document),
+            note='Observations that would best tell causes apart.'),
         section('What these observations cannot show', page.untestable(view.untestable)),
         section('Notes on the data', listed(view.notes)), more,
         f'<footer>All offsets are encoder − catalogue, {_offsets(view)}, in seconds of '
@@ -108,19 +108,36 @@ def _verdict(view):
     document = view.document
     name = document['verdict']
     headline, sentences = verdict_sentences(document, [e.sentence for e in view.effects],
-                                            caution=view.caution)
+                                            caution=view.caution, whole=True)
+    badge = 'identified' if name == 'ambiguous' and view.effects and not any(
+        open_causes(row) > 1 for row in document['effects']) else name
     label, before, after = best_pair(document)
+    read = document.get('as_read_rms_arcsec')
+    if way(document):
+        before, after, label = steps(document)
     numbers = [(value, text) for value, text in (
+        (read and way_size(read), 'as the encoders read'),
         (before, f'before, {label}'), (after, f'after, {label}'),
         (document.get('noise_floor_arcsec'), floor_words(document)))
-        if not (name in _STAYS and text.startswith('after'))]
+        if not (name in STAYS and text.startswith('after'))]
     told = document.get('expected')
     if told:
         numbers.append((told['rms_arcsec'], f'expected on fresh stars, '
                         f'{arcsec(told["low_arcsec"])} to {arcsec(told["high_arcsec"])}'))
-    return (verdict(_VERDICTS.get(name, name), headline, sentences, cards(numbers),
-                    name if name in _VERDICTS else '')
-            + section('Error before and after', page.gain_bars(document, view.axes)))
+    body = page.gain_bars(document, view.axes)
+    return (verdict(_VERDICTS.get(badge, badge), headline, sentences, cards(numbers),
+                    badge if badge in _VERDICTS else '',
+                    page.words(' '.join((headline, *sentences, floor_words(document)))))
+            + section('Error before and after', body, page.held_out(document, view.axes)))
+
+
+def _tpoint_signs(document):
+    """Which signs of another program are the other way round."""
+    kind = document.get('mount') or 'altaz'
+    terms = {'altaz': 'IE', 'equatorial': 'the terms of both axes',
+             'german': 'the terms of both axes'}.get(kind)
+    return f'TPOINT writes {terms} with the opposite sign, which `export --to tpoint` sees to.' \
+        if terms else ''
 
 
 def _effects(view):
@@ -133,7 +150,9 @@ def _effects(view):
         parts.append(f'<h3>{clean(effect.name)}</h3><p>{clean(effect.sentence)}</p>'
                      f'<div class="{kind}"><dl>{facts}</dl>{drawing}</div>'
                      f'{page.rivals(effect.ranking)}')
-    return section('What was added to the model', *parts)
+    parts.append(page.words(' '.join(f'{e.name} {e.sentence}' for e in view.effects)))
+    return section('What was added to the model', *parts,
+                   note='In the order of what each takes off.' if len(parts) > 2 else '')
 
 
 def _offsets(view):

@@ -1,15 +1,20 @@
 """What a diagnosis found, in sentences that need no formula."""
 
+from calibration.diagnosis.facts import bad_nights, worst_sentence
 from calibration.diagnosis.rows_told import outlier_sentence
 from pointing_model.effects.base import arcsec, readable
+from pointing_model.mounts import KINDS
+
+from .told import next_sentence, open_causes, steps, way
 
 #: arcsec; what is left beyond this is no noise of pointing
 _ABSURD = 1800.0
+HELD = 'on rows held out'
 #: of the effects that would have been found, so many are told
 _MOST_SAID = 8
 
 
-def verdict_sentences(document, effect_texts=(), limit=5, caution=''):
+def verdict_sentences(document, effect_texts=(), limit=5, caution='', whole=False):
     """The verdict of a diagnosis, and what it bought.
 
     Parameters
@@ -22,12 +27,22 @@ def verdict_sentences(document, effect_texts=(), limit=5, caution=''):
         Effects that are told; the others are counted.
     caution : str
         Follows the gain.
+    whole : bool
+        With the way from what the encoders read as the headline, where it is known.
 
     Returns
     -------
     headline : str
     sentences : list of str
     """
+    headline, sentences = _verdict(document, effect_texts, limit, caution,
+                                   bool(whole and way(document)))
+    if whole and way(document):
+        return way(document), [f'{headline}. RMS on the sky, {steps(document)[2]}.', *sentences]
+    return headline, sentences
+
+
+def _verdict(document, effect_texts, limit, caution, whole):
     effects = document['effects']
     count = len(effects)
     many = 'One effect' if count == 1 else f'{count} effects'
@@ -59,28 +74,41 @@ def verdict_sentences(document, effect_texts=(), limit=5, caution=''):
             'the model: set it anew as often as that asks for.', *outliers])
     sentences = []
     label, before, after = best_pair(document)
-    if before is not None and after is not None:
+    gain = ''
+    if before is not None and after is not None and not (whole and label != HELD):
         share = f' ({100 * (after / before - 1):+.0f} %)'.replace('-', '−') if before else ''
-        sentences.append(f'The pointing error {label} goes from {arcsec(before)} to '
-                         f'{arcsec(after)}{share}.')
+        gain = (f'The pointing error {label} goes from {arcsec(before)} to {arcsec(after)}'
+                f'{share}.')
+    sentences += [gain] if gain and not whole else []
     if caution:
         sentences.append(caution)
     # the largest first: what to mend first
     told = sorted(zip(effects, effect_texts),
-                  key=lambda each: -(each[0].get('cv_gain_arcsec') or 0.0))
-    for row, text in told[:limit]:
-        if row.get('alternatives'):
+                  key=lambda each: -(each[0].get('removes_rms_arcsec')
+                                     or each[0].get('cv_gain_arcsec') or 0.0))
+    for i, (row, text) in enumerate(told[:limit]):
+        if i == 0 and whole and count > 1:
+            text = f'The largest error beyond the terms: {text[:1].lower()}{text[1:]}'
+        if i == 0 and row.get('causes'):
+            text = f'{text} {next_sentence(document, row)}'.strip()
+        if row.get('alternatives') and 'causes' not in row:
             text += (' With these observations it could as well be: '
                      f'{_listed(row["alternatives"])}.')
         sentences.append(text)
     if len(effect_texts) > limit:
         sentences.append(f'And {len(effect_texts) - limit} more.')
+    sentences += [gain] if gain and whole else []
+    sentences += bad_nights(document, KINDS[document.get('mount') or 'altaz'].axes)
+    sentences += [text for text in (worst_sentence(document),) if text]
     sentences += [*_wander(document), *outliers]
+    unclear = sum(open_causes(row) > 1 for row in effects)
     if verdict == 'unknown':
         headline = 'Something is left that no known effect explains'
-    elif verdict == 'ambiguous':
-        headline = f'{many} found, and more than one cause would explain ' \
-                   f'{"it" if count == 1 else "them"}'
+    elif verdict == 'ambiguous' and (unclear or not all('causes' in row for row in effects)):
+        them = 'it' if count == 1 else 'them' if unclear in (0, count) \
+            else f'{"one" if unclear == 1 else unclear} of them'
+        headline = f'{many} found{" beyond the terms" * whole}, and more than one cause would ' \
+                   f'explain {them}'
     elif verdict in ('withheld', 'taken_back'):
         with_it = 'it' if count == 1 else 'them'
         headline = f'{many} seemed to be there, but the model with {with_it} points worse: the ' \
@@ -117,7 +145,7 @@ def best_pair(document):
     before, after : float or None
         Radial RMS on the sky, arcsec.
     """
-    for key, label in (('holdout_rms_arcsec', 'on rows held out'),
+    for key, label in (('holdout_rms_arcsec', HELD),
                        ('cv_rms_arcsec', 'in cross-validation'),
                        ('rms_arcsec', 'on the rows fitted')):
         pair = document['before'].get(key), document['after'].get(key)

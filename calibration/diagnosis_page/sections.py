@@ -12,6 +12,7 @@ from ..page.drawing import MAX_NAMED, Panel, SkyMap, clean, limit_of, svg
 from ..page.parts import Markup, figure, folded, gains, number, pair, probability, table
 from ..page.parts import legend as legend_of
 from .plain_words import floor_words
+from .told import explained, no_star_sentences
 
 _MEASURES = (('holdout_rms_arcsec', 'held out'), ('cv_rms_arcsec', 'cross-validated'),
              ('rms_arcsec', 'rows fitted'), ('rms_x_arcsec', 'rows fitted, {}'),
@@ -33,7 +34,40 @@ def gain_bars(document, axes=('azimuth × cos E', 'elevation')):
                   for label, *pair in rows], document.get('noise_floor_arcsec'),
                  floor_words(document)) + (
         '<p class="note">RMS on the sky in arcsec (″), radial unless an axis is named. A gain '
-        'counts on rows that neither the fit nor the choice has seen.</p>')
+        'counts on rows that neither the fit nor the choice has seen. The noise floor is what is '
+        'left on the rows fitted, made larger for the coefficients that were fitted: seeing, and '
+        'all that nothing here describes.</p>')
+
+
+def words(text):
+    """What words of a text mean, folded away."""
+    rows = explained(text)
+    return folded('Words', '<dl>' + ''.join(
+        f'<dt>{clean(word)}</dt><dd>{clean(meaning)}</dd>' for word, meaning in rows)
+        + '</dl>') if rows else ''
+
+
+def held_out(document, axes):
+    """Runs held out, each for itself."""
+    nights = document.get('held_out') or []
+    if not nights:
+        return ''
+    keys = [f'rms_{key}arcsec' for key in ('x_', 'y_', '')]
+    rows = [[f'{night["run"]}: bad' if night['bad'] else night['run'], str(night['rows']),
+             str(night['set_aside']),
+             *(number(night[when][key]) for when in ('before', 'after') for key in keys)]
+            for night in nights]
+    names = [*(axis.partition(' × ')[0] for axis in axes), 'radial']
+    return '<h3>Runs held out</h3>' + table(
+        ['run', 'rows', 'set aside', *(f'{when}, {name}' for when in ('before', 'after')
+                                       for name in names)], rows, 'numbers') + (
+        '<p class="note">RMS on the sky in arcsec, of all rows: those set aside as outliers too.'
+        '</p>')
+
+
+def no_star(document):
+    """Of which effects no observation tells the causes apart."""
+    return ''.join(f'<p>{clean(text)}</p>' for text in no_star_sentences(document))
 
 
 def legend(fit=False):
@@ -190,7 +224,7 @@ def exclusions(excluded, limit=12):
     return table(['reason', 'count', 'rows'], rows)
 
 
-def next_observations(rows, kind='altaz'):
+def next_observations(rows, kind='altaz', told=None):
     """Proposed observations, as tables and on the sky.
 
     Parameters
@@ -199,6 +233,8 @@ def next_observations(rows, kind='altaz'):
         As `calibration.diagnosis.next_observations.propose` gives them.
     kind : str
         Of `pointing_model.mounts.KINDS`: what a motion of its axes is called.
+    told : dict, optional
+        Name of an effect -> its cause in words.
     """
     if not rows:
         return ''
@@ -211,12 +247,14 @@ def next_observations(rows, kind='altaz'):
                                for a, e in zip(np.degrees(az), np.degrees(el))])
     drawing = figure(svg(320, 320, sky.parts, 'Where to observe next'),
                      'Zenith in the middle, horizon at the rim, numbered as in the tables.')
-    tables = ''.join(_next_group(names, group, kind) for names, group in groups.items())
+    told = told or {}
+    tables = ''.join(_next_group([told.get(name) or readable(name) for name in names], group, kind)
+                     for names, group in groups.items())
     return f'<div class="side">{drawing}<div>{tables}</div></div>'
 
 
 def _next_group(names, group, kind):
-    head = ' from '.join(readable(name) for name in names)
+    head = ' from '.join(names)
     timed = any(row.get('after_hours') is not None for _, row in group)
     places = {f'{column}_deg': word for column, word in zip(
         (*KINDS[kind].columns, 'az', 'el'), (*KINDS[kind].axes, 'azimuth', 'elevation'))

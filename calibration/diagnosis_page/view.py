@@ -2,69 +2,24 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from datetime import datetime, timedelta, timezone
 from pathlib import PurePath
 
 import numpy as np
 
 from calibration.diagnosis.constants import SET_WIDTH
-from calibration.diagnosis.summary import beyond_base, correlations, effect_offsets
-from msg_tools.units import ARCSEC, DEG
+from calibration.diagnosis.summary import beyond_base, correlations, effect_offsets, extremes
+from msg_tools.units import ARCSEC
 from pointing_model.effects import Amount
-from pointing_model.effects.base import SIDES, arcsec, readable
+from pointing_model.effects.base import arcsec, readable
+from pointing_model.effects.words import coefficient_word, common_shape
 from pointing_model.mounts import ALTAZ
 
 from ..page.residuals import Residuals
+from .drivers import Driver, driver_of, utc_text
+from .told import causes_sentence, signs_sentences
 
-_LABELS = {
-    'temperature': ('air temperature [°C]', 1.0), 'pressure': ('air pressure [hPa]', 1.0),
-    'magnitude': ('magnitude of the star [mag]', 1.0),
-    'run_hours': ('hours since the start of the run [h]', 1.0),
-    'order': ('place in the run [0 first, 1 last]', 1.0), 'run': ('number of the run', 1.0),
-    'row': ('number of the row', 1.0), 'pier_side': ('side of the pier', 1.0),
-    'lst': ('local sidereal time [h]', np.pi / 12.0), 'azimuth': ('azimuth [°]', DEG),
-    'elevation': ('elevation [°]', DEG)}
-#: the same of what belongs to an axis: {0} its angle, {1} the axis itself
-_OF_AXES = {
-    ('approach_az', 'approach_el'): ('last motion of the {1}', 1.0),
-    ('travel_az', 'travel_el'): ('{0} travelled to the star [°]', DEG),
-    ('miss_x', 'miss_y'): ('miss distance, {0} [arcsec]', ARCSEC),
-    ('az_rate', 'el_rate'): ('{0} rate [arcsec/s]', ARCSEC),
-    ('pm_x', 'pm_y'): ('proper motion along {0} [arcsec/yr]', 1.0)}
-#: why a fit cannot show that the columns are read otherwise
-ALIKE = 'the columns read so fit as well, with other terms'
 _ALWAYS = ('azimuth', 'elevation', 'time', 'order', 'temperature', 'approach_az', 'approach_el',
            'magnitude', 'az_rate')
-
-
-@dataclass
-class Driver:
-    """What a residual may depend on, for a figure.
-
-    Attributes
-    ----------
-    name : str
-    label : str
-        With its unit.
-    values : ndarray, shape (n,)
-        In that unit; NaN is unknown.
-    levels : dict, optional
-        value -> text where there are only a few values.
-    plain : bool
-        False: made for one effect only.
-    """
-
-    name: str
-    label: str
-    values: np.ndarray
-    levels: dict | None = None
-    plain: bool = True
-
-    @property
-    def title(self):
-        """The label without its unit."""
-        text = self.label.split(' [')[0]
-        return text[:1].upper() + text[1:]
 
 
 @dataclass
@@ -200,7 +155,7 @@ def view_of(diagnosis):
         ranking=_in_words(diagnosis.ranking, context.mount), terms=_terms(diagnosis),
         correlated=_coefficients(names), correlations=matrix, sources=_sources(obs),
         notes=_notes(diagnosis),
-        untestable=[*diagnosis.untestable, *((text, ALIKE) for text in diagnosis.columns_alike)],
+        untestable=diagnosis.untestable,
         run_terms=diagnosis.run_terms, caution=diagnosis.caution, **_axes_of(context),
         time=context.get('time'), utc=getattr(context, 'time_is_utc', True),
         groups=_groups(obs), words=np.where(diagnosis.weights > 0.0, 'used', 'outlier: not used'))
@@ -227,20 +182,6 @@ def _in_words(rows, mount):
         return f'{kind} {words[axis]}' if kind and axis in words else name
     return [{**row, 'axes': words.get(row['axes'], row['axes']),
              'driver': driver(row.get('driver'))} for row in rows]
-
-
-def _labels(names):
-    """Label and unit of each driver, of a mount with such `Names`."""
-    return {**_LABELS, **{
-        name: (label.format(word, shaft), unit) for keys, (label, unit) in _OF_AXES.items()
-        for name, word, shaft in zip(keys, names.axes, names.shafts)}}
-
-
-def _levels(name, names):
-    """Words for the values of a driver that has only a few; None of another."""
-    if name not in SIDES:
-        return None
-    return {**dict(zip((-1, 1), names.sides[name != 'approach_az'])), 0: 'unknown'}
 
 
 def _axes_of(context):
@@ -307,58 +248,11 @@ def _notes(diagnosis):
     for e in diagnosis.effects:
         if e.fitted.effect.alias:
             notes.append(e.fitted.effect.alias)
-    return notes
+    return notes + signs_sentences(diagnosis.columns_alike,
+                                   diagnosis.observations.context.mount.names)
 
 
 # --------------------------------------------------------------------------------------- drivers
-
-def driver_of(context, name):
-    """A driver with its label and unit, or None where it is not known or does not vary.
-
-    Parameters
-    ----------
-    context : pointing_model.context.Context
-    name : str
-
-    Returns
-    -------
-    Driver or None
-    """
-    values = context.get('pm_x' if name == 'star' else name)
-    if values is None:
-        return None
-    values = np.asarray(values, float)
-    known = values[np.isfinite(values)]
-    if known.size == 0 or known.max() - known.min() <= 1e-12 * max(abs(known.max()), 1e-300):
-        return None
-    if name == 'time':
-        return Driver(name, *_hours(context, values))
-    labels, levels = _labels(context.mount.names), _levels(name, context.mount.names)
-    if levels is not None:
-        levels = {k: v for k, v in levels.items() if (known == k).any()}
-        return Driver(name, labels[name][0], values, levels)
-    label, unit = labels.get('pm_x' if name == 'star' else name, (name, 1.0))
-    if name in context.mount.names.keys and name not in labels:
-        label, unit = f'{name.replace("_", " ")} [°]', DEG
-    if name == 'azimuth':
-        values = np.mod(values, 2.0 * np.pi)
-    return Driver(name, label, values / unit)
-
-
-def _hours(context, values):
-    start = float(np.nanmin(values))
-    hours = (values - start) / 3600.0
-    if not getattr(context, 'time_is_utc', True):
-        return 'hours since the first row [h]', hours
-    if hours[np.isfinite(hours)].max() > 96.0:
-        return f'days since {_utc(start)} [d]', hours / 24.0
-    return f'hours since {_utc(start)} [h]', hours
-
-
-def _utc(seconds):
-    moment = datetime(1970, 1, 1, tzinfo=timezone.utc) + timedelta(seconds=seconds)
-    return moment.strftime('%Y-%m-%d %H:%M UTC')
-
 
 def _drivers(diagnosis, effects):
     """Drivers for the figures: those of the effects first, then what is known."""
@@ -381,20 +275,70 @@ def _found(diagnosis, found):
     raw = context.get(e.driver)
     known = raw[np.isfinite(raw)] if raw is not None else np.zeros(0)
     utc = getattr(context, 'time_is_utc', True)
-    sentence = e.sentence(Amount(
-        found.fitted.coefficients / ARCSEC, rms, (known.min(), known.max()) if known.size else None,
-        _utc if utc and e.driver == 'time' else None))
-    name = readable(e.name)
+    if len(found.causes) > 1:
+        sentence = (e.described(context.mount.names.axes, _extent(diagnosis, e, fitted), rms,
+                                _shape(found)) + ' ' + causes_sentence(found.causes))
+    else:
+        sentence = e.sentence(Amount(
+            found.fitted.coefficients / ARCSEC, rms,
+            (known.min(), known.max()) if known.size else None,
+            utc_text if utc and e.driver == 'time' else None))
+    name = title_of(found, context.mount.names.axes)
     return FoundEffect(name[:1].upper() + name[1:], sentence, _facts(found, context), fitted,
                        _effect_driver(context, e), _in_words(found.ranking, context.mount))
 
 
+def title_of(found, axes):
+    """What an effect is called: by its cause, or where that is open by what it looks like.
+
+    Parameters
+    ----------
+    found : DiagnosedEffect
+    axes : sequence of str
+        What the angles of the mount are called.
+
+    Returns
+    -------
+    str
+    """
+    e = found.fitted.effect
+    if not (e.shape and (len(found.causes) > 1 or e.kind == 'smooth')):
+        return readable(e.name)
+    where = dict(zip(('az', 'el'), axes)).get(e.axes, 'both axes')
+    return f'{where}: {_shape(found)}'
+
+
+def _shape(found):
+    """What is seen of an effect, whatever its cause."""
+    e = found.fitted.effect
+    return common_shape([one['shape'] for one in found.causes] or [e.shape], e.driver)
+
+
+def _extent(diagnosis, e, fitted):
+    """How far an effect goes, and between which places of its driver, in words."""
+    ends = extremes(diagnosis, fitted)
+    if not ends:
+        return '0″'
+    driver = driver_of(diagnosis.observations.context, e.driver)
+    size = arcsec(ends[1][1] - ends[0][1])
+    if driver is None or driver.levels or not driver.label.endswith('[°]'):
+        return f'{size} from lowest to highest'
+    return '{} from lowest (at {:.0f}°) to highest (at {:.0f}°)'.format(
+        size, *(driver.values[row] for row, _ in ends)).replace('-', '−')
+
+
 def _facts(found, context):
     e = found.fitted.effect
-    facts = [('Cause', e.cause), ('Look at', e.look_at), ('Formula', e.formula)]
+    if len(found.causes) > 1:
+        facts = [(f'Cause {i}, ΔBIC {one["delta_bic"]:.1f}',
+                  one['cause'] + (f'. Look at {one["look_at"]}' if one.get('look_at') else ''))
+                 for i, one in enumerate(found.causes, 1)]
+        facts.append(('Fitted as', f'{readable(e.name)}: {e.formula}'))
+    else:
+        facts = [('Cause', e.cause), ('Look at', e.look_at), ('Formula', e.formula)]
     values = zip(e.coefficient_names, found.fitted.coefficients / ARCSEC,
                  found.fitted.sigma / ARCSEC)
-    facts += [(f'Coefficient {context.said(name)}',
+    facts += [(f'Coefficient, {context.said(coefficient_word(e, name))}',
                f'{value:+.4g} ± {sigma:.2g} {e.unit}'.replace('-', '−'))
               for name, value, sigma in values]
     if e.tpoint:
@@ -405,10 +349,10 @@ def _facts(found, context):
         facts.append(('Gain ΔBIC', f'{found.delta_bic:.1f}'))
     if found.cv_gain_arcsec is not None:
         facts.append(('Gain in cross-validation', arcsec(found.cv_gain_arcsec, True)))
-    for label, names in (('Could also be', found.alternatives),
-                         ('The same curve in this run', found.aliases)):
-        if names:
-            facts.append((label, '; '.join(map(readable, names))))
+    if found.removes_arcsec is not None:
+        facts.append(('Takes off', f'{arcsec(found.removes_arcsec)} RMS on the sky'))
+    if found.aliases:
+        facts.append(('The same curve in this run', '; '.join(map(readable, found.aliases))))
     return facts
 
 
@@ -431,7 +375,8 @@ def _terms(diagnosis):
            for (name, value), s in zip(model.terms.items(), sigma)]
     for found in diagnosis.effects:
         e, f = found.fitted.effect, found.fitted
-        out += [{'name': f'{readable(e.name)}: {said(name)}', 'value': value / ARCSEC,
+        out += [{'name': f'{readable(e.name)}: {said(coefficient_word(e, name))}',
+                 'value': value / ARCSEC,
                  'sigma': float(s) / ARCSEC, 'unit': e.unit}
                 for name, value, s in zip(e.coefficient_names, f.coefficients, f.sigma)]
     return out

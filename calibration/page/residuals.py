@@ -210,17 +210,24 @@ def sky_maps(data):
 
 
 def targets(data):
-    """All residuals as hits on a target, with the circle of the noise."""
+    """All residuals as hits on a target, with the circle of the noise, before and after on one
+    scale; after once more, larger, if it is small."""
     if not data.used.any():
         return ''
     noise = float(np.hypot(*data.noise)) if data.noise is not None else None
+    each = {when: max(limit_of(*data.of(when)[:, data.used]), 1.15 * (noise or 0.0))
+            for when in WHENS}
+    both = max(each.values())
+    drawn = [(when, both, '') for when in WHENS]
+    if both > _MAGNIFIED * each['after']:
+        drawn.append(('after', each['after'], ', drawn larger'))
     out = []
-    for when in WHENS:
+    for when, limit, more in drawn:
         x, y = data.of(when)
-        limit = limit_of(x[data.used], y[data.used])
-        out.append(target(data.axes, max(limit, 1.15 * (noise or 0.0)), x[data.used],
-                          y[data.used], data.text_of(when), when, noise,
-                          lambda panel, x=x, y=y, when=when: _marks(panel, x, y, data, when)))
+        out.append(target(data.axes, limit, x[data.used], y[data.used],
+                          data.text_of(when) + more, when, noise,
+                          lambda panel, x=x, y=y, when=when, linked=not more: _marks(
+                              panel, x, y, data, when, linked)))
     return pair(out) + marks_legend(data)
 
 

@@ -145,7 +145,7 @@ td { border-bottom:1px solid var(--line); padding:4px 10px 4px 0; vertical-align
 .correlations td:first-child { padding-right:10px } .correlations th { border:0; padding:2px 4px }
 .corr { display:block; min-width:44px; padding:2px 4px; text-align:right; border-radius:3px }
 details { margin-top:4px } summary { cursor:pointer; color:var(--after) }
-dl { display:grid; grid-template-columns:minmax(0,auto) minmax(0,1fr); gap:2px 14px;
+dl { display:grid; grid-template-columns:fit-content(min(15em,40%)) minmax(0,1fr); gap:2px 14px;
   font-size:.92rem; margin:6px 0; align-content:start }
 dt { color:var(--soft) } dd { margin:0; overflow-wrap:anywhere }
 code { font-size:.88em; overflow-wrap:anywhere }

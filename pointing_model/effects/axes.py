@@ -25,12 +25,14 @@ def _encoder(axis, order, mount='altaz'):
         angle = k * (c.az if az else c.el)
         return [on_axis(axis, f(angle), c.trig.cos_el) for f in (np.cos, np.sin)]
 
-    cause, short, look_at = {
-        1: ('encoder disc off its centre', 'its disc is off centre',
+    cause, short, told, look_at = {
+        1: ('encoder disc off its centre', 'its disc is off centre', 'disc off its centre',
             'the centring of the disc; the mean of two heads opposite each other'),
         2: ('encoder disc oval or tilted, or two heads uneven', 'its disc is oval or tilted',
+            'disc oval or tilted',
             'the tilt of the disc on its hub; the distance of both heads'),
     }.get(k, ('encoder or its coupling uneven', 'it or its coupling is uneven',
+              'or its coupling uneven',
               'the coupling between axis and encoder, and the disc for dirt'))
 
     def say(amount):
@@ -46,6 +48,8 @@ def _encoder(axis, order, mount='altaz'):
                   f'{names.word(axis).removesuffix(" angle")} angle'
                   + (f' (on the sky x cos {names.letter("el")})' if az else ''),
                   names.key(axis), axis, ('cos', 'sin'), of, say, look_at,
+                  f'a wave of the {names.word(axis)}, {times(order)}',
+                  f'{names.word(axis)} encoder {told} ({times(order)})',
                   tpoint=_tpoint(names, f'{number}CEC {number}CES') if k == 1 else
                   _of_order(names, f'H{number}C{number}# H{number}S{number}#', k))
 
@@ -75,6 +79,8 @@ def _bearing_wobble(order, mount='altaz'):
                   f'{times(order)}: a bearing or track that is not flat',
                   'flatness of the azimuth bearing or track, with a level on the fork'
                   if mount == 'altaz' else f'both bearings of the {shaft}',
+                  f'a wave of the {names.word("az")}, {times(order)}, in both axes',
+                  f'bearing or track of the {shaft} not flat ({times(order)})',
                   tpoint=_of_order(names, 'H2C1# H2S1# HvC1# HvS1#', k))
 
 
@@ -90,6 +96,9 @@ def _nod(order, mount='altaz'):
                   'wheels or pads under the azimuth axis, and the base under the fork'
                   if mount == 'altaz' else f'bearings of the {names.shaft("az")}, and what it '
                   'carries: fork, or counterweight',
+                  f'a wave of the {names.word("az")}, {times(order)}',
+                  f'mount nods{" on its wheels, pads or base" * (mount == "altaz")} '
+                  f'({times(order)} of {names.word("az")})',
                   tpoint=_of_order(names, 'H2C1# H2S1#', k))
 
 
@@ -107,6 +116,8 @@ def _line_of_sight(order, mount='altaz'):
                   f'what turns with the {word} and holds the beam: a Nasmyth mirror or the cabin, '
                   'the fork that twists on an uneven track, cables' if mount == 'altaz' else
                   f'what turns with the {shaft} and bends under its weight: fork, saddle, cables',
+                  f'a wave of the {word}, {times(order)}, the same at any {names.word("el")}',
+                  f'line of sight swings ({times(order)} of the {shaft})',
                   tpoint=_of_order(names, 'HsC1# HsS1#', k))
 
 
@@ -119,7 +130,9 @@ def _elevation_axis_wobble(order, mount='altaz'):
                   ('cos', 'sin'),
                   lambda c: [(c.trig.sin_el * np.cos(k * c.el), 0.0),
                              (c.trig.sin_el * np.sin(k * c.el), 0.0)],
-                  look_at=f'run-out of both {names.word("el")} bearings')
+                  look_at=f'run-out of both {names.word("el")} bearings',
+                  shape=f'a wave of the {names.word("el")}, {times(order)}, larger high up',
+                  told=f'{shaft} wobbles ({times(order)})')
 
 
 def propose(context, lacking, own):

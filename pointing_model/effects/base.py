@@ -77,6 +77,12 @@ class Effect:
     say : callable, optional
         `Amount` -> what goes wrong, in a sentence without its full stop that needs no formula; by
         default the cause.
+    shape : str
+        What the error looks like, e.g. "a wave of the azimuth, twice per turn": that much is seen,
+        whatever its cause. By default that it follows its driver.
+    told : str
+        The cause as people are told it beside others, the same of effects that are one cause; by
+        default `cause`.
     look_at : str
         What to look at on the mount.
     unit : str
@@ -95,6 +101,9 @@ class Effect:
         Parameters that the scan tries: each costs an extra ln n.
     kind : {'effect', 'smooth', 'known'}
         'smooth': a curve without a cause; 'known': an amount that is not fitted.
+    size : tuple of float, optional
+        Length of the coefficients as physics fixes it, least and most, in its unit: where the
+        rows ask for another size it is not the cause, and is not offered.
     figure : callable, optional
         `Context` -> (label, values or None) to draw it against, where that is not its driver.
     form : str
@@ -112,6 +121,8 @@ class Effect:
     of: Callable = field(compare=False, repr=False)
     say: Callable | None = field(default=None, compare=False, repr=False)
     look_at: str = ''
+    shape: str = ''
+    told: str = ''
     unit: str = 'arcsec'
     tpoint: str | None = None
     requires: tuple = ()
@@ -120,6 +131,7 @@ class Effect:
     scan: str | None = None
     scanned: int = 1
     kind: str = 'effect'
+    size: tuple | None = None
     figure: Callable | None = field(default=None, compare=False, repr=False)
     form: str = ''
     parameters: dict = field(default_factory=dict)
@@ -155,6 +167,32 @@ class Effect:
         if amount.rms is None or not np.isfinite(amount.rms):
             return f'{text}.'
         return f'{text} ({arcsec(amount.rms)} rms of the residual).'
+
+    def described(self, words, extent, rms, shape):
+        """What is seen of it, in a sentence that names no cause.
+
+        Parameters
+        ----------
+        words : sequence of str
+            What the angles of both axes are called.
+        extent : str
+            How large it is.
+        rms : float
+            As of `Amount`.
+        shape : str
+            What all that it may be have in common, see `common_shape`.
+
+        Returns
+        -------
+        str
+        """
+        where = dict(zip(AXES, words)).get(self.axes, 'pointing')
+        return f'The {where} error has {shape}: {extent} ({arcsec(rms)} rms of the residual).'
+
+    @property
+    def cause_told(self):
+        """`told`, or the cause."""
+        return self.told or self.cause
 
     @property
     def line(self):
@@ -327,6 +365,7 @@ _DRIVER_WORDS = {'order': 'order of the rows', 'run_hours': 'time since the star
                  **{name: words for names, words in (
                      (('approach_az', 'approach_el'), 'direction of approach'),
                      (('travel_az', 'travel_el'), 'way travelled to the star'),
+                     (('before_az', 'before_el'), 'approach before that'),
                      (('reading_az', 'reading_el'), 'encoder reading'),
                      (('miss_x', 'miss_y'), 'miss distance'), (('az_rate', 'el_rate'), 'rate'),
                      (('pm_x', 'pm_y'), 'proper motion')) for name in names}}
@@ -350,6 +389,12 @@ def arcsec(value, sign=False):
 def times(order):
     """How often a turn, e.g. ``twice per turn``."""
     return f'{_TIMES.get(order, f"{order} times")} per turn'
+
+
+def the(name):
+    """A driver in words with its article: "the elevation", but "time"."""
+    word = driver_word(name)
+    return word if word in ('time', 'sidereal time') else f'the {word}'
 
 
 def driver_word(name):

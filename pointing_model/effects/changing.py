@@ -31,6 +31,8 @@ def _changing(of, driver, origin=0.0, scale=1.0, within=None):
                   f'({whole.formula}) x {SYMBOLS.get(driver, driver)}', driver, whole.axes,
                   whole.coefficient_names, columns, say,
                   f'{whole.look_at}; and what of it warms up, loosens or settles',
+                  f'{whole.shape}, which changes with {with_}' if whole.shape else '',
+                  f'{whole.cause_told}; it changes with {with_}',
                   f'{whole.unit}{UNITS.get(driver, "")}', requires=(*whole.requires, driver))
 
 

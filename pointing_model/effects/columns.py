@@ -4,7 +4,7 @@ import numpy as np
 
 from pointing_model.mounts import KINDS
 
-from .base import AXES, Effect, arcsec, effect, form, offer, on_axis, single_rows
+from .base import AXES, Effect, arcsec, effect, form, offer, on_axis, single_rows, the
 from .drifts import about, progress
 
 _CAUSES = {
@@ -46,6 +46,7 @@ def _proportional(axis, driver, origin=0.0, scale=1.0, pattern='sky', within=Non
                   f'{cause} ({names.word(axis)})',
                   ('' if sky or axis == 'el' else f'cos {names.letter("el")} x ') + driver, driver,
                   axis, ('slope',), of, say, look_at,
+                  f'a part in proportion to {the(driver)}', '',
                   f'arcsec/({scale:.4g} {driver})' if scale != 1.0 else f'arcsec/{driver}',
                   requires=(driver,))
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from pointing_model.mounts import KINDS
 
-from .base import Effect, driver_word, effect, form, of_mount
+from .base import Effect, driver_word, effect, form, of_mount, the
 
 _TURN = 2.0 * np.pi
 #: drivers that are given waves and bumps; air, stars and columns of the file get splines only
@@ -44,18 +44,45 @@ def _smooth(axis, driver, shape, factor='1', within=None, mount='altaz', **numbe
     else:
         tail = f'{shape}_{count // 2 if series else count}' if count > 1 else shape
     word = KINDS[mount].word(axis)
+    seen = _seen(driver, shape, numbers)
     scan = shape if shape in ('bump', 'sawtooth') else 'wave' if wave else None
     own = axis if mount == 'altaz' else KINDS[mount].key(axis)
     return Effect(f'smooth_of_{driver}_{own}_{tail}' + ('_cosE' if factor == 'cosE' else ''),
                   f'unknown cause: the {word} error follows the {driver_word(driver)} '
                   f'({shape})', f'{shape} of {driver}' + (' x cos E' if factor == 'cosE' else ''),
                   driver, axis, tuple(f'{shape[0]}{i + 1}' for i in range(count)), of,
-                  lambda _: f'The {word} error follows the {driver_word(driver)} in a way '
-                  'that no known effect explains; a curve is added in its place',
-                  f'what else changes with the {driver_word(driver)}',
+                  lambda _: f'The {word} error has {seen}, which no known effect explains; a curve '
+                  'is added in its place',
+                  f'what else changes with {the(driver)}' + (
+                      f', and what repeats each {_size(driver, numbers["period"])} of it: teeth '
+                      'of a gear, rollers, joints of a tape' if shape == 'sawtooth' else ''),
+                  seen, f'something that changes with {the(driver)} little by little',
                   requires=() if driver in _DIRECTION else (driver,), kind='smooth',
                   # a bump and a sawtooth have a place and a width
                   scan=scan, scanned=1 if wave else 2)
+
+
+def _size(driver, value):
+    """A part of a driver in its unit."""
+    if driver in _DIRECTION:
+        return f'{np.degrees(value):.1f}°'
+    if driver == 'order':
+        return f'{100.0 * value:.0f} % of the run'
+    return f'{value / 3600.0:.2f} h' if driver == 'time' else f'{value:.3g}'
+
+
+def _seen(driver, shape, numbers):
+    """What a curve looks like."""
+    if shape == 'sawtooth':
+        return f'a sawtooth of {the(driver)} with a period of {_size(driver, numbers["period"])}'
+    if shape == 'bump':
+        return (f'a bump at {driver_word(driver)} {_size(driver, numbers["centre"])}, '
+                f'{_size(driver, 2.0 * numbers["width"])} wide' if driver in _DIRECTION
+                else f'a bump of {the(driver)}')
+    if shape == 'fourier' and len(numbers['orders']) in (1, 3) and numbers['orders'][0] != 1:
+        return f'a wave of {the(driver)} with a period of ' \
+               f'{_size(driver, numbers["period"] / numbers["orders"][0])}'
+    return f'a smooth curve of {the(driver)}'
 
 
 def _fourier(u, orders, period):

@@ -24,6 +24,14 @@ _TERM_EFFECTS = {
 }
 
 
+#: what is seen of them
+_SHAPES = {'refraction': 'a rise toward the horizon, as cot E',
+           'refraction_cube': 'a steep rise near the horizon, as cot³ E',
+           'second_flexure': 'a curve of the elevation, as sin E',
+           'fork_flexure': 'a curve of the hour angle, as cos h',
+           'declination_axis_flexure': 'a shift to one side that grows with the elevation'}
+#: which causes they are told as, where the other that is named has an effect of its own
+_TOLD = {'second_flexure': 'second flexure of the tube (as sin E)'}
 #: of mounts that are no alt-azimuth ones: what bends toward the zenith is no error of an axis
 _ELSEWHERE = {
     **{name: _TERM_EFFECTS[name] for name in ('refraction', 'refraction_cube')},
@@ -56,6 +64,7 @@ def _terms(name, mount='altaz'):
                   'hour_angle' if name == 'fork_flexure' else 'elevation',
                   'el' if plain or name == 'fork_flexure' else 'both', (term,),
                   lambda c: [known.of(c.trig)], lambda _: sentence, look_at,
+                  _SHAPES[name], _TOLD.get(name, ''),
                   tpoint=term if known.tpoint_sign else None)
 
 
@@ -75,6 +84,7 @@ def _term(name, mount='altaz'):
                   term.formula, driver, axes, (name,),
                   lambda c: [term.of(c.trig)],
                   look_at='whether the declared model should have this term (--base)',
+                  shape=f'the pattern of the term {name} over the sky',
                   tpoint=name if term.tpoint_sign else None)
 
 
@@ -88,7 +98,9 @@ def _fork_cross_term(mount='altaz'):
                   lambda c: [(0.0, c.trig.sin_el * c.trig.cos_az),
                              (0.0, c.trig.sin_el * c.trig.sin_az)],
                   look_at=f'stiffness of the fork and its joint with the {names.word("az")} '
-                  'bearing')
+                  'bearing',
+                  shape=f'a wave of the {names.word("az")}, once per turn, larger high up',
+                  told=f'fork bends as the {names.word("az")} turns')
 
 
 def propose(context, lacking, own):

@@ -5,7 +5,19 @@ import numpy as np
 from pointing_model.mounts import KINDS
 from pointing_model.terms import terms_of
 
-from .base import AXES, Effect, Offer, arcsec, driver_word, effect, form, of_mount, offer, on_axis
+from .base import (
+    AXES,
+    Effect,
+    Offer,
+    arcsec,
+    driver_word,
+    effect,
+    form,
+    of_mount,
+    offer,
+    on_axis,
+    the,
+)
 
 _HOUR = 3600.0
 _ZERO_TERM = {'az': 'IA', 'el': 'IE'}
@@ -73,6 +85,7 @@ def _drift(of, driver, power=1, origin=0.0, scale=1.0, within=None, mount='altaz
                   f'{", ".join(names)} x {SYMBOLS.get(driver, driver)}' + ('^2' if square else ''),
                   driver, axes, names, columns, say,
                   'what warms up or settles: encoder electronics, head and its bracket, pier, tube',
+                  f'a slow change with {the(driver)}' + (', along a curve' if square else ''), '',
                   f'arcsec{UNITS.get(driver, f"/({scale:.4g})")}' + ('^2' if square else ''),
                   requires=(driver,))
 
@@ -96,7 +109,9 @@ def _step(axis, at, driver='time', mount='altaz'):
                   lambda c: [on_axis(axis, np.where(np.isnan(c.get(driver)), np.nan,
                                                     1.0 * (c.get(driver) >= at)), c.trig.cos_el)],
                   say, 'what happened then: a power-on, a slew at full speed, a bump; the coupling '
-                  'of the encoder, and its reference mark',
+                  'of the encoder, and its reference mark', 'a jump, once',
+                  f'{names.word(axis)} zero jumped at once: lost counts, a slip, a reference mark '
+                  'found anew',
                   requires=(driver,), scan=f'step_{axis}')
 
 
@@ -113,6 +128,7 @@ def _run_zero(axis, runs, mount='altaz'):
                   lambda amount: f'The zero of the {names.shaft(axis)} differs from run to run, by '
                   f'up to {arcsec(np.ptp(np.append(amount.values, 0.0)))}',
                   'how the reference mark is found after a power-on: speed, side, temperature',
+                  'another zero in each run',
                   requires=('run',))
 
 

@@ -98,6 +98,7 @@ def _subdivision(axis, graduation, order, lines=None, mount='altaz'):
                   f'unevenly, by up to {arcsec(amount.size)}',
                   'offset, amplitude and phase of its sine and cosine signals' if graduation ==
                   'grating' else 'focus and illumination of the reading head',
+                  f'a wave within {_EACH[graduation]}',
                   requires=(reading,), figure=place)
 
 

@@ -41,6 +41,17 @@ def _hysteresis(axis, shape='1', memory_deg=0.0, mount='altaz'):
         return (f'The {names.shaft(axis)} reads {arcsec(2 * abs(value))} more{where} when the last '
                 f'motion was {more} than when it was {less}: backlash or hysteresis')
 
+    shaft = names.shaft(axis)
+    told = {('az', 'cosE'): f'backlash or hysteresis of the {shaft} or of its encoder',
+            ('el', '1'): f'backlash or hysteresis of the {shaft} or of its encoder',
+            ('az', '1'): f'something that tips to the side when the {shaft} reverses: a mirror, '
+            'the camera, the tube',
+            ('el', 'cosE'): f'play of the {shaft} that the weight of the tube opens or closes'
+            if mount == 'altaz' else f'hysteresis of the {shaft} that fades toward the pole',
+            }[axis, shape]
+    seen = 'a difference by the direction of the last motion' + (
+        f', as cos {names.letter("el")}' if shape == 'cosE' else '') + (
+        f', with a memory of {memory_deg:g}°' if length else '')
     tail = '_cosE' if shape == 'cosE' else ''
     place = {('az', '1'): ' across the line of sight', ('az', 'cosE'): '',
              ('el', '1'): '', ('el', 'cosE'): ', as the weight of the tube acts'
@@ -53,7 +64,8 @@ def _hysteresis(axis, shape='1', memory_deg=0.0, mount='altaz'):
                   + (' x cos E' if shape == 'cosE' else ''),
                   f'approach_{axis}', axis, ('half_difference',), of, say,
                   f'preload of the {names.word(axis)} drive, its gear, and the coupling of the '
-                  'encoder; until then approach stars from one side',
+                  'encoder' + ', play of mirror cell and focuser' * ((axis, shape) == ('az', '1'))
+                  + '; until then approach stars from one side', seen, told,
                   requires=requires,
                   # how many degrees it takes to be complete makes no other cause
                   mechanism=f'hysteresis of {axis}, {shape}',

@@ -15,8 +15,8 @@ def _part(of, keep):
     return Effect(f'{whole.name}_{"_".join(names)}', f'{whole.cause} ({", ".join(names)} only)',
                   whole.formula, whole.driver, whole.axes, names,
                   lambda c: [tuple(column) for column in whole.columns(c)[list(keep)]],
-                  look_at=whole.look_at, unit=whole.unit, tpoint=tpoint, requires=whole.requires,
-                  kind=whole.kind)
+                  look_at=whole.look_at, shape=whole.shape, unit=whole.unit, tpoint=tpoint,
+                  requires=whole.requires, kind=whole.kind)
 
 
 def parts(whole):

@@ -45,6 +45,8 @@ def _by_side(of):
                   columns, say,
                   f'{whole.look_at}; and what shifts when the tube goes over: mirror cell, '
                   'focuser, counterweight',
+                  f'{whole.shape}, another on each side of the pier' if whole.shape else '',
+                  f'{whole.cause_told}; another amount on each side of the pier',
                   whole.unit, tpoint=tpoint and ' '.join(f'{name} by side'
                                                          for name in tpoint.split()),
                   requires=(*whole.requires, 'pier_side'))
@@ -77,7 +79,7 @@ def by_side(effects, context):
         return [], ('what differs by the side of the pier', against)
     terms = [effect('term', name=name, mount=mount.kind) for name in mount.names.physical]
     known = {e.name for e in terms}
-    others = [e for e in effects if direct(e) and e.name not in known]
+    others = [e for e in effects if direct(e) and e.size is None and e.name not in known]
     return [effect('by_side', of=to_document(e)) for e in terms + others], None
 
 
@@ -106,6 +108,7 @@ def _by_counterweight(of, play):
                   f'({whole.formula}) x {"sign cos" if play else "cos"}(first angle)',
                   'counterweight', whole.axes, whole.coefficient_names, columns, say,
                   'the bearings and the housing of the first axis, the balance about the second',
+                  'a lean of the first axis that goes with the counterweight', '',
                   whole.unit, requires=('counterweight',))
 
 
@@ -138,7 +141,9 @@ def _polynomial(result, of, power, mount='equatorial'):
                   word, ('slope',), columns,
                   lambda _: f'The {where} error grows with the {names.word(of)}',
                   f'the scale of the {names.word(word)} encoder, and what bends as the '
-                  f'{names.shaft(of)} turns', 'arcsec/rad' + ('^2' if k == 2 else ''),
+                  f'{names.shaft(of)} turns',
+                  f'a {"parabola" if k == 2 else "straight line"} of the {names.word(of)}', '',
+                  'arcsec/rad' + ('^2' if k == 2 else ''),
                   tpoint=name)
 
 

@@ -8,6 +8,9 @@ from pointing_model.terms import TERMS
 from .base import Effect, Offer, effect, form, offer
 
 _STARS = 'what the star places were computed with: catalogue, equinox, corrections'
+#: arcsec: what the speed of the Earth makes of a star's place, over the year (its orbit is no
+#: circle), and that of the equator
+_ANNUAL, _DIURNAL = (20.15, 20.84), 0.3193
 _CLOCK = 'clock of the control computer, UT1 - UTC, coordinates of the site'
 
 
@@ -24,16 +27,18 @@ def _annual_aberration():
                   lambda c: [_displaced(c, axis) for axis in c.equatorial()]
                   if c.equatorial() is not None else [(np.nan, np.nan)] * 3,
                   lambda _: 'The star places lack the annual aberration (20.5″)', _STARS,
-                  requires=('lst',))
+                  'a pull toward one direction among the stars', requires=('lst',), size=_ANNUAL)
 
 
 @form
-def _diurnal_aberration():
+def _diurnal_aberration(latitude=None):
+    most = _DIURNAL * (1.0 if latitude is None else float(np.cos(latitude)))
     return Effect('diurnal_aberration',
                   'diurnal aberration left out of the star places (0.32" cos latitude)',
                   '(cos A, -sin E sin A)', 'azimuth', 'both', ('east',),
                   lambda c: [_displaced(c, np.array([[1.0], [0.0], [0.0]]))],
-                  lambda _: 'The star places lack the diurnal aberration (0.3″)', _STARS)
+                  lambda _: 'The star places lack the diurnal aberration (0.3″)', _STARS,
+                  'a pull toward the east', size=(0.0 if latitude is None else most, most))
 
 
 @form
@@ -48,7 +53,7 @@ def _epoch_error():
                   'star places of a wrong equinox: precession left out or applied twice',
                   'rotation about the equatorial X and Y axes', 'lst', 'both', ('X', 'Y'), of,
                   lambda _: 'The star places lack the right equinox: precession is left out or '
-                  'applied twice', _STARS, requires=('lst',))
+                  'applied twice', _STARS, 'a turn of the whole sky', requires=('lst',))
 
 
 @form
@@ -57,6 +62,7 @@ def _proper_motion():
                   'proper motion on the sky x years', 'star', 'both', ('years',),
                   lambda c: [(c.get('pm_x'), c.get('pm_y'))],
                   lambda _: 'The star places lack the proper motion of the stars', _STARS,
+                  'the pattern of the proper motions of the stars',
                   unit='yr', requires=('pm_x', 'pm_y'))
 
 
@@ -67,6 +73,7 @@ def _clock(latitude, mount='altaz'):
     return Effect('clock_or_longitude', 'clock, UT1 or longitude wrong (15" a second of time)',
                   'rotation about the pole', 'azimuth', 'both', ('hour_angle',),
                   lambda c: [_displaced(c, -np.cross(pole, c.direction(), axis=0))], look_at=_CLOCK,
+                  shape='a turn about the pole',
                   alias=f'clock and longitude are exactly {alias}: no pointing run can tell them '
                         f'from {"these terms" if mount == "altaz" else "this term"}'
                         if alias else None)
@@ -76,6 +83,7 @@ def _clock(latitude, mount='altaz'):
 def _latitude():
     return Effect('latitude', 'latitude wrong', 'the columns of AN', 'azimuth', 'both',
                   ('latitude',), lambda c: [TERMS['AN'].of(c.trig)], look_at=_CLOCK,
+                  shape='a lean to the north',
                   alias='latitude is exactly AN: no pointing run can tell it from this term')
 
 
@@ -92,6 +100,7 @@ def _latency(mount='altaz'):
                   lambda c: [(c.get('az_rate') * c.trig.cos_el / ARCSEC,
                               c.get('el_rate') / ARCSEC)], say,
                   'where the time stamp is taken: at the latch of the encoder, or after the bus',
+                  'a part that is in proportion to the speed of the axes',
                   unit='s', requires=('az_rate', 'el_rate'),
                   alias=f'at sidereal rate latency is exactly a clock error, {exactly}: only '
                         'satellites or slews show it' if mount != 'free' else None)
@@ -99,7 +108,9 @@ def _latency(mount='altaz'):
 
 def propose(context, lacking, own):
     """What needs the site, the sidereal time, catalogue stars or rates."""
-    yield Offer('diurnal_aberration', [effect('diurnal_aberration')])
+    yield Offer('diurnal_aberration', [effect(
+        'diurnal_aberration', latitude=None if context.latitude is None
+        else float(context.latitude))])
     # the same columns; the axes of another mount know nothing of it
     if context.mount.altaz and 'AN' not in lacking:
         yield Offer('latitude', [effect('latitude')])

@@ -24,8 +24,8 @@ def _bent_to_one_side():
                   'the tube is bent toward one direction of the horizon',
                   'the part across the line of sight of a dipole fixed to the horizon', 'azimuth',
                   'both', ('east', 'north'), of, say,
-                  'steady wind on tube and dome slit, a cable that pulls, star places without '
-                  'diurnal aberration')
+                  'steady wind on tube and dome slit, a cable that pulls',
+                  'a pull toward one direction of the horizon')
 
 
 def propose(context, lacking, own):

@@ -8,6 +8,7 @@ from msg_tools.units import ARCSEC, wrap
 from pointing_model.context import Context
 from pointing_model.effects.product import RESULTS, written
 from pointing_model.mounts import ALTAZ, through_pole
+from pointing_model.terms import stacked_design
 
 from .columns import OF_TERM, TERM_OF, of_model, on_sky
 from .program import Program, Sheet, model_of, rotations
@@ -205,6 +206,8 @@ def export(model, program, sky=None, told='', facts=None):
             terms[name] = terms.get(name, 0.0) + share * value
             if key in sigma and not refitted:
                 errors[name] = abs(share) * sigma[key]
+    if refitted:
+        errors = _errors(program, still, list(taken), sky)
     text = program.write(Sheet(terms, errors, **{'caption': 'telescope_mount', **(facts or {})}))
     # what counts is what stands in the file, with its digits
     found = program.read('the exported file', text)
@@ -215,6 +218,10 @@ def export(model, program, sky=None, told='', facts=None):
         elsewhere = loss_of(np.stack(still.sky_to_encoder(whole.az, whole.el)), program, read,
                             whole)
     notes = list(found.notes)
+    if found.sigma and not any(errors.values()):
+        notes.append('the sigmas in the file are 0, for ' + (
+            'the model has no standard errors' if model.harmonics is None
+            else 'those of a model with harmonics are not carried over'))
     for who, encoder in program.otherwise:
         other = loss_of(target, encoder, read, sky)
         if other.largest > HELD:
@@ -301,6 +308,33 @@ def _solved(program, target, start, sky):
         if np.abs(step * size).max() < 1e-7 * ARCSEC * np.sqrt(len(left)):
             break
     return values
+
+
+def _errors(program, model, keys, sky):
+    """Standard errors of a refit by name, from those of the model's coefficients.
+
+    What the coefficients would move on this sky is fitted by the program's columns as the model
+    was; the effects' coefficients count as independent, as in `PointingModel.sigma`.
+    """
+    if model.harmonics is not None or not keys:
+        return {}
+    n, mount = len(sky), program.mount
+    values, vectors = np.linalg.eigh(model.covariance)
+    moved = [np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T @ stacked_design(
+        tuple(model.terms), sky.az, sky.el, mount)] if model.terms else []
+    moved += [(fitted.effect.columns(sky) * fitted.sigma[:, None, None]).reshape(-1, 2 * n)
+              for fitted in model.effects]
+    if not moved:
+        return {}
+    moved = np.vstack(moved)
+    columns = np.stack([np.ravel(on_sky(key, sky.az, sky.el, mount)) for key in keys], axis=1)
+    size = np.linalg.norm(columns, axis=0)
+    each = np.linalg.lstsq(columns / size, moved.T, rcond=1e-6)[0] / size[:, None]
+    out = {}
+    for key, one in zip(keys, each):
+        for name, share in program.own(key):
+            out[name] = out.get(name, 0.0) + share * one
+    return {name: float(np.linalg.norm(one)) for name, one in out.items()}
 
 
 def _to_whole(program, values, sky):

@@ -220,7 +220,7 @@ def derive_approach(table):
         derived.append(column_name(name, table.names))
     if derived:
         notes.append(
-            f'{", ".join(derived)} derived from the order '
+            f'last motion of each axis: {", ".join(derived)} derived from the order '
             + ('in time, ' if by_time else 'of the rows, ')
             + (f'as the {table.names.word("az")} reads (its range is more than a turn)'
                if whole_path else 'shortest way'))

@@ -217,6 +217,10 @@ def _settle_origin(given, meta, of_azimuths):
         meta['notes'].append(f'the file says that azimuth 0 is {told}, it was read with {given}')
     elif meta['format'] == 'tpoint' and not (told or given):
         meta['notes'].append('azimuth taken from north through east: the file does not say')
+    elif meta['format'] == 'tpoint':
+        meta['notes'].append(
+            'azimuth taken from ' + {'N': 'north', 'S': 'south'}[meta['azimuth_origin']]
+            + ' through east, as ' + ('the file says' if told else 'it was asked for'))
 
 
 def _compare_site(site, meta):

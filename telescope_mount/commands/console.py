@@ -7,6 +7,8 @@ from threading import RLock, Timer
 
 #: s of work after which progress is shown
 PATIENCE = 1.0
+#: the same where no terminal is: until the first line, and from one to the next
+FIRST_LINE, NEXT_LINE = 2.0, 10.0
 
 
 def step_aside(for_good=False):
@@ -37,10 +39,11 @@ _SHOWN = []
 
 
 class Progress:
-    """A line on the standard error, if that is a terminal: how far the work is, the time left.
+    """A line on the standard error: how far the work is, the time left.
 
     It comes when the work has taken `PATIENCE` seconds, steps aside for what is printed, and
-    leaves nothing behind. Where neither output is a terminal a night leaves a line a step.
+    leaves nothing behind. Where that is no terminal lines are left there now and then (`lines`);
+    where neither output is one a night leaves a line a step.
 
     Parameters
     ----------
@@ -53,10 +56,14 @@ class Progress:
         What comes before the first count.
     every : float
         Seconds after which a step has another such line.
+    lines : bool
+        Whether the standard error, where it is no terminal, has a line after `FIRST_LINE` seconds
+        of work and then one each `NEXT_LINE`.
     """
 
     def __init__(self, console=None, unit='exposures', first='starting the nodes',
-                 every=float('inf')):
+                 every=float('inf'), lines=False):
+        self._lines = lines
         self._console, self._unit, self._every = console, unit, every
         self._lock, self._timer, self._bar = RLock(), None, None
         self._at = first, 0, None
@@ -98,9 +105,26 @@ class Progress:
 
     def _wait(self):
         if sys.stderr.isatty():
-            self._timer = Timer(PATIENCE, self._begin)
-            self._timer.daemon = True
-            self._timer.start()
+            self._after(PATIENCE, self._begin)
+        elif self._lines:
+            passed = time.monotonic() - self._since
+            self._after(FIRST_LINE if passed < FIRST_LINE else NEXT_LINE, self._leave_line)
+
+    def _after(self, seconds, what):
+        self._timer = Timer(seconds, what)
+        self._timer.daemon = True
+        self._timer.start()
+
+    def _leave_line(self):
+        with self._lock:
+            if self._timer is None:  # it has ended meanwhile
+                return
+            text, done, total = self._at
+            count = f': {done} of {total} {self._unit}' if total is not None and done < total \
+                else ''
+            print(f'{text}{count}, {_clock(time.monotonic() - self._since)} so far',
+                  file=sys.stderr, flush=True)
+            self._wait()
 
     def _begin(self):
         from rich.console import Console

@@ -76,10 +76,11 @@ def _run(args):
                       if each else each for each in (runs, held))
     else:
         runs, held = _settled(runs, held, args, console)
-    with Progress(unit='folds', first='looking for effects') as progress:
+    with Progress(unit='folds', first='looking for effects', lines=True) as progress:
         found = diagnose(runs, '+'.join(base.terms) if base else args.base, args.alpha,
                          holdout=held, own_terms=args.own, encoder=args.encoder, seed=args.seed,
                          sessions=args.sessions, progress=progress)
+    found.whole = not (base and base.held is not None)
     show(found, console)
     if base:
         console.print(base.table(found.model))
@@ -141,14 +142,15 @@ def _number_of_hours(text):
 def show(found, console):
     """The verdict in words, the error before and after, the effects, what was left out."""
     from calibration.diagnosis.rows_told import expected_sentence, left_out_lines, used_sentence
-    from calibration.diagnosis_page.plain_words import floor_words, readable, verdict_sentences
-    from calibration.diagnosis_page.view import effect_sentences
+    from calibration.diagnosis_page.plain_words import floor_words, verdict_sentences
+    from calibration.diagnosis_page.told import no_star_sentences, signs_sentences
+    from calibration.diagnosis_page.view import effect_sentences, title_of
     from calibration.tables import new_table
     from pointing_model.effects.base import driver_word
     document, names = found.to_dict(), found.observations.run.mount.names
     first, second = names.columns
     headline, sentences = verdict_sentences(document, effect_sentences(found), limit=20,
-                                            caution=found.caution)
+                                            caution=found.caution, whole=True)
     console.print(used_sentence(document), markup=False)
     console.print(headline, style='bold', markup=False)
     for sentence in sentences:
@@ -182,53 +184,37 @@ def show(found, console):
     console.print(f'{floor_words(document)}: {_number(document["noise_floor_arcsec"])} arcsec '
                   'radial (what is left, corrected for the number of coefficients)\n')
     if found.effects:
-        effects = new_table('Effects', 'effect', 'on', 'driver', 'p', 'ΔBIC', 'gain, arcsec')
-        for effect in document['effects']:
+        effects = new_table('Effects, in the order of the RMS on the sky that they take off',
+                            'effect', 'on', 'driver', 'p', 'ΔBIC', 'takes off, arcsec',
+                            'gain, arcsec')
+        for one, effect in zip(found.effects, document['effects']):
             acts = {'az': first, 'el': second}.get(effect['axes'], effect['axes'])
-            effects.add_row(readable(effect['name']), acts,
+            effects.add_row(title_of(one, names.axes), acts,
                             driver_word(effect['driver']).replace('_', ' '),
                             _number(effect['p_family'], 4), _number(effect['delta_bic'], 1),
+                            _number(effect['removes_rms_arcsec']),
                             _number(effect['cv_gain_arcsec']))
         console.print(effects)
     for line in left_out_lines(found.excluded, len(found.observations.runs) > 1):
         console.print(line, markup=False)
     print_lines(console, 'note', found.notes)
-    if found.columns_alike:
-        print_lines(console, 'note', ['the columns would fit as well if they meant something '
-                                      'else, which no fit can tell; make sure that it is not: '
-                                      + '; '.join(found.columns_alike)])
-    for line in _proposals(document['next_observations'][:6], names):
+    print_lines(console, 'note', signs_sentences(found.columns_alike, names))
+    largest = document['effects'][0]['name'] if document['effects'] else None
+    for line in [*_proposals(document), *no_star_sentences(document, largest)]:
         console.print(line, markup=False)
 
 
-def _proposals(items, names):
+def _proposals(document, most=6):
     """A line for each pair of causes: the places that tell them apart, one after the other."""
-    from calibration.diagnosis_page.plain_words import readable
-    for separates, group in groupby(items, key=lambda item: item['separates']):
+    from calibration.diagnosis_page.told import causes_of, enough, place_words, proposals
+    from pointing_model.effects.base import readable
+    told, kind = causes_of(document), document.get('mount') or 'altaz'
+    for separates, group in groupby(proposals(document)[:most],
+                                    key=lambda item: item['separates']):
         group = list(group)
-        yield (f'next, to tell {" from ".join(map(readable, separates))} (ΔBIC between them now '
-               f'{group[0]["separation_before"]:.1f}, with all of these '
-               f'{group[-1]["separation_after"]:.1f}): observe '
-               + '; '.join(_place(item, names) for item in group))
-
-
-def _place(item, names):
-    place = f'azimuth {item["az_deg"]:.0f}°, elevation {item["el_deg"]:.0f}°'
-    keys = [f'{column}_deg' for column in names.columns]
-    if keys[0] != 'az_deg' and keys[0] in item:
-        place = ', '.join(f'{axis} {item[key]:.0f}°' for axis, key in zip(names.axes, keys)) + (
-            f' ({place})')
-    sides = [{-1: f'{axis} falling', 1: f'{axis} rising'}[item[key]]
-             for key, axis in zip(('approach_az', 'approach_el'), names.axes) if item[key]]
-    if item.get('through_pole'):
-        place += ', through the pole'
-    if sides:
-        place += ', approached with ' + ' and '.join(sides)
-    if item['last_move_deg']:
-        place += f' by a last move back of {item["last_move_deg"]:g}°'
-    if item['after_hours']:
-        place += f', {item["after_hours"]:g} h later'
-    return place
+        names = ' from '.join(told.get(name) or readable(name) for name in separates)
+        yield (f'next, to tell {names} ({enough(group)}): observe '
+               + '; '.join(place_words(item, kind) for item in group))
 
 
 def _number(value, digits=2):

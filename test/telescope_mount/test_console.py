@@ -1,5 +1,7 @@
 """What the commands print with."""
 
+import threading
+
 from telescope_mount.commands import console
 
 
@@ -10,3 +12,28 @@ def test_a_name_with_brackets_is_no_markup_in_the_line_of_progress(monkeypatch, 
         progress('a[/]b.csv', 1, 3)
         progress._begin()
     assert 'a[/]b' in capsys.readouterr().err
+
+
+def test_without_a_terminal_long_work_leaves_a_line_now_and_then(monkeypatch, capsys):
+    monkeypatch.setattr(console, 'FIRST_LINE', 0.0)
+    monkeypatch.setattr(console, 'NEXT_LINE', 0.01)
+    left = threading.Event()
+    with console.Progress(unit='folds', first='looking', lines=True) as progress:
+        leave, lines = progress._leave_line, []
+
+        def counted():
+            leave()
+            lines.append(1)
+            if len(lines) > 2:
+                left.set()
+        progress._leave_line = counted
+        progress('cross-validation', 3, 8)
+        assert left.wait(30.0)
+    out, err = capsys.readouterr()
+    assert out == '' and 'cross-validation: 3 of 8 folds, 0:0' in err
+
+
+def test_short_work_says_nothing_where_no_terminal_is(capsys):
+    with console.Progress(lines=True) as progress:
+        progress('cross-validation', 3, 8)
+    assert capsys.readouterr() == ('', '')

@@ -35,11 +35,11 @@ def off_centre(size):
 KEYS = {'observations', 'runs', 'base_terms', 'verdict', 'before', 'after', 'noise_floor_arcsec',
         'effects', 'excluded', 'next_observations', 'wander', 'detectable', 'expected',
         'rows_read', 'rows_used', 'outliers', 'rms_with_outliers_arcsec', 'columns_alike',
-        'readings'}
+        'readings', 'as_read_rms_arcsec', 'worst_rows', 'held_out', 'no_star'}
 RMS = {'rms_arcsec', 'rms_x_arcsec', 'rms_y_arcsec', 'cv_rms_arcsec', 'cv_rms_x_arcsec',
        'cv_rms_y_arcsec', 'cv_spread', 'holdout_rms_arcsec'}
 EFFECT = {'name', 'tpoint', 'driver', 'axes', 'coefficients_arcsec', 'sigma_arcsec', 'p_family',
-          'delta_bic', 'alternatives', 'cv_gain_arcsec'}
+          'delta_bic', 'alternatives', 'cv_gain_arcsec', 'causes', 'removes_rms_arcsec'}
 
 
 def test_backlash_is_named_and_taken_out():

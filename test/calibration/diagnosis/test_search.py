@@ -1,6 +1,7 @@
 """The search behind the diagnosis: its algebra, its chance level, no look at held-out rows."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -320,3 +321,21 @@ def test_rows_of_one_star_are_flipped_together():
             g = int(np.argmax(scores.delta_bic))
             alarms[together] += chance.p(state, scores, g) <= 0.05
     assert alarms[True] <= 7 < 15 <= alarms[False]  # 2 expected
+
+
+@pytest.mark.parametrize('size, offered', [(0.27, True), (4.0, False)])
+def test_a_cause_of_known_size_is_offered_where_the_rows_ask_for_that_size(size, offered):
+    # the diurnal aberration is 0.32" cos(latitude), whatever else looks the same
+    east = effect('diurnal_aberration', latitude=0.57)
+    context = make_context(np.random.default_rng(5), 200)
+    noise = 0.2 * ARCSEC * np.random.default_rng(3).normal(size=400)
+    b = size * ARCSEC * east.columns(context)[0].ravel() + noise
+    base = Columns(stacked_design(('IA', 'IE'), context.az, context.el), np.empty((0, 400)),
+                   np.zeros(200, int))
+    free = replace(east, size=None)
+    none = Bank([], None, np.empty((0, 400)))
+    state = Problem(base, b, None, none, none).state([])
+    gains = [Bank([e], context, sizes=sizes).score(state).delta_bic[0]
+             for e, sizes in ((free, True), (east, False), (east, True))]
+    assert gains[0] == gains[1] > 20.0
+    assert np.isfinite(gains[2]) == offered

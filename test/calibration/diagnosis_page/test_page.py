@@ -20,6 +20,7 @@ from pointing_model.context import Context
 from pointing_model.effects import Amount, changes, dictionary, effect, smooths, steps
 from pointing_model.effects.base import arcsec, readable
 from pointing_model.mounts import Mount
+from pointing_model.rms import rms_arcsec
 from pointing_model.run import PointingRun
 
 EVIL = '"><script>alert(1)</script><img src=x onerror=alert(2)>\x07\u202e'
@@ -105,15 +106,25 @@ def test_no_name_can_do_harm(page):
     assert '&lt;script&gt;alert(1)' in page and '\x07' not in page and '\u202e' not in page
 
 
-def test_everything_is_in_it_in_order(page):
+def way_start(diagnosis):
+    """RMS of what the encoders read, as text."""
+    run = diagnosis.observations.run
+    return f'{rms_arcsec(*run.offsets("enc")).radial:.1f}'
+
+
+def test_everything_is_in_it_in_order(page, diagnosis):
     headings = Inventory(page).headings
+    before, after = (arcsec(getattr(diagnosis, key)['rms_arcsec']) for key in ('before', 'after'))
     assert headings == [
-        'One effect that the model lacked is found and added', 'Error before and after',
+        f'From {way_start(diagnosis)}″ as the encoders read to {before} with 7 terms, and to '
+        f'{after} with 1 effect beyond them',
+        'Error before and after',
         'Where the residuals are on the sky', 'Target', 'What was added to the model',
         'Residual against each driver', 'Ranking of the candidate effects',
         'Distribution of the residuals', 'Terms of the model', 'Stars',
         'What was left out, and why',
         'What these observations cannot show', 'Notes on the data']
+    assert 'One effect that the model lacked is found and added.' in page
     assert page.count('<svg') >= 1 + 2 + 1 + 2 * 5 + 2
 
 

@@ -1,0 +1,232 @@
+"""What a diagnosis did to single rows, and to nights that it has not seen: facts for people."""
+
+from dataclasses import dataclass
+from pathlib import PurePath
+
+import numpy as np
+
+from calibration.robust import sigma_of
+from msg_tools.units import ARCSEC
+from pointing_model.rms import rms
+
+from .constants import BAD_NIGHT
+from .input_check import MOST_LEFT_OUT
+
+_FOOT = 1.01  # times as far off, from where a row is said to be worse
+
+
+def as_read(obs, weights):
+    """Radial RMS of what the encoders read beyond the catalogue, arcsec, of rows with weight.
+
+    Parameters
+    ----------
+    obs : Observations
+    weights : ndarray, shape (n,)
+
+    Returns
+    -------
+    float or None
+    """
+    keep = weights > 0.0
+    return _radial(obs.observed.reshape(2, -1)[:, keep]) if keep.any() else None
+
+
+def worst_rows(diagnosis):
+    """The worst of the rows that count, before and after.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+
+    Returns
+    -------
+    dict or None
+        ``before`` and ``after``: each with ``row``, ``source`` (of several files),
+        ``before_arcsec`` and ``after_arcsec``. None without an effect.
+    """
+    used = np.flatnonzero(diagnosis.weights > 0.0)
+    if not diagnosis.effects or not len(used):
+        return None
+    obs = diagnosis.observations
+    sizes = {when: np.hypot(*getattr(diagnosis, f'residual_{when}')) / ARCSEC
+             for when in ('before', 'after')}
+    several = len(set(obs.sources)) > 1
+    return {when: {'row': int(obs.lines[i]),
+                   **({'source': PurePath(str(obs.sources[i])).name} if several else {}),
+                   **{f'{key}_arcsec': float(one[i]) for key, one in sizes.items()}}
+            for when, size in sizes.items() for i in [used[np.argmax(size[used])]]}
+
+
+def worst_sentence(document):
+    """Whether the effects made the worst row worse, or another row the worst; '' where neither.
+
+    Parameters
+    ----------
+    document : dict
+        With ``worst_rows``.
+
+    Returns
+    -------
+    str
+    """
+    rows = document.get('worst_rows')
+    if not rows:
+        return ''
+    before, after = rows['before'], rows['after']
+
+    def moved(row):
+        return f'{row["before_arcsec"]:.2f}\u2033 before, {row["after_arcsec"]:.2f}\u2033 after'
+
+    def worse(row):
+        return row['after_arcsec'] > _FOOT * row['before_arcsec']
+    same = before == after
+    said = []
+    if worse(before):
+        said.append(f'The worst row, {_named(before)}, became worse: {moved(before)}.')
+    if not same and worse(after):
+        said.append(f'{_named(after).capitalize()} became the worst: {moved(after)}.')
+    if not said:
+        return ''
+    return ' '.join([*said, 'The effects help on the whole, not there: look at it.'])
+
+
+def _named(row):
+    return (f'{row["source"]} ' if 'source' in row else '') + f'row {row["row"]}'
+
+
+@dataclass
+class HeldNight:
+    """A run held out, judged for itself.
+
+    Attributes
+    ----------
+    name : str
+    rows, set_aside : int
+        Rows, and of these the ones that are outliers among all runs held out.
+    before, after : dict
+        ``radial``, ``x``, ``y``: RMS of all its rows, arcsec.
+    typical : ndarray, shape (2,)
+        Robust scatter of x and y with the effects, arcsec.
+    """
+
+    name: str
+    rows: int
+    set_aside: int
+    before: dict
+    after: dict
+    typical: np.ndarray
+
+    def to_dict(self, bad):
+        """JSON-ready."""
+        return {'run': self.name, 'rows': self.rows, 'set_aside': self.set_aside,
+                'before': _entry(self.before), 'after': _entry(self.after), 'bad': bad}
+
+
+def _entry(values):
+    return {f'rms_{"" if key == "radial" else key + "_"}arcsec': value
+            for key, value in values.items()}
+
+
+def nights_held_out(obs, left, kept, result):
+    """Each run held out for itself, and whether it is bad.
+
+    A night is bad whose robust scatter is `BAD_NIGHT` times that which the others have, with the
+    run that was fitted as one of them, or of which more than a third are outliers.
+
+    Parameters
+    ----------
+    obs : Observations
+        Of the runs held out.
+    left : sequence of ndarray, shape (2, n)
+        What the model leaves there without and with the effects, radians.
+    kept : ndarray of bool, shape (n,)
+        No outliers.
+    result : Diagnosis
+
+    Returns
+    -------
+    list of dict
+        ``run``, ``rows``, ``set_aside``, ``before`` and ``after`` (``rms_arcsec``,
+        ``rms_x_arcsec``, ``rms_y_arcsec`` of all its rows) and ``bad``: None, or ``times`` the
+        others' scatter in ``x`` and ``y``.
+    """
+    nights = []
+    for label in np.unique(obs.label):
+        rows = obs.label == label
+        nights.append(HeldNight(_name(obs, rows), int(rows.sum()), int((rows & ~kept).sum()),
+                                *(_axes(one[:, rows]) for one in left),
+                                _scatter(left[1][:, rows])))
+    own = _scatter(result.residual_after[:, result.weights > 0.0])
+    out = []
+    for i, night in enumerate(nights):
+        others = np.median([own, *(n.typical for j, n in enumerate(nights) if j != i)], axis=0)
+        times = night.typical / np.maximum(others, 1e-9)
+        many = night.set_aside > MOST_LEFT_OUT * night.rows
+        bad = many or np.hypot(*night.typical) > BAD_NIGHT * np.hypot(*others)
+        out.append(night.to_dict(dict(zip('xy', times.tolist())) if bad else None))
+    return out
+
+
+def bad_nights(document, axes):
+    """A sentence for each bad night.
+
+    Parameters
+    ----------
+    document : dict
+        With ``held_out``.
+    axes : sequence of str
+        What x and y are called.
+
+    Returns
+    -------
+    list of str
+    """
+    nights = document.get('held_out') or []
+    good = [night for night in nights if not night['bad']]
+    said = []
+    for night in nights:
+        if not night['bad']:
+            continue
+        after, times = night['after'], night['bad']
+        each = ', '.join(
+            f'{word} {after[f"rms_{key}_arcsec"]:.1f}\u2033 RMS, '
+            + (f'{times[key]:.1f} times the scatter of the others' if times[key] > 1.5
+               else 'as the others') for key, word in zip('xy', axes))
+        said.append(f'The night {night["run"]} is bad: {each}'
+                    + (f'; {night["set_aside"]} of its {night["rows"]} rows are set aside as '
+                       'outliers' if night['set_aside'] else '') + '. Judge the model without it'
+                    + (': on the other' + ('s' if len(good) > 1 else '') + ' it leaves '
+                       + _together(good, 'after') + f' (before {_together(good, "before")}).'
+                       if good else '.'))
+    return said
+
+
+def _together(nights, when):
+    rows = np.array([night['rows'] for night in nights], float)
+    squares = np.array([night[when]['rms_arcsec'] for night in nights])**2
+    return f'{np.sqrt(rows @ squares / rows.sum()):.2f}\u2033'
+
+
+def _name(obs, rows):
+    run = obs.runs[int(obs.label[rows][0])]
+    if isinstance(run, str) and ':' in run:
+        path, _, number = run.rpartition(':')
+        name = PurePath(path).name
+        several = sum(isinstance(r, str) and r.rpartition(':')[0] == path for r in obs.runs) > 1
+        return f'{name}, run {number}' if several else name
+    source = PurePath(str(obs.sources[np.flatnonzero(rows)[0]])).name
+    return source if len(obs.runs) == 1 else f'{source}, run {run:g}' \
+        if isinstance(run, (int, float)) else str(run)
+
+
+def _axes(residual):
+    x, y = (float(rms(one)) / ARCSEC for one in residual)
+    return {'radial': float(np.hypot(x, y)), 'x': x, 'y': y}
+
+
+def _radial(residual):
+    return _axes(residual)['radial']
+
+
+def _scatter(residual):
+    return np.array([float(sigma_of(one)) for one in residual]) / ARCSEC

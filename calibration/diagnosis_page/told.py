@@ -1,0 +1,217 @@
+"""The way of a diagnosis, what an effect looks like, its causes, what would tell them apart."""
+
+from calibration.diagnosis.constants import SET_WIDTH
+from pointing_model.effects.base import arcsec
+from pointing_model.mounts import KINDS
+
+#: causes that are told; the others are counted
+_MOST_CAUSES = 5
+#: the model stays as it was
+STAYS = ('none', 'wanders', 'undecided', 'refused', 'withheld', 'taken_back')
+
+
+def way(document):
+    """From what the encoders read, over the terms, to the effects: RMS on the sky.
+
+    Parameters
+    ----------
+    document : dict
+        `Diagnosis.to_dict()`.
+
+    Returns
+    -------
+    str
+        '' where it is not known what the encoders read.
+    """
+    read = document.get('as_read_rms_arcsec')
+    if read is None or document['verdict'] == 'refused':
+        return ''
+    before, after, _ = steps(document)
+    if before is None:
+        return ''
+    terms, effects = len(document['base_terms']), len(document['effects'])
+    text = (f'From {way_size(read)} as the encoders read to {way_size(before)} with '
+            f'{_count(terms, "term")}')
+    if effects and document['verdict'] not in STAYS:
+        text += f', and to {way_size(after)} with {_count(effects, "effect")} beyond them'
+    return text
+
+
+def steps(document):
+    """RMS with the terms and with the effects as `way` tells them, and on what: three values."""
+    key, label = ('cv_rms_arcsec', 'on rows left out') \
+        if document['after'].get('cv_rms_arcsec') is not None else ('rms_arcsec',
+                                                                    'on the rows fitted')
+    return document['before'].get(key), document['after'].get(key), label
+
+
+def way_size(value):
+    """An RMS as `way` writes it."""
+    return f'{value:.1f}″' if value >= 9.995 else arcsec(value)
+
+
+def _count(number, word):
+    return f'{number} {word}{"" if number == 1 else "s"}'
+
+
+def open_causes(row):
+    """How many causes an effect of the document may have, as people are told them."""
+    return max(len(row.get('causes') or ()), 1)
+
+
+def causes_sentence(causes):
+    """Causes as equals, the best first."""
+    told = [one['cause'] for one in causes]
+    if len(told) > _MOST_CAUSES:
+        told = [*told[:_MOST_CAUSES], f'{len(told) - _MOST_CAUSES} more']
+    return (f'{len(causes)} causes explain it equally well (within {SET_WIDTH:g} in ΔBIC): '
+            f'{"; ".join(told[:-1])}; or {told[-1]}.')
+
+
+def causes_of(document):
+    """Name of an effect -> the cause that it stands for, in words, dict."""
+    return {name: one['cause'] for row in document['effects'] for one in row.get('causes') or ()
+            for name in one['effects']}
+
+
+def proposals(document):
+    """Proposed observations that tell causes apart which people are told as two."""
+    told = causes_of(document)
+    return [item for item in document.get('next_observations') or []
+            if len({told.get(name, name) for name in item['separates']}) > 1]
+
+
+def no_star_sentences(document, but=None):
+    """A sentence for each effect, but for one, of which no observation tells the causes apart."""
+    told = causes_of(document)
+    return [f'No star tells {told.get(one, one)} from {told.get(other, other)}: on the whole sky '
+            'they look alike, so look at the mount.'
+            for one, other in document.get('no_star') or [] if one != but]
+
+
+def next_sentence(document, row):
+    """Which observation would tell the causes of an effect apart, or that none would.
+
+    Parameters
+    ----------
+    document : dict
+    row : dict
+        Of its effects.
+
+    Returns
+    -------
+    str
+        '' where it has one cause.
+    """
+    if open_causes(row) < 2:
+        return ''
+    told = {name: one['cause'] for one in row['causes'] for name in one['effects']}
+    mine = [item for item in proposals(document) if item['separates'][0] == row['name']]
+    if mine:
+        kind = document.get('mount') or 'altaz'
+        other = told.get(mine[0]['separates'][1], 'the next')
+        return (f'To tell {told[row["name"]]} from {other}, observe first '
+                f'{place_words(mine[0], kind)}; {enough(mine)}.')
+    if any(pair[0] == row['name'] for pair in document.get('no_star') or []):
+        return ('No star tells them apart: on the whole sky they look alike, so look at the '
+                'mount.')
+    return ''
+
+
+def enough(items):
+    """What some observations for one pair would bring, and whether that is enough."""
+    before, after = items[0]['separation_before'], items[-1]['separation_after']
+    text = f'ΔBIC between them, {before:.1f} now, would be {after:.1f} with ' + (
+        'it' if len(items) == 1 else f'{len(items)} such observations')
+    return text + ('' if after >= SET_WIDTH else
+                   f', still below {SET_WIDTH:g}: more of them are needed')
+
+
+def place_words(item, kind='altaz'):
+    """A proposed observation in words.
+
+    Parameters
+    ----------
+    item : dict
+        As of `calibration.diagnosis.next_observations.propose`.
+    kind : str
+        Of `pointing_model.mounts.KINDS`.
+
+    Returns
+    -------
+    str
+    """
+    names = KINDS[kind]
+    place = f'azimuth {item["az_deg"]:.0f}°, elevation {item["el_deg"]:.0f}°'
+    keys = [f'{column}_deg' for column in names.columns]
+    if keys[0] != 'az_deg' and keys[0] in item:
+        place = ', '.join(f'{axis} {item[key]:.0f}°' for axis, key in zip(names.axes, keys)) + (
+            f' ({place})')
+    sides = [{-1: f'{axis} falling', 1: f'{axis} rising'}[item[key]]
+             for key, axis in zip(('approach_az', 'approach_el'), names.axes) if item.get(key)]
+    if item.get('through_pole'):
+        place += ', through the pole'
+    if sides:
+        place += ', approached with ' + ' and '.join(sides)
+    if item.get('last_move_deg'):
+        place += f' by a last move back of {item["last_move_deg"]:g}°'
+    if item.get('after_hours'):
+        place += f', {item["after_hours"]:g} h later'
+    return place
+
+
+#: words of pages and tables, and what they mean; docs/glossary.md has them too
+WORDS = {
+    'sawtooth': 'it grows evenly, falls back at once, and begins again, a period apart',
+    'memory': 'after a reversal the new side is reached little by little: 63 % of the way after '
+              'so many degrees of motion',
+    'smooth curve': 'a line without corners through what is left, where no cause is known',
+    'wave': 'a sine, which rises and falls once a period',
+    'bump': 'it is off at one place and little elsewhere',
+    'wanders': 'the error moves slowly, so that neighbouring rows err alike, and nothing that was '
+               'recorded moves with it',
+    'ΔBIC': 'how much better an effect explains the rows than its coefficients cost; 6 is strong '
+            'evidence',
+    'noise floor': 'what is left on the rows fitted, made larger for the coefficients that were '
+                   'fitted: seeing, and all that nothing here describes',
+    'rows left out': 'rows that neither the fit nor the choice of effects has seen: '
+                     'cross-validation',
+    'hysteresis': 'the reading depends on the side from which the star was reached',
+}
+
+
+def explained(text):
+    """Of `WORDS` those that are in a text: list of (word, what it means)."""
+    low = text.lower()
+    return [(word, meaning) for word, meaning in WORDS.items() if word.lower() in low]
+
+
+def signs_sentences(alike, names):
+    """What no fit can see of the columns, in words of what it means.
+
+    Parameters
+    ----------
+    alike : sequence of str
+        `Diagnosis.columns_alike`.
+    names : mounts.Names
+
+    Returns
+    -------
+    list of str
+    """
+    first, rest, mirror = names.axes[0], [], ''
+    for text in alike:
+        if text == f'{first} of catalogue and encoders counted the other way':
+            mirror = f'; or {text}, as in a mirror'
+        elif text != 'mount and catalogue exchanged':
+            rest.append(text)
+    said = []
+    if 'mount and catalogue exchanged' in alike or mirror:
+        said.append('all is well with the columns as far as a fit can tell. What none can, in any '
+                    'run: mount and catalogue may be exchanged, and every sign here be the '
+                    f'opposite{mirror}. The columns were taken as the file has them; positive is '
+                    'an encoder that reads too much')
+    if rest:
+        said.append('read otherwise the columns fit as well, so make sure that they are not: '
+                    + '; '.join(rest))
+    return said
