@@ -15,6 +15,7 @@ from pointing_model.terms import design
 from pointing_model.zero_exposures import BY_POLARIS, BY_STARS, MARK, is_for_zero, is_marked
 
 from .by_group import ByGroup, Moves
+from .finished import Finished
 from .fit import fit_terms
 from .polaris_zero import zero_from_polaris
 from .step_scan import clipped, evidence, log_normal, probabilities, robust_fit, two_sided
@@ -264,11 +265,12 @@ class Night:
                         seen[axis, n] = colour_of(base, clipped(base, y), label).most
         return Memory(np.array(apart), seen)
 
-    def witnesses(self, memory, model=None):
+    def witnesses(self, memory, model=None, finished=None):
         """A `Witness` for each power-on with Polaris, a `StarsSeen` for one with stars.
 
-        `memory` as of `Night.memory`.
+        `memory` as of `Night.memory`, `finished` as of `witnesses.check_witnesses`.
         """
+        finished = Finished() if finished is None else finished
         out = []
         for run in np.unique(self.stretch):
             rows = self.stretch == run
@@ -279,21 +281,28 @@ class Night:
                 seen = stars_seen(float(run), part.select(is_marked(part)), model, memory.seen)
                 out += [seen] if seen is not None else []
                 continue
-            zeros = [zero_from_polaris(part, PointingModel({}, mount=self.mount), encoder=encoder)
-                     for encoder in ('enc', 'abs')]
-            place = (float(np.arctan2(np.sin(part['az']).mean(), np.cos(part['az']).mean())),
-                     float(part['el'].mean()))
-            apart = [self.apart_at(axis, rows, place[axis], memory.apart[axis])
-                     for axis in (0, 1)]
-            count = min(zero.n for zero in zeros)
-            more = np.array([[inflation(rho, count) for rho in both] for both in memory.seen])
-            out.append(Witness(
-                float(run), *place, *(zero.angles for zero in zeros),
-                np.array([self._shared(axis, rows & self.for_zero, zeros)
-                          * np.sqrt(np.outer(more[axis], more[axis])) for axis in (0, 1)]),
-                np.array([value for value, _ in apart]), np.array([sigma for _, sigma in apart]),
-                max(int(count / more.max()), 2)))
+            witness = finished.once(
+                ('witness', float(run)), (part, *(values[..., rows] for values in (
+                    self.apart, self.for_zero, self.rows['az'], self.rows['el'])),
+                    memory.apart, memory.seen), partial(self._witness, run, rows, part, memory))
+            out.append(witness)
         return out
+
+    def _witness(self, run, rows, part, memory):
+        """By Polaris: of `rows`, a mask, its exposures are `part`."""
+        zeros = [zero_from_polaris(part, PointingModel({}, mount=self.mount), encoder=encoder)
+                 for encoder in ('enc', 'abs')]
+        place = (float(np.arctan2(np.sin(part['az']).mean(), np.cos(part['az']).mean())),
+                 float(part['el'].mean()))
+        apart = [self.apart_at(axis, rows, place[axis], memory.apart[axis]) for axis in (0, 1)]
+        count = min(zero.n for zero in zeros)
+        more = np.array([[inflation(rho, count) for rho in both] for both in memory.seen])
+        return Witness(
+            float(run), *place, *(zero.angles for zero in zeros),
+            np.array([self._shared(axis, rows & self.for_zero, zeros)
+                      * np.sqrt(np.outer(more[axis], more[axis])) for axis in (0, 1)]),
+            np.array([value for value, _ in apart]), np.array([sigma for _, sigma in apart]),
+            max(int(count / more.max()), 2))
 
     def _shared(self, axis, rows, zeros):
         """Covariance of (enc, abs) at Polaris: what they do not share is the encoders' noise."""
@@ -320,12 +329,17 @@ class Night:
                          colour.white(self.apart[axis][rows]))
         return float(fit.value @ at), float(np.sqrt(at @ fit.covariance @ at))
 
-    def change(self, axis, before, now, model, budget, tests, sky):
-        """`Change` of an axis between two witnesses."""
+    def circle(self, before, now, model, budget):
+        """How the offset differs between the places of two witnesses, and its variance, (2,) each.
+        """
+        return _circle(before, now, model, budget.term, self.mount)
+
+    def change(self, axis, before, now, circle, budget, tests, sky):
+        """`Change` of an axis between two witnesses; `circle` as of the method."""
         enc, second = now.enc[axis] - before.enc[axis], now.abs[axis] - before.abs[axis]
         enc, second = (wrap(enc), wrap(second)) if axis == 0 else (enc, second)
         covariance = before.covariance[axis] + now.covariance[axis]
-        circle, extra = _circle(before, now, model, budget.term, self.mount)
+        circle, extra = circle
         enc, second = enc - circle[axis], second - circle[axis]
         covariance = covariance + extra[axis]
         apart = wrap(now.apart[axis] - before.apart[axis])
