@@ -44,7 +44,7 @@ def _digest(inputs):
     out = hashlib.blake2b(digest_size=16)
     for one in inputs:
         if isinstance(one, PointingRun):
-            out.update(repr((list(one.columns), one.mount)).encode())
+            out.update(repr((*one.columns, one.mount)).encode())
             for column in one.columns.values():
                 _add(out, column)
         elif isinstance(one, np.ndarray):
@@ -56,8 +56,8 @@ def _digest(inputs):
 
 
 def _add(out, values):
-    out.update(f'{values.dtype}{values.shape}'.encode())
-    out.update(np.ascontiguousarray(values).tobytes())
+    out.update(f'{values.dtype.str}{values.shape}'.encode())
+    out.update(values.tobytes())
 
 
 class Packed:

@@ -275,7 +275,7 @@ class CalibrationSession:
             'condition': result.condition,
             'rejected': len(result.rejected), **told_entries(rows, result),
             'steps': held_out_steps(
-                rows, self._fit_terms, self._recipe, split_half(stars, self._split_seed),
+                rows, self._recipe, split_half(stars, self._split_seed),
                 self.reference, self._first_zeros(rows), ways(self.zeros.values()), notes,
                 published),
             'external_check': power_on_check(

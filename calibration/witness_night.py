@@ -107,6 +107,7 @@ class Night:
         self.apart = np.stack([wrap(rows['az_enc'] - rows['az_abs']),
                                wrap(rows['el_enc'] - rows['el_abs'])])
         self.cos_el = np.cos(rows['el'])
+        self._moves = {}
 
     def _absolute_power_ons(self):
         """How many the absolute encoder has had in a power-on of the other before each row."""
@@ -125,8 +126,12 @@ class Night:
 
         Or for those of `runs`.
         """
+        if runs is None and shortest not in self._moves:
+            self._moves[shortest] = self.moves(shortest, self.tonight)
+        if runs is None:
+            return self._moves[shortest]
         blocks, about = [], []
-        for run in self.tonight if runs is None else runs:
+        for run in runs:
             at = np.flatnonzero(self.run == run)
             times = self.rows['time'][at]
             begins = np.arange(shortest, len(at) - shortest + 1)
