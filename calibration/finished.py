@@ -74,5 +74,14 @@ class Packed:
         return None if text is None else json.loads(zlib.decompress(text))
 
     def __set__(self, owner, document):
-        text = None if document is None else zlib.compress(json.dumps(document).encode(), 1)
+        text = None if document is None else zlib.compress(document_text(document).encode(), 1)
         setattr(owner, self._name, text)
+
+
+def document_text(document):
+    """As `json.dumps` of a dict, entry by entry: of a long text at once it makes as many pieces."""
+    def of(value):
+        if isinstance(value, list) and value:
+            return f'[{", ".join(map(json.dumps, value))}]'
+        return json.dumps(value)
+    return f'{{{", ".join(f"{json.dumps(key)}: {of(value)}" for key, value in document.items())}}}'
