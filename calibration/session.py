@@ -30,10 +30,8 @@ from .zero_changes import zero_change, zero_changes, zeros_of_night
 REPORT_FORMAT = 'telescope_mount/calibration_report'
 REPORT_VERSION = 1
 
-#: coefficients with correlations in the report, the first ones: a table of all grows with the
-#: square of the power-ons
+#: the first coefficients, with correlations in the report: of all they grow with the square
 CORRELATED = 40
-
 NO_HARMONICS = HarmonicChoice()
 
 
@@ -90,8 +88,7 @@ class CalibrationSession:
     @property
     def mount(self):
         """That of the observations, else of the model in force or the reference, `Mount`."""
-        known = self.in_force or self.reference or PointingModel({})
-        return self._rows.mount or known.mount
+        return self._rows.mount or (self.in_force or self.reference or PointingModel({})).mount
 
     @property
     def names(self):
@@ -158,8 +155,8 @@ class CalibrationSession:
 
     def zeros_again(self):
         """For who has lost the zeros: from the rows that are there; numbers of their power-ons."""
-        self.zeros.update(zeros_of_night(self.observations(), self.reference, None,
-                                         self._finished)[0])
+        rows = self.observations()
+        self.zeros.update(zeros_of_night(rows, self.reference, finished=self._finished)[0])
         return sorted(self.zeros)
 
     def calibrate_zero(self):
@@ -259,8 +256,8 @@ class CalibrationSession:
             notes += section.pop('notes')
         model, zeros, result = fitted
         published = self._published_kind()
-        notes += [f'the stars do not determine {dropped["text"]}'
-                  for dropped in (() if section else result.dropped)]
+        lost = () if section else result.dropped
+        notes += [f'the stars do not determine {dropped["text"]}' for dropped in lost]
         notes += [f'row {row["row"]} left out: {row["reason"]}' for row in result.excluded]
         notes += told_lines(rows, result)
         report = {
