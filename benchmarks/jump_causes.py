@@ -131,7 +131,7 @@ def inside(rows, model, axis, since):
 
 def last(base, column, y, noise):
     """The last coefficient of a fit with that noise, and its sigma."""
-    inverse = np.linalg.pinv(np.column_stack([base, column]) / noise[:, None], 1e-9)
+    inverse = np.linalg.pinv(np.column_stack([base.dense(), column]) / noise[:, None], 1e-9)
     return float(inverse[-1] @ (y / noise)), float(np.linalg.norm(inverse[-1]))
 
 

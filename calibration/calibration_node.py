@@ -15,6 +15,7 @@ from std_srvs.srv import Trigger
 from msg_tools import convert, topics
 from msg_tools.homing import cloud_to_homing
 from msg_tools.long_work import LongWork
+from msg_tools.memory import give_back
 from msg_tools.node import MountNode, run_node
 from msg_tools.status import OBSERVATIONS, Progress, handover_rows
 from msg_tools.units import ARCSEC
@@ -28,6 +29,7 @@ from pointing_model.zero_message import zero_to_joints
 from .calibration_params import PARAMS, site_of
 from .check import ways
 from .distrust import contradicted
+from .finished import document_text
 from .harmonic_fit import choice_of
 from .live_apart import LiveApart
 from .nights import NightSeries
@@ -273,8 +275,9 @@ class Calibration(MountNode):
         self._say('fitting')
         self._refuse_contradicted()
         model, report = self._session.fit(self._homings(), self._refuse_contradicted)
-        self._publish_report()
+        self._send_report(report)
         self._publish_model(model)
+        give_back()
         held_out = report['steps'][-1]['held_out']['radial']
         done = (f'{report["stars"]} stars fitted; {report["steps"][-1]["step"]}: '
                 f'{held_out:.2f} arcsec radial on stars held out'
@@ -304,7 +307,7 @@ class Calibration(MountNode):
 
     def _send_report(self, report):
         self._alarms = report['witnesses']['alarms']
-        self._report_pub.publish(String(data=json.dumps(report)))
+        self._report_pub.publish(String(data=document_text(report)))
 
     def _publish_model(self, model):
         """The model, and the zero that belongs to it; its exposures gave it a little otherwise."""
@@ -341,6 +344,7 @@ class Calibration(MountNode):
             response.message = str(err)
             self._say(response.message)
         self._long.caught_up(lambda call, err: self.reject(call.__name__, str(err)))
+        give_back()
         return response
 
     def _ask(self, text):

@@ -1,13 +1,18 @@
 """External check: fit on half of the stars, judge on the others (paper 000)."""
 
+from functools import partial
+
 import numpy as np
 
 from pointing_model.rms import rms_arcsec
+from pointing_model.run import PointingRun
 from pointing_model.zero import NO_ZERO, zero_in_force
 from pointing_model.zero_exposures import BY_POLARIS, is_for_zero
 
+from .finished import Finished
 from .fit import fit_terms
 from .harmonic_fit import Recipe
+from .rows import by_run
 
 
 def split_half(run, seed=0):
@@ -114,7 +119,7 @@ def rms_of(model, run, zero):
     return rms_arcsec(*model.residuals(run, zero=zero))._asdict()
 
 
-def power_on_check(rows, reference, first, measured, change, notes, other=None):
+def power_on_check(rows, reference, first, measured, change, notes, finished=None, other=None):
     """The paper's check, from one power-on to the next: its coefficients on later stars.
 
     Parameters
@@ -130,6 +135,8 @@ def power_on_check(rows, reference, first, measured, change, notes, other=None):
         ``change(rows, before, after, model)`` gives the change of the zero, a MeasuredZero.
     notes : list of str
         Gets a line where a power-on has too few stars.
+    finished : Finished, optional
+        Has the checks of power-ons that are over.
     other : (str, callable), optional
         Another kind of model: its name, such as ``harmonics of``, and
         ``fit(rows, recipe)``, which gives a `HarmonicFit`.
@@ -149,26 +156,38 @@ def power_on_check(rows, reference, first, measured, change, notes, other=None):
         return [{'check': f'{label}, before {way}',
                  **rms_of(reference, stars, zero_in_force(reference))},
                 {'check': f'{label}, after {way}', **rms_of(reference, stars, first)}]
-    out = []
-    numbers = [n for n in np.unique(stars['run']) if int(n) in measured]
     kinds = [('model of', lambda part, zero: fit_terms(part, zero=zero).model)]
     if other is not None:
         kinds.append((other[0], lambda part, zero: other[1](
             part, Recipe(zero, run_zeros=False)).model))
+    finished = Finished() if finished is None else finished
+    out, parts = [], by_run(rows)
+    numbers = [n for n in np.unique(stars['run']) if int(n) in measured]
     for before, after in zip(numbers, numbers[1:]):
-        old, later = first[before], stars.select(stars['run'] == after)
-        for kind, fit in kinds:
-            try:
-                model = fit(rows.select(rows['run'] == before), old)
-            except ValueError as err:
-                notes.append(f'external check: {err}')
-                continue
-            new = old.plus(*change(rows, before, after, model).angles)
-            label = f'{kind} power-on {before:.0f} on the stars of power-on {after:.0f}'
-            out.append({'check': f'{label}, with the old zero', **rms_of(model, later, old)})
-            out.append({'check': f'{label}, zero by {ways([measured[int(after)]])}',
-                        **rms_of(model, later, new)})
+        pair, way = (parts[before], parts[after]), ways([measured[int(after)]])
+        found, said = finished.once(
+            ('check', after), (*pair, first[before].angles, way, *(name for name, _ in kinds)),
+            partial(_from_to, *pair, before, after, first[before], way, change, kinds))
+        out += found
+        notes += said
     return out
+
+
+def _from_to(then, later, before, after, old, way, change, kinds):
+    """Checks of models of a power-on on another, and what could not be checked."""
+    out, notes = [], []
+    both, stars = PointingRun.concatenate([then, later]), later.select(~is_for_zero(later))
+    for kind, fit in kinds:
+        try:
+            model = fit(then, old)
+        except ValueError as err:
+            notes.append(f'external check: {err}')
+            continue
+        new = old.plus(*change(both, before, after, model).angles)
+        label = f'{kind} power-on {before:.0f} on the stars of power-on {after:.0f}'
+        out.append({'check': f'{label}, with the old zero', **rms_of(model, stars, old)})
+        out.append({'check': f'{label}, zero by {way}', **rms_of(model, stars, new)})
+    return out, notes
 
 
 def ways(zeros):

@@ -20,6 +20,7 @@ from .gauss_newton import Linear, gauss_newton
 from .least_squares import covariance_of, need_rows, weighted_solve
 from .rotating import Rotating
 from .rows import UNREACHABLE, usable
+from .run_columns import MANY, RunColumns
 
 #: Directions in the space of the (column-scaled) coefficients whose singular value is below this
 #: part of the largest are not determined by the stars, and left out. Measured for the seven terms:
@@ -168,8 +169,7 @@ def fit_terms(run, names=None, *, held=None, robust=True, geometry=None, encoder
     np.subtract(used.el_enc, el, out=observed[n:])
     first_order = stacked_design(terms, used.az, el, mount, trig)
     if len(names) > len(terms):
-        first_order = np.vstack((first_order,
-                                 _columns_of_zeros(run['run'][used.rows], runs, el)))
+        first_order = _with_zeros(first_order, run['run'][used.rows], runs, el)
     solved = gauss_newton(
         Linear(observed, first_order) if linear
         else Rotating(trig, terms, turned, observed, first_order, mount),
@@ -188,6 +188,13 @@ def fit_terms(run, names=None, *, held=None, robust=True, geometry=None, encoder
 def _names_of_zeros(runs, mount):
     """How far the zero of each run but the first lies from its, as coefficients."""
     return tuple(f'{axis}[{number:g}]' for number in runs[1:] for axis in mount.names.index)
+
+
+def _with_zeros(terms, labels, runs, el):
+    """Columns of the terms, shape (k, 2n), with those of the zeros: an ndarray or RunColumns."""
+    if len(runs) >= MANY:
+        return RunColumns.of(terms, labels, el)
+    return np.vstack((terms, _columns_of_zeros(labels, runs, el)))
 
 
 def _columns_of_zeros(labels, runs, el):
@@ -316,7 +323,7 @@ def fit_harmonics(run, interpretation='zenith', *, degree=DEGREE, held=None, aft
     rows = columns_of(degree, az, el, interpretation).reshape(k, -1)
     runs = np.unique(run['run'][used.rows]) if run_zeros else ()
     if len(runs) > 1:
-        rows = np.vstack((rows, _columns_of_zeros(run['run'][used.rows], runs, el)))
+        rows = _with_zeros(rows, run['run'][used.rows], runs, el)
     solved = gauss_newton(Linear(observed, rows), used.sigmas, robust, rcond)
 
     def make_model(p, covariance, facts):
@@ -353,7 +360,8 @@ def _without_taken(covariance, solved, after, run, used):
     if solved.row_weights is not None:
         both = np.concatenate((solved.row_weights, solved.row_weights))
         weights = both if weights is None else both * weights
-    weighted = solved.rows if weights is None else solved.rows * weights
+    weighted = np.asarray(solved.rows)
+    weighted = weighted if weights is None else weighted * weights
     onto = solved.solution.inverse @ (weighted @ taken.T)
     if solved.basis is not None:
         onto = solved.basis @ onto

@@ -51,7 +51,7 @@ class Solved(NamedTuple):
 
     p: np.ndarray
     solution: Solution  # in the coordinates of `basis`
-    rows: np.ndarray
+    rows: np.ndarray  # or RunColumns
     basis: np.ndarray | None  # directions kept, (k, r); None if all are
     spectrum: Spectrum  # of the first-order design
     base: np.ndarray | None
@@ -67,7 +67,7 @@ class Linear:
     Parameters
     ----------
     observed : ndarray, shape (2n,)
-    rows : ndarray, shape (k, 2n)
+    rows : ndarray, shape (k, 2n), or RunColumns
     """
 
     linear, moved = True, False
@@ -88,13 +88,15 @@ class Linear:
 
     def part(self, step):
         """The same of every row in `step`."""
-        return Linear(*every(step, self.observed, self.first_order))
+        return Linear(every(step, self.observed), every(step, self.first_order))
 
 
-def every(step, *arrays):
-    """Every row in `step` of arrays of x and y of all rows, shape (..., 2n)."""
-    return [np.concatenate([v[..., :v.shape[-1] // 2][..., ::step],
-                            v[..., v.shape[-1] // 2:][..., ::step]], axis=-1) for v in arrays]
+def every(step, v):
+    """Every row in `step` of an array of x and y of all rows, shape (..., 2n), or a RunColumns."""
+    if not isinstance(v, np.ndarray):
+        return v.every(step)
+    n = v.shape[-1] // 2
+    return np.concatenate([v[..., :n][..., ::step], v[..., n:][..., ::step]], axis=-1)
 
 
 class _Weigher:
@@ -171,7 +173,7 @@ class _Rounds:
 
     Parameters
     ----------
-    rows : ndarray, shape (k, 2n)
+    rows : ndarray, shape (k, 2n), or RunColumns
     b : ndarray, shape (2n,)
     base : ndarray, shape (2n,), or None
     rcond : float
@@ -223,7 +225,8 @@ class _Rounds:
         if self.unweighted:
             longer *= len(weights) / float(np.add.reduce(weights))
         step = longer * (self.inverse @ force)
-        moved = np.matmul(step, self.rows, out=weighted)
+        moved = (np.matmul(step, self.rows, out=weighted) if isinstance(self.rows, np.ndarray)
+                 else step @ self.rows)
         self.p = self.p + step
         self.residual = self.residual - moved
         return _largest(moved)
@@ -336,11 +339,13 @@ def gauss_newton(start, sigmas, robust, rcond):
         if not (same and near):
             rows = start.columns() if basis is None else basis.T @ start.columns()
             if feasible is not None:
+                rows = np.asarray(rows)
                 rows[:, np.concatenate((~feasible, ~feasible))] = 0.0
         known, weights, settled = feasible, _present(base, feasible), True
         if robust and few:
             if iteration <= 3:  # then it is settled, or the iteration need not end
-                keep = kept_rows(rows, residual, weights, TOLERANCE if base is None else 1.0)
+                keep = kept_rows(np.asarray(rows), residual, weights,
+                                 TOLERANCE if base is None else 1.0)
                 row_weights = None if keep is None else keep.astype(float)
                 settled = iteration == 3
             if row_weights is not None:
@@ -382,7 +387,7 @@ def _of_some(start, sigmas, robust, rcond):
     n = start.first_order.shape[1] // 2
     step = n // max(_FIRST, n // _PART)
     try:
-        return gauss_newton(start.part(step), None if sigmas is None else every(step, sigmas)[0],
+        return gauss_newton(start.part(step), None if sigmas is None else every(step, sigmas),
                             robust, rcond).p
     except ValueError:
         return np.zeros(len(start.first_order))

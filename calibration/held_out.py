@@ -26,16 +26,13 @@ HARMONICS = {
 }
 
 
-def held_out_steps(rows, fit_terms, recipe_of, used, reference, first, way, notes,
-                   published=None):
+def held_out_steps(rows, recipe_of, used, reference, first, way, notes, published=None):
     """Each kind of model on the stars that it was fitted to, and on the others.
 
     Parameters
     ----------
     rows : PointingRun
         Stars and exposures for zeros, which every fit sees.
-    fit_terms : callable
-        ``fit_terms(rows)`` gives a `harmonic_fit.HarmonicFit` of the terms.
     recipe_of : callable
         ``recipe_of(rows)`` gives the `harmonic_fit.Recipe` for them.
     used : ndarray of bool
@@ -78,7 +75,8 @@ def held_out_steps(rows, fit_terms, recipe_of, used, reference, first, way, note
         with suppress(ValueError):
             judge(label, fit_harmonics(halves['used'], interpretation, zero=first).model, first)
     try:
-        model, zeros, _ = fit_terms(rows.select(seen))
+        part = rows.select(seen)
+        model, zeros, _ = recipe_of(part).terms(part)
         judge(TERMS, model, zeros)
     except ValueError as err:
         notes.append(f'held-out check: {err}')
@@ -89,7 +87,6 @@ def held_out_steps(rows, fit_terms, recipe_of, used, reference, first, way, note
     if published is not None:
         label, fit = published
         try:
-            part = rows.select(seen)
             judge(PUBLISHED + label, *fit(part, recipe_of(part))[:2])
         except ValueError as err:
             notes.append(f'{label}: {err}')

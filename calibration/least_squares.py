@@ -1,7 +1,7 @@
 """Weighted least squares of two axes: the algebra behind `fit`; its iteration: `gauss_newton`.
 
-The design has a row a coefficient: x of all stars, then y of all stars. A weight per value may be
-None: all equal.
+The design has a row a coefficient: x of all stars, then y of all stars. In the place of an ndarray
+it may be `run_columns.RunColumns`. A weight per value may be None: all equal.
 """
 
 from typing import NamedTuple
@@ -56,11 +56,16 @@ def spectrum_of(rows, weights, normal):
     -------
     Spectrum
     """
-    scale = np.sqrt(normal.diagonal())
-    scale = np.where(scale > 0.0, scale, 1.0)
-    values, vectors = np.linalg.eigh(normal / (scale[:, None] * scale))
+    found = None if isinstance(rows, np.ndarray) else rows.spectrum(normal)
+    if found is None:
+        scale = np.sqrt(normal.diagonal())
+        scale = np.where(scale > 0.0, scale, 1.0)
+        values, vectors = np.linalg.eigh(normal / (scale[:, None] * scale))
+    else:
+        values, vectors, scale = found
     if values[0] > _GRAM_LIMIT * values[-1]:
         return Spectrum(np.sqrt(values), vectors, scale)
+    rows = np.asarray(rows)
     design = (rows if weights is None else rows * np.sqrt(weights)) / scale[:, None]
     _, s, v = np.linalg.svd(np.linalg.qr(design.T, mode='r'))
     return Spectrum(s[::-1], v[::-1].T, scale)
@@ -79,6 +84,8 @@ def normal_matrices(rows, weights=None):
     -------
     x_normal, normal : ndarray, shape (k, k)
     """
+    if not isinstance(rows, np.ndarray):
+        return rows.normals(weights)
     n = rows.shape[1] // 2
     if n <= _BLOCK // 2:
         weighted = rows if weights is None else rows * weights
@@ -123,7 +130,8 @@ def weighted_solve(rows, b, weights, rcond, normals=None):
     """
     x_normal, normal = normal_matrices(rows, weights) if normals is None else normals
     try:
-        inverse = np.linalg.inv(normal)
+        inverse = (np.linalg.inv(normal) if isinstance(rows, np.ndarray)
+                   else rows.inverse(normal))
         # trace x trace of the scaled matrix and its inverse: never below the condition number
         condition = len(normal) * float(normal.diagonal() @ inverse.diagonal())
     except np.linalg.LinAlgError:

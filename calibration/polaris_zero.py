@@ -160,7 +160,7 @@ def _mean(exposures, encoder, model, name):
 
 
 def zero_from_polaris(exposures, reference, *, encoder='enc', model=None, run=None,
-                      reference_name='an earlier power-on'):
+                      reference_name='an earlier power-on', means=None):
     """Change of the encoders' zero since a reference, from exposures of Polaris.
 
     Parameters
@@ -180,6 +180,9 @@ def zero_from_polaris(exposures, reference, *, encoder='enc', model=None, run=No
         Number of the power-on of the exposures.
     reference_name : str
         What the report calls the reference exposures.
+    means : dict, optional
+        Of many changes by one model and encoder: keeps the means of exposures, by `id`, that are
+        now in this change and then in the next.
 
     Returns
     -------
@@ -195,7 +198,14 @@ def zero_from_polaris(exposures, reference, *, encoder='enc', model=None, run=No
         if model is not None:
             raise ValueError('the reference is a model already; leave out the second one')
         model = reference
-    fit, covariance, now_az, now_el = _mean(exposures, encoder, model, 'tonight')
+    means = {} if means is None else means
+
+    def mean(part, name):
+        if id(part) not in means:
+            means[id(part)] = _mean(part, encoder, model, name)
+        return means[id(part)]
+
+    fit, covariance, now_az, now_el = mean(exposures, 'tonight')
     value, mount = fit.coefficients, exposures.mount
     if isinstance(reference, PointingModel):
         columns = mean_columns(tuple(model.terms), now_az, now_el, mount)
@@ -206,8 +216,7 @@ def zero_from_polaris(exposures, reference, *, encoder='enc', model=None, run=No
                 [np.mean(vx / np.cos(now_el) ** 2), np.mean(vy)])
         description = told_model(model)
     else:
-        then, then_covariance, then_az, then_el = _mean(
-            reference, encoder, model, reference_name)
+        then, then_covariance, then_az, then_el = mean(reference, reference_name)
         value = value - then.coefficients
         covariance = covariance + then_covariance
         if model is not None:

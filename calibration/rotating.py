@@ -22,7 +22,7 @@ class Rotating:
         Geometric terms that are held, radians; a fitted one is added.
     observed : ndarray, shape (2n,)
         Encoder - catalogue on the sky, x of all rows, then y, radians.
-    first_order : ndarray, shape (k, 2n)
+    first_order : ndarray, shape (k, 2n), or RunColumns
         Their columns; of the geometric terms they are replaced by those of `columns`.
     mount : Mount
     """
@@ -72,7 +72,7 @@ class Rotating:
     def part(self, step):
         """As of `gauss_newton.Linear`."""
         return Rotating(self.trig.every(step), self.terms, self.turned,
-                        *every(step, self.observed, self.first_order), self.mount)
+                        every(step, self.observed), every(step, self.first_order), self.mount)
 
     def _blocks(self):
         n = len(self.observed) // 2

@@ -8,7 +8,7 @@ from msg_tools.units import wrap
 from pointing_model.mounts import told
 from pointing_model.run import PointingRun
 from pointing_model.zero import NO_ZERO
-from pointing_model.zero_exposures import MARK, is_for_zero
+from pointing_model.zero_exposures import MARK, is_for_zero, is_marked
 
 from .distrust import distrusted
 
@@ -44,11 +44,26 @@ def for_fitting(rows):
     return rows.select((rows['star'] >= 0) & ~is_kept_out(rows) & ~distrusted(rows))
 
 
+def by_run(rows):
+    """Rows of each power-on, dict of float to PointingRun, in ascending order of the numbers."""
+    order = np.argsort(rows['run'], kind='stable')
+    numbers, first = np.unique(rows['run'][order], return_index=True)
+    return {float(number): rows.select(part)
+            for number, part in zip(numbers, np.split(order, first[1:]))}
+
+
 def zero_exposures_by_run(rows):
     """Number and exposures for a zero, a PointingRun, of each power-on with some; no lies."""
-    rows = rows.select(is_for_zero(rows) & ~distrusted(rows))
-    for number in np.unique(rows['run']):
-        yield int(number), rows.select(rows['run'] == number)
+    for number, part in by_run(rows.select(is_for_zero(rows) & ~distrusted(rows))).items():
+        yield int(number), part
+
+
+def counts(rows):
+    """Numbers of stars and exposures for zeros: ``stars``, ``polaris``, and ``for_zero`` if any."""
+    marked = int(np.count_nonzero(is_marked(rows)))
+    stars = int(np.count_nonzero(~is_for_zero(rows)))
+    out = {'stars': stars, 'polaris': len(rows) - stars - marked}
+    return {**out, 'for_zero': marked} if marked else out
 
 
 def with_marks(rows):

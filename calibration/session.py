@@ -8,18 +8,19 @@ from msg_tools.units import ARCSEC
 from pointing_model.following import KEY as FOLLOWS
 from pointing_model.following import Following
 from pointing_model.model import PointingModel
-from pointing_model.run import PointingRun
 from pointing_model.zero import NO_ZERO, Zeros, zeros_in_force
-from pointing_model.zero_exposures import is_for_zero, is_marked
+from pointing_model.zero_exposures import is_for_zero
 
 from .check import power_on_check, split_half, ways
 from .distrust import notes_of, reasons
+from .finished import Finished, Packed
 from .fit_document import told_entries, told_lines
 from .harmonic_fit import HarmonicChoice, Recipe, fit_chosen, rows_of_terms
 from .held_out import held_out_steps
 from .judgement import FEWEST, judge
 from .publication import Candidate, Published
-from .rows import check_mount, for_fitting, with_marks
+from .row_store import RowStore
+from .rows import check_mount, counts, for_fitting, with_marks
 from .sky_model import origin_of_night, with_errors
 from .stars_zero import zero_from_exposures
 from .wandering import followed
@@ -29,6 +30,8 @@ from .zero_changes import zero_change, zero_changes, zeros_of_night
 REPORT_FORMAT = 'telescope_mount/calibration_report'
 REPORT_VERSION = 1
 
+#: the first coefficients, with correlations in the report: of all they grow with the square
+CORRELATED = 40
 NO_HARMONICS = HarmonicChoice()
 
 
@@ -49,6 +52,9 @@ class CalibrationSession:
         Of the model that is published; by default none.
     """
 
+    #: of the last fit, judged again with the model that came after it, dict; None before
+    report = Packed()
+
     def __init__(self, reference=None, split_seed=1, yesterday=None, harmonics=NO_HARMONICS):
         self.reference = reference
         self._harmonics = harmonics
@@ -61,7 +67,7 @@ class CalibrationSession:
         self._yesterday = yesterday
         #: how Polaris and the encoders stand to each other tonight, from `fit` on
         self.witness = None
-        self._parts, self._count = {}, 0  # by the stamp of the newest row; rows in all
+        self._rows, self._finished = RowStore(), Finished()
         self.last_stamp = 0
         #: that `fit` made last, PointingModel
         self.model = None
@@ -71,22 +77,18 @@ class CalibrationSession:
         self.zeros = Zeros()
         #: that belong to the fitted model
         self.zeros_in_force = Zeros()
-        #: of the last fit, judged again with the model that came after it
-        self.report = None
         self._published = Published()
         self._follows = Following()
         self._homings = ()
         self._diagnosis = self._result = None
 
     def __len__(self):
-        return self._count
+        return len(self._rows)
 
     @property
     def mount(self):
         """That of the observations, else of the model in force or the reference, `Mount`."""
-        first = next(iter(self._parts.values()), None)
-        known = first or self.in_force or self.reference or PointingModel({})
-        return known.mount
+        return self._rows.mount or (self.in_force or self.reference or PointingModel({})).mount
 
     @property
     def names(self):
@@ -117,11 +119,10 @@ class CalibrationSession:
             if name not in run:
                 raise ValueError(f'observation without column {name}')
         check_mount(run.mount, {
-            'the observations before': self.mount if self._parts else None,
+            'the observations before': self._rows.mount,
             'the reference model': self.reference and self.reference.mount})
         if stamp > self.last_stamp:
-            self._parts[stamp] = with_marks(run)
-            self._count += len(run)
+            self._rows.add(with_marks(run), stamp)
             self.last_stamp = stamp
 
     def take_table(self, run, stamp):
@@ -135,8 +136,8 @@ class CalibrationSession:
             Of the newest row, ns.
         """
         if stamp >= self.last_stamp and len(run) > len(self):
-            self._parts.clear()
-            self._count = self.last_stamp = 0
+            self._rows.clear()
+            self.last_stamp = 0
             self.add(run, stamp)
 
     def observations(self, until=0):
@@ -147,15 +148,15 @@ class CalibrationSession:
         ValueError
             There is none.
         """
-        if not self._parts:
+        if not len(self):
             raise ValueError('no observation has come yet; observe first')
-        parts = [part for stamp, part in self._parts.items() if not until or stamp <= until]
-        run = PointingRun.concatenate(parts or self._parts.values())
+        run = self._rows.all(until)
         return with_errors(run, self._errors) if self._errors else run
 
     def zeros_again(self):
         """For who has lost the zeros: from the rows that are there; numbers of their power-ons."""
-        self.zeros.update(zeros_of_night(self.observations(), self.reference)[0])
+        rows = self.observations()
+        self.zeros.update(zeros_of_night(rows, self.reference, finished=self._finished)[0])
         return sorted(self.zeros)
 
     def calibrate_zero(self):
@@ -174,7 +175,7 @@ class CalibrationSession:
             No usable exposure for a zero in the newest power-on.
         """
         newest = self.newest
-        zeros, parts = zeros_of_night(self.observations(), self.reference, newest)
+        zeros, parts = zeros_of_night(self.observations(), self.reference, newest, self._finished)
         self.zeros.update(zeros)
         if newest not in parts:
             self.zeros.pop(newest, None)  # of exposures that are not trusted any more
@@ -239,8 +240,7 @@ class CalibrationSession:
         observed = for_fitting(self.observations())
         follows = followed(observed)
         rows = follows.corrected(observed)
-        is_star = ~is_for_zero(rows)
-        stars = rows.select(is_star)
+        stars = rows.select(~is_for_zero(rows))
         notes = notes_of(self.observations())
         fitted = self._fit_terms(rows)
         self.terms_alone, section, misfits = Candidate(fitted.model, fitted.zeros), None, 0
@@ -256,31 +256,28 @@ class CalibrationSession:
             notes += section.pop('notes')
         model, zeros, result = fitted
         published = self._published_kind()
-        for dropped in () if section else result.dropped:
-            notes.append(f'the stars do not determine {dropped["text"]}')
-        for row in result.excluded:
-            notes.append(f'row {row["row"]} left out: {row["reason"]}')
+        lost = () if section else result.dropped
+        notes += [f'the stars do not determine {dropped["text"]}' for dropped in lost]
+        notes += [f'row {row["row"]} left out: {row["reason"]}' for row in result.excluded]
         notes += told_lines(rows, result)
         report = {
             'format': REPORT_FORMAT, 'version': REPORT_VERSION,
             'last_stamp_ns': self.last_stamp, **rows.mount.entries(),
-            'stars': len(stars), 'polaris': int(np.count_nonzero(~is_star & ~is_marked(rows))),
-            **({'for_zero': int(np.count_nonzero(is_marked(rows)))} if is_marked(rows).any()
-               else {}),
+            **counts(rows),
             'zeros': self.zeros.to_list(),
             'changes': zero_changes(observed, sorted(self.zeros), model),
             'zeros_in_force': zeros.to_list(),
             'terms': result.term_rows() if not section else rows_of_terms(model),
-            'correlations': result.correlations.tolist(),
+            'correlations': result.correlations[:CORRELATED, :CORRELATED].tolist(),
             'condition': result.condition,
             'rejected': len(result.rejected), **told_entries(rows, result),
             'steps': held_out_steps(
-                rows, self._fit_terms, self._recipe, split_half(stars, self._split_seed),
+                rows, self._recipe, split_half(stars, self._split_seed),
                 self.reference, self._first_zeros(rows), ways(self.zeros.values()), notes,
                 published),
             'external_check': power_on_check(
                 rows, self.reference, self._first_zeros(rows) if self.zeros else {},
-                self.zeros, zero_change, notes,
+                self.zeros, zero_change, notes, self._finished,
                 published and ('harmonics of', published[1])),
             'noise_arcsec': [s / ARCSEC for s in result.scatter],
             'witnesses': self._witnesses(observed, model, homings),
@@ -303,9 +300,11 @@ class CalibrationSession:
             }, model.geometry, mount=model.mount), zeros, follows)
         notes[:] = map(rows.mount.names.say, notes)
         check(report)
-        self._homings, self.report, self.zeros_in_force = homings, report, zeros
+        self._homings, self.zeros_in_force = homings, zeros
         old = self._published.now
-        if old is not None and not replaces(old, new, self.observations(), report):
+        kept = old is not None and not replaces(old, new, self.observations(), report)
+        self.report = report
+        if kept:
             self.zeros_in_force = old.zeros
             return old.published(refit='refused', last_stamp_ns=self.last_stamp), report
         self._published.replace(new, len(self))
@@ -419,7 +418,8 @@ class CalibrationSession:
                 'witnesses': self._witnesses(for_fitting(rows), model, self._homings)}
 
     def _witnesses(self, rows, model, homings):
-        found = check_witnesses(rows, self._yesterday, model=model, homings=homings)
+        found = check_witnesses(rows, self._yesterday, model=model, homings=homings,
+                                finished=self._finished)
         self.witness = found.latest
         return {'alarms': found.alarms, 'notes': found.notes}
 

@@ -72,7 +72,7 @@ def zeros_of_power_ons(parts, reference, *, encoder='enc'):
     ValueError
         A power-on has no usable exposure, or too few.
     """
-    if is_a_model(reference) or not any(is_marked(part).any() for part in parts.values()):
+    if is_alone(parts, reference):
         return {number: zero_from_exposures(part, reference, encoder=encoder, run=number)
                 for number, part in parts.items()}
     solved = _solve(list(parts.values()), [f'power-on {number}' for number in parts], None,
@@ -81,15 +81,20 @@ def zeros_of_power_ons(parts, reference, *, encoder='enc'):
             for place, number in enumerate(parts)}
 
 
+def is_alone(parts, reference):
+    """Whether the zero of each power-on has nothing to do with others; see `zeros_of_power_ons`."""
+    return is_a_model(reference) or not any(is_marked(part).any() for part in parts.values())
+
+
 def zero_from_exposures(exposures, reference, *, encoder='enc', model=None, run=None,
-                        reference_name='an earlier power-on'):
+                        reference_name='an earlier power-on', means=None):
     """Change of the encoders' zero since a reference, from exposures of Polaris or of stars.
 
     Parameters
     ----------
     exposures : PointingRun
         All of its rows are for the zero, see `zero_exposures.is_for_zero`.
-    reference, encoder, model, run, reference_name
+    reference, encoder, model, run, reference_name, means
         As of `polaris_zero.zero_from_polaris`, which does it where all exposures are of Polaris.
         With reference exposures, `model` was not fitted to them nor to `exposures`: else their
         noise would count as if it were of other stars.
@@ -106,7 +111,7 @@ def zero_from_exposures(exposures, reference, *, encoder='enc', model=None, run=
     since = isinstance(reference, PointingRun)
     if not is_marked(exposures).any() and not (since and is_marked(reference).any()):
         return zero_from_polaris(exposures, reference, encoder=encoder, model=model, run=run,
-                                 reference_name=reference_name)
+                                 reference_name=reference_name, means=means)
     if not since:
         if model is not None:
             raise ValueError('the reference is a model already; leave out the second one')

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .by_group import ByGroup, Moves
 from .robust import huber, reweighted, sigma_of
 
 #: robust sigmas to which outliers are brought. Tried on nights of 40 rows with two spikes of 20
@@ -36,11 +37,64 @@ class Scan(NamedTuple):
     probability: np.ndarray
 
 
-def _basis(design):
-    """Orthonormal basis of the columns, those that depend on others left out."""
-    scale = np.linalg.norm(design, axis=0)
-    u, s, _ = np.linalg.svd(design / np.where(scale > 0.0, scale, 1.0), full_matrices=False)
-    return u[:, s > _RCOND * s[0]] if len(s) else u
+class Free(NamedTuple):
+    """What a design leaves of anything.
+
+    Attributes
+    ----------
+    groups : ByGroup or None
+        Columns that are taken off first.
+    basis : ndarray, shape (n, r)
+        Orthonormal, of the others; those that depend on others left out.
+    """
+
+    groups: ByGroup | None
+    basis: np.ndarray
+
+    @classmethod
+    def of(cls, design):
+        """Of an ndarray, shape (n, k), or a ByGroup."""
+        columns, _, least = _columns(design)
+        groups = design if isinstance(design, ByGroup) else None
+        if groups is not None:
+            columns = groups.off(columns)
+        u, s, _ = np.linalg.svd(columns, full_matrices=False)
+        return cls(groups, u[:, s > _RCOND * max(least, 0.0, *s[:1])] if len(s) else u)
+
+    @property
+    def rank(self):
+        """Numbers that the design determines."""
+        return self.basis.shape[1] + (0 if self.groups is None else self.groups.groups)
+
+    def off(self, values):
+        """What is left of `values`, shape (n,) or (n, k)."""
+        values = values if self.groups is None else self.groups.off(values)
+        return values - self.basis @ (self.basis.T @ values)
+
+    def off_moves(self, moves, rest):
+        """Square of what is left of each column of `Moves`, and its product with `rest`, (m,).
+
+        `rest`, shape (n,), is what is left of something.
+        """
+        sizes, products = [], []
+        for rows, columns in moves.blocks:
+            own = self.groups.own[rows]
+            columns = columns - np.outer(own, own @ columns / (own @ own))
+            along = self.basis[rows].T @ columns
+            sizes.append(np.sum(columns**2, axis=0) - np.sum(along**2, axis=0))
+            products.append(rest[rows] @ columns)
+        return np.concatenate(sizes), np.concatenate(products)
+
+
+def _columns(design):
+    """Columns of unit length (of a ByGroup, its others), their lengths, the least singular value
+    that the largest of the whole design may have.
+    """
+    grouped = isinstance(design, ByGroup)
+    columns = design.rest if grouped else design
+    scale = np.linalg.norm(columns, axis=0)
+    scale = np.where(scale > 0.0, scale, 1.0)
+    return columns / scale, scale, 1.0 if grouped else 0.0
 
 
 def robust_fit(design, y):
@@ -48,7 +102,8 @@ def robust_fit(design, y):
 
     Parameters
     ----------
-    design : ndarray, shape (n, k)
+    design : ndarray, shape (n, k), or ByGroup
+        Of the latter value and covariance are those of its other columns.
     y : ndarray, shape (n,)
 
     Returns
@@ -62,20 +117,27 @@ def robust_fit(design, y):
         No more rows than columns.
     """
     n = len(y)
-    scale = np.linalg.norm(design, axis=0)
-    scale = np.where(scale > 0.0, scale, 1.0)
-    columns = design / scale
-    _, s, vt = np.linalg.svd(columns, full_matrices=False)
-    keep = s > _RCOND * s[0]
-    dof = n - int(keep.sum())
+    columns, scale, least = _columns(design)
+    groups = design if isinstance(design, ByGroup) else None
+    plain = columns if groups is None else groups.off(columns)
+    _, s, vt = np.linalg.svd(plain, full_matrices=False)
+    keep = s > _RCOND * max(least, 0.0, *s[:1])
+    dof = n - int(keep.sum()) - (0 if groups is None else groups.groups)
     if dof <= 0:
-        raise ValueError(f'{n} rows do not determine {design.shape[1]} numbers; observe more')
+        width = design.shape[1] if groups is None else groups.width
+        raise ValueError(f'{n} rows do not determine {width} numbers; observe more')
     inverse = (vt[keep].T / s[keep] ** 2) @ vt[keep]
 
     def solve(weights):
         root = np.sqrt(weights)
-        value = np.linalg.pinv(columns * root[:, None], _RCOND) @ (root * y)
-        return value, y - columns @ value, weights
+        if groups is None:
+            value = np.linalg.pinv(columns * root[:, None], _RCOND) @ (root * y)
+            return value, y - columns @ value, weights
+        own, left = groups.off(columns, weights), groups.off(y, weights)
+        u, s, vt = np.linalg.svd(own * root[:, None], full_matrices=False)
+        kept = s > _RCOND * max(least, 0.0, *s[:1])
+        value = vt[kept].T @ ((u[:, kept].T @ (root * left)) / s[kept])
+        return value, left - own @ value, weights
 
     def weights_of(residual):
         noise = float(sigma_of(residual, np.sqrt(n / dof)))
@@ -107,10 +169,11 @@ def scan(design, y, candidates, least=0.0):
 
     Parameters
     ----------
-    design : ndarray, shape (n, k)
+    design : ndarray, shape (n, k), or ByGroup
         What is there anyway.
     y : ndarray, shape (n,)
-    candidates : ndarray, shape (n, m)
+    candidates : ndarray, shape (n, m), or Moves
+        The latter beside a ByGroup.
     least : float
         Noise of a row, at least: the resolution, where rounding is all the noise there is.
 
@@ -119,14 +182,19 @@ def scan(design, y, candidates, least=0.0):
     Scan
         By Student's t.
     """
-    basis = _basis(design)
-    rest = y - basis @ (basis.T @ y)
-    free = candidates - basis @ (basis.T @ candidates)
-    size = np.sum(free**2, axis=0)
-    known = size > 1e-6 * np.sum(candidates**2, axis=0)
+    free = Free.of(design)
+    rest = free.off(y)
+    if isinstance(candidates, Moves):
+        size, amount = free.off_moves(candidates, rest)
+        squares = np.concatenate([np.sum(columns**2, axis=0) for _, columns in candidates.blocks])
+    else:
+        left = free.off(candidates)
+        size, amount = np.sum(left**2, axis=0), left.T @ rest
+        squares = np.sum(candidates**2, axis=0)
+    known = size > 1e-6 * squares
     size = np.where(known, size, 1.0)
-    amount = free.T @ rest / size
-    dof = max(len(y) - basis.shape[1] - 1, 1)
+    amount = np.where(known, amount, 0.0) / size
+    dof = max(len(y) - free.rank - 1, 1)
     left = np.maximum(rest @ rest - amount**2 * size, max(least**2 * dof, 1e-300))
     sigma = np.sqrt(left / dof / size)
     p = two_sided(amount / sigma, dof)

@@ -17,6 +17,7 @@ from pointing_model.effects.base import effect
 from pointing_model.effects.hysteresis import MEMORIES
 from pointing_model.following import AxisFollowing, Following, harmonic_columns
 
+from .by_group import ByGroup
 from .restricted import restricted
 from .step_scan import robust_fit, two_sided
 from .witness_causes import ABSOLUTE, INCREMENTAL
@@ -113,7 +114,7 @@ def find_walk(apart, angle, run, rivals=(), limit=_CHANCE, least=0.0, sides=()):
     fixed = np.column_stack([members, discs])
     if n < fixed.shape[1] + 8:
         return None
-    y = _tame(apart, fixed, run)
+    y = _tame(apart, discs, run)
     scale = max(np.std(y), least)
     walk, ratio, probability = min(
         ((kernel, *_restricted(y / scale, fixed, kernel, least / scale))
@@ -161,13 +162,13 @@ def _kernels(angle, run):
             yield np.minimum(*np.meshgrid(far, far)) * (run[:, None] == run[None, :])
 
 
-def _tame(y, fixed, run):
+def _tame(y, discs, run):
     """Readings far from those before and those after them are brought to these.
 
     One wild reading is no walk; where it stays, it is one.
     """
-    smooth = fixed @ robust_fit(fixed, y).value
-    out = y - smooth
+    out = robust_fit(ByGroup.of(run, rest=discs), y).residual
+    smooth = y - out
     for r in np.unique(run):
         at = np.flatnonzero(run == r)
         if len(at) < 4 * _BESIDE:

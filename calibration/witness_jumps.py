@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import ndtri
 
-from .step_scan import clipped, log_normal, probabilities, robust_fit
+from .step_scan import Free, clipped, log_normal, probabilities, robust_fit
 from .witness_causes import ABSOLUTE, ALIKE, BOTH, INCREMENTAL
 from .witness_night import AXES, SEGMENT
 from .witness_noise import LEAST, colour_of, strongest
@@ -89,27 +89,24 @@ def _retimed(night, sky, events, budget):
     A small difference of two large jumps is found beside its moment, or as a drift, which then
     would take up the large one on the sky.
     """
-    columns, about = night.moves(SEGMENT + 2)
-    steps = [n for n, (_, kind, _) in enumerate(about) if kind == 'step']
+    steps = night.moves(SEGMENT + 2).only(lambda about: about[1] == 'step')
     out = list(events)
     for axis in (0, 1):
         own = [n for n, (k, _) in enumerate(events) if k == axis]
-        if len(own) != 1 or not steps or events[own[0]][1].kind == 'wander':
+        if len(own) != 1 or not len(steps) or events[own[0]][1].kind == 'wander':
             continue
         event = events[own[0]][1]
         others = [night.on(k, e.column) for k, e in events if k != axis]
         best = strongest(
-            np.column_stack([sky.fixed, *others]), sky.enc,
-            np.column_stack([night.on(axis, columns[:, n]) for n in steps]),
+            sky.fixed.beside(*others), sky.enc, steps.on(axis, night.cos_el),
             budget.false_alarm / 2.0, night.sequence_2, night.halves)
         if best is None:
             continue
-        run, _, time = about[steps[best.place]]
-        column = columns[:, steps[best.place]]
+        run, _, time = steps.about[best.place]
+        column = steps.column(best.place)
         base = night.apart_base(axis)
-        y = clipped(np.column_stack([base, column, event.column]), night.apart[axis])
-        there, here = (robust_fit(np.column_stack([base, one]), y)
-                       for one in (event.column, column))
+        y = clipped(base.beside(column, event.column), night.apart[axis])
+        there, here = (robust_fit(base.beside(one), y) for one in (event.column, column))
         if here.residual @ here.residual - there.residual @ there.residual < (
                 _NEAR * there.noise**2):
             out[own[0]] = axis, event._replace(
@@ -125,7 +122,7 @@ def attributed(axis, found, night, sky):
     """
     trust = 0.5
     if sky is not None:
-        full = np.column_stack([sky.fixed, night.on(axis, found.column)])
+        full = sky.fixed.beside(night.on(axis, found.column))
         colour = colour_of(full, clipped(full, sky.abs), night.sequence_2, night.halves)
         fit = robust_fit(colour.white(full), colour.white(sky.abs))
         against, variance = fit.value[-1], fit.covariance[-1, -1]
@@ -143,22 +140,22 @@ def attributed(axis, found, night, sky):
 
 def _against_sky(night, sky, found, budget):
     """Steps and drifts against the sky that both encoders share, or have a part of."""
-    columns, about = night.moves(SEGMENT + 2)
+    moves = night.moves(SEGMENT + 2)
     out = []
-    if not about:
+    if not len(moves):
         return out
     for axis in (0, 1):
-        on_sky = np.column_stack([night.on(axis, column) for column in columns.T])
+        on_sky = moves.on(axis, night.cos_el)
         for _ in range(_MOST):
-            full = np.column_stack([sky.fixed, *(night.on(*one) for one in found)])
+            full = sky.fixed.beside(*(night.on(*one) for one in found))
             best = strongest(full, sky.enc, on_sky, budget.false_alarm / 2.0, night.sequence_2,
                              night.halves)
             if best is None:
                 break
-            run, kind, time = about[best.place]
+            run, kind, time = moves.about[best.place]
             event = Event(AXES[axis], float(run), kind, float(time), best.amount, best.sigma,
                           ALIKE, 1.0 - best.probability, 2.0 * best.probability)
-            column = columns[:, best.place]
+            column = moves.column(best.place)
             if kind == 'step':
                 jump = _named(night, sky, axis, run, [*found, (axis, column)], len(found), budget)
                 if jump is not None and jump[0] in (BOTH, ALIKE):
@@ -174,26 +171,24 @@ def _named(night, sky, axis, run, found, number, budget):
 
     The others are kept where they are. None where no moment determines it.
     """
-    columns, about = night.moves(SEGMENT)
-    kept = [n for n, (of, kind, _) in enumerate(about) if of == run and kind == 'step']
-    columns, times = columns[:, kept], np.array([about[n][2] for n in kept])
+    steps = night.moves(SEGMENT, [run]).only(lambda about: about[1] == 'step')
+    columns, times = steps.dense(), np.array([time for _, _, time in steps.about])
     others = [one for n, one in enumerate(found) if n != number]
-    apart_base = np.column_stack([night.apart_base(axis), *(c for k, c in others if k == axis)])
-    sky_base = np.column_stack([sky.fixed, *(night.on(*one) for one in others)])
+    apart_base = night.apart_base(axis).beside(*(c for k, c in others if k == axis))
+    sky_base = sky.fixed.beside(*(night.on(*one) for one in others))
     on_sky = np.column_stack([night.on(axis, column) for column in columns.T])
     at = int(np.argmin(np.abs(columns - found[number][1][:, None]).sum(axis=0)))
     from_apart = None
     for _ in range(2):  # outliers and noise are those beside the step
         here = columns[:, at]
-        apart_full = np.column_stack([apart_base, here])
-        sky_full = np.column_stack([sky_base, on_sky[:, at]])
-        if min(len(here) - apart_full.shape[1], 2 * len(here) - sky_full.shape[1]) < 3:
+        apart_full, sky_full = apart_base.beside(here), sky_base.beside(on_sky[:, at])
+        if min(len(here) - apart_full.width, 2 * len(here) - sky_full.width) < 3:
             return None
         y = clipped(apart_full, night.apart[axis])
-        own = y - apart_base @ robust_fit(apart_full, y).value[:-1]
+        fit = robust_fit(apart_full, y)
+        own = fit.residual + here * fit.value[-1]
         second = clipped(sky_full, sky.abs)
-        left = [y - apart_full @ robust_fit(apart_full, y).value,
-                second - sky_full @ robust_fit(sky_full, second).value]
+        left = [fit.residual, robust_fit(sky_full, second).residual]
         shared = _shared(night.on(axis, left[0]), left[1])
         other = second - shared * night.on(axis, own)
         d = _fits(apart_base, y, columns, at, night.sequence)
@@ -219,18 +214,14 @@ def _named(night, sky, axis, run, found, number, budget):
 
 def _fits(design, y, steps, at, sequence, series=None):
     """Each step alone beside the design, with the noise beside the step `at`."""
-    full = np.column_stack([design, steps[:, at]])
-    colour = colour_of(full, y, sequence, series)
-    design, y, steps = colour.white(design), colour.white(y), colour.white(steps)
-    size = np.linalg.norm(design, axis=0)
-    u, s, _ = np.linalg.svd(design / np.where(size > 0.0, size, 1.0), full_matrices=False)
-    u = u[:, s > 1e-7 * s[0]]
-    y, steps = y - u @ (u.T @ y), steps - u @ (u.T @ steps)
+    colour = colour_of(design.beside(steps[:, at]), y, sequence, series)
+    free = Free.of(colour.white(design))
+    y, steps = free.off(colour.white(y)), free.off(colour.white(steps))
     square = np.sum(steps**2, axis=0)
     square = np.maximum(square, 1e-6)  # not determined: no gain
     amount = steps.T @ y / square
     left = y @ y - amount[at] ** 2 * square[at]
-    noise = np.sqrt(max(left / max(len(y) - u.shape[1] - 1, 1), LEAST**2))
+    noise = np.sqrt(max(left / max(len(y) - free.rank - 1, 1), LEAST**2))
     return _Fits(amount, noise / np.sqrt(square))
 
 

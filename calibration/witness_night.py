@@ -14,6 +14,8 @@ from pointing_model.run import PointingRun
 from pointing_model.terms import design
 from pointing_model.zero_exposures import BY_POLARIS, BY_STARS, MARK, is_for_zero, is_marked
 
+from .by_group import ByGroup, Moves
+from .finished import Finished
 from .fit import fit_terms
 from .polaris_zero import zero_from_polaris
 from .step_scan import clipped, evidence, log_normal, probabilities, robust_fit, two_sided
@@ -55,7 +57,7 @@ class Sky(NamedTuple):
     enc: np.ndarray  # (2n,): x of all rows, then y; no zero taken off
     abs: np.ndarray
     terms: np.ndarray  # (2n, 5)
-    fixed: np.ndarray  # (2n, k): the terms of each night, the zeros of each power-on
+    fixed: ByGroup  # of 2n rows: the zeros of each power-on, the terms of each night, the discs
     noise: float
 
 
@@ -105,6 +107,7 @@ class Night:
         self.apart = np.stack([wrap(rows['az_enc'] - rows['az_abs']),
                                wrap(rows['el_enc'] - rows['el_abs'])])
         self.cos_el = np.cos(rows['el'])
+        self._moves = {}
 
     def _absolute_power_ons(self):
         """How many the absolute encoder has had in a power-on of the other before each row."""
@@ -116,51 +119,55 @@ class Night:
             out[at] = np.maximum.accumulate(out[at])
         return out
 
-    def member(self, run):
-        """1 in the rows of `run`, shape (n,)."""
-        return (self.run == run).astype(float)
-
     # --- inside a power-on ------------------------------------------------------------------------
 
-    def moves(self, shortest):
-        """Candidates: (columns (n, m), list of (run, kind, time)), for the power-ons of tonight."""
-        columns, about = [], []
-        for run in self.tonight:
+    def moves(self, shortest, runs=None):
+        """Candidates: `Moves`, about (run, kind, time) each, for the power-ons of tonight.
+
+        Or for those of `runs`.
+        """
+        if runs is None and shortest not in self._moves:
+            self._moves[shortest] = self.moves(shortest, self.tonight)
+        if runs is None:
+            return self._moves[shortest]
+        blocks, about = [], []
+        for run in runs:
             at = np.flatnonzero(self.run == run)
             times = self.rows['time'][at]
-            for i in range(shortest, len(at) - shortest + 1):
-                column = np.zeros(len(self.run))
-                column[at[i:]] = 1.0
-                columns.append(column)
-                about.append((run, 'step', 0.5 * (times[i - 1] + times[i])))
+            begins = np.arange(shortest, len(at) - shortest + 1)
+            columns = (np.arange(len(at))[:, None] >= begins).astype(float)
+            about += [(run, 'step', 0.5 * (times[i - 1] + times[i])) for i in begins]
             if len(at) >= 2 * shortest and np.ptp(times) > 0.0:
-                column = np.zeros(len(self.run))
-                column[at] = times - times.mean()
-                columns.append(column)
+                columns = np.column_stack([columns, times - times.mean()])
                 about.append((run, 'drift', times.mean()))
-        return (np.column_stack(columns) if columns else np.empty((len(self.run), 0))), about
+            if columns.shape[1]:
+                blocks.append((at, columns))
+        return Moves(len(self.run), blocks, about)
 
     def apart_base(self, axis):
-        """Columns of incremental - absolute: power-ons, and both discs, off their axis and tilted.
+        """Design of incremental - absolute: power-ons, and both discs, off their axis and tilted.
+
+        Returns
+        -------
+        ByGroup
         """
-        return np.column_stack([*(self.member(run) for run in self.runs),
-                                harmonic_columns(self.rows[SHORT[axis]])])
+        return ByGroup(self.sequence, np.ones(len(self.run)),
+                       harmonic_columns(self.rows[SHORT[axis]]))
 
     def apart_events(self, axis, budget):
         """Steps and drifts of incremental - absolute, a list of `Found`."""
-        columns, about = self.moves(SEGMENT)
-        base = self.apart_base(axis)
+        moves, base = self.moves(SEGMENT), self.apart_base(axis)
         found = []
-        if not about or len(self.run) <= base.shape[1] + _MOST_EVENTS + 1:
+        if not len(moves) or len(self.run) <= base.width + _MOST_EVENTS + 1:
             return found
         while len(found) < _MOST_EVENTS:
-            full = np.column_stack([base, *(event.column for event in found)])
-            best = strongest(full, self.apart[axis], columns, budget.false_alarm / 2.0,  # two axes
+            full = base.beside(*(event.column for event in found))
+            best = strongest(full, self.apart[axis], moves, budget.false_alarm / 2.0,  # two axes
                              self.sequence)
             if best is None:
                 return found
-            found.append(Found(*about[best.place], columns[:, best.place], best.amount, best.sigma,
-                               best.probability * 2.0))
+            found.append(Found(*moves.about[best.place], moves.column(best.place), best.amount,
+                               best.sigma, best.probability * 2.0))
         return found
 
     def sky(self, events, model, notes):
@@ -183,9 +190,10 @@ class Night:
                 self.rows, encoder='abs'))
         terms = np.concatenate(design(self.mount.names.physical[_OTHERS], self.rows['az'],
                                       self.rows['el'], self.mount))
-        fixed = np.column_stack([self._of_nights(terms), self._zeros(), self._discs()])
+        fixed = ByGroup(self.sequence_2, np.concatenate([self.cos_el, np.ones(len(self.run))]),
+                        np.column_stack([self._of_nights(terms), self._discs()]))
         moved = [self.on(axis, event.column) for axis, event in events]
-        noise = robust_fit(np.column_stack([fixed, *moved]), enc).noise
+        noise = robust_fit(fixed.beside(*moved), enc).noise
         return Sky(enc, second, terms, fixed, noise)
 
     def _shared_effects(self, model):
@@ -200,8 +208,7 @@ class Night:
             if axis is not None:
                 column = fitted.offsets(Context.of_run(self.rows))[axis]
                 column = column / (self.cos_el if axis == 0 else 1.0)
-                base = np.column_stack([self.member(run) for run in self.runs])
-                fit = robust_fit(np.column_stack([base, column]), self.apart[axis])
+                fit = robust_fit(ByGroup.of(self.run, rest=column[:, None]), self.apart[axis])
                 if fit.value[-1] > 0.5:
                     continue
             shared.append(fitted)
@@ -224,10 +231,6 @@ class Night:
         return np.column_stack([self.on(axis, column) for axis in (0, 1)
                                 for column in harmonic_columns(self.rows[SHORT[axis]]).T])
 
-    def _zeros(self):
-        return np.column_stack([
-            self.on(axis, self.member(run)) for run in self.runs for axis in (0, 1)])
-
     # --- from power-on to power-on ----------------------------------------------------------------
 
     def memory(self, sky, jumps):
@@ -244,13 +247,12 @@ class Night:
         Memory
         """
         columns = [[jump.column for jump in jumps if jump.axis == axis] for axis in (0, 1)]
-        bases = [np.column_stack([self.apart_base(axis), *columns[axis]]) for axis in (0, 1)]
+        bases = [self.apart_base(axis).beside(*columns[axis]) for axis in (0, 1)]
         apart = [colour_of(base, clipped(base, self.apart[axis]), self.sequence).most
-                 if len(base) > base.shape[1] + 2 else 0.0 for axis, base in enumerate(bases)]
+                 if len(self.run) > base.width + 2 else 0.0 for axis, base in enumerate(bases)]
         seen = np.zeros((2, 2))
         if sky is not None:
-            base = np.column_stack([sky.fixed, *(self.on(jump.axis, jump.column)
-                                                 for jump in jumps)])
+            base = sky.fixed.beside(*(self.on(jump.axis, jump.column) for jump in jumps))
             for n, y in enumerate((sky.enc, sky.abs)):
                 rho = colour_of(base, clipped(base, y), self.sequence_2, self.halves).rho
                 seen[:, n] = rho.reshape(2, -1).max(axis=1)
@@ -259,8 +261,8 @@ class Night:
             label = np.unique(np.stack([self.stretch[at], is_marked(self.rows)[at]
                                         * self.rows['star'][at]]), axis=1, return_inverse=True)[1]
             label = np.ravel(label).astype(float)
-            base = (label[:, None] == np.unique(label)).astype(float)
-            if len(base) > base.shape[1] + 2:
+            base = ByGroup.of(label)
+            if len(label) > base.width + 2:
                 rows = self.rows.select(self.for_zero)
                 for axis, short in enumerate(SHORT):
                     for n, encoder in enumerate(('enc', 'abs')):
@@ -268,11 +270,12 @@ class Night:
                         seen[axis, n] = colour_of(base, clipped(base, y), label).most
         return Memory(np.array(apart), seen)
 
-    def witnesses(self, memory, model=None):
+    def witnesses(self, memory, model=None, finished=None):
         """A `Witness` for each power-on with Polaris, a `StarsSeen` for one with stars.
 
-        `memory` as of `Night.memory`.
+        `memory` as of `Night.memory`, `finished` as of `witnesses.check_witnesses`.
         """
+        finished = Finished() if finished is None else finished
         out = []
         for run in np.unique(self.stretch):
             rows = self.stretch == run
@@ -283,21 +286,28 @@ class Night:
                 seen = stars_seen(float(run), part.select(is_marked(part)), model, memory.seen)
                 out += [seen] if seen is not None else []
                 continue
-            zeros = [zero_from_polaris(part, PointingModel({}, mount=self.mount), encoder=encoder)
-                     for encoder in ('enc', 'abs')]
-            place = (float(np.arctan2(np.sin(part['az']).mean(), np.cos(part['az']).mean())),
-                     float(part['el'].mean()))
-            apart = [self.apart_at(axis, rows, place[axis], memory.apart[axis])
-                     for axis in (0, 1)]
-            count = min(zero.n for zero in zeros)
-            more = np.array([[inflation(rho, count) for rho in both] for both in memory.seen])
-            out.append(Witness(
-                float(run), *place, *(zero.angles for zero in zeros),
-                np.array([self._shared(axis, rows & self.for_zero, zeros)
-                          * np.sqrt(np.outer(more[axis], more[axis])) for axis in (0, 1)]),
-                np.array([value for value, _ in apart]), np.array([sigma for _, sigma in apart]),
-                max(int(count / more.max()), 2)))
+            witness = finished.once(
+                ('witness', float(run)), (part, *(values[..., rows] for values in (
+                    self.apart, self.for_zero, self.rows['az'], self.rows['el'])),
+                    memory.apart, memory.seen), partial(self._witness, run, rows, part, memory))
+            out.append(witness)
         return out
+
+    def _witness(self, run, rows, part, memory):
+        """By Polaris: of `rows`, a mask, its exposures are `part`."""
+        zeros = [zero_from_polaris(part, PointingModel({}, mount=self.mount), encoder=encoder)
+                 for encoder in ('enc', 'abs')]
+        place = (float(np.arctan2(np.sin(part['az']).mean(), np.cos(part['az']).mean())),
+                 float(part['el'].mean()))
+        apart = [self.apart_at(axis, rows, place[axis], memory.apart[axis]) for axis in (0, 1)]
+        count = min(zero.n for zero in zeros)
+        more = np.array([[inflation(rho, count) for rho in both] for both in memory.seen])
+        return Witness(
+            float(run), *place, *(zero.angles for zero in zeros),
+            np.array([self._shared(axis, rows & self.for_zero, zeros)
+                      * np.sqrt(np.outer(more[axis], more[axis])) for axis in (0, 1)]),
+            np.array([value for value, _ in apart]), np.array([sigma for _, sigma in apart]),
+            max(int(count / more.max()), 2))
 
     def _shared(self, axis, rows, zeros):
         """Covariance of (enc, abs) at Polaris: what they do not share is the encoders' noise."""
@@ -324,12 +334,17 @@ class Night:
                          colour.white(self.apart[axis][rows]))
         return float(fit.value @ at), float(np.sqrt(at @ fit.covariance @ at))
 
-    def change(self, axis, before, now, model, budget, tests, sky):
-        """`Change` of an axis between two witnesses."""
+    def circle(self, before, now, model, budget):
+        """How the offset differs between the places of two witnesses, and its variance, (2,) each.
+        """
+        return _circle(before, now, model, budget.term, self.mount)
+
+    def change(self, axis, before, now, circle, budget, tests, sky):
+        """`Change` of an axis between two witnesses; `circle` as of the method."""
         enc, second = now.enc[axis] - before.enc[axis], now.abs[axis] - before.abs[axis]
         enc, second = (wrap(enc), wrap(second)) if axis == 0 else (enc, second)
         covariance = before.covariance[axis] + now.covariance[axis]
-        circle, extra = _circle(before, now, model, budget.term, self.mount)
+        circle, extra = circle
         enc, second = enc - circle[axis], second - circle[axis]
         covariance = covariance + extra[axis]
         apart = wrap(now.apart[axis] - before.apart[axis])

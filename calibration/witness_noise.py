@@ -12,6 +12,7 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 
+from .by_group import ByGroup, Moves
 from .restricted import restricted
 from .step_scan import clipped, robust_fit, scan
 
@@ -36,14 +37,20 @@ class Colour(NamedTuple):
         """The largest; of one series, its correlation."""
         return float(self.rho.max(initial=0.0))
 
+    def part(self, rows):
+        """Of some rows, of which the first resembles none before it."""
+        return Colour(self.rho[rows])
+
     def white(self, values):
-        """Values (n,) or (n, k) whitened; white noise keeps its size.
+        """Values (n,) or (n, k), a ByGroup or Moves, whitened; white noise keeps its size.
 
         Rows of a constant variance stay at it: a noise that is estimated from whitened rows is
         that of a row.
         """
         if not self.rho.any():
             return values
+        if isinstance(values, ByGroup | Moves):
+            return values.white(self)
         rho = self.rho if values.ndim == 1 else self.rho[:, None]
         before = np.concatenate([np.zeros_like(values[:1]), values[:-1]])
         return (values - rho * before) / np.sqrt(1.0 - rho**2)
@@ -65,8 +72,8 @@ def colour_of(design, y, sequence, series=None, most=1.0):
 
     Parameters
     ----------
-    design : ndarray, shape (n, k)
-        All that is fitted.
+    design : ndarray, shape (n, k), or ByGroup
+        All that is fitted. Rows of a sequence are of one group.
     y : ndarray, shape (n,)
         Without outliers.
     sequence : ndarray, shape (n,)
@@ -96,8 +103,13 @@ def colour_of(design, y, sequence, series=None, most=1.0):
 
 def restricted_coloured(design, y, rho, least=LEAST):
     """`restricted` of rows with that correlation to the row before, (n,): its value."""
-    return restricted(Colour(rho).white(np.column_stack([design, y])), np.log1p(-rho**2).sum(),
-                      least)[0]
+    colour, log_det = Colour(rho), np.log1p(-rho**2).sum()
+    if not isinstance(design, ByGroup):
+        return restricted(colour.white(np.column_stack([design, y])), log_det, least)[0]
+    white = colour.white(design)
+    size = np.sqrt(np.einsum('ij,ij->j', white.rest, white.rest))
+    left = white.off(np.column_stack([white.rest, colour.white(y)]))
+    return restricted(left, log_det + np.log(white.squares()).sum(), least, white.groups, size)[0]
 
 
 class Strongest(NamedTuple):
@@ -124,9 +136,9 @@ def strongest(design, y, candidates, limit, sequence, series=None):
 
     Parameters
     ----------
-    design : ndarray, shape (n, k)
+    design : ndarray, shape (n, k), or ByGroup
     y : ndarray, shape (n,)
-    candidates : ndarray, shape (n, m)
+    candidates : ndarray, shape (n, m), or Moves
     limit : float
         Chance, of so many candidates, from which on nothing has moved.
     sequence, series
@@ -137,12 +149,20 @@ def strongest(design, y, candidates, limit, sequence, series=None):
     Strongest or None
         None where nothing has moved.
     """
-    count = candidates.shape[1]
+    moves = isinstance(candidates, Moves)
+    count = len(candidates) if moves else candidates.shape[1]
     tame = clipped(design, y)
     p = scan(design, tame, candidates, LEAST).probability * count
     if p.min() >= limit:
         return None  # correlation only makes chance likelier
-    full = np.column_stack([design, candidates[:, np.argmin(p)]])
+
+    def with_candidate(design, candidates, place):
+        column = candidates.column(place) if moves else candidates[:, place]
+        if isinstance(design, ByGroup):
+            return design.beside(column)
+        return np.column_stack([design, column])
+
+    full = with_candidate(design, candidates, int(np.argmin(p)))
     colour = colour_of(full, clipped(full, y), sequence, series)
     white = colour.white(design), colour.white(candidates)
     if colour.rho.any():
@@ -150,6 +170,6 @@ def strongest(design, y, candidates, limit, sequence, series=None):
     best = int(np.argmin(p))
     if p[best] >= limit:
         return None
-    fit = robust_fit(np.column_stack([white[0], white[1][:, best]]), colour.white(y))
+    fit = robust_fit(with_candidate(*white, best), colour.white(y))
     return Strongest(best, float(fit.value[-1]), float(np.sqrt(fit.covariance[-1, -1])),
                      float(p[best]))

@@ -141,7 +141,7 @@ class WitnessReport:
     latest: Witness | None = None
 
 
-def check_witnesses(rows, reference=None, *, model=None, homings=(), budget=USUAL):
+def check_witnesses(rows, reference=None, *, model=None, homings=(), budget=USUAL, finished=None):
     """Compare the three witnesses of a night.
 
     Parameters
@@ -159,6 +159,8 @@ def check_witnesses(rows, reference=None, *, model=None, homings=(), budget=USUA
         What the incremental encoders say of themselves, after they were to be homed; None where
         they say nothing although they should: the report has a note then.
     budget : Budget
+    finished : Finished, optional
+        Has what power-ons say that are over.
 
     Returns
     -------
@@ -177,13 +179,13 @@ def check_witnesses(rows, reference=None, *, model=None, homings=(), budget=USUA
     if 'az_abs' not in rows:
         out.notes.append('no second encoder: nothing to compare with')
     else:
-        _compare(out, rows, reference, model, budget)
+        _compare(out, rows, reference, model, budget, finished)
     for texts in (out.alarms, out.notes):
         texts[:] = map(rows.mount.names.say, texts)
     return out
 
 
-def _compare(out, rows, reference, model, budget):
+def _compare(out, rows, reference, model, budget, finished):
     for name in ('run', 'star', 'time', 'el_abs'):
         if name not in rows:
             raise ValueError(f'witnesses: observations without column {name}')
@@ -195,7 +197,7 @@ def _compare(out, rows, reference, model, budget):
                    if event.kind == 'wander' else _event_line(event) for event in out.events]
 
     memory = night.memory(sky, found.jumps)
-    witnesses = night.witnesses(memory, model)
+    witnesses = night.witnesses(memory, model, finished)
     if isinstance(reference, Witness | StarsSeen):
         witnesses.insert(0, replace(reference, run=-1.0))
     pairs = [pair for pair in zip(witnesses, witnesses[1:]) if pair[1].run >= 0.0]
@@ -206,8 +208,9 @@ def _compare(out, rows, reference, model, budget):
             out.notes.append(f'{_named(pair[0].run)} and {_named(pair[1].run)} were not compared '
                              f'against the sky: {err}')
             continue
+        circle = night.circle(before, now, model, budget)
         for axis in (0, 1):
-            change = night.change(axis, before, now, model, budget, 2 * len(pairs), sky)
+            change = night.change(axis, before, now, circle, budget, 2 * len(pairs), sky)
             out.changes.append(change)
             if change.alarm and not _told(change, out.events):
                 out.alarms.append(_change_line(change))

@@ -7,12 +7,13 @@ import numpy as np
 from pointing_model.model import PointingModel
 from pointing_model.zero_exposures import is_for_zero, is_marked
 
+from .finished import Finished
 from .fit import fit_terms
-from .rows import zero_exposures_by_run
-from .stars_zero import zero_from_exposures, zeros_of_power_ons
+from .rows import by_run, zero_exposures_by_run
+from .stars_zero import is_alone, zero_from_exposures, zeros_of_power_ons
 
 
-def zeros_of_night(rows, reference, needed=None):
+def zeros_of_night(rows, reference, needed=None, finished=None):
     """The zero of each power-on that has enough exposures for one.
 
     Parameters
@@ -23,6 +24,8 @@ def zeros_of_night(rows, reference, needed=None):
         Of an earlier night.
     needed : int, optional
         A power-on that must have enough, if it has any.
+    finished : Finished, optional
+        Has the zeros of power-ons that are over, where each is found alone.
 
     Returns
     -------
@@ -35,13 +38,19 @@ def zeros_of_night(rows, reference, needed=None):
     ValueError
         `needed` has too few.
     """
+    told = reference and reference.to_json()
     reference = reference or PointingModel({}, mount=rows.mount)
-    parts = {}
+    finished = Finished() if finished is None else finished
+    zeros, parts = {}, {}
     for number, part in zero_exposures_by_run(rows):
         with nullcontext() if number == needed else suppress(ValueError):
-            zeros_of_power_ons({number: part}, reference)
+            zeros[number] = finished.once(
+                ('zero', number), (part, told),
+                lambda: zeros_of_power_ons({number: part}, reference)[number])  # noqa: B023
             parts[number] = part
-    return zeros_of_power_ons(parts, reference), parts
+    if not is_alone(parts, reference):
+        zeros = zeros_of_power_ons(parts, reference)
+    return zeros, parts
 
 
 def zero_changes(rows, numbers, model):
@@ -63,7 +72,8 @@ def zero_changes(rows, numbers, model):
     """
     if is_marked(rows).any():
         model = _by_stars_alone(rows)
-    return [{'from': before, 'to': after, **zero_change(rows, before, after, model).to_dict()}
+    parts, means = by_run(rows.select(is_for_zero(rows))), {}
+    return [{'from': before, 'to': after, **_change(parts, before, after, model, means).to_dict()}
             for before, after in zip(numbers, numbers[1:])]
 
 
@@ -74,9 +84,12 @@ def zero_change(rows, before, after, model):
     -------
     MeasuredZero
     """
-    exposures = rows.select(is_for_zero(rows))
-    then, now = (exposures.select(exposures['run'] == number) for number in (before, after))
-    return zero_from_exposures(now, then, model=model, reference_name=f'power-on {before:.0f}')
+    return _change(by_run(rows.select(is_for_zero(rows))), before, after, model)
+
+
+def _change(parts, before, after, model, means=None):
+    return zero_from_exposures(parts[after], parts[before], model=model, means=means,
+                               reference_name=f'power-on {before:.0f}')
 
 
 def _by_stars_alone(rows):

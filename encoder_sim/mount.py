@@ -19,6 +19,8 @@ HOME_SLOWER, HOME_ATTEMPTS = 4.0, 3
 SERVO_TIME = 0.2
 #: samples that may be under way to the encoder and back
 SENT = 10000
+#: of slow ones so many at least, and as long as they are that young, ns
+SENT_SLOWLY, SENT_NS = 1000, 60_000_000_000
 STILL = [[0.0, 0.0]]
 #: true angles a second that an exposure needs where an axis does not move smoothly, Hz
 RESTLESS_RATE = 10.0
@@ -84,7 +86,8 @@ class SimulatedMount:
         angles = (angles - self.servo - self._drives.lag(times, self._axes.state)
                   + self._wind.turn(times, angles))
         self._sent.update(zip(np.rint(np.asarray(times) * 1e9).tolist(), angles))
-        while len(self._sent) > SENT:
+        while len(self._sent) > SENT or (len(self._sent) > SENT_SLOWLY and (
+                next(iter(self._sent)) < next(reversed(self._sent)) - SENT_NS)):
             self._sent.popitem(last=False)
         return angles, rates
 

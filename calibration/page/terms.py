@@ -53,7 +53,7 @@ def terms_section(rows, correlations=None, names=None, note='Encoder − catalog
     rows : list of dict
         ``name``, ``value_arcsec``, ``sigma_arcsec``.
     correlations : array_like, optional
-        Of `names`, by default the names in `rows`.
+        Of `names`, by default the names in `rows`, or of the first of them.
     note : str
     more : str
         HTML at the end.
@@ -61,7 +61,10 @@ def terms_section(rows, correlations=None, names=None, note='Encoder − catalog
     terms = [{'name': row['name'], 'value': row['value_arcsec'], 'sigma': row.get('sigma_arcsec'),
               'unit': 'arcsec'} for row in rows or ()]
     names = names or [t['name'] for t in terms]
-    if correlations is not None and np.shape(correlations) != (len(names), len(names)):
+    shape = np.shape(correlations)
+    if len(shape) != 2 or shape[0] != shape[1] or shape[0] > len(names):
         correlations = None
+    else:
+        names = names[:shape[0]]
     return section('Terms of the model', terms_table(terms),
                    correlation_table(names, correlations), more, note=note)

@@ -134,7 +134,7 @@ class NightSteps:
         lost = self.progress.lost
         yield from self._observe_fresh(count, blind=True)
         self.checks.append({'block': self.progress.block, **blind_summary(
-            [[row['miss_x'], row['miss_y']] for row in self._table.rows[first:]],
+            [[row['miss_x'], row['miss_y']] for row in self._table.rows_from(first)],
             self.progress.lost - lost, self._in_force.model)})
         self.send_checks()
 

@@ -1,5 +1,7 @@
 """One observation from what the instruments sent: encoder readings and a miss distance."""
 
+from array import array
+from bisect import bisect_left
 from collections import deque
 
 import numpy as np
@@ -56,25 +58,44 @@ def interpolate(stamps, angles, stamp, before=0):
     return low + step * (float(stamp - stamps[i - 1]) / span), rate
 
 
-def read_back_to(readings, stamp):
-    """The newest of `readings`, back to the last one before `stamp`.
+class Readings:
+    """The newest readings of an encoder, 24 bytes each.
 
-    Parameters
+    Attributes
     ----------
-    readings : sequence of tuple
-        Stamp (ns) and what was read, in their order.
-    stamp : int
-
-    Returns
-    -------
-    list of tuple
+    stamps : array of int
+        Nanoseconds, increasing.
     """
-    newest = []
-    for reading in reversed(readings):
-        newest.append(reading)
-        if reading[0] < stamp:
-            break
-    return newest[::-1]
+
+    def __init__(self, most=20000):
+        self._most = most
+        self.clear()
+
+    def __len__(self):
+        return len(self.stamps)
+
+    def clear(self):
+        """Forget all."""
+        self.stamps, self._angles = array('q'), array('d')
+
+    def append(self, stamp, angles):
+        """Take a reading of both axes, rad."""
+        if len(self.stamps) >= 2 * self._most:
+            del self.stamps[:self._most], self._angles[:2 * self._most]
+        self.stamps.append(stamp)
+        self._angles.extend(angles)
+
+    def since(self, stamp):
+        """The newest, back to the last one before `stamp`.
+
+        Returns
+        -------
+        stamps : ndarray of int, shape (n,)
+        angles : ndarray, shape (n, 2)
+        """
+        first = max(bisect_left(self.stamps, stamp) - 1, 0)
+        return (np.array(self.stamps[first:], np.int64),
+                np.array(self._angles[2 * first:]).reshape(-1, 2))
 
 
 def beside(stamps, angles, track, begin, end):
@@ -206,7 +227,7 @@ class Exposures:
     """
 
     def __init__(self, encoders=ENCODERS):
-        self._readings = {encoder: deque(maxlen=20000) for encoder in encoders}
+        self._readings = {encoder: Readings() for encoder in encoders}
         self._frames = deque(maxlen=1000)
         self._track = None
         self.restless = []
@@ -246,12 +267,12 @@ class Exposures:
             It is not newer than the one before.
         """
         readings = self._readings[encoder]
-        back = bool(readings) and stamp <= readings[-1][0]
+        back = bool(readings) and stamp <= readings.stamps[-1]
         if back:
-            if readings[-1][0] - stamp < CLOCK_JUMP:
+            if readings.stamps[-1] - stamp < CLOCK_JUMP:
                 raise ValueError('stamp not after the one before: two encoders on one topic?')
             readings.clear()
-        readings.append((stamp, angle))
+        readings.append(stamp, angle)
         return back
 
     def add_frame(self, stamp, x, y):
@@ -274,8 +295,7 @@ class Exposures:
 
     def _around(self, encoder, begin):
         """Stamps and angles of the readings from before `begin` (ns) on."""
-        readings = read_back_to(self._readings[encoder], begin)
-        return [stamp for stamp, _ in readings], [angles for _, angles in readings]
+        return self._readings[encoder].since(begin)
 
     def over(self, encoder, stamp, exposure):
         """As `at`, on the mean over an exposure about `stamp`, as the image is one.
@@ -331,11 +351,11 @@ class Exposures:
         while self._frames:
             stamp, *miss = self._frames[0]
             if stamp >= start and not all(
-                    r and r[-1][0] > stamp and r[-1][0] >= stamp + half
+                    r and r.stamps[-1] > stamp and r.stamps[-1] >= stamp + half
                     for r in self._readings.values()):
                 return None
             self._frames.popleft()
-            if stamp - half < max([start, *(r[0][0] for r in self._readings.values() if r)]):
+            if stamp - half < max([start, *(r.stamps[0] for r in self._readings.values() if r)]):
                 continue  # under way when the command came
             try:
                 reading, _ = self.at('enc', stamp)

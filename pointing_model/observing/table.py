@@ -8,10 +8,14 @@ from ..zero_exposures import MARK
 
 #: of each row, to go on with a night
 NEEDED = ('time', 'run', 'block', 'star')
+#: rows for which there is room at first, and by what share it grows
+_FIRST, _MORE = 64, 0.25
 
 
 class Table:
-    """Rows as dicts by the names of `run.COLUMNS`, and their ``stamp`` in ns.
+    """Rows by the names of `run.COLUMNS`, and their ``stamp`` in ns.
+
+    A row takes 8 bytes a column; as a dict, as it comes and goes, it would be 2 kB.
 
     Parameters
     ----------
@@ -20,12 +24,52 @@ class Table:
     """
 
     def __init__(self, mount=ALTAZ):
-        self.rows = []
         self._meta = {} if mount.altaz else {'mount': mount}
         self._given = 0
+        self.rows = ()
 
     def __len__(self):
-        return len(self.rows)
+        return self._count
+
+    @property
+    def rows(self):
+        """All of them, list of dict: names to numbers, and ``stamp``."""
+        return self.rows_from(0)
+
+    @rows.setter
+    def rows(self, rows):
+        self._names, self._count = [], 0
+        self._stamps, self._values = np.empty(_FIRST, np.int64), np.empty((_FIRST, 0))
+        for row in rows:
+            self._take(row)
+
+    def rows_from(self, first):
+        """Rows from number `first` on, as `rows`; below 0 it counts from the end."""
+        part = slice(*slice(first, None).indices(self._count))
+        return [{'stamp': stamp, **dict(zip(self._names, values))} for stamp, values in zip(
+            self._stamps[part].tolist(), self._values[part].tolist())]
+
+    def _take(self, row):
+        new = [name for name in row if name != 'stamp' and name not in self._names]
+        room = len(self._stamps)
+        if new or self._count == room:
+            room = max(room, int((1.0 + _MORE) * self._count) + 1)
+            values, stamps = self._values, self._stamps
+            # what a parameter adds in the night, the rows before have not
+            self._values = np.full((room, len(self._names) + len(new)), np.nan)
+            self._values[:self._count, :len(self._names)] = values[:self._count]
+            self._stamps = np.empty(room, np.int64)
+            self._stamps[:self._count] = stamps[:self._count]
+            self._names += new
+        self._stamps[self._count] = row['stamp']
+        self._values[self._count] = [row.get(name, 0.0 if name == MARK else np.nan)
+                                     for name in self._names]
+        self._count += 1
+
+    def _column(self, name):
+        if name not in self._names:
+            return np.full(self._count, np.nan)
+        return self._values[:self._count, self._names.index(name)]
 
     def restore(self, run, stamp):
         """Take the rows of the night so far, of another table.
@@ -48,47 +92,43 @@ class Table:
                              'no observer')
         stamps = [round(time * 1e9) for time in run['time'].tolist()]
         stamps[-1] = stamp
-        self.rows = [{'stamp': at, MARK: 0.0, **{name: float(values[i]) for name, values in
-                                      run.columns.items()}} for i, at in enumerate(stamps)]
+        self.rows = ({'stamp': at, MARK: 0.0, **{name: float(values[i]) for name, values in
+                                                 run.columns.items()}}
+                     for i, at in enumerate(stamps))
 
     def trailing(self, block):
         """How many of the last rows are of step `block` of the plan."""
-        count = 0
-        while count < len(self.rows) and self.rows[-1 - count]['block'] == block:
-            count += 1
-        return count
+        others = np.flatnonzero(self._column('block') != block)
+        return self._count - (int(others[-1]) + 1 if len(others) else 0)
 
     def add(self, row):
         """Keep a row; as a run of its own, PointingRun."""
-        self.rows.append(row)
-        return self._run([row])
+        self._take(row)
+        return PointingRun({name: np.array([value], float) for name, value in row.items()
+                            if name != 'stamp'}, self._meta)
 
     @property
     def newest(self):
         """Stamp of the last row, ns; 0 without one."""
-        return self.rows[-1]['stamp'] if self.rows else 0
+        return int(self._stamps[self._count - 1]) if self._count else 0
 
     def stars_since(self, stamp):
         """Numbers of the stars that were observed from `stamp` (ns) on, a set."""
-        return {int(row['star']) for row in self.rows if row['stamp'] >= stamp}
+        since = self._stamps[:self._count] >= stamp
+        return set(self._column('star')[since].astype(int).tolist())
 
     def last_stars(self, count):
         """Numbers of the stars of so many rows, the last ones, a set."""
-        return {int(row['star']) for row in self.rows[-count:]}
+        return set(self._column('star')[-count:].astype(int).tolist())
 
     def last_of(self, run):
         """The last row, if it is of power-on `run`, else None."""
-        return self.rows[-1] if self.rows and self.rows[-1]['run'] == run else None
+        last = self.rows_from(-1)
+        return last[0] if last and last[0]['run'] == run else None
 
     def all(self, again=False):
         """All rows, a PointingRun; None where they were given before, unless `again`."""
-        if not self.rows or (len(self.rows) == self._given and not again):
+        if not self._count or (self._count == self._given and not again):
             return None
-        self._given = len(self.rows)
-        return self._run(self.rows)
-
-    def _run(self, rows):
-        # what a parameter adds in the night, the rows before have not
-        names = [name for name in dict.fromkeys(n for row in rows for n in row) if name != 'stamp']
-        return PointingRun({name: np.array([row.get(name, np.nan) for row in rows], float)
-                            for name in names}, self._meta)
+        self._given = self._count
+        return PointingRun({name: self._column(name).copy() for name in self._names}, self._meta)

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.observing.pairing import Exposures, centred, interpolate
+from pointing_model.observing.pairing import Exposures, Readings, centred, interpolate
 
 NS = 1_768_482_000_000_000_000
 SECOND = 10**9
@@ -143,3 +143,17 @@ def test_readings_out_of_order_and_a_clock_that_went_back():
         waiting.add_reading('enc', NS + 5 * SECOND - 1, np.zeros(2))
     assert not waiting.add_reading('enc', NS + 6 * SECOND, np.zeros(2))
     assert waiting.add_reading('enc', NS, np.zeros(2))
+
+
+def test_the_newest_readings_back_to_a_moment():
+    readings = Readings(most=10)
+    assert len(readings) == 0 and len(readings.since(5)[0]) == 0
+    for stamp in range(0, 600, 20):
+        readings.append(stamp, (stamp * 0.1, -stamp * 0.1))
+    assert 10 <= len(readings) <= 20 and readings.stamps[-1] == 580
+    for moment, first in ((550, 540), (540, 520), (0, readings.stamps[0]), (900, 580)):
+        stamps, angles = readings.since(moment)
+        assert stamps[0] == first and stamps[-1] == 580
+        assert angles == pytest.approx(np.outer(stamps, [0.1, -0.1]))
+    readings.clear()
+    assert not readings

@@ -18,6 +18,25 @@ def test_a_night_goes_on():
     assert len(table) == 3 and table.rows[-1]['stamp'] == 2_000_000_007
 
 
+def test_rows_are_as_they_came():
+    table, angles = Table(), dict.fromkeys(('az', 'el', 'az_enc', 'el_enc'), 0.5)
+    for i in range(150):
+        more = {'exposure': 3.0} if i >= 100 else {}
+        part = table.add({'stamp': 10 + i, 'run': i // 50, 'block': i // 30, 'star': i % 40,
+                          **angles, **more})
+        assert len(part) == 1 and part['star'][0] == i % 40 and 'stamp' not in part
+    assert table.newest == 159 and table.trailing(4) == 30 and table.trailing(3) == 0
+    assert table.last_stars(3) == {27, 28, 29} and table.stars_since(158) == {28, 29}
+    assert table.last_of(2)['star'] == 29 and table.last_of(1) is None
+    assert table.rows_from(148) == table.rows[-2:] and table.rows[120]['block'] == 4
+    run = table.all()
+    assert table.all() is None and len(table.all(again=True)) == 150
+    assert np.isnan(run['exposure'][:100]).all() and (run['exposure'][100:] == 3.0).all()
+    again = Table()
+    again.rows = table.rows
+    assert again.all()['star'].tolist() == run['star'].tolist()
+
+
 @pytest.mark.parametrize('missing', NEEDED)
 def test_rows_of_nobody_are_refused(missing):
     with pytest.raises(ValueError, match=f'without column {missing}: they are of no observer'):

@@ -1,0 +1,73 @@
+"""The rows of a night as they come, in columns that grow."""
+
+import numpy as np
+
+from pointing_model.run import PointingRun
+
+#: rows for which there is room at first, and by what share it grows
+_FIRST, _MORE = 64, 0.25
+
+
+class RowStore:
+    """Rows of one run after the other; of their columns those that all of them have.
+
+    A row needs as many bytes as its numbers, and a quarter more at most.
+    """
+
+    def __init__(self):
+        self.clear()
+
+    def clear(self):
+        """Forget all rows."""
+        self._columns, self._meta, self._count = {}, {}, 0
+        self._stamps = np.empty(_FIRST, np.int64)  # with which each row came
+
+    def __len__(self):
+        return self._count
+
+    @property
+    def mount(self):
+        """Of the first rows; None before them."""
+        return self._run(slice(0)).mount if self._count else None
+
+    def add(self, run, stamp):
+        """Take rows.
+
+        Parameters
+        ----------
+        run : PointingRun
+            Its graduations hold for as long as all runs have the same.
+        stamp : int
+            Of the newest of them, ns, later than of those before.
+        """
+        count = self._count + len(run)
+        if not self._count:
+            self._meta = dict(run.meta)
+            self._columns = {name: np.empty(max(_FIRST, count), values.dtype)
+                             for name, values in run.columns.items()}
+        for name in [name for name in self._meta if name.startswith('graduation')]:
+            if run.meta.get(name) != self._meta[name]:
+                del self._meta[name]
+        self._columns = {name: self._with_more(values, run[name])
+                         for name, values in self._columns.items() if name in run}
+        self._stamps = self._with_more(self._stamps, np.full(len(run), stamp, np.int64))
+        self._count = count
+
+    def _with_more(self, values, more):
+        """A column with more values, in its place or in a larger one."""
+        count, dtype = self._count + len(more), np.result_type(values, more)
+        if count > len(values) or dtype != values.dtype:
+            room = len(values) if count <= len(values) else int(count * (1.0 + _MORE))
+            values, before = np.empty(room, dtype), values
+            values[:self._count] = before[:self._count]
+        values[self._count:count] = more
+        return values
+
+    def all(self, until=0):
+        """Rows so far (with `until`, those that had come by that stamp, if any), a PointingRun."""
+        count = np.searchsorted(self._stamps[:self._count], until, 'right') if until else 0
+        return self._run(slice(int(count) or self._count))
+
+    def _run(self, rows):
+        return PointingRun({name: values[rows] for name, values in self._columns.items()},
+                           dict(self._meta))
