@@ -88,8 +88,9 @@ def mapped(pid):
     return {path for path in paths if 'fastrtps_' in path.name}
 
 
+@pytest.mark.usefixtures('ros_domain')  # sets what the processes shall have
 @pytest.mark.skipif(not os.path.isdir(FOLDER), reason='no shared memory in files')
-def test_a_process_that_was_killed_leaves_nothing_and_one_that_lives_keeps_all(ros_domain):
+def test_a_process_that_was_killed_leaves_nothing_and_one_that_lives_keeps_all():
     def start(name, number):
         child = subprocess.Popen(
             [sys.executable, '-c', PARTICIPANT, str(number), name], text=True,
@@ -97,9 +98,10 @@ def test_a_process_that_was_killed_leaves_nothing_and_one_that_lives_keeps_all(r
         assert child.stdout.readline() == 'up\n'
         return child
 
-    # in domains of their own: one that has met the other has its memory open, too
-    lock = domain.claim()
-    dead, alive = start('dead', ros_domain), start('alive', lock.number)
+    # in domains of their own: one that has met another process has its memory open, too
+    locks = domain.claim(), domain.claim()
+    numbers = [lock.number for lock in locks]
+    dead, alive = map(start, ('dead', 'alive'), numbers)
     try:
         left, kept = mapped(dead.pid), mapped(alive.pid)
         own = {path for path in left if 'port' not in path.name}
@@ -109,7 +111,7 @@ def test_a_process_that_was_killed_leaves_nothing_and_one_that_lives_keeps_all(r
         assert all(path.exists() for path in own)
         # not world writable, whatever the umask
         assert not any(path.stat().st_mode & 0o022 for path in left | kept if path.exists())
-        sweep({*ports(ros_domain), *ports(lock.number)}, budget=10.0)
+        sweep({port for number in numbers for port in ports(number)}, budget=10.0)
         # from 7000 on ports are of all domains
         assert not [path.name for path in left if path.exists() and 'port70' not in path.name]
         assert all(path.exists() for path in kept)
@@ -119,4 +121,5 @@ def test_a_process_that_was_killed_leaves_nothing_and_one_that_lives_keeps_all(r
         for child in (dead, alive):
             child.kill()
             child.communicate()
-        lock.release()
+        for lock in locks:
+            lock.release()
