@@ -137,9 +137,9 @@ def power_on_check(rows, reference, first, measured, change, notes, finished=Non
         Gets a line where a power-on has too few stars.
     finished : Finished, optional
         Has the checks of power-ons that are over.
-    other : (str, callable), optional
-        Another kind of model: its name, such as ``harmonics of``, and
-        ``fit(rows, recipe)``, which gives a `HarmonicFit`.
+    other : (str, str, callable), optional
+        Another kind of model: its name, such as ``harmonics of``, all that it is of, as its
+        degree, and ``fit(rows, recipe)``, which gives a `HarmonicFit`.
 
     Returns
     -------
@@ -158,7 +158,7 @@ def power_on_check(rows, reference, first, measured, change, notes, finished=Non
                 {'check': f'{label}, after {way}', **rms_of(reference, stars, first)}]
     kinds = [('model of', lambda part, zero: fit_terms(part, zero=zero).model)]
     if other is not None:
-        kinds.append((other[0], lambda part, zero: other[1](
+        kinds.append((other[0], lambda part, zero: other[2](
             part, Recipe(zero, run_zeros=False)).model))
     finished = Finished() if finished is None else finished
     out, parts = [], by_run(rows)
@@ -166,7 +166,7 @@ def power_on_check(rows, reference, first, measured, change, notes, finished=Non
     for before, after in zip(numbers, numbers[1:]):
         pair, way = (parts[before], parts[after]), ways([measured[int(after)]])
         found, said = finished.once(
-            ('check', after), (*pair, first[before].angles, way, *(name for name, _ in kinds)),
+            ('check', after), (*pair, first[before].angles, way, other and other[1]),
             partial(_from_to, *pair, before, after, first[before], way, change, kinds))
         out += found
         notes += said

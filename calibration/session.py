@@ -278,7 +278,7 @@ class CalibrationSession:
             'external_check': power_on_check(
                 rows, self.reference, self._first_zeros(rows) if self.zeros else {},
                 self.zeros, zero_change, notes, self._finished,
-                published and ('harmonics of', published[1])),
+                published and ('harmonics of', *published)),
             'noise_arcsec': [s / ARCSEC for s in result.scatter],
             'witnesses': self._witnesses(observed, model, homings),
             'notes': notes,

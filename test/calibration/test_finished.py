@@ -1,11 +1,13 @@
 """What is kept of nights that are over, and rows in columns that grow."""
 
+import dataclasses
 import json
 
 import numpy as np
 import pytest
 
 from calibration.finished import Finished, Packed, document_text
+from calibration.harmonic_fit import HarmonicChoice, fit_chosen
 from calibration.row_store import RowStore
 from calibration.session import CORRELATED, CalibrationSession
 from pointing_model.run import PointingRun
@@ -118,3 +120,19 @@ def test_a_night_that_changes_is_computed_anew():
     for now, then in zip(after['zeros'], before['zeros']):
         moved = pytest.approx(20.6265 * (now['run'] == 2), abs=1e-3)
         assert now['az_arcsec'] - then['az_arcsec'] == moved
+
+
+def test_checks_are_of_the_harmonics_that_are_published(monkeypatch):
+    def fit(own, degree):
+        """As if that one predicted best."""
+        monkeypatch.setattr(
+            'calibration.session.fit_chosen', lambda rows, choice, *rest: fit_chosen(
+                rows, dataclasses.replace(choice, degree=degree), *rest))
+        return own.fit()[1]['external_check']
+    parts = PointingRun.concatenate(by_nights(2))
+    whole, changed = (CalibrationSession(harmonics=HarmonicChoice('zenith')) for _ in range(2))
+    for own in (whole, changed):
+        own.add(parts, 1)
+        own.calibrate_zero()
+    first = fit(changed, 1)
+    assert fit(changed, 2) == fit(whole, 2) != first
