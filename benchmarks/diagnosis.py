@@ -41,8 +41,8 @@ from diagnosis_nights import (
 
 from calibration.diagnosis import Base, diagnose
 from calibration.diagnosis.base import observations
-from calibration.diagnosis.linear import orthonormal
 from calibration.diagnosis.problem import Choice
+from calibration.diagnosis.spans import orthonormal
 from calibration.diagnosis.work import Work
 from msg_tools.units import ARCSEC
 from pointing_model.run import PointingRun

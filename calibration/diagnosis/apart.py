@@ -18,9 +18,9 @@ from .against_wander import follows, swollen
 from .asked_star import ENOUGH, LEAST_CHANCE, TOLD, Pair, Points, drivers_of, needed
 from .base import observations
 from .constants import DISTINCT, SET_WIDTH, SLOW
-from .linear import overlap
 from .problem import Choice, Problem
 from .scores import Bank
+from .spans import overlap
 from .work import Work
 
 #: stars that are asked for at most

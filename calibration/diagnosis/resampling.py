@@ -8,7 +8,7 @@ from msg_tools.units import ARCSEC
 from pointing_model.rms import rms
 
 from .constants import DISTINCT
-from .linear import inverse_normal
+from .spans import inverse_normal
 from .wander import White
 
 

@@ -15,7 +15,8 @@ from pointing_model.run import PointingRun
 
 from .base import Base, linearised, mount_of, observations
 from .constants import DISTINCT, EIGEN, LIVE
-from .linear import fit_state, orthonormal
+from .linear import fit_state
+from .spans import orthonormal
 
 #: gaps that may end a session, h: a break, the day between two nights, a day without observing
 GAPS = (3.0, 6.0, 12.0)

@@ -6,7 +6,7 @@ import numpy as np
 
 from .against_wander import follows, swollen
 from .constants import ALIAS, DISTINCT, SET_WIDTH, SLOW
-from .linear import overlap
+from .spans import overlap
 
 
 @dataclass

@@ -175,13 +175,13 @@ def wander_entry(found, problem, context):
                       'row_to_row_arcsec': float(np.sqrt(near) * typical[axis] / ARCSEC)}
         slow |= one.memory > usual
         beside = axes[name]['row_to_row_arcsec']
-        parts.append(f'by {moves:.2f}\u2033 in {words[axis]} (neighbouring rows by '
+        parts.append(f'by {moves:.2f}\u2033 in {words[axis]} (noise of each row: '
                      f'{beside:.2f}\u2033)')
     step = along_the_sky(context, sequence)
     if slow:
         text = ('neighbouring rows err alike, as where the zero wanders' if step else
-                'the zero wanders') + (f': rows {said} apart differ {" and ".join(parts)}, RMS. '
-                                       'What moves it is not known')
+                'the zero wanders') + (f': because of that, rows {said} apart differ '
+                                       f'{" and ".join(parts)}, RMS. What moves it is not known')
         like = _like(found, problem)
         if like:
             text += f'; it may be {like}'

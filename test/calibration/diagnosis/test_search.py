@@ -9,7 +9,7 @@ import pytest
 
 from calibration.diagnosis.chance import Chance, ChanceTest, normal_score, pair_corrected
 from calibration.diagnosis.choosing import choose, settled
-from calibration.diagnosis.linear import Basis, Columns, fit_state, orthonormal, overlap, solve
+from calibration.diagnosis.linear import Basis, Columns, fit_state, solve
 from calibration.diagnosis.problem import Choice, Found, Problem
 from calibration.diagnosis.resampling import (
     contiguous_folds,
@@ -21,6 +21,7 @@ from calibration.diagnosis.resampling import (
 )
 from calibration.diagnosis.scores import Bank
 from calibration.diagnosis.search import search
+from calibration.diagnosis.spans import orthonormal, overlap
 from calibration.diagnosis.standing import standing
 from calibration.diagnosis.validation import nested
 from calibration.diagnosis.wander import White

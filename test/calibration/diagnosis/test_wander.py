@@ -220,6 +220,7 @@ def test_a_wander_along_the_sky_moves_no_term_and_is_told_as_that():
         assert axis['row_to_row_arcsec'] < axis['moves_arcsec']
     headline, sentences = verdict_sentences(result.to_dict())
     assert 'Neighbouring rows' in headline and 'ten minutes apart differ' in sentences[0]
+    assert 'noise of each row' in sentences[0]
     assert 'smooth of' not in sentences[0] and 'mixes the sky' in sentences[0]
     # a night that goes back and forth says nothing of the kind, and its terms rest on the wander
     other = diagnose(night(301, noise=correlated(0.9)), **FAST)
