@@ -85,7 +85,8 @@ class SimulatedMount:
         angles, rates = self._axes.state(times)
         angles = (angles - self.servo - self._drives.lag(times, self._axes.state)
                   + self._wind.turn(times, angles))
-        self._sent.update(zip(np.rint(np.asarray(times) * 1e9).tolist(), angles))
+        self._sent.update(zip(
+            np.rint(np.asarray(times) * 1e9).astype(np.int64).tolist(), angles))
         while len(self._sent) > SENT or (len(self._sent) > SENT_SLOWLY and (
                 next(iter(self._sent)) < next(reversed(self._sent)) - SENT_NS)):
             self._sent.popitem(last=False)
@@ -100,26 +101,28 @@ class SimulatedMount:
         """Side from which each axis came, shape (n, 2): -1, 0, 1."""
         return self._axes.approach(times)
 
-    def feedback(self, time, reading, smooth):
+    def feedback(self, stamp, reading, smooth):
         """Take an encoder reading into the servo.
 
         Parameters
         ----------
-        time : float
-            Of the reading.
+        stamp : int
+            Of the reading, ns: one of the times of `truth`, to the last digit, which seconds do
+            not have after some weeks.
         reading : array_like, shape (2,)
             rad; NaN (not homed) leaves the servo as it is.
         smooth : bool
             Take the error up gradually, as a servo in motion does, or at once.
         """
         reading = np.asarray(reading, dtype=float)
-        sent = self._sent.get(round(time * 1e9))
+        sent = self._sent.get(stamp)
         # against the angle that was read, not the present one: a late reading would make the
         # servo swing
         if sent is None or not np.isfinite(reading).all():
             return
         error = wrap(reading - sent) - self.servo
         share = 1.0
+        time = stamp * 1e-9
         if smooth:
             passed = 0.0 if self._servo_time is None else max(0.0, time - self._servo_time)
             share = 1.0 - np.exp(-passed / SERVO_TIME)

@@ -145,13 +145,12 @@ class MountSimulator(ManagedNode):
 
     def _on_feedback(self, message):
         stamp, reading = convert.read_joints(message)[:2]
-        at = (stamp - self._start) * 1e-9
         if self._homing is not None and stamp >= self._homing[0]:
             self._passed(reading)
         if self._live:
-            self._mount.feedback(at, reading, smooth=True)
+            self._mount.feedback(stamp - self._start, reading, smooth=True)
         elif self._settling and stamp == self._settling[0]:
-            self._mount.feedback(at, reading, smooth=False)
+            self._mount.feedback(stamp - self._start, reading, smooth=False)
             self._expose(closed=bool(np.isfinite(reading).all()))
 
     def _expose(self, closed):

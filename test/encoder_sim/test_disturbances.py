@@ -145,7 +145,7 @@ def test_the_servo_does_not_mistake_its_lag_for_an_error_of_the_encoder():
     settled = device.follow(0.0, [0.0, 600.0], [[3.0, 0.8], [3.0 + 600 * SIDEREAL,
                                                            0.8 + 600 * SIDEREAL]], rate)
     truth = device.truth(np.array([settled]))[0][0]
-    device.feedback(settled, truth + 5.0 * ARCSEC, smooth=False)
+    device.feedback(round(settled * 1e9), truth + 5.0 * ARCSEC, smooth=False)
     np.testing.assert_allclose(device.servo, 5.0 * ARCSEC, rtol=1e-9)
 
 

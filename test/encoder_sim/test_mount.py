@@ -63,7 +63,7 @@ def test_the_servo_turns_the_axes_back_by_what_the_encoder_reads_too_much():
     drift = np.array([30.0, -12.0]) * ARCSEC
     for _ in range(2):  # the second reading is of the axes turned back: nothing is left
         truth = device.truth(np.array([settled]))[0][0]
-        device.feedback(settled, truth + drift, smooth=False)
+        device.feedback(round(settled * 1e9), truth + drift, smooth=False)
         np.testing.assert_allclose(device.servo, drift, atol=1e-12)
     truth = device.truth(np.array([settled]))[0][0]
     np.testing.assert_allclose(truth, np.array([200, 60]) * DEG - drift, atol=1e-10)
@@ -73,13 +73,13 @@ def test_a_whole_turn_is_no_error():
     device = mount()
     settled = held(device, 200.0, 60.0)
     truth = device.truth(np.array([settled]))[0][0]
-    device.feedback(settled, truth + [2 * np.pi, 0.0], smooth=False)
+    device.feedback(round(settled * 1e9), truth + [2 * np.pi, 0.0], smooth=False)
     np.testing.assert_allclose(device.servo, 0.0, atol=1e-12)
 
 
 def test_an_encoder_that_is_not_homed_leaves_the_servo():
     device = mount()
-    device.feedback(1.0, [np.nan, 0.7], smooth=False)
+    device.feedback(10**9, [np.nan, 0.7], smooth=False)
     assert not device.servo.any()
 
 
@@ -89,7 +89,8 @@ def test_a_smooth_servo_takes_an_error_up_with_its_time_constant():
     drift = np.array([30.0, -12.0]) * ARCSEC
 
     def read(time):
-        device.feedback(time, device.truth(np.array([time]))[0][0] + drift, smooth=True)
+        truth = device.truth(np.array([time]))[0][0]
+        device.feedback(round(time * 1e9), truth + drift, smooth=True)
     read(settled)
     assert not device.servo.any()  # no time has passed
     read(settled + SERVO_TIME)
@@ -102,7 +103,8 @@ def test_a_smooth_servo_takes_an_error_up_with_its_time_constant():
 def test_homing_crosses_both_marks_slowly_from_below(place):
     device = mount()
     settled = held(device, *place)
-    device.feedback(settled, device.truth(np.array([settled]))[0][0] + 1.0 * DEG, smooth=False)
+    truth = device.truth(np.array([settled]))[0][0]
+    device.feedback(round(settled * 1e9), truth + 1.0 * DEG, smooth=False)
     first, last = device.home(settled)
     assert not device.servo.any()  # the reading of before means nothing
     times = np.linspace(first, last, 50)

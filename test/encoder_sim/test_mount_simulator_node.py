@@ -40,12 +40,12 @@ class Desk:
     def now(self):
         return max(convert.from_stamp(message.clock) for message in self.clock)
 
-    def command(self, az, el):
-        """Stand still at a place (deg); wait for the end of the exposure."""
+    def command(self, az, el, after=0):
+        """Stand still at a place (deg), `after` ns; wait for the end of the exposure."""
         self.graph.wait_for(lambda: self.clock)
         before = self.now()
         self.pub.publish(convert.trajectory(
-            before, [0.0], [[az * DEG, el * DEG]], [[0.0, 0.0]], self.names))
+            before + after, [0.0], [[az * DEG, el * DEG]], [[0.0, 0.0]], self.names))
         self.graph.wait_for(lambda: self.now() > before, 'the exposure')
 
     def exposure(self, got):
@@ -85,6 +85,17 @@ def test_the_servo_makes_the_encoder_read_the_demand_not_the_axis(graph, driftin
     np.testing.assert_allclose(reading, [demand] * 3, rtol=0, atol=1.01 * COUNT)
     assert (np.abs(truth - demand) > 10 * ARCSEC).all()
     graph.report('mount_simulator', 'ok')
+
+
+def test_the_servo_knows_its_own_readings_after_months_too(graph, drifting):
+    desk = Desk(graph, scenario=drifting)
+    desk.home()
+    demand = np.array([200.0, 60.0]) * DEG
+    for _ in range(5):  # a second since the start has no digit for the ns any more
+        desk.command(200.0, 60.0, 9_000_000_123_456_789)
+        reading = desk.exposure(desk.encoder)[1]
+        np.testing.assert_allclose(reading, [demand] * 3, rtol=0, atol=1.01 * COUNT)
+        desk.home()
 
 
 def test_the_encoder_is_behind_by_the_twist_of_its_coupling_and_what_sticks_is_seen(
