@@ -4,7 +4,8 @@ import sys
 
 from indi_bridge.indi_mount_node import IndiMount
 from msg_tools.lifecycle import AUTOSTART
-from msg_tools.node import Param, run_node
+from msg_tools.node import Param
+from msg_tools.running import run_node
 from msg_tools.units import ARCSEC
 from pointing_model.sky_params import KIND_OF_MOUNT, SKY_PARAMS, sky_of
 

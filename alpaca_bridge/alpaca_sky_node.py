@@ -7,7 +7,7 @@ import sys
 
 from indi_bridge.indi_sky_node import FIELD_PARAMS, IndiSky
 from msg_tools.lifecycle import AUTOSTART
-from msg_tools.node import run_node
+from msg_tools.running import run_node
 from pointing_model.sky_params import KIND_OF_MOUNT, SKY_PARAMS
 
 from .params import SERVER_PARAMS

@@ -10,7 +10,8 @@ from dataclasses import fields
 import numpy as np
 
 from msg_tools import convert, topics
-from msg_tools.node import MountNode, Param, run_node
+from msg_tools.node import MountNode, Param
+from msg_tools.running import run_node
 
 from .axis_reader import MOUNTS, AxisReader, lowest_reading
 from .design import UNITS, Design, disc_of

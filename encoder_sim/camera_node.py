@@ -5,7 +5,8 @@ import sys
 import numpy as np
 
 from msg_tools import convert, topics
-from msg_tools.node import Param, run_node
+from msg_tools.node import Param
+from msg_tools.running import run_node
 from msg_tools.units import ARCSEC, wrap
 from pointing_model.sky_params import SKY_PARAMS, sky_of
 from pointing_model.target import satellite_target

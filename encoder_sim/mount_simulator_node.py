@@ -14,7 +14,8 @@ from std_srvs.srv import Trigger
 
 from msg_tools import convert, topics
 from msg_tools.lifecycle import AUTOSTART, ManagedNode
-from msg_tools.node import Param, run_node
+from msg_tools.node import Param
+from msg_tools.running import run_node
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.sky import DEFAULT_SITE
 
@@ -24,6 +25,8 @@ from .scenario_file import load_scenario, scenario_files
 
 #: change of the air's temperature that the thermometer tells, degC
 THERMOMETER_STEP = 0.05
+#: s between two looks at what is waited for, as fast as the graph answers
+LOOK = 0.1
 #: a track that is renewed moves no axis by more: the side it came from stays, rad
 HAIR = 0.05 * ARCSEC
 
@@ -68,15 +71,17 @@ class MountSimulator(ManagedNode):
         self._feedback_sub = self.subscribe(topics.INCREMENTAL, self._on_feedback)
         self.subscribe(topics.COMMAND, self._on_command)
         self.create_service(Trigger, 'home', self._on_home)
+        # wall time in which an answer would have been heard: others in this process may take long
+        self._awake, self._looked = 0.0, time.monotonic()
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         if self._live:
             self._began = time.monotonic()
             self._sample = 0
             self._clock_sent = -1.0
-            self.create_timer(1.0 / self.value('sample_rate_hz') / self.value('time_scale'),
-                              self._tick, clock=steady)
+            self._period = 1.0 / self.value('sample_rate_hz') / self.value('time_scale')
         else:
-            self.create_timer(0.1, self._idle, clock=steady)
+            self._period = LOOK
+        self.create_timer(self._period, self._tick if self._live else self._idle, clock=steady)
 
     # --- commands -----------------------------------------------------------------------------
 
@@ -119,7 +124,7 @@ class MountSimulator(ManagedNode):
         ahead = (rest - self._time) / self.value('time_scale') if self._live else 0.0
         stamp = self._start + round(rest * 1e9)
         self._homing = (stamp, future,
-                        time.monotonic() + ahead + self.value('feedback_timeout_s'))
+                        self._awake + ahead + self.value('feedback_timeout_s'))
         if not self._live:
             self._settling = None
             self._read_thermometer(first)
@@ -139,7 +144,7 @@ class MountSimulator(ManagedNode):
         # before the angles, so that it is known when the exposure is answered
         self._read_thermometer(settled)
         stamp = self._publish(np.array([settled]))[0]
-        self._settling = (stamp, settled, time.monotonic() + self.value('feedback_timeout_s'))
+        self._settling = (stamp, settled, self._awake + self.value('feedback_timeout_s'))
         if self._feedback_sub.get_publisher_count() == 0:
             self._expose(closed=False)
 
@@ -167,13 +172,16 @@ class MountSimulator(ManagedNode):
         self._publish(begin + np.linspace(0.0, span, samples + 1))
         self._set_clock(begin + span)
 
-    def _give_up_homing(self):
-        if self._homing is not None and time.monotonic() > self._homing[2]:
+    def _look(self):
+        now = time.monotonic()
+        self._awake += min(now - self._looked, 2.0 * self._period)
+        self._looked = now
+        if self._homing is not None and self._awake > self._homing[2]:
             self._passed(None)
 
     def _idle(self):
-        self._give_up_homing()
-        if self._settling and time.monotonic() > self._settling[2]:
+        self._look()
+        if self._settling and self._awake > self._settling[2]:
             self._expose(closed=False)
         elif not self._settling:
             # for nodes that came late, and for those that wait for the first time
@@ -182,7 +190,7 @@ class MountSimulator(ManagedNode):
     # --- live ---------------------------------------------------------------------------------
 
     def _tick(self):
-        self._give_up_homing()
+        self._look()
         now = (time.monotonic() - self._began) * self.value('time_scale')
         rate = self.value('sample_rate_hz')
         # a sample belongs to its time: a late timer makes up for those it missed

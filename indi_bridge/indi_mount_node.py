@@ -8,7 +8,8 @@ from diagnostic_msgs.msg import DiagnosticStatus
 
 from msg_tools import convert, topics
 from msg_tools.lifecycle import AUTOSTART, ManagedNode
-from msg_tools.node import Param, run_node
+from msg_tools.node import Param
+from msg_tools.running import run_node
 from msg_tools.units import ARCSEC
 from pointing_model.sky_params import KIND_OF_MOUNT, SKY_PARAMS, mount_of, sky_of
 

@@ -17,7 +17,8 @@ from .bag import BagWriter
 from .bag.provenance import ParameterCollector, as_text
 from .bag.recorder import Recorder
 from .bag.recording import DEPTH, Selection, adapt_qos, check_patterns, versions
-from .node import NO_SUBSCRIPTION_EVENTS, Counter, MountNode, Param, run_node
+from .node import NO_SUBSCRIPTION_EVENTS, Counter, MountNode, Param
+from .running import run_node
 from .topics import Topic
 
 #: a frame is rendered only for those who ask

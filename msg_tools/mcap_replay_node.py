@@ -12,7 +12,8 @@ from . import topics
 from .bag.recording import check_patterns
 from .bag.sqlite import open_bag
 from .convert import to_stamp
-from .node import MountNode, Param, run_node
+from .node import MountNode, Param
+from .running import run_node
 from .topics import Topic, make_qos
 
 #: what a replay makes anew: the clock, and what the nodes under test compute from the rest

@@ -1,25 +1,17 @@
 """What every node of the graph shares: parameters, diagnostics, counted messages, a clean end."""
 
 import copy
-import gc
-import os
-import signal
-import sys
 import time
 
-import rclpy
-from rclpy._rclpy_pybind11 import RCLError
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
-from rclpy.executors import ExternalShutdownException
 from rclpy.qos_overriding_options import QoSOverridingOptions
-from rclpy.signals import SignalHandlerOptions
 from rclpy.time_source import TimeSource
 from std_srvs.srv import Trigger
 
 from . import NAMESPACE
 from .asked_again import Answers
-from .executor import ANSWERS, NodeExecutor
+from .executor import ANSWERS
 from .gaps import SequenceGaps
 from .parameters import ParameterNode
 from .params import BadInput, Param
@@ -28,7 +20,7 @@ from .rivals import INSTANCE, earlier_rival, new_instance
 from .topics import CLOCK, DIAGNOSTICS
 
 __all__ = ['BadInput', 'Counter', 'MountNode', 'NO_PUBLISHER_EVENTS', 'NO_SUBSCRIPTION_EVENTS',
-           'Param', 'run_node']
+           'Param']
 
 # Each event handler is one more entity that the executor looks at for every message: they took
 # half of a node's time. Incompatible endpoints are found once a second in the graph instead.
@@ -354,87 +346,3 @@ class MountNode(ParameterNode):
 
     def finish(self):
         """Close files; called once at the end, when the ROS context may already be gone."""
-
-
-def _secured():
-    """Where to look if the node shall be secured, after a sentence that it cannot start."""
-    if os.environ.get('ROS_SECURITY_ENABLE') != 'true':
-        return ''
-    return ('; ROS_SECURITY_ENABLE is true: it needs a DDS with security, which the one from PyPI '
-            'has not, and a keystore (SECURITY.md)')
-
-
-def run_node(make_node, args=None, *, last=None):
-    """Run a node until Ctrl-C, SIGTERM or shutdown.
-
-    Parameters
-    ----------
-    make_node : callable
-        Returns the node, and its class if it shall tell ``--help``; raises ValueError or OSError
-        with one line for bad input.
-    last : callable, optional
-        ``last(node)`` is called after a signal, while its topics still work.
-
-    Returns
-    -------
-    int
-        Exit code: 0 after a clean end, 2 after bad input.
-    """
-    if isinstance(make_node, type) and {'-h', '--help'} & set(args or sys.argv[1:]):
-        from .node_help import node_help, wants_help
-        if wants_help(args or sys.argv[1:]):
-            print(node_help(make_node), end='')
-            return 0
-    node = executor = None
-    running = False
-    # KeyboardInterrupt could fall into the middle of a record of the log; rclpy shuts the
-    # context down at either signal, and that ends `spin`
-    signal.signal(signal.SIGINT, lambda *_: None)
-    # a terminal that is closed ends a node as Ctrl-C does, and not in the middle of a record;
-    # not where it was told to go on (nohup)
-    if signal.getsignal(signal.SIGHUP) == signal.SIG_DFL:
-        signal.signal(signal.SIGHUP, lambda *_: signal.raise_signal(signal.SIGTERM))
-    try:
-        rclpy.init(args=args, signal_handler_options=None if last is None
-                   else SignalHandlerOptions.NO)
-        running, told = True, []
-        if last is not None:
-            for number in (signal.SIGINT, signal.SIGTERM):
-                signal.signal(number, lambda *_: told.append(True))
-        node = make_node()
-        node.check_overrides()
-        executor = NodeExecutor()
-        executor.add_node(node)
-        while not told and rclpy.ok():
-            executor.spin_once()  # a node has timers: it looks at itself ten times a second
-        if told:
-            last(node)
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
-    except (ValueError, OSError) as err:
-        print(f'error: {err}', file=sys.stderr)
-        return 2
-    except RCLError as err:
-        if running and not rclpy.ok():
-            return 0  # a signal came while something was being made or published
-        # of rcl's own text only the first sentence is for the user
-        print(f'error: {str(err).splitlines()[0].split(", at /")[0]}{_secured()}', file=sys.stderr)
-        return 2
-    except RuntimeError as err:
-        if 'QoS override' not in str(err):
-            raise
-        print(f'error: {err}', file=sys.stderr)
-        return 2
-    finally:
-        if executor is not None:
-            executor.shutdown()
-        if node is not None:
-            node.finish()
-            node.destroy_node()
-        else:
-            gc.collect()  # what was made of it: it would stay in /dev/shm
-        rclpy.try_shutdown()
-        # a second signal would find rclpy's handlers gone and end the process hard
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-            signal.signal(number, signal.SIG_IGN)
-    return 0

@@ -9,7 +9,8 @@ from std_msgs.msg import ColorRGBA, String
 from visualization_msgs.msg import Marker, MarkerArray
 
 from msg_tools import convert, topics
-from msg_tools.node import MountNode, Param, run_node
+from msg_tools.node import MountNode, Param
+from msg_tools.running import run_node
 
 from .mount_shape import ROOT, STANDS, frames_of, parts_of, placed, urdf
 from .sky_params import KIND_OF_MOUNT, SKY_PARAMS, mount_of

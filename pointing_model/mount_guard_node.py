@@ -9,8 +9,9 @@ from rclpy.duration import Duration
 
 from msg_tools import convert, topics
 from msg_tools.lifecycle import ACTIVATION, AUTOSTART, ManagedNode
-from msg_tools.node import Param, run_node
+from msg_tools.node import Param
 from msg_tools.readiness import drives
+from msg_tools.running import run_node
 from msg_tools.units import DEG
 
 from .guard.goto import GotoKeeper
@@ -284,7 +285,7 @@ class MountGuard(ManagedNode):
         for track in self._keeper.step(now, False):
             self._send(track)
 
-    def stop(self):
+    def before_end(self):
         """Have a mount that is led somewhere stop: this process ends, and the mount may not."""
         if self.active and not self._whole and self._keeper.state in LEADING:
             self._do('', self._keeper.abort)
@@ -339,7 +340,7 @@ def _site(node):
 
 def main(args=None):
     """Entry point of ``ros2 run telescope_mount mount_guard``."""
-    sys.exit(run_node(MountGuard, args, last=MountGuard.stop))
+    sys.exit(run_node(MountGuard, args))
 
 
 if __name__ == '__main__':

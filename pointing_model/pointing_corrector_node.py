@@ -7,8 +7,9 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from std_msgs.msg import String
 
 from msg_tools import convert, topics
-from msg_tools.node import MountNode, run_node
+from msg_tools.node import MountNode
 from msg_tools.power_on import start_of
+from msg_tools.running import run_node
 from msg_tools.units import ARCSEC, wrap
 
 from .context import Context

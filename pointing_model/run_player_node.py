@@ -10,8 +10,9 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from std_srvs.srv import Trigger
 
 from msg_tools import convert, topics
-from msg_tools.node import MountNode, Param, run_node
+from msg_tools.node import MountNode, Param
 from msg_tools.readiness import unmatched
+from msg_tools.running import run_node
 from msg_tools.status import Progress, observations_taken
 from msg_tools.steps import Steps, call
 

@@ -14,8 +14,9 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from msg_tools import convert, topics
-from msg_tools.node import MountNode, run_node
+from msg_tools.node import MountNode
 from msg_tools.readiness import PUBLISHES, unmatched
+from msg_tools.running import run_node
 from msg_tools.status import handover, observations_taken
 from msg_tools.units import DEG
 

@@ -2,8 +2,8 @@
 
 Eight interpreters that each import numpy, rclpy and the messages take longer than a short night.
 Requests come on the connection whose file descriptor is its argument, a dict each: module,
-arguments, name, environment, file for the output. It answers ``{'started': pid}``, later
-``{'ended': pid, 'code': code}``.
+arguments, name, environment, file for the output, and further modules to import before. It answers
+``{'started': pid}``, later ``{'ended': pid, 'code': code}``.
 """
 
 import ctypes
@@ -21,22 +21,24 @@ _SET_DEATH_SIGNAL, _SET_NAME = 1, 15
 
 
 def preload():
-    """Import what the nodes need; nothing that opens a file, a socket or a thread."""
+    """Import what all nodes need; nothing that opens a file, a socket or a thread."""
     import rclpy
     from rclpy.type_support import check_for_type_support
 
-    from msg_tools import topics
-
-    from .graph import NODES
-    for module in NODES.values():
-        # a node that cannot be imported says so itself, when it is started
-        with suppress(ImportError):
-            import_module(module)
+    from msg_tools import running, topics  # noqa: F401
     for topic in topics.ALL:
         check_for_type_support(topic.message)
     rclpy.get_rmw_implementation_identifier()  # loads DDS
     # a node's first line of log asks which module is in which file: of all modules
     inspect.getframeinfo(inspect.currentframe())
+
+
+def prepare(modules):
+    """Import what a node needs: the next one of its kind begins at once."""
+    for module in modules:
+        # one that cannot be imported says so itself, when it is started
+        with suppress(ImportError):
+            import_module(module)
     gc.collect()
     gc.freeze()  # a node's collector would copy the pages of what all share
 
@@ -90,6 +92,7 @@ def main():
                 request = connection.recv()
             except EOFError:
                 return
+            prepare([request['module'], *request.get('also', ())])
             alive, end = os.pipe()
             pid = os.fork()
             if pid == 0:

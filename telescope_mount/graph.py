@@ -33,8 +33,12 @@ NODES = {
 #: of the simulated incremental encoder (paper 000): lines in a turn
 GRATING = 'grating=47200'
 SIMULATED = ('mount_simulator', 'incremental_encoder', 'absolute_encoder', 'camera')
-NIGHT = (*SIMULATED, 'mount_guard', 'star_observer', 'pointing_corrector', 'calibration',
-         'mcap_logger')
+NIGHT = (*SIMULATED, 'mount_guard', 'star_observer', 'pointing_corrector', 'mcap_logger',
+         'calibration')
+
+#: without a time scale each of these waits for the others: apart, most of a night would be their
+#: start and the way of messages from one process to the next
+IN_TURN = (*SIMULATED, 'frame_reader', 'mount_guard', 'star_observer', 'pointing_corrector')
 
 #: topics that only simulated hardware has
 TRUTH = '.*/truth/.*'
@@ -45,11 +49,15 @@ SITE = ('latitude_deg', 'longitude_deg', 'height_m')
 
 @dataclass(frozen=True)
 class NodeSpec:
-    """A node to start: its executable, its module and its parameters."""
+    """A node to start: its executable, its module and its parameters.
+
+    Those that have the same `process` share one of that name; by default each has its own.
+    """
 
     name: str
     module: str
     parameters: dict = field(default_factory=dict)
+    process: str = ''
 
     @property
     def full_name(self):
@@ -150,7 +158,8 @@ def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time
                         'graduation': GRATING} | _mode(plan) | (calibration or {}),
         'mcap_logger': {'use_sim_time': True, 'folder': bag},
     }
-    return [NodeSpec(name, NODES[name], parameters[name]) for name in names]
+    shared = {} if time_scale else dict.fromkeys(IN_TURN, 'telescope')
+    return [NodeSpec(name, NODES[name], parameters[name], shared.get(name, '')) for name in names]
 
 
 def every_frame(namespace=NAMESPACE):

@@ -6,6 +6,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 
 from msg_tools import NAMESPACE
@@ -177,15 +178,15 @@ def observe(folder, specs, plan, write, progress=None, domain_number=None, param
     bag = next(spec.parameters['folder'] for spec in specs if spec.name == 'mcap_logger')
     from .processes import Processes
     nodes = Processes(folder / 'nodes', lock.number, params_file)
-    # after the cheap checks, and while the nodes' own go on: these imports cost half a second
-    from .watcher import Watcher
     watcher = None
     try:
-        for spec in specs:
-            nodes.start(spec)
+        # after the cheap checks, and while the nodes' own go on: these imports cost half a second
+        with ThreadPoolExecutor(1) as pool:
+            loading = pool.submit(import_module, 'telescope_mount.watcher')
+            nodes.start_all(specs)
         for path in drivers:
             nodes.start_script(path)
-        watcher = Watcher('night', lock.number, nodes.environment, nodes.check)
+        watcher = loading.result().Watcher('night', lock.number, nodes.environment, nodes.check)
         with _at_rest_after(watcher, specs, note or (lambda _: None)):
             _watch(watcher, nodes, plan, progress or (lambda *_: None), stall, say, note)
             if progress:

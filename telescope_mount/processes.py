@@ -145,7 +145,7 @@ def die_with_parent():
 
 
 class Processes:
-    """The nodes of a graph, each a process of its own.
+    """The nodes of a graph, in processes.
 
     Parameters
     ----------
@@ -167,16 +167,35 @@ class Processes:
         # at once: it imports while the caller does
         self._fork_server = ForkServer(self.folder / 'fork_server.log')
 
+    def start_all(self, specs):
+        """Start each `graph.NodeSpec`, in one process those that say so."""
+        groups = {}
+        for spec in specs:
+            groups.setdefault(spec.process or spec.name, []).append(spec)
+        for name, group in groups.items():
+            if len(group) == 1:
+                self.start(group[0])
+            else:
+                self._start(name, 'msg_tools.running', group,
+                            ','.join(spec.module for spec in group))
+
     def start(self, spec):
-        """Start a `graph.NodeSpec`."""
-        params = self.folder / f'{spec.name}.params.yaml'
-        params.write_text(yaml.safe_dump({'/**': {'ros__parameters': spec.parameters}}))
-        arguments = ['--ros-args', '-r', f'__ns:={NAMESPACE}', '--params-file', str(params)]
+        """Start a `graph.NodeSpec` in a process of its own."""
+        self._start(spec.name, spec.module, [spec])
+
+    def _start(self, name, module, specs, *arguments):
+        arguments = [*arguments, '--ros-args', '-r', f'__ns:={NAMESPACE}']
+        for spec in specs:
+            params = self.folder / f'{spec.name}.params.yaml'
+            params.write_text(yaml.safe_dump(
+                {spec.full_name: {'ros__parameters': spec.parameters}}))
+            if spec.parameters:  # rcl takes no empty one
+                arguments += ['--params-file', str(params)]
         if self.params_file:
             arguments += ['--params-file', str(self.params_file)]
-        self.running[spec.name] = self._fork_server.start(
-            name=spec.name, module=spec.module, arguments=arguments,
-            environment=self.environment, log=str(self.folder / f'{spec.name}.log'))
+        self.running[name] = self._fork_server.start(
+            name=name, module=module, also=[spec.module for spec in specs], arguments=arguments,
+            environment=self.environment, log=str(self.folder / f'{name}.log'))
 
     def start_script(self, path):
         """Start a driver: a Python file of the user's, in the same namespace, with his values."""

@@ -75,9 +75,8 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None, har
         nodes = Processes(scratch, lock.number)
         watcher = None
         try:
-            for spec in replay_graph(str(Path(log).resolve()), topic.name, seed, reference,
-                                     as_then, marks):
-                nodes.start(spec)
+            nodes.start_all(replay_graph(str(Path(log).resolve()), topic.name, seed, reference,
+                                         as_then, marks))
             watcher = Watcher('replay', lock.number, nodes.environment, nodes.check)
 
             def taken():

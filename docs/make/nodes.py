@@ -119,6 +119,7 @@ def declared(folder):
     import rclpy
 
     from msg_tools.lifecycle import ManagedNode
+    from msg_tools.running import node_of
     from telescope_mount.graph import NODES
     context = rclpy.context.Context()
     rclpy.init(context=context, domain_id=int(os.environ.get('ROS_DOMAIN_ID', 77)))
@@ -132,7 +133,7 @@ def declared(folder):
                 'module': module, 'doc': import_module(module).__doc__, 'publishes': {},
                 'subscribes': {}, 'services': {}, 'asks': {}}
             for way in ways:
-                node = _class_of(module)(context=context, overrides=way)
+                node = node_of(module)(context=context, overrides=way)
                 try:
                     _ask(node, entry)
                     entry['managed'] = isinstance(node, ManagedNode)
@@ -142,13 +143,6 @@ def declared(folder):
     finally:
         rclpy.shutdown(context=context)
     return found
-
-
-def _class_of(module):
-    from msg_tools.node import MountNode
-    module = import_module(module)
-    return next(item for item in vars(module).values() if isinstance(item, type)
-                and issubclass(item, MountNode) and item.__module__ == module.__name__)
 
 
 def _ask(node, entry):

@@ -94,7 +94,7 @@ def test_services_of_the_guard_stop_the_mount_and_park_it(graph):
     mount.until('paused')
     assert graph.call('resume').success
     mount.until('following')
-    guard.stop()  # as its process ends
+    guard.before_end()  # as its process ends
     mount.until('aborted')
     assert not any(mount.commands[-1].points[-1].velocities)
     assert graph.call('abort').success

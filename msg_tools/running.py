@@ -1,0 +1,134 @@
+"""Runs nodes until a signal: one in its process, or several that share it.
+
+    python -m msg_tools.running MODULE,MODULE... --ros-args ...
+"""
+
+import gc
+import os
+import signal
+import sys
+from importlib import import_module
+
+import rclpy
+from rclpy._rclpy_pybind11 import RCLError
+from rclpy.executors import ExternalShutdownException
+from rclpy.signals import SignalHandlerOptions
+
+from .executor import NodeExecutor
+from .node import MountNode
+
+
+def run_node(make_node, args=None):
+    """Run a node until Ctrl-C, SIGTERM or shutdown.
+
+    Parameters
+    ----------
+    make_node : callable
+        Returns the node, and its class if it shall tell ``--help``; raises ValueError or OSError
+        with one line for bad input. A class may have ``before_end(node)``, which is called after
+        a signal, while its topics still work.
+
+    Returns
+    -------
+    int
+        Exit code: 0 after a clean end, 2 after bad input.
+    """
+    if isinstance(make_node, type) and {'-h', '--help'} & set(args or sys.argv[1:]):
+        from .node_help import node_help, wants_help
+        if wants_help(args or sys.argv[1:]):
+            print(node_help(make_node), end='')
+            return 0
+    return run_nodes([make_node], args)
+
+
+def run_nodes(makers, args=None):
+    """Run nodes in this process, one executor for all; see `run_node`.
+
+    Parameters
+    ----------
+    makers : sequence of callable
+        Of the nodes, in the order in which they are made.
+
+    Returns
+    -------
+    int
+        Exit code; 2 where one of them has bad input, and none runs then.
+    """
+    nodes, executor, running = [], None, False
+    # KeyboardInterrupt could fall into the middle of a record of the log; rclpy shuts the
+    # context down at either signal, and that ends `spin`
+    signal.signal(signal.SIGINT, lambda *_: None)
+    # a terminal that is closed ends a node as Ctrl-C does, and not in the middle of a record;
+    # not where it was told to go on (nohup)
+    if signal.getsignal(signal.SIGHUP) == signal.SIG_DFL:
+        signal.signal(signal.SIGHUP, lambda *_: signal.raise_signal(signal.SIGTERM))
+    last = any(hasattr(make, 'before_end') for make in makers)
+    try:
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO if last else None)
+        running, told = True, []
+        if last:
+            for number in (signal.SIGINT, signal.SIGTERM):
+                signal.signal(number, lambda *_: told.append(True))
+        for make in makers:
+            nodes.append(make())
+            nodes[-1].check_overrides()
+        executor = NodeExecutor()
+        for node in nodes:
+            executor.add_node(node)
+        while not told and rclpy.ok():
+            executor.spin_once()  # a node has timers: it looks at itself ten times a second
+        if told:
+            for node in nodes:
+                getattr(node, 'before_end', lambda: None)()
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    except (ValueError, OSError) as err:
+        print(f'error: {err}', file=sys.stderr)
+        return 2
+    except RCLError as err:
+        if running and not rclpy.ok():
+            return 0  # a signal came while something was being made or published
+        # of rcl's own text only the first sentence is for the user
+        print(f'error: {str(err).splitlines()[0].split(", at /")[0]}{_secured()}', file=sys.stderr)
+        return 2
+    except RuntimeError as err:
+        if 'QoS override' not in str(err):
+            raise
+        print(f'error: {err}', file=sys.stderr)
+        return 2
+    finally:
+        if executor is not None:
+            executor.shutdown()
+        for node in nodes:
+            node.finish()
+            node.destroy_node()
+        if executor is None:
+            gc.collect()  # what was made of one that failed: it would stay in /dev/shm
+        rclpy.try_shutdown()
+        # a second signal would find rclpy's handlers gone and end the process hard
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            signal.signal(number, signal.SIG_IGN)
+    return 0
+
+
+def _secured():
+    """Where to look if the node shall be secured, after a sentence that it cannot start."""
+    if os.environ.get('ROS_SECURITY_ENABLE') != 'true':
+        return ''
+    return ('; ROS_SECURITY_ENABLE is true: it needs a DDS with security, which the one from PyPI '
+            'has not, and a keystore (SECURITY.md)')
+
+
+def node_of(module):
+    """The class of the node that a module, by its name, is for."""
+    return next(item for item in vars(import_module(module)).values() if isinstance(item, type)
+                and issubclass(item, MountNode) and item.__module__ == module)
+
+
+def main():
+    """Run the nodes of the modules that the first argument names."""
+    sys.exit(run_nodes([node_of(module) for module in sys.argv[1].split(',')]))
+
+
+if __name__ == '__main__':
+    main()
