@@ -155,10 +155,8 @@ def start_up():
         watcher = Watcher('load', lock.number, nodes.environment, nodes.check)
         own = time.time() - begun
         specs = night_graph(bag=f'{folder}/bag')
-        forked = None
-        for spec in specs:
-            nodes.start(spec)
-            forked = forked or time.time() - begun
+        nodes.start_all(specs)
+        forked = time.time() - begun
         names = [f'{NAMESPACE}/{spec.name}' for spec in specs]
         if not watcher.spin_until(lambda: not unmatched(names, watcher.reports), PATIENCE):
             raise RuntimeError(f'not matched: {unmatched(names, watcher.reports)[:3]}')

@@ -15,7 +15,7 @@ from .executor import ANSWERS
 from .gaps import SequenceGaps
 from .parameters import ParameterNode
 from .params import BadInput, Param
-from .readiness import LAST, PUBLISHED, PUBLISHES, SUBSCRIBES, GraphReports
+from .readiness import LAST, PUBLISHED, PUBLISHES, RESTS, SUBSCRIBES, GraphReports
 from .rivals import INSTANCE, earlier_rival, new_instance
 from .topics import CLOCK, DIAGNOSTICS
 
@@ -91,7 +91,7 @@ class MountNode(ParameterNode):
         self._hardware_id = f'{self.get_fully_qualified_name()}: {hardware_id or name}'
         self._announced = None
         self._announced_at = 0.0
-        self._last_counts, self._told = None, (None, None)
+        self._last_counts, self._told, self._rests = None, (None, None), False
         self._unmatched, self._warned = set(), set()
         self._diagnostics = self.create_publisher(
             DIAGNOSTICS.message, DIAGNOSTICS.name, DIAGNOSTICS.qos,
@@ -295,9 +295,9 @@ class MountNode(ParameterNode):
     def _diagnose(self):
         # at once when a connection came or went, or messages have come to rest; else once a second
         connections, counts = self._connections_and_counts()
-        quiet = counts == self._last_counts
+        self._rests = counts == self._last_counts
         self._last_counts = counts
-        new = connections != self._told[0] or (quiet and counts != self._told[1])
+        new = connections != self._told[0] or (self._rests and counts != self._told[1])
         if new or time.monotonic() - self._announced_at >= 1.0:
             self._told = connections, counts
             self.announce()
@@ -334,7 +334,7 @@ class MountNode(ParameterNode):
             name=self.get_fully_qualified_name(),
             message='; '.join(text for _, text in issues) or 'ok',
             hardware_id=self._hardware_id)
-        rows = [(INSTANCE, self._instance), *rows, *rates,
+        rows = [(INSTANCE, self._instance), (RESTS, str(self._rests)), *rows, *rates,
                 *((f'refused {source}', f'{count} (last: {reason})')
                   for source, (count, reason) in self.rejected.items())]
         status.values = [KeyValue(key=k, value=v) for k, v in [*rows, *self.details()]]

@@ -8,6 +8,9 @@ diagnostics how many endpoints it is matched with, and whoever starts the work c
 # first words of the rows, before the topic's name: `MountNode.endpoints` writes, `parse` reads
 PUBLISHES, SUBSCRIBES = 'publishes', 'subscribes'  # endpoints matched
 PUBLISHED, LAST = 'published', 'last'  # messages, the last one's sequence number
+#: a row for itself: since it came to rest nothing came or went; when that changes, and it comes to
+#: rest again, a node says so within so many seconds
+RESTS, REST = 'rests', 0.35
 
 #: first letters of nodes that hear `command` and drive nothing
 _HEARERS = ('mcap_logger', 'rosbag2_', 'star_observer', 'check_drivers', '_ros2cli', 'foxglove_',
@@ -55,10 +58,13 @@ def parse(status):
     -------
     dict
         ``{PUBLISHES: {topic: matched}, SUBSCRIBES: ..., PUBLISHED: {topic: messages},
-        LAST: {topic: sequence number}}``.
+        LAST: {topic: sequence number}, RESTS: bool}``.
     """
-    out = {PUBLISHES: {}, SUBSCRIBES: {}, PUBLISHED: {}, LAST: {}}
+    out = {PUBLISHES: {}, SUBSCRIBES: {}, PUBLISHED: {}, LAST: {}, RESTS: False}
     for row in status.values:
+        if row.key == RESTS:
+            out[RESTS] = row.value == 'True'
+            continue
         kind, _, topic = row.key.partition(' ')
         # whoever else publishes diagnostics may use such keys for something else
         if kind in out and topic.startswith('/') and is_count(row.value):

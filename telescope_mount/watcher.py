@@ -12,7 +12,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from msg_tools import NAMESPACE, topics
 from msg_tools.executor import NodeExecutor
-from msg_tools.readiness import GraphReports, unreceived
+from msg_tools.readiness import REST, RESTS, GraphReports, unreceived
 
 from .interrupt import interrupt
 
@@ -166,11 +166,14 @@ class Watcher:
             Topics of which messages are missing after `timeout` seconds; empty is good.
         """
         name = f'{NAMESPACE}/mcap_logger'
-        # diagnostics that came since: each node reports at least once a second
-        seen = dict(self.reports)
+        # diagnostics that came since: each node reports at least once a second, and soon after it
+        # came to rest
+        seen, rested = dict(self.reports), time.monotonic() + REST
 
         def silent():
-            return [n for n in nodes if self.reports.get(n) is seen.get(n)]
+            late = time.monotonic() > rested
+            return [n for n in nodes if self.reports.get(n) is seen.get(n)
+                    and not (late and n in seen and seen[n][RESTS])]
 
         if not self.spin_until(lambda: not silent(), timeout):
             raise RuntimeError(f'no diagnostics of {", ".join(silent())} for {timeout:g} s')

@@ -215,6 +215,9 @@ def test_diagnostics_count_messages_and_rates(graph):
     graph.report('sample', '', 'last /mount/incremental/joint_states', 3)
     graph.report('sample', '', 'publishes /mount/zero', 1)
     status = graph.report('sample', '', 'published /mount/zero', 1)
+    graph.report('sample', '', 'rests', True)
+    counted = {row.key: row.value for row in graph.reports['sample'].values}
+    assert counted['received /mount/incremental/joint_states'] == '3'
     keys = [row.key for row in status.values]
     assert 'rate /mount/zero [Hz]' in keys
 

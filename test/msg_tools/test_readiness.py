@@ -16,7 +16,9 @@ def test_parse_takes_endpoint_counts_only():
                     SimpleNamespace(key='last /t', value='9' * 5000),
                     SimpleNamespace(key='', value='')]
     assert parse(rows) == {'publishes': {'/t': 2}, 'subscribes': {'/t': 1},
-                           'published': {'/t': 7}, 'last': {'/t': 9}}
+                           'published': {'/t': 7}, 'last': {'/t': 9}, 'rests': False}
+    rows.values.append(SimpleNamespace(key='rests', value='True'))
+    assert parse(rows)['rests']
 
 
 def test_complete_when_both_sides_see_each_other():
