@@ -75,7 +75,7 @@ def section(title, *parts, note='', kind=''):
     return f'<section{kind}><h2>{clean(title)}</h2>{note}{body}</section>'
 
 
-def verdict(badge, headline, sentences, cards='', kind='', more=''):
+def verdict(badge, headline, sentences, cards='', kind='', more='', body=''):
     """The first section: what there is to know.
 
     Parameters
@@ -88,10 +88,12 @@ def verdict(badge, headline, sentences, cards='', kind='', more=''):
         Class, for its colour.
     more : str
         HTML below.
+    body : str
+        HTML between the sentences and the large numbers.
     """
     badge = f'<span class="badge">{clean(badge)}</span>' if badge else ''
     return (f'<section class="verdict{" " * bool(kind)}{kind}">{badge}<h2>{clean(headline)}</h2>'
-            f'{listed(sentences)}{cards}{more}</section>')
+            f'{listed(sentences)}{body}{cards}{more}</section>')
 
 
 def cards(rows):
@@ -99,6 +101,18 @@ def cards(rows):
     out = ''.join(f'<div><b>{clean(value if isinstance(value, str) else arcsec(value))}</b>'
                   f'<span>{clean(text)}</span></div>' for value, text in rows if value is not None)
     return f'<div class="numbers-row">{out}</div>' if out else ''
+
+
+def ranked(rows):
+    """Sentences by size, each with a bar of it: (size in arcsec or None, text) each."""
+    if len(rows) < 2:
+        return listed([text for _, text in rows])
+    top = max((size for size, _ in rows if size), default=0.0)
+    items = ''.join(
+        '<li>' + (f'<span class="size"><i style="width:{100.0 * size / top:.0f}%"></i></span>'
+                  f'<b>{arcsec(size)}</b> ' if size else '') + f'{clean(text)}</li>'
+        for size, text in rows)
+    return f'<ol class="ranked">{items}</ol>'
 
 
 def listed(texts):
