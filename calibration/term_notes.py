@@ -66,45 +66,46 @@ def said_of_term(row):
     name, value = row['name'], _signed(row['value_arcsec'])
     figure = f'{value} ± {row["sigma_arcsec"]:.1f}″'
     if row.get('alone_arcsec') is not None:
-        figure += f', and {_signed(row["alone_arcsec"])}″ before the effects were added'
+        figure += f'; {_signed(row["alone_arcsec"])}″ before the effects were added'
     if row['what'] == 'sign':
-        return (f'{name}, the bending of the tube, is negative ({figure}): weight bends no tube '
-                f'upward. {_of_air(row.get("refraction"), _DISC * bool(row.get("altaz")))}')
+        return (f'{name}, the bending of the tube, is negative ({figure}), and weight bends no '
+                f'tube upward. {_of_air(row.get("refraction"), bool(row.get("altaz")))}')
     if name == 'TX':
         return (f'{name}, what is wrong with the refraction, is {figure} of cot E, where the whole '
                 'refraction has 40 to 60″: most likely it was '
                 + ('left out of the star places' if row['value_arcsec'] > 0
-                   else 'put into the star places twice') + f'. {_DESK}.')
+                   else 'put into the star places twice') + f'. {_DESK}?')
     return (f'{name} is {figure}, more than a degree: mounts are not built so. Check first, at the '
             'desk, what the columns of the file mean, and where their zeros are.')
 
 
-_DESK = ('Check first, at the desk, that star places and readings both have the refraction, once, '
-         'or both not')
+_DESK = ('Check first, at the desk: have star places and readings both the refraction, once, or '
+         'both not')
 _OTHERS = ('a mirror that tilts in its cell, {}or mount and catalogue exchanged in the file, which '
            'turns every sign')
-#: of an alt-azimuth mount
-_DISC = 'the disc of the elevation encoder off its centre (its cosine is the same curve), '
+#: of an alt-azimuth mount: its cosine is the same curve
+_DISC = 'an elevation encoder whose disc is off centre, '
 
 
-def _of_air(fitted, disc):
-    """What a refraction that is wrong would do in place of a negative TF."""
-    others = _OTHERS.format(disc)
+def _of_air(fitted, altaz):
+    """What a refraction that is wrong would do in place of a negative TF, and what else does it."""
+    others = _OTHERS.format(_DISC * altaz)
     if fitted is None:
         return ('Most likely the refraction is in the star places twice or too much (TX or TX3 '
-                f'fits better then); or it is {others}. {_DESK}.')
+                f'fits better then); or it is {others}. {_DESK}?')
     gain = fitted['delta_bic']
     size = f'{_signed(fitted["value_arcsec"])}″ of cot E; the whole refraction has 40 to 60″'
     if gain >= _CLEAR:
         return ('Most likely the refraction is in the star places twice or too much: in the place '
-                f'of TF it fits these rows better ({size}). {_DESK}.')
+                f'of TF it fits these rows better ({size}). {_DESK}?')
     if gain > -_CLEAR:
-        return ('Refraction that is in the star places twice or too much would explain it as well '
-                f'({size}); so would {others}. {_DESK}: that is the cheapest check.')
-    return ('Too much refraction in the star places bears on the same curve, but is not the whole '
-            f'of it: in the place of TF it fits these rows worse ({size}), and beside it TF is '
-            f'{_signed(fitted["beside_arcsec"])}″. The others that do this: {others}. {_DESK}, '
-            'and which column is the mount; then look at {"disc and " * bool(disc)}cell.')
+        return ('Refraction that is in the star places twice or too much explains it as well '
+                f'({size}); so does {others}. {_DESK}? That is the cheapest check.')
+    return ('Refraction that is in the star places twice or too much bears on the same curve, but '
+            f'is not the whole of it: in the place of TF it fits these rows worse ({size}), and '
+            f'beside it TF is {_signed(fitted["beside_arcsec"])}″. What does this too: {others}. '
+            f'{_DESK}, and which column is the mount? Then look at the {"disc and the " * altaz}'
+            'mirror cell.')
 
 
 def _signed(value):

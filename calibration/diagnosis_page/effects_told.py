@@ -64,7 +64,7 @@ def told_of(diagnosis, found):
     more = []
     if len(found.causes) > 1:
         where = dict(zip(('az', 'el'), context.mount.names.axes)).get(e.axes, 'pointing')
-        seen = (f'The {where} error has {shape_of(found)}: '
+        seen = (f'The {where} error has {shape_of(found)}, '
                 f'{_extent(diagnosis, e, fitted)}')
         more.append(causes_sentence(found.causes))
     else:
@@ -88,9 +88,9 @@ def _of_approach(diagnosis, e):
     kind, _, axis = e.driver.rpartition('_')
     if not derived or kind not in ('approach', 'travel', 'before') or axis not in derived['axes']:
         return []
-    order = 'time' if derived['order'] == 'time' else 'the rows'
-    return [f'The direction of approach is no column of the file: it was taken from the order of '
-            f'{order}, and is wrong wherever the axis moved otherwise between two rows.']
+    order = 'in time' if derived['order'] == 'time' else 'of the rows'
+    return [f'The direction of approach is no column of the file: it was derived from the order '
+            f'{order}, and is wrong where the axis moved otherwise between two rows.']
 
 
 def title_of(found, axes):
@@ -127,10 +127,10 @@ def _extent(diagnosis, e, fitted):
     driver = driver_of(diagnosis.observations.context, e.driver)
     size = arcsec(ends[1][1] - ends[0][1])
     if driver is not None and driver.levels:
-        return _sides(diagnosis, e, fitted, driver) or f'{size} from lowest to highest'
+        return _sides(diagnosis, e, fitted, driver) or f'{size} from its lowest to its highest'
     if driver is None or not driver.label.endswith('[°]'):
-        return f'{size} from lowest to highest'
-    return '{} from lowest (at {:.0f}°) to highest (at {:.0f}°)'.format(
+        return f'{size} from its lowest to its highest'
+    return '{} from its lowest at {:.0f}° to its highest at {:.0f}°'.format(
         size, *(driver.values[row] for row, _ in ends)).replace('-', '−')
 
 
@@ -143,6 +143,6 @@ def _sides(diagnosis, e, fitted, driver):
     axis = {'az': 0, 'el': 1}.get(e.axes, int(np.argmax(np.ptp(fitted[:, used], axis=1))))
     means = [fitted[axis][used & (driver.values == level)].mean() for level in sides]
     more, less = (sides if means[0] > means[1] else sides[::-1])
-    after = 'after a last motion ' if e.driver.startswith('approach') else 'with '
-    return (f'it reads {arcsec(abs(means[0] - means[1]))} more on the sky {after}'
-            f'{driver.levels[more]} than {driver.levels[less]}, on average')
+    after = 'after moving ' if e.driver.startswith('approach') else 'with '
+    return (f'{arcsec(abs(means[0] - means[1]))} more on the sky {after}{driver.levels[more]} than '
+            f'{driver.levels[less]}, on average')

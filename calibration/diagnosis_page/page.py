@@ -6,7 +6,7 @@ from calibration.diagnosis.rows_told import used_sentence
 from pointing_model.effects.base import arcsec
 
 from ..page.drawing import clean
-from ..page.parts import cards, listed, ranked, section, verdict, whole
+from ..page.parts import cards, listed, said, section, verdict, whole
 from ..page.provenance import provenance_section
 from ..page.residuals import controls, histograms, sky_maps, targets
 from ..page.stars import stars_table
@@ -114,10 +114,11 @@ def _verdict(view):
         open_causes(row) > 1 for row in document['effects']) else name
     body = page.gain_bars(document, view.axes)
     numbers = _numbers(document)
-    return (verdict(_VERDICTS.get(badge, badge), told.headline, told.first, cards(numbers),
+    headline, _, then = told.headline.partition('. ')
+    return (verdict(_VERDICTS.get(badge, badge), headline, [], cards(numbers),
                     badge if badge in _VERDICTS else '',
                     page.words(' '.join((told.headline, *told.sentences, floor_words(document)))),
-                    ranked(told.ranked) + listed(told.rest))
+                    said(told.first) + said(told.ranked, True) + said(told.rest), then)
             + section('Error before and after', body, page.held_out(document, view.axes)))
 
 

@@ -12,9 +12,34 @@ from .told import STAYS, counted, first_check, model_words, next_sentence, open_
 
 #: arcsec; what is left beyond this is no noise of pointing
 _ABSURD = 1800.0
+_NO_GAIN = 0.98  # of the error before, above which nothing was gained
 HELD, LEFT_OUT, FITTED = 'on rows held out', 'on rows left out', 'on the rows fitted'
 #: of the effects that would have been found, so many are told
 _MOST_SAID = 8
+
+
+@dataclass
+class Said:
+    """One thing to know.
+
+    Attributes
+    ----------
+    lead : str
+        What it is.
+    more : str
+        Why, what to do about it, what it rests on.
+    size_arcsec : float, optional
+        Of an effect: RMS on the sky.
+    """
+
+    lead: str
+    more: str = ''
+    size_arcsec: float | None = None
+
+    @property
+    def text(self):
+        """All of it."""
+        return f'{self.lead} {self.more}'.strip()
 
 
 @dataclass
@@ -24,11 +49,9 @@ class Verdict:
     Attributes
     ----------
     headline : str
-    first : list of str
-        Before the effects: what may put all of them in doubt.
-    ranked : list of (float or None, str)
-        The effects, the largest first: RMS on the sky, arcsec, and what is said of each.
-    rest : list of str
+    first, ranked, rest : list of Said
+        Before the effects, what may put all of them in doubt; the effects, the largest first; what
+        follows.
     """
 
     headline: str
@@ -36,12 +59,18 @@ class Verdict:
     ranked: list = field(default_factory=list)
     rest: list = field(default_factory=list)
 
+    def __post_init__(self):
+        for name in ('first', 'ranked', 'rest'):
+            setattr(self, name, [one if isinstance(one, Said) else Said(one)
+                                 for one in getattr(self, name) if one])
+
     @property
     def sentences(self):
         """All but the headline; several effects are numbered."""
         several = len(self.ranked) > 1
-        return [*self.first, *(f'{i}. {text}' if several else text
-                               for i, (_, text) in enumerate(self.ranked, 1)), *self.rest]
+        return [*(one.text for one in self.first),
+                *(f'{i}. {one.text}' if several else one.text
+                  for i, one in enumerate(self.ranked, 1)), *(one.text for one in self.rest)]
 
 
 def told_verdict(document, effects=(), limit=5, caution=''):
@@ -63,9 +92,9 @@ def told_verdict(document, effects=(), limit=5, caution=''):
     Verdict
     """
     verdict = document['verdict']
-    last = [text for text in (way(document), figures_sentence(document),
-                              outlier_sentence(document)) if text]
-    odd = [said_of_term(row) for row in document.get('unphysical') or ()]
+    last = [way(document), figures_sentence(document), outlier_sentence(document)]
+    odd = [Said(f'{lead}.', more) for lead, _, more in (
+        said_of_term(row).partition('. ') for row in document.get('unphysical') or ())]
     if verdict == 'refused':
         return Verdict('Nothing is concluded from so few of the rows', [caution], [], last)
     if verdict == 'none':
@@ -88,9 +117,8 @@ def told_verdict(document, effects=(), limit=5, caution=''):
     axes = KINDS[document.get('mount') or 'altaz'].axes
     return Verdict(
         _headline(document, effects),
-        [*odd, *filter(None, [caution]), *bad_nights(document, axes), _count(document)],
-        ranked[:limit], [*rest, *_wander(document), *filter(None, [worst_sentence(document)]),
-                         *last])
+        [*odd, caution, *bad_nights(document, axes), _count(document)], ranked[:limit],
+        [*rest, *_wander(document), worst_sentence(document), *last])
 
 
 def verdict_sentences(document, effects=(), limit=5, caution=''):
@@ -108,8 +136,13 @@ def _nothing(document, caution, odd, last):
         caution = (f'What is left, {arcsec(left)}, is far more than a mount errs by: look at '
                    'the columns, their units and signs, and where azimuth 0 is.')
     headline = f'Nothing is wrong beyond {model_words(document)} that these observations can show'
+    label, before, _ = best_pair(document)
+    if before is not None and not caution:
+        headline += f': {arcsec(before)} remain {label}'
     if odd:
-        headline += f'; but look at {", ".join(row["name"] for row in document["unphysical"])}'
+        headline += '. But look at ' + ' and '.join(
+            f'{row["name"]}, which is {"negative" if row["what"] == "sign" else "too large"}'
+            for row in document['unphysical'])
     return Verdict(headline, [*odd, caution or looks], [],
                    ['The model stays as it was.', *_detectable(document), *last])
 
@@ -124,7 +157,7 @@ def _by_size(document, effects):
 def _ranked(document, effects):
     out, axes = [], dict(zip(('az', 'el'), KINDS[document.get('mount') or 'altaz'].axes))
     for i, (row, told) in enumerate(_by_size(document, effects)):
-        parts = [told.head]
+        parts = []
         if row.get('cv_gain_arcsec'):
             axis = axes.get(row.get('axes'))
             parts.append(f'Without it rows left out would be missed by '
@@ -136,7 +169,7 @@ def _ranked(document, effects):
         if row.get('alternatives') and 'causes' not in row:
             parts.append('With these observations it could as well be: '
                          f'{_listed(row["alternatives"])}.')
-        out.append((row.get('removes_rms_arcsec'), ' '.join(filter(None, parts))))
+        out.append(Said(told.head, ' '.join(filter(None, parts)), row.get('removes_rms_arcsec')))
     return out
 
 
@@ -152,18 +185,15 @@ def _headline(document, effects):
     text = 'Something is wrong beyond the terms'
     if told:
         row, one = told[0]
-        text = one.seen
-        if one.rms_arcsec is not None:
-            text += f', {arcsec(one.rms_arcsec)} RMS on the sky'
+        text = one.head.removesuffix('.')
         if count > 1:
-            text += f': the largest of {counted(count, "error")} beyond {model_words(document)}'
-        else:
-            text += f', beyond {model_words(document)}'
+            text += f', the largest of {counted(count, "error")} beyond the model\'s terms'
     if after is None:
         return text
     share = f', {100 * (after / before - 1):+.0f} %'.replace('-', '−') if before else ''
+    none = ': that is no gain' if before and after > _NO_GAIN * before else ''
     return (f'{text}. With {"it" if count == 1 else "all of them"} in the model {arcsec(after)} '
-            f'remain {label} ({arcsec(before)} without{share})')
+            f'remain {label} ({arcsec(before)} without{share}){none}')
 
 
 def _count(document):
@@ -206,6 +236,10 @@ def figures_sentence(document):
     else:
         said = [f'Quote {arcsec(quoted)}, {label}: stars that neither the fit nor the choice of '
                 'effects has seen']
+        own = document['before' if document['verdict'] in STAYS else 'after'].get('cv_rms_arcsec')
+        if label == HELD and own is not None:
+            said.append(f'Rows left out of the runs fitted are missed by {arcsec(own)}: they share '
+                        'with them what a run has of its own')
     wanders = bool((document.get('wander') or {}).get('slow'))
     if floor is not None:
         said.append(f'The noise floor, {arcsec(floor)}, is what is left on the rows fitted, made '

@@ -120,18 +120,19 @@ def first_check(document, row):
             text += (' Until its cause is known a curve takes it off, which holds where these '
                      'rows are and not beyond.')
         return text
-    efforts = [one.get('effort', 2) for one in causes]
+    efforts = [one.get('effort', 1) for one in causes]
     least = min(efforts)
     one = causes[efforts.index(least)]
-    equal = efforts.count(least) == open_causes(row)
     # what weighs on the tube and the air bear on the same curve
     terms = [term['name'] for term in document.get('unphysical') or () if row.get('axes') == 'el'
              and row.get('driver') == 'elevation' and term['name'] in ('TF', 'TX')]
-    head = f'It bears on the same curve as {terms[0]}, so see to that first. Then ' if terms else ''
-    text = (f'check first "{one["cause"]}" (look at {one["look_at"]}): it takes {EFFORTS[least]}'
-            + (', as the others do.' if equal else ', the least of them.'))
-    return (f'{head}{text if head else text[:1].upper() + text[1:]} The rows do not say which is '
-            'likelier.')
+    head = f'It bears on the same curve as {terms[0]} (above): check that first. Then: ' \
+        if terms else 'Check first: '
+    cheapest = efforts.count(least) < open_causes(row)
+    why = f'the cheapest check ({EFFORTS[least]})' if cheapest \
+        else f'each of the causes takes {EFFORTS[least]}'
+    return (f'{head}{one["look_at"]}. That is for "{one["cause"]}": {why}; the rows do not say '
+            'which is likelier.')
 
 
 def causes_of(document):

@@ -75,7 +75,7 @@ def section(title, *parts, note='', kind=''):
     return f'<section{kind}><h2>{clean(title)}</h2>{note}{body}</section>'
 
 
-def verdict(badge, headline, sentences, cards='', kind='', more='', body=''):
+def verdict(badge, headline, sentences, cards='', kind='', more='', body='', then=''):
     """The first section: what there is to know.
 
     Parameters
@@ -89,11 +89,14 @@ def verdict(badge, headline, sentences, cards='', kind='', more='', body=''):
     more : str
         HTML below.
     body : str
-        HTML between the sentences and the large numbers.
+        HTML between the large numbers and what is below.
+    then : str
+        Of the headline, what is set smaller.
     """
+    then = f'<p class="then">{clean(then)}</p>' if then else ''
     badge = f'<span class="badge">{clean(badge)}</span>' if badge else ''
-    return (f'<section class="verdict{" " * bool(kind)}{kind}">{badge}<h2>{clean(headline)}</h2>'
-            f'{listed(sentences)}{body}{cards}{more}</section>')
+    return (f'<section class="verdict{" " * bool(kind)}{kind}">{badge}<h2>{clean(headline)}</h2>{then}'
+            f'{listed(sentences)}{cards}{body}{more}</section>')
 
 
 def cards(rows):
@@ -103,16 +106,25 @@ def cards(rows):
     return f'<div class="numbers-row">{out}</div>' if out else ''
 
 
-def ranked(rows):
-    """Sentences by size, each with a bar of it: (size in arcsec or None, text) each."""
-    if len(rows) < 2:
-        return listed([text for _, text in rows])
-    top = max((size for size, _ in rows if size), default=0.0)
+def said(rows, ranked=False):
+    """Things to know, what each is before what follows from it.
+
+    Parameters
+    ----------
+    rows : list
+        With ``lead``, ``more``, ``size_arcsec`` (or None).
+    ranked : bool
+        Numbered, with a bar for the size of each.
+    """
+    top = max((one.size_arcsec or 0.0 for one in rows), default=0.0)
+    ranked = ranked and len(rows) > 1
     items = ''.join(
-        '<li>' + (f'<span class="size"><i style="width:{100.0 * size / top:.0f}%"></i></span>'
-                  f'<b>{arcsec(size)}</b> ' if size else '') + f'{clean(text)}</li>'
-        for size, text in rows)
-    return f'<ol class="ranked">{items}</ol>'
+        '<li>' + (f'<b>{clean(one.lead)}</b>' if ranked or one.more else clean(one.lead))
+        + (f'<span class="size"><i style="width:{100.0 * one.size_arcsec / top:.0f}%"></i></span>'
+           if ranked and one.size_arcsec else '')
+        + (f'<p>{clean(one.more)}</p>' if one.more else '') + '</li>' for one in rows)
+    kind = ('ol class="ranked"', 'ol') if ranked else ('ul', 'ul')
+    return f'<{kind[0]}>{items}</{kind[1]}>' if items else ''
 
 
 def listed(texts):

@@ -50,7 +50,7 @@ def _encoder(axis, order, mount='altaz'):
                   names.key(axis), axis, ('cos', 'sin'), of, say, look_at,
                   f'a wave of the {names.word(axis)}, {times(order)}',
                   f'{names.word(axis)} encoder {told} ({times(order)})',
-                  effort=3, tpoint=_tpoint(names, f'{number}CEC {number}CES') if k == 1 else
+                  effort=2, tpoint=_tpoint(names, f'{number}CEC {number}CES') if k == 1 else
                   _of_order(names, f'H{number}C{number}# H{number}S{number}#', k))
 
 

@@ -27,8 +27,8 @@ from pointing_model.mounts import KINDS
 
 AXES = {'az': 'azimuth', 'el': 'elevation'}
 #: what a check of a cause takes, the cheapest first
-EFFORTS = ('settings and files, no hand on the mount', 'a few stars more, no hand on the mount',
-           'a look at the mount, nothing taken apart', 'a part that must be opened or taken off')
+EFFORTS = ('only a look at settings and files', 'a look at the mount, with nothing taken apart',
+           'a part that has to be opened')
 #: rows on each side, below which a driver of two levels is carried by single rows
 FEWEST_ON_A_SIDE = 3
 
@@ -137,7 +137,7 @@ class Effect:
     scanned: int = 1
     kind: str = 'effect'
     size: tuple | None = None
-    effort: int = 2
+    effort: int = 1
     figure: Callable | None = field(default=None, compare=False, repr=False)
     form: str = ''
     parameters: dict = field(default_factory=dict)

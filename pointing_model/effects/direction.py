@@ -66,7 +66,7 @@ def _terms(name, mount='altaz'):
                   lambda c: [known.of(c.trig)], lambda _: sentence, look_at,
                   _SHAPES[name], _TOLD.get(name, ''),
                   tpoint=term if known.tpoint_sign else None,
-                  effort=0 if name.startswith('refraction') else 2)
+                  effort=0 if name.startswith('refraction') else 1)
 
 
 @form

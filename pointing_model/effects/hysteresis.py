@@ -69,7 +69,7 @@ def _hysteresis(axis, shape='1', memory_deg=0.0, mount='altaz'):
                   requires=requires,
                   # how many degrees it takes to be complete makes no other cause
                   mechanism=f'hysteresis of {axis}, {shape}',
-                  scan=f'memory_{axis}{tail}' if length else None, effort=1)
+                  scan=f'memory_{axis}{tail}' if length else None)
 
 
 def propose(context, lacking, own):
