@@ -94,8 +94,9 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
         base = Base.parse(base, own_terms, mount_of(runs))
     obs = observations(runs, encoder)
     if obs.context.left_out():
-        obs.notes.append('no drivers, for they may be outcomes of a measurement and not causes: '
-                         f'{", ".join(obs.context.left_out())} (--cause NAME takes one)')
+        obs.notes.append('not taken as causes, for they may be outcomes of a measurement: '
+                         f'{", ".join(map(obs.context.said, obs.context.left_out()))} '
+                         '(--cause COLUMN takes one)')
     rng = np.random.default_rng(seed)
     if len(obs) > streamed_from:
         result = diagnose_streamed(obs, base, alpha, rng, streamed_from)

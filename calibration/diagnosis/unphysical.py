@@ -13,7 +13,7 @@ from .wander import White
 
 
 def unphysical(result):
-    """Facts of each term that stands out, for a result.
+    """Facts of each term, declared or found, that stands out.
 
     Parameters
     ----------
@@ -28,10 +28,13 @@ def unphysical(result):
     sigma = np.sqrt(np.maximum(np.diag(result.model.covariance), 0.0)) / ARCSEC
     rows = [{'name': name, 'value_arcsec': value / ARCSEC, 'sigma_arcsec': float(s)}
             for (name, value), s in zip(result.model.terms.items(), sigma)]
+    rows += [{'name': 'TX', 'value_arcsec': float(one.fitted.coefficients[0]) / ARCSEC,
+              'sigma_arcsec': float(one.fitted.sigma[0]) / ARCSEC} for one in result.effects
+             if one.fitted.effect.coefficient_names == ('TX',)]
     out = suspicious(rows)
     for one in out:
         one['altaz'] = result.observations.run.mount.altaz
-        if result.effects:
+        if result.effects and one['name'] in result.base_model.terms:
             one['alone_arcsec'] = result.base_model.terms[one['name']] / ARCSEC
         if one['name'] == 'TF':
             one['refraction'] = refraction_in_place(result)

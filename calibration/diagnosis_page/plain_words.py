@@ -52,12 +52,15 @@ class Verdict:
     first, ranked, rest : list of Said
         Before the effects, what may put all of them in doubt; the effects, the largest first; what
         follows.
+    way : str
+        Where large numbers do not show it: RMS as the encoders read, with the terms, with effects.
     """
 
     headline: str
     first: list = field(default_factory=list)
     ranked: list = field(default_factory=list)
     rest: list = field(default_factory=list)
+    way: str = ''
 
     def __post_init__(self):
         for name in ('first', 'ranked', 'rest'):
@@ -70,7 +73,8 @@ class Verdict:
         several = len(self.ranked) > 1
         return [*(one.text for one in self.first),
                 *(f'{i}. {one.text}' if several else one.text
-                  for i, one in enumerate(self.ranked, 1)), *(one.text for one in self.rest)]
+                  for i, one in enumerate(self.ranked, 1)), *filter(None, [self.way]),
+                *(one.text for one in self.rest)]
 
 
 def told_verdict(document, effects=(), limit=5, caution=''):
@@ -91,8 +95,14 @@ def told_verdict(document, effects=(), limit=5, caution=''):
     -------
     Verdict
     """
+    out = _told(document, effects, limit, caution)
+    out.way = way(document)
+    return out
+
+
+def _told(document, effects, limit, caution):
     verdict = document['verdict']
-    last = [way(document), figures_sentence(document), outlier_sentence(document)]
+    last = [figures_sentence(document), outlier_sentence(document)]
     odd = [Said(f'{lead}.', more) for lead, _, more in (
         said_of_term(row).partition('. ') for row in document.get('unphysical') or ())]
     if verdict == 'refused':
@@ -234,8 +244,8 @@ def figures_sentence(document):
     if label == FITTED:
         said = [f'{arcsec(quoted)} is of the rows fitted alone: other stars will be missed by more']
     else:
-        said = [f'Quote {arcsec(quoted)}, {label}: stars that neither the fit nor the choice of '
-                'effects has seen']
+        said = [f'Quote {arcsec(quoted)}, {label}, of stars that neither the fit nor the choice '
+                'of effects has seen']
         own = document['before' if document['verdict'] in STAYS else 'after'].get('cv_rms_arcsec')
         if label == HELD and own is not None:
             said.append(f'Rows left out of the runs fitted are missed by {arcsec(own)}: they share '

@@ -33,8 +33,9 @@ def model_words(document, whose=True):
     if terms == list(KINDS[kind].index):
         return f'the zeros{of}'
     usual = 'the usual ' if terms == list(KINDS[kind].standard6) else 'the '
-    own = '' if usual != 'the ' or terms == list(KINDS[kind].physical) else 'declared '
-    return f'{usual}{own}{counted(len(terms), "term")}{of * (not own)}'
+    if usual == 'the ' and terms != list(KINDS[kind].physical):
+        return f'the {counted(len(terms), "declared term")}'
+    return f'{usual}{counted(len(terms), "term")}{of}'
 
 
 def counted(number, word):
@@ -242,9 +243,9 @@ WORDS = {
     'memory': 'after a reversal the new side is reached little by little: 63 % of the way after '
               'so many degrees of motion',
     'RMS': 'root of the mean of the squares: about two of three stars are nearer than this',
-    'RMS on the sky': 'of an effect: what it adds to the error of the stars, beyond what the terms '
-                      'could take up; as large as the residual that it leaves if it is not in the '
-                      'model. Effects add up as squares do',
+    'RMS on the sky': 'of an effect: what it adds to the error of the stars beyond what the terms '
+                      'could take up, which is the residual that it leaves if it is not in the '
+                      'model. Several add up as squares do',
     'equally well': 'their evidence differs by less than 6 in ΔBIC, so the rows do not rank them',
     'smooth curve': 'a line without corners through what is left, where no cause is known',
     'wave': 'a sine, which rises and falls once a period',

@@ -95,8 +95,8 @@ def verdict(badge, headline, sentences, cards='', kind='', more='', body='', the
     """
     then = f'<p class="then">{clean(then)}</p>' if then else ''
     badge = f'<span class="badge">{clean(badge)}</span>' if badge else ''
-    return (f'<section class="verdict{" " * bool(kind)}{kind}">{badge}<h2>{clean(headline)}</h2>{then}'
-            f'{listed(sentences)}{cards}{body}{more}</section>')
+    return (f'<section class="verdict{" " * bool(kind)}{kind}">{badge}<h2>{clean(headline)}</h2>'
+            f'{then}{listed(sentences)}{cards}{body}{more}</section>')
 
 
 def cards(rows):

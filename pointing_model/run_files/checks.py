@@ -4,7 +4,7 @@ import numpy as np
 
 from msg_tools.units import DEG, wrap
 from pointing_model.mounts import ALTAZ
-from pointing_model.run import COLUMNS, REQUIRED, PointingRun, column_name
+from pointing_model.run import COLUMNS, REQUIRED, PointingRun
 
 from .table import SPECIAL
 
@@ -204,7 +204,7 @@ def derive_approach(table):
         given = np.isfinite(columns[name]) if name in columns else np.zeros(1, dtype=bool)
         if given.any():
             if not given.all():
-                notes.append(f'{column_name(name, table.names)} is empty in {(~given).sum()} of '
+                notes.append(f'{table.label(name)} is empty in {(~given).sum()} of '
                              f'{len(given)} rows: unknown there, 0')
             columns[name] = np.nan_to_num(columns[name], nan=0.0)
             continue
