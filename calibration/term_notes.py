@@ -91,8 +91,8 @@ def _of_air(fitted, altaz):
     """What a refraction that is wrong would do in place of a negative TF, and what else does it."""
     others = _OTHERS.format(_DISC * altaz)
     if fitted is None:
-        return ('Most likely the refraction is in the star places twice or too much (TX or TX3 '
-                f'fits better then); or it is {others}. {_DESK}?')
+        return ('Usual reasons: the refraction is in the star places twice or too much (TX or TX3 '
+                f'fits better then), {others}. {_DESK}?')
     gain = fitted['delta_bic']
     size = f'{_signed(fitted["value_arcsec"])}″ of cot E; the whole refraction has 40 to 60″'
     if gain >= _CLEAR:

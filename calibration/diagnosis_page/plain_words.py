@@ -65,7 +65,7 @@ class Verdict:
     def __post_init__(self):
         for name in ('first', 'ranked', 'rest'):
             setattr(self, name, [one if isinstance(one, Said) else Said(one)
-                                 for one in getattr(self, name) if one])
+                                 for one in getattr(self, name) if one and one != Said('')])
 
     @property
     def sentences(self):
@@ -102,9 +102,8 @@ def told_verdict(document, effects=(), limit=5, caution=''):
 
 def _told(document, effects, limit, caution):
     verdict = document['verdict']
-    last = [figures_sentence(document), outlier_sentence(document)]
-    odd = [Said(f'{lead}.', more) for lead, _, more in (
-        said_of_term(row).partition('. ') for row in document.get('unphysical') or ())]
+    last = [_led(figures_sentence(document)), outlier_sentence(document)]
+    odd = [_led(said_of_term(row)) for row in document.get('unphysical') or ()]
     if verdict == 'refused':
         return Verdict('Nothing is concluded from so few of the rows', [caution], [], last)
     if verdict == 'none':
@@ -135,6 +134,12 @@ def verdict_sentences(document, effects=(), limit=5, caution=''):
     """`told_verdict` as a headline (str) and sentences (list of str)."""
     verdict = told_verdict(document, effects, limit, caution)
     return verdict.headline, verdict.sentences
+
+
+def _led(text):
+    """A text, its first sentence what it is about."""
+    lead, stop, more = text.partition('. ')
+    return Said(lead + '.' * bool(stop), more)
 
 
 def _nothing(document, caution, odd, last):

@@ -14,7 +14,7 @@ from ..page.parts import legend as legend_of
 from .plain_words import floor_words
 from .told import enough, explained, no_star_sentences
 
-_MEASURES = (('holdout_rms_arcsec', 'held out'), ('cv_rms_arcsec', 'cross-validated'),
+_MEASURES = (('holdout_rms_arcsec', 'runs held out'), ('cv_rms_arcsec', 'rows left out'),
              ('rms_arcsec', 'rows fitted'), ('rms_x_arcsec', 'rows fitted, {}'),
              ('rms_y_arcsec', 'rows fitted, {}'))
 
@@ -153,8 +153,8 @@ def _how_to_read(driver, effect):
     """How a figure against a driver of a few values is read."""
     if not driver.levels:
         return ''
-    text = (' A column of dots for each: within it dots are moved sideways only so that they do '
-            'not hide each other. The effect is the jump of the strokes from one column to the '
+    text = (' One column for each; within it dots are moved sideways only so that they do not '
+            'hide each other. The effect is the jump of the strokes from one column to the '
             'other, and holds as far as the dots follow it.')
     if effect.gradual:
         text += (' Strokes between the two belong to rows reached by a move too short to be wholly '

@@ -256,6 +256,7 @@ WORDS = {
             'evidence',
     'noise floor': 'what is left on the rows fitted, made larger for the coefficients that were '
                    'fitted: seeing, and all that nothing here describes',
+    'rows held out': 'runs that were kept aside altogether, such as other nights',
     'rows left out': 'rows that neither the fit nor the choice of effects has seen: '
                      'cross-validation',
     'hysteresis': 'the reading depends on the side from which the star was reached',
