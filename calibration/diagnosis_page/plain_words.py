@@ -201,8 +201,8 @@ def _headline(document, effects):
     if told:
         row, one = told[0]
         text = one.head.removesuffix('.')
-        if count > 1:
-            text += f', the largest of {counted(count, "error")} beyond the model\'s terms'
+        text += (f', the largest of {counted(count, "error")}' if count > 1
+                 else ', the only error found') + ' beyond the terms of the model'
     if after is None:
         return text
     share = f', {100 * (after / before - 1):+.0f} %'.replace('-', '−') if before else ''

@@ -118,7 +118,8 @@ def test_everything_is_in_it_in_order(page, diagnosis):
     before, after = (arcsec(getattr(diagnosis, key)['rms_arcsec']) for key in ('before', 'after'))
     found, = effects_told(diagnosis)
     assert headings == [
-        f'{found.seen} ({arcsec(found.rms_arcsec)} RMS on the sky)',
+        f'{found.seen} ({arcsec(found.rms_arcsec)} RMS on the sky), the only error found '
+        'beyond the terms of the model',
         'Error before and after',
         'Where the residuals are on the sky', 'Target', 'What was added to the model',
         'Residual against each driver', 'Ranking of the candidate effects',
@@ -257,8 +258,8 @@ def test_the_most_honest_pair_is_quoted():
     document = {'verdict': 'ambiguous', 'before': before, 'after': after,
                 'effects': [{'name': 'a_b', 'alternatives': ['azimuth_encoder_2', 'c']}]}
     headline, sentences = verdict_sentences(document, [EffectTold('A is off')])
-    assert headline == ('A is off. With it in the model 2.00″ remain on rows left out (6.00″ '
-                        'without, −67 %)')
+    assert headline == ('A is off, the only error found beyond the terms of the model. With it in '
+                        'the model 2.00″ remain on rows left out (6.00″ without, −67 %)')
     assert sentences[:2] == [
         'One effect was found beyond no terms; more than one cause would explain it.',
         'A is off. With these observations it could as well be: azimuth encoder, 2 per turn; or '

@@ -84,8 +84,9 @@ def test_what_is_seen_is_what_all_causes_share():
 def test_the_headline_says_what_is_wrong_and_what_remains():
     told = document(CAUSES, noise_floor_arcsec=3.9)
     headline, sentences = verdict_sentences(told, [EffectTold('The error has a wave', 3.5)])
-    assert headline == ('The error has a wave (3.50″ RMS on the sky). With it in the model 4.30″ '
-                        'remain on rows left out (5.67″ without, −24 %)')
+    assert headline == (
+        'The error has a wave (3.50″ RMS on the sky), the only error found beyond the terms of the '
+        'model. With it in the model 4.30″ remain on rows left out (5.67″ without, −24 %)')
     assert sentences[0] == ('One effect was found beyond the seven declared terms; more than one '
                             'cause would explain it.')
     assert way(told) in sentences and way(told).startswith(
