@@ -289,7 +289,7 @@ def _detectable(document):
 def _wander(document):
     """Rows that resemble their neighbours, if there is such a thing."""
     entry = document.get('wander')
-    return [entry['text'][:1].upper() + entry['text'][1:] + '.'] if entry else []
+    return [_led(entry['text'][:1].upper() + entry['text'][1:] + '.')] if entry else []
 
 
 def best_pair(document):

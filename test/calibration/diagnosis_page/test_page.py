@@ -1,6 +1,7 @@
 """The page of a diagnosis: what it says, that it stands alone, that no name in it can do harm."""
 
 import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
@@ -143,6 +144,27 @@ def test_the_finding_is_said_in_plain_words(page, diagnosis):
     assert '<dt>Look at</dt><dd>preload of the azimuth drive' in page
     for key in ('before', 'after'):
         assert arcsec(getattr(diagnosis, key)['rms_arcsec']) in page
+
+
+def test_two_sides_have_a_sign_and_say_where_they_come_from(page, diagnosis):
+    found, = diagnosis.effects
+    cause = {'cause': 'backlash', 'shape': found.fitted.effect.shape, 'effects': ['a'],
+             'delta_bic': 9.0, 'look_at': 'the gear', 'effort': 1}
+    open_ = replace(diagnosis, effects=[replace(found, causes=[
+        cause, {**cause, 'cause': 'play', 'effort': 0}])])
+    told, = effects_told(open_)
+    size = 2 * abs(found.fitted.coefficients[0]) / ARCSEC
+    assert told.seen == ('The azimuth error has a difference by the direction of the last motion, '
+                         f'{arcsec(size)} more on the sky after moving clockwise than '
+                         'anticlockwise, on average')
+    assert told.more == ['Two causes explain it equally well: backlash; or play.']
+    # a column of the file; or the order of the rows
+    run = diagnosis.observations.run
+    derived = replace(open_, observations=replace(diagnosis.observations, run=PointingRun(
+        run.columns, {**run.meta, 'approach_from': {'axes': ['az'], 'order': 'rows'}})))
+    assert 'no column of the file: it was derived from the order of the rows' in \
+        effects_told(derived)[0].sentence
+    assert 'One column for each; within it dots are moved sideways only' in page
 
 
 def test_the_view_holds_the_figures(diagnosis):
