@@ -159,7 +159,7 @@ def view_of(diagnosis):
         after=diagnosis.residual_after / ARCSEC, used=diagnosis.weights > 0.0,
         names=RowNames(obs), drivers=_drivers(diagnosis, effects), effects=effects,
         ranking=_in_words(diagnosis.ranking, context.mount), terms=_terms(diagnosis),
-        correlated=_coefficients(names), correlations=matrix, sources=_sources(obs),
+        correlated=_coefficients(names, diagnosis), correlations=matrix, sources=_sources(obs),
         notes=_notes(diagnosis),
         untestable=diagnosis.untestable,
         run_terms=diagnosis.run_terms, caution=diagnosis.caution, **_axes_of(context),
@@ -329,8 +329,9 @@ def _terms(diagnosis):
     return out
 
 
-def _coefficients(names):
+def _coefficients(names, diagnosis):
     """Names of effects that have one coefficient stand alone."""
     several = {name for name, _ in names if sum(name == n for n, _ in names) > 1}
-    return [readable(name) + (f': {c}' if name in several else '') if c else name
-            for name, c in names]
+    effects = {e.fitted.effect.name: e.fitted.effect for e in diagnosis.effects}
+    return [readable(name) + (f': {coefficient_word(effects[name], c)}' if name in several else '')
+            if c else name for name, c in names]
