@@ -175,7 +175,7 @@ def _ranked(document, effects):
         parts = []
         if row.get('cv_gain_arcsec'):
             axis = axes.get(row.get('axes'))
-            parts.append(f'Without it rows left out would be missed by '
+            parts.append(f'Without it rows left out would be missed by at least '
                          f'{arcsec(row["cv_gain_arcsec"])} more{f" in {axis}" if axis else ""}.')
         parts += told.more
         parts.append(first_check(document, row))

@@ -189,8 +189,9 @@ def next_sentence(document, row):
     for one, *others in document.get('no_star') or []:
         if one == row['name']:
             rest = {told.get(name) for name in others} >= set(told.values()) - {told[one]}
-            first = 'them' if rest else f'{told[one]} from {_either(others, told)}'
-            return (f'No star tells {first}{" apart" * rest}: on the whole sky they look alike, so '
+            # each was tried against the best, not against each other
+            last = ('the other' + 's' * (open_causes(row) > 2)) if rest else _either(others, told)
+            return (f'No star tells {told[one]} from {last}: on the whole sky they look alike, so '
                     'look at the mount.')
     return ''
 

@@ -302,7 +302,7 @@ def test_outliers_and_slips():
     assert [(e['row'], e['source']) for e in again.excluded] == [
         (105, 'night.csv'), (85, 'night.csv')]
     assert again.to_dict()['excluded'][0] == {'row': 105, 'reason': 'night.csv: az_enc not finite'}
-    assert any(note.endswith('row 19 (+2)') for note in again.notes)
+    assert any(note.endswith('line 19 (+2)') for note in again.notes)
     assert result.after['rms_arcsec'] < 1.7
 
 

@@ -292,7 +292,7 @@ def test_the_most_honest_pair_is_quoted():
     told = verdict_sentences(document, [EffectTold(name) for name in 'ABC'], limit=2)
     assert told[0].startswith('B, the largest of three errors beyond')
     assert [text[:4] for text in told[1][1:4]] == ['1. B', '2. A', 'And ']
-    assert told[1][1].endswith('Without it rows left out would be missed by 5.00″ more.')
+    assert told[1][1].endswith('Without it rows left out would be missed by at least 5.00″ more.')
 
 
 def test_numbers_and_names():

@@ -132,8 +132,8 @@ def test_effects_are_ranked_with_their_size():
                         'axes': 'el'}, {'name': 'b', 'removes_rms_arcsec': 3.0}]
     verdict = told_verdict(told, [EffectTold('A'), EffectTold('B')])
     assert [(one.lead, one.size_arcsec) for one in verdict.ranked] == [('B.', 3.0), ('A.', 1.0)]
-    assert verdict.ranked[1].more == 'Without it rows left out would be missed by 0.40″ more in ' \
-                                     'elevation.'
+    assert verdict.ranked[1].more == (
+        'Without it rows left out would be missed by at least 0.40″ more in elevation.')
     html = said(verdict.ranked, True)
     assert html.index('width:100%') < html.index('<b>A.</b>') < html.index('width:33%')
 
@@ -159,7 +159,8 @@ def test_a_star_for_the_largest_effect_or_none():
     text = next_sentence(told, told['effects'][0])
     assert 'observe first azimuth 60°, elevation 17°' in text and 'still below 6' in text
     told = document(CAUSES, no_star=[row['separates']])
-    assert next_sentence(told, told['effects'][0]).startswith('No star tells them apart')
+    assert next_sentence(told, told['effects'][0]).startswith(
+        f'No star tells {CAUSES[1]["cause"]} from the other')
     sentence, = no_star_sentences(told)
     assert no_star_sentences({**told, 'no_star': [['a', 'b', 'c', 'b']]})[0].startswith(
         'No star tells a from b or c:')
