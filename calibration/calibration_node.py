@@ -360,8 +360,10 @@ class Calibration(MountNode):
 
     def _diagnosed(self, found):
         document = found.document
-        done = (f'{self._publish_finding(found)}; {document["before"]["rms_arcsec"]:.2f} arcsec '
-                f'radial before, {document["after"]["rms_arcsec"]:.2f} after')
+        from .diagnosis_page.effects_told import effects_told
+        from .diagnosis_page.plain_words import verdict_sentences
+        headline, _ = verdict_sentences(document, effects_told(found.diagnosis))
+        done = f'{self._publish_finding(found)}; {headline}'
         if document['verdict'] == 'refused':  # the columns are mistaken: nothing is concluded
             done = self._refused = found.diagnosis.caution
         elif self._refused:

@@ -9,6 +9,7 @@ from .diagnosis.rows_told import (
     excluded_of_fit,
     left_out_lines,
     outlier_sentence,
+    row_word,
     rows_of_fit,
     used_sentence,
 )
@@ -178,7 +179,7 @@ def fit_tables(run, result, encoder='enc', held_out=None):
         lines.append('more than a third of the rows is left out: see why before you use the terms')
     for dropped in result.dropped:
         lines.append(f'the stars do not determine {dropped["text"]}')
-    lines += left_out_lines(excluded_of_fit(run, result))
+    lines += left_out_lines(excluded_of_fit(run, result), word=row_word(run))
     lines += [f'note: {note}' for note in [*run.meta.get('notes', []),
                                            *notes_of_terms(result.term_rows())]]
     return [used_sentence(told.to_dict()), terms_table(result.term_rows()), steps, *lines]

@@ -1,7 +1,49 @@
 """What a person should know of a term's value."""
 
+import numpy as np
+
+from msg_tools.units import ARCSEC, DEG
+
 #: standard errors from where a value is no zero
 _SURE = 3.0
+#: BIC, from where the rows prefer one to the other
+_CLEAR = 6.0
+#: arcsec of cot E: a refraction of 58" at sea level that is wrong by a third. Pressure and
+#: temperature make a tenth of it
+_WRONG_AIR = 20.0
+#: arcsec: axes and tubes are built square, and stiff, to minutes of arc
+_SQUARE = DEG / ARCSEC
+_OF_SHAPE = ('TF', 'CA', 'NPAE', 'CH', 'NP', 'C1', 'N12')
+
+
+def suspicious(terms):
+    """Terms with a sign or a size that no mount should have.
+
+    Parameters
+    ----------
+    terms : iterable of dict
+        ``name``, ``value_arcsec``, ``sigma_arcsec``.
+
+    Returns
+    -------
+    list of dict
+        Of each the same, and ``what``: ``sign``, or ``size``.
+    """
+    out = []
+    for row in terms:
+        name, value, sigma = row['name'], row['value_arcsec'], row.get('sigma_arcsec')
+        if not sigma:
+            continue
+        what = ''
+        if name == 'TF' and value < -_SURE * sigma:
+            what = 'sign'
+        elif abs(value) > _SURE * sigma + {
+                'TX': _WRONG_AIR, **dict.fromkeys(_OF_SHAPE, _SQUARE)}.get(name, np.inf):
+            what = 'size'
+        if what:
+            out.append({'name': name, 'value_arcsec': float(value), 'sigma_arcsec': float(sigma),
+                        'what': what})
+    return out
 
 
 def notes_of_terms(terms):
@@ -16,9 +58,55 @@ def notes_of_terms(terms):
     -------
     list of str
     """
-    return [f'TF is negative (−{abs(row["value_arcsec"]):.1f} ± {row["sigma_arcsec"]:.1f} arcsec), '
-            'as if the tube bent up. Usual reasons: the refraction was taken off twice or too much '
-            '(TX or TX3 fits better then); an elevation encoder that errs once a turn; or mount '
-            'and catalogue exchanged in the file, which turns every sign.'
-            for row in terms if row['name'] == 'TF' and row.get('sigma_arcsec')
-            and row['value_arcsec'] < -_SURE * row['sigma_arcsec']]
+    return [said_of_term(row) for row in suspicious(terms)]
+
+
+def said_of_term(row):
+    """An entry of `suspicious` (or of a diagnosis' ``unphysical``) in words."""
+    name, value = row['name'], _signed(row['value_arcsec'])
+    figure = f'{value} ± {row["sigma_arcsec"]:.1f}″'
+    if row.get('alone_arcsec') is not None:
+        figure += f'; {_signed(row["alone_arcsec"])}″ before the effects were added'
+    if row['what'] == 'sign':
+        return (f'{name}, the bending of the tube, is negative ({figure}), and weight bends no '
+                f'tube upward. {_of_air(row.get("refraction"), bool(row.get("altaz")))}')
+    if name == 'TX':
+        return (f'{name}, what is wrong with the refraction, is {figure} of cot E, where the whole '
+                'refraction has 40 to 60″: most likely it was '
+                + ('left out of the star places' if row['value_arcsec'] > 0
+                   else 'put into the star places twice') + f'. {_DESK}?')
+    return (f'{name} is {figure}, more than a degree: mounts are not built so. Check first, at the '
+            'desk, what the columns of the file mean, and where their zeros are.')
+
+
+_DESK = ('Check first, at the desk: have star places and readings both the refraction, once, or '
+         'both not')
+_OTHERS = ('a mirror that tilts in its cell, {}or mount and catalogue exchanged in the file, which '
+           'turns every sign')
+#: of an alt-azimuth mount: its cosine is the same curve
+_DISC = 'an elevation encoder whose disc is off centre, '
+
+
+def _of_air(fitted, altaz):
+    """What a refraction that is wrong would do in place of a negative TF, and what else does it."""
+    others = _OTHERS.format(_DISC * altaz)
+    if fitted is None:
+        return ('Usual reasons: the refraction is in the star places twice or too much (TX or TX3 '
+                f'fits better then), {others}. {_DESK}?')
+    gain = fitted['delta_bic']
+    size = f'{_signed(fitted["value_arcsec"])}″ of cot E; the whole refraction has 40 to 60″'
+    if gain >= _CLEAR:
+        return ('Most likely the refraction is in the star places twice or too much: in the place '
+                f'of TF it fits these rows better ({size}). {_DESK}?')
+    if gain > -_CLEAR:
+        return ('Refraction that is in the star places twice or too much explains it as well '
+                f'({size}); so does {others}. {_DESK}? That is the cheapest check.')
+    return ('Refraction that is in the star places twice or too much bears on the same curve, but '
+            f'is not the whole of it: in the place of TF it fits these rows worse ({size}), and '
+            f'beside it TF is {_signed(fitted["beside_arcsec"])}″. What does this too: {others}. '
+            f'{_DESK}, and which column is the mount? Then look at the {"disc and the " * altaz}'
+            'mirror cell.')
+
+
+def _signed(value):
+    return f'{value:+.1f}'.replace('-', '−')

@@ -19,6 +19,11 @@ _KNOWN = set(COLUMNS) - {'pressure'} | {
 _NIGHT = 12.0 * 3600.0
 #: derived drivers that a row has from the rows around it
 _INHERITED = ('order', 'travel_az', 'travel_el', 'before_az', 'before_el')
+#: drivers of an axis in words
+_IN_WORDS = {'approach': 'direction of approach in', 'travel': 'way travelled in',
+             'before': 'approach before that in', 'reading': 'encoder reading of',
+             'rate': 'rate of'}
+_UNIT = re.compile('_(?:deg|rad|arcsec|c|hpa|s|h|m|mm|percent)$')
 #: why a driver that no column has by its own name is not known, and which column would tell it
 UNKNOWN = {
     **dict.fromkeys(('pm_x', 'pm_y'), 'the proper motion of the stars is not known (a column star '
@@ -226,9 +231,18 @@ class Context:
         return finite, None
 
     def said(self, name):
-        """Name of a driver for people: ``approach_az`` is ``approach_ha`` of an equatorial one."""
-        own = dict(zip(('az', 'el'), self.mount.names.columns))
-        return '_'.join(own.get(part, part) for part in name.split('_'))
+        """A driver for people: ``approach_az`` is "direction of approach in hour angle"."""
+        if name in self.columns and name not in _KNOWN:
+            words = _UNIT.sub('', name).replace('_', ' ')
+            return words if words == name else f'{words} (column {name})'
+        kind, axis = name.removesuffix('_rate'), ''
+        if kind == name:
+            kind, _, axis = name.rpartition('_')
+        else:
+            kind, axis = 'rate', kind
+        if axis not in ('az', 'el') or kind not in _IN_WORDS:
+            return name
+        return f'{_IN_WORDS[kind]} {self.mount.names.word(axis)}'
 
     def _find(self, name):
         value = self.columns.get(name)

@@ -194,9 +194,9 @@ class Diagnosis:
     @property
     def sentences(self):
         """The verdict for people: a headline, and what follows from it; list of str."""
+        from calibration.diagnosis_page.effects_told import effects_told
         from calibration.diagnosis_page.plain_words import verdict_sentences
-        from calibration.diagnosis_page.view import effect_sentences
-        headline, more = verdict_sentences(self.document, effect_sentences(self.result),
+        headline, more = verdict_sentences(self.document, effects_told(self.result),
                                            caution=self.result.caution)
         return [headline, *more]
 

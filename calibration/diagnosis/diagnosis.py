@@ -3,8 +3,6 @@
 import numpy as np
 
 from calibration.robust import BISQUARE
-from calibration.term_notes import notes_of_terms
-from msg_tools.units import ARCSEC
 from pointing_model.effects import effect
 from pointing_model.effects.base import readable, the
 from pointing_model.effects.drifts import places_of_steps
@@ -26,6 +24,7 @@ from .streamed import diagnose_streamed
 from .summary import by_size
 from .undecided import judge_undecided
 from .unexplained import ahead, along_the_sky, unexplained, wander_entry
+from .unphysical import unphysical
 from .validation import cross_validated, judge_on, partitions_of
 from .work import Work
 
@@ -95,8 +94,9 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
         base = Base.parse(base, own_terms, mount_of(runs))
     obs = observations(runs, encoder)
     if obs.context.left_out():
-        obs.notes.append('no drivers, for they may be outcomes of a measurement and not causes: '
-                         f'{", ".join(obs.context.left_out())} (--cause NAME takes one)')
+        obs.notes.append('not taken as causes, for they may be outcomes of a measurement: '
+                         f'{", ".join(map(obs.context.said, obs.context.left_out()))} '
+                         '(--cause COLUMN takes one)')
     rng = np.random.default_rng(seed)
     if len(obs) > streamed_from:
         result = diagnose_streamed(obs, base, alpha, rng, streamed_from)
@@ -106,10 +106,8 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
     result = claimed(result)
     by_size(result)
     result.columns_alike = checked.alike
-    result.notes += checked.notes + notes_of_terms(
-        {'name': name, 'value_arcsec': value / ARCSEC, 'sigma_arcsec': np.sqrt(max(variance, 0.0))
-         / ARCSEC} for (name, value), variance in zip(result.model.terms.items(),
-                                                      np.diag(result.model.covariance)))
+    result.notes += checked.notes
+    result.unphysical = unphysical(result)
     if holdout is not None:
         holdout = holdout if hours is None else split(holdout, hours)
         judge_on(holdout, result, own_terms or obs.run.mount.names.index, encoder)
@@ -254,7 +252,8 @@ def _assemble(work, found, stands, fits, chance):
             one.rivals.append(e.name)
             if e.cause_told not in [told['cause'] for told in one.causes]:
                 one.causes.append({'cause': e.cause_told, 'shape': e.shape, 'look_at': e.look_at,
-                                   'effects': [e.name], 'delta_bic': gain})
+                                   'effort': e.effort, 'effects': [e.name],
+                                   'delta_bic': gain})
         one.causes.sort(key=lambda told: -told['delta_bic'])
         effects.append(one)
     notes = list(obs.notes)

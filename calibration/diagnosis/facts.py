@@ -7,6 +7,7 @@ import numpy as np
 
 from calibration.robust import sigma_of
 from msg_tools.units import ARCSEC
+from pointing_model.mounts import KINDS
 from pointing_model.rms import rms
 
 from .constants import BAD_NIGHT
@@ -41,8 +42,9 @@ def worst_rows(diagnosis):
     Returns
     -------
     dict or None
-        ``before`` and ``after``: each with ``row``, ``source`` (of several files),
-        ``before_arcsec`` and ``after_arcsec``. None without an effect.
+        ``before`` and ``after``: each with ``row``, ``source`` (of several files), ``az_deg``,
+        ``el_deg`` (of the axes of the mount), ``before_arcsec`` and ``after_arcsec``. None
+        without an effect.
     """
     used = np.flatnonzero(diagnosis.weights > 0.0)
     if not diagnosis.effects or not len(used):
@@ -51,7 +53,10 @@ def worst_rows(diagnosis):
     sizes = {when: np.hypot(*getattr(diagnosis, f'residual_{when}')) / ARCSEC
              for when in ('before', 'after')}
     several = len(set(obs.sources)) > 1
-    return {when: {'row': int(obs.lines[i]),
+    az, el = np.degrees(obs.run['az']), np.degrees(obs.run['el'])
+    if obs.run.mount.altaz:
+        az = np.mod(az, 360.0)
+    return {when: {'row': int(obs.lines[i]), 'az_deg': float(az[i]), 'el_deg': float(el[i]),
                    **({'source': PurePath(str(obs.sources[i])).name} if several else {}),
                    **{f'{key}_arcsec': float(one[i]) for key, one in sizes.items()}}
             for when, size in sizes.items() for i in [used[np.argmax(size[used])]]}
@@ -63,7 +68,7 @@ def worst_sentence(document):
     Parameters
     ----------
     document : dict
-        With ``worst_rows``.
+        With ``worst_rows``, ``rows_are`` and ``mount``.
 
     Returns
     -------
@@ -73,6 +78,15 @@ def worst_sentence(document):
     if not rows:
         return ''
     before, after = rows['before'], rows['after']
+    word = document.get('rows_are') or 'row'
+    axes = KINDS[document.get('mount') or 'altaz'].axes
+
+    def named(row):
+        text = (f'{row["source"]} ' if 'source' in row else '') + f'{word} {row["row"]}'
+        if 'az_deg' not in row:
+            return text
+        return f'{text} ({axes[0]} {row["az_deg"]:.0f}°, {axes[1]} {row["el_deg"]:.0f}°)'.replace(
+            '-', '−')
 
     def moved(row):
         return f'{row["before_arcsec"]:.2f}\u2033 before, {row["after_arcsec"]:.2f}\u2033 after'
@@ -82,16 +96,12 @@ def worst_sentence(document):
     same = before == after
     said = []
     if worse(before):
-        said.append(f'The worst row, {_named(before)}, became worse: {moved(before)}.')
+        said.append(f'The worst row, {named(before)}, became worse: {moved(before)}.')
     if not same and worse(after):
-        said.append(f'{_named(after).capitalize()} became the worst: {moved(after)}.')
+        said.append(f'Now the worst row is {named(after)}: {moved(after)}.')
     if not said:
         return ''
-    return ' '.join([*said, 'The effects help on the whole, not there: look at it.'])
-
-
-def _named(row):
-    return (f'{row["source"]} ' if 'source' in row else '') + f'row {row["row"]}'
+    return ' '.join([*said, 'The effects help on the whole, not there: look at that observation.'])
 
 
 @dataclass

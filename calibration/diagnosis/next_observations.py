@@ -47,7 +47,7 @@ def propose(problem, obs, base, found, stands):
         names), and ``separation_before``: delta BIC between them by the rows there are;
         ``separation_after``: the same to be expected with all proposals so far.
     none : list of list of str
-        An effect and its strongest rival, where no observation tells it from any.
+        An effect and its strongest rivals, where no observation tells it from any.
     """
     out, none, grid = [], [], _grid(obs)
     for i, (choice, stand) in enumerate(zip(found.chosen, stands)):
@@ -66,8 +66,10 @@ def propose(problem, obs, base, found, stands):
                 out += proposals
                 break
         else:
-            if rivals and bank.effects[rivals[0]].cause_told != own:
-                none.append([choice.effect(problem).name, bank.effects[rivals[0]].name])
+            tried = [bank.effects[k] for k in rivals[:_RIVALS]]
+            if tried and tried[0].cause_told != own:
+                none.append([choice.effect(problem).name, *dict.fromkeys(
+                    e.name for e in tried if e.cause_told != own)])
     return out, none
 
 

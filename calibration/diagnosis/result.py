@@ -111,7 +111,10 @@ class Diagnosis:
     held_out : list of dict
         Runs held out, each for itself, see `facts.nights_held_out`.
     no_star : list of list of str
-        Pairs of effects that no observation tells apart, see `next_observations.propose`.
+        Effects, each with the rivals that no observation tells it from, see
+        `next_observations.propose`.
+    unphysical : list of dict
+        Terms that no mount should have so, see `unphysical.unphysical`.
     whole : bool
         Whether the rows are what the encoders read, and nothing was taken off before.
     """
@@ -142,6 +145,7 @@ class Diagnosis:
     expected: dict | None = None
     held_out: list = field(default_factory=list)
     no_star: list = field(default_factory=list)
+    unphysical: list = field(default_factory=list)
     whole: bool = True
 
     def told_of_wander(self, entry):
@@ -164,6 +168,9 @@ class Diagnosis:
             'wander': self.wander, 'expected': self.expected,
             'as_read_rms_arcsec': as_read(self.observations, self.weights) if self.whole else None,
             'worst_rows': worst_rows(self), 'held_out': self.held_out, 'no_star': self.no_star,
+            # what is left beside terms that were taken off before has any sign
+            'unphysical': self.unphysical if self.whole else [],
+            'approach_from': self.observations.run.meta.get('approach_from'),
         }
 
 
@@ -248,8 +255,8 @@ def _causes(effects, delta_bic, groups):
     for k in sorted(groups, key=lambda k: -delta_bic[k]):
         e = effects[k]
         one = out.setdefault(e.cause_told, {
-            'cause': e.cause_told, 'shape': e.shape, 'look_at': e.look_at, 'effects': [],
-            'delta_bic': float(delta_bic[k])})
+            'cause': e.cause_told, 'shape': e.shape, 'look_at': e.look_at, 'effort': e.effort,
+            'effects': [], 'delta_bic': float(delta_bic[k])})
         if e.name not in one['effects']:
             one['effects'].append(e.name)
     return list(out.values())

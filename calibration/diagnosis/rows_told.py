@@ -12,7 +12,7 @@ from .input_check import MOST_LEFT_OUT
 
 #: reasons of rows that whoever wrote the file took back
 _TAKEN_BACK = ('commented out', 'rejected by')
-_COPY = 'the same as row'
+_COPY = 'the same as '
 #: of the entries ``before`` and ``after`` of a result
 RMS_KEYS = ('rms_arcsec', 'rms_x_arcsec', 'rms_y_arcsec', 'cv_rms_arcsec', 'cv_rms_x_arcsec',
             'cv_rms_y_arcsec', 'cv_spread', 'holdout_rms_arcsec')
@@ -38,6 +38,8 @@ class RowsTold:
         how far from the model, on the sky; the farthest first.
     rms_with : float or None
         Radial RMS in arcsec with the outliers.
+    word : {'row', 'line'}
+        What their numbers count: lines of a file, or rows of a run without one.
     """
 
     read: int
@@ -45,6 +47,7 @@ class RowsTold:
     copies: int
     outliers: list
     rms_with: float | None
+    word: str = 'row'
 
     @property
     def too_few(self):
@@ -67,7 +70,7 @@ class RowsTold:
     def to_dict(self):
         """Keys of the JSON result."""
         return {'rows_read': self.read, 'rows_used': self.used, 'outliers': self.outliers,
-                'rms_with_outliers_arcsec': self.rms_with}
+                'rms_with_outliers_arcsec': self.rms_with, 'rows_are': self.word}
 
 
 def rows_told(result):
@@ -83,7 +86,8 @@ def rows_told(result):
     """
     obs = result.observations
     sources = obs.sources if len(set(obs.sources)) > 1 else None
-    return _told(result.residual_after, result.weights, obs.excluded, obs.lines, sources)
+    return _told(result.residual_after, result.weights, obs.excluded, obs.lines, sources,
+                 word=row_word(obs.run))
 
 
 def rows_of_fit(run, result):
@@ -102,7 +106,7 @@ def rows_of_fit(run, result):
     left = np.stack((result.residual_x, result.residual_y))[:, usable]
     return _told(left, result.weights[usable],
                  [*run.meta.get('excluded', ()), *result.excluded], run.lines[usable],
-                 stars=run['star'][usable] if 'star' in run else None)
+                 stars=run['star'][usable] if 'star' in run else None, word=row_word(run))
 
 
 def excluded_of_fit(run, result):
@@ -111,7 +115,12 @@ def excluded_of_fit(run, result):
             *({**one, 'row': run.lines[one['row']]} for one in result.excluded)]
 
 
-def _told(left, weights, excluded, lines, sources=None, stars=None):
+def row_word(run):
+    """What the numbers of a run's rows count: ``line``s of its file, or ``row``s."""
+    return 'row' if run.meta.get('lines') is None else 'line'
+
+
+def _told(left, weights, excluded, lines, sources=None, stars=None, word='row'):
     lost, copies = _lost(excluded)
     away = np.flatnonzero(~(weights > 0.0))
     away = away[np.argsort(-np.hypot(*left[:, away]), kind='stable')]
@@ -123,7 +132,7 @@ def _told(left, weights, excluded, lines, sources=None, stars=None):
     n = left.shape[1]
     return RowsTold(
         n + lost, n - len(away), copies, outliers,
-        float(np.hypot(*(rms(r) for r in left))) / ARCSEC if outliers else None)
+        float(np.hypot(*(rms(r) for r in left))) / ARCSEC if outliers else None, word)
 
 
 def _named(star):
@@ -151,7 +160,7 @@ def rows_of_reader(run):
     RowsTold
     """
     lost, copies = _lost(run.meta.get('excluded', ()))
-    return RowsTold(len(run) + lost, len(run), copies, [], None)
+    return RowsTold(len(run) + lost, len(run), copies, [], None, row_word(run))
 
 
 def claimed(result):
@@ -196,7 +205,7 @@ def refused_document(error):
         'rows_used': error.rows_used, 'outliers': [], 'rms_with_outliers_arcsec': None,
         'columns_alike': [], 'readings': error.readings, 'detectable': None, 'wander': None,
         'expected': None, 'as_read_rms_arcsec': None, 'worst_rows': None, 'held_out': [],
-        'no_star': []}
+        'no_star': [], 'unphysical': [], 'approach_from': None, 'rows_are': 'line'}
 
 
 def used_sentence(told):
@@ -230,7 +239,7 @@ def outlier_sentence(document):
     Parameters
     ----------
     document : dict
-        With ``outliers``, ``rms_with_outliers_arcsec`` and ``after``.
+        With ``outliers``, ``rms_with_outliers_arcsec``, ``after`` and ``rows_are``.
 
     Returns
     -------
@@ -239,9 +248,10 @@ def outlier_sentence(document):
     rows = document.get('outliers') or []
     if not rows:
         return ''
+    word = document.get('rows_are') or 'row'
     named = ', '.join(
         (f'{row["source"]} ' if 'source' in row else '')
-        + f'row {row["row"]} ({_star(row)}'
+        + f'{word} {row["row"]} ({_star(row)}'
         f'{far_text(np.hypot(row["x_arcsec"], row["y_arcsec"]))} off)'
         for row in rows[:_NAMED])
     more = f' and {len(rows) - _NAMED} more' if len(rows) > _NAMED else ''
@@ -260,7 +270,7 @@ def far_text(arcsec):
     return f'{arcsec:.0f} arcsec' if arcsec < 3600.0 else f'{arcsec / 3600.0:.2f} deg'
 
 
-def left_out_lines(excluded, several=False):
+def left_out_lines(excluded, several=False, word='row'):
     """Which rows are left out and why: a line for each reason.
 
     Parameters
@@ -269,6 +279,8 @@ def left_out_lines(excluded, several=False):
         ``row`` (the line in the file), ``reason``, ``source``.
     several : bool
         Whether there are several files: the line says which.
+    word : str
+        As of `RowsTold`.
 
     Returns
     -------
@@ -278,12 +290,12 @@ def left_out_lines(excluded, several=False):
     for one in excluded:
         source = PurePath(str(one['source'])).name if several and one.get('source') else ''
         reasons.setdefault((source, one['reason']), []).append(one['row'])
-    lines = [f'{source}{": " if source else ""}row{"s" * (len(rows) > 1)} {listed(rows)} left out: '
-             f'{reason}' for (source, reason), rows in reasons.items()]
+    lines = [f'{source}{": " if source else ""}{word}{"s" * (len(rows) > 1)} {listed(rows)} '
+             f'left out: {reason}' for (source, reason), rows in reasons.items()]
     if len(lines) <= _REASONS:
         return lines
     others = list(reasons.values())[_REASONS:]
-    return [*lines[:_REASONS], f'{sum(map(len, others))} rows more left out, for {len(others)} '
+    return [*lines[:_REASONS], f'{sum(map(len, others))} {word}s more left out, for {len(others)} '
             'other reasons (--json FILE has them all)']
 
 

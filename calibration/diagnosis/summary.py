@@ -11,7 +11,7 @@ from .wander import White
 _ROWS = 20000  # that a design is made of, at most: more change no printed digit
 
 
-def _rows(diagnosis):
+def some_rows(diagnosis):
     """Rows with weight, at most so many, evenly; and their places in x and y stacked."""
     rows = np.flatnonzero(diagnosis.weights > 0.0)
     if len(rows) > _ROWS:
@@ -50,7 +50,7 @@ def beyond_base(diagnosis, offsets):
 def _beyond(diagnosis, offsets):
     """What the declared terms leave of some offsets, shape (2, m), of the rows with weight."""
     obs = diagnosis.observations
-    _, both = _rows(diagnosis)
+    _, both = some_rows(diagnosis)
     return diagnosis.base.columns(obs.context, obs.label).rows(both).left_of(
         offsets.reshape(-1)[both], White(np.ones(len(both)))).reshape(2, -1)
 
@@ -91,7 +91,7 @@ def extremes(diagnosis, offsets):
         Row and value, arcsec, of the lowest and the highest, on the axis where it is larger;
         empty without rows.
     """
-    left, (rows, _) = _beyond(diagnosis, offsets), _rows(diagnosis)
+    left, (rows, _) = _beyond(diagnosis, offsets), some_rows(diagnosis)
     if not left.size:
         return []
     one = left[int(np.argmax(np.ptp(left, axis=1)))]
@@ -113,7 +113,7 @@ def correlations(diagnosis):
     """
     obs, base = diagnosis.observations, diagnosis.base
     n = len(obs)
-    rows, both = _rows(diagnosis)
+    rows, both = some_rows(diagnosis)
     found = [e for e in diagnosis.effects if e.fitted.effect.kind != 'known']
     shared = base.columns(obs.context, obs.label).rows(both)
     parts = [e.columns.reshape(-1, 2 * n)[:, both] for e in found]

@@ -12,6 +12,7 @@ from pointing_model.model import PointingModel
 
 from .base import after_rotation, decode_slips, linearised
 from .problem import Changes, Problem
+from .rows_told import row_word
 from .scores import Bank
 from .wander import Sequence
 
@@ -55,8 +56,9 @@ class Work:
             out.append((fitted, p))
             self.obs.notes.append(
                 f'the {names.word(axis)} encoder was read whole {graduation} beside the true '
-                'place, and set right, in ' + ', '.join(f'row {self.obs.lines[r]} ({m:+d})'
-                                             for r, m in zip(rows, multiples)))
+                'place, and set right, in ' + ', '.join(
+                    f'{row_word(self.obs.run)} {self.obs.lines[r]} ({m:+d})'
+                    for r, m in zip(rows, multiples)))
         return out
 
     def fit(self, chosen, state, noise=None):

@@ -6,18 +6,18 @@ from calibration.diagnosis.rows_told import used_sentence
 from pointing_model.effects.base import arcsec
 
 from ..page.drawing import clean
-from ..page.parts import cards, listed, section, verdict, whole
+from ..page.parts import cards, listed, said, section, verdict, whole
 from ..page.provenance import provenance_section
 from ..page.residuals import controls, histograms, sky_maps, targets
 from ..page.stars import stars_table
 from ..page.terms import correlation_table, terms_table
 from . import sections as page
-from .plain_words import best_pair, floor_words, verdict_sentences
-from .told import STAYS, causes_of, open_causes, proposals, steps, way, way_size
+from .plain_words import FITTED, best_pair, floor_words, told_verdict
+from .told import STAYS, causes_of, counted, model_words, open_causes, proposals, way_size
 from .view import view_of
 
 _VERDICTS = {'none': 'nothing missing', 'wanders': 'the zero wanders', 'undecided': 'undecided',
-             'identified': 'cause identified', 'ambiguous': 'cause ambiguous',
+             'identified': 'cause identified', 'ambiguous': 'found; the cause is open',
              'unknown': 'cause unknown', 'refused': 'nothing concluded',
              'withheld': 'not published', 'taken_back': 'taken back'}
 
@@ -66,14 +66,15 @@ def render(view, more=''):
                      page.driver_figures(view)),
         section('Ranking of the candidate effects',
                      page.ranking(view.ranking, view.set_width),
-                     note='Each alone, on what the declared model leaves.'),
+                     note=f'Each alone, on what {model_words(document, whose=False)} leave.'),
         section('Distribution of the residuals', histograms(data)),
         section('Terms of the model', terms_table(view.terms),
                      page.run_terms_table(view.run_terms),
                      correlation_table(view.correlated, view.correlations),
                      note=f'Encoder − catalogue, σ from the fit. {_tpoint_signs(document)}'),
         section('Stars', stars_table(data), note='Point at a star: it lights up everywhere.'),
-        section('What was left out, and why', page.exclusions(document.get('excluded'))),
+        section('What was left out, and why', page.exclusions(
+            document.get('excluded'), document.get('rows_are') or 'row')),
         section('What to observe next', page.next_observations(
             proposals(document), document.get('mount') or 'altaz',
             causes_of(document)), page.no_star(document),
@@ -100,35 +101,44 @@ def _meta(view):
     if sources:
         text += ' · ' + ', '.join(sources)
     base = document.get('base_terms') or []
-    text += f' · declared model: {", ".join(map(str, base)) if base else "none"}'
+    text += f' · model: {model_words(document)}' + (
+        f' ({", ".join(map(str, base))})' if base else '')
     return f'<p class="meta">{clean(text)}</p>'
 
 
 def _verdict(view):
     document = view.document
     name = document['verdict']
-    headline, sentences = verdict_sentences(document, [e.sentence for e in view.effects],
-                                            caution=view.caution, whole=True)
+    told = told_verdict(document, [e.told for e in view.effects], caution=view.caution)
     badge = 'identified' if name == 'ambiguous' and view.effects and not any(
         open_causes(row) > 1 for row in document['effects']) else name
+    body = page.gain_bars(document, view.axes)
+    numbers = _numbers(document)
+    headline, _, then = told.headline.partition('. ')
+    return (verdict(_VERDICTS.get(badge, badge), headline, [], cards(numbers),
+                    badge if badge in _VERDICTS else '',
+                    page.words(' '.join((told.headline, *told.sentences, floor_words(document)))),
+                    said(told.first) + said(told.ranked, True) + said(told.rest), then)
+            + section('Error before and after', body, page.held_out(document, view.axes)))
+
+
+def _numbers(document):
+    """What the large numbers say."""
     label, before, after = best_pair(document)
-    read = document.get('as_read_rms_arcsec')
-    if way(document):
-        before, after, label = steps(document)
-    numbers = [(value, text) for value, text in (
-        (read and way_size(read), 'as the encoders read'),
-        (before, f'before, {label}'), (after, f'after, {label}'),
-        (document.get('noise_floor_arcsec'), floor_words(document)))
-        if not (name in STAYS and text.startswith('after'))]
+    read, stays = document.get('as_read_rms_arcsec'), document['verdict'] in STAYS
+    quote = '' if label == FITTED else ': quote this'
+    effects = counted(len(document['effects']), 'effect')
+    numbers = [(read and way_size(read), 'as the encoders read'),
+               (before, f'with {model_words(document, whose=False)}, {label}{quote * stays}')]
+    if not stays:
+        numbers.append((after, f'with {effects} more, {label}{quote}'))
+    numbers.append((document.get('noise_floor_arcsec'), f'{floor_words(document)}, {FITTED}'))
     told = document.get('expected')
     if told:
-        numbers.append((told['rms_arcsec'], f'expected on fresh stars, '
+        numbers.append((told['rms_arcsec'], 'expected on fresh stars in the '
+                        f'{told.get("within", "half hour")} after the last row, '
                         f'{arcsec(told["low_arcsec"])} to {arcsec(told["high_arcsec"])}'))
-    body = page.gain_bars(document, view.axes)
-    return (verdict(_VERDICTS.get(badge, badge), headline, sentences, cards(numbers),
-                    badge if badge in _VERDICTS else '',
-                    page.words(' '.join((headline, *sentences, floor_words(document)))))
-            + section('Error before and after', body, page.held_out(document, view.axes)))
+    return numbers
 
 
 def _tpoint_signs(document):
@@ -147,10 +157,10 @@ def _effects(view):
                         for name, text in effect.facts)
         drawing = page.effect_figure(view, effect)
         kind = 'effect one' if drawing.count('<svg') == 1 else 'effect'
-        parts.append(f'<h3>{clean(effect.name)}</h3><p>{clean(effect.sentence)}</p>'
+        parts.append(f'<h3>{clean(effect.name)}</h3><p>{clean(effect.told.sentence)}</p>'
                      f'<div class="{kind}"><dl>{facts}</dl>{drawing}</div>'
                      f'{page.rivals(effect.ranking)}')
-    parts.append(page.words(' '.join(f'{e.name} {e.sentence}' for e in view.effects)))
+    parts.append(page.words(' '.join(f'{e.name} {e.told.sentence}' for e in view.effects)))
     return section('What was added to the model', *parts,
                    note='In the order of what each takes off.' if len(parts) > 2 else '')
 

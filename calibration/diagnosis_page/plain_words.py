@@ -1,121 +1,277 @@
 """What a diagnosis found, in sentences that need no formula."""
 
+from dataclasses import dataclass, field
+
 from calibration.diagnosis.facts import bad_nights, worst_sentence
 from calibration.diagnosis.rows_told import outlier_sentence
+from calibration.term_notes import said_of_term
 from pointing_model.effects.base import arcsec, readable
 from pointing_model.mounts import KINDS
 
-from .told import next_sentence, open_causes, steps, way
+from .told import STAYS, counted, first_check, model_words, next_sentence, open_causes, way
 
 #: arcsec; what is left beyond this is no noise of pointing
 _ABSURD = 1800.0
-HELD = 'on rows held out'
+_NO_GAIN = 0.98  # of the error before, above which nothing was gained
+HELD, LEFT_OUT, FITTED = 'on rows held out', 'on rows left out', 'on the rows fitted'
 #: of the effects that would have been found, so many are told
 _MOST_SAID = 8
 
 
-def verdict_sentences(document, effect_texts=(), limit=5, caution='', whole=False):
-    """The verdict of a diagnosis, and what it bought.
+@dataclass
+class Said:
+    """One thing to know.
+
+    Attributes
+    ----------
+    lead : str
+        What it is.
+    more : str
+        Why, what to do about it, what it rests on.
+    size_arcsec : float, optional
+        Of an effect: RMS on the sky.
+    """
+
+    lead: str
+    more: str = ''
+    size_arcsec: float | None = None
+
+    @property
+    def text(self):
+        """All of it."""
+        return f'{self.lead} {self.more}'.strip()
+
+
+@dataclass
+class Verdict:
+    """What there is to know, in the order in which it is to be known.
+
+    Attributes
+    ----------
+    headline : str
+    first, ranked, rest : list of Said
+        Before the effects, what may put all of them in doubt; the effects, the largest first; what
+        follows.
+    way : str
+        Where large numbers do not show it: RMS as the encoders read, with the terms, with effects.
+    """
+
+    headline: str
+    first: list = field(default_factory=list)
+    ranked: list = field(default_factory=list)
+    rest: list = field(default_factory=list)
+    way: str = ''
+
+    def __post_init__(self):
+        for name in ('first', 'ranked', 'rest'):
+            setattr(self, name, [one if isinstance(one, Said) else Said(one)
+                                 for one in getattr(self, name) if one and one != Said('')])
+
+    @property
+    def sentences(self):
+        """All but the headline; several effects are numbered."""
+        several = len(self.ranked) > 1
+        return [*(one.text for one in self.first),
+                *(f'{i}. {one.text}' if several else one.text
+                  for i, one in enumerate(self.ranked, 1)), *filter(None, [self.way]),
+                *(one.text for one in self.rest)]
+
+
+def told_verdict(document, effects=(), limit=5, caution=''):
+    """The verdict of a diagnosis, and what it bought: the same for page, command, node and Python.
 
     Parameters
     ----------
     document : dict
         `Diagnosis.to_dict()`.
-    effect_texts : sequence of str
-        A sentence for each of its effects, in their order; the largest is told first.
+    effects : sequence of EffectTold
+        Of its effects, in their order; the largest is told first.
     limit : int
         Effects that are told; the others are counted.
     caution : str
-        Follows the gain.
-    whole : bool
-        With the way from what the encoders read as the headline, where it is known.
+        Comes before them.
 
     Returns
     -------
-    headline : str
-    sentences : list of str
+    Verdict
     """
-    headline, sentences = _verdict(document, effect_texts, limit, caution,
-                                   bool(whole and way(document)))
-    if whole and way(document):
-        return way(document), [f'{headline}. RMS on the sky, {steps(document)[2]}.', *sentences]
-    return headline, sentences
+    out = _told(document, effects, limit, caution)
+    out.way = way(document)
+    return out
 
 
-def _verdict(document, effect_texts, limit, caution, whole):
-    effects = document['effects']
-    count = len(effects)
-    many = 'One effect' if count == 1 else f'{count} effects'
+def _told(document, effects, limit, caution):
     verdict = document['verdict']
-    outliers = [text for text in (outlier_sentence(document),) if text]
+    last = [_led(figures_sentence(document)), outlier_sentence(document)]
+    odd = [_led(said_of_term(row)) for row in document.get('unphysical') or ()]
     if verdict == 'refused':
-        return 'Nothing is concluded from so few of the rows', [caution, *outliers]
+        return Verdict('Nothing is concluded from so few of the rows', [caution], [], last)
     if verdict == 'none':
-        floor = document.get('noise_floor_arcsec')
-        left = document['before'].get('rms_arcsec')
-        text = f'What is left, {arcsec(left)}, looks like noise'
-        text += f' (noise floor {arcsec(floor)}).' if floor is not None else '.'
-        if not caution and (left or 0.0) > _ABSURD:
-            caution = (f'What is left, {arcsec(left)}, is far more than a mount errs by: look at '
-                       'the columns, their units and signs, and where azimuth 0 is.')
-        return 'The model lacks nothing that these observations can show', [
-            caution or text, 'The model stays as it was.', *_detectable(document), *outliers]
+        return _nothing(document, caution, odd, last)
     if verdict == 'undecided':
-        return ('Undecided: something is beyond chance, but these observations cannot test it',
-                [caution, 'The model stays as it was.', *outliers])
+        return Verdict('Undecided: something is beyond chance, but these observations cannot test '
+                       'it', [caution, *odd], [], ['The model stays as it was.', *last])
     if verdict == 'wanders':
         if document['wander'].get('along_the_sky'):
-            return ('Neighbouring rows err alike: the zero wanders, or the direction has an error '
-                    'that no effect describes', [
-                        *_wander(document), 'No effect is added. Observe once more in an order '
-                        'that mixes the sky.', *outliers])
-        return ('The zero wanders, and what moves it is not known', [
-            *_wander(document), 'No effect is added. How far the zero can be trusted is part of '
-            'the model: set it anew as often as that asks for.', *outliers])
-    sentences = []
-    label, before, after = best_pair(document)
-    gain = ''
-    if before is not None and after is not None and not (whole and label != HELD):
-        share = f' ({100 * (after / before - 1):+.0f} %)'.replace('-', '−') if before else ''
-        gain = (f'The pointing error {label} goes from {arcsec(before)} to {arcsec(after)}'
-                f'{share}.')
-    sentences += [gain] if gain and not whole else []
-    if caution:
-        sentences.append(caution)
-    # the largest first: what to mend first
-    told = sorted(zip(effects, effect_texts),
+            return Verdict(
+                'Neighbouring rows err alike: the zero wanders, or the direction has an error '
+                'that no effect describes', [*_wander(document), *odd], [],
+                ['No effect is added. Observe once more in an order that mixes the sky.', *last])
+        return Verdict(
+            'The zero wanders, and what moves it is not known', [*_wander(document), *odd], [],
+            ['No effect is added. How far the zero can be trusted is part of the model: set it '
+             'anew as often as that asks for.', *last])
+    ranked = _ranked(document, effects)
+    rest = [f'And {len(ranked) - limit} more.'] if len(ranked) > limit else []
+    axes = KINDS[document.get('mount') or 'altaz'].axes
+    return Verdict(
+        _headline(document, effects),
+        [*odd, caution, *bad_nights(document, axes), _count(document)], ranked[:limit],
+        [*rest, *_wander(document), worst_sentence(document), *last])
+
+
+def verdict_sentences(document, effects=(), limit=5, caution=''):
+    """`told_verdict` as a headline (str) and sentences (list of str)."""
+    verdict = told_verdict(document, effects, limit, caution)
+    return verdict.headline, verdict.sentences
+
+
+def _led(text):
+    """A text, its first sentence what it is about."""
+    lead, stop, more = text.partition('. ')
+    return Said(lead + '.' * bool(stop), more)
+
+
+def _nothing(document, caution, odd, last):
+    """Where nothing is missing: that is said as plainly as what is."""
+    floor, left = document.get('noise_floor_arcsec'), document['before'].get('rms_arcsec')
+    looks = f'What is left, {arcsec(left)}, looks like noise'
+    looks += f' (noise floor {arcsec(floor)}).' if floor is not None else '.'
+    if not caution and (left or 0.0) > _ABSURD:
+        caution = (f'What is left, {arcsec(left)}, is far more than a mount errs by: look at '
+                   'the columns, their units and signs, and where azimuth 0 is.')
+    headline = f'Nothing is wrong beyond {model_words(document)} that these observations can show'
+    label, before, _ = best_pair(document)
+    if before is not None and not caution:
+        headline += f': {arcsec(before)} remain {label}'
+    if odd:
+        headline += '. But look at ' + ' and '.join(
+            f'{row["name"]}, which is {"negative" if row["what"] == "sign" else "too large"}'
+            for row in document['unphysical'])
+    return Verdict(headline, [*odd, caution or looks], [],
+                   ['The model stays as it was.', *_detectable(document), *last])
+
+
+def _by_size(document, effects):
+    """Effects of a document with what is told of each, the largest first."""
+    return sorted(zip(document['effects'], effects),
                   key=lambda each: -(each[0].get('removes_rms_arcsec')
                                      or each[0].get('cv_gain_arcsec') or 0.0))
-    for i, (row, text) in enumerate(told[:limit]):
-        if i == 0 and whole and count > 1:
-            text = f'The largest error beyond the terms: {text[:1].lower()}{text[1:]}'
+
+
+def _ranked(document, effects):
+    out, axes = [], dict(zip(('az', 'el'), KINDS[document.get('mount') or 'altaz'].axes))
+    for i, (row, told) in enumerate(_by_size(document, effects)):
+        parts = []
+        if row.get('cv_gain_arcsec'):
+            axis = axes.get(row.get('axes'))
+            parts.append(f'Without it rows left out would be missed by at least '
+                         f'{arcsec(row["cv_gain_arcsec"])} more{f" in {axis}" if axis else ""}.')
+        parts += told.more
+        parts.append(first_check(document, row))
         if i == 0 and row.get('causes'):
-            text = f'{text} {next_sentence(document, row)}'.strip()
+            parts.append(next_sentence(document, row))
         if row.get('alternatives') and 'causes' not in row:
-            text += (' With these observations it could as well be: '
-                     f'{_listed(row["alternatives"])}.')
-        sentences.append(text)
-    if len(effect_texts) > limit:
-        sentences.append(f'And {len(effect_texts) - limit} more.')
-    sentences += [gain] if gain and whole else []
-    sentences += bad_nights(document, KINDS[document.get('mount') or 'altaz'].axes)
-    sentences += [text for text in (worst_sentence(document),) if text]
-    sentences += [*_wander(document), *outliers]
-    unclear = sum(open_causes(row) > 1 for row in effects)
-    if verdict == 'unknown':
-        headline = 'Something is left that no known effect explains'
-    elif verdict == 'ambiguous' and (unclear or not all('causes' in row for row in effects)):
-        them = 'it' if count == 1 else 'them' if unclear in (0, count) \
-            else f'{"one" if unclear == 1 else unclear} of them'
-        headline = f'{many} found{" beyond the terms" * whole}, and more than one cause would ' \
-                   f'explain {them}'
-    elif verdict in ('withheld', 'taken_back'):
-        with_it = 'it' if count == 1 else 'them'
-        headline = f'{many} seemed to be there, but the model with {with_it} points worse: the ' \
-                   'model before stays in force'
+            parts.append('With these observations it could as well be: '
+                         f'{_listed(row["alternatives"])}.')
+        out.append(Said(told.head, ' '.join(filter(None, parts)), row.get('removes_rms_arcsec')))
+    return out
+
+
+def _headline(document, effects):
+    """What is wrong with the mount: the largest error, its size, its cost; and what remains."""
+    count = len(document['effects'])
+    if document['verdict'] in ('withheld', 'taken_back'):
+        many, them = ('One effect', 'it') if count == 1 else (f'{count} effects', 'them')
+        return (f'{many} seemed to be there, but the model with {them} points worse: the model '
+                'before stays in force')
+    label, before, after = best_pair(document)
+    told = _by_size(document, effects)
+    text = 'Something is wrong beyond the terms'
+    if told:
+        row, one = told[0]
+        text = one.head.removesuffix('.')
+        text += (f', the largest of {counted(count, "error")}' if count > 1
+                 else ', the only error found') + ' beyond the terms of the model'
+    if after is None:
+        return text
+    share = f', {100 * (after / before - 1):+.0f} %'.replace('-', '−') if before else ''
+    none = ': that is no gain' if before and after > _NO_GAIN * before else ''
+    return (f'{text}. With {"it" if count == 1 else "all of them"} in the model {arcsec(after)} '
+            f'remain {label} ({arcsec(before)} without{share}){none}')
+
+
+def _count(document):
+    """How many effects were found, and of how many the cause is open."""
+    effects = document['effects']
+    unclear = sum(open_causes(row) > 1 or bool('causes' not in row and row.get('alternatives'))
+                  for row in effects)
+    count = len(effects)
+    if document['verdict'] in STAYS:
+        return ''
+    text = ('One effect was' if count == 1 else f'{counted(count, "effect").capitalize()} were') \
+        + f' found beyond {model_words(document, whose=False)}'
+    if count > 1:
+        text += ', the largest first'
+    if unclear:
+        them = 'it' if count == 1 else 'them' if unclear == count else \
+            f'{counted(unclear, "x").split()[0]} of them'
+        text += f'; more than one cause would explain {them}'
+    return f'{text}.'
+
+
+def figures_sentence(document):
+    """Which figure to quote, and why the others differ; '' without any.
+
+    Parameters
+    ----------
+    document : dict
+
+    Returns
+    -------
+    str
+    """
+    label, before, after = best_pair(document)
+    quoted = before if document['verdict'] in STAYS else after
+    floor, told = document.get('noise_floor_arcsec'), document.get('expected')
+    if quoted is None or document['verdict'] == 'refused':
+        return ''
+    if label == FITTED:
+        said = [f'{arcsec(quoted)} is of the rows fitted alone: other stars will be missed by more']
     else:
-        headline = f'{many} that the model lacked {"is" if count == 1 else "are"} found and added'
-    return headline, sentences
+        said = [f'Quote {arcsec(quoted)}, {label}, of stars that neither the fit nor the choice '
+                'of effects has seen']
+        own = document['before' if document['verdict'] in STAYS else 'after'].get('cv_rms_arcsec')
+        if label == HELD and own is not None:
+            said.append(f'Rows left out of the runs fitted are missed by {arcsec(own)}: they share '
+                        'with them what a run has of its own')
+    wanders = bool((document.get('wander') or {}).get('slow'))
+    if floor is not None:
+        said.append(f'The noise floor, {arcsec(floor)}, is what is left on the rows fitted, made '
+                    'larger for the coefficients'
+                    + (', with what the zero wanders over the whole run in it' if wanders else ''))
+    if told:
+        low, high = told['low_arcsec'], told['high_arcsec']
+        said.append(f'{arcsec(told["rms_arcsec"])} ({arcsec(low)} to {arcsec(high)}, nine times in '
+                    f'ten) is expected on fresh stars in the {told.get("within", "half hour")} '
+                    'after the last row')
+        if floor is not None and told['rms_arcsec'] < floor:
+            within = low <= floor <= high
+            said.append('It can be below the floor: '
+                        + ('the zero moves less by then than over the whole run'
+                           if wanders else 'rows late in the run may scatter less than the others')
+                        + (', and the difference is within its uncertainty' if within else ''))
+    return '. '.join(said) + '.'
 
 
 def _detectable(document):
@@ -133,7 +289,7 @@ def _detectable(document):
 def _wander(document):
     """Rows that resemble their neighbours, if there is such a thing."""
     entry = document.get('wander')
-    return [entry['text'][:1].upper() + entry['text'][1:] + '.'] if entry else []
+    return [_led(entry['text'][:1].upper() + entry['text'][1:] + '.')] if entry else []
 
 
 def best_pair(document):
@@ -146,12 +302,12 @@ def best_pair(document):
         Radial RMS on the sky, arcsec.
     """
     for key, label in (('holdout_rms_arcsec', HELD),
-                       ('cv_rms_arcsec', 'in cross-validation'),
-                       ('rms_arcsec', 'on the rows fitted')):
+                       ('cv_rms_arcsec', LEFT_OUT),
+                       ('rms_arcsec', FITTED)):
         pair = document['before'].get(key), document['after'].get(key)
         if None not in pair:
             return label, *pair
-    return 'on the rows fitted', None, None
+    return FITTED, None, None
 
 
 def floor_words(document):

@@ -12,9 +12,9 @@ from ..page.drawing import MAX_NAMED, Panel, SkyMap, clean, limit_of, svg
 from ..page.parts import Markup, figure, folded, gains, number, pair, probability, table
 from ..page.parts import legend as legend_of
 from .plain_words import floor_words
-from .told import explained, no_star_sentences
+from .told import enough, explained, no_star_sentences
 
-_MEASURES = (('holdout_rms_arcsec', 'held out'), ('cv_rms_arcsec', 'cross-validated'),
+_MEASURES = (('holdout_rms_arcsec', 'runs held out'), ('cv_rms_arcsec', 'rows left out'),
              ('rms_arcsec', 'rows fitted'), ('rms_x_arcsec', 'rows fitted, {}'),
              ('rms_y_arcsec', 'rows fitted, {}'))
 
@@ -60,7 +60,7 @@ def held_out(document, axes):
     names = [*(axis.partition(' × ')[0] for axis in axes), 'radial']
     return '<h3>Runs held out</h3>' + table(
         ['run', 'rows', 'set aside', *(f'{when}, {name}' for when in ('before', 'after')
-                                       for name in names)], rows, 'numbers') + (
+                                       for name in names)], rows, 'numbers folding') + (
         '<p class="note">RMS on the sky in arcsec, of all rows: those set aside as outliers too.'
         '</p>')
 
@@ -146,7 +146,23 @@ def effect_figure(view, effect):
         return ''
     return figure(out[0] if len(out) == 1 else pair(out),
                   f'Everything else taken off: what is left (dots) and the fitted effect (strokes) '
-                  f'against {driver.label}.')
+                  f'against {driver.label}.{_how_to_read(driver, effect)}')
+
+
+def _how_to_read(driver, effect):
+    """How a figure against a driver of a few values is read."""
+    if not driver.levels:
+        return ''
+    text = (' One column for each; within it dots are moved sideways only so that they do not '
+            'hide each other. The effect is the jump of the strokes from one column to the '
+            'other, and holds as far as the dots follow it.')
+    if effect.gradual:
+        text += (' Strokes between the two belong to rows reached by a move too short to be wholly '
+                 'on the new side.')
+    if effect.fades:
+        text += (' On the sky the jump is smaller where cos E is, so strokes of one column lie at '
+                 'several heights.')
+    return text
 
 
 # ------------------------------------------------------------------------------- the candidates
@@ -204,7 +220,7 @@ def rivals(rows, limit=6):
 
 # ------------------------------------------------------------------------ exclusions, proposals
 
-def exclusions(excluded, limit=12):
+def exclusions(excluded, word='row', limit=12):
     """What was left out, by reason, with the rows."""
     if not excluded:
         return '<p>Nothing was left out.</p>'
@@ -221,7 +237,7 @@ def exclusions(excluded, limit=12):
             more = folded(f'and {len(places) - limit} more', clean(', '.join(places[limit:])))
             short = Markup(f'{clean(short)} {more}')
         rows.append([reason, str(len(ones)), short])
-    return table(['reason', 'count', 'rows'], rows)
+    return table(['reason', 'count', f'{word}s'], rows)
 
 
 def next_observations(rows, kind='altaz', told=None):
@@ -270,8 +286,10 @@ def _next_group(names, group, kind):
         hours = [number(row.get('after_hours'), 1)] if timed else []
         cells.append([str(i), *(number(row[key], 0) for key in places),
                       ', '.join(sides) or 'any', *hours, number(row.get('separation_after'), 1)])
-    now = group[0][1].get('separation_before')
-    text = f'<p class="note">ΔBIC between them by the rows so far: {number(now, 1)}</p>'
+    text = enough([row for _, row in group]) \
+        if None not in (group[0][1].get('separation_before'),
+                        group[-1][1].get('separation_after')) else ''
+    text = f'<p class="note">{clean(text[:1].upper() + text[1:])}.</p>' if text else ''
     return (f'<h3>{clean("Tells " + head if head else "Proposed")}</h3>{text}'
             + table(['', *(f'{word} [°]' for word in places.values()),
                      'last motion' if kind == 'altaz' else 'side, last motion',

@@ -1,13 +1,47 @@
 """The way of a diagnosis, what an effect looks like, its causes, what would tell them apart."""
 
 from calibration.diagnosis.constants import SET_WIDTH
-from pointing_model.effects.base import arcsec
+from pointing_model.effects.base import EFFORTS, arcsec
 from pointing_model.mounts import KINDS
 
 #: causes that are told; the others are counted
 _MOST_CAUSES = 5
 #: the model stays as it was
 STAYS = ('none', 'wanders', 'undecided', 'refused', 'withheld', 'taken_back')
+
+
+_MOUNTS = {'altaz': 'an alt-azimuth mount', 'equatorial': 'an equatorial mount',
+           'german': 'a German mount', 'free': 'a mount of two axes'}
+_NUMBERS = ('no', 'one', 'two', 'three', 'four', 'five', 'six', 'seven', 'eight', 'nine', 'ten',
+            'eleven', 'twelve')
+
+
+def model_words(document, whose=True):
+    """The declared terms: "the seven terms of an alt-azimuth mount".
+
+    Parameters
+    ----------
+    document : dict
+    whose : bool
+        With the mount that they are of.
+    """
+    terms = list(document.get('base_terms') or ())
+    kind = document.get('mount') or 'altaz'
+    of = f' of {_MOUNTS.get(kind, kind)}' if whose else ''
+    if not terms:
+        return 'no terms'
+    if terms == list(KINDS[kind].index):
+        return f'the zeros{of}'
+    usual = 'the usual ' if terms == list(KINDS[kind].standard6) else 'the '
+    if usual == 'the ' and terms != list(KINDS[kind].physical):
+        return f'the {counted(len(terms), "declared term")}'
+    return f'{usual}{counted(len(terms), "term")}{of}'
+
+
+def counted(number, word):
+    """A small number in words, with what is counted."""
+    text = _NUMBERS[number] if number < len(_NUMBERS) else f'{number}'
+    return f'{text} {word}{"" if number == 1 else "s"}'
 
 
 def way(document):
@@ -26,15 +60,15 @@ def way(document):
     read = document.get('as_read_rms_arcsec')
     if read is None or document['verdict'] == 'refused':
         return ''
-    before, after, _ = steps(document)
+    before, after, label = steps(document)
     if before is None:
         return ''
-    terms, effects = len(document['base_terms']), len(document['effects'])
-    text = (f'From {way_size(read)} as the encoders read to {way_size(before)} with '
-            f'{_count(terms, "term")}')
+    effects = len(document['effects'])
+    text = (f'RMS on the sky: {way_size(read)} as the encoders read, {way_size(before)} with '
+            f'{model_words(document)}')
     if effects and document['verdict'] not in STAYS:
-        text += f', and to {way_size(after)} with {_count(effects, "effect")} beyond them'
-    return text
+        text += f', {way_size(after)} with {counted(effects, "effect")} more'
+    return f'{text}; the terms judged {label}.'
 
 
 def steps(document):
@@ -50,10 +84,6 @@ def way_size(value):
     return f'{value:.1f}″' if value >= 9.995 else arcsec(value)
 
 
-def _count(number, word):
-    return f'{number} {word}{"" if number == 1 else "s"}'
-
-
 def open_causes(row):
     """How many causes an effect of the document may have, as people are told them."""
     return max(len(row.get('causes') or ()), 1)
@@ -64,8 +94,46 @@ def causes_sentence(causes):
     told = [one['cause'] for one in causes]
     if len(told) > _MOST_CAUSES:
         told = [*told[:_MOST_CAUSES], f'{len(told) - _MOST_CAUSES} more']
-    return (f'{len(causes)} causes explain it equally well (within {SET_WIDTH:g} in ΔBIC): '
+    return (f'{counted(len(causes), "cause").capitalize()} explain it equally well: '
             f'{"; ".join(told[:-1])}; or {told[-1]}.')
+
+
+def first_check(document, row):
+    """What to do about an effect: what to look at, and of several causes which first, and why.
+
+    Parameters
+    ----------
+    document : dict
+    row : dict
+        Of its effects.
+
+    Returns
+    -------
+    str
+        '' where the document does not tell the causes.
+    """
+    causes = [one for one in row.get('causes') or () if one.get('look_at')]
+    if not causes:
+        return ''
+    if open_causes(row) == 1:
+        text = f'Look at {causes[0]["look_at"]}.'
+        if str(row.get('name')).startswith('smooth_of'):
+            text += (' Until its cause is known a curve takes it off, which holds where these '
+                     'rows are and not beyond.')
+        return text
+    efforts = [one.get('effort', 1) for one in causes]
+    least = min(efforts)
+    one = causes[efforts.index(least)]
+    # what weighs on the tube and the air bear on the same curve
+    terms = [term['name'] for term in document.get('unphysical') or () if row.get('axes') == 'el'
+             and row.get('driver') == 'elevation' and term['name'] in ('TF', 'TX')]
+    head = f'It bears on the same curve as {terms[0]} (above): check that first. Then: ' \
+        if terms else 'Check first: '
+    cheapest = efforts.count(least) < open_causes(row)
+    why = f'the cheapest check ({EFFORTS[least]})' if cheapest \
+        else f'each of the causes takes {EFFORTS[least]}'
+    return (f'{head}{one["look_at"]}. That is for "{one["cause"]}": {why}; the rows do not say '
+            'which is likelier.')
 
 
 def causes_of(document):
@@ -84,9 +152,15 @@ def proposals(document):
 def no_star_sentences(document, but=None):
     """A sentence for each effect, but for one, of which no observation tells the causes apart."""
     told = causes_of(document)
-    return [f'No star tells {told.get(one, one)} from {told.get(other, other)}: on the whole sky '
+    return [f'No star tells {told.get(one, one)} from {_either(others, told)}: on the whole sky '
             'they look alike, so look at the mount.'
-            for one, other in document.get('no_star') or [] if one != but]
+            for one, *others in document.get('no_star') or [] if one != but]
+
+
+def _either(names, told):
+    """Causes, each once: a; b or c."""
+    causes = list(dict.fromkeys(told.get(name, name) for name in names))
+    return ' or '.join(filter(None, ['; '.join(causes[:-1]), causes[-1]]))
 
 
 def next_sentence(document, row):
@@ -112,16 +186,20 @@ def next_sentence(document, row):
         other = told.get(mine[0]['separates'][1], 'the next')
         return (f'To tell {told[row["name"]]} from {other}, observe first '
                 f'{place_words(mine[0], kind)}; {enough(mine)}.')
-    if any(pair[0] == row['name'] for pair in document.get('no_star') or []):
-        return ('No star tells them apart: on the whole sky they look alike, so look at the '
-                'mount.')
+    for one, *others in document.get('no_star') or []:
+        if one == row['name']:
+            rest = {told.get(name) for name in others} >= set(told.values()) - {told[one]}
+            # each was tried against the best, not against each other
+            last = ('the other' + 's' * (open_causes(row) > 2)) if rest else _either(others, told)
+            return (f'No star tells {told[one]} from {last}: on the whole sky they look alike, so '
+                    'look at the mount.')
     return ''
 
 
 def enough(items):
     """What some observations for one pair would bring, and whether that is enough."""
     before, after = items[0]['separation_before'], items[-1]['separation_after']
-    text = f'ΔBIC between them, {before:.1f} now, would be {after:.1f} with ' + (
+    text = f'the evidence between them (ΔBIC), {before:.1f} now, would be {after:.1f} with ' + (
         'it' if len(items) == 1 else f'{len(items)} such observations')
     return text + ('' if after >= SET_WIDTH else
                    f', still below {SET_WIDTH:g}: more of them are needed')
@@ -165,6 +243,11 @@ WORDS = {
     'sawtooth': 'it grows evenly, falls back at once, and begins again, a period apart',
     'memory': 'after a reversal the new side is reached little by little: 63 % of the way after '
               'so many degrees of motion',
+    'RMS': 'root of the mean of the squares: about two of three stars are nearer than this',
+    'RMS on the sky': 'of an effect: what it adds to the error of the stars beyond what the terms '
+                      'could take up, which is the residual that it leaves if it is not in the '
+                      'model. Several add up as squares do',
+    'equally well': 'their evidence differs by less than 6 in ΔBIC, so the rows do not rank them',
     'smooth curve': 'a line without corners through what is left, where no cause is known',
     'wave': 'a sine, which rises and falls once a period',
     'bump': 'it is off at one place and little elsewhere',
@@ -174,6 +257,7 @@ WORDS = {
             'evidence',
     'noise floor': 'what is left on the rows fitted, made larger for the coefficients that were '
                    'fitted: seeing, and all that nothing here describes',
+    'rows held out': 'runs that were kept aside altogether, such as other nights',
     'rows left out': 'rows that neither the fit nor the choice of effects has seen: '
                      'cross-validation',
     'hysteresis': 'the reading depends on the side from which the star was reached',

@@ -7,16 +7,17 @@ from pathlib import PurePath
 import numpy as np
 
 from calibration.diagnosis.constants import SET_WIDTH
-from calibration.diagnosis.summary import beyond_base, correlations, effect_offsets, extremes
+from calibration.diagnosis.rows_told import row_word
+from calibration.diagnosis.summary import correlations, effect_offsets
 from msg_tools.units import ARCSEC
-from pointing_model.effects import Amount
 from pointing_model.effects.base import arcsec, readable
-from pointing_model.effects.words import coefficient_word, common_shape
+from pointing_model.effects.words import coefficient_word
 from pointing_model.mounts import ALTAZ
 
 from ..page.residuals import Residuals
-from .drivers import Driver, driver_of, utc_text
-from .told import causes_sentence, signs_sentences
+from .drivers import Driver, driver_of
+from .effects_told import EffectTold, title_of, told_of
+from .told import signs_sentences
 
 _ALWAYS = ('azimuth', 'elevation', 'time', 'order', 'temperature', 'approach_az', 'approach_el',
            'magnitude', 'az_rate')
@@ -28,21 +29,26 @@ class FoundEffect:
 
     Attributes
     ----------
-    name, sentence : str
+    name : str
+    told : EffectTold
     facts : list of (str, str)
     fitted : ndarray, shape (2, n), optional
         What it moves in each row, arcsec on the sky.
     driver : Driver, optional
     ranking : list of dict
         What else could stand in its place, best first, as in `View`.
+    gradual, fades : bool
+        It is reached little by little after a reversal; on the sky it is smaller higher up.
     """
 
     name: str
-    sentence: str
+    told: EffectTold
     facts: list
     fitted: np.ndarray | None = None
     driver: Driver | None = None
     ranking: list = field(default_factory=list)
+    gradual: bool = False
+    fades: bool = False
 
 
 @dataclass
@@ -121,7 +127,7 @@ class View:
             self.names, self.az, self.el, self.before, self.after, self.used, self.words,
             self.axes, self.time, self.groups, noise=None if floor is None else (
                 floor / np.sqrt(2.0), floor / np.sqrt(2.0)),
-            before_text='declared model', after_text='with what was found' if self.changed
+            before_text='with the terms alone', after_text='with what was found' if self.changed
             else 'after', turned=self.turned, utc=self.utc)
 
     @property
@@ -153,7 +159,7 @@ def view_of(diagnosis):
         after=diagnosis.residual_after / ARCSEC, used=diagnosis.weights > 0.0,
         names=RowNames(obs), drivers=_drivers(diagnosis, effects), effects=effects,
         ranking=_in_words(diagnosis.ranking, context.mount), terms=_terms(diagnosis),
-        correlated=_coefficients(names), correlations=matrix, sources=_sources(obs),
+        correlated=_coefficients(names, diagnosis), correlations=matrix, sources=_sources(obs),
         notes=_notes(diagnosis),
         untestable=diagnosis.untestable,
         run_terms=diagnosis.run_terms, caution=diagnosis.caution, **_axes_of(context),
@@ -196,16 +202,6 @@ def _axes_of(context):
                                 for toward in horizon])}
 
 
-def effect_sentences(diagnosis):
-    """A sentence a night assistant understands for each effect of a `Diagnosis`.
-
-    Returns
-    -------
-    list of str
-    """
-    return [_found(diagnosis, found).sentence for found in diagnosis.effects]
-
-
 class RowNames:
     """Names of the rows for tooltips, each made when it is asked for.
 
@@ -216,7 +212,7 @@ class RowNames:
 
     def __init__(self, obs):
         self._lines, self._sources = obs.lines, obs.sources if len(_sources(obs)) > 1 else None
-        self._word = 'row' if obs.run.meta.get('lines') is None else 'line'
+        self._word = row_word(obs.run)
         self._stars = obs.run.columns.get('star')
 
     def __len__(self):
@@ -270,61 +266,12 @@ def _drivers(diagnosis, effects):
 def _found(diagnosis, found):
     context = diagnosis.observations.context
     e = found.fitted.effect
-    fitted = effect_offsets(found)
-    rms = beyond_base(diagnosis, fitted)
-    raw = context.get(e.driver)
-    known = raw[np.isfinite(raw)] if raw is not None else np.zeros(0)
-    utc = getattr(context, 'time_is_utc', True)
-    if len(found.causes) > 1:
-        sentence = (e.described(context.mount.names.axes, _extent(diagnosis, e, fitted), rms,
-                                _shape(found)) + ' ' + causes_sentence(found.causes))
-    else:
-        sentence = e.sentence(Amount(
-            found.fitted.coefficients / ARCSEC, rms,
-            (known.min(), known.max()) if known.size else None,
-            utc_text if utc and e.driver == 'time' else None))
     name = title_of(found, context.mount.names.axes)
-    return FoundEffect(name[:1].upper() + name[1:], sentence, _facts(found, context), fitted,
-                       _effect_driver(context, e), _in_words(found.ranking, context.mount))
-
-
-def title_of(found, axes):
-    """What an effect is called: by its cause, or where that is open by what it looks like.
-
-    Parameters
-    ----------
-    found : DiagnosedEffect
-    axes : sequence of str
-        What the angles of the mount are called.
-
-    Returns
-    -------
-    str
-    """
-    e = found.fitted.effect
-    if not (e.shape and (len(found.causes) > 1 or e.kind == 'smooth')):
-        return readable(e.name)
-    where = dict(zip(('az', 'el'), axes)).get(e.axes, 'both axes')
-    return f'{where}: {_shape(found)}'
-
-
-def _shape(found):
-    """What is seen of an effect, whatever its cause."""
-    e = found.fitted.effect
-    return common_shape([one['shape'] for one in found.causes] or [e.shape], e.driver)
-
-
-def _extent(diagnosis, e, fitted):
-    """How far an effect goes, and between which places of its driver, in words."""
-    ends = extremes(diagnosis, fitted)
-    if not ends:
-        return '0″'
-    driver = driver_of(diagnosis.observations.context, e.driver)
-    size = arcsec(ends[1][1] - ends[0][1])
-    if driver is None or driver.levels or not driver.label.endswith('[°]'):
-        return f'{size} from lowest to highest'
-    return '{} from lowest (at {:.0f}°) to highest (at {:.0f}°)'.format(
-        size, *(driver.values[row] for row, _ in ends)).replace('-', '−')
+    return FoundEffect(
+        name[:1].upper() + name[1:], told_of(diagnosis, found), _facts(found, context),
+        effect_offsets(found), _effect_driver(context, e),
+        _in_words(found.ranking, context.mount),
+        bool(e.parameters.get('memory_deg')), 'cos' in e.formula and e.driver.startswith('appr'))
 
 
 def _facts(found, context):
@@ -382,8 +329,9 @@ def _terms(diagnosis):
     return out
 
 
-def _coefficients(names):
+def _coefficients(names, diagnosis):
     """Names of effects that have one coefficient stand alone."""
     several = {name for name, _ in names if sum(name == n for n, _ in names) > 1}
-    return [readable(name) + (f': {c}' if name in several else '') if c else name
-            for name, c in names]
+    effects = {e.fitted.effect.name: e.fitted.effect for e in diagnosis.effects}
+    return [readable(name) + (f': {coefficient_word(effects[name], c)}' if name in several else '')
+            if c else name for name, c in names]

@@ -75,7 +75,7 @@ def section(title, *parts, note='', kind=''):
     return f'<section{kind}><h2>{clean(title)}</h2>{note}{body}</section>'
 
 
-def verdict(badge, headline, sentences, cards='', kind='', more=''):
+def verdict(badge, headline, sentences, cards='', kind='', more='', body='', then=''):
     """The first section: what there is to know.
 
     Parameters
@@ -88,10 +88,15 @@ def verdict(badge, headline, sentences, cards='', kind='', more=''):
         Class, for its colour.
     more : str
         HTML below.
+    body : str
+        HTML between the large numbers and what is below.
+    then : str
+        Of the headline, what is set smaller.
     """
+    then = f'<p class="then">{clean(then)}</p>' if then else ''
     badge = f'<span class="badge">{clean(badge)}</span>' if badge else ''
     return (f'<section class="verdict{" " * bool(kind)}{kind}">{badge}<h2>{clean(headline)}</h2>'
-            f'{listed(sentences)}{cards}{more}</section>')
+            f'{then}{listed(sentences)}{cards}{body}{more}</section>')
 
 
 def cards(rows):
@@ -99,6 +104,27 @@ def cards(rows):
     out = ''.join(f'<div><b>{clean(value if isinstance(value, str) else arcsec(value))}</b>'
                   f'<span>{clean(text)}</span></div>' for value, text in rows if value is not None)
     return f'<div class="numbers-row">{out}</div>' if out else ''
+
+
+def said(rows, ranked=False):
+    """Things to know, what each is before what follows from it.
+
+    Parameters
+    ----------
+    rows : list
+        With ``lead``, ``more``, ``size_arcsec`` (or None).
+    ranked : bool
+        Numbered, with a bar for the size of each.
+    """
+    top = max((one.size_arcsec or 0.0 for one in rows), default=0.0)
+    ranked = ranked and len(rows) > 1
+    items = ''.join(
+        '<li>' + (f'<b>{clean(one.lead)}</b>' if ranked or one.more else clean(one.lead))
+        + (f'<span class="size"><i style="width:{100.0 * one.size_arcsec / top:.0f}%"></i></span>'
+           if ranked and one.size_arcsec else '')
+        + (f'<p>{clean(one.more)}</p>' if one.more else '') + '</li>' for one in rows)
+    kind = ('ol class="ranked"', 'ol') if ranked else ('ul', 'ul')
+    return f'<{kind[0]}>{items}</{kind[1]}>' if items else ''
 
 
 def listed(texts):

@@ -29,11 +29,19 @@ section { background:var(--card); border:1px solid var(--line); border-radius:10
 .verdict.none { border-left-color:var(--good) }
 .verdict h2 { font-size:1.5rem; line-height:1.25; margin:4px 0 8px }
 .verdict ul { margin:6px 0 4px; padding-left:20px; font-size:1.05rem }
+.verdict ol.ranked { margin:6px 0 10px; padding-left:26px }
+.verdict li p { margin:3px 0 8px; font-size:.95rem; max-width:none }
+.verdict li b { font-weight:620 } .folding th { white-space:normal }
+.folding th,.folding td { padding-left:6px; padding-right:6px }
+.ranked li { margin:12px 0 } .ranked li:first-child b { font-size:1.2rem }
+.ranked .size { display:block; height:6px; margin:5px 0 4px; max-width:420px }
+.verdict .then { font-size:1.15rem; margin:-2px 0 8px; max-width:none }
+.ranked .size i { display:block; height:100%; background:var(--warn); border-radius:3px }
 li { max-width:90ch; overflow-wrap:anywhere }
 .badge { display:inline-block; font-size:.78rem; font-weight:600; letter-spacing:.05em;
   text-transform:uppercase; color:var(--soft) }
 .numbers-row { display:flex; flex-wrap:wrap; gap:10px 34px; margin:14px 0 4px }
-.numbers-row div { line-height:1.15 }
+.numbers-row div { line-height:1.15; max-width:21ch }
 .numbers-row b { display:block; font-size:1.7rem; font-weight:650;
   font-variant-numeric:tabular-nums }
 .numbers-row span { color:var(--soft); font-size:.85rem }

@@ -50,7 +50,7 @@ def _encoder(axis, order, mount='altaz'):
                   names.key(axis), axis, ('cos', 'sin'), of, say, look_at,
                   f'a wave of the {names.word(axis)}, {times(order)}',
                   f'{names.word(axis)} encoder {told} ({times(order)})',
-                  tpoint=_tpoint(names, f'{number}CEC {number}CES') if k == 1 else
+                  effort=2, tpoint=_tpoint(names, f'{number}CEC {number}CES') if k == 1 else
                   _of_order(names, f'H{number}C{number}# H{number}S{number}#', k))
 
 
@@ -81,7 +81,8 @@ def _bearing_wobble(order, mount='altaz'):
                   if mount == 'altaz' else f'both bearings of the {shaft}',
                   f'a wave of the {names.word("az")}, {times(order)}, in both axes',
                   f'bearing or track of the {shaft} not flat ({times(order)})',
-                  tpoint=_of_order(names, 'H2C1# H2S1# HvC1# HvS1#', k))
+                  tpoint=_of_order(names, 'H2C1# H2S1# HvC1# HvS1#', k),
+                  effort=1 if mount == 'altaz' else 2)
 
 
 @form

@@ -26,6 +26,9 @@ import numpy as np
 from pointing_model.mounts import KINDS
 
 AXES = {'az': 'azimuth', 'el': 'elevation'}
+#: what a check of a cause takes, the cheapest first
+EFFORTS = ('only a look at settings and files', 'a look at the mount, with nothing taken apart',
+           'a part that has to be opened')
 #: rows on each side, below which a driver of two levels is carried by single rows
 FEWEST_ON_A_SIDE = 3
 
@@ -104,6 +107,8 @@ class Effect:
     size : tuple of float, optional
         Length of the coefficients as physics fixes it, least and most, in its unit: where the
         rows ask for another size it is not the cause, and is not offered.
+    effort : int
+        What it takes to check the cause, see `EFFORTS`.
     figure : callable, optional
         `Context` -> (label, values or None) to draw it against, where that is not its driver.
     form : str
@@ -132,6 +137,7 @@ class Effect:
     scanned: int = 1
     kind: str = 'effect'
     size: tuple | None = None
+    effort: int = 1
     figure: Callable | None = field(default=None, compare=False, repr=False)
     form: str = ''
     parameters: dict = field(default_factory=dict)
@@ -161,33 +167,9 @@ class Effect:
             for row, (x, y) in zip(out, self.of(context)):
                 row[0], row[1] = x, y
 
-    def sentence(self, amount):
-        """What goes wrong, for a night assistant, from its `Amount`."""
-        text = self.say(amount) if self.say else self.cause[:1].upper() + self.cause[1:]
-        if amount.rms is None or not np.isfinite(amount.rms):
-            return f'{text}.'
-        return f'{text} ({arcsec(amount.rms)} rms of the residual).'
-
-    def described(self, words, extent, rms, shape):
-        """What is seen of it, in a sentence that names no cause.
-
-        Parameters
-        ----------
-        words : sequence of str
-            What the angles of both axes are called.
-        extent : str
-            How large it is.
-        rms : float
-            As of `Amount`.
-        shape : str
-            What all that it may be have in common, see `common_shape`.
-
-        Returns
-        -------
-        str
-        """
-        where = dict(zip(AXES, words)).get(self.axes, 'pointing')
-        return f'The {where} error has {shape}: {extent} ({arcsec(rms)} rms of the residual).'
+    def clause(self, amount):
+        """What goes wrong, for a night assistant, from its `Amount`; without a full stop."""
+        return self.say(amount) if self.say else self.cause[:1].upper() + self.cause[1:]
 
     @property
     def cause_told(self):

@@ -38,7 +38,7 @@ def _camera(of, most=None):
                   'the angle of the camera on its flange' if rotation
                   else 'focal length and pixel size that the camera is reduced with',
                   'a part that is in proportion to the miss distance', '',
-                  'arcsec/arcsec', requires=('miss_x', 'miss_y'))
+                  'arcsec/arcsec', requires=('miss_x', 'miss_y'), effort=1 if rotation else 0)
 
 
 def propose(context, lacking, own):

@@ -33,7 +33,8 @@ def _changing(of, driver, origin=0.0, scale=1.0, within=None):
                   f'{whole.look_at}; and what of it warms up, loosens or settles',
                   f'{whole.shape}, which changes with {with_}' if whole.shape else '',
                   f'{whole.cause_told}; it changes with {with_}',
-                  f'{whole.unit}{UNITS.get(driver, "")}', requires=(*whole.requires, driver))
+                  f'{whole.unit}{UNITS.get(driver, "")}', requires=(*whole.requires, driver),
+                  effort=whole.effort)
 
 
 def changes(whole, context):

@@ -48,7 +48,7 @@ def _proportional(axis, driver, origin=0.0, scale=1.0, pattern='sky', within=Non
                   axis, ('slope',), of, say, look_at,
                   f'a part in proportion to {the(driver)}', '',
                   f'arcsec/({scale:.4g} {driver})' if scale != 1.0 else f'arcsec/{driver}',
-                  requires=(driver,))
+                  requires=(driver,), effort=1 if driver == 'pier_side' else 0)
 
 
 def propose(context, lacking, own):

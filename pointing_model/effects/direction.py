@@ -20,7 +20,7 @@ _TERM_EFFECTS = {
         'ECES', 'second flexure of the tube, or elevation encoder off centre', '(0, sin E)',
         'The tube bends with the sine of the elevation, or the disc of the elevation encoder is '
         'off its centre',
-        'the centring of the elevation disc; bolts of the mirror cell and of the camera'),
+        'bolts of the mirror cell and of the camera; the centring of the elevation disc'),
 }
 
 
@@ -65,7 +65,8 @@ def _terms(name, mount='altaz'):
                   'el' if plain or name == 'fork_flexure' else 'both', (term,),
                   lambda c: [known.of(c.trig)], lambda _: sentence, look_at,
                   _SHAPES[name], _TOLD.get(name, ''),
-                  tpoint=term if known.tpoint_sign else None)
+                  tpoint=term if known.tpoint_sign else None,
+                  effort=0 if name.startswith('refraction') else 1)
 
 
 @form
@@ -83,7 +84,7 @@ def _term(name, mount='altaz'):
     return Effect(name, term.doc + (', or the latitude is wrong' if name == 'AN' else ''),
                   term.formula, driver, axes, (name,),
                   lambda c: [term.of(c.trig)],
-                  look_at='whether the declared model should have this term (--base)',
+                  look_at='whether the declared model should have this term (--base)', effort=0,
                   shape=f'the pattern of the term {name} over the sky',
                   tpoint=name if term.tpoint_sign else None)
 

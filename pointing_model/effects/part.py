@@ -16,7 +16,7 @@ def _part(of, keep):
                   whole.formula, whole.driver, whole.axes, names,
                   lambda c: [tuple(column) for column in whole.columns(c)[list(keep)]],
                   look_at=whole.look_at, shape=whole.shape, unit=whole.unit, tpoint=tpoint,
-                  requires=whole.requires, kind=whole.kind)
+                  requires=whole.requires, kind=whole.kind, effort=whole.effort)
 
 
 def parts(whole):

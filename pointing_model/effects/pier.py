@@ -49,7 +49,7 @@ def _by_side(of):
                   f'{whole.cause_told}; another amount on each side of the pier',
                   whole.unit, tpoint=tpoint and ' '.join(f'{name} by side'
                                                          for name in tpoint.split()),
-                  requires=(*whole.requires, 'pier_side'))
+                  requires=(*whole.requires, 'pier_side'), effort=whole.effort)
 
 
 def by_side(effects, context):

@@ -27,7 +27,8 @@ def _annual_aberration():
                   lambda c: [_displaced(c, axis) for axis in c.equatorial()]
                   if c.equatorial() is not None else [(np.nan, np.nan)] * 3,
                   lambda _: 'The star places lack the annual aberration (20.5″)', _STARS,
-                  'a pull toward one direction among the stars', requires=('lst',), size=_ANNUAL)
+                  'a pull toward one direction among the stars', requires=('lst',), size=_ANNUAL,
+                  effort=0)
 
 
 @form
@@ -38,7 +39,8 @@ def _diurnal_aberration(latitude=None):
                   '(cos A, -sin E sin A)', 'azimuth', 'both', ('east',),
                   lambda c: [_displaced(c, np.array([[1.0], [0.0], [0.0]]))],
                   lambda _: 'The star places lack the diurnal aberration (0.3″)', _STARS,
-                  'a pull toward the east', size=(0.0 if latitude is None else most, most))
+                  'a pull toward the east', size=(0.0 if latitude is None else most, most),
+                  effort=0)
 
 
 @form
@@ -53,7 +55,8 @@ def _epoch_error():
                   'star places of a wrong equinox: precession left out or applied twice',
                   'rotation about the equatorial X and Y axes', 'lst', 'both', ('X', 'Y'), of,
                   lambda _: 'The star places lack the right equinox: precession is left out or '
-                  'applied twice', _STARS, 'a turn of the whole sky', requires=('lst',))
+                  'applied twice', _STARS, 'a turn of the whole sky', requires=('lst',),
+                  effort=0)
 
 
 @form
@@ -63,7 +66,7 @@ def _proper_motion():
                   lambda c: [(c.get('pm_x'), c.get('pm_y'))],
                   lambda _: 'The star places lack the proper motion of the stars', _STARS,
                   'the pattern of the proper motions of the stars',
-                  unit='yr', requires=('pm_x', 'pm_y'))
+                  unit='yr', requires=('pm_x', 'pm_y'), effort=0)
 
 
 @form
@@ -73,7 +76,7 @@ def _clock(latitude, mount='altaz'):
     return Effect('clock_or_longitude', 'clock, UT1 or longitude wrong (15" a second of time)',
                   'rotation about the pole', 'azimuth', 'both', ('hour_angle',),
                   lambda c: [_displaced(c, -np.cross(pole, c.direction(), axis=0))], look_at=_CLOCK,
-                  shape='a turn about the pole',
+                  shape='a turn about the pole', effort=0,
                   alias=f'clock and longitude are exactly {alias}: no pointing run can tell them '
                         f'from {"these terms" if mount == "altaz" else "this term"}'
                         if alias else None)
@@ -83,7 +86,7 @@ def _clock(latitude, mount='altaz'):
 def _latitude():
     return Effect('latitude', 'latitude wrong', 'the columns of AN', 'azimuth', 'both',
                   ('latitude',), lambda c: [TERMS['AN'].of(c.trig)], look_at=_CLOCK,
-                  shape='a lean to the north',
+                  shape='a lean to the north', effort=0,
                   alias='latitude is exactly AN: no pointing run can tell it from this term')
 
 
@@ -101,7 +104,7 @@ def _latency(mount='altaz'):
                               c.get('el_rate') / ARCSEC)], say,
                   'where the time stamp is taken: at the latch of the encoder, or after the bus',
                   'a part that is in proportion to the speed of the axes',
-                  unit='s', requires=('az_rate', 'el_rate'),
+                  unit='s', requires=('az_rate', 'el_rate'), effort=0,
                   alias=f'at sidereal rate latency is exactly a clock error, {exactly}: only '
                         'satellites or slews show it' if mount != 'free' else None)
 

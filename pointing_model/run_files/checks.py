@@ -4,7 +4,7 @@ import numpy as np
 
 from msg_tools.units import DEG, wrap
 from pointing_model.mounts import ALTAZ
-from pointing_model.run import COLUMNS, REQUIRED, PointingRun, column_name
+from pointing_model.run import COLUMNS, REQUIRED, PointingRun
 
 from .table import SPECIAL
 
@@ -181,7 +181,7 @@ def flag_rows(table, mount):
     copy_of = np.array([first.setdefault(text, number)
                         for text, number in zip(table.texts, table.lines.tolist())])
     for i in np.flatnonzero((copy_of != table.lines) & (table.reasons == 0)):
-        table.reasons[i] = f'the same as row {copy_of[i]}'
+        table.reasons[i] = f'the same as line {copy_of[i]}'
 
 
 def derive_approach(table):
@@ -204,7 +204,7 @@ def derive_approach(table):
         given = np.isfinite(columns[name]) if name in columns else np.zeros(1, dtype=bool)
         if given.any():
             if not given.all():
-                notes.append(f'{column_name(name, table.names)} is empty in {(~given).sum()} of '
+                notes.append(f'{table.label(name)} is empty in {(~given).sum()} of '
                              f'{len(given)} rows: unknown there, 0')
             columns[name] = np.nan_to_num(columns[name], nan=0.0)
             continue
@@ -217,10 +217,12 @@ def derive_approach(table):
         move[new_run] = np.nan
         columns[name] = np.empty(len(order))
         columns[name][order] = _carry(np.sign(move))
-        derived.append(column_name(name, table.names))
+        derived.append(axis)
     if derived:
+        table.meta['approach_from'] = {'axes': derived, 'order': 'time' if by_time else 'rows'}
+        words = ' and '.join(table.names.word(axis) for axis in derived)
         notes.append(
-            f'last motion of each axis: {", ".join(derived)} derived from the order '
+            f'direction of approach in {words}: no column of the file, derived from the order '
             + ('in time, ' if by_time else 'of the rows, ')
             + (f'as the {table.names.word("az")} reads (its range is more than a turn)'
                if whole_path else 'shortest way'))

@@ -141,16 +141,21 @@ def _number_of_hours(text):
 
 def show(found, console):
     """The verdict in words, the error before and after, the effects, what was left out."""
-    from calibration.diagnosis.rows_told import expected_sentence, left_out_lines, used_sentence
+    from calibration.diagnosis.rows_told import (
+        expected_sentence,
+        left_out_lines,
+        row_word,
+        used_sentence,
+    )
+    from calibration.diagnosis_page.effects_told import effects_told, title_of
     from calibration.diagnosis_page.plain_words import floor_words, verdict_sentences
     from calibration.diagnosis_page.told import no_star_sentences, signs_sentences
-    from calibration.diagnosis_page.view import effect_sentences, title_of
     from calibration.tables import new_table
     from pointing_model.effects.base import driver_word
     document, names = found.to_dict(), found.observations.run.mount.names
     first, second = names.columns
-    headline, sentences = verdict_sentences(document, effect_sentences(found), limit=20,
-                                            caution=found.caution, whole=True)
+    headline, sentences = verdict_sentences(document, effects_told(found), limit=20,
+                                            caution=found.caution)
     console.print(used_sentence(document), markup=False)
     console.print(headline, style='bold', markup=False)
     for sentence in sentences:
@@ -195,7 +200,8 @@ def show(found, console):
                             _number(effect['removes_rms_arcsec']),
                             _number(effect['cv_gain_arcsec']))
         console.print(effects)
-    for line in left_out_lines(found.excluded, len(found.observations.runs) > 1):
+    for line in left_out_lines(found.excluded, len(found.observations.runs) > 1,
+                               row_word(found.observations.run)):
         console.print(line, markup=False)
     print_lines(console, 'note', found.notes)
     print_lines(console, 'note', signs_sentences(found.columns_alike, names))

@@ -178,7 +178,7 @@ def test_unusable_rows_are_left_out_and_listed(read):
     assert sorted(excluded) == [3, 4, 5, 6, 7, 8, 9, 10]
     assert 'az_deg is not a number' in excluded[3] and 'el_deg' in excluded[4]
     assert 'infinite' in excluded[5] and 'elevation' in excluded[6]
-    assert excluded[8] == 'the same as row 2'
+    assert excluded[8] == 'the same as line 2'
     assert 'positive' in excluded[9] and 'extra' in excluded[10]
 
 

@@ -151,11 +151,12 @@ def test_an_empty_approach_is_derived(read):
     rows = [(10, 30, 10, 30, '', 'nan'), (30, 20, 30, 20, '', ''), (20, 40, 20, 40, '', '')]
     run = read(table(f'{HEADER},approach_az,approach_el', *rows))
     assert run['approach_az'].tolist() == [0, 1, -1] and run['approach_el'].tolist() == [0, -1, 1]
-    assert noted(run, 'approach_az, approach_el derived')
+    assert noted(run, 'direction of approach in azimuth and elevation')
+    assert run.meta['approach_from'] == {'axes': ['az', 'el'], 'order': 'rows'}
     rows[1] = (30, 20, 30, 20, -1, '')
     some = read(table(f'{HEADER},approach_az,approach_el', *rows))
     assert some['approach_az'].tolist() == [0, -1, 0]
-    assert noted(some, 'approach_az is empty in 2 of 3') and noted(some, 'approach_el derived')
+    assert noted(some, 'approach_az is empty in 2 of 3') and noted(some, 'approach in elevation: ')
 
 
 # ---------------------------------------------------------------------------------------- time
@@ -259,7 +260,7 @@ def test_blocks_of_a_long_file_are_one_table(read, monkeypatch):
     run = read(text)
     assert whole.meta['notes'] == run.meta['notes'] and len(run) == 39
     np.testing.assert_array_equal(whole.meta['lines'], run.meta['lines'])
-    assert [(e['row'], e['reason']) for e in run.meta['excluded']] == [(32, 'the same as row 6')]
+    assert [(e['row'], e['reason']) for e in run.meta['excluded']] == [(32, 'the same as line 6')]
     for name in whole.columns:
         assert run[name].dtype == whole[name].dtype
         np.testing.assert_array_equal(run[name], whole[name])

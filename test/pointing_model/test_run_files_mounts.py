@@ -217,6 +217,6 @@ def test_notes_and_reasons_are_in_the_words_of_the_mount(read, tmp_path):
     write_csv(german_run(), tmp_path / 'german.csv')
     run = read_run(tmp_path / 'german.csv')
     text = ' '.join(run.meta['notes'])
-    assert 'approach_ha, approach_dec derived' in text and 'approach_az' not in text
+    assert 'direction of approach in hour angle and declination' in text and 'approach_' not in text
     reasons = ' '.join(reason for _, reason in dictionary(Context.of_run(run))[1])
     assert not set(reasons.split()) & {'az_rate', 'approach_az', 'azimuth', 'elevation'}

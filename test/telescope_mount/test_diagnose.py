@@ -15,7 +15,8 @@ from telescope_mount.cli import main
 KEYS = {'observations', 'runs', 'base_terms', 'verdict', 'before', 'after', 'noise_floor_arcsec',
         'effects', 'excluded', 'next_observations', 'wander', 'detectable', 'expected',
         'rows_read', 'rows_used', 'outliers', 'rms_with_outliers_arcsec', 'columns_alike',
-        'readings', 'as_read_rms_arcsec', 'worst_rows', 'held_out', 'no_star'}
+        'readings', 'as_read_rms_arcsec', 'worst_rows', 'held_out', 'no_star',
+        'unphysical', 'approach_from', 'rows_are'}
 RMS = {'rms_arcsec', 'rms_x_arcsec', 'rms_y_arcsec', 'cv_rms_arcsec', 'cv_rms_x_arcsec',
        'cv_rms_y_arcsec', 'cv_spread', 'holdout_rms_arcsec'}
 EFFECT = {'name', 'tpoint', 'driver', 'axes', 'coefficients_arcsec', 'sigma_arcsec', 'p_family',
@@ -70,7 +71,7 @@ def test_the_page_and_the_model_are_written(found):
 
 def test_a_clean_run_is_left_alone(tmp_path, capsys):
     assert main(['diagnose', night(tmp_path / 'clean.csv', 5)]) == 0
-    assert 'lacks nothing' in capsys.readouterr().out
+    assert 'Nothing is wrong beyond the seven terms' in capsys.readouterr().out
 
 
 def test_rows_left_out_and_every_judgement_are_printed(tmp_path, capsys):
@@ -83,7 +84,7 @@ def test_rows_left_out_and_every_judgement_are_printed(tmp_path, capsys):
     path.write_text('\n'.join(lines) + '\n')
     assert main(['diagnose', str(path)]) == 0
     out = capsys.readouterr().out
-    assert 'rows 6-8, 21 left out: ' in out and out.count('left out: ') == 1
+    assert 'lines 6-8, 21 left out: ' in out and out.count('left out: ') == 1
     assert 'rows left out (the choice repeated)' in out and 'stretches of time left out' in out
     # nothing is cut short, whatever the width
     assert '…' not in out
@@ -100,7 +101,7 @@ def test_days_in_one_file_are_told_apart(tmp_path, capsys):
         assert main(['diagnose', path, *option, '--json', str(tmp_path / 'd.json'),
                      '--overwrite']) == 0
         out = capsys.readouterr().out
-        assert 'lacks nothing' in out and 'days.csv: 4 sessions, at gaps of more than 3 h' in out
+        assert 'Nothing is wrong' in out and 'days.csv: 4 sessions, at gaps of more than 3 h' in out
         result = json.loads((tmp_path / 'd.json').read_text())
         assert result['runs'] == 4 and result['before']['rms_arcsec'] < 1.6
 
@@ -147,7 +148,7 @@ def test_an_outlier_is_named_by_its_line_and_does_not_set_the_headline(tmp_path,
         assert main(command) == 0
         out = capsys.readouterr().out
         assert out.startswith('59 of 60 rows used\n')
-        assert 'An outlier, left out: row 30 (169' in out and 'RMS with it 21' in out
+        assert 'An outlier, left out: line 30 (169' in out and 'RMS with it 21' in out
         assert '218.' not in out.replace('RMS with it 218.', '')
 
 

@@ -94,7 +94,7 @@ def test_copies_by_the_hundred_are_told_in_few_lines(tmp_path, capsys):
     (tmp_path / 'run.csv').write_text('\n'.join([header, *rows * 100]) + '\n')
     assert main(['export', str(tmp_path / 'run.csv'), str(tmp_path / 'out.csv')]) == 0
     out = capsys.readouterr().out
-    assert f'({99} rows) left out: the same as row 2' in ' '.join(out.split())
+    assert f'({99} rows) left out: the same as line 2' in ' '.join(out.split())
     assert len(out.splitlines()) < 30
 
 

@@ -63,9 +63,9 @@ def test_what_would_have_been_found_is_said():
     _, _, rows = of(clean(np.random.default_rng(2)), np.random.default_rng(2))
     drift = rows['elevation_zero_with_time']
     assert drift['unit'] == 'arcsec/h' and drift['rms_arcsec'] < drift['amplitude_arcsec']
-    document = {'verdict': 'none', 'effects': [], 'before': {'rms_arcsec': 1.4},
+    document = {'verdict': 'none', 'effects': [], 'before': {'rms_arcsec': 1.4}, 'after': {},
                 'noise_floor_arcsec': 1.4, 'detectable': list(rows.values())}
     headline, sentences = verdict_sentences(document)
-    assert 'lacks nothing' in headline
-    assert f'drifts by {drift["amplitude_arcsec"]:.2f}″ an hour' in sentences[-1]
-    assert verdict_sentences({**document, 'detectable': None})[1][-1].startswith('The model')
+    assert 'Nothing is wrong' in headline
+    assert f'drifts by {drift["amplitude_arcsec"]:.2f}″ an hour' in sentences[2]
+    assert verdict_sentences({**document, 'detectable': None})[1][1].startswith('The model')

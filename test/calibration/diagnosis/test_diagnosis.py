@@ -35,7 +35,8 @@ def off_centre(size):
 KEYS = {'observations', 'runs', 'base_terms', 'verdict', 'before', 'after', 'noise_floor_arcsec',
         'effects', 'excluded', 'next_observations', 'wander', 'detectable', 'expected',
         'rows_read', 'rows_used', 'outliers', 'rms_with_outliers_arcsec', 'columns_alike',
-        'readings', 'as_read_rms_arcsec', 'worst_rows', 'held_out', 'no_star'}
+        'readings', 'as_read_rms_arcsec', 'worst_rows', 'held_out', 'no_star',
+        'unphysical', 'approach_from', 'rows_are'}
 RMS = {'rms_arcsec', 'rms_x_arcsec', 'rms_y_arcsec', 'cv_rms_arcsec', 'cv_rms_x_arcsec',
        'cv_rms_y_arcsec', 'cv_spread', 'holdout_rms_arcsec'}
 EFFECT = {'name', 'tpoint', 'driver', 'axes', 'coefficients_arcsec', 'sigma_arcsec', 'p_family',
@@ -174,7 +175,7 @@ def test_an_effect_that_grows_is_told_with_its_change():
     assert change.fitted.effect.form == 'changing'
     assert change.fitted.effect.name.startswith(whole.fitted.effect.name + '_changing_with_')
     assert result.after['rms_arcsec'] < 1.6 < result.before['rms_arcsec']
-    sentence = change.fitted.effect.sentence(Amount(
+    sentence = change.fitted.effect.clause(Amount(
         change.fitted.coefficients / ARCSEC, 2.0, (0.0, 3600.0)))
     assert 'not the same all the time' in sentence and 'in the run' in sentence
     # through the document, and held where the run is long over
@@ -301,7 +302,7 @@ def test_outliers_and_slips():
     assert [(e['row'], e['source']) for e in again.excluded] == [
         (105, 'night.csv'), (85, 'night.csv')]
     assert again.to_dict()['excluded'][0] == {'row': 105, 'reason': 'night.csv: az_enc not finite'}
-    assert any(note.endswith('row 19 (+2)') for note in again.notes)
+    assert any(note.endswith('line 19 (+2)') for note in again.notes)
     assert result.after['rms_arcsec'] < 1.7
 
 

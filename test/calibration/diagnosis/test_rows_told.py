@@ -41,7 +41,7 @@ def test_one_outlier_is_named_and_not_in_the_headline():
     assert document['before']['rms_arcsec'] < 1.7
     assert document['rms_with_outliers_arcsec'] == pytest.approx(1800.0 / np.sqrt(60), rel=0.01)
     _, sentences = verdict_sentences(document)
-    assert 'An outlier, left out: row 31 (1800 arcsec off). RMS without 1.' in sentences[-1]
+    assert 'An outlier, left out: line 31 (1800 arcsec off). RMS without 1.' in sentences[-1]
     assert 'RMS with it 232.' in sentences[-1]
     page = render(view_of(result))
     assert document['columns_alike'] and document['columns_alike'][0] in page
@@ -53,7 +53,7 @@ def test_outliers_of_several_files_have_their_file():
     runs[1].columns['az_enc'][3] += 0.47 * DEG
     document = diagnose(runs, **FAST).to_dict()
     assert [(e['source'], e['row']) for e in document['outliers']] == [('two.csv', 5)]
-    assert any('two.csv row 5 (' in s for s in verdict_sentences(document)[1])
+    assert any('two.csv line 5 (' in s for s in verdict_sentences(document)[1])
 
 
 def test_above_a_third_left_out_no_effect_is_claimed():
@@ -83,7 +83,7 @@ def test_rows_taken_back_in_the_file_were_never_offered():
     told = rows_told(diagnose(night(excluded=lost), **FAST))
     assert (told.read, told.used, told.lost) == (61, 60, 1) and not told.too_few
     # a file joined to itself has every row twice
-    copies = [{'row': i, 'reason': f'the same as row {i - 60}'} for i in range(62, 122)]
+    copies = [{'row': i, 'reason': f'the same as line {i - 60}'} for i in range(62, 122)]
     told = rows_of_reader(night(excluded=copies))
     assert (told.read, told.used) == (120, 60) and not told.too_few
 

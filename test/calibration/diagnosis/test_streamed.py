@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from calibration.diagnosis import Base, diagnose
+from calibration.diagnosis_page.effects_told import effects_told
 from calibration.diagnosis_page.page import render
-from calibration.diagnosis_page.view import effect_sentences, view_of
+from calibration.diagnosis_page.view import view_of
 from msg_tools.units import ARCSEC, DEG
 from pointing_model import geometry
 from pointing_model.run import PointingRun
@@ -84,7 +85,7 @@ def test_it_is_a_diagnosis_like_any_other(both):
     (note,) = (n for n in result.notes if 'in chunks' in n)
     assert note.startswith('4000 rows are more than 1000') and 'did not cross-validate' in note
     page = render(view_of(result))
-    assert all(text in page for text in effect_sentences(result))
+    assert all(told.sentence in page for told in effects_told(result))
     assert 'in chunks' in page and len(page) < 3_000_000
     assert np.allclose(result.model.residuals(result.observations.run), result.residual_after,
                        atol=1e-4 * ARCSEC)

@@ -1,12 +1,14 @@
 """The page of a diagnosis: what it says, that it stands alone, that no name in it can do harm."""
 
 import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
 import pytest
 
 from calibration.diagnosis import diagnose
+from calibration.diagnosis_page.effects_told import EffectTold, effects_told
 from calibration.diagnosis_page.page import render, write_report
 from calibration.diagnosis_page.plain_words import (
     best_pair,
@@ -115,16 +117,20 @@ def way_start(diagnosis):
 def test_everything_is_in_it_in_order(page, diagnosis):
     headings = Inventory(page).headings
     before, after = (arcsec(getattr(diagnosis, key)['rms_arcsec']) for key in ('before', 'after'))
+    found, = effects_told(diagnosis)
     assert headings == [
-        f'From {way_start(diagnosis)}″ as the encoders read to {before} with 7 terms, and to '
-        f'{after} with 1 effect beyond them',
+        f'{found.seen} ({arcsec(found.rms_arcsec)} RMS on the sky), the only error found '
+        'beyond the terms of the model',
         'Error before and after',
         'Where the residuals are on the sky', 'Target', 'What was added to the model',
         'Residual against each driver', 'Ranking of the candidate effects',
         'Distribution of the residuals', 'Terms of the model', 'Stars',
         'What was left out, and why',
         'What these observations cannot show', 'Notes on the data']
-    assert 'One effect that the model lacked is found and added.' in page
+    assert (f'With it in the model {after} remain on the rows fitted ({before} without, ') in page
+    assert f'{way_start(diagnosis)}″</b><span>as the encoders read' in page
+    assert 'One effect was found beyond the seven terms.' in page
+    assert 'model: the seven terms of an alt-azimuth mount (IA, IE' in page
     assert page.count('<svg') >= 1 + 2 + 1 + 2 * 5 + 2
 
 
@@ -138,6 +144,27 @@ def test_the_finding_is_said_in_plain_words(page, diagnosis):
     assert '<dt>Look at</dt><dd>preload of the azimuth drive' in page
     for key in ('before', 'after'):
         assert arcsec(getattr(diagnosis, key)['rms_arcsec']) in page
+
+
+def test_two_sides_have_a_sign_and_say_where_they_come_from(page, diagnosis):
+    found, = diagnosis.effects
+    cause = {'cause': 'backlash', 'shape': found.fitted.effect.shape, 'effects': ['a'],
+             'delta_bic': 9.0, 'look_at': 'the gear', 'effort': 1}
+    open_ = replace(diagnosis, effects=[replace(found, causes=[
+        cause, {**cause, 'cause': 'play', 'effort': 0}])])
+    told, = effects_told(open_)
+    size = 2 * abs(found.fitted.coefficients[0]) / ARCSEC
+    assert told.seen == ('The azimuth error has a difference by the direction of the last motion, '
+                         f'{arcsec(size)} more on the sky after moving clockwise than '
+                         'anticlockwise, on average')
+    assert told.more == ['Two causes explain it equally well: backlash; or play.']
+    # a column of the file; or the order of the rows
+    run = diagnosis.observations.run
+    derived = replace(open_, observations=replace(diagnosis.observations, run=PointingRun(
+        run.columns, {**run.meta, 'approach_from': {'axes': ['az'], 'order': 'rows'}})))
+    assert 'no column of the file: it was derived from the order of the rows' in \
+        effects_told(derived)[0].sentence
+    assert 'One column for each; within it dots are moved sideways only' in page
 
 
 def test_the_view_holds_the_figures(diagnosis):
@@ -173,7 +200,7 @@ def test_a_clean_run_says_so(tmp_path):
     assert clean.verdict == 'none'
     write_report(clean, tmp_path / 'clean.html')
     text = (tmp_path / 'clean.html').read_text(encoding='utf-8')
-    assert 'lacks nothing that these observations can show' in text
+    assert 'Nothing is wrong beyond the seven terms of an alt-azimuth mount that these' in text
     assert 'What was added' not in text and 'What to observe next' not in text
     assert 'what the added effects take away' not in text
     ElementTree.fromstring(text.split('\n', 1)[1])
@@ -190,8 +217,8 @@ def test_many_rows_stay_small():
     view = View({'observations': n, 'runs': 1, 'base_terms': ['IA'], 'verdict': 'unknown',
                  'before': rms, 'after': rms, 'noise_floor_arcsec': np.nan, 'effects': []},
                 rng.uniform(0, 6.28, n), el, before, after, np.ones(n, bool),
-                ['a star'] * n, [driver], [FoundEffect('x', 'y', [], before - after, driver)], [],
-                [])
+                ['a star'] * n, [driver],
+                [FoundEffect('x', EffectTold('Y'), [], before - after, driver)], [], [])
     text = render(view)
     assert len(text) < 1_500_000
     assert '400 of 50000 rows are drawn' in text
@@ -202,7 +229,7 @@ def test_many_rows_stay_small():
 @pytest.mark.parametrize('value, more, less', [(1.35, 'clockwise', 'anticlockwise'),
                                                (-1.35, 'anticlockwise', 'clockwise')])
 def test_hysteresis_in_words(value, more, less):
-    text = effect('hysteresis', axis='az', shape='cosE').sentence(
+    text = effect('hysteresis', axis='az', shape='cosE').clause(
         Amount(np.array([value]), 1.0))
     assert text.startswith(f'The azimuth axis reads 2.70″ more when the last motion was {more} '
                            f'than when it was {less}')
@@ -224,7 +251,7 @@ def test_hysteresis_in_words(value, more, less):
                 'width': 0.1}, [1.0], None, 'no known effect explains'),
 ])
 def test_effects_in_words(form, parameters, values, span, words):
-    assert words in effect(form, **parameters).sentence(
+    assert words in effect(form, **parameters).clause(
         Amount(np.array(values), 3.0, span, str))
 
 
@@ -239,8 +266,8 @@ def test_every_form_has_words():
     effects += changes(effects[0], context)
     assert len({e.form for e in effects}) > 14
     for e in effects:
-        text = e.sentence(Amount(np.ones(len(e.coefficient_names)), 1.0, (0.0, 1.0), str))
-        assert text.endswith('(1.00″ rms of the residual).') and text[0].isupper()
+        text = e.clause(Amount(np.ones(len(e.coefficient_names)), 1.0, (0.0, 1.0), str))
+        assert text[0].isupper() and not text.endswith('.')
         assert '_' not in text.replace('pier_side', '') and '{' not in text
 
 
@@ -252,17 +279,20 @@ def test_the_most_honest_pair_is_quoted():
     assert best_pair({'before': before, 'after': after})[1:] == (6.0, 2.0)
     document = {'verdict': 'ambiguous', 'before': before, 'after': after,
                 'effects': [{'name': 'a_b', 'alternatives': ['azimuth_encoder_2', 'c']}]}
-    headline, sentences = verdict_sentences(document, ['A is off.'])
-    assert 'more than one cause' in headline
-    assert sentences == [
-        'The pointing error in cross-validation goes from 6.00″ to 2.00″ (−67 %).',
+    headline, sentences = verdict_sentences(document, [EffectTold('A is off')])
+    assert headline == ('A is off, the only error found beyond the terms of the model. With it in '
+                        'the model 2.00″ remain on rows left out (6.00″ without, −67 %)')
+    assert sentences[:2] == [
+        'One effect was found beyond no terms; more than one cause would explain it.',
         'A is off. With these observations it could as well be: azimuth encoder, 2 per turn; or '
         'c.']
     # the one that takes off most is told first
     document['effects'] = [{'name': name, 'cv_gain_arcsec': gain}
                            for name, gain in (('a', 1.0), ('b', 5.0), ('c', None))]
-    assert verdict_sentences(document, ['A.', 'B.', 'C.'], limit=2)[1][1:] == [
-        'B.', 'A.', 'And 1 more.']
+    told = verdict_sentences(document, [EffectTold(name) for name in 'ABC'], limit=2)
+    assert told[0].startswith('B, the largest of three errors beyond')
+    assert [text[:4] for text in told[1][1:4]] == ['1. B', '2. A', 'And ']
+    assert told[1][1].endswith('Without it rows left out would be missed by at least 5.00″ more.')
 
 
 def test_numbers_and_names():
@@ -345,7 +375,7 @@ def test_tables():
                                'approach_el': 1, 'after_hours': None, 'separates': ['a_b', 'c'],
                                'separation_before': 2.0, 'separation_after': 9.25}])
     assert 'anticlockwise, upward' in text and 'Tells a b from c' in text and 'hours' not in text
-    assert 'so far: 2.0' in text and '9.2' in text
+    assert 'The evidence between them (ΔBIC), 2.0 now, would be 9.2 with it.' in text
     assert next_observations([]) == ''
 
 

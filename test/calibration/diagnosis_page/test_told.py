@@ -6,23 +6,34 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from calibration.diagnosis import diagnose
 from calibration.diagnosis.facts import bad_nights, nights_held_out, worst_sentence
 from calibration.diagnosis.result import diagnosed
-from calibration.diagnosis_page.plain_words import verdict_sentences
+from calibration.diagnosis.unphysical import refraction_in_place
+from calibration.diagnosis_page.effects_told import EffectTold
+from calibration.diagnosis_page.plain_words import (
+    figures_sentence,
+    told_verdict,
+    verdict_sentences,
+)
 from calibration.diagnosis_page.told import (
     WORDS,
     explained,
+    first_check,
+    model_words,
     next_sentence,
     no_star_sentences,
     signs_sentences,
     way,
 )
-from calibration.term_notes import notes_of_terms
+from calibration.page.parts import said
+from calibration.term_notes import notes_of_terms, said_of_term, suspicious
 from msg_tools.units import ARCSEC
 from pointing_model.effects import effect
 from pointing_model.effects.words import coefficient_word, common_shape
 from pointing_model.fitted_effects import FittedEffect
-from pointing_model.mounts import ALTAZ
+from pointing_model.mounts import ALTAZ, KINDS
+from pointing_model.run import PointingRun
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -70,14 +81,75 @@ def test_what_is_seen_is_what_all_causes_share():
     assert coefficient_word(saw, 's1') == 'height of a tooth'
 
 
-def test_the_way_is_the_headline_where_the_readings_are_known():
-    told = document(CAUSES)
-    headline, sentences = verdict_sentences(told, ['The error has a wave.'], whole=True)
-    assert headline == way(told) == ('From 134.7″ as the encoders read to 5.67″ with 7 terms, and '
-                                     'to 4.30″ with 1 effect beyond them')
-    assert sentences[0] == ('One effect found beyond the terms, and more than one cause would '
-                            'explain it. RMS on the sky, on rows left out.')
+def test_the_headline_says_what_is_wrong_and_what_remains():
+    told = document(CAUSES, noise_floor_arcsec=3.9)
+    headline, sentences = verdict_sentences(told, [EffectTold('The error has a wave', 3.5)])
+    assert headline == (
+        'The error has a wave (3.50″ RMS on the sky), the only error found beyond the terms of the '
+        'model. With it in the model 4.30″ remain on rows left out (5.67″ without, −24 %)')
+    assert sentences[0] == ('One effect was found beyond the seven declared terms; more than one '
+                            'cause would explain it.')
+    assert way(told) in sentences and way(told).startswith(
+        'RMS on the sky: 134.7″ as the encoders read, 5.67″ with the seven declared terms, 4.30″')
     assert way({**told, 'as_read_rms_arcsec': None}) == ''
+    held = {'holdout_rms_arcsec': 5.0}
+    told['before'], told['after'] = {**told['before'], **held}, {**told['after'], **held}
+    headline, sentences = verdict_sentences(told, [EffectTold('The error has a wave', 3.5)])
+    assert headline.endswith('on rows held out (5.00″ without, +0 %): that is no gain')
+    assert 'Rows left out of the runs fitted are missed by 4.30″' in sentences[-1]
+
+
+def test_the_terms_are_called_by_the_mount_that_has_them():
+    def words(terms, mount='altaz', **more):
+        return model_words({'base_terms': terms, 'mount': mount}, **more)
+    assert words(ALTAZ.names.physical) == 'the seven terms of an alt-azimuth mount'
+    assert words(KINDS['german'].physical, 'german') == 'the seven terms of a German mount'
+    assert words(ALTAZ.names.standard6) == 'the usual six terms of an alt-azimuth mount'
+    assert words(['IA', 'IE']) == 'the zeros of an alt-azimuth mount'
+    assert words(['IA', 'IE', 'TX']) == 'the three declared terms'
+    assert words(ALTAZ.names.physical, whose=False) == 'the seven terms'
+
+
+@pytest.mark.parametrize('figures, wanders, said', [
+    ((3.7, 3.1, 5.2), True, 'the zero moves less by then than over the whole run, and the '
+     'difference is within its uncertainty.'),
+    ((3.0, 2.5, 3.5), False, 'rows late in the run may scatter less than the others.'),
+    ((4.2, 3.1, 5.2), True, 'in the ten rows after the last row.')])
+def test_which_figure_to_quote_and_why_others_differ(figures, wanders, said):
+    told = document(CAUSES, noise_floor_arcsec=3.9, wander={'slow': wanders}, expected=dict(
+        zip(('rms_arcsec', 'low_arcsec', 'high_arcsec'), figures), within='ten rows'))
+    text = figures_sentence(told)
+    assert text.startswith('Quote 4.30″, on rows left out') and text.endswith(said)
+    assert ('over the whole run in it' in text) == wanders
+    assert ('below the floor' in text) == (figures[0] < 3.9)
+    fitted = {'before': {'rms_arcsec': 5.4}, 'after': {'rms_arcsec': 3.7}}
+    assert figures_sentence({**told, **fitted}).startswith('3.70″ is of the rows fitted alone')
+
+
+def test_effects_are_ranked_with_their_size():
+    told = document(CAUSES)
+    told['effects'] = [{'name': 'a', 'removes_rms_arcsec': 1.0, 'cv_gain_arcsec': 0.4,
+                        'axes': 'el'}, {'name': 'b', 'removes_rms_arcsec': 3.0}]
+    verdict = told_verdict(told, [EffectTold('A'), EffectTold('B')])
+    assert [(one.lead, one.size_arcsec) for one in verdict.ranked] == [('B.', 3.0), ('A.', 1.0)]
+    assert verdict.ranked[1].more == (
+        'Without it rows left out would be missed by at least 0.40″ more in elevation.')
+    html = said(verdict.ranked, True)
+    assert html.index('width:100%') < html.index('<b>A.</b>') < html.index('width:33%')
+
+
+def test_the_cheapest_check_is_advice():
+    told = document(CAUSES, unphysical=[{'name': 'TF'}])
+    row = {**told['effects'][0], 'axes': 'el', 'driver': 'elevation'}
+    text = first_check(told, row)
+    assert text.startswith('It bears on the same curve as TF (above): check that first. Then: ')
+    assert 'the cheapest check (a look at the mount' in text and 'do not say which' in text
+    assert first_check(document(CAUSES), row).startswith('Check first: bolts')
+    equal = causes_of([effect('nod', order=1), effect('bearing_wobble', order=1)], [9.0, 8.0])
+    text = first_check(document(equal), {'name': 'elevation_nod_1', 'causes': equal})
+    assert text.startswith('Check first: wheels') and 'each of the causes takes a look' in text
+    assert first_check(told, {'name': 'smooth_of_x', 'causes': equal[:1]}).endswith('not beyond.')
+    assert first_check(told, {'name': 'a', 'alternatives': ['b']}) == ''
 
 
 def test_a_star_for_the_largest_effect_or_none():
@@ -87,8 +159,11 @@ def test_a_star_for_the_largest_effect_or_none():
     text = next_sentence(told, told['effects'][0])
     assert 'observe first azimuth 60°, elevation 17°' in text and 'still below 6' in text
     told = document(CAUSES, no_star=[row['separates']])
-    assert next_sentence(told, told['effects'][0]).startswith('No star tells them apart')
+    assert next_sentence(told, told['effects'][0]).startswith(
+        f'No star tells {CAUSES[1]["cause"]} from the other')
     sentence, = no_star_sentences(told)
+    assert no_star_sentences({**told, 'no_star': [['a', 'b', 'c', 'b']]})[0].startswith(
+        'No star tells a from b or c:')
     assert 'second flexure of the tube' in sentence and '_' not in sentence
     assert next_sentence(told, {'name': 'a', 'causes': CAUSES[:1]}) == ''
 
@@ -100,7 +175,10 @@ def test_worst_rows():
     assert worst_sentence(rows((3, 9.0, 2.0), (4, 5.0, 4.0))) == ''
     assert 'row 3, became worse: 9.00″ before, 9.50″' in worst_sentence(
         rows((3, 9.0, 9.5), (3, 9.0, 9.5)))
-    assert worst_sentence(rows((3, 9.0, 2.0), (4, 3.0, 5.0))).startswith('Row 4 became the worst')
+    told = {**rows((3, 9.0, 2.0), (4, 3.0, 5.0)), 'rows_are': 'line', 'mount': 'german'}
+    told['worst_rows']['after'].update(az_deg=-20.2, el_deg=41.0)
+    assert worst_sentence(told).startswith(
+        'Now the worst row is line 4 (hour angle −20°, declination 41°): 3.00″ before, 5.00″')
 
 
 @pytest.mark.parametrize('size, bad', [((1.0, 1.0), False), ((1.0, 6.0), True)])
@@ -121,9 +199,62 @@ def test_a_bad_night_is_told_by_axis(size, bad):
 
 def test_a_tube_that_bends_up():
     row = {'name': 'TF', 'value_arcsec': -78.1, 'sigma_arcsec': 6.3}
-    assert 'as if the tube bent up' in notes_of_terms([row])[0]
-    assert not notes_of_terms([{**row, 'value_arcsec': -12.0}, {**row, 'name': 'TX'},
+    text, = notes_of_terms([row])
+    assert text.startswith('TF, the bending of the tube, is negative (−78.1 ± 6.3″)')
+    assert 'refraction is in the star places twice' in text and 'Check first, at the desk' in text
+    assert not notes_of_terms([{**row, 'value_arcsec': -12.0}, {**row, 'name': 'AW'},
                                {**row, 'value_arcsec': 78.1}])
+
+
+@pytest.mark.parametrize('gain, said', [
+    (9.0, 'Most likely the refraction is in the star places twice'), (0.0, 'explains it as well'),
+    (-30.0, 'is not the whole of it')])
+def test_what_refraction_has_to_do_with_it(gain, said):
+    fitted = {'value_arcsec': -41.0, 'delta_bic': gain, 'beside_arcsec': -20.0}
+    row = {'name': 'TF', 'what': 'sign', 'value_arcsec': -78.1, 'sigma_arcsec': 6.3,
+           'alone_arcsec': -58.0, 'altaz': True, 'refraction': fitted}
+    text = said_of_term(row)
+    assert said in text and '−41.0″ of cot E' in text and '−58.0″ before the effects' in text
+    assert ('disc is off centre' in text) == (gain < 6.0)
+    assert 'disc' not in said_of_term({**row, 'altaz': False})
+    # among the first things, also where nothing is missing
+    told = document([], unphysical=[row])
+    assert told_verdict(told, [EffectTold('A')]).first[0].more in text
+    told.update(verdict='none', effects=[])
+    headline, sentences = verdict_sentences(told)
+    assert headline.endswith('But look at TF, which is negative') and sentences[0] == text
+
+
+def test_sizes_that_no_mount_has():
+    def named(name, value):
+        return [row['what'] for row in suspicious(
+            [{'name': name, 'value_arcsec': value, 'sigma_arcsec': 1.0}])]
+    assert named('TX', -58.0) == named('TX', 58.0) == named('NPAE', 4000.0) == ['size']
+    assert not named('TX', 8.0) and not named('CA', 900.0) and not named('AW', 4000.0)
+    text, = notes_of_terms([{'name': 'TX', 'value_arcsec': -58.0, 'sigma_arcsec': 1.0}])
+    assert 'put into the star places twice' in text
+
+
+def test_refraction_that_was_put_in_twice_is_told_from_the_rows():
+    rng = np.random.default_rng(4)
+    az, el = rng.uniform(0.0, 2.0 * np.pi, 80), np.arcsin(rng.uniform(0.2, 0.98, 80))
+    noise = rng.normal(size=(2, 80)) * ARCSEC
+
+    def fitted(bend):
+        run = PointingRun({'az': az, 'el': el, 'az_enc': az + noise[0] / np.cos(el),
+                           'el_enc': el + bend + noise[1]})
+        found = diagnose(run, flips=199, cross_validation=False)
+        return found, {row['name']: row for row in found.to_dict()['unphysical']}
+    found, told = fitted(-58.0 * ARCSEC / np.tan(el))
+    # found as an effect, it is as large as all of the refraction
+    assert list(told) == ['TX'] and 'twice' in said_of_term(told['TX'])
+    twice = refraction_in_place(found)
+    assert twice['delta_bic'] > 100.0 and twice['value_arcsec'] == pytest.approx(-58.0, abs=2.0)
+    assert twice['beside_arcsec'] == pytest.approx(0.0, abs=5.0)
+    found, told = fitted(-40.0 * ARCSEC * np.cos(el))
+    assert list(told) == ['TF'] and told['TF']['refraction']['delta_bic'] < -20.0
+    assert told['TF']['value_arcsec'] == pytest.approx(-40.0, abs=5.0)
+    assert fitted(40.0 * ARCSEC * np.cos(el))[1] == {}
 
 
 def test_signs_in_words():
@@ -136,7 +267,8 @@ def test_signs_in_words():
 
 def test_words_are_in_the_glossary():
     glossary = (ROOT / 'docs' / 'glossary.md').read_text(encoding='utf-8').lower()
-    others = {'wanders': '**wander**', 'rows left out': '**left out**'}
+    others = {'wanders': '**wander**', 'rows left out': '**left out**',
+              'rows held out': '**held out**'}
     for word in WORDS:
         assert others.get(word, f'**{word.lower()}**') in glossary, word
     assert dict(explained('A sawtooth'))['sawtooth'] == WORDS['sawtooth']

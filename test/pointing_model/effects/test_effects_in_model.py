@@ -163,7 +163,7 @@ def test_a_level_of_single_rows_carries_no_effect():
         assert ('pier_side' in reasons) != shown
     assert dict(dictionary(Context.of_run(run_at(
         az, el, approach_el=np.append(0.0, np.ones(39)))))[1])['elevation hysteresis'] == \
-        'approach_el is -1 in only 0 of 40 rows'
+        'direction of approach in elevation is -1 in only 0 of 40 rows'
 
 
 def test_the_row_before_is_the_one_before_in_time():

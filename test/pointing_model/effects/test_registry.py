@@ -62,7 +62,7 @@ def test_a_new_effect_is_one_function_and_one_offer(context, swing):
     assert new.name == 'swing_2' and new.form == 'swing'
     assert new.parameters == {'order': 2, 'scale': 1.0}
     assert ('swing of the third order', 'nobody asked') in untestable
-    assert new.sentence(Amount(np.array([-2.0]))) == 'The tube swings by 2.00″.'
+    assert new.clause(Amount(np.array([-2.0]))) == 'The tube swings by 2.00″'
     assert of_document(json.loads(json.dumps(to_document(new)))) == new
     model = PointingModel({'IA': 0.0}, effects=[FittedEffect(new, np.array([3.0 * ARCSEC]))])
     again = PointingModel.from_json(model.to_json())

@@ -1,0 +1,81 @@
+"""Terms with a sign or a size that no mount should have, and what the rows say of why."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from calibration.term_notes import suspicious
+from msg_tools.units import ARCSEC
+
+from .linear import solve
+from .summary import some_rows
+from .wander import White
+
+
+def unphysical(result):
+    """Facts of each term, declared or found, that stands out.
+
+    Parameters
+    ----------
+    result : Diagnosis
+
+    Returns
+    -------
+    list of dict
+        As of `term_notes.suspicious`, and ``altaz`` (the mount is one); ``alone_arcsec``, its
+        value without the effects; of a negative TF `refraction_in_place` as ``refraction``.
+    """
+    sigma = np.sqrt(np.maximum(np.diag(result.model.covariance), 0.0)) / ARCSEC
+    rows = [{'name': name, 'value_arcsec': value / ARCSEC, 'sigma_arcsec': float(s)}
+            for (name, value), s in zip(result.model.terms.items(), sigma)]
+    rows += [{'name': 'TX', 'value_arcsec': float(one.fitted.coefficients[0]) / ARCSEC,
+              'sigma_arcsec': float(one.fitted.sigma[0]) / ARCSEC} for one in result.effects
+             if one.fitted.effect.coefficient_names == ('TX',)]
+    out = suspicious(rows)
+    for one in out:
+        one['altaz'] = result.observations.run.mount.altaz
+        if result.effects and one['name'] in result.base_model.terms:
+            one['alone_arcsec'] = result.base_model.terms[one['name']] / ARCSEC
+        if one['name'] == 'TF':
+            one['refraction'] = refraction_in_place(result)
+    return out
+
+
+def refraction_in_place(result):
+    """What a wrong refraction, cot E, does in place of TF and beside it, without the effects.
+
+    Parameters
+    ----------
+    result : Diagnosis
+
+    Returns
+    -------
+    dict or None
+        ``value_arcsec`` of TX, fitted in place of TF with the other declared terms,
+        ``delta_bic``: how much better that fits, and ``beside_arcsec``: TF with TX beside it;
+        None where TX is declared, or TF is each run's own.
+    """
+    base, obs = result.base, result.observations
+    if 'TF' not in base.terms or 'TF' in base.own or 'TX' in base.terms:
+        return None
+    rows, both = some_rows(result)
+    other = replace(base, terms=tuple('TX' if t == 'TF' else t for t in base.terms))
+    with_tf, with_tx = (one.columns(obs.context, obs.label).rows(both) for one in (base, other))
+    at = [t for t in base.terms if t not in base.own].index('TF')
+    scale = [max(float(np.sqrt(np.mean(np.square(r[rows])))), 1e-15)
+             for r in result.residual_before]
+    white = White(np.concatenate([np.sqrt(result.weights[rows]) / s for s in scale]))
+    # what all other terms do lies in both models
+    b = result.residual_before.reshape(-1)[both] + (
+        result.base_model.terms['TF'] * with_tf.common[at])
+    left = [float(np.square(white(one.left_of(b, white))).sum()) for one in (with_tf, with_tx)]
+    return {'value_arcsec': _coefficient(with_tx, at, b, white),
+            'delta_bic': float(len(both) * np.log(max(left[0], 1e-300) / max(left[1], 1e-300))),
+            'beside_arcsec': _coefficient(with_tf.added([with_tx.common[at:at + 1]]), at, b, white)}
+
+
+def _coefficient(columns, at, b, white):
+    """One of the common ones of a fit to `b`, arcsec."""
+    found = solve(columns.common, b, white) if columns.own is None \
+        else columns.solver(white)(b)[0]
+    return float(found[at]) / ARCSEC

@@ -1,0 +1,148 @@
+"""What is said of one effect: what is seen, what it costs, its causes, what to do about it."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from calibration.diagnosis.summary import beyond_base, effect_offsets, extremes
+from msg_tools.units import ARCSEC
+from pointing_model.effects import Amount
+from pointing_model.effects.base import arcsec, readable
+from pointing_model.effects.words import common_shape
+
+from .drivers import driver_of, utc_text
+from .told import causes_sentence
+
+
+@dataclass
+class EffectTold:
+    """An effect in words.
+
+    Attributes
+    ----------
+    seen : str
+        What goes wrong and by how much, a clause that begins with a capital, without a full stop.
+    rms_arcsec : float, optional
+        What it does to the stars of the run, on the sky.
+    more : list of str
+        Sentences: its causes, what its driver rests on, how far it depends on the last motion.
+    """
+
+    seen: str
+    rms_arcsec: float | None = None
+    more: list = field(default_factory=list)
+
+    @property
+    def head(self):
+        """What is seen, and how much that is."""
+        if self.rms_arcsec is None or not np.isfinite(self.rms_arcsec):
+            return f'{self.seen}.'
+        return f'{self.seen} ({arcsec(self.rms_arcsec)} RMS on the sky).'
+
+    @property
+    def sentence(self):
+        """All of it."""
+        return ' '.join([self.head, *self.more])
+
+
+def effects_told(diagnosis):
+    """What a night assistant understands of each effect of a `Diagnosis`.
+
+    Returns
+    -------
+    list of EffectTold
+    """
+    return [told_of(diagnosis, found) for found in diagnosis.effects]
+
+
+def told_of(diagnosis, found):
+    """`EffectTold` of one `DiagnosedEffect`."""
+    context = diagnosis.observations.context
+    e = found.fitted.effect
+    fitted = effect_offsets(found)
+    rms = beyond_base(diagnosis, fitted)
+    more = []
+    if len(found.causes) > 1:
+        where = dict(zip(('az', 'el'), context.mount.names.axes)).get(e.axes, 'pointing')
+        seen = (f'The {where} error has {shape_of(found)}, '
+                f'{_extent(diagnosis, e, fitted)}')
+        more.append(causes_sentence(found.causes))
+    else:
+        raw = context.get(e.driver)
+        known = raw[np.isfinite(raw)] if raw is not None else np.zeros(0)
+        utc = getattr(context, 'time_is_utc', True)
+        seen = e.clause(Amount(
+            found.fitted.coefficients / ARCSEC, rms,
+            (known.min(), known.max()) if known.size else None,
+            utc_text if utc and e.driver == 'time' else None))
+    memory = e.parameters.get('memory_deg')
+    if memory:
+        more.append('After a reversal the new side is reached little by little, most of it '
+                    f'within {memory:g}° of motion (its memory): a short move shows less of it.')
+    return EffectTold(seen, rms, more + _of_approach(diagnosis, e))
+
+
+def _of_approach(diagnosis, e):
+    """Where the direction of approach comes from, if it was not measured."""
+    derived = diagnosis.observations.run.meta.get('approach_from')
+    kind, _, axis = e.driver.rpartition('_')
+    if not derived or kind not in ('approach', 'travel', 'before') or axis not in derived['axes']:
+        return []
+    order = 'in time' if derived['order'] == 'time' else 'of the rows'
+    return [f'The direction of approach is no column of the file: it was derived from the order '
+            f'{order}, and is wrong where the axis moved otherwise between two rows.']
+
+
+def title_of(found, axes):
+    """What an effect is called: by its cause, or where that is open by what it looks like.
+
+    Parameters
+    ----------
+    found : DiagnosedEffect
+    axes : sequence of str
+        What the angles of the mount are called.
+
+    Returns
+    -------
+    str
+    """
+    e = found.fitted.effect
+    if not (e.shape and (len(found.causes) > 1 or e.kind == 'smooth')):
+        return readable(e.name)
+    where = dict(zip(('az', 'el'), axes)).get(e.axes, 'both axes')
+    return f'{where}: {shape_of(found)}'
+
+
+def shape_of(found):
+    """What is seen of an effect, whatever its cause."""
+    e = found.fitted.effect
+    return common_shape([one['shape'] for one in found.causes] or [e.shape], e.driver)
+
+
+def _extent(diagnosis, e, fitted):
+    """How far an effect goes, and between which places of its driver, in words."""
+    ends = extremes(diagnosis, fitted)
+    if not ends:
+        return '0″'
+    driver = driver_of(diagnosis.observations.context, e.driver)
+    size = arcsec(ends[1][1] - ends[0][1])
+    if driver is not None and driver.levels:
+        return _sides(diagnosis, e, fitted, driver) or f'{size} from its lowest to its highest'
+    if driver is None or not driver.label.endswith('[°]'):
+        return f'{size} from its lowest to its highest'
+    return '{} from its lowest at {:.0f}° to its highest at {:.0f}°'.format(
+        size, *(driver.values[row] for row, _ in ends)).replace('-', '−')
+
+
+def _sides(diagnosis, e, fitted, driver):
+    """By how much more is read on one side of a driver of two than on the other, on average."""
+    used = diagnosis.weights > 0.0
+    sides = [level for level in driver.levels if level]
+    if len(sides) != 2:
+        return ''
+    axis = {'az': 0, 'el': 1}.get(e.axes, int(np.argmax(np.ptp(fitted[:, used], axis=1))))
+    means = [fitted[axis][used & (driver.values == level)].mean() for level in sides]
+    more, less = (sides if means[0] > means[1] else sides[::-1])
+    after = 'after moving ' if e.driver.startswith('approach') else 'with '
+    return (f'{arcsec(abs(means[0] - means[1]))} more on the sky {after}{driver.levels[more]} than '
+            f'{driver.levels[less]}, on average')
