@@ -15,6 +15,7 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.signals import SignalHandlerOptions
 
 from .executor import NodeExecutor
+from .memory import large_apart
 from .node import MountNode
 
 
@@ -54,6 +55,7 @@ def run_nodes(makers, args=None):
     int
         Exit code; 2 where one of them has bad input, and none runs then.
     """
+    large_apart()
     nodes, executor, running = [], None, False
     # KeyboardInterrupt could fall into the middle of a record of the log; rclpy shuts the
     # context down at either signal, and that ends `spin`
