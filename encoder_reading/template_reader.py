@@ -19,7 +19,7 @@ from .bar_template import BarTemplate
 from .disc import windows_of
 from .readings import REJECTED, Readings, checked_frames
 
-_CHUNK = 256  # frames worked on at once: fewer calls, and they still fit into the cache
+_CHUNK = 512  # frames worked on at once: fewer calls, and what they need stays in the cache
 _FEWEST = 22  # bars, that tell the direction
 _LARGEST = 1e6  # grey levels in float frames
 _ROWS = np.arange(_CHUNK)[:, np.newaxis]
