@@ -22,7 +22,6 @@ from .readings import REJECTED, Readings, checked_frames
 _CHUNK = 512  # frames worked on at once: fewer calls, and what they need stays in the cache
 _FEWEST = 22  # bars, that tell the direction
 _LARGEST = 1e6  # grey levels in float frames
-_ROWS = np.arange(_CHUNK)[:, np.newaxis]
 
 
 @dataclass(frozen=True)
@@ -221,10 +220,11 @@ class TemplateReader:
         """
         n, half = len(frames), self._template.half
         length = 2 * half + 1
-        # every stretch of the rows, without a copy
-        stretches = np.ndarray((n, self.pixels - length + 1, length), frames.dtype, frames, 0,
-                               (*frames.strides, frames.strides[1]))
-        cells = stretches[_ROWS[:n], pixel - half].reshape(-1, length).astype(np.float32)
+        # every stretch of the rows, which lie one behind the other, without a copy
+        stretches = np.ndarray((frames.size - length + 1, length), frames.dtype, frames, 0,
+                               2 * frames.strides[1:])
+        first = pixel + (self.pixels * np.arange(n)[:, np.newaxis] - half)
+        cells = stretches[first.ravel()].astype(np.float32)
         products = self._template.columns @ cells.T
         unlike = self._template.unexplained(cells, products[11:])
         return products[:11].reshape(-1, *pixel.shape), unlike.reshape(pixel.shape)
