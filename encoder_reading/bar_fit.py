@@ -118,17 +118,21 @@ class BarLine:
         values, slopes : ndarray, shape (2, n, bars)
             Of the parabolas, and their change from bar to bar.
         """
-        n = curves.shape[2]
+        good, n = bars.good, curves.shape[2]
+        bars.whole = np.logical_and.reduce(good[:, 1:-1], axis=1)
+        if not np.logical_or.reduce(bars.whole):
+            values, slopes, bars.good = self._smooth_dirty(curves, good)
+            return values, slopes
         both = np.matmul(np.matmul(curves[..., np.newaxis, :], self._parabola),
                          self._curves)[..., 0, :]
         values, slopes = both[..., :n], both[..., n:]
         rest = np.abs(curves - values)
-        good = bars.good
-        bars.good = both_near = good & _near(rest, values, median(rest))
-        bars.whole = whole = np.logical_and.reduce(both_near[:, 1:-1], axis=1)
-        if not np.logical_and.reduce(whole):
-            rows = np.flatnonzero(~whole)
-            both[:, rows], bars.good[rows] = self._smooth_dirty(curves[:, rows], good[rows])
+        bars.good = good & _near(rest, values, median(rest))
+        bars.whole = np.logical_and.reduce(bars.good[:, 1:-1], axis=1)
+        if not np.logical_and.reduce(bars.whole):
+            rows = np.flatnonzero(~bars.whole)
+            values[:, rows], slopes[:, rows], bars.good[rows] = self._smooth_dirty(
+                curves[:, rows], good[rows])
         return values, slopes
 
     def _smooth_dirty(self, curves, good):
@@ -139,7 +143,7 @@ class BarLine:
         ranked.sort()
         middle = ranked[:, np.arange(len(good)), np.add.reduce(good, axis=1) // 2]
         good = good & _near(rest, values, middle[..., np.newaxis])
-        return np.concatenate(self._parabolas(curves, good), axis=-1), good
+        return *self._parabolas(curves, good), good
 
     def smooth(self, values, good):
         """Least-squares parabola of each row through its good bars, shape (n, bars)."""

@@ -91,6 +91,7 @@ def test_parabolas(line):
     bumpy = curves.astype(np.float32)
     bumpy[:, 5] += 20.0
     good = np.ones((1, 37), bool)
-    both, on = line.line._smooth_dirty(bumpy[:, None], good)
-    assert both[:, 0, :37] == pytest.approx(curves, rel=0.003)
+    values, slopes, on = line.line._smooth_dirty(bumpy[:, None], good)
+    assert slopes[:, 0, 1:-1] == pytest.approx(0.5 * (curves[:, 2:] - curves[:, :-2]), abs=0.02)
+    assert values[:, 0] == pytest.approx(curves, rel=0.003)
     assert on[0].tolist() == [k != 5 for k in range(37)]
