@@ -206,18 +206,25 @@ def clock_and_pole(time, apart):
     """
     day = time // DAY
     second = time - day * DAY
-    both = second - 0.5 * apart, second + 0.5 * apart
+    both = second + np.array([-0.5 * apart, 0.5 * apart])
     around = _rows_around(int(day + MJD_1970)) if _EVEN <= time <= LAST else None
     if around is None:
-        there = day * DAY + np.array(both)
+        there = day * DAY + both
         orientation = earth_orientation(there)
         return (erfa.DJM0 + MJD_1970 + day, terrestrial(time)[1],
                 erfa.ufunc.utcut1(*split_utc(there), orientation.dut1)[1],
                 orientation.xp, orientation.yp)
     tai_utc, rows = around
-    ut1_tai, xp, yp = (np.array([_lagrange(1.0 + at / DAY) for at in both]) @ rows).T
+    ut1_tai, xp, yp = (_weights(second, apart) @ rows).T
     return (erfa.DJM0 + MJD_1970 + day, (second + tai_utc + erfa.TTMTAI) / DAY,
-            (ut1_tai + np.array(both) + tai_utc) / DAY, xp, yp)
+            (both + (ut1_tai + tai_utc)) / DAY, xp, yp)
+
+
+@lru_cache(maxsize=64)
+def _weights(second, apart):
+    """Of four rows, for two times `apart` about a second of the day, shape (2, 4)."""
+    both = 1.0 + np.array([second - 0.5 * apart, second + 0.5 * apart]) / DAY
+    return np.stack(_lagrange(both), axis=1)
 
 
 def extrapolate(mjd, rows):
@@ -355,12 +362,12 @@ def _rows_around(mjd):
     rows = []
     for day, dat in zip(range(mjd - 1, mjd + 3), tai_utc):
         path, columns, width, begin = (
-            (astropy_iers_data.IERS_B_FILE, _C04_COLUMNS, _C04_LINE,
+            (astropy_iers_data.IERS_B_FILE, _C04_COLUMNS[:4], _C04_LINE,
              header + (day - int(_C04_FIRST)) * _C04_LINE) if day <= end else
-            (astropy_iers_data.IERS_A_FILE, _A_COLUMNS, _A_LINE, (day - _A_FIRST) * _A_LINE))
+            (astropy_iers_data.IERS_A_FILE, _A_COLUMNS[:4], _A_LINE, (day - _A_FIRST) * _A_LINE))
         line = _mapped(path)[begin : begin + width]
         try:
-            of_day, dut1, xp, yp = (float(line[a - 1 : b]) for a, b in columns[:4])
+            of_day, dut1, xp, yp = [float(line[a - 1 : b]) for a, b in columns]
         except ValueError as error:
             raise _damaged(error) from None
         if of_day != day:
