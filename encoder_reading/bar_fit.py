@@ -90,6 +90,7 @@ class BarLine:
             1-sigma of a bar about the line, bar periods.
         """
         bars.bar, expected = bar, self._expected[bar]
+        bars.in_view = np.add.reduce(bars.visible, axis=1)
         curves = np.empty((2, *bars.good.shape), dtype=np.float32)
         np.multiply(bars.contrast, expected[:, 0], out=curves[1])
         np.multiply(curves[1], expected[:, 1], out=curves[0])
@@ -161,10 +162,10 @@ class BarLine:
         -------
         values, slopes : ndarray, shape (k, n, bars)
         """
-        weighted = np.empty((len(good), len(curves) + 1, good.shape[1]), dtype=np.float32)
-        weighted[:, 0] = good
-        np.multiply(curves.swapaxes(0, 1), good[:, np.newaxis], out=weighted[:, 1:])
-        sums = np.ascontiguousarray(np.matmul(weighted, self._moments).transpose(2, 1, 0))
+        weighted = np.empty((len(curves) + 1, *good.shape), dtype=np.float32)
+        weighted[0] = good
+        np.multiply(curves, good, out=weighted[1:])
+        sums = np.matmul(weighted[:, :, np.newaxis], self._moments)[:, :, 0].transpose(2, 0, 1)
         s0, s1, s2, s3, s4 = sums[:, 0]
         t0, t1, t2 = sums[:3, 1:]
         # Cramer's rule
@@ -205,7 +206,7 @@ class BarLine:
             # anew where the line has moved, or bars that are off it disturb their neighbours;
             # a turn of the line about the middle hardly moves the angle
             again = np.maximum(np.abs(alpha), np.abs(beta) * self._turned) > self._enough
-            again |= used < np.add.reduce(bars.visible, axis=1)
+            again |= used < bars.in_view
             if np.logical_or.reduce(again):
                 rows = np.flatnonzero(again)
                 part = bars.rows(rows)
@@ -321,15 +322,18 @@ class Bars:
     contrast_curve, ground, scale : ndarray
         Set by `BarLine.fit`: contrast along the row; response of a bar at its place to a template
         at its place; bar periods a unit of response.
-    bar, whole : ndarray, shape (n,)
-        The bar in the middle; whether all but the first and the last are good.
+    bar, whole, in_view : ndarray, shape (n,)
+        The bar in the middle; whether all but the first and the last are good; how many are
+        visible.
+    like_missing, like_bar : ndarray of bool, or None
+        Whether a bar is none, or has level and contrast of one: once they are asked for.
     series : ndarray, shape (4, n, bars)
         Terms of the response to a moved template.
     """
 
     like_missing = like_bar = None
     _FIRST = ('visible', 'good', 'narrow', 'pixel', 'shift', 'contrast', 'contrast_curve',
-              'ground', 'scale', 'bar', 'whole')
+              'ground', 'scale', 'bar', 'whole', 'in_view')
     _SECOND = ('seen', 'series')
 
     def __init__(self, **fields):

@@ -204,7 +204,8 @@ class BarTemplate:
             For contrast 1.
         """
         out = np.zeros_like(apparent)
-        off = np.flatnonzero((shifted | missing) & np.isfinite(apparent))
+        off = np.flatnonzero(shifted | missing)
+        off = off[np.isfinite(apparent.take(off))]
         bar = off % out.shape[1]
         kind, apparent, gone = narrow.take(off), apparent.take(off), missing.take(off)
         shift = np.where(kind, np.interp(apparent, self._apparent[1], self._shifts),
