@@ -32,8 +32,8 @@ _LIGHT = erfa.CMPS / erfa.DAU  # AU/s
 # how fast the Earth falls, c/s: towards the Sun at 1 AU, towards the Moon
 _BY_SUN = (0.01720209895 / erfa.DAYSEC) ** 2 / _LIGHT
 _BY_MOON = 3.32e-5 / erfa.CMPS
-_SIN_OBLIQUITY, _COS_OBLIQUITY = math.sin(erfa.ufunc.obl06(erfa.DJ00, 0.0)), math.cos(
-    erfa.ufunc.obl06(erfa.DJ00, 0.0))
+_OBLIQUITY = erfa.ufunc.obl06(erfa.DJ00, 0.0)
+_SIN_OBLIQUITY, _COS_OBLIQUITY = math.sin(_OBLIQUITY), math.cos(_OBLIQUITY)
 #: rad/s, and rad/s a century, of the pole in x, and in y (IERS Conventions 2010, eq. 5.16)
 _PRECESSION = np.array([2004.191898, -0.8595658, -44.8145494]) * (
     ARCSEC / (erfa.DAYSEC * erfa.DJC))
@@ -119,11 +119,11 @@ def _geocentre(number):
     century = (day - erfa.DJ00 + tt) / erfa.DJC
     grows = np.zeros((), _ASTROM)
     grows['pmt'] = 1.0 / (erfa.DAYSEC * erfa.DJY)
-    velocity, sunward, distance = astrom['v'] * _LIGHT, astrom['eh'], astrom['em']
-    away = velocity @ sunward
+    velocity, from_sun, distance = astrom['v'] * _LIGHT, astrom['eh'], astrom['em']
+    away = velocity @ from_sun
     grows['eb'], grows['em'] = velocity, away
-    grows['eh'] = (velocity - away * sunward) / distance
-    grows['v'] = _fall(sunward, distance, century)
+    grows['eh'] = (velocity - away * from_sun) / distance
+    grows['v'] = _fall(from_sun, distance, century)
     # the origin does not rotate about the pole: its path is all the turn that there is
     x, y = _path_of_pole(day, tt, century)
     grows['bpn'] = np.array([(0.0, 0.0, -x), (0.0, 0.0, -y), (x, y, 0.0)]) @ astrom['bpn']
