@@ -228,8 +228,9 @@ class _Rounds:
         moved = (np.matmul(step, self.rows, out=weighted) if isinstance(self.rows, np.ndarray)
                  else step @ self.rows)
         self.p = self.p + step
-        self.residual = self.residual - moved
-        return _largest(moved)
+        most = _largest(moved)
+        self.residual = np.subtract(self.residual, moved, out=moved)
+        return most
 
     def far(self, weights):
         """Whether steps with the normal matrix that is there could go too far."""

@@ -146,11 +146,16 @@ def weighted_solve(rows, b, weights, rcond, normals=None):
         inverse = half @ half.T
         refinements = 3
     p = inverse @ (rows @ (b if weights is None else weights * b))
-    residual = b - p @ rows
+    residual = _left(b, p, rows)
     for _ in range(refinements):
         p = p + inverse @ (rows @ (residual if weights is None else weights * residual))
-        residual = b - p @ rows
+        residual = _left(b, p, rows)
     return Solution(p, inverse, normal, x_normal, residual, rank)
+
+
+def _left(b, p, rows):
+    taken = p @ rows
+    return np.subtract(b, taken, out=taken)
 
 
 def covariance_of(solution, base, row_weights, given, lost=0):

@@ -49,7 +49,8 @@ class Rotating:
         self.at = values(named, self.mount)
         rest = p.copy()
         rest[list(self.places)] = 0.0
-        residual = self.observed - rest @ self.first_order if rest.any() else self.observed.copy()
+        residual = rest @ self.first_order if rest.any() else np.zeros_like(self.observed)
+        np.subtract(self.observed, residual, out=residual)
         n, self.filled = len(residual) // 2, columns
         for part in self._blocks():
             x, y = self._linearised(part, columns)

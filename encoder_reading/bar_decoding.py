@@ -53,7 +53,7 @@ class BarDecoder:
         Numbers of the bars that may be in view; 0 in the middle.
     template : bar_template.BarTemplate
     smooth : callable
-        Makes of rows of values, shape (n, bars), their least-squares parabolas.
+        Makes of rows of values, shape (n, bars), the parabolas through their good bars.
     min_contrast : float
         Of a legible bar, grey levels.
     """
@@ -135,12 +135,9 @@ class BarDecoder:
         good &= usual[rows] > self._min_contrast
         # near a blob, of which part is in the stretch, the ground is lower than elsewhere
         dirty = np.flatnonzero(np.logical_or.reduce(good != visible[rows], axis=1))
-        level, middle, near = level[dirty], median(level[dirty]), good[dirty]
-        near &= level > 0.25 * middle
-        curve = np.where(near, level, middle)
-        for _ in range(4):
-            curve = np.where(near, level, self._smooth(curve))
-        curve = self._smooth(curve)
+        level, near = level[dirty], good[dirty]
+        near &= level > 0.25 * median(level)
+        curve = self._smooth(level, near)
         good[dirty] = near & (np.abs(level - curve) < _UNLIKE * curve)
         legible[rows] = good
 

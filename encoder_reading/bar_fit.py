@@ -5,7 +5,7 @@ import numpy as np
 from .bar_decoding import median
 
 _PASSES = 3
-_OUTLIER = 6.0 * 1.4826  # median deviations at which level or contrast is no bar's
+_OUTLIER = 4.5 * 1.4826  # median deviations at which level or contrast is no bar's
 _FLAT = 0.01  # relative deviation that is not
 _SHARPEST = 3.0  # pixels of blur: the response is straight over a share of it
 _CUT = 6.0  # of Tukey's weights: costs 2 % where the noise is normal
@@ -39,19 +39,20 @@ class BarLine:
                 template.ground_moment * per_pixel, template.contrast_moment * per_pixel,
                 per_pixel / template.response_slope)], axis=1).astype(np.float32)
         rank = lattice.rank.astype(float)
-        n, self._rank, self._turned = len(rank), lattice.rank, lattice.rank[-1] / 3.0
-        powers = np.stack([np.ones(n), rank, rank * rank])
-        slopes = np.stack([np.zeros(n), np.ones(n), 2.0 * rank])
-        self._powers = np.ascontiguousarray(powers.T.astype(np.float32))
+        n, reach = len(rank), rank[-1]
+        self._rank, self._turned = lattice.rank, lattice.rank[-1] / 3.0
+        powers = (rank / reach) ** np.arange(5)[:, np.newaxis]
+        self._x, self._per_bar = powers[1].astype(np.float32), np.float32(1.0 / reach)
+        self._moments = np.ascontiguousarray(powers.T.astype(np.float32))
+        slopes = np.stack([np.zeros(n), np.ones(n), 2.0 * rank / reach]) / reach
         # the values and the slope of a parabola, from its coefficients
-        self._curves = np.concatenate([powers, slopes], axis=1).astype(np.float32)
+        self._curves = np.concatenate([powers[:3], slopes], axis=1).astype(np.float32)
         # parabola through all bars but the first and the last, one of which is often cut
         inner = np.zeros((n, 3))
-        inner[1:-1] = np.linalg.pinv(powers[:, 1:-1])
+        inner[1:-1] = np.linalg.pinv(powers[:3, 1:-1])
         self._parabola = inner.astype(np.float32)
-        self._parabola_of_all = np.ascontiguousarray(np.linalg.pinv(powers), dtype=np.float32)
-        self._rows = powers.astype(np.float32)
-        self._straight = powers[:2].astype(np.float32)
+        self._powers = np.stack([np.ones(n), rank, rank * rank], axis=1).astype(np.float32)
+        self._straight = np.ascontiguousarray(self._powers[:, :2].T)
         self._lines = self._least_squares(template.response_slope[codes])
 
     def _least_squares(self, slopes):
@@ -89,6 +90,7 @@ class BarLine:
             1-sigma of a bar about the line, bar periods.
         """
         bars.bar, expected = bar, self._expected[bar]
+        bars.in_view = np.add.reduce(bars.visible, axis=1)
         curves = np.empty((2, *bars.good.shape), dtype=np.float32)
         np.multiply(bars.contrast, expected[:, 0], out=curves[1])
         np.multiply(curves[1], expected[:, 1], out=curves[0])
@@ -117,44 +119,70 @@ class BarLine:
         values, slopes : ndarray, shape (2, n, bars)
             Of the parabolas, and their change from bar to bar.
         """
-        n = curves.shape[2]
-        both = self._on_parabola(curves, self._parabola)
+        good, n = bars.good, curves.shape[2]
+        bars.whole = np.logical_and.reduce(good[:, 1:-1], axis=1)
+        if not np.logical_or.reduce(bars.whole):
+            values, slopes, bars.good = self._smooth_dirty(curves, good)
+            return values, slopes
+        both = np.matmul(np.matmul(curves[..., np.newaxis, :], self._parabola),
+                         self._curves)[..., 0, :]
         values, slopes = both[..., :n], both[..., n:]
-        rest = curves - values
-        np.abs(rest, out=rest)
-        clean = rest <= median(rest) * _OUTLIER + values * _FLAT
-        good = bars.good = bars.good & clean[0] & clean[1]
-        bars.whole = whole = np.logical_and.reduce(good[:, 1:-1], axis=1)
-        if not np.logical_and.reduce(whole):
-            rows = np.flatnonzero(~whole)
-            both[:, rows], good[rows] = self._smooth_dirty(curves[:, rows], good[rows])
+        rest = np.abs(curves - values)
+        bars.good = good & _near(rest, values, median(rest))
+        bars.whole = np.logical_and.reduce(bars.good[:, 1:-1], axis=1)
+        if not np.logical_and.reduce(bars.whole):
+            rows = np.flatnonzero(~bars.whole)
+            values[:, rows], slopes[:, rows], bars.good[rows] = self._smooth_dirty(
+                curves[:, rows], good[rows])
         return values, slopes
 
     def _smooth_dirty(self, curves, good):
-        """As `_smooth`; bars that are not on the parabolas are put on them."""
-        # a bar at an end is often cut: there the next one stands for it
-        curves[:, :, 0] = np.where(good[:, 0], curves[:, :, 0], curves[:, :, 1])
-        curves[:, :, -1] = np.where(good[:, -1], curves[:, :, -1], curves[:, :, -2])
-        curves = self._put_on(np.where(good, curves, median(curves)), good)
-        rest = np.abs(curves - self.smooth(curves))
-        clean = rest <= _OUTLIER * median(rest) + _FLAT * curves
-        good = good & clean[0] & clean[1]
-        curves = self._put_on(curves, good)
-        return self._on_parabola(curves, self._parabola_of_all), good
+        """As `_smooth`; only bars that are on the parabolas through the good ones shape them."""
+        values, _ = self._parabolas(curves, good)
+        rest = np.abs(curves - values)
+        ranked = np.where(good, rest, np.float32(np.inf))
+        ranked.sort()
+        middle = ranked[:, np.arange(len(good)), np.add.reduce(good, axis=1) // 2]
+        good = good & _near(rest, values, middle[..., np.newaxis])
+        return *self._parabolas(curves, good), good
 
-    def _put_on(self, curves, good):
-        for _ in range(3):
-            curves = np.where(good, curves, self.smooth(curves))
-        return curves
+    def smooth(self, values, good):
+        """Least-squares parabola of each row through its good bars, shape (n, bars)."""
+        return self._parabolas(values[np.newaxis], good)[0][0]
 
-    def smooth(self, values):
-        """Least-squares parabola of each row, shape (..., bars)."""
-        fit = np.matmul(values[..., np.newaxis, :], self._parabola_of_all)
-        return np.matmul(fit, self._rows)[..., 0, :]
+    def _parabolas(self, curves, good):
+        """Values and slopes of least-squares parabolas through good bars, one row after the other.
 
-    def _on_parabola(self, curves, fit):
-        """Values and slopes, one row after the other, shape (2, n, 2 * bars)."""
-        return np.matmul(np.matmul(curves[..., np.newaxis, :], fit), self._curves)[..., 0, :]
+        Parameters
+        ----------
+        curves : ndarray, shape (k, n, bars)
+        good : ndarray of bool, shape (n, bars)
+
+        Returns
+        -------
+        values, slopes : ndarray, shape (k, n, bars)
+        """
+        weighted = np.empty((len(curves) + 1, *good.shape), dtype=np.float32)
+        weighted[0] = good
+        np.multiply(curves, good, out=weighted[1:])
+        sums = np.matmul(weighted[:, :, np.newaxis], self._moments)[:, :, 0].transpose(2, 0, 1)
+        s0, s1, s2, s3, s4 = sums[:, 0]
+        t0, t1, t2 = sums[:3, 1:]
+        # Cramer's rule
+        m00, m01, m02 = s2 * s4 - s3 * s3, s2 * s3 - s1 * s4, s1 * s3 - s2 * s2
+        m11, m12, m22 = s0 * s4 - s2 * s2, s1 * s2 - s0 * s3, s0 * s2 - s1 * s1
+        part = 1.0 / (s0 * m00 + s1 * m01 + s2 * m02)
+        level = ((t0 * m00 + t1 * m01 + t2 * m02) * part)[..., np.newaxis]
+        tilt = ((t0 * m01 + t1 * m11 + t2 * m12) * part)[..., np.newaxis]
+        bend = ((t0 * m02 + t1 * m12 + t2 * m22) * part)[..., np.newaxis]
+        slopes = bend * self._x
+        values = slopes + tilt
+        values *= self._x
+        values += level
+        slopes += slopes
+        slopes += tilt
+        slopes *= self._per_bar
+        return values, slopes
 
     # --- the line -----------------------------------------------------------------------------
 
@@ -178,7 +206,7 @@ class BarLine:
             # anew where the line has moved, or bars that are off it disturb their neighbours;
             # a turn of the line about the middle hardly moves the angle
             again = np.maximum(np.abs(alpha), np.abs(beta) * self._turned) > self._enough
-            again |= used < np.add.reduce(bars.visible, axis=1)
+            again |= used < bars.in_view
             if np.logical_or.reduce(again):
                 rows = np.flatnonzero(again)
                 part = bars.rows(rows)
@@ -231,11 +259,13 @@ class BarLine:
     def _robust_line(self, values, weight0, from_median):
         """As `_line`, by Tukey's weights; of full weight `weight0`."""
         middle = median(values) if from_median else np.float32(0.0)
-        a, b = self._step(values - middle, weight0)[:2]
+        a, b, weight, cut = self._step(values - middle, weight0)
         a += middle
-        da, db, weight, cut = self._step(values - a - b * self._rank, weight0)
-        a, b = a + da, b + db
         rest = values - a - b * self._rank
+        if from_median:
+            da, db, weight, cut = self._step(rest, weight0)
+            a, b = a + da, b + db
+            rest = values - a - b * self._rank
         return a[:, 0], b[:, 0], weight, cut[:, 0] * (1.0 / _CUT), rest
 
     def _step(self, rest, weight0):
@@ -258,14 +288,22 @@ class BarLine:
 
     def _crosstalk(self, apparent, off, bars):
         """What bars off the line, at a distance `apparent` (pixels), change in their neighbours."""
-        level = bars.seen[0]
-        missing = off & (np.abs(bars.contrast) < 0.25 * median(bars.contrast))
-        missing &= level > median(level)
-        # level and contrast of a bar, not of a blob
-        ratio = bars.contrast / np.maximum(level, 1.0)
-        shifted = off & (np.abs(ratio / median(ratio) - 1.0) < 0.12)
+        if bars.like_missing is None:
+            level, contrast = bars.seen[0], bars.contrast
+            bars.like_missing = np.abs(contrast) < 0.25 * median(contrast)
+            bars.like_missing &= level > median(level)
+            # level and contrast of a bar, not of a blob
+            ratio = contrast / np.maximum(level, 1.0)
+            bars.like_bar = np.abs(ratio / median(ratio) - 1.0) < 0.12
+        missing, shifted = off & bars.like_missing, off & bars.like_bar
         return bars.contrast_curve * self._template.crosstalk(
             apparent, shifted, missing, bars.narrow)
+
+
+def _near(rest, values, middle):
+    """Which bars are no further from both curves than the median deviation lets expect."""
+    near = rest <= middle * _OUTLIER + values * _FLAT
+    return near[0] & near[1]
 
 
 class Bars:
@@ -284,14 +322,18 @@ class Bars:
     contrast_curve, ground, scale : ndarray
         Set by `BarLine.fit`: contrast along the row; response of a bar at its place to a template
         at its place; bar periods a unit of response.
-    bar, whole : ndarray, shape (n,)
-        The bar in the middle; whether all but the first and the last are good.
+    bar, whole, in_view : ndarray, shape (n,)
+        The bar in the middle; whether all but the first and the last are good; how many are
+        visible.
+    like_missing, like_bar : ndarray of bool, or None
+        Whether a bar is none, or has level and contrast of one: once they are asked for.
     series : ndarray, shape (4, n, bars)
         Terms of the response to a moved template.
     """
 
+    like_missing = like_bar = None
     _FIRST = ('visible', 'good', 'narrow', 'pixel', 'shift', 'contrast', 'contrast_curve',
-              'ground', 'scale', 'bar', 'whole')
+              'ground', 'scale', 'bar', 'whole', 'in_view')
     _SECOND = ('seen', 'series')
 
     def __init__(self, **fields):

@@ -63,7 +63,7 @@ class BarLattice:
             column = window * (wave - ground @ (project @ wave))
             columns += [column.real, column.imag]
         self._waves = np.ascontiguousarray(fixed_point(np.array(columns)).T)
-        self._turns = (1j * _TURN * middles).astype(np.complex64)
+        self._turns = (_TURN * middles).astype(np.float32)
         self._lag = min(8, n // 3)
         self._scale = np.float32(1.0 / (_TURN * _STEP * self._lag))
 
@@ -87,7 +87,11 @@ class BarLattice:
         apart = np.add.reduce(waves[:, lag:] * waves[:, :-lag].conj(), axis=1)
         scale = np.arctan2(apart.imag, apart.real) * -self._scale
         scale = np.minimum(np.maximum(scale, -_LARGEST), _LARGEST)
-        waves *= np.exp(scale[:, np.newaxis] * self._turns)
+        turns = scale[:, np.newaxis] * self._turns
+        turned = np.empty_like(waves)
+        np.cos(turns, out=turned.real)
+        np.sin(turns, out=turned.imag)
+        waves *= turned
         total = np.add.reduce(waves, axis=1)
         return np.arctan2(total.imag, total.real) * (-1.0 / _TURN) * (1.0 + scale), scale
 

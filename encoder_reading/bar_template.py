@@ -204,24 +204,26 @@ class BarTemplate:
             For contrast 1.
         """
         out = np.zeros_like(apparent)
-        row, bar = np.nonzero((shifted | missing) & np.isfinite(apparent))
-        kind = narrow[row, bar].astype(np.int64)
-        apparent = apparent[row, bar]
-        shift = np.where(kind > 0, np.interp(apparent, self._apparent[1], self._shifts),
+        off = np.flatnonzero(shifted | missing)
+        off = off[np.isfinite(apparent.take(off))]
+        bar = off % out.shape[1]
+        kind, apparent, gone = narrow.take(off), apparent.take(off), missing.take(off)
+        shift = np.where(kind, np.interp(apparent, self._apparent[1], self._shifts),
                          np.interp(apparent, self._apparent[0], self._shifts))
-        gone = missing[row, bar]
-        middle = len(self._shifts) // 2
-        step = self._shifts[1] - self._shifts[0]
-        for side in (-1, 1):
+        places = len(self._shifts)
+        middle = places // 2
+        shift *= 1.0 / (self._shifts[1] - self._shifts[0])
+        for side, end in ((-1, out.shape[1] - 1), (1, 0)):
             # the bar is the neighbour to the `side` of another one
-            other = bar - side
-            inside = (other >= 0) & (other < out.shape[1])
-            r, o, k = row[inside], other[inside], kind[inside]
-            table = self._neighbour[narrow[r, o].astype(np.int64), k]
-            at = np.clip(side * shift[inside] / step + middle, 0.0, 2 * middle - 1e-6)
+            inside = np.flatnonzero(bar != end)
+            other = off[inside] - side
+            table = places * (2 * narrow.take(other) + kind[inside])
+            at = np.clip(side * shift[inside] + middle, 0.0, 2 * middle - 1e-6)
             low = at.astype(np.int64)
-            n = np.arange(len(r))
-            value = table[n, low] + (at - low) * (table[n, low + 1] - table[n, low])
-            value = np.where(gone[inside], 0.0, value) - table[:, middle]
-            out[r, o] += side * value
+            at -= low
+            low += table
+            below = self._neighbour.take(low)
+            value = below + at * (self._neighbour.take(low + 1) - below)
+            value[gone[inside]] = 0.0
+            out.ravel()[other] += side * (value - self._neighbour.take(table + middle))
         return out

@@ -19,10 +19,9 @@ from .bar_template import BarTemplate
 from .disc import windows_of
 from .readings import REJECTED, Readings, checked_frames
 
-_CHUNK = 256  # frames worked on at once: fewer calls, and they still fit into the cache
+_CHUNK = 1024  # frames worked on at once: the calls cost little then, and 12 MB are enough
 _FEWEST = 22  # bars, that tell the direction
 _LARGEST = 1e6  # grey levels in float frames
-_ROWS = np.arange(_CHUNK)[:, np.newaxis]
 
 
 @dataclass(frozen=True)
@@ -195,17 +194,21 @@ class TemplateReader:
         quality = (wrong > 0).astype(np.int8)
         bright = np.maximum.reduce(frames, axis=None) >= 255
         if bright or spoilt is not None or not np.logical_and.reduce(fine & (reason == 0)):
-            self._reject(frames, bits, fine, spoilt, reason)
+            self._reject(frames if bright else None, bits, fine, spoilt, reason)
             rejected = reason > 0
             angle[rejected] = sigma[rejected] = np.nan
             quality[rejected] = REJECTED
         return angle, quality, sigma, reason, np.zeros(n, dtype=bool), wrong, used
 
     def _reject(self, frames, bits, fine, spoilt, reason):
-        """Set the reason for each frame that is not as it ought to be; the last one counts."""
+        """Set the reason for each frame that is not as it ought to be; the last one counts.
+
+        `frames`: None where no pixel is saturated.
+        """
         reason[~fine & (reason == 0)] = OUT_OF_LINE
         reason[np.maximum.reduce(bits.usual, axis=1) < self.MIN_CONTRAST] = NO_CONTRAST
-        reason[np.mean(frames >= 255, axis=1) > self.MAX_SATURATED] = SATURATED
+        if frames is not None:
+            reason[np.mean(frames >= 255, axis=1) > self.MAX_SATURATED] = SATURATED
         if spoilt is not None:
             reason[spoilt] = NOT_FINITE
 
@@ -221,10 +224,11 @@ class TemplateReader:
         """
         n, half = len(frames), self._template.half
         length = 2 * half + 1
-        # every stretch of the rows, without a copy
-        stretches = np.ndarray((n, self.pixels - length + 1, length), frames.dtype, frames, 0,
-                               (*frames.strides, frames.strides[1]))
-        cells = stretches[_ROWS[:n], pixel - half].reshape(-1, length).astype(np.float32)
+        # every stretch of the rows, which lie one behind the other, without a copy
+        stretches = np.ndarray((frames.size - length + 1, length), frames.dtype, frames, 0,
+                               2 * frames.strides[1:])
+        first = pixel + (self.pixels * np.arange(n)[:, np.newaxis] - half)
+        cells = stretches[first.ravel()].astype(np.float32)
         products = self._template.columns @ cells.T
         unlike = self._template.unexplained(cells, products[11:])
         return products[:11].reshape(-1, *pixel.shape), unlike.reshape(pixel.shape)

@@ -17,6 +17,7 @@ tears. Beyond the tables the values are extrapolated and the uncertainty says so
 
 from dataclasses import dataclass
 from functools import lru_cache
+from mmap import ACCESS_READ, mmap
 
 import astropy_iers_data
 import erfa
@@ -37,8 +38,9 @@ POLE_MEMORY = 60.0  # days in which the pole forgets where the table ended
 TIDES_UT1 = 3e-5  # s
 TIDES_POLE = 2e-4 * ARCSEC
 
-_FIRST, _LAST = -2208988800.0, 4133980800.0  # 1900-01-01, 2101-01-01: where ERFA's Earth is good
+FIRST, LAST = -2208988800.0, 4133980800.0  # 1900-01-01, 2101-01-01: where ERFA's Earth is good
 _MJD_1960, _C04_FIRST = 36934.0, 37665.0
+_EVEN = 63072000.0  # 1972-01-01, since when TAI-UTC changes by whole seconds only
 
 #: what `EarthOrientation.source` can say, from the best to the worst
 SOURCES = ('IERS final', 'IERS rapid', 'IERS prediction', 'extrapolated', 'before the IERS table')
@@ -77,6 +79,14 @@ class EarthOrientation:
         return (f'UT1-UTC {pick(self.dut1):+.4f} ± {pick(self.sigma_dut1):.4f} s, '
                 f'pole ± {pick(self.sigma_pole) / ARCSEC:.4f}" ({pick(self.source)}): '
                 f'directions ± {pick(self.sigma) / ARCSEC:.3f}"')
+
+
+def check_time(time):
+    """Raise ValueError where a time (UTC, seconds since 1970) is not in 1900-2100."""
+    fine = (time >= FIRST) & (time <= LAST)  # not of NaN
+    if not np.all(fine):
+        raise ValueError(f'time {np.asarray(time)[~np.asarray(fine)].flat[0]:.6g} s is outside '
+                         '1900 to 2100: give UTC in seconds since 1970-01-01')
 
 
 def split_utc(time):
@@ -170,6 +180,53 @@ def earth_orientation(time):
     return EarthOrientation(*out.reshape(5, *np.shape(time)), names.reshape(np.shape(time)))
 
 
+def clock_and_pole(time, apart):
+    """What turns the Earth about one moment, as ERFA takes it; fast, and without uncertainty.
+
+    Parameters
+    ----------
+    time : float
+        UTC, seconds since 1970-01-01, from 1900 to 2100.
+    apart : float
+        Seconds between two times with `time` in their middle, all on the same day.
+
+    Returns
+    -------
+    day : float
+        Julian date of its 0h.
+    tt : float
+        Terrestrial time at `time`, days from there.
+    ut1, xp, yp : ndarray, shape (2,)
+        UT1, days from there, and the pole (rad), at both times: those of `earth_orientation`.
+
+    Raises
+    ------
+    ValueError
+        As `earth_orientation`.
+    """
+    day = time // DAY
+    second = time - day * DAY
+    both = second + np.array([-0.5 * apart, 0.5 * apart])
+    around = _rows_around(int(day + MJD_1970)) if _EVEN <= time <= LAST else None
+    if around is None:
+        there = day * DAY + both
+        orientation = earth_orientation(there)
+        return (erfa.DJM0 + MJD_1970 + day, terrestrial(time)[1],
+                erfa.ufunc.utcut1(*split_utc(there), orientation.dut1)[1],
+                orientation.xp, orientation.yp)
+    tai_utc, rows = around
+    ut1_tai, xp, yp = (_weights(second, apart) @ rows).T
+    return (erfa.DJM0 + MJD_1970 + day, (second + tai_utc + erfa.TTMTAI) / DAY,
+            (both + (ut1_tai + tai_utc)) / DAY, xp, yp)
+
+
+@lru_cache(maxsize=64)
+def _weights(second, apart):
+    """Of four rows, for two times `apart` about a second of the day, shape (2, 4)."""
+    both = 1.0 + np.array([second - 0.5 * apart, second + 0.5 * apart]) / DAY
+    return np.stack(_lagrange(both), axis=1)
+
+
 def extrapolate(mjd, rows):
     """Continue a table beyond its last row.
 
@@ -208,15 +265,19 @@ def _with_leap_seconds(mjd, dut1, sigma):
 def _interpolate(mjd, rows, kind):
     start = np.clip((mjd - rows[0, 0]).astype(int) - 1, 0, rows.shape[1] - 4)
     u = mjd - rows[0, start]
-    weights = np.stack([
-        -(u - 1) * (u - 2) * (u - 3) / 6, u * (u - 2) * (u - 3) / 2,
-        -u * (u - 1) * (u - 3) / 2, u * (u - 1) * (u - 2) / 6])
+    weights = np.stack(_lagrange(u))
     window = start + np.arange(4)[:, None]
     value = np.einsum('kn,jkn->jn', weights, rows[1:4][:, window])
     # the sigma and the source of the worse neighbour, not of the whole window
     near = np.minimum((mjd - rows[0, 0]).astype(int) + np.arange(2)[:, None], rows.shape[1] - 1)
     sigma = rows[4:][:, near].max(axis=1)
     return np.concatenate([value, sigma]), kind[near].max(axis=0)
+
+
+def _lagrange(u):
+    """Weights of rows at 0, 1, 2 and 3."""
+    return (-(u - 1) * (u - 2) * (u - 3) / 6, u * (u - 2) * (u - 3) / 2,
+            -u * (u - 1) * (u - 3) / 2, u * (u - 1) * (u - 2) / 6)
 
 
 def _secular_pole(mjd):
@@ -234,10 +295,7 @@ def _seasonal(mjd):
 def _calendar(time):
     """MJD of 0h, second of that day, TAI-UTC at 0h, its change over the day, step at its end."""
     time = np.asarray(time, float)
-    bad = ~((time >= _FIRST) & (time <= _LAST))  # also true for NaN
-    if np.any(bad):
-        raise ValueError(f'time {time[bad].flat[0]:.6g} s is outside 1900 to 2100: '
-                         'give UTC in seconds since 1970-01-01')
+    check_time(time)
     _leap_seconds()
     day = np.floor(time / DAY)
     second = time - day * DAY
@@ -266,6 +324,9 @@ def _leap_seconds():
 
 # Both tables have one line a day of constant width, so the line of a day is found by seeking.
 _C04_LINE, _A_LINE, _A_FIRST = 219, 188, 41684
+# first and last byte, counted from 1, of MJD, UT1-UTC, xp, yp, their sigmas
+_C04_COLUMNS = ((17, 26), (51, 62), (27, 38), (39, 50), (147, 158), (123, 134), (135, 146))
+_A_COLUMNS = ((8, 15), (59, 68), (19, 27), (38, 46), (69, 78), (28, 36), (47, 55))
 
 
 @lru_cache(maxsize=1)
@@ -287,6 +348,41 @@ def _tables():
     return header, int(_C04_FIRST) + lines - 1, float(_A_FIRST + low)
 
 
+@lru_cache(maxsize=400)
+def _rows_around(mjd):
+    """TAI-UTC at 0h of a day, and UT1-TAI (s), xp and yp (rad) of the four around it, (4, 3).
+
+    None where the tables begin and end. For four rows faster than `_rows`.
+    """
+    header, end, limit = _tables()
+    if not _C04_FIRST < mjd <= limit - 2:
+        return None
+    _leap_seconds()
+    tai_utc = _tai_utc(np.arange(mjd - 1.0, mjd + 3.0), 0.0).tolist()
+    rows = []
+    for day, dat in zip(range(mjd - 1, mjd + 3), tai_utc):
+        path, columns, width, begin = (
+            (astropy_iers_data.IERS_B_FILE, _C04_COLUMNS[:4], _C04_LINE,
+             header + (day - int(_C04_FIRST)) * _C04_LINE) if day <= end else
+            (astropy_iers_data.IERS_A_FILE, _A_COLUMNS[:4], _A_LINE, (day - _A_FIRST) * _A_LINE))
+        line = _mapped(path)[begin : begin + width]
+        try:
+            of_day, dut1, xp, yp = [float(line[a - 1 : b]) for a, b in columns]
+        except ValueError as error:
+            raise _damaged(error) from None
+        if of_day != day:
+            raise _misplaced(day, day)
+        rows.append((dut1 - dat, xp * ARCSEC, yp * ARCSEC))
+    return tai_utc[1], np.array(rows)
+
+
+@lru_cache(maxsize=2)
+def _mapped(path):
+    """The bytes of a table, as they are needed."""
+    with open(path, 'rb') as file:
+        return mmap(file.fileno(), 0, access=ACCESS_READ)
+
+
 @lru_cache(maxsize=8)
 def _rows(first, last):
     """Rows of the days `first` to `last`, at least four: (6, n) values and (n,) kinds."""
@@ -298,29 +394,25 @@ def _rows(first, last):
     if first <= end:
         lines = _lines(astropy_iers_data.IERS_B_FILE, header, _C04_LINE,
                        first - int(_C04_FIRST), min(last, end) - first + 1)
-        columns = [(17, 26), (51, 62), (27, 38), (39, 50), (147, 158), (123, 134), (135, 146)]
-        parts.append((_fields(lines, columns), np.zeros(lines.shape[0], int)))
+        parts.append((_fields(lines, _C04_COLUMNS), np.zeros(lines.shape[0], int)))
     if last > end:
         begin = max(first, end + 1)
         lines = _lines(astropy_iers_data.IERS_A_FILE, 0, _A_LINE,
                        begin - _A_FIRST, last - begin + 1)
-        columns = [(8, 15), (59, 68), (19, 27), (38, 46), (69, 78), (28, 36), (47, 55)]
         predicted = (lines[:, 57] == ord('P')) | (lines[:, 16] == ord('P'))
-        parts.append((_fields(lines, columns), 1 + predicted))
+        parts.append((_fields(lines, _A_COLUMNS), 1 + predicted))
     table = np.concatenate([p[0] for p in parts], axis=1)
     mjd, dut1, xp, yp, sigma, sigma_x, sigma_y = table
     if not np.array_equal(mjd, np.arange(first, last + 1)):
-        raise ValueError(f'IERS table does not hold MJD {first} to {last} where it should: '
-                         'reinstall astropy-iers-data')
+        raise _misplaced(first, last)
     rows = np.stack([mjd, dut1 - _tai_utc(mjd, 0.0), xp * ARCSEC, yp * ARCSEC,
                      sigma, np.maximum(sigma_x, sigma_y) * ARCSEC])
     return rows, np.concatenate([p[1] for p in parts])
 
 
 def _lines(path, header, width, first, count):
-    with open(path, 'rb') as file:
-        file.seek(header + first * width)
-        data = np.frombuffer(file.read(count * width), np.uint8)
+    begin = header + first * width
+    data = np.frombuffer(_mapped(path)[begin : begin + count * width], np.uint8)
     if data.size != count * width:
         raise ValueError(f'{path} ends too early: reinstall astropy-iers-data')
     return data.reshape(count, width)
@@ -336,4 +428,13 @@ def _fields(lines, columns):
     try:
         return np.array([fixed_width(lines, *column) for column in columns])
     except ValueError as error:
-        raise ValueError(f'IERS table is damaged ({error}): reinstall astropy-iers-data') from None
+        raise _damaged(error) from None
+
+
+def _damaged(error):
+    return ValueError(f'IERS table is damaged ({error}): reinstall astropy-iers-data')
+
+
+def _misplaced(first, last):
+    return ValueError(f'IERS table does not hold MJD {first} to {last} where it should: '
+                      'reinstall astropy-iers-data')

@@ -2,7 +2,7 @@
 
 IAU 2006/2000A precession-nutation, light deflection by the Sun, annual and diurnal aberration,
 parallax, Earth rotation with UT1-UTC and polar motion, refraction. Everything that depends on
-the time alone comes from a grid in time (`sky_frame`), then each star costs less than a
+the time alone is kept for two hours (`sky_frame`), then each star costs less than a
 microsecond (``atciq``, ``atioq``). The celestial pole offsets, below 0.001", are left out.
 """
 

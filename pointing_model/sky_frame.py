@@ -1,36 +1,42 @@
 """The frame of a site at any time: ERFA's astrom, of which most changes slowly.
 
-Precession, nutation and the motion of the Earth are computed on a grid of two hours, at the
-geocentre, and go straight between: their curvature leaves 0.00005". What turns with the Earth is
-not in them: its angle grows evenly, and the observer's own motion is ERFA's diurnal aberration. The
-grid is the same in every process and whatever was asked before, and so is the answer.
+Within two hours all of it goes straight: the curvature leaves 0.00007". Precession, nutation and
+the place of the Earth are computed once, for the middle of the two hours and the geocentre; how
+they go on follows from the Earth's velocity, its fall towards Sun and Moon, and the path of the
+pole by the short series IAU 2000B. What turns with the Earth is computed for two times in them: its
+angle grows evenly, and the observer's own motion is ERFA's diurnal aberration. These cells are the
+same in every process and whatever was asked before, and so is the answer.
 """
 
+import math
 from functools import lru_cache
-from threading import Lock
 
 import erfa
 import numpy as np
 
-from msg_tools.units import wrap
+from msg_tools.units import ARCSEC, wrap
 
-from .earth import TURN_RATE, earth_orientation, split_utc
+from .earth import FIRST, LAST, check_time, clock_and_pole, earth_orientation, split_utc
 
 #: s; a part of the day, as UTC and the tables of the IERS change their rules at 0h
 GRID = 7200.0
-#: rad: by more (0.5 ms of UT1) the Earth's angle and pole do not leave a straight line in `GRID`,
-#: but for a step of UTC or the end of a table; there everything is computed
-_STEADY = 4e-8
-_MOST = 20_000  # points of the grid that are kept; a year has 4400
-#: points of the grid from which times so scattered need more of them than there are times
+_APART = 0.5 * GRID  # s, of the two times
+#: cells from which times so scattered are computed one by one
 _SCATTERED = 50
-_FIELDS = erfa.dt_eraASTROM.itemsize // 8
-_ERAL = erfa.dt_eraASTROM.fields['eral'][1] // 8
-#: of its numbers, those that the site gives: all from this one on
-_OF_SITE = np.arange(_FIELDS) >= erfa.dt_eraASTROM.fields['along'][1] // 8
-
-_slow = {}  # point of the grid -> (astrom of the geocentre, Earth rotation angle, sp, xp, yp)
-_lock = Lock()
+_ASTROM = erfa.dt_eraASTROM
+_FIELDS = _ASTROM.itemsize // 8
+#: the first of its numbers that the site gives, and the angle among those
+_OF_SITE = _ASTROM.fields['along'][1] // 8
+_TURN = _ASTROM.fields['eral'][1] // 8 - _OF_SITE
+_LIGHT = erfa.CMPS / erfa.DAU  # AU/s
+# how fast the Earth falls, c/s: towards the Sun at 1 AU, towards the Moon
+_BY_SUN = (0.01720209895 / erfa.DAYSEC) ** 2 / _LIGHT
+_BY_MOON = 3.32e-5 / erfa.CMPS
+_OBLIQUITY = erfa.ufunc.obl06(erfa.DJ00, 0.0)
+_SIN_OBLIQUITY, _COS_OBLIQUITY = math.sin(_OBLIQUITY), math.cos(_OBLIQUITY)
+#: rad/s, and rad/s a century, of the pole in x, and in y (IERS Conventions 2010, eq. 5.16)
+_PRECESSION = np.array([2004.191898, -0.8595658, -44.8145494]) * (
+    ARCSEC / (erfa.DAYSEC * erfa.DJC))
 
 
 def frame(time, site):
@@ -54,39 +60,29 @@ def frame(time, site):
     """
     if time.ndim == 0:
         time = float(time)
-        piece = _piece(int(time // GRID), site) if abs(time) < 1e11 else None
-        if piece is None:
-            return full_frame(np.float64(time), site)
-        begin, grows, at = piece
-        return (begin + (time - at) * grows).view(erfa.dt_eraASTROM)[0]
-    if not np.isfinite(time).all():
-        return full_frame(time, site)  # which says what is wrong
+        if not FIRST <= time <= LAST:
+            check_time(time)
+        middle, grows, at = _cell(int(time // GRID), site)
+        return (middle + (time - at) * grows).view(_ASTROM)[0]
+    check_time(time)
     moments, inverse = time, None
     if np.any(time[1:] <= time[:-1]):
         moments, inverse = np.unique(time, return_inverse=True)
-    if not (moments.size and abs(moments[0]) < 1e11 and abs(moments[-1]) < 1e11):
-        return full_frame(time, site)
-    out = _between(moments, site)
+    out = _of_cells(moments, site)
     return out if inverse is None else out[inverse]
 
 
-def _between(moments, site):
-    points = np.floor(moments / GRID).astype(int)
-    begins = np.flatnonzero(np.diff(points, prepend=points[0] - 1))
-    needed = {int(k) + i for k in points[begins] for i in (0, 1)}
-    if len(needed) > max(_SCATTERED, 1.5 * len(moments)):
+def _of_cells(moments, site):
+    cells = np.floor(moments / GRID).astype(int)
+    begins = np.flatnonzero(np.diff(cells, prepend=cells[:1] - 1))
+    if len(begins) > max(_SCATTERED, 0.6 * len(moments)):
         return full_frame(moments, site)
-    _compute(needed)
     out = np.empty((len(moments), _FIELDS))
     for first, last in zip(begins, [*begins[1:], len(moments)]):
-        piece = _piece(int(points[first]), site)
-        if piece is None:
-            out[first:last] = _numbers(full_frame(moments[first:last], site))
-        else:
-            begin, grows, at = piece
-            np.multiply((moments[first:last] - at)[:, None], grows, out=out[first:last])
-            out[first:last] += begin
-    return out.view(erfa.dt_eraASTROM)[:, 0]
+        middle, grows, at = _cell(int(cells[first]), site)
+        np.multiply((moments[first:last] - at)[:, None], grows, out=out[first:last])
+        out[first:last] += middle
+    return out.view(_ASTROM)[:, 0]
 
 
 def full_frame(time, site):
@@ -100,50 +96,53 @@ def full_frame(time, site):
     return np.array(astrom)
 
 
-def _numbers(astrom):
-    astrom = np.array(astrom)
-    return np.atleast_1d(astrom).view(float).reshape(*astrom.shape, _FIELDS)
-
-
 @lru_cache(maxsize=2000)
-def _piece(point, site):
-    """Astrom at a point of the grid, its growth in a second, and when that is; None: not even."""
-    ends = _compute({point, point + 1})
-    if ends is None:
-        return None
-    both = []
-    for k in (point, point + 1):
-        geocentre, angle, sp, xp, yp = ends[k]
-        there = _numbers(erfa.ufunc.apio(sp, angle, site.longitude, site.latitude, site.height,
-                                         xp, yp, 0.0, 0.0))
-        both.append(np.where(_OF_SITE, there, geocentre))
-    turned = TURN_RATE * GRID
-    uneven = wrap(both[1][_ERAL] - both[0][_ERAL] - turned)
-    if abs(uneven) > _STEADY or max(
-            abs(one - other) for one, other in zip(ends[point][3:], ends[point + 1][3:])) > _STEADY:
-        return None
-    grows = (both[1] - both[0]) / GRID
-    grows[_ERAL] = (turned + uneven) / GRID
-    return both[0], grows, point * GRID
+def _cell(number, site):
+    """Numbers of astrom in the middle of a cell, their growth in a second, and when that is."""
+    geocentre, geocentre_grows, turning = _geocentre(number)
+    middle, grows = geocentre.copy(), geocentre_grows.copy()
+    sp, angle, xp, yp = turning
+    ends = erfa.ufunc.apio(sp, angle, site.longitude, site.latitude, site.height, xp, yp, 0.0, 0.0)
+    one, other = ends.view(float).reshape(2, -1)[:, _OF_SITE:]
+    change = other - one
+    change[_TURN] = wrap(change[_TURN])
+    middle[_OF_SITE:] = one + 0.5 * change
+    grows[_OF_SITE:] = change / _APART
+    return middle, grows, (number + 0.5) * GRID
 
 
-def _compute(points):
-    """What is slow at points of the grid, by point; None where one is outside 1900-2100."""
-    with _lock:
-        missing = sorted(points - _slow.keys())
-        if missing:
-            time = np.array(missing) * GRID
-            try:
-                earth, utc = earth_orientation(time), split_utc(time)
-            except ValueError:
-                return None
-            tt = erfa.ufunc.taitt(*erfa.ufunc.utctai(*utc)[:2])[:2]
-            geocentre, _ = erfa.ufunc.apci13(*tt)
-            angle = erfa.ufunc.era00(*erfa.ufunc.utcut1(*utc, earth.dut1)[:2])
-            sp = erfa.ufunc.sp00(*tt)
-            if len(_slow) + len(missing) > _MOST:
-                _slow.clear()
-            numbers = _numbers(geocentre)
-            for i, point in enumerate(missing):
-                _slow[point] = numbers[i], angle[i], sp[i], earth.xp[i], earth.yp[i]
-        return {point: _slow[point] for point in points}
+@lru_cache(maxsize=20_000)  # a year has 4400
+def _geocentre(number):
+    """As `_cell`, of the geocentre; then what a site needs: sp, and at two times angle and pole."""
+    day, tt, ut1, xp, yp = clock_and_pole((number + 0.5) * GRID, _APART)
+    astrom, _ = erfa.ufunc.apci13(day, tt)
+    century = (day - erfa.DJ00 + tt) / erfa.DJC
+    grows = np.zeros((), _ASTROM)
+    grows['pmt'] = 1.0 / (erfa.DAYSEC * erfa.DJY)
+    velocity, from_sun, distance = astrom['v'] * _LIGHT, astrom['eh'], astrom['em']
+    away = velocity @ from_sun
+    grows['eb'], grows['em'] = velocity, away
+    grows['eh'] = (velocity - away * from_sun) / distance
+    grows['v'] = _fall(from_sun, distance, century)
+    # the origin does not rotate about the pole: its path is all the turn that there is
+    x, y = _path_of_pole(day, tt, century)
+    grows['bpn'] = np.array([(0.0, 0.0, -x), (0.0, 0.0, -y), (x, y, 0.0)]) @ astrom['bpn']
+    return (np.frombuffer(astrom), np.frombuffer(grows),
+            (erfa.ufunc.sp00(day, tt), erfa.ufunc.era00(day, ut1), xp, yp))
+
+
+def _fall(from_sun, distance, century):
+    """Acceleration of the Earth by the Sun, and by the Moon at its mean longitude, c/s."""
+    moon = float(erfa.ufunc.faf03(century) + erfa.ufunc.faom03(century))
+    toward = np.array([math.cos(moon), _COS_OBLIQUITY * math.sin(moon),
+                       _SIN_OBLIQUITY * math.sin(moon)])
+    return toward * _BY_MOON - from_sun * (_BY_SUN / distance**2)
+
+
+def _path_of_pole(day, tt, century):
+    """Motion of the celestial pole in x and y, rad/s: precession, and nutation IAU 2000B."""
+    half = 0.5 * _APART / erfa.DAYSEC
+    longitude, obliquity = erfa.ufunc.nut00b(day, np.array([tt - half, tt + half]))
+    return ((longitude[1] - longitude[0]) * _SIN_OBLIQUITY / _APART
+            + _PRECESSION[0] + _PRECESSION[1] * century,
+            (obliquity[1] - obliquity[0]) / _APART + _PRECESSION[2] * century)

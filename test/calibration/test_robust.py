@@ -77,3 +77,14 @@ def test_steps_with_the_matrix_of_another_place_do_not_run_away():
     scales = rounds.find_noise(3)
     assert scales == pytest.approx([noise, noise], rel=0.3)
     np.testing.assert_allclose(rounds.p, [1e-3, -2e-3, 5e-4], rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize('n', [1, 2, 7, 1999, 2000, 2001])
+def test_the_median_is_numpys_to_the_bit(n):
+    values = np.random.default_rng(6).standard_normal((2, n))
+    expected = 1.4826 * np.median(np.abs(values), axis=1)
+    np.testing.assert_array_equal(sigma_of(values, axis=1), expected)
+    assert sigma_of(values[0]) == expected[0]
+    values[1, n // 3] = np.nan
+    with np.errstate(invalid='ignore'):
+        assert np.isnan(sigma_of(values, axis=1)).tolist() == [False, True]

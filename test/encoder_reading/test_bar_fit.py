@@ -81,10 +81,17 @@ def test_bars_that_are_not_good_do_not_count(line):
 def test_parabolas(line):
     rank = line.lattice.rank
     curves = np.stack([130.0 + 0.3 * rank - 0.02 * rank**2, 88.0 - 0.2 * rank + 0.0 * rank])
-    assert line.line.smooth(curves.astype(np.float32)) == pytest.approx(curves, rel=1e-5)
+    bumpy = curves.astype(np.float32)
+    good = np.ones((2, 37), bool)
+    assert line.line.smooth(bumpy, good) == pytest.approx(curves, rel=1e-5)
+    spoilt = np.random.default_rng(5).choice(37, (2, 20))
+    np.put_along_axis(bumpy, spoilt, 0.0, axis=1)
+    np.put_along_axis(good, spoilt, False, axis=1)
+    assert line.line.smooth(bumpy, good) == pytest.approx(curves, rel=1e-4)
     bumpy = curves.astype(np.float32)
     bumpy[:, 5] += 20.0
     good = np.ones((1, 37), bool)
-    both, on = line.line._smooth_dirty(bumpy[:, None], good)
-    assert both[:, 0, :37] == pytest.approx(curves, rel=0.003)
+    values, slopes, on = line.line._smooth_dirty(bumpy[:, None], good)
+    assert slopes[:, 0, 1:-1] == pytest.approx(0.5 * (curves[:, 2:] - curves[:, :-2]), abs=0.02)
+    assert values[:, 0] == pytest.approx(curves, rel=0.003)
     assert on[0].tolist() == [k != 5 for k in range(37)]

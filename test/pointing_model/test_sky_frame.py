@@ -1,3 +1,4 @@
+import calendar
 from concurrent.futures import ThreadPoolExecutor
 
 import erfa
@@ -11,6 +12,10 @@ from pointing_model.star_catalogue import load_catalogue
 
 AIRLESS = Weather(pressure_hpa=0.0)
 STAR = load_catalogue(hip=[71683])  # near, and fast
+
+
+def _posix(year):
+    return calendar.timegm((year, 1, 1, 0, 0, 0))
 
 
 def fully(time, site):
@@ -31,6 +36,36 @@ def test_a_day_is_as_the_full_computation(begin, site):
     full = fully(time, site)
     off = np.hypot(wrap(az - full[0]) * np.cos(el), el - full[1])
     assert off.max() < 1e-4 * ARCSEC
+
+
+def test_any_date_and_the_whole_sky():
+    rng = np.random.default_rng(3)
+    edges = GRID * np.arange(90_000, 300_000, 10_000)
+    time = np.concatenate([edges, edges - 1e-3, rng.uniform(_posix(1990), _posix(2040), 200)])
+    ra = rng.uniform(0.0, 2 * np.pi, (100, 1))
+    dec = np.arcsin(rng.uniform(-1.0, 1.0, (100, 1)))
+    site = Site(52 * DEG, -1.0, 100.0)
+
+    def places(astrom):
+        cirs = erfa.ufunc.atciq(ra, dec, 1e-6, -1e-6, 0.5, 20.0, astrom)
+        return erfa.ufunc.atioq(*cirs, astrom)[:2]
+
+    whole = full_frame(time, site)
+    (az, distance), (full_az, full_distance) = (
+        places(np.array([frame(np.array(t), site) for t in time])), places(whole))
+    off = np.hypot(wrap(az - full_az) * np.sin(distance), distance - full_distance)
+    # beside the Sun its light's bending hangs on where on the Earth one stands
+    toward = erfa.ufunc.s2c(ra[:, 0], dec[:, 0])
+    from_sun = np.arccos(np.clip(-toward @ whole['eh'].T, -1.0, 1.0))
+    assert off[from_sun > 10 * DEG].max() < 1e-4 * ARCSEC
+    assert off[from_sun > 3 * DEG].max() < 1e-3 * ARCSEC
+
+
+def test_hardly_a_step_between_cells():
+    for begin in np.arange(1.2e9, 1.8e9, 3.7e7) // GRID * GRID:
+        before, after = (frame(np.array(begin + s), DEFAULT_SITE) for s in (-1e-6, 1e-6))
+        for name in ('v', 'bpn', 'eral', 'xpl', 'ypl'):
+            assert np.abs(wrap(after[name] - before[name])).max() < 1e-4 * ARCSEC, name
 
 
 def test_the_same_alone_in_any_order_and_in_threads():
