@@ -3,7 +3,6 @@
 import ctypes
 from functools import cache
 
-
 #: glibc's mallopt: from how many bytes on a block is a map of its own
 _MMAP_THRESHOLD, _LARGE = -3, 128 * 1024
 
