@@ -12,7 +12,7 @@ from msg_tools.units import DEG
 from pointing_model.context import Context
 from pointing_model.mounts import is_beyond
 
-from .next_observations import MIN_GAP, SHORT, forecast, place_of, views_of
+from .next_observations import MIN_GAP, SHORT, forecast, place_of, turned_to, views_of
 
 #: 2 ln(likelihood ratio) from which a member is out: of two 1 in 100 is wrong (Wald 1945)
 TOLD = 9.2
@@ -77,11 +77,14 @@ class Points:
         bright = [np.nan] if magnitude is None else [np.nanmedian(magnitude)]
         if magnitude is not None and 'magnitude' in drivers:
             bright = [0.0, 9.0] if any_magnitude else [np.nanmin(magnitude), np.nanmax(magnitude)]
-        side, az, el, s_az, s_el, self.later, self.short, bright = (v.ravel() for v in np.meshgrid(
+        points = np.array([v.ravel() for v in np.meshgrid(
             beyond, np.arange(0.0, 360.0, 15.0) * DEG, np.linspace(low, high, 9), *sides, later,
-            moves, bright, indexing='ij'))
+            moves, bright, indexing='ij')])
         if not mount.altaz:
-            az, el = mount.axes_of(az, el, side)
+            points[1:3] = mount.axes_of(*points[1:3], points[0] != 0.0)
+            points = points[:, turned_to(known.az, points[1])]
+        _, az, el, s_az, s_el, self.later, self.short, bright = points
+        self.short = self.short != 0.0
         columns = {'approach_az': s_az, 'approach_el': s_el, 'az_enc': az, 'el_enc': el,
                    'magnitude': bright}
         time, order = known.get('time'), known.get('order')

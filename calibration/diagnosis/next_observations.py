@@ -23,6 +23,8 @@ _RIVALS = 4
 _WORTH = 0.5  # delta BIC: exact aliases do not come apart anywhere
 MIN_GAP = 3.0 * DEG
 _LATER = (0.25, 2.0, 6.0)  # hours
+#: the first axis of a mount that is no alt-azimuth one is asked to go so much farther than it has
+BEYOND = 5.0 * DEG
 SHORT = 2.0 * DEG  # a last move in which a hysteresis is not yet complete
 
 
@@ -76,6 +78,9 @@ def propose(problem, obs, base, found, stands):
 def _grid(obs):
     """Possible observations: the sky, both approaches, soon and late, after a long move or a short.
 
+    Of a mount that is no alt-azimuth one, as far as its first axis has turned in the rows: beyond,
+    the counterweight may be up.
+
     Returns
     -------
     context : Context
@@ -88,11 +93,15 @@ def _grid(obs):
     low = max(15.0 * DEG, float(above.min()))
     high = min(88.0 * DEG, max(float(above.max()), low + 0.1))
     beyond = np.unique(is_beyond(obs.context.el)) if not mount.altaz else [False]
-    side, az, el, s_az, s_el, later, short = (v.ravel() for v in np.meshgrid(
-        beyond, np.arange(0.0, 360.0, 15.0) * DEG, np.linspace(low, high, 9), [-1.0, 1.0],
-        [-1.0, 1.0], _LATER, [False, True], indexing='ij'))
+    side, az, el = (v.ravel() for v in np.meshgrid(
+        beyond, np.arange(0.0, 360.0, 15.0) * DEG, np.linspace(low, high, 9), indexing='ij'))
     if not mount.altaz:
         az, el = mount.axes_of(az, el, side)
+        seen = turned_to(obs.context.az, az)
+        az, el = (az[seen], el[seen]) if seen.any() else (obs.context.az, obs.context.el)
+    s_az, s_el, later, short = (np.tile(v.ravel(), len(az)) for v in np.meshgrid(
+        [-1.0, 1.0], [-1.0, 1.0], _LATER, [False, True], indexing='ij'))
+    az, el = (np.repeat(v, len(later) // len(v)) for v in (az, el))
     columns = {'approach_az': s_az, 'approach_el': s_el, 'az_enc': az, 'el_enc': el}
     known = obs.context.columns
     time = obs.context.get('time')
@@ -114,6 +123,24 @@ def _grid(obs):
     context = Context(az, el, columns, obs.context.latitude, obs.context.longitude, mount)
     context.raw_reading = obs.context.raw_reading
     return context, later, short
+
+
+def turned_to(seen, angles):
+    """Whether an axis has been within `BEYOND` of some angles, or between: shape of `angles`, bool.
+
+    Parameters
+    ----------
+    seen : ndarray, shape (n,)
+        Where it has been, rad; it is taken never to have been in the largest gap between two of
+        them.
+    angles : ndarray
+        rad.
+    """
+    places = np.sort(np.mod(seen, 2.0 * np.pi))
+    gaps = np.diff(places, append=places[0] + 2.0 * np.pi)
+    last = int(np.argmax(gaps))
+    first, span = places[(last + 1) % len(places)], 2.0 * np.pi - gaps[last]
+    return np.mod(angles - first + BEYOND, 2.0 * np.pi) <= span + 2.0 * BEYOND
 
 
 def forecast(time, temperature, then, n):

@@ -1,0 +1,46 @@
+"""Where observations are proposed."""
+
+import numpy as np
+import pytest
+
+from calibration.diagnosis import diagnose
+from calibration.diagnosis.next_observations import BEYOND, turned_to
+from msg_tools.units import ARCSEC, DEG
+from pointing_model.mounts import Mount, is_beyond
+from pointing_model.run import PointingRun
+
+from .simulated import FAST
+
+
+@pytest.mark.parametrize('seen, inside, outside', [
+    ((10.0, 60.0, 175.0), (6.0, 100.0, 179.0), (-58.0, 228.0, 255.0, 4.0, 181.0)),
+    ((350.0, 20.0, 60.0), (346.0, 0.0, 64.0, -10.0), (90.0, 180.0, 340.0)),  # across zero
+    ((0.0, 90.0, 180.0, 260.0), (45.0, 359.0), (300.0,)),
+    ((40.0,), (36.0, 44.0), (220.0, 50.0))])
+def test_an_axis_has_been_where_it_was_and_between(seen, inside, outside):
+    seen = np.array(seen) * DEG
+    assert turned_to(seen, np.array(inside) * DEG).all()
+    assert not turned_to(seen, np.array(outside) * DEG).any()
+
+
+def test_no_star_is_proposed_with_the_counterweight_up():
+    mount = Mount.equatorial(31.0 * DEG, 'german')
+    rng = np.random.default_rng(5)
+    ha = rng.uniform(5.0, 175.0, 120) * DEG
+    dec = rng.uniform(-10.0, 70.0, 120) * DEG
+    beyond = np.arange(120) % 2 == 0
+    first = ha  # the counterweight is down, on either side
+    second = np.where(beyond, np.pi - dec, dec)
+    high = mount.horizon_of(first, second)[1] > 20.0 * DEG
+    first, second = first[high], second[high]
+    # it grows with the hour angle, which noise does not tell from several others
+    wave = 5.0 * ARCSEC * first
+    noise = 1.5 * rng.normal(size=(2, len(first))) * ARCSEC
+    run = PointingRun({
+        'az': first, 'el': second, 'az_enc': first + wave + noise[0] / np.cos(second),
+        'el_enc': second + noise[1]}, {'mount': mount, 'site': (31.0 * DEG, 0.0)})
+    assert is_beyond(second).any() and not is_beyond(second).all()
+    result = diagnose(run, **FAST)
+    angles = np.array([one['ha_deg'] for one in result.next_observations])
+    assert len(angles) >= 6
+    assert (np.mod(angles + BEYOND / DEG, 360.0) < 180.0 + 2.0 * BEYOND / DEG).all()
