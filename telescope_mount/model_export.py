@@ -185,13 +185,17 @@ def sentences(exported):
                 f'arcsec at most {where}']
     lines = []
     if exported.left:
-        lines.append(f'{program.title} has no term for: {"; ".join(map(_part, exported.left))}')
+        lines.append(f'no term of {program.title} is written for: '
+                     f'{"; ".join(map(_part, exported.left))}')
     if exported.refitted:
         lines.append('refitted in its terms: taken over by name alone they would be off by '
                      f'{direct.rms:.3f} arcsec RMS, at most {direct.largest:.3f}')
     if exported.added:
         lines.append(f'further terms of it that took up what they could: '
                      f'{", ".join(exported.added)}')
+    if exported.left and exported.elsewhere is None:
+        lines.append('it was fitted all over the sky, where the model may never have been: '
+                     '--sky RUN fits it to the directions of a run')
     if program.whole:
         lines.append(f'it takes {program.digits}')
     lines.append(f'loss: {loss.rms:.3f} arcsec RMS, at most {loss.largest:.3f}, {where}')

@@ -7,10 +7,13 @@ mounts than alt-azimuth ones a column is a term of theirs, ``('MA', ())``. Value
 catalogue.
 """
 
+from functools import lru_cache
+
 import numpy as np
 
+from pointing_model.context import Context
 from pointing_model.effects.product import RESULTS, value_of
-from pointing_model.mounts import ALTAZ
+from pointing_model.mounts import ALTAZ, through_pole
 from pointing_model.terms import TERMS, Trig, terms_of
 
 
@@ -115,6 +118,41 @@ def _of_effect(effect):
     return None
 
 
+@lru_cache(maxsize=8)
+def _terms_on_a_sky(mount):
+    """Places of a mount's axes all over the sky, and what a unit of each of its terms moves there.
+
+    Returns
+    -------
+    context : Context
+    columns : dict of str to ndarray, shape (2 n,)
+    """
+    rng = np.random.default_rng(1)
+    second = np.arcsin(rng.uniform(-0.9, 0.9, 60))
+    first, second = through_pole(rng.uniform(-np.pi, np.pi, 60), second, np.arange(60) % 2 == 1)
+    context = Context(first, second, mount=mount)
+    return context, {name: on_sky((name, ()), first, second, mount).ravel()
+                     for name in terms_of(mount)}
+
+
+def _terms_of_effect(effect, mount):
+    """As `_of_effect`, of another mount: the terms of it that the coefficients are, one for one."""
+    if effect.requires:
+        return None
+    context, known = _terms_on_a_sky(mount)
+    wanted = (effect.tpoint or '').split()
+    names, parts = sorted(known, key=lambda name: name not in wanted), []
+    for moved in effect.columns(context).reshape(len(effect.coefficient_names), -1):
+        for name in names:
+            share = moved @ known[name] / (known[name] @ known[name])
+            if np.allclose(moved, share * known[name], rtol=0.0, atol=1e-9):
+                parts.append([((name, ()), float(share))])
+                break
+        else:
+            return None
+    return parts
+
+
 def _of_harmonics(harmonics):
     """(column, value)s of the series of paper 000, as products of sines and cosines."""
     # in zenith distance the azimuth series is on the sky; as printed it has cot E and no limit
@@ -169,7 +207,8 @@ def of_model(model):
         else:
             left.append(name)
     for fitted in model.effects:
-        parts = _of_effect(fitted.effect) if model.mount.altaz else None
+        parts = _of_effect(fitted.effect) if model.mount.altaz else _terms_of_effect(
+            fitted.effect, model.mount)
         if parts is None:
             needs = ', '.join(fitted.effect.requires)
             left.append(fitted.effect.name + (f' (follows {needs})' if needs else ''))

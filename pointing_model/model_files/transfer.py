@@ -43,7 +43,7 @@ class Loss:
 def uniform_sky(count=600, mount=ALTAZ):
     """Directions spread evenly over the sky above 20 degrees, as a Context of the axes.
 
-    Of a German mount every other one is seen through the pole.
+    A German mount sees each on the side on which its counterweight is down.
     """
     i = np.arange(count)
     height = np.sin(_LOWEST) + (1.0 - np.sin(_LOWEST)) * (i + 0.5) / count
@@ -51,8 +51,7 @@ def uniform_sky(count=600, mount=ALTAZ):
     if mount.altaz:
         return Context(az, el)
     ha, dec = mount.axes_of(az, el)
-    # both sides of the pier, where the mount goes through the pole
-    return Context(*through_pole(ha, dec, (i % 2 == 1) & (mount.kind == 'german')), mount=mount)
+    return Context(*through_pole(ha, dec, (ha < 0.0) & (mount.kind == 'german')), mount=mount)
 
 
 def apart(one, other, el):

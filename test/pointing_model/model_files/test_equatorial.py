@@ -2,11 +2,14 @@
 
 import math
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from msg_tools.units import ARCSEC, wrap
+from pointing_model.effects import effect
+from pointing_model.fitted_effects import FittedEffect
 from pointing_model.model import PointingModel
 from pointing_model.model_files import PROGRAMS, export, of_mount, read_model, table, uniform_sky
 from pointing_model.mounts import Mount
@@ -30,6 +33,8 @@ def test_the_sky_of_a_german_mount_has_both_sides_of_the_pier():
     sky = uniform_sky(200, GERMAN)
     beyond = np.abs(wrap(sky.el)) > np.pi / 2
     assert beyond.sum() == 100
+    # on either the counterweight is down
+    assert (np.mod(sky.az, 2.0 * np.pi) <= np.pi).all()
     assert np.rad2deg(GERMAN.horizon_of(sky.az, sky.el)[1]).min() > 20.0
     assert not (np.abs(uniform_sky(200, FORK).el) > np.pi / 2).any()
 
@@ -51,6 +56,24 @@ def test_tpoints_signs_are_those_of_its_corrections():
         ((own, share),) = program.column(name)
         x, y = terms_of(FORK)[own[0]].of(Trig(ha, dec, FORK))
         np.testing.assert_allclose([-share * x, -share * y], expected, atol=1e-14, err_msg=name)
+
+
+def test_effects_that_are_terms_of_the_program_go_by_name():
+    effects = [effect('encoder', axis='el', order=1, mount='german'),
+               effect('nod', order=1, mount='german'), effect('term', name='HZCZ', mount='german')]
+    values = [3.0, -2.0], [1.5, 4.0], [6.0]
+    model = replace(PointingModel(SEVEN, mount=GERMAN), effects=[
+        FittedEffect(one, np.array(v) * ARCSEC) for one, v in zip(effects, values)])
+    exported = export(model, PROGRAMS['tpoint'])
+    assert not exported.left and not exported.added and exported.loss.largest < 0.01
+    named = {name: value for name, value, _ in exported.listed()}
+    for name, value in {'DCEC': -3.0, 'DCES': 2.0, 'HDSH': -4.0, 'HZCZ': 6.0}.items():
+        assert named[name] == pytest.approx(value, abs=0.01), name
+    # what is none of them is told, and the rest stays by name
+    grows = effect('polynomial', result='az', of='az', power=1, mount='german')
+    exported = export(replace(model, effects=[*model.effects, FittedEffect(
+        grows, [1.0 * ARCSEC])]), PROGRAMS['tpoint'])
+    assert exported.left == [grows.name]
 
 
 @pytest.mark.parametrize('mount', [FORK, GERMAN], ids=['fork', 'german'])
