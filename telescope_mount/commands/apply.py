@@ -90,6 +90,12 @@ def _apply(model, args):
         notes.append(f'the mount cannot look there, nearer to its zenith than its axes allow: '
                      f'cells left empty in row{"s" * int(bad.sum() > 1)} '
                      + _listed(np.asarray(lines)[bad]))
+    # the first axis, of what is catalogue place and of the reading alike
+    up = np.mod(az, 360.0) > 180.0 if model.mount.kind == 'german' else np.zeros(len(az), bool)
+    if up.any():
+        notes.append(f'the counterweight is up in row{"s" * int(up.sum() > 1)} '
+                     f'{_listed(np.asarray(lines)[up])}: with it down the mount looks there '
+                     'through the pole, at hour angle + 180, 180 - declination')
     names = places if args.reverse else readings
     if set(names) & set(header):
         names = tuple(f'{n.removesuffix("_deg")}_model_deg' for n in names)

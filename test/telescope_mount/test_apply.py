@@ -10,6 +10,7 @@ from msg_tools.units import ARCSEC, DEG
 from pointing_model.effects import effect
 from pointing_model.fitted_effects import FittedEffect
 from pointing_model.model import PointingModel
+from pointing_model.mounts import Mount
 
 TERMS = {'IA': 412.0 * ARCSEC, 'CA': 25.0 * ARCSEC, 'AN': 30.0 * ARCSEC, 'TF': 15.0 * ARCSEC}
 ZEROS = [{'run': 1, 'az_arcsec': 100.0, 'el_arcsec': -50.0},
@@ -107,3 +108,14 @@ def test_directions_out_of_reach_are_said(ended, tmp_path):
     code, out, err = ended('apply', tmp_path / 'm.yaml', given)
     assert code == 0 and out.splitlines()[2] == '2,89.9,,'
     assert 'cells left empty in row 3' in err
+
+
+def test_a_german_mount_with_its_counterweight_up_is_told(ended, tmp_path):
+    path, given = tmp_path / 'german.json', tmp_path / 'there.csv'
+    PointingModel({'IH': 1e-4}, mount=Mount.equatorial(0.54, 'german')).save(path)
+    given.write_text('ha_deg,dec_deg\n20,30\n-20,30\n160,150\n')
+    code, out, err = ended('apply', path, given)
+    assert code == 0 and len(out.splitlines()) == 4
+    assert 'the counterweight is up in row 3: ' in ' '.join(err.split())
+    given.write_text('ha_deg,dec_deg\n20,30\n160,150\n')
+    assert ended('apply', path, given)[2] == ''
