@@ -204,7 +204,8 @@ def refused_document(error):
         'excluded': None, 'next_observations': [], 'rows_read': error.rows_read,
         'rows_used': error.rows_used, 'outliers': [], 'rms_with_outliers_arcsec': None,
         'columns_alike': [], 'readings': error.readings, 'detectable': None, 'wander': None,
-        'expected': None, 'as_read_rms_arcsec': None, 'worst_rows': None, 'held_out': [],
+        'expected': None, 'as_read_rms_arcsec': None, 'as_read_terms': [], 'south': False,
+        'cv_contiguous': {}, 'worst_rows': None, 'held_out': [],
         'no_star': [], 'unphysical': [], 'approach_from': None, 'rows_are': 'line'}
 
 

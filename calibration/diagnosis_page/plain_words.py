@@ -2,18 +2,30 @@
 
 from dataclasses import dataclass, field
 
+from calibration.diagnosis.as_read import as_read_sentence
 from calibration.diagnosis.facts import bad_nights, worst_sentence
 from calibration.diagnosis.rows_told import outlier_sentence
 from calibration.term_notes import said_of_term
 from pointing_model.effects.base import arcsec, readable
 from pointing_model.mounts import KINDS
 
-from .told import STAYS, counted, first_check, model_words, next_sentence, open_causes, way
+from .told import (
+    FITTED,
+    HELD,
+    LEFT_OUT,
+    STAYS,
+    best_pair,
+    counted,
+    first_check,
+    model_words,
+    next_sentence,
+    open_causes,
+    way,
+)
 
 #: arcsec; what is left beyond this is no noise of pointing
 _ABSURD = 1800.0
 _NO_GAIN = 0.98  # of the error before, above which nothing was gained
-HELD, LEFT_OUT, FITTED = 'on rows held out', 'on rows left out', 'on the rows fitted'
 #: of the effects that would have been found, so many are told
 _MOST_SAID = 8
 
@@ -96,7 +108,7 @@ def told_verdict(document, effects=(), limit=5, caution=''):
     Verdict
     """
     out = _told(document, effects, limit, caution)
-    out.way = way(document)
+    out.way = ' '.join(filter(None, [way(document), as_read_sentence(document)]))
     return out
 
 
@@ -170,15 +182,9 @@ def _by_size(document, effects):
 
 
 def _ranked(document, effects):
-    out, axes = [], dict(zip(('az', 'el'), KINDS[document.get('mount') or 'altaz'].axes))
+    out = []
     for i, (row, told) in enumerate(_by_size(document, effects)):
-        parts = []
-        if row.get('cv_gain_arcsec'):
-            axis = axes.get(row.get('axes'))
-            parts.append(f'Without it rows left out would be missed by at least '
-                         f'{arcsec(row["cv_gain_arcsec"])} more{f" in {axis}" if axis else ""}.')
-        parts += told.more
-        parts.append(first_check(document, row))
+        parts = [*told.more, first_check(document, row)]
         if i == 0 and row.get('causes'):
             parts.append(next_sentence(document, row))
         if row.get('alternatives') and 'causes' not in row:
@@ -252,6 +258,9 @@ def figures_sentence(document):
         said = [f'Quote {arcsec(quoted)}, {label}, of stars that neither the fit nor the choice '
                 'of effects has seen']
         own = document['before' if document['verdict'] in STAYS else 'after'].get('cv_rms_arcsec')
+        if label not in (HELD, LEFT_OUT) and own is not None:
+            said.append(f'{arcsec(own)}, {LEFT_OUT} at random, is less than it should be: '
+                        'neighbouring rows err alike, and those next to a row left out tell of it')
         if label == HELD and own is not None:
             said.append(f'Rows left out of the runs fitted are missed by {arcsec(own)}: they share '
                         'with them what a run has of its own')
@@ -290,24 +299,6 @@ def _wander(document):
     """Rows that resemble their neighbours, if there is such a thing."""
     entry = document.get('wander')
     return [_led(entry['text'][:1].upper() + entry['text'][1:] + '.')] if entry else []
-
-
-def best_pair(document):
-    """The most honest pair of errors there is: held out, else cross-validated, else fitted.
-
-    Returns
-    -------
-    label : str
-    before, after : float or None
-        Radial RMS on the sky, arcsec.
-    """
-    for key, label in (('holdout_rms_arcsec', HELD),
-                       ('cv_rms_arcsec', LEFT_OUT),
-                       ('rms_arcsec', FITTED)):
-        pair = document['before'].get(key), document['after'].get(key)
-        if None not in pair:
-            return label, *pair
-    return FITTED, None, None
 
 
 def floor_words(document):

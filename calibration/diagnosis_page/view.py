@@ -178,7 +178,7 @@ def _groups(obs):
 
 
 def _in_words(rows, mount):
-    """Candidates with the axis that they act on in words."""
+    """Candidates with the axis that they act on in words, by what the mount has."""
     if mount.altaz:
         return rows
     words = dict(zip(('az', 'el'), mount.names.axes))
@@ -186,7 +186,9 @@ def _in_words(rows, mount):
     def driver(name):
         kind, _, axis = (name or '').rpartition('_')
         return f'{kind} {words[axis]}' if kind and axis in words else name
+    carried = {'german': 'saddle'}.get(mount.kind, 'fork')
     return [{**row, 'axes': words.get(row['axes'], row['axes']),
+             'name': row['name'].replace('fork', carried),
              'driver': driver(row.get('driver'))} for row in rows]
 
 
