@@ -78,6 +78,33 @@ def by_size(diagnosis):
     diagnosis.no_star.sort(key=lambda pair: place.get(pair[0], last))
 
 
+def its_own(diagnosis, found):
+    """The part of an effect that no term and no other effect can take up, all of them refitted.
+
+    Against it the residual shows what the rows say of this effect alone (an added-variable plot;
+    Cook & Weisberg 1982, Residuals and Influence in Regression, section 2.3.2): beside terms that
+    are nearly the same curve the effect itself is a difference of large numbers.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+    found : DiagnosedEffect
+
+    Returns
+    -------
+    ndarray, shape (2, n)
+        arcsec on the sky; NaN in rows without weight, and of many in those that are not taken.
+    """
+    obs, (rows, both) = diagnosis.observations, some_rows(diagnosis)
+    others = [e.columns.reshape(-1, 2 * len(obs))[:, both] for e in diagnosis.effects
+              if e is not found and e.fitted.effect.kind != 'known']
+    columns = diagnosis.base.columns(obs.context, obs.label).rows(both).added(others)
+    out = np.full((2, len(obs)), np.nan)
+    out[:, rows] = columns.left_of(effect_offsets(found).reshape(-1)[both],
+                                   White(np.ones(len(both)))).reshape(2, -1)
+    return out
+
+
 def over_the_rows(diagnosis, offsets):
     """What some offsets do beyond the declared terms, on the axis where it goes farther.
 

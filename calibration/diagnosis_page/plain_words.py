@@ -64,8 +64,12 @@ class Verdict:
     first, ranked, rest : list of Said
         Before the effects, what may put all of them in doubt; the effects, the largest first; what
         follows.
+    smaller : list of Said
+        Effects beyond those in `ranked`.
     way : str
         Where large numbers do not show it: RMS as the encoders read, with the terms, with effects.
+    as_read : str
+        What the first of these consists of.
     """
 
     headline: str
@@ -73,6 +77,8 @@ class Verdict:
     ranked: list = field(default_factory=list)
     rest: list = field(default_factory=list)
     way: str = ''
+    as_read: str = ''
+    smaller: list = field(default_factory=list)
 
     def __post_init__(self):
         for name in ('first', 'ranked', 'rest'):
@@ -85,7 +91,9 @@ class Verdict:
         several = len(self.ranked) > 1
         return [*(one.text for one in self.first),
                 *(f'{i}. {one.text}' if several else one.text
-                  for i, one in enumerate(self.ranked, 1)), *filter(None, [self.way]),
+                  for i, one in enumerate(self.ranked, 1)),
+                *([f'And {len(self.smaller)} more, smaller.'] if self.smaller else []),
+                *filter(None, [' '.join(filter(None, [self.way, self.as_read]))]),
                 *(one.text for one in self.rest)]
 
 
@@ -108,7 +116,7 @@ def told_verdict(document, effects=(), limit=5, caution=''):
     Verdict
     """
     out = _told(document, effects, limit, caution)
-    out.way = ' '.join(filter(None, [way(document), as_read_sentence(document)]))
+    out.way, out.as_read = way(document), as_read_sentence(document)
     return out
 
 
@@ -134,12 +142,11 @@ def _told(document, effects, limit, caution):
             ['No effect is added. How far the zero can be trusted is part of the model: set it '
              'anew as often as that asks for.', *last])
     ranked = _ranked(document, effects)
-    rest = [f'And {len(ranked) - limit} more.'] if len(ranked) > limit else []
     axes = KINDS[document.get('mount') or 'altaz'].axes
     return Verdict(
         _headline(document, effects),
         [*odd, caution, *bad_nights(document, axes), _count(document)], ranked[:limit],
-        [*rest, *_wander(document), worst_sentence(document), *last])
+        [*_wander(document), worst_sentence(document), *last], smaller=ranked[limit:])
 
 
 def verdict_sentences(document, effects=(), limit=5, caution=''):
