@@ -52,8 +52,7 @@ def _smooth(axis, driver, shape, factor='1', within=None, mount='altaz', **numbe
                   f'unknown cause: the {word} error follows the {driver_word(driver)} '
                   f'({shape})', f'{shape} of {driver}' + (' x cos E' if factor == 'cosE' else ''),
                   driver, axis, tuple(f'{shape[0]}{i + 1}' for i in range(count)), of,
-                  lambda _: f'The {word} error has {seen}, which no known effect explains; a curve '
-                  'is added in its place',
+                  lambda _: f'The {word} error has {seen}, which no known effect explains',
                   f'what else changes with {the(driver)}' + (
                       f', and what repeats each {_size(driver, numbers["period"])} of it: teeth '
                       'of a gear, rollers, joints of a tape' if shape == 'sawtooth' else ''),

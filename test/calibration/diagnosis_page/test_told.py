@@ -10,6 +10,7 @@ from calibration.diagnosis import diagnose
 from calibration.diagnosis.as_read import as_read_sentence
 from calibration.diagnosis.facts import bad_nights, nights_held_out, worst_sentence
 from calibration.diagnosis.result import diagnosed
+from calibration.diagnosis.unexplained import _like
 from calibration.diagnosis.unphysical import refraction_in_place
 from calibration.diagnosis_page.effects_told import EffectTold
 from calibration.diagnosis_page.plain_words import (
@@ -80,6 +81,27 @@ def test_what_is_seen_is_what_all_causes_share():
                  period=np.radians(15.2))
     assert saw.shape == 'a sawtooth of the elevation with a period of 15.2°'
     assert coefficient_word(saw, 's1') == 'height of a tooth'
+
+    def wave(order):
+        return effect('smooth', axis='el', driver='elevation', shape='fourier', orders=[order],
+                      period=2.0 * np.pi).shape
+    # one of the periods that are tried; of a long one no second wave is seen
+    assert wave(2.5) == 'a smooth curve of the elevation'
+    assert wave(12) == 'a wave of the elevation with a period of about 30.0°'
+
+
+def test_what_would_look_like_a_wander_is_told_by_what_it_follows():
+    def like(*effects):
+        return _like(SimpleNamespace(like=[SimpleNamespace(effect=lambda _, e=e: e)
+                                           for e in effects]), None)
+    step = effect('step', axis='az', at=5.0)
+    assert like(step) == f'"{step.cause_told}"'
+    many = [step, effect('nod', order=2), effect('encoder', axis='az', order=3),
+            effect('drift', of='IA', driver='temperature'),
+            effect('terms', name='refraction')]
+    assert like(*many[:3]) == 'what changes with time or the azimuth'
+    assert like(*many).endswith('the temperature or others') and '_' not in like(*many)
+    assert like() == ''
 
 
 def test_the_headline_says_what_is_wrong_and_what_remains():
