@@ -116,9 +116,14 @@ def title_of(found, axes):
     """
     e = found.fitted.effect
     if not (e.shape and (len(found.causes) > 1 or e.kind == 'smooth')):
-        return readable(e.name)
+        return plain_name(e.name, e.parameters.get('mount'))
     where = dict(zip(('az', 'el'), axes)).get(e.axes, 'both axes')
     return f'{where}: {shape_of(found)}'
+
+
+def plain_name(name, kind):
+    """`readable`, with what a kind of mount has: the first axis of a German one carries no fork."""
+    return readable(name.replace('fork', 'saddle') if kind == 'german' else name)
 
 
 def shape_of(found):

@@ -17,7 +17,7 @@ from pointing_model.mounts import ALTAZ
 from ..page.residuals import Residuals
 from .about import about, axes_note
 from .drivers import Driver, driver_of
-from .effects_told import EffectTold, title_of, told_of
+from .effects_told import EffectTold, plain_name, title_of, told_of
 from .told import signs_sentences
 
 _ALWAYS = ('azimuth', 'elevation', 'time', 'order', 'temperature', 'approach_az', 'approach_el',
@@ -194,9 +194,8 @@ def _in_words(rows, mount):
     def driver(name):
         kind, _, axis = (name or '').rpartition('_')
         return f'{kind} {words[axis]}' if kind and axis in words else name
-    carried = {'german': 'saddle'}.get(mount.kind, 'fork')
     return [{**row, 'axes': words.get(row['axes'], row['axes']),
-             'name': row['name'].replace('fork', carried),
+             'name': plain_name(row['name'], mount.kind),
              'driver': driver(row.get('driver'))} for row in rows]
 
 
@@ -291,7 +290,7 @@ def _facts(found, context):
         facts = [(f'Cause {i}, ΔBIC {one["delta_bic"]:.1f}',
                   one['cause'] + (f'. Look at {one["look_at"]}' if one.get('look_at') else ''))
                  for i, one in enumerate(found.causes, 1)]
-        facts.append(('Fitted as', f'{readable(e.name)}: {e.formula}'))
+        facts.append(('Fitted as', f'{plain_name(e.name, context.mount.kind)}: {e.formula}'))
     else:
         facts = [('Cause', e.cause), ('Look at', e.look_at), ('Formula', e.formula)]
     values = zip(e.coefficient_names, found.fitted.coefficients / ARCSEC,
@@ -306,11 +305,13 @@ def _facts(found, context):
     if found.delta_bic is not None:
         facts.append(('Gain ΔBIC', f'{found.delta_bic:.1f}'))
     if found.cv_gain_arcsec is not None:
-        facts.append(('Gain in cross-validation', arcsec(found.cv_gain_arcsec, True)))
+        facts.append(('Rows left out without it', f'{arcsec(found.cv_gain_arcsec, True)} RMS at '
+                      'least, the others refitted'))
     if found.removes_arcsec is not None:
         facts.append(('Takes off', f'{arcsec(found.removes_arcsec)} RMS on the sky'))
     if found.aliases:
-        facts.append(('The same curve in this run', '; '.join(map(readable, found.aliases))))
+        facts.append(('The same curve in this run', '; '.join(
+            plain_name(name, context.mount.kind) for name in found.aliases)))
     return facts
 
 

@@ -10,6 +10,7 @@ from calibration.diagnosis.summary import (
     effect_offsets,
     ends,
     histogram,
+    its_own,
 )
 from msg_tools.units import ARCSEC
 from pointing_model.run import PointingRun
@@ -53,6 +54,18 @@ def test_places_are_of_neighbours_and_only_of_what_is_followed():
     low, high = ends(np.degrees(hour), wave * np.cos(dec))
     assert low > 130.0 and high < 50.0
     assert ends(np.full(8, np.nan), np.zeros(8)) is None
+
+
+def test_what_is_drawn_of_an_effect_is_its_own(found):
+    own, = (its_own(found, one) for one in found.effects)
+    used = found.weights > 0.0
+    columns = found.base.columns(found.observations.context, found.observations.label)
+    both = np.concatenate((used, used))
+    assert np.abs(columns.common[:, both] @ own.reshape(-1)[both]).max() < 1e-6
+    assert np.isnan(own[:, ~used]).all()
+    # of one effect alone it is what its size is told of
+    assert np.sqrt(np.square(own[:, used]).sum() / used.sum()) == pytest.approx(
+        beyond_base(found, effect_offsets(found.effects[0])))
 
 
 def test_correlations_are_those_of_the_fit(found):

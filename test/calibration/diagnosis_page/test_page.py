@@ -129,6 +129,7 @@ def test_everything_is_in_it_in_order(page, diagnosis):
         'What was left out, and why',
         'What these observations cannot show', 'Notes on the data']
     assert (f'With it in the model {after} remain on the rows fitted ({before} without, ') in page
+    assert '<h1>Pointing diagnosis: ' in page
     assert f'{way_start(diagnosis)}″</b><span>as the encoders read' in page
     assert 'One effect was found beyond the seven terms.' in page
     assert 'model: the seven terms of an alt-azimuth mount (IA, IE' in page
