@@ -29,7 +29,7 @@ def as_read(obs, weights):
 
 
 def as_read_terms(diagnosis):
-    """What the terms are of the errors as the encoders read them, the largest first.
+    """What the terms, fitted alone, are of the errors as read, the largest first.
 
     Parameters
     ----------
@@ -41,7 +41,8 @@ def as_read_terms(diagnosis):
         ``name``, ``value_arcsec`` (of a term that each run has for itself the median) and
         ``rms_arcsec``, what it is on the sky over the rows with weight.
     """
-    obs, terms = diagnosis.observations, diagnosis.model.terms
+    # beside effects that are nearly the same curve a term is a difference of large numbers
+    obs, terms = diagnosis.observations, diagnosis.base_model.terms
     keep = np.flatnonzero(diagnosis.weights > 0.0)
     if not len(keep) or not terms:
         return []

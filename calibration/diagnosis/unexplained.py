@@ -244,4 +244,4 @@ def _like(found, problem):
     drivers = list(dict.fromkeys(the(e.driver) for e in effects))
     if len(drivers) > _NAMED:
         drivers = [*drivers[:_NAMED], 'others']
-    return f'what changes with {" or ".join(drivers)}' if drivers else ''
+    return f'something that changes with {" or ".join(drivers)}' if drivers else ''

@@ -99,7 +99,7 @@ def test_what_would_look_like_a_wander_is_told_by_what_it_follows():
     many = [step, effect('nod', order=2), effect('encoder', axis='az', order=3),
             effect('drift', of='IA', driver='temperature'),
             effect('terms', name='refraction')]
-    assert like(*many[:3]) == 'what changes with time or the azimuth'
+    assert like(*many[:3]) == 'something that changes with time or the azimuth'
     assert like(*many).endswith('the temperature or others') and '_' not in like(*many)
     assert like() == ''
 
