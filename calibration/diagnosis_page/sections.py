@@ -199,17 +199,23 @@ def ranking(rows, width, limit=15):
         return ''
     cells, least = _candidates(rows), _least(rows)
     for cell, row in zip(cells, rows):
-        if least is not None and row['p_family'] == least:
+        if least is not None and row.get('p_family') == least:
             cell[5] = ''
-    out = table(_RANKING, cells[:limit], 'ranking')
+    out = _ranked(cells[:limit])
     if len(cells) > limit:
-        out += folded(f'{len(cells) - limit} more candidates',
-                      table(_RANKING, cells[limit:], 'ranking'))
+        out += folded(f'{len(cells) - limit} more candidates', _ranked(cells[limit:]))
     return out + (f'<p class="note">Candidates within {width:g} of the best ΔBIC are one set: '
                   'these observations do not tell them apart. p: how often noise alone gives any '
                   'candidate such a gain'
-                  + (f'; none written: {probability(least)}, the least that so many trials tell'
-                     if least is not None else '') + '.</p>')
+                  + (f'; where none is written {probability(least)}, the least that so many '
+                     'trials tell' if least is not None else '') + '.</p>')
+
+
+def _ranked(cells):
+    """A table of candidates, without a column in which nothing is written."""
+    if any(cell[5] for cell in cells):
+        return table(_RANKING, cells, 'ranking')
+    return table(_RANKING[:5] + _RANKING[6:], [cell[:5] + cell[6:] for cell in cells], 'ranking')
 
 
 def _least(rows):

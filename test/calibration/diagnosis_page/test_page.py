@@ -375,6 +375,12 @@ def test_tables():
     text = ranking(rows, 6.0)
     assert text.count('● in the set') == 2 and '5 more candidates' in text
     assert 'width:100%' in text and text.index('e 0') < text.index('e 1')
+    assert text.count('<td>0.001</td>') == 2 and 'where none is written' not in text
+    # what all have in common tells nothing of any
+    text = ranking([{**row, 'p_family': 0.0005 if i < 19 else 0.2} for i, row in enumerate(rows)],
+                   6.0)
+    assert 'where none is written 0.0005' in text and text.count('p (family-wise)') == 1
+    assert '<td>0.20</td>' in text and '<td>0.0005</td>' not in text
     text = next_observations([{'az_deg': 90.0, 'el_deg': 30.0, 'approach_az': -1,
                                'approach_el': 1, 'after_hours': None, 'separates': ['a_b', 'c'],
                                'separation_before': 2.0, 'separation_after': 9.25}])
