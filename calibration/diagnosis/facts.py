@@ -16,22 +16,6 @@ from .input_check import MOST_LEFT_OUT
 _FOOT = 1.01  # times as far off, from where a row is said to be worse
 
 
-def as_read(obs, weights):
-    """Radial RMS of what the encoders read beyond the catalogue, arcsec, of rows with weight.
-
-    Parameters
-    ----------
-    obs : Observations
-    weights : ndarray, shape (n,)
-
-    Returns
-    -------
-    float or None
-    """
-    keep = weights > 0.0
-    return _radial(obs.observed.reshape(2, -1)[:, keep]) if keep.any() else None
-
-
 def worst_rows(diagnosis):
     """The worst of the rows that count, before and after.
 

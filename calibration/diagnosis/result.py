@@ -10,9 +10,10 @@ from pointing_model.fitted_effects import FittedEffect
 from pointing_model.model import PointingModel
 from pointing_model.rms import rms
 
+from .as_read import as_read, as_read_terms
 from .base import Base, Observations
 from .constants import SET_WIDTH
-from .facts import as_read, worst_rows
+from .facts import worst_rows
 from .resampling import radial_arcsec
 from .rows_told import RMS_KEYS, rows_told
 
@@ -154,10 +155,16 @@ class Diagnosis:
         if self.verdict == 'none' and entry['slow']:
             self.verdict = 'wanders'
 
+    @property
+    def _south(self):
+        """Whether the pole that is above the horizon is the southern one, where that matters."""
+        mount = self.observations.run.mount
+        return bool(not mount.altaz and mount.latitude < 0.0)
+
     def to_dict(self):
         """The JSON result; keys that do not apply are None."""
         return {
-            **self.observations.run.mount.entries(),
+            **self.observations.run.mount.entries(), 'south': self._south,
             'observations': len(self.observations), 'runs': len(self.observations.runs),
             'base_terms': self.base.names(), 'verdict': self.verdict, 'before': self.before,
             'after': self.after, 'noise_floor_arcsec': self.noise_floor_arcsec,
@@ -167,7 +174,9 @@ class Diagnosis:
             'next_observations': self.next_observations, 'detectable': self.detectable,
             'wander': self.wander, 'expected': self.expected,
             'as_read_rms_arcsec': as_read(self.observations, self.weights) if self.whole else None,
-            'worst_rows': worst_rows(self), 'held_out': self.held_out, 'no_star': self.no_star,
+            'as_read_terms': as_read_terms(self) if self.whole else [],
+            'cv_contiguous': self.cv_contiguous, 'worst_rows': worst_rows(self),
+            'held_out': self.held_out, 'no_star': self.no_star,
             # what is left beside terms that were taken off before has any sign
             'unphysical': self.unphysical if self.whole else [],
             'approach_from': self.observations.run.meta.get('approach_from'),

@@ -40,6 +40,8 @@ class RowsTold:
         Radial RMS in arcsec with the outliers.
     word : {'row', 'line'}
         What their numbers count: lines of a file, or rows of a run without one.
+    taken_back : int
+        Rows that whoever wrote the file took back; they are none of those read.
     """
 
     read: int
@@ -48,6 +50,7 @@ class RowsTold:
     outliers: list
     rms_with: float | None
     word: str = 'row'
+    taken_back: int = 0
 
     @property
     def too_few(self):
@@ -70,7 +73,8 @@ class RowsTold:
     def to_dict(self):
         """Keys of the JSON result."""
         return {'rows_read': self.read, 'rows_used': self.used, 'outliers': self.outliers,
-                'rms_with_outliers_arcsec': self.rms_with, 'rows_are': self.word}
+                'rms_with_outliers_arcsec': self.rms_with, 'rows_are': self.word,
+                'rows_taken_back': self.taken_back}
 
 
 def rows_told(result):
@@ -132,7 +136,8 @@ def _told(left, weights, excluded, lines, sources=None, stars=None, word='row'):
     n = left.shape[1]
     return RowsTold(
         n + lost, n - len(away), copies, outliers,
-        float(np.hypot(*(rms(r) for r in left))) / ARCSEC if outliers else None, word)
+        float(np.hypot(*(rms(r) for r in left))) / ARCSEC if outliers else None, word,
+        len(excluded) - lost)
 
 
 def _named(star):
@@ -160,7 +165,8 @@ def rows_of_reader(run):
     RowsTold
     """
     lost, copies = _lost(run.meta.get('excluded', ()))
-    return RowsTold(len(run) + lost, len(run), copies, [], None, row_word(run))
+    return RowsTold(len(run) + lost, len(run), copies, [], None, row_word(run),
+                    len(run.meta.get('excluded', ())) - lost)
 
 
 def claimed(result):
@@ -204,8 +210,10 @@ def refused_document(error):
         'excluded': None, 'next_observations': [], 'rows_read': error.rows_read,
         'rows_used': error.rows_used, 'outliers': [], 'rms_with_outliers_arcsec': None,
         'columns_alike': [], 'readings': error.readings, 'detectable': None, 'wander': None,
-        'expected': None, 'as_read_rms_arcsec': None, 'worst_rows': None, 'held_out': [],
-        'no_star': [], 'unphysical': [], 'approach_from': None, 'rows_are': 'line'}
+        'expected': None, 'as_read_rms_arcsec': None, 'as_read_terms': [], 'south': False,
+        'cv_contiguous': {}, 'worst_rows': None, 'held_out': [],
+        'no_star': [], 'unphysical': [], 'approach_from': None, 'rows_are': 'line',
+        'rows_taken_back': 0}
 
 
 def used_sentence(told):
@@ -214,13 +222,16 @@ def used_sentence(told):
     Parameters
     ----------
     told : dict
-        With ``rows_used``, ``rows_read``.
+        With ``rows_used``, ``rows_read``, ``rows_taken_back``.
 
     Returns
     -------
     str
     """
-    return f'{told["rows_used"]} of {told["rows_read"]} rows used'
+    more = told.get('rows_taken_back')
+    return f'{told["rows_used"]} of {told["rows_read"]} rows used' + (
+        f'; {more} more {"is" if more == 1 else "are"} commented out or rejected in the file'
+        if more else '')
 
 
 def expected_sentence(document):

@@ -8,6 +8,8 @@ from msg_tools.units import ARCSEC
 
 from .wander import White
 
+_NEIGHBOURS, _PLACES = 4, 12  # rows of one place at least, places of a driver at most
+_FOLLOWED = 0.5  # of the variance, from where the values are said to follow a driver
 _ROWS = 20000  # that a design is made of, at most: more change no printed digit
 
 
@@ -76,8 +78,35 @@ def by_size(diagnosis):
     diagnosis.no_star.sort(key=lambda pair: place.get(pair[0], last))
 
 
-def extremes(diagnosis, offsets):
-    """Where what some offsets do beyond the declared terms is lowest and highest.
+def its_own(diagnosis, found):
+    """The part of an effect that no term and no other effect can take up, all of them refitted.
+
+    Against it the residual shows what the rows say of this effect alone (an added-variable plot;
+    Cook & Weisberg 1982, Residuals and Influence in Regression, section 2.3.2): beside terms that
+    are nearly the same curve the effect itself is a difference of large numbers.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+    found : DiagnosedEffect
+
+    Returns
+    -------
+    ndarray, shape (2, n)
+        arcsec on the sky; NaN in rows without weight, and of many in those that are not taken.
+    """
+    obs, (rows, both) = diagnosis.observations, some_rows(diagnosis)
+    others = [e.columns.reshape(-1, 2 * len(obs))[:, both] for e in diagnosis.effects
+              if e is not found and e.fitted.effect.kind != 'known']
+    columns = diagnosis.base.columns(obs.context, obs.label).rows(both).added(others)
+    out = np.full((2, len(obs)), np.nan)
+    out[:, rows] = columns.left_of(effect_offsets(found).reshape(-1)[both],
+                                   White(np.ones(len(both)))).reshape(2, -1)
+    return out
+
+
+def over_the_rows(diagnosis, offsets):
+    """What some offsets do beyond the declared terms, on the axis where it goes farther.
 
     Parameters
     ----------
@@ -87,15 +116,43 @@ def extremes(diagnosis, offsets):
 
     Returns
     -------
-    list of (int, float)
-        Row and value, arcsec, of the lowest and the highest, on the axis where it is larger;
-        empty without rows.
+    rows : ndarray of int, shape (m,)
+        With weight.
+    values : ndarray, shape (m,)
+        arcsec on the sky.
     """
     left, (rows, _) = _beyond(diagnosis, offsets), some_rows(diagnosis)
-    if not left.size:
-        return []
-    one = left[int(np.argmax(np.ptp(left, axis=1)))]
-    return [(int(rows[i]), float(one[i])) for i in (np.argmin(one), np.argmax(one))]
+    return rows, left[int(np.argmax(np.ptp(left, axis=1)))] if left.size else np.zeros(0)
+
+
+def ends(driver, values):
+    """Places of a driver around which some values are lowest and highest.
+
+    A single row is no place: what is stretched by the other axis, or reversed through the pole,
+    has its lowest and its highest at one and the same. Means of neighbours are compared.
+
+    Parameters
+    ----------
+    driver, values : ndarray, shape (m,)
+
+    Returns
+    -------
+    tuple of float or None
+        Medians of the driver where the means are lowest and highest; None where the driver is
+        not what most of the values follow.
+    """
+    known = np.isfinite(driver)
+    driver, values = driver[known], values[known]
+    parts = min(len(driver) // _NEIGHBOURS, _PLACES)
+    if parts < 3:
+        return None
+    order = np.argsort(driver, kind='stable')
+    groups = np.array_split(order, parts)
+    means = np.array([values[group].mean() for group in groups])
+    between = sum(len(group) * (mean - values.mean())**2 for group, mean in zip(groups, means))
+    if not between > _FOLLOWED * np.square(values - values.mean()).sum():
+        return None
+    return tuple(float(np.median(driver[groups[k]])) for k in (means.argmin(), means.argmax()))
 
 
 def correlations(diagnosis):

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from msg_tools.units import ARCSEC
-from pointing_model.effects.base import driver_word, readable
+from pointing_model.effects.base import the
 
 from .constants import WANDER_TESTS
 
@@ -15,7 +15,7 @@ _SOME = 100  # rows that stand for a run
 _NIGHTS = 1000  # simulated
 _PART = 0.5  # of the run, in which it is said how rows differ
 _STEP = 1.0 / 3.0  # of the distance of any two rows: steps so short go along the sky
-_NAMED = 4  # effects in a sentence, at most
+_NAMED = 3  # drivers in a sentence, at most
 
 
 @dataclass
@@ -184,7 +184,7 @@ def wander_entry(found, problem, context):
                                        f'{" and ".join(parts)}, RMS. What moves it is not known')
         like = _like(found, problem)
         if like:
-            text += f'; it may be {like}'
+            text += f'; {like} would look the same'
         if step:
             text += (f'. The rows went over the sky step by step, {step["step_deg"]:.0f}\u00b0 '
                      f'from one to the next ({step["any_deg"]:.0f}\u00b0 between any two): an '
@@ -236,11 +236,12 @@ def along_the_sky(context, sequence):
 
 
 def _like(found, problem):
-    """What would explain it, in words: effects, and of curves what they follow."""
+    """What would explain it, in words: one cause by its name, of several what they follow."""
     effects = [c.effect(problem) for c in found.like]
-    named = list(dict.fromkeys(readable(e.name) for e in effects if e.kind != 'smooth'))
-    if len(named) > _NAMED + 1:
-        named = [*named[:_NAMED], f'{len(named) - _NAMED} others']
-    drivers = dict.fromkeys(driver_word(e.driver).replace('_', ' ') for e in effects
-                            if e.kind == 'smooth')
-    return ' or '.join([*named, *([f'a curve of {" or ".join(drivers)}'] if drivers else [])])
+    causes = list(dict.fromkeys(e.cause_told for e in effects if e.kind != 'smooth'))
+    if len(causes) == 1 and len(effects) == 1:
+        return f'"{causes[0]}"'
+    drivers = list(dict.fromkeys(the(e.driver) for e in effects))
+    if len(drivers) > _NAMED:
+        drivers = [*drivers[:_NAMED], 'others']
+    return f'something that changes with {" or ".join(drivers)}' if drivers else ''

@@ -8,6 +8,8 @@ import numpy as np
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.effects.base import SIDES
 
+_TURN = 2.0 * np.pi
+_NOWHERE = 20.0 * DEG  # from where an axis has not been in some directions
 _LABELS = {
     'temperature': ('air temperature [°C]', 1.0), 'pressure': ('air pressure [hPa]', 1.0),
     'magnitude': ('magnitude of the star [mag]', 1.0),
@@ -99,7 +101,23 @@ def driver_of(context, name):
         label, unit = f'{name.replace("_", " ")} [°]', DEG
     if name == 'azimuth':
         values = np.mod(values, 2.0 * np.pi)
+    elif name in context.mount.names.keys and not context.mount.altaz:
+        values = _in_one_piece(values)
     return Driver(name, label, values / unit)
+
+
+def _in_one_piece(angles):
+    """Angles of an axis, cut where it has not been: through the pole they go on beyond 180°."""
+    known = np.isfinite(angles)
+    turned = np.mod(angles, _TURN)
+    places = np.sort(turned[known])
+    gaps = np.diff(places, append=places[0] + _TURN)
+    if gaps.max() < _NOWHERE:
+        return angles
+    start = places[(int(gaps.argmax()) + 1) % len(places)]
+    out = start + np.mod(turned - start, _TURN)
+    # the turn in which the middle of them is looked for
+    return out - _TURN * np.round(np.median(out[known]) / _TURN)
 
 
 def _hours(context, values):

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from calibration.diagnosis.summary import beyond_base, effect_offsets, extremes
+from calibration.diagnosis.summary import beyond_base, effect_offsets, ends, over_the_rows
 from msg_tools.units import ARCSEC
 from pointing_model.effects import Amount
 from pointing_model.effects.base import arcsec, readable
@@ -21,23 +21,29 @@ class EffectTold:
     Attributes
     ----------
     seen : str
-        What goes wrong and by how much, a clause that begins with a capital, without a full stop.
+        What goes wrong, a clause that begins with a capital, without a full stop.
     rms_arcsec : float, optional
         What it does to the stars of the run, on the sky.
     more : list of str
         Sentences: its causes, what its driver rests on, how far it depends on the last motion.
+    range_arcsec : float, optional
+        From the lowest to the highest of the rows, on the axis where it is larger. As
+        `rms_arcsec` of what the declared terms cannot take up: both sizes, of every effect.
     """
 
     seen: str
     rms_arcsec: float | None = None
     more: list = field(default_factory=list)
+    range_arcsec: float | None = None
 
     @property
     def head(self):
         """What is seen, and how much that is."""
         if self.rms_arcsec is None or not np.isfinite(self.rms_arcsec):
             return f'{self.seen}.'
-        return f'{self.seen} ({arcsec(self.rms_arcsec)} RMS on the sky).'
+        range_ = f'{arcsec(self.range_arcsec)} from lowest to highest, ' \
+            if self.range_arcsec else ''
+        return f'{self.seen} ({range_}{arcsec(self.rms_arcsec)} RMS on the sky).'
 
     @property
     def sentence(self):
@@ -61,11 +67,12 @@ def told_of(diagnosis, found):
     e = found.fitted.effect
     fitted = effect_offsets(found)
     rms = beyond_base(diagnosis, fitted)
+    rows, values = over_the_rows(diagnosis, fitted)
     more = []
     if len(found.causes) > 1:
         where = dict(zip(('az', 'el'), context.mount.names.axes)).get(e.axes, 'pointing')
-        seen = (f'The {where} error has {shape_of(found)}, '
-                f'{_extent(diagnosis, e, fitted)}')
+        seen = ', '.join(filter(None, [f'The {where} error has {shape_of(found)}',
+                                       _where(diagnosis, e, fitted, rows, values)]))
         more.append(causes_sentence(found.causes))
     else:
         raw = context.get(e.driver)
@@ -79,7 +86,8 @@ def told_of(diagnosis, found):
     if memory:
         more.append('After a reversal the new side is reached little by little, most of it '
                     f'within {memory:g}° of motion (its memory): a short move shows less of it.')
-    return EffectTold(seen, rms, more + _of_approach(diagnosis, e))
+    return EffectTold(seen, rms, more + _of_approach(diagnosis, e),
+                      float(np.ptp(values)) if len(values) else None)
 
 
 def _of_approach(diagnosis, e):
@@ -108,9 +116,14 @@ def title_of(found, axes):
     """
     e = found.fitted.effect
     if not (e.shape and (len(found.causes) > 1 or e.kind == 'smooth')):
-        return readable(e.name)
+        return plain_name(e.name, e.parameters.get('mount'))
     where = dict(zip(('az', 'el'), axes)).get(e.axes, 'both axes')
     return f'{where}: {shape_of(found)}'
+
+
+def plain_name(name, kind):
+    """`readable`, with what a kind of mount has: the first axis of a German one carries no fork."""
+    return readable(name.replace('fork', 'saddle') if kind == 'german' else name)
 
 
 def shape_of(found):
@@ -119,19 +132,17 @@ def shape_of(found):
     return common_shape([one['shape'] for one in found.causes] or [e.shape], e.driver)
 
 
-def _extent(diagnosis, e, fitted):
-    """How far an effect goes, and between which places of its driver, in words."""
-    ends = extremes(diagnosis, fitted)
-    if not ends:
-        return '0″'
+def _where(diagnosis, e, fitted, rows, values):
+    """Which way an effect goes: on which side, or at which places of its driver; '' if neither."""
     driver = driver_of(diagnosis.observations.context, e.driver)
-    size = arcsec(ends[1][1] - ends[0][1])
-    if driver is not None and driver.levels:
-        return _sides(diagnosis, e, fitted, driver) or f'{size} from its lowest to its highest'
-    if driver is None or not driver.label.endswith('[°]'):
-        return f'{size} from its lowest to its highest'
-    return '{} from its lowest at {:.0f}° to its highest at {:.0f}°'.format(
-        size, *(driver.values[row] for row, _ in ends)).replace('-', '−')
+    if driver is None:
+        return ''
+    if driver.levels:
+        return _sides(diagnosis, e, fitted, driver)
+    places = ends(driver.values[rows], values) if driver.label.endswith('[°]') else None
+    if places is None:
+        return ''
+    return 'lowest near {:.0f}°, highest near {:.0f}°'.format(*places).replace('-', '−')
 
 
 def _sides(diagnosis, e, fitted, driver):

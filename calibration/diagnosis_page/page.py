@@ -12,7 +12,7 @@ from ..page.residuals import controls, histograms, sky_maps, targets
 from ..page.stars import stars_table
 from ..page.terms import correlation_table, terms_table
 from . import sections as page
-from .plain_words import FITTED, best_pair, floor_words, told_verdict
+from .plain_words import FITTED, Said, best_pair, floor_words, told_verdict
 from .told import STAYS, causes_of, counted, model_words, open_causes, proposals, way_size
 from .view import view_of
 
@@ -56,14 +56,14 @@ def render(view, more=''):
     str
     """
     document, data = view.document, view.residuals
-    title = 'Pointing diagnosis'
+    title = 'Pointing diagnosis' + f': {view.about}' * bool(view.about)
     body = [
-        f'<h1>{title}</h1>', _meta(view), controls(data), _verdict(view),
+        f'<h1>{clean(title)}</h1>', _meta(view), controls(data), _verdict(view),
         section('Where the residuals are on the sky', sky_maps(data)),
         section('Target', targets(data)),
         _effects(view),
         section('Residual against each driver', page.legend(view.changed),
-                     page.driver_figures(view)),
+                     page.driver_figures(view), note=view.axes_note),
         section('Ranking of the candidate effects',
                      page.ranking(view.ranking, view.set_width),
                      note=f'Each alone, on what {model_words(document, whose=False)} leave.'),
@@ -84,7 +84,7 @@ def render(view, more=''):
         f'<footer>All offsets are encoder − catalogue, {_offsets(view)}, in seconds of '
         'arc on the sky (arcsec, ″). RMS values are radial unless an axis is named.</footer>',
     ]
-    return whole(f'{title}: {_VERDICTS.get(document["verdict"], document["verdict"])}', body,
+    return whole(f'{title} ({_VERDICTS.get(document["verdict"], document["verdict"])})', body,
                  'Pointing diagnosis of a telescope mount')
 
 
@@ -118,7 +118,8 @@ def _verdict(view):
     return (verdict(_VERDICTS.get(badge, badge), headline, [], cards(numbers),
                     badge if badge in _VERDICTS else '',
                     page.words(' '.join((told.headline, *told.sentences, floor_words(document)))),
-                    said(told.first) + said(told.ranked, True) + said(told.rest), then)
+                    said(told.first) + said(told.ranked, True) + page.smaller(told.smaller)
+                    + said([Said(told.as_read)] if told.as_read else []) + said(told.rest), then)
             + section('Error before and after', body, page.held_out(document, view.axes)))
 
 
@@ -162,7 +163,8 @@ def _effects(view):
                      f'{page.rivals(effect.ranking)}')
     parts.append(page.words(' '.join(f'{e.name} {e.told.sentence}' for e in view.effects)))
     return section('What was added to the model', *parts,
-                   note='In the order of what each takes off.' if len(parts) > 2 else '')
+                   note=' '.join(filter(None, ['In the order of what each takes off.'
+                                               if len(parts) > 2 else '', view.axes_note])))
 
 
 def _offsets(view):

@@ -2,18 +2,30 @@
 
 from dataclasses import dataclass, field
 
+from calibration.diagnosis.as_read import as_read_sentence
 from calibration.diagnosis.facts import bad_nights, worst_sentence
 from calibration.diagnosis.rows_told import outlier_sentence
 from calibration.term_notes import said_of_term
 from pointing_model.effects.base import arcsec, readable
 from pointing_model.mounts import KINDS
 
-from .told import STAYS, counted, first_check, model_words, next_sentence, open_causes, way
+from .told import (
+    FITTED,
+    HELD,
+    LEFT_OUT,
+    STAYS,
+    best_pair,
+    counted,
+    first_check,
+    model_words,
+    next_sentence,
+    open_causes,
+    way,
+)
 
 #: arcsec; what is left beyond this is no noise of pointing
 _ABSURD = 1800.0
 _NO_GAIN = 0.98  # of the error before, above which nothing was gained
-HELD, LEFT_OUT, FITTED = 'on rows held out', 'on rows left out', 'on the rows fitted'
 #: of the effects that would have been found, so many are told
 _MOST_SAID = 8
 
@@ -52,8 +64,12 @@ class Verdict:
     first, ranked, rest : list of Said
         Before the effects, what may put all of them in doubt; the effects, the largest first; what
         follows.
+    smaller : list of Said
+        Effects beyond those in `ranked`.
     way : str
         Where large numbers do not show it: RMS as the encoders read, with the terms, with effects.
+    as_read : str
+        What the first of these consists of.
     """
 
     headline: str
@@ -61,6 +77,8 @@ class Verdict:
     ranked: list = field(default_factory=list)
     rest: list = field(default_factory=list)
     way: str = ''
+    as_read: str = ''
+    smaller: list = field(default_factory=list)
 
     def __post_init__(self):
         for name in ('first', 'ranked', 'rest'):
@@ -73,7 +91,9 @@ class Verdict:
         several = len(self.ranked) > 1
         return [*(one.text for one in self.first),
                 *(f'{i}. {one.text}' if several else one.text
-                  for i, one in enumerate(self.ranked, 1)), *filter(None, [self.way]),
+                  for i, one in enumerate(self.ranked, 1)),
+                *([f'And {len(self.smaller)} more, smaller.'] if self.smaller else []),
+                *filter(None, [' '.join(filter(None, [self.way, self.as_read]))]),
                 *(one.text for one in self.rest)]
 
 
@@ -96,7 +116,7 @@ def told_verdict(document, effects=(), limit=5, caution=''):
     Verdict
     """
     out = _told(document, effects, limit, caution)
-    out.way = way(document)
+    out.way, out.as_read = way(document), as_read_sentence(document)
     return out
 
 
@@ -122,12 +142,11 @@ def _told(document, effects, limit, caution):
             ['No effect is added. How far the zero can be trusted is part of the model: set it '
              'anew as often as that asks for.', *last])
     ranked = _ranked(document, effects)
-    rest = [f'And {len(ranked) - limit} more.'] if len(ranked) > limit else []
     axes = KINDS[document.get('mount') or 'altaz'].axes
     return Verdict(
         _headline(document, effects),
         [*odd, caution, *bad_nights(document, axes), _count(document)], ranked[:limit],
-        [*rest, *_wander(document), worst_sentence(document), *last])
+        [*_wander(document), worst_sentence(document), *last], smaller=ranked[limit:])
 
 
 def verdict_sentences(document, effects=(), limit=5, caution=''):
@@ -170,15 +189,9 @@ def _by_size(document, effects):
 
 
 def _ranked(document, effects):
-    out, axes = [], dict(zip(('az', 'el'), KINDS[document.get('mount') or 'altaz'].axes))
+    out = []
     for i, (row, told) in enumerate(_by_size(document, effects)):
-        parts = []
-        if row.get('cv_gain_arcsec'):
-            axis = axes.get(row.get('axes'))
-            parts.append(f'Without it rows left out would be missed by at least '
-                         f'{arcsec(row["cv_gain_arcsec"])} more{f" in {axis}" if axis else ""}.')
-        parts += told.more
-        parts.append(first_check(document, row))
+        parts = [*told.more, first_check(document, row)]
         if i == 0 and row.get('causes'):
             parts.append(next_sentence(document, row))
         if row.get('alternatives') and 'causes' not in row:
@@ -252,6 +265,9 @@ def figures_sentence(document):
         said = [f'Quote {arcsec(quoted)}, {label}, of stars that neither the fit nor the choice '
                 'of effects has seen']
         own = document['before' if document['verdict'] in STAYS else 'after'].get('cv_rms_arcsec')
+        if label not in (HELD, LEFT_OUT) and own is not None:
+            said.append(f'{arcsec(own)}, {LEFT_OUT} at random, is less than it should be: '
+                        'neighbouring rows err alike, and those next to a row left out tell of it')
         if label == HELD and own is not None:
             said.append(f'Rows left out of the runs fitted are missed by {arcsec(own)}: they share '
                         'with them what a run has of its own')
@@ -290,24 +306,6 @@ def _wander(document):
     """Rows that resemble their neighbours, if there is such a thing."""
     entry = document.get('wander')
     return [_led(entry['text'][:1].upper() + entry['text'][1:] + '.')] if entry else []
-
-
-def best_pair(document):
-    """The most honest pair of errors there is: held out, else cross-validated, else fitted.
-
-    Returns
-    -------
-    label : str
-    before, after : float or None
-        Radial RMS on the sky, arcsec.
-    """
-    for key, label in (('holdout_rms_arcsec', HELD),
-                       ('cv_rms_arcsec', LEFT_OUT),
-                       ('rms_arcsec', FITTED)):
-        pair = document['before'].get(key), document['after'].get(key)
-        if None not in pair:
-            return label, *pair
-    return FITTED, None, None
 
 
 def floor_words(document):

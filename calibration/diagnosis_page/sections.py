@@ -5,11 +5,11 @@ from pathlib import PurePath
 import numpy as np
 
 from pointing_model.effects.base import AXES as AXIS_WORDS
-from pointing_model.effects.base import SIDES, readable
+from pointing_model.effects.base import SIDES, arcsec, readable
 from pointing_model.mounts import KINDS
 
 from ..page.drawing import MAX_NAMED, Panel, SkyMap, clean, limit_of, svg
-from ..page.parts import Markup, figure, folded, gains, number, pair, probability, table
+from ..page.parts import Markup, figure, folded, gains, number, pair, probability, said, table
 from ..page.parts import legend as legend_of
 from .plain_words import floor_words
 from .told import enough, explained, no_star_sentences
@@ -28,6 +28,10 @@ def gain_bars(document, axes=('azimuth × cos E', 'elevation')):
     rows = [(label.format(words.get(key)), before.get(key), after.get(key))
             for key, label in _MEASURES
             if before.get(key) is not None or after.get(key) is not None]
+    apart = document.get('cv_contiguous')
+    if apart:
+        at = next((i for i, row in enumerate(rows) if row[0].startswith('rows fitted')), len(rows))
+        rows.insert(at, ('stretches of rows left out', apart['before'], apart['after']))
     if not rows:
         return ''
     return gains([(label, [(pair[0], 'before', 'before'), (pair[1], 'after', 'after')])
@@ -68,6 +72,11 @@ def held_out(document, axes):
 def no_star(document):
     """Of which effects no observation tells the causes apart."""
     return ''.join(f'<p>{clean(text)}</p>' for text in no_star_sentences(document))
+
+
+def smaller(rows):
+    """Effects that are not among the first ones, folded away."""
+    return folded(f'And {len(rows)} more, smaller', said(rows)) if rows else ''
 
 
 def legend(fit=False):
@@ -129,12 +138,13 @@ def effect_figure(view, effect):
     driver = effect.driver
     if driver is None or effect.fitted is None:
         return ''
-    x, used = _spread(driver), view.used
+    own = effect.fitted if effect.own is None else effect.own
+    x, used = _spread(driver), view.used & np.isfinite(own).all(axis=0)
     out = []
     for axis, title in enumerate(view.axes):
-        fitted = effect.fitted[axis]
-        if not np.any(np.abs(fitted[used]) > 1e-9):
+        if not np.any(np.abs(effect.fitted[axis][used]) > 1e-9):
             continue
+        fitted = own[axis]
         partial = view.after[axis] + fitted
         limit = limit_of(partial[used], fitted[used])
         panel = _panel(driver, 26, 190, limit, driver.label, 'residual [arcsec]', title)
@@ -145,8 +155,14 @@ def effect_figure(view, effect):
     if not out:
         return ''
     return figure(out[0] if len(out) == 1 else pair(out),
-                  f'Everything else taken off: what is left (dots) and the fitted effect (strokes) '
-                  f'against {driver.label}.{_how_to_read(driver, effect)}')
+                  'What no term and no other effect can take up, all of them fitted beside it: the '
+                  f'effect (strokes, {arcsec(_radial(own[:, used]))} RMS) and the effect with what '
+                  f'is left (dots), against {driver.label}. The effect is there as far as the dots '
+                  f'go with the strokes.{_how_to_read(driver, effect)}')
+
+
+def _radial(offsets):
+    return float(np.sqrt(np.square(offsets).sum() / max(offsets.shape[1], 1)))
 
 
 def _how_to_read(driver, effect):
@@ -181,14 +197,36 @@ def ranking(rows, width, limit=15):
     """
     if not rows:
         return ''
-    cells = _candidates(rows)
-    out = table(_RANKING, cells[:limit], 'ranking')
+    cells, least = _candidates(rows), _least(rows)
+    for cell, row in zip(cells, rows):
+        if least is not None and row.get('p_family') == least:
+            cell[5] = ''
+    out = _ranked(cells[:limit])
     if len(cells) > limit:
-        out += folded(f'{len(cells) - limit} more candidates',
-                      table(_RANKING, cells[limit:], 'ranking'))
+        out += folded(f'{len(cells) - limit} more candidates', _ranked(cells[limit:]))
     return out + (f'<p class="note">Candidates within {width:g} of the best ΔBIC are one set: '
                   'these observations do not tell them apart. p: how often noise alone gives any '
-                  'candidate such a gain.</p>')
+                  'candidate such a gain'
+                  + (f'; where none is written {probability(least)}, the least that so many '
+                     'trials tell' if least is not None else '') + '.</p>')
+
+
+def _ranked(cells):
+    """A table of candidates, without a column in which nothing is written."""
+    if any(cell[5] for cell in cells):
+        return table(_RANKING, cells, 'ranking')
+    return table(_RANKING[:5] + _RANKING[6:], [cell[:5] + cell[6:] for cell in cells], 'ranking')
+
+
+def _least(rows):
+    """The least p of candidates, where so many have it that it tells them not apart."""
+    known = [row['p_family'] for row in rows if row.get('p_family') is not None]
+    least = min(known, default=None)
+    return least if known.count(least) >= _ALIKE else None
+
+
+#: candidates with the same p, from where it is not written
+_ALIKE = 3
 
 
 _RANKING = ('', 'candidate', 'driver', 'axis', 'gain ΔBIC', 'p (family-wise)', 'set')

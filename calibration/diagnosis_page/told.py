@@ -10,6 +10,9 @@ _MOST_CAUSES = 5
 STAYS = ('none', 'wanders', 'undecided', 'refused', 'withheld', 'taken_back')
 
 
+#: on what a figure is judged
+HELD, LEFT_OUT, FITTED = 'on rows held out', 'on rows left out', 'on the rows fitted'
+STRETCHES = 'on stretches of rows left out'
 _MOUNTS = {'altaz': 'an alt-azimuth mount', 'equatorial': 'an equatorial mount',
            'german': 'a German mount', 'free': 'a mount of two axes'}
 _NUMBERS = ('no', 'one', 'two', 'three', 'four', 'five', 'six', 'seven', 'eight', 'nine', 'ten',
@@ -71,12 +74,41 @@ def way(document):
     return f'{text}; the terms judged {label}.'
 
 
+def best_pair(document, held=True):
+    """The most honest pair of errors there is: held out, else cross-validated, else fitted.
+
+    Where neighbouring rows err alike those left out at random have told of themselves by their
+    neighbours: stretches of time left out have not, and are taken if they are missed by more.
+
+    Parameters
+    ----------
+    document : dict
+    held : bool
+        Whether runs held out count.
+
+    Returns
+    -------
+    label : str
+    before, after : float or None
+        Radial RMS on the sky, arcsec.
+    """
+    apart, wander = document.get('cv_contiguous') or {}, document.get('wander') or {}
+    for key, label in (('holdout_rms_arcsec', HELD),
+                       ('cv_rms_arcsec', LEFT_OUT),
+                       ('rms_arcsec', FITTED)):
+        pair = document['before'].get(key), document['after'].get(key)
+        if None in pair or (label == HELD and not held):
+            continue
+        if label == LEFT_OUT and wander.get('slow') and apart.get('after', 0.0) > pair[1]:
+            return STRETCHES, apart['before'], apart['after']
+        return label, *pair
+    return FITTED, None, None
+
+
 def steps(document):
     """RMS with the terms and with the effects as `way` tells them, and on what: three values."""
-    key, label = ('cv_rms_arcsec', 'on rows left out') \
-        if document['after'].get('cv_rms_arcsec') is not None else ('rms_arcsec',
-                                                                    'on the rows fitted')
-    return document['before'].get(key), document['after'].get(key), label
+    label, *pair = best_pair(document, held=False)
+    return *pair, label
 
 
 def way_size(value):
@@ -89,9 +121,14 @@ def open_causes(row):
     return max(len(row.get('causes') or ()), 1)
 
 
+def plain(cause):
+    """A cause as one clause: what parts it is the mark between causes in a sentence."""
+    return cause.replace('; it ', ', which ').replace('; ', ', ')
+
+
 def causes_sentence(causes):
     """Causes as equals, the best first."""
-    told = [one['cause'] for one in causes]
+    told = [plain(one['cause']) for one in causes]
     if len(told) > _MOST_CAUSES:
         told = [*told[:_MOST_CAUSES], f'{len(told) - _MOST_CAUSES} more']
     return (f'{counted(len(causes), "cause").capitalize()} explain it equally well: '
@@ -130,10 +167,13 @@ def first_check(document, row):
     head = f'It bears on the same curve as {terms[0]} (above): check that first. Then: ' \
         if terms else 'Check first: '
     cheapest = efforts.count(least) < open_causes(row)
-    why = f'the cheapest check ({EFFORTS[least]})' if cheapest \
-        else f'each of the causes takes {EFFORTS[least]}'
-    return (f'{head}{one["look_at"]}. That is for "{one["cause"]}": {why}; the rows do not say '
-            'which is likelier.')
+    others = 'take more' if cheapest else 'take as much'
+    if open_causes(row) == 2:
+        others = f'other {others.replace("take", "takes")}'
+    else:
+        others = f'others {others}'
+    return (f'{head}{one["look_at"]}. That tests "{plain(one["cause"])}", and takes '
+            f'{EFFORTS[least]}; the {others}. Which is likelier these rows do not say.')
 
 
 def causes_of(document):
@@ -253,6 +293,10 @@ WORDS = {
     'bump': 'it is off at one place and little elsewhere',
     'wanders': 'the error moves slowly, so that neighbouring rows err alike, and nothing that was '
                'recorded moves with it',
+    'from lowest to highest': 'of an effect: over the rows of this run, beyond what the terms '
+                              'could take up, on the axis where that is larger',
+    'stretches of rows left out': 'neighbours in time are left out together, so that none of them '
+                                  'tells of the others',
     'ΔBIC': 'how much better an effect explains the rows than its coefficients cost; 6 is strong '
             'evidence',
     'noise floor': 'what is left on the rows fitted, made larger for the coefficients that were '
@@ -286,15 +330,14 @@ def signs_sentences(alike, names):
     first, rest, mirror = names.axes[0], [], ''
     for text in alike:
         if text == f'{first} of catalogue and encoders counted the other way':
-            mirror = f'; or {text}, as in a mirror'
+            mirror = f', or {text}'
         elif text != 'mount and catalogue exchanged':
             rest.append(text)
     said = []
     if 'mount and catalogue exchanged' in alike or mirror:
-        said.append('all is well with the columns as far as a fit can tell. What none can, in any '
-                    'run: mount and catalogue may be exchanged, and every sign here be the '
-                    f'opposite{mirror}. The columns were taken as the file has them; positive is '
-                    'an encoder that reads too much')
+        said.append('signs: the columns were taken as the file names them, and fit so; positive '
+                    'is an encoder that reads too much. Signs alone no run can confirm: they are '
+                    f'right unless mount and catalogue are exchanged in the file{mirror}')
     if rest:
         said.append('read otherwise the columns fit as well, so make sure that they are not: '
                     + '; '.join(rest))

@@ -8,15 +8,16 @@ import numpy as np
 
 from calibration.diagnosis.constants import SET_WIDTH
 from calibration.diagnosis.rows_told import row_word
-from calibration.diagnosis.summary import correlations, effect_offsets
+from calibration.diagnosis.summary import correlations, effect_offsets, its_own
 from msg_tools.units import ARCSEC
 from pointing_model.effects.base import arcsec, readable
 from pointing_model.effects.words import coefficient_word
 from pointing_model.mounts import ALTAZ
 
 from ..page.residuals import Residuals
+from .about import about, axes_note
 from .drivers import Driver, driver_of
-from .effects_told import EffectTold, title_of, told_of
+from .effects_told import EffectTold, plain_name, title_of, told_of
 from .told import signs_sentences
 
 _ALWAYS = ('azimuth', 'elevation', 'time', 'order', 'temperature', 'approach_az', 'approach_el',
@@ -37,6 +38,8 @@ class FoundEffect:
     driver : Driver, optional
     ranking : list of dict
         What else could stand in its place, best first, as in `View`.
+    own : ndarray, shape (2, n), optional
+        What of `fitted` no term and no other effect takes up, see `summary.its_own`.
     gradual, fades : bool
         It is reached little by little after a reversal; on the sky it is smaller higher up.
     """
@@ -49,6 +52,7 @@ class FoundEffect:
     ranking: list = field(default_factory=list)
     gradual: bool = False
     fades: bool = False
+    own: np.ndarray | None = None
 
 
 @dataclass
@@ -118,6 +122,9 @@ class View:
     utc: bool = True
     groups: np.ndarray | None = None
     words: Sequence = ()
+    #: of which telescope, when and where; what the angles are through the pole
+    about: str = ''
+    axes_note: str = ''
 
     @property
     def residuals(self):
@@ -164,7 +171,8 @@ def view_of(diagnosis):
         untestable=diagnosis.untestable,
         run_terms=diagnosis.run_terms, caution=diagnosis.caution, **_axes_of(context),
         time=context.get('time'), utc=getattr(context, 'time_is_utc', True),
-        groups=_groups(obs), words=np.where(diagnosis.weights > 0.0, 'used', 'outlier: not used'))
+        groups=_groups(obs), about=about(obs, _sources(obs)), axes_note=axes_note(context),
+        words=np.where(diagnosis.weights > 0.0, 'used', 'outlier: not used'))
 
 
 def _groups(obs):
@@ -178,7 +186,7 @@ def _groups(obs):
 
 
 def _in_words(rows, mount):
-    """Candidates with the axis that they act on in words."""
+    """Candidates with the axis that they act on in words, by what the mount has."""
     if mount.altaz:
         return rows
     words = dict(zip(('az', 'el'), mount.names.axes))
@@ -187,6 +195,7 @@ def _in_words(rows, mount):
         kind, _, axis = (name or '').rpartition('_')
         return f'{kind} {words[axis]}' if kind and axis in words else name
     return [{**row, 'axes': words.get(row['axes'], row['axes']),
+             'name': plain_name(row['name'], mount.kind),
              'driver': driver(row.get('driver'))} for row in rows]
 
 
@@ -271,7 +280,8 @@ def _found(diagnosis, found):
         name[:1].upper() + name[1:], told_of(diagnosis, found), _facts(found, context),
         effect_offsets(found), _effect_driver(context, e),
         _in_words(found.ranking, context.mount),
-        bool(e.parameters.get('memory_deg')), 'cos' in e.formula and e.driver.startswith('appr'))
+        bool(e.parameters.get('memory_deg')), 'cos' in e.formula and e.driver.startswith('appr'),
+        its_own(diagnosis, found))
 
 
 def _facts(found, context):
@@ -280,7 +290,7 @@ def _facts(found, context):
         facts = [(f'Cause {i}, ΔBIC {one["delta_bic"]:.1f}',
                   one['cause'] + (f'. Look at {one["look_at"]}' if one.get('look_at') else ''))
                  for i, one in enumerate(found.causes, 1)]
-        facts.append(('Fitted as', f'{readable(e.name)}: {e.formula}'))
+        facts.append(('Fitted as', f'{plain_name(e.name, context.mount.kind)}: {e.formula}'))
     else:
         facts = [('Cause', e.cause), ('Look at', e.look_at), ('Formula', e.formula)]
     values = zip(e.coefficient_names, found.fitted.coefficients / ARCSEC,
@@ -295,11 +305,13 @@ def _facts(found, context):
     if found.delta_bic is not None:
         facts.append(('Gain ΔBIC', f'{found.delta_bic:.1f}'))
     if found.cv_gain_arcsec is not None:
-        facts.append(('Gain in cross-validation', arcsec(found.cv_gain_arcsec, True)))
+        facts.append(('Rows left out without it', f'{arcsec(found.cv_gain_arcsec, True)} RMS at '
+                      'least, the others refitted'))
     if found.removes_arcsec is not None:
         facts.append(('Takes off', f'{arcsec(found.removes_arcsec)} RMS on the sky'))
     if found.aliases:
-        facts.append(('The same curve in this run', '; '.join(map(readable, found.aliases))))
+        facts.append(('The same curve in this run', '; '.join(
+            plain_name(name, context.mount.kind) for name in found.aliases)))
     return facts
 
 

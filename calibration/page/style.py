@@ -40,8 +40,8 @@ section { background:var(--card); border:1px solid var(--line); border-radius:10
 li { max-width:90ch; overflow-wrap:anywhere }
 .badge { display:inline-block; font-size:.78rem; font-weight:600; letter-spacing:.05em;
   text-transform:uppercase; color:var(--soft) }
-.numbers-row { display:flex; flex-wrap:wrap; gap:10px 34px; margin:14px 0 4px }
-.numbers-row div { line-height:1.15; max-width:21ch }
+.numbers-row { display:flex; flex-wrap:wrap; gap:10px 26px; margin:14px 0 4px }
+.numbers-row div { line-height:1.15; flex:1 1 0; min-width:13ch; max-width:21ch }
 .numbers-row b { display:block; font-size:1.7rem; font-weight:650;
   font-variant-numeric:tabular-nums }
 .numbers-row span { color:var(--soft); font-size:.85rem }

@@ -4,7 +4,7 @@ import numpy as np
 
 from pointing_model.mounts import KINDS
 
-from .base import Effect, Offer, arcsec, effect, form, on_axis, times
+from .base import Effect, Offer, effect, form, on_axis, times
 
 
 def _tpoint(names, text):
@@ -35,19 +35,15 @@ def _encoder(axis, order, mount='altaz'):
               'or its coupling uneven',
               'the coupling between axis and encoder, and the disc for dirt'))
 
-    def say(amount):
-        head = f'The {names.word(axis)} encoder is wrong '
-        if amount.rms is not None and amount.rms < 0.2 * amount.size:
-            return f'{head}{times(order)}: {short}'  # most of it other terms would take up
-        return f'{head}by up to {arcsec(amount.size)}, {times(order)}: {short}'
-
     # source: geometry of a disc off its axis, or tilted; neither paper has it
     number = '1' if az else '2'
     return Effect(f'{names.key(axis)}_encoder_{k}', f'{names.word(axis)} {cause}: {k} a turn',
                   f'cos {k}{letter}, sin {k}{letter} on the '
                   f'{names.word(axis).removesuffix(" angle")} angle'
                   + (f' (on the sky x cos {names.letter("el")})' if az else ''),
-                  names.key(axis), axis, ('cos', 'sin'), of, say, look_at,
+                  names.key(axis), axis, ('cos', 'sin'), of,
+                  lambda _: f'The {names.word(axis)} encoder is wrong {times(order)}: {short}',
+                  look_at,
                   f'a wave of the {names.word(axis)}, {times(order)}',
                   f'{names.word(axis)} encoder {told} ({times(order)})',
                   effort=2, tpoint=_tpoint(names, f'{number}CEC {number}CES') if k == 1 else
@@ -75,8 +71,8 @@ def _bearing_wobble(order, mount='altaz'):
                   f'(0, cos {k}{a}), (0, sin {k}{a}), (sin {e} cos {k}{a}, 0), '
                   f'(sin {e} sin {k}{a}, 0)',
                   names.key('az'), 'both', ('el_cos', 'el_sin', 'az_cos', 'az_sin'), of,
-                  lambda amount: f'The {shaft} wobbles by up to {arcsec(amount.size)}, '
-                  f'{times(order)}: a bearing or track that is not flat',
+                  lambda _: f'The {shaft} wobbles {times(order)}: a bearing or track that is not '
+                  'flat',
                   'flatness of the azimuth bearing or track, with a level on the fork'
                   if mount == 'altaz' else f'both bearings of the {shaft}',
                   f'a wave of the {names.word("az")}, {times(order)}, in both axes',
@@ -92,11 +88,11 @@ def _nod(order, mount='altaz'):
     return Effect(f'{names.key("el")}_nod_{k}', f'the mount nods {k} a turn of {names.word("az")}',
                   f'(0, cos {k}{a}), (0, sin {k}{a})', names.key('az'), 'el', ('cos', 'sin'),
                   lambda c: [(0.0, np.cos(k * c.az)), (0.0, np.sin(k * c.az))],
-                  lambda amount: f'The mount nods by {arcsec(amount.size)} in {names.word("el")}, '
-                  f'{times(order)} of the {names.shaft("az")}',
+                  lambda _: f'The mount nods in {names.word("el")}, {times(order)} of the '
+                  f'{names.shaft("az")}',
                   'wheels or pads under the azimuth axis, and the base under the fork'
                   if mount == 'altaz' else f'bearings of the {names.shaft("az")}, and what it '
-                  'carries: fork, or counterweight',
+                  f'carries: {"saddle and" if mount == "german" else "fork, or"} counterweight',
                   f'a wave of the {names.word("az")}, {times(order)}',
                   f'mount nods{" on its wheels, pads or base" * (mount == "altaz")} '
                   f'({times(order)} of {names.word("az")})',
@@ -112,11 +108,12 @@ def _line_of_sight(order, mount='altaz'):
                   f'{word}', f'(cos {k}{a}, 0), (sin {k}{a}, 0)', names.key('az'), 'az',
                   ('cos', 'sin'),
                   lambda c: [(np.cos(k * c.az), 0.0), (np.sin(k * c.az), 0.0)],
-                  lambda amount: f'The line of sight swings {arcsec(amount.size)} left and right, '
-                  f'{times(order)} of the {shaft}, at any {names.word("el")}',
+                  lambda _: f'The line of sight swings left and right, {times(order)} of the '
+                  f'{shaft}, at any {names.word("el")}',
                   f'what turns with the {word} and holds the beam: a Nasmyth mirror or the cabin, '
                   'the fork that twists on an uneven track, cables' if mount == 'altaz' else
-                  f'what turns with the {shaft} and bends under its weight: fork, saddle, cables',
+                  f'what turns with the {shaft} and bends under its weight: '
+                  f'{"" if mount == "german" else "fork, "}saddle, cables',
                   f'a wave of the {word}, {times(order)}, the same at any {names.word("el")}',
                   f'line of sight swings ({times(order)} of the {shaft})',
                   tpoint=_of_order(names, 'HsC1# HsS1#', k))

@@ -20,11 +20,8 @@ def _changing(of, driver, origin=0.0, scale=1.0, within=None):
     def columns(c):
         return whole.columns(c) * progress(c, driver, origin, scale, within)
 
-    def say(amount):
+    def say(_):
         text = f'{readable(whole.name)}, not the same all the time: it changes with {with_}'
-        if amount.span is not None and whole.unit == 'arcsec':
-            by = amount.size * (amount.span[1] - amount.span[0]) / scale
-            text += f', by {by:.1f}\u2033 in the run'
         return text[:1].upper() + text[1:]
 
     return Effect(f'{whole.name}_changing_with_{driver}', f'{whole.cause}; it changes with {with_}',

@@ -7,6 +7,7 @@ from pointing_model.mounts import KINDS
 from .base import Effect, driver_word, effect, form, of_mount, the
 
 _TURN = 2.0 * np.pi
+_LONG_WAVE = np.pi / 4.0  # rad, beyond which a wave is told as a curve
 #: drivers that are given waves and bumps; air, stars and columns of the file get splines only
 _WAVY = (*(key for names in KINDS.values() for key in names.keys), 'time', 'order')
 _SECOND = {names.keys[1] for names in KINDS.values()}
@@ -51,8 +52,7 @@ def _smooth(axis, driver, shape, factor='1', within=None, mount='altaz', **numbe
                   f'unknown cause: the {word} error follows the {driver_word(driver)} '
                   f'({shape})', f'{shape} of {driver}' + (' x cos E' if factor == 'cosE' else ''),
                   driver, axis, tuple(f'{shape[0]}{i + 1}' for i in range(count)), of,
-                  lambda _: f'The {word} error has {seen}, which no known effect explains; a curve '
-                  'is added in its place',
+                  lambda _: f'The {word} error has {seen}, which no known effect explains',
                   f'what else changes with {the(driver)}' + (
                       f', and what repeats each {_size(driver, numbers["period"])} of it: teeth '
                       'of a gear, rollers, joints of a tape' if shape == 'sawtooth' else ''),
@@ -80,8 +80,10 @@ def _seen(driver, shape, numbers):
                 f'{_size(driver, 2.0 * numbers["width"])} wide' if driver in _DIRECTION
                 else f'a bump of {the(driver)}')
     if shape == 'fourier' and len(numbers['orders']) in (1, 3) and numbers['orders'][0] != 1:
-        return f'a wave of {the(driver)} with a period of ' \
-               f'{_size(driver, numbers["period"] / numbers["orders"][0])}'
+        period = numbers['period'] / numbers['orders'][0]
+        # the period is one of those tried; of a long one the rows see no second wave
+        if driver not in _DIRECTION or period <= _LONG_WAVE:
+            return f'a wave of {the(driver)} with a period of about {_size(driver, period)}'
     return f'a smooth curve of {the(driver)}'
 
 

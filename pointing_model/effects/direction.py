@@ -40,9 +40,9 @@ _ELSEWHERE = {
         'The tube bends with the sine of the elevation',
         'bolts of the mirror cell and of the camera'),
     'fork_flexure': (
-        'FO', 'fork or saddle bends under its weight', '(0, cos h)',
-        'The fork bends: the declination is off with the cosine of the hour angle',
-        'stiffness of the fork or saddle, and of the polar axis'),
+        'FO', '{0} bends under its weight', '(0, cos h)',
+        'The {0} bends: the declination is off with the cosine of the hour angle',
+        'stiffness of the {0}, and of the polar axis'),
     'declination_axis_flexure': (
         'DAF', 'declination axis bends under the tube and the counterweight', '(-sin E, 0)',
         'The declination axis bends under what it carries: the higher the star, the farther it is '
@@ -50,9 +50,14 @@ _ELSEWHERE = {
 }
 
 
+#: what the first axis carries, by the kind of mount
+_CARRIED = {'altaz': 'fork', 'equatorial': 'fork or saddle', 'german': 'saddle', 'free': 'fork'}
+
+
 def _named(kind):
     table = _TERM_EFFECTS if kind == 'altaz' else _ELSEWHERE
-    return {name: row for name, row in table.items() if row[0] in terms_of(kind)}
+    return {name: tuple(text.format(_CARRIED[kind]) for text in row)
+            for name, row in table.items() if row[0] in terms_of(kind)}
 
 
 @form
@@ -91,17 +96,17 @@ def _term(name, mount='altaz'):
 
 @form
 def _fork_cross_term(mount='altaz'):
-    names = KINDS[mount]
+    names, carried = KINDS[mount], _CARRIED[mount]
     a, e = names.letters
-    return Effect('fork_cross_term', f'fork bends: flexure that turns with the {names.word("az")}',
+    return Effect('fork_cross_term', f'{carried} bends: flexure that turns with the '
+                  f'{names.word("az")}',
                   f'(0, sin {e} cos {a}), (0, sin {e} sin {a})', names.key('az'), 'el',
                   ('cos', 'sin'),
                   lambda c: [(0.0, c.trig.sin_el * c.trig.cos_az),
                              (0.0, c.trig.sin_el * c.trig.sin_az)],
-                  look_at=f'stiffness of the fork and its joint with the {names.word("az")} '
-                  'bearing',
+                  look_at=f'stiffness of the {carried} and its joint with the {names.shaft("az")}',
                   shape=f'a wave of the {names.word("az")}, once per turn, larger high up',
-                  told=f'fork bends as the {names.word("az")} turns')
+                  told=f'{carried} bends as the {names.word("az")} turns')
 
 
 def propose(context, lacking, own):

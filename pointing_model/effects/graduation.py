@@ -5,7 +5,7 @@ import numpy as np
 from msg_tools.units import ARCSEC
 from pointing_model.mounts import KINDS
 
-from .base import AXES, Effect, Offer, arcsec, effect, form, on_axis
+from .base import AXES, Effect, Offer, effect, form, on_axis
 
 _TURN = 2.0 * np.pi
 #: lines or bars in a turn of the encoders of both papers (000: lines; 001: bars)
@@ -94,8 +94,7 @@ def _subdivision(axis, graduation, order, lines=None, mount='altaz'):
                   f'{names.word(axis)} encoder divides {_ONE[graduation]} {size} unevenly, '
                   f'{k} in each',
                   f'cos, sin of 2 pi {k} reading / period', reading, axis, ('cos', 'sin'), of,
-                  lambda amount: f'The {names.word(axis)} encoder divides {_EACH[graduation]} '
-                  f'unevenly, by up to {arcsec(amount.size)}',
+                  lambda _: f'The {names.word(axis)} encoder divides {_EACH[graduation]} unevenly',
                   'offset, amplitude and phase of its sine and cosine signals' if graduation ==
                   'grating' else 'focus and illumination of the reading head',
                   f'a wave within {_EACH[graduation]}',

@@ -7,12 +7,14 @@ hangs on the other end of the axis then.
 
 import numpy as np
 
+from msg_tools.units import DEG
 from pointing_model.mounts import KINDS
 
 from .base import (
     FEWEST_ON_A_SIDE,
     Effect,
     Offer,
+    arcsec,
     effect,
     form,
     of_document,
@@ -34,10 +36,8 @@ def _by_side(of):
     def columns(c):
         return whole.columns(c) * c.get('pier_side')
 
-    def say(amount):
+    def say(_):
         text = f'{readable(whole.name)}, another amount on each side of the pier'
-        if whole.unit == 'arcsec':
-            text += f': {2.0 * amount.size:.1f}\u2033 apart'
         return text[:1].upper() + text[1:]
 
     return Effect(f'{whole.name}_by_side', f'{whole.cause}; it differs by the side of the pier',
@@ -97,10 +97,9 @@ def _by_counterweight(of, play):
         pull = c.get('counterweight')
         return whole.columns(c) * (np.sign(pull) if play else pull)
 
-    def say(amount):
+    def say(_):
         moves = 'has play, and lies over' if play else 'bends'
-        return (f'The first axis {moves} to where the counterweight hangs: '
-                f'{2.0 * amount.size:.1f}\u2033 from end to end')
+        return f'The first axis {moves} to where the counterweight hangs'
 
     return Effect(f'{whole.name}_{how}_counterweight',
                   f'{whole.cause}; it changes with the pull of the counterweight'
@@ -133,13 +132,23 @@ def _polynomial(result, of, power, mount='equatorial'):
                 else (0.0, u)]
 
     where = f'{names.word(word)}{" on the sky" if result == "sky" else ""}'
+
+    def say(amount):
+        slope = float(amount.values[0])
+        moves = 'falls' if slope < 0.0 else 'grows'
+        if k == 2:
+            return (f'The {where} error {moves} with the square of the {names.word(of)}, by '
+                    f'{arcsec(abs(slope))} per square radian')
+        return (f'The {where} error {moves} with the {names.word(of)}, by {arcsec(abs(slope))} per '
+                f'radian, {arcsec(abs(slope) * DEG)} a degree')
+
     return Effect(f'{names.key(word)}{"_on_sky" if result == "sky" else ""}_grows_with_'
                   f'{names.key(of)}' + ('_squared' if k == 2 else ''),
                   f'{where} error grows with the {names.word(of)}'
                   + (', quadratically' if k == 2 else ''),
                   f'{names.letter(of)}{"^2" if k == 2 else ""} in {where}', names.key(of),
                   word, ('slope',), columns,
-                  lambda _: f'The {where} error grows with the {names.word(of)}',
+                  say,
                   f'the scale of the {names.word(word)} encoder, and what bends as the '
                   f'{names.shaft(of)} turns',
                   f'a {"parabola" if k == 2 else "straight line"} of the {names.word(of)}', '',

@@ -74,4 +74,12 @@ def read_unam(path, lines):
         'places are the solved ones, readings hour angle and declination of the mount; rotation '
         '180 is the side through the pole; the moment is told by the sidereal time of the mount']}
     return Table(columns, numbers, [' '.join(row) for row in cells], meta,
-                 names=KINDS['equatorial'])
+                 commented=_commented(lines), names=KINDS['equatorial'])
+
+
+def _commented(lines):
+    """Numbers of the rows that were taken back by a # before them."""
+    rows = ((number, line.lstrip().removeprefix('#').split())
+            for number, line in enumerate(lines, 1) if line.lstrip().startswith('#'))
+    return [number for number, row in rows
+            if len(row) == len(_COLUMNS) and _NAME.fullmatch(row[0])]

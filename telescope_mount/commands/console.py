@@ -9,6 +9,8 @@ from threading import RLock, Timer
 PATIENCE = 1.0
 #: the same where no terminal is: until the first line, and from one to the next
 FIRST_LINE, NEXT_LINE = 2.0, 10.0
+#: of a step since its first, from where it is said how long the others will take
+FEWEST_COUNTED = 2
 
 
 def step_aside(for_good=False):
@@ -67,8 +69,9 @@ class Progress:
         self._console, self._unit, self._every = console, unit, every
         self._lock, self._timer, self._bar = RLock(), None, None
         self._at = first, 0, None
-        self._since = time.monotonic()
+        self._since = self._last = time.monotonic()
         self._told, self._next = None, 0.0
+        self._began = first, self._since, 0
 
     def __enter__(self):
         for outer in _SHOWN:
@@ -87,6 +90,9 @@ class Progress:
         """What is done now, and how much of it; `total` None: not known."""
         with self._lock:
             self._at = text, done, total
+            self._last = time.monotonic()
+            if text != self._began[0]:
+                self._began = text, self._last, done
             self._show()
         if self._console is not None and not (sys.stderr.isatty() or sys.stdout.isatty()):
             self._tell(text, done, total)
@@ -122,9 +128,17 @@ class Progress:
             text, done, total = self._at
             count = f': {done} of {total} {self._unit}' if total is not None and done < total \
                 else ''
-            print(f'{text}{count}, {_clock(time.monotonic() - self._since)} so far',
-                  file=sys.stderr, flush=True)
+            print(f'{text}{count}, {_clock(time.monotonic() - self._since)} so far'
+                  f'{self._left() if count else ""}', file=sys.stderr, flush=True)
             self._wait()
+
+    def _left(self):
+        """The time left of this step by what was counted of it, in words; '' before that."""
+        (_, since, before), (_, done, total) = self._began, self._at
+        if done - before < FEWEST_COUNTED:
+            return ''
+        each = (self._last - since) / (done - before)
+        return f', about {_clock(each * (total - done))} left'
 
     def _begin(self):
         from rich.console import Console

@@ -193,6 +193,8 @@ def test_equinox_is_that_which_fits():
 def test_log_of_the_unam(read):
     run = read_run(measured('coatli', '20211103b.txt'), site=SITE, weather=Weather(720.0, 8.0))
     assert len(run) == 260 and run.mount == GERMAN
+    assert [row['row'] for row in run.meta['excluded'] if row['reason'] == 'commented out'] == [
+        27, 54, 95, 145, 154, 238]
     assert int(is_beyond(run['el']).sum()) == 139
     # rotation 180 is beyond the pole: declination of the mount 85 is then 95
     assert run['el_enc'][0] / DEG == pytest.approx(180.0 - 85.05369, abs=1e-4)

@@ -37,3 +37,16 @@ def test_short_work_says_nothing_where_no_terminal_is(capsys):
     with console.Progress(lines=True) as progress:
         progress('cross-validation', 3, 8)
     assert capsys.readouterr() == ('', '')
+
+
+def test_how_long_a_step_will_take_is_told_by_its_own_counts(monkeypatch, capsys):
+    clock = iter([0.0, 100.0])  # what came before took long
+    monkeypatch.setattr(console.time, 'monotonic', lambda: next(clock, 130.0))
+    progress = console.Progress(unit='folds', first='looking')
+    progress._wait, progress._timer = lambda: None, True
+    progress('cross-validation', 1, 9)
+    progress._leave_line()
+    progress('cross-validation', 4, 9)
+    progress._leave_line()
+    first, second = capsys.readouterr().err.splitlines()
+    assert first.endswith('so far') and second.endswith('2:10 so far, about 0:50 left')

@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 
 from calibration.diagnosis import diagnose
-from calibration.diagnosis.rows_told import rows_of_fit, rows_of_reader, rows_told
+from calibration.diagnosis.rows_told import (
+    rows_of_fit,
+    rows_of_reader,
+    rows_told,
+    used_sentence,
+)
 from calibration.diagnosis_page.page import render
 from calibration.diagnosis_page.plain_words import verdict_sentences
 from calibration.diagnosis_page.view import view_of
@@ -82,6 +87,8 @@ def test_rows_taken_back_in_the_file_were_never_offered():
             {'row': 92, 'reason': 'elevation outside -5..90.1 deg'}]
     told = rows_told(diagnose(night(excluded=lost), **FAST))
     assert (told.read, told.used, told.lost) == (61, 60, 1) and not told.too_few
+    assert used_sentence(told.to_dict()) == (
+        '60 of 61 rows used; 2 more are commented out or rejected in the file')
     # a file joined to itself has every row twice
     copies = [{'row': i, 'reason': f'the same as line {i - 60}'} for i in range(62, 122)]
     told = rows_of_reader(night(excluded=copies))

@@ -8,7 +8,9 @@ from calibration.diagnosis.summary import (
     beyond_base,
     correlations,
     effect_offsets,
+    ends,
     histogram,
+    its_own,
 )
 from msg_tools.units import ARCSEC
 from pointing_model.run import PointingRun
@@ -35,6 +37,35 @@ def test_what_the_terms_take_up_is_no_part_of_an_effect(found):
     taken = 30.0 * stacked_design(('AN',), context.az, context.el)[0].reshape(2, -1)
     assert beyond_base(found, taken) < 1e-6
     assert beyond_base(found, moved + taken) == pytest.approx(beyond_base(found, moved))
+
+
+def test_places_are_of_neighbours_and_only_of_what_is_followed():
+    # both sides of the pier of a German mount, declination beyond 90 degrees through the pole:
+    # the sky has an error of the hour angle with both signs, and both extremes at one hour angle
+    rng = np.random.default_rng(3)
+    hour, dec = rng.uniform(0.0, np.pi, 300), rng.uniform(-0.4, 1.4, 300)
+    beyond = np.where(rng.random(300) < 0.5, dec, np.pi - dec)
+    wave = 20.0 * np.cos(hour)
+    low, high = ends(np.degrees(hour), wave)
+    assert low > 160.0 and high < 20.0
+    reversed_ = wave * np.cos(beyond)
+    assert ends(np.degrees(hour), reversed_) is None
+    # shrunk by the other axis it is followed still
+    low, high = ends(np.degrees(hour), wave * np.cos(dec))
+    assert low > 130.0 and high < 50.0
+    assert ends(np.full(8, np.nan), np.zeros(8)) is None
+
+
+def test_what_is_drawn_of_an_effect_is_its_own(found):
+    own, = (its_own(found, one) for one in found.effects)
+    used = found.weights > 0.0
+    columns = found.base.columns(found.observations.context, found.observations.label)
+    both = np.concatenate((used, used))
+    assert np.abs(columns.common[:, both] @ own.reshape(-1)[both]).max() < 1e-6
+    assert np.isnan(own[:, ~used]).all()
+    # of one effect alone it is what its size is told of
+    assert np.sqrt(np.square(own[:, used]).sum() / used.sum()) == pytest.approx(
+        beyond_base(found, effect_offsets(found.effects[0])))
 
 
 def test_correlations_are_those_of_the_fit(found):

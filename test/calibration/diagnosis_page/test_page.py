@@ -119,8 +119,9 @@ def test_everything_is_in_it_in_order(page, diagnosis):
     before, after = (arcsec(getattr(diagnosis, key)['rms_arcsec']) for key in ('before', 'after'))
     found, = effects_told(diagnosis)
     assert headings == [
-        f'{found.seen} ({arcsec(found.rms_arcsec)} RMS on the sky), the only error found '
-        'beyond the terms of the model',
+        f'{found.seen} ({arcsec(found.range_arcsec)} from lowest to highest, '
+        f'{arcsec(found.rms_arcsec)} RMS on the sky), the only error found beyond the terms of '
+        'the model',
         'Error before and after',
         'Where the residuals are on the sky', 'Target', 'What was added to the model',
         'Residual against each driver', 'Ranking of the candidate effects',
@@ -128,6 +129,7 @@ def test_everything_is_in_it_in_order(page, diagnosis):
         'What was left out, and why',
         'What these observations cannot show', 'Notes on the data']
     assert (f'With it in the model {after} remain on the rows fitted ({before} without, ') in page
+    assert '<h1>Pointing diagnosis: ' in page
     assert f'{way_start(diagnosis)}″</b><span>as the encoders read' in page
     assert 'One effect was found beyond the seven terms.' in page
     assert 'model: the seven terms of an alt-azimuth mount (IA, IE' in page
@@ -241,7 +243,9 @@ def test_hysteresis_in_words(value, more, less):
     ('drift', {'of': 'IA', 'driver': 'time', 'scale': 3600.0}, [2.0], (0.0, 7200.0),
      'zero of the azimuth axis moves 2.00″ an hour, 4.00″ in the whole run'),
     ('step', {'axis': 'el', 'at': 5.0}, [-8.25], None, 'elevation axis jumped by −8.25″ at 5.0'),
-    ('encoder', {'axis': 'az', 'order': 2}, [3.0, 4.0], None, 'wrong by up to 5.00″, twice'),
+    ('encoder', {'axis': 'az', 'order': 2}, [3.0, 4.0], None, 'encoder is wrong twice'),
+    ('polynomial', {'result': 'az', 'of': 'az', 'power': 1, 'mount': 'german'}, [-60.2], None,
+     'hour angle error falls with the hour angle, by 60.2″ per radian, 1.05″ a degree'),
     ('run_zero', {'axis': 'az', 'runs': [1, 2, 3]}, [4.0, -3.0], None, 'by up to 7.00″'),
     ('latency', {}, [-0.15], None, '0.150 s too early'),
     ('proportional', {'axis': 'el', 'driver': 'magnitude'}, [0.3], None, '+0.30″ a magnitude'),
@@ -292,7 +296,7 @@ def test_the_most_honest_pair_is_quoted():
     told = verdict_sentences(document, [EffectTold(name) for name in 'ABC'], limit=2)
     assert told[0].startswith('B, the largest of three errors beyond')
     assert [text[:4] for text in told[1][1:4]] == ['1. B', '2. A', 'And ']
-    assert told[1][1].endswith('Without it rows left out would be missed by at least 5.00″ more.')
+    assert told[1][1] == '1. B.'
 
 
 def test_numbers_and_names():
@@ -371,6 +375,12 @@ def test_tables():
     text = ranking(rows, 6.0)
     assert text.count('● in the set') == 2 and '5 more candidates' in text
     assert 'width:100%' in text and text.index('e 0') < text.index('e 1')
+    assert text.count('<td>0.001</td>') == 2 and 'where none is written' not in text
+    # what all have in common tells nothing of any
+    text = ranking([{**row, 'p_family': 0.0005 if i < 19 else 0.2} for i, row in enumerate(rows)],
+                   6.0)
+    assert 'where none is written 0.0005' in text and text.count('p (family-wise)') == 1
+    assert '<td>0.20</td>' in text and '<td>0.0005</td>' not in text
     text = next_observations([{'az_deg': 90.0, 'el_deg': 30.0, 'approach_az': -1,
                                'approach_el': 1, 'after_hours': None, 'separates': ['a_b', 'c'],
                                'separation_before': 2.0, 'separation_after': 9.25}])

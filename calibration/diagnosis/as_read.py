@@ -1,0 +1,124 @@
+"""What the errors are as the encoders read them, before any term is taken off."""
+
+import numpy as np
+
+from msg_tools.units import ARCSEC
+from pointing_model.mounts import KINDS
+from pointing_model.rms import rms
+from pointing_model.terms import stacked_design
+
+_ROWS = 20000  # of which the size of a term is told, at most
+_MUCH = 3.0  # times what the terms leave, from where it is said what the errors as read are
+_PART, _MOST_NAMED = 0.3, 2  # of them, of a term that is named, and how many of these
+
+
+def as_read(obs, weights):
+    """Radial RMS of what the encoders read beyond the catalogue, arcsec, of rows with weight.
+
+    Parameters
+    ----------
+    obs : Observations
+    weights : ndarray, shape (n,)
+
+    Returns
+    -------
+    float or None
+    """
+    keep = weights > 0.0
+    return _radial(obs.observed.reshape(2, -1)[:, keep]) if keep.any() else None
+
+
+def as_read_terms(diagnosis):
+    """What the terms, fitted alone, are of the errors as read, the largest first.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+
+    Returns
+    -------
+    list of dict
+        ``name``, ``value_arcsec`` (of a term that each run has for itself the median) and
+        ``rms_arcsec``, what it is on the sky over the rows with weight.
+    """
+    # beside effects that are nearly the same curve a term is a difference of large numbers
+    obs, terms = diagnosis.observations, diagnosis.base_model.terms
+    keep = np.flatnonzero(diagnosis.weights > 0.0)
+    if not len(keep) or not terms:
+        return []
+    keep = keep[::len(keep) // _ROWS + 1]
+    columns = stacked_design(tuple(terms), obs.context.az[keep], obs.context.el[keep],
+                             obs.run.mount).reshape(len(terms), 2, -1)
+    out = [{'name': name, 'value_arcsec': value / ARCSEC,
+            'rms_arcsec': _radial(value * column)}
+           for (name, value), column in zip(terms.items(), columns)]
+    return sorted(out, key=lambda row: -row['rms_arcsec'])
+
+
+def as_read_sentence(document):
+    """What the errors as read consist of, and how the first axis stands; '' where they are small.
+
+    Parameters
+    ----------
+    document : dict
+        With ``as_read_rms_arcsec``, ``as_read_terms``, ``before`` and ``mount``.
+
+    Returns
+    -------
+    str
+    """
+    read, rows = document.get('as_read_rms_arcsec'), document.get('as_read_terms') or []
+    left = document['before'].get('rms_arcsec')
+    if not rows or not read or left is None or read < _MUCH * left:
+        return ''
+    names = KINDS[document.get('mount') or 'altaz']
+    values = {names.terms[row['name']][0]: row for row in rows if row['name'] in names.terms}
+    others = [row for own, row in values.items() if own not in ('AN', 'AW')
+              and row['rms_arcsec'] > _PART * read][:_MOST_NAMED]
+    named = ' and '.join(
+        f'{row["name"]} {_signed(row["value_arcsec"])} ({_what(row["name"], names)})'
+        for row in others)
+    said = [f'Most of what the encoders read is {named}'] if named else []
+    lean = _lean(values, names, document.get('south', False))
+    if lean:
+        said.append(f'The {names.shafts[0]} {lean}')
+    return '. '.join(said) + '.' if said else ''
+
+
+def _what(name, names):
+    """A term of the geometry, in words."""
+    own = names.terms[name][0]
+    return {'IA': f'zero of the {names.axes[0]}', 'IE': f'zero of the {names.axes[1]}',
+            'CA': 'collimation', 'NPAE': 'the axes are not square', 'TF': 'the tube bends'}[own]
+
+
+def _lean(values, names, south):
+    """How far the first axis is from where it belongs, and which way; '' where it is not known."""
+    if not {'AN', 'AW'} <= set(values) or names.axes[0] not in ('azimuth', 'hour angle'):
+        return ''
+    north, west = (values[own]['value_arcsec'] for own in ('AN', 'AW'))
+    west *= names.terms[values['AW']['name']][1]
+    terms = [values[own]['name'] for own in ('AN', 'AW')]
+    if names.axes[0] == 'azimuth':
+        ways = (('north', 'south')[north < 0.0], ('west', 'east')[west < 0.0])
+        text = 'leans {} to the {} ({}) and {} to the {} ({})'
+    else:
+        # the end that is above the horizon; of MA the sign is that of the pole itself
+        north, west = (-one if south else one for one in (north, -west))
+        ways = (('high', 'low')[north < 0.0], ('west', 'east')[west < 0.0])
+        text = 'points {} too {} ({}) and {} {} of the pole ({})'
+    return text.format(_size(north), ways[0], terms[0], _size(west), ways[1], terms[1])
+
+
+def _size(value):
+    """Arcseconds, of more than some of them minutes."""
+    value = abs(value)
+    return f'{value / 60.0:.1f}\u2032' if value >= 100.0 else f'{value:.0f}\u2033'
+
+
+def _signed(value):
+    return f'{value:+.0f}\u2033'.replace('-', '\u2212')
+
+
+def _radial(residual):
+    return float(np.hypot(*(rms(one) for one in residual))) / ARCSEC
