@@ -72,7 +72,8 @@ def refused_fit(error):
         'degrees_of_freedom': None, 'condition': None, 'rank': None, 'correlations': None,
         'undetermined': None,
         'rows_read': error.rows_read, 'rows_used': error.rows_used, 'outliers': [],
-        'rms_with_outliers_arcsec': None, 'columns_alike': [], 'readings': error.readings,
+        'rms_with_outliers_arcsec': None, 'rows_are': 'line', 'rows_taken_back': 0,
+        'columns_alike': [], 'readings': error.readings,
         'excluded': None, 'notes': [], 'harmonics': None, 'predicted': None, 'base_model': None,
         'origin_of_errors': None}
 
