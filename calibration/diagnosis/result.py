@@ -36,6 +36,8 @@ class DiagnosedEffect:
     causes : list of dict
         What it may be, as people are told it: ``cause``, ``effects`` (names) and ``delta_bic``;
         those within `SET_WIDTH` of the best, the best first. What people are told alike is one.
+    companions : dict of str to list of Effect
+        Of rivals that explain the run as well only with other effects beside them: these.
     columns : ndarray, shape (k, 2, n)
     removes_arcsec : float or None
         RMS on the sky that it takes off, beyond what the declared terms could.
@@ -51,6 +53,7 @@ class DiagnosedEffect:
     ranking: list = field(default_factory=list)
     cv_gain_arcsec: float | None = None
     causes: list = field(default_factory=list)
+    companions: dict = field(default_factory=dict)
     removes_arcsec: float | None = None
 
     def to_dict(self):

@@ -1,6 +1,6 @@
 """How each chosen effect stands with all others in the model."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -25,6 +25,8 @@ class Standing:
         Of these the ones that are the same curve in this run (aliases).
     every : ndarray, shape (G,)
         Gain of each candidate in its place.
+    companions : dict of int to list of Choice
+        Of alternatives that are as good only with other companions, see `rechosen`: these.
     """
 
     p: float
@@ -32,6 +34,7 @@ class Standing:
     alternatives: list
     same: list
     every: np.ndarray
+    companions: dict = field(default_factory=dict)
 
 
 def standing(problem, found, i, chance, alpha):
