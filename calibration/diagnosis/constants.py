@@ -77,5 +77,7 @@ RATIO_WORTH_IT = 12.0
 #: part of the signal of a found effect that a rival must take up alone to be tried with companions
 #: of its own (correlation 0.9): what others leave to companions is most of an effect of its own
 NEAR = 0.8
+#: part of the largest gain of a run below which the rivals of an effect are not tried so
+LARGE = 0.1
 #: rivals that are tried so in one run, at most: each is a search of its own
 MOST_TRIED = 4

@@ -17,7 +17,7 @@ from .input_check import check_columns
 from .next_observations import propose
 from .rechosen import choose_with_rivals, with_rivals
 from .resampling import radial_arcsec
-from .result import DiagnosedEffect, concluded, diagnosed, hidden, ranking_of
+from .result import DiagnosedEffect, cause_entry, concluded, diagnosed, hidden, ranking_of
 from .rows_told import claimed
 from .scores import Bank
 from .sessions import arrange, split
@@ -263,9 +263,7 @@ def _assemble(work, found, stands, fits, chance):
             one.alternatives.append(e.name)
             one.rivals.append(e.name)
             if e.cause_told not in [told['cause'] for told in one.causes]:
-                one.causes.append({'cause': e.cause_told, 'shape': e.shape, 'look_at': e.look_at,
-                                   'effort': e.effort, 'effects': [e.name],
-                                   'delta_bic': gain})
+                one.causes.append(cause_entry(e, gain))
         one.causes.sort(key=lambda told: -told['delta_bic'])
         effects.append(one)
     notes = list(obs.notes)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .choosing import choose, settled
-from .constants import LIVE, MOST_TRIED, NEAR, SET_WIDTH
+from .constants import LARGE, LIVE, MOST_TRIED, NEAR, SET_WIDTH
 from .problem import Choice
 from .search import search
 from .wander import White
@@ -98,13 +98,14 @@ def near_rivals(problem, chosen, i):
     -------
     list of int
         Groups of the dictionary, of each cause as people are told it the one that fits best; the
-        nearest first. None of an effect without companions, and of one so small that a rival so
-        near would be in its set with any.
+        nearest first. None of an effect that is small beside the
+        largest, and of one so small that a rival so near would be in its set with any companions.
     """
     found, stand = chosen.found, chosen.stands[i]
     choice = found.chosen[i]
-    if (not choice.plain or choice.changes(found.chosen) or len(found.chosen) < 2
-            or stand.delta_bic * (1.0 - NEAR) < SET_WIDTH):
+    if (not choice.plain or choice.changes(found.chosen)
+            or stand.delta_bic * (1.0 - NEAR) < SET_WIDTH
+            or stand.delta_bic < LARGE * max(s.delta_bic for s in chosen.stands)):
         return []
     bank = problem.dictionary
     taken = {bank.effects[k].cause_told for k in (choice.group, *stand.alternatives)}

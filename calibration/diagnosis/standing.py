@@ -64,14 +64,19 @@ def standing(problem, found, i, chance, alpha):
         if slow[g]:
             return _beside_wander(problem, found, i, chance, alpha, whole, np.flatnonzero(slow))
     scores = bank.score(state)
-    return _standing(problem, found, i, scores, chance.p(state, scores, g, alpha))
+    return _standing(problem, found, i, scores, _p(chance, state, scores, g, alpha))
+
+
+def _p(chance, state, scores, g, alpha):
+    """Of a choice; 1 where the others in the model leave nothing of it."""
+    return chance.p(state, scores, g, alpha) if scores.dof[g] else 1.0
 
 
 def _beside_wander(problem, found, i, chance, alpha, state, slow):
     bank, g = found.chosen[i].family(problem, found.chosen)
     scores = bank.score(state)
-    p = chance.p(state, scores, g, alpha)
-    if p > alpha:
+    p = _p(chance, state, scores, g, alpha)
+    if p > alpha and scores.dof[g]:
         others = [c for j, c in enumerate(found.chosen) if j != i]
         p = min(p, chance.p_beyond_wander(problem, others, bank, slow, g))
         # what is left to wander is known with the effect in the model

@@ -26,20 +26,22 @@ def _encoder(axis, order, mount='altaz'):
         return [on_axis(axis, f(angle), c.trig.cos_el) for f in (np.cos, np.sin)]
 
     cause, short, told, look_at = {
-        1: ('encoder disc off its centre', 'its disc is off centre', 'disc off its centre',
+        1: ('encoder disc off its centre', 'the disc of its encoder off centre',
+            'disc off its centre',
             'the centring of the disc; the mean of two heads opposite each other'),
-        2: ('encoder disc oval or tilted, or two heads uneven', 'its disc is oval or tilted',
-            'disc oval or tilted',
+        2: ('encoder disc oval or tilted, or two heads uneven',
+            'the disc of its encoder oval or tilted', 'disc oval or tilted',
             'the tilt of the disc on its hub; the distance of both heads'),
-    }.get(k, ('encoder or its coupling uneven', 'it or its coupling is uneven',
+    }.get(k, ('encoder or its coupling uneven', 'its encoder or the coupling uneven',
               'or its coupling uneven',
               'the coupling between axis and encoder, and the disc for dirt'))
 
     def say(amount):
-        head = f'The {names.word(axis)} encoder is wrong '
+        # all that is seen is the wave: what bends or runs out as often as the axis turns makes it
+        head, cause = f'The {names.word(axis)} is read wrong ', f'; one cause: {short}'
         if amount.rms is not None and amount.rms < 0.2 * amount.size:
-            return f'{head}{times(order)}: {short}'  # most of it other terms would take up
-        return f'{head}by up to {arcsec(amount.size)}, {times(order)}: {short}'
+            return f'{head}{times(order)}{cause}'  # most of it other terms would take up
+        return f'{head}by up to {arcsec(amount.size)}, {times(order)}{cause}'
 
     # source: geometry of a disc off its axis, or tilted; neither paper has it
     number = '1' if az else '2'
@@ -51,7 +53,8 @@ def _encoder(axis, order, mount='altaz'):
                   f'a wave of the {names.word(axis)}, {times(order)}',
                   f'{names.word(axis)} encoder {told} ({times(order)})',
                   effort=2, tpoint=_tpoint(names, f'{number}CEC {number}CES') if k == 1 else
-                  _of_order(names, f'H{number}C{number}# H{number}S{number}#', k))
+                  _of_order(names, f'H{number}C{number}# H{number}S{number}#', k),
+                  only_shape=True)
 
 
 def _of_order(names, text, k):
