@@ -169,19 +169,42 @@ def behind(problem, first, second):
     -------
     float
     """
-    plain, n = problem.plain, problem.n
-    states = [plain.state(found.chosen, found.state.weights) for found in (first, second)]
+    plain = problem.plain
+    misfit, (size, other), live = less_likely(
+        problem.b, [problem.design(f.chosen) for f in (first, second)],
+        [plain.state(f.chosen, f.state.weights) for f in (first, second)])
+    scanned, others = (sum(int(c.bank(problem).scan_cost[c.group]) for c in f.chosen)
+                       for f in (first, second))
+    return misfit + (other + others - size - scanned) * float(np.log(live))
+
+
+def less_likely(b, designs, states):
+    """2 ln(likelihood ratio) of a first model to a second, which need not be nested.
+
+    Parameters
+    ----------
+    b : ndarray, shape (2n,)
+    designs : sequence of Columns
+        Of both.
+    states : sequence of State
+        Fits of them, without memory.
+
+    Returns
+    -------
+    misfit : float
+    sizes : list of int
+        Columns of each that are not those of others.
+    live : int
+        Rows that count.
+    """
     weights = np.minimum(*(state.weights for state in states))
     kept = np.where(states[0].weights > 0.0, states[0].weights, 1.0)
     white = White(states[0].white.root * np.tile(np.sqrt(weights / kept), 2))
     live = max(np.count_nonzero(weights > LIVE), 2)
-    values, out = white(problem.b), []
-    for found in (first, second):
-        basis = problem.design(found.chosen).basis(white)
-        left = np.square(basis.off(values)).reshape(2, n).sum(axis=1) + 1e-30
-        size = len(basis) + sum(int(c.bank(problem).scan_cost[c.group]) for c in found.chosen)
-        out.append(live * np.log(left).sum() + size * np.log(live))
-    return float(out[1] - out[0])
+    values = white(b)
+    bases = [design.basis(white) for design in designs]
+    left = [np.square(basis.off(values)).reshape(2, -1).sum(axis=1) + 1e-30 for basis in bases]
+    return float(live * np.log(left[1] / left[0]).sum()), [len(basis) for basis in bases], live
 
 
 def _take_in(chosen, i, rivals):
