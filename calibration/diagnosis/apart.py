@@ -18,7 +18,9 @@ from .against_wander import follows, swollen
 from .asked_star import ENOUGH, LEAST_CHANCE, TOLD, Pair, Points, drivers_of, needed
 from .base import observations
 from .constants import DISTINCT, SET_WIDTH, SLOW
+from .linear import fit_state
 from .problem import Choice, Problem
+from .rechosen import less_likely
 from .scores import Bank
 from .spans import overlap
 from .work import Work
@@ -142,6 +144,7 @@ class Apart:
         self._effects = [e.fitted.effect for e in found]
         self._sets = {i: [e.fitted.effect.name, *e.rivals] for i, e in enumerate(found)
                       if e.rivals and e.fitted.effect.kind == 'effect'}
+        self._companions = {i: e.companions for i, e in enumerate(found)}
         if not self._sets:
             raise ValueError('the diagnosis leaves no set of causes open: there is nothing to '
                              'tell apart')
@@ -170,7 +173,8 @@ class Apart:
         for _ in range(2 if len(effects) > 1 else 1):  # the second sees what the first has changed
             for i in self._sets:
                 others = [e for j, e in enumerate(effects) if j != i]
-                matches[i] = _Match(work.problem, obs, bank, others, self._sets[i])
+                matches[i] = _Match(work.problem, obs, bank, others, self._sets[i],
+                                    self._companions[i])
                 effects[i] = matches[i].best
         questions, asked = [], None
         for match in matches.values():
@@ -242,6 +246,8 @@ class Apart:
 class _Match:
     """The members of one set on all rows, with everything else in the model.
 
+    Those that have companions of their own are judged with these.
+
     Attributes
     ----------
     best : Effect
@@ -249,8 +255,8 @@ class _Match:
         The nearest first, and how far behind they are.
     """
 
-    def __init__(self, problem, obs, bank, others, members):
-        self._problem, self._others = problem, others
+    def __init__(self, problem, obs, bank, others, members, companions):
+        self._problem, self._others, self._obs = problem, others, obs
         n = problem.n
         self._whole = Problem(
             problem.base.added([e.columns(obs.context).reshape(-1, 2 * n) for e in others]),
@@ -292,8 +298,40 @@ class _Match:
         free = 1.0 - len(self._state.basis) / (2.0 * n)
         behind = free * ((gains + cost)[best] - gains - cost) + cost - cost[best]
         self.best = bank.effects[best]
-        self.rivals = sorted(((bank.effects[g], max(float(behind[g]), 0.0))
-                              for g in (*rivals, *close)), key=lambda one: one[1])
+        stand = [(bank.effects[g], float(behind[g])) for g in (*rivals, *close)]
+        self._with_companions(stand, companions, free)
+        self.rivals = sorted(((e, max(value, 0.0)) for e, value in stand),
+                             key=lambda one: one[1])
+
+    def _with_companions(self, stand, companions, free):
+        """Judge members with companions of their own by whole models; the best of these leads."""
+        problem, n = self._problem, self._problem.n
+
+        def model(effects):
+            design = problem.base.added([e.columns(self._obs.context).reshape(-1, 2 * n)
+                                         for e in effects])
+            return design, fit_state(design, problem.b, problem.inverse_sigma)
+
+        def scanned(effects):
+            return sum(e.scanned for e in effects if e.scan is not None)
+
+        first, lead = [*self._others, self.best], None
+        for k, (e, value) in enumerate(stand):
+            if e.name in companions:
+                second = [*companions[e.name], e]
+                models = model(first), model(second)
+                misfit, (size, other), _ = less_likely(problem.b, *zip(*models))
+                more = other + scanned(second) - size - scanned(first)
+                stand[k] = e, min(value, float(free * misfit + more * np.log(n)))
+                if stand[k][1] < min(0.0, 0.0 if lead is None else stand[lead][1]):
+                    lead = k
+        if lead is None:
+            return
+        e, ahead = stand[lead]
+        stand[:] = [(other, value - ahead) for other, value in stand if other is not e]
+        stand.append((self.best, -ahead))
+        self.best, self._others = e, companions[e.name]
+        self._state = model([*self._others, e])[1]
 
     def _in_its_place(self, bank, scores, best, other):
         """Whether a candidate of no set would stand in the place of the best, not beside it."""

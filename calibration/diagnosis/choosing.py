@@ -24,11 +24,14 @@ class Chosen:
     stands : list of Standing
     gains : list of float
         What each choice takes off the RMS of rows left out, arcsec: the least of all partitions.
+    replaced : bool
+        Whether it is the model of a rival, see `rechosen`.
     """
 
     found: Found
     stands: list = field(default_factory=list)
     gains: list = field(default_factory=list)
+    replaced: bool = False
 
 
 def choose(problem, alpha, chance, partitions=()):

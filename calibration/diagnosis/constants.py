@@ -74,3 +74,10 @@ TAIL = 0.2
 #: largest passes in 1 of 100 simulated nights was 12.2 to 23.9 (71 wandering nights of 30 to 200
 #: rows)
 RATIO_WORTH_IT = 12.0
+#: part of the signal of a found effect that a rival must take up alone to be tried with companions
+#: of its own (correlation 0.9): what others leave to companions is most of an effect of its own
+NEAR = 0.8
+#: part of the largest gain of a run below which the rivals of an effect are not tried so
+LARGE = 0.1
+#: rivals that are tried so in one run, at most: each is a search of its own
+MOST_TRIED = 4

@@ -15,8 +15,9 @@ from .detectable import detectable
 from .expected import expected_error
 from .input_check import check_columns
 from .next_observations import propose
+from .rechosen import choose_with_rivals, with_rivals
 from .resampling import radial_arcsec
-from .result import DiagnosedEffect, concluded, diagnosed, hidden, ranking_of
+from .result import DiagnosedEffect, cause_entry, concluded, diagnosed, hidden, ranking_of
 from .rows_told import claimed
 from .scores import Bank
 from .sessions import arrange, split
@@ -124,18 +125,20 @@ def _in_memory(obs, base, alpha, rng, flips, folds, ways, progress):
     problem = work.problem
     chance = Chance(problem.n, flips, rng, group=problem.sequence.group)
     partitions = partitions_of(problem, folds, rng) if folds else ()
-    chosen = choose(problem, alpha, chance, partitions)
+    chosen = choose_with_rivals(problem, alpha, chance, partitions)
     found = chosen.found
     left = unexplained(problem, found, alpha)
     # a wander along the sky is not told from what the direction does: terms do not rest on it
     mixed = along_the_sky(obs.context, problem.sequence) is None
     errors = cross_validated(work, found.chosen, left is not None and mixed, folds, alpha, chance,
-                             rng, ways, progress) if folds else None
+                             rng, ways, progress,
+                             choose_with_rivals if chosen.replaced else choose) if folds else None
     if errors and errors.cut is not None:
         found.not_repeated = found.chosen[errors.cut:]
         del found.chosen[errors.cut:]
         found.state = problem.plain.state(found.chosen)
-        chosen = settled(problem, found, alpha, chance, partitions)
+        chosen = with_rivals(problem, settled(problem, found, alpha, chance, partitions), alpha,
+                             chance, partitions, replacing=False)
         left = unexplained(problem, found, alpha)
     _refine_steps(work, found)
     base_fit, fitted = _fits(work, found, left, mixed)
@@ -236,6 +239,13 @@ def _as_well_as_a_step(problem, found, i):
     return list(out.values())[:_MOST_CURVES]
 
 
+def _beside(found, rival, others):
+    """A note on what else a model has that explains the run as well with a rival in it."""
+    beside = [readable(e.name) for e in others]
+    return (f'with {readable(rival)} in the place of {readable(found.name)} the run is explained '
+            f'as well, with other effects beside it: {", ".join(beside) or "none"}')
+
+
 def _assemble(work, found, stands, fits, chance):
     problem, obs = work.problem, work.obs
     base_fit, fitted = fits
@@ -246,14 +256,14 @@ def _assemble(work, found, stands, fits, chance):
         bank, group = c.family(problem, found.chosen)
         one = diagnosed(f, s.p, c.columns(problem).reshape(-1, 2, len(obs)), bank.effects,
                         s.every, group, s.alternatives, s.same)
+        one.companions = {bank.effects[k].name: [c.effect(problem) for c in others]
+                          for k, others in s.companions.items()}
         gradual = _as_well_as_a_step(problem, found, i)
         for e, gain in gradual:
             one.alternatives.append(e.name)
             one.rivals.append(e.name)
             if e.cause_told not in [told['cause'] for told in one.causes]:
-                one.causes.append({'cause': e.cause_told, 'shape': e.shape, 'look_at': e.look_at,
-                                   'effort': e.effort, 'effects': [e.name],
-                                   'delta_bic': gain})
+                one.causes.append(cause_entry(e, gain))
         one.causes.sort(key=lambda told: -told['delta_bic'])
         effects.append(one)
     notes = list(obs.notes)
@@ -267,6 +277,8 @@ def _assemble(work, found, stands, fits, chance):
     if work.infeasible.any():
         notes.append(f'{int(work.infeasible.sum())} rows are nearer to the zenith than the mount '
                      'can look')
+    notes += [_beside(e.fitted.effect, rival, others) for e in effects
+              for rival, others in e.companions.items()]
     notes += [f'something unknown is left that follows {the(e.fitted.effect.driver)}: the model '
               f'has a curve for it, {e.fitted.effect.shape}' for e in effects
               if e.fitted.effect.kind == 'smooth']

@@ -227,6 +227,8 @@ class Found:
         without some runs chose so differently that those were predicted worse.
     wandering : list of Choice
         Beyond chance if rows had no memory, but not beyond a zero that wanders.
+    held : frozenset of Choice
+        That a search may neither drop nor replace.
     """
 
     chosen: list
@@ -235,6 +237,7 @@ class Found:
     dropped_by_cv: list = field(default_factory=list)
     not_repeated: list = field(default_factory=list)
     wandering: list = field(default_factory=list)
+    held: frozenset = frozenset()
 
     def without(self, i):
         """The choice but for one, and but for the changes of that one."""

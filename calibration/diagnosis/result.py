@@ -35,8 +35,11 @@ class DiagnosedEffect:
         Every candidate with this effect left out: ``name``, ``driver``, ``axes``, ``delta_bic``,
         ``in_set``; best first.
     causes : list of dict
-        What it may be, as people are told it: ``cause``, ``effects`` (names) and ``delta_bic``;
-        those within `SET_WIDTH` of the best, the best first. What people are told alike is one.
+        What it may be, as people are told it: ``cause``, ``effects`` (names), ``delta_bic`` and
+        ``only_shape`` (even alone it is one possibility, see `Effect`); those within `SET_WIDTH` of
+        the best, the best first. What people are told alike is one.
+    companions : dict of str to list of Effect
+        Of rivals that explain the run as well only with other effects beside them: these.
     columns : ndarray, shape (k, 2, n)
     removes_arcsec : float or None
         RMS on the sky that it takes off, beyond what the declared terms could.
@@ -52,6 +55,7 @@ class DiagnosedEffect:
     ranking: list = field(default_factory=list)
     cv_gain_arcsec: float | None = None
     causes: list = field(default_factory=list)
+    companions: dict = field(default_factory=dict)
     removes_arcsec: float | None = None
 
     def to_dict(self):
@@ -258,14 +262,19 @@ def diagnosed(fitted, p, columns, effects, delta_bic, group, near, same):
                            causes=_causes(effects, delta_bic, [group, *near]))
 
 
+def cause_entry(e, delta_bic, names=None):
+    """Entry of `DiagnosedEffect.causes` for an effect, with its own name unless others are told."""
+    return {'cause': e.cause_told, 'shape': e.shape, 'look_at': e.look_at, 'effort': e.effort,
+            'only_shape': e.only_shape, 'effects': [e.name] if names is None else list(names),
+            'delta_bic': delta_bic}
+
+
 def _causes(effects, delta_bic, groups):
     """`DiagnosedEffect.causes` of groups."""
     out = {}
     for k in sorted(groups, key=lambda k: -delta_bic[k]):
         e = effects[k]
-        one = out.setdefault(e.cause_told, {
-            'cause': e.cause_told, 'shape': e.shape, 'look_at': e.look_at, 'effort': e.effort,
-            'effects': [], 'delta_bic': float(delta_bic[k])})
+        one = out.setdefault(e.cause_told, cause_entry(e, float(delta_bic[k]), ()))
         if e.name not in one['effects']:
             one['effects'].append(e.name)
     return list(out.values())

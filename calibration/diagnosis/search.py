@@ -30,7 +30,7 @@ def affordable(problem, state, size):
     return 2 * problem.n - len(state.basis) - size >= ROWS_PER_COLUMN * size + 2
 
 
-def search(problem, alpha, chance, given_up=()):
+def search(problem, alpha, chance, given_up=(), first=()):
     """Choose the effects.
 
     Parameters
@@ -41,13 +41,15 @@ def search(problem, alpha, chance, given_up=()):
     chance : Chance
     given_up : sequence of Choice
         Not to be chosen again.
+    first : sequence of Choice
+        To begin with; they stay, whatever they are worth.
 
     Returns
     -------
     Found
     """
     plain = problem.plain
-    found = Found([], plain.state([]))
+    found = Found(list(first), plain.state(list(first)), held=frozenset(first))
     _forward(problem, plain, found, alpha * DICTIONARY_SHARE, chance, given_up)
     for add, share, offered in ((_add_change, DICTIONARY_SHARE, problem.changes is not None),
                                 (_add_curve, CURVE_SHARE, len(problem.curves))):
@@ -132,7 +134,7 @@ def second_look(problem, found, without=()):
         i = 0
         while i < len(found.chosen) and len(found.chosen) > 1:
             choice = found.chosen[i]
-            if not choice.plain or choice.changes(found.chosen):
+            if not choice.plain or choice.changes(found.chosen) or choice in found.held:
                 i += 1
                 continue
             state = problem.state(found.chosen, found.state.weights, without=i)
@@ -187,7 +189,7 @@ def _add_curve(problem, plain, found, alpha, chance, given_up):
         if not options:
             return False
         _, g, keep = max(options)
-        beside = Found([found.chosen[i] for i in keep], found.state)
+        beside = Found([found.chosen[i] for i in keep], found.state, held=found.held)
         beside.state = plain.state(beside.chosen)
         lost = _blocked(problem, beside, problem.curves, g, alpha, chance)
         if not len(lost):
@@ -219,7 +221,8 @@ def _replacements(problem, found, without):
     """Curves that beat all dictionary effects of one driver together by more than the set width."""
     out = []
     effects = [c.effect(problem) for c in found.chosen]
-    kept_anyway = [not c.plain or c.changes(found.chosen) for c in found.chosen]
+    kept_anyway = [not c.plain or c.changes(found.chosen) or c in found.held
+                   for c in found.chosen]
     drivers = {e.driver for keep, e in zip(kept_anyway, effects) if not keep}
     for driver in drivers:
         keep = tuple(i for i, (anyway, e) in enumerate(zip(kept_anyway, effects))

@@ -1,6 +1,6 @@
 """How each chosen effect stands with all others in the model."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -25,6 +25,8 @@ class Standing:
         Of these the ones that are the same curve in this run (aliases).
     every : ndarray, shape (G,)
         Gain of each candidate in its place.
+    companions : dict of int to list of Choice
+        Of alternatives that are as good only with other companions, see `rechosen`: these.
     """
 
     p: float
@@ -32,6 +34,7 @@ class Standing:
     alternatives: list
     same: list
     every: np.ndarray
+    companions: dict = field(default_factory=dict)
 
 
 def standing(problem, found, i, chance, alpha):
@@ -61,14 +64,19 @@ def standing(problem, found, i, chance, alpha):
         if slow[g]:
             return _beside_wander(problem, found, i, chance, alpha, whole, np.flatnonzero(slow))
     scores = bank.score(state)
-    return _standing(problem, found, i, scores, chance.p(state, scores, g, alpha))
+    return _standing(problem, found, i, scores, _p(chance, state, scores, g, alpha))
+
+
+def _p(chance, state, scores, g, alpha):
+    """Of a choice; 1 where the others in the model leave nothing of it."""
+    return chance.p(state, scores, g, alpha) if scores.dof[g] else 1.0
 
 
 def _beside_wander(problem, found, i, chance, alpha, state, slow):
     bank, g = found.chosen[i].family(problem, found.chosen)
     scores = bank.score(state)
-    p = chance.p(state, scores, g, alpha)
-    if p > alpha:
+    p = _p(chance, state, scores, g, alpha)
+    if p > alpha and scores.dof[g]:
         others = [c for j, c in enumerate(found.chosen) if j != i]
         p = min(p, chance.p_beyond_wander(problem, others, bank, slow, g))
         # what is left to wander is known with the effect in the model

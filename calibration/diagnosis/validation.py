@@ -109,7 +109,7 @@ class Errors:
 
 
 def cross_validated(work, chosen, wanders, count, alpha, chance, rng, ways=None,
-                    progress=None):
+                    progress=None, chooser=choose):
     """RMS of rows left out, without any effect and with the choice repeated in each fold.
 
     Parameters
@@ -129,6 +129,8 @@ def cross_validated(work, chosen, wanders, count, alpha, chance, rng, ways=None,
         Partitions; by default until the mean is known to `SPREAD`.
     progress : callable, optional
         As of `diagnose`.
+    chooser : callable
+        What chooses in each fold, see `choose`.
 
     Returns
     -------
@@ -151,7 +153,8 @@ def cross_validated(work, chosen, wanders, count, alpha, chance, rng, ways=None,
             progress('cross-validation', folds_done, max(expected, folds_done))
 
     def apart(folds):
-        left, _ = nested(problem, folds, alpha, rng, wanders, whole=chance, done=told)
+        left, _ = nested(problem, folds, alpha, rng, wanders, whole=chance, done=told,
+                         chooser=chooser)
         return _rms(np.square(cross_validate(problem.plain, [], folds)), keep), np.square(left)
     parts, folds_done, expected = [], 0, 0
     least, most = (ways, ways) if ways is not None else (
@@ -255,7 +258,8 @@ def _mean(entries):
     return {axis: float(np.mean([e[axis] for e in entries])) for axis in _IN}
 
 
-def nested(problem, folds, alpha, rng, wanders=False, flips=NESTED_FLIPS, whole=None, done=None):
+def nested(problem, folds, alpha, rng, wanders=False, flips=NESTED_FLIPS, whole=None, done=None,
+           chooser=choose):
     """As `cross_validate`, with the whole choice repeated without each fold.
 
     Parameters
@@ -271,6 +275,8 @@ def nested(problem, folds, alpha, rng, wanders=False, flips=NESTED_FLIPS, whole=
         Of all rows.
     done : callable, optional
         Called after each fold.
+    chooser : callable
+        As of `cross_validated`.
 
     Returns
     -------
@@ -284,8 +290,8 @@ def nested(problem, folds, alpha, rng, wanders=False, flips=NESTED_FLIPS, whole=
     everything = np.arange(problem.n)
     for fold in folds:
         part = problem.rows(np.setdiff1d(everything, fold))
-        found = choose(part, alpha, Chance(part.n, flips, rng, whole, part.sequence.group),
-                       partitions_of(part, FEW_FOLDS, rng)).found
+        found = chooser(part, alpha, Chance(part.n, flips, rng, whole, part.sequence.group),
+                        partitions_of(part, FEW_FOLDS, rng)).found
         choices.append(found.chosen)
         left = []
         for k in range(len(found.chosen) + 1):

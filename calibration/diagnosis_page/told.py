@@ -153,7 +153,9 @@ def first_check(document, row):
     if not causes:
         return ''
     if open_causes(row) == 1:
-        text = f'Look at {causes[0]["look_at"]}.'
+        only = causes[0].get('only_shape')  # then what else repeats so often may make it
+        text = f'Look at {causes[0]["look_at"]}' + (
+            ', and what else bends or runs out as often.' if only else '.')
         if str(row.get('name')).startswith('smooth_of'):
             text += (' Until its cause is known a curve takes it off, which holds where these '
                      'rows are and not beyond.')

@@ -26,12 +26,13 @@ def _encoder(axis, order, mount='altaz'):
         return [on_axis(axis, f(angle), c.trig.cos_el) for f in (np.cos, np.sin)]
 
     cause, short, told, look_at = {
-        1: ('encoder disc off its centre', 'its disc is off centre', 'disc off its centre',
+        1: ('encoder disc off its centre', 'the disc of its encoder off centre',
+            'disc off its centre',
             'the centring of the disc; the mean of two heads opposite each other'),
-        2: ('encoder disc oval or tilted, or two heads uneven', 'its disc is oval or tilted',
-            'disc oval or tilted',
+        2: ('encoder disc oval or tilted, or two heads uneven',
+            'the disc of its encoder oval or tilted', 'disc oval or tilted',
             'the tilt of the disc on its hub; the distance of both heads'),
-    }.get(k, ('encoder or its coupling uneven', 'it or its coupling is uneven',
+    }.get(k, ('encoder or its coupling uneven', 'its encoder or the coupling uneven',
               'or its coupling uneven',
               'the coupling between axis and encoder, and the disc for dirt'))
 
@@ -42,12 +43,15 @@ def _encoder(axis, order, mount='altaz'):
                   f'{names.word(axis).removesuffix(" angle")} angle'
                   + (f' (on the sky x cos {names.letter("el")})' if az else ''),
                   names.key(axis), axis, ('cos', 'sin'), of,
-                  lambda _: f'The {names.word(axis)} encoder is wrong {times(order)}: {short}',
+                  # all that is seen is the wave: what bends or runs out as often makes it too
+                  lambda _: f'The {names.word(axis)} is read wrong {times(order)}; one cause: '
+                  f'{short}',
                   look_at,
                   f'a wave of the {names.word(axis)}, {times(order)}',
                   f'{names.word(axis)} encoder {told} ({times(order)})',
                   effort=2, tpoint=_tpoint(names, f'{number}CEC {number}CES') if k == 1 else
-                  _of_order(names, f'H{number}C{number}# H{number}S{number}#', k))
+                  _of_order(names, f'H{number}C{number}# H{number}S{number}#', k),
+                  only_shape=True)
 
 
 def _of_order(names, text, k):

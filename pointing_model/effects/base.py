@@ -83,6 +83,9 @@ class Effect:
     shape : str
         What the error looks like, e.g. "a wave of the azimuth, twice per turn": that much is seen,
         whatever its cause. By default that it follows its driver.
+    only_shape : bool
+        Whether the shape is all that speaks for the cause, and other things than effects of the
+        dictionary make it, too: even alone it is told as one possibility.
     told : str
         The cause as people are told it beside others, the same of effects that are one cause; by
         default `cause`.
@@ -139,6 +142,7 @@ class Effect:
     size: tuple | None = None
     effort: int = 1
     figure: Callable | None = field(default=None, compare=False, repr=False)
+    only_shape: bool = False
     form: str = ''
     parameters: dict = field(default_factory=dict)
 

@@ -14,6 +14,7 @@ from calibration.diagnosis.base import observations
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model import geometry
 from pointing_model.apart import ASKS, CANNOT, ONE_CAUSE
+from pointing_model.effects import effect
 from pointing_model.run import PointingRun
 
 sys.path.append(str(Path(__file__).parent))
@@ -87,6 +88,21 @@ def test_asked_stars_leave_the_cause_and_say_why_they_are_taken(effect, cause, r
         assert question.out[rival] >= TOLD
         # of the rows alone, whatever was asked on the way
         assert apart.judge(mount.run()).to_dict() == judged.to_dict()
+
+
+def test_a_rival_is_judged_with_companions_of_its_own():
+    mount = Mount(disc, 5, low=35.0)
+    first = diagnose(mount.run(), **FAST)
+    for az, el in zip(range(0, 360, 17), (20.0, 80.0) * 11):
+        mount.observe(az, el)
+    (question,) = Apart(first).judge(mount.run(), most=0).questions
+    behind = question.out['line_of_sight_4']
+    assert question.best == 'azimuth_encoder_4' and behind >= TOLD
+    # what explains the rows beside it costs it two coefficients, and no more
+    (found,) = [e for e in first.effects if e.rivals]
+    found.companions = {'line_of_sight_4': [effect('encoder', axis='az', order=4)]}
+    (question,) = Apart(first).judge(mount.run(), most=0).questions
+    assert question.stays['line_of_sight_4'] < min(TOLD, behind)
 
 
 def test_a_play_is_looked_for_from_either_side():
