@@ -243,7 +243,7 @@ def test_hysteresis_in_words(value, more, less):
     ('drift', {'of': 'IA', 'driver': 'time', 'scale': 3600.0}, [2.0], (0.0, 7200.0),
      'zero of the azimuth axis moves 2.00″ an hour, 4.00″ in the whole run'),
     ('step', {'axis': 'el', 'at': 5.0}, [-8.25], None, 'elevation axis jumped by −8.25″ at 5.0'),
-    ('encoder', {'axis': 'az', 'order': 2}, [3.0, 4.0], None, 'encoder is wrong twice'),
+    ('encoder', {'axis': 'az', 'order': 2}, [3.0, 4.0], None, 'is read wrong twice per turn; one cause: the disc'),
     ('polynomial', {'result': 'az', 'of': 'az', 'power': 1, 'mount': 'german'}, [-60.2], None,
      'hour angle error falls with the hour angle, by 60.2″ per radian, 1.05″ a degree'),
     ('run_zero', {'axis': 'az', 'runs': [1, 2, 3]}, [4.0, -3.0], None, 'by up to 7.00″'),
