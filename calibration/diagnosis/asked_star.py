@@ -168,7 +168,8 @@ class Pair:
     """
 
     def __init__(self, problem, obs, base, state, pair, others, points, behind):
-        self._views = views_of(problem, obs, base, state, pair, others, points.context)
+        self._views = views_of(problem, obs, base, state, [[e] for e in pair], others,
+                               points.context)
         self.behind = behind
         right = 1.0 / (1.0 + np.exp(-0.5 * behind))
         self._right = right, 1.0 - right

@@ -60,8 +60,9 @@ def propose(problem, obs, base, found, stands):
         rivals = [] if choice.curve else sorted(
             stand.alternatives, key=lambda k, bank=bank, own=own: bank.effects[k].cause_told == own)
         for rival in rivals[:_RIVALS]:
-            pair = choice.effect(problem), bank.effects[rival]
-            proposals = _separate(problem, obs, base, found, pair, others, grid,
+            *pair, shared = _members(problem, choice.effect(problem), others, bank.effects[rival],
+                                     stand.companions.get(rival))
+            proposals = _separate(problem, obs, base, found, pair, shared, grid,
                                   abs(stand.every[group] - stand.every[rival]))
             last = proposals[-1]
             if last['separation_after'] > last['separation_before'] + _WORTH:
@@ -73,6 +74,20 @@ def propose(problem, obs, base, found, stands):
                 none.append([choice.effect(problem).name, *dict.fromkeys(
                     e.name for e in tried if e.cause_told != own)])
     return out, none
+
+
+def _members(problem, best, others, rival, companions):
+    """What the models of an effect and of its rival have alone, each itself first, and in common.
+
+    A rival may have companions of its own (see `rechosen`), a list of Choice, else None.
+    """
+    if companions is None:
+        return [best], [rival], others
+    own = [choice.effect(problem) for choice in companions]
+    both = {e.name for e in own} & {e.name for e in others}
+    return ([best, *(e for e in others if e.name not in both)],
+            [rival, *(e for e in own if e.name not in both)],
+            [e for e in others if e.name in both])
 
 
 def _grid(obs):
@@ -175,7 +190,7 @@ def _separate(problem, obs, base, found, pair, others, grid, before):
             'approach_el': int(context.columns['approach_el'][j]) if by_el else 0,
             'last_move_deg': float(SHORT / DEG) if by_move and short[j] else None,
             'after_hours': float(later[j]) if by_time and 'time' in context.columns else None,
-            'separates': [e.name for e in pair],
+            'separates': [member[0].name for member in pair],
             'separation_before': float(before), 'separation_after': float(after)})
     return proposals
 
@@ -190,8 +205,10 @@ def views_of(problem, obs, base, state, pair, others, context):
     base : Base
     state : State
         By which the rows are weighted.
-    pair, others : sequence of Effect
-        The members, and what else is in the model.
+    pair : sequence of sequence of Effect, length 2
+        The members: an effect, and what its model alone has besides.
+    others : sequence of Effect
+        What else is in both models.
     context : Context
         Observations that might be made.
 
@@ -210,14 +227,18 @@ def views_of(problem, obs, base, state, pair, others, context):
     if shared.own is not None:
         rows.append(shared.own_of(last))
         shared_grid.append(grid_base.own)
-    rows = [np.vstack(rows), *(e.columns(obs.context).reshape(-1, 2 * n) for e in pair),
+    rows = [np.vstack(rows), *(_stacked(member, obs.context) for member in pair),
             problem.b[None]]
     shared_rows, *sides, b = (_beyond_other_runs(shared, state.white(r), state.white, last)
                               for r in rows)
-    sides = [(r, e.columns(context).reshape(-1, 2 * m)) for r, e in zip(sides, pair)]
+    sides = [(r, _stacked(member, context)) for r, member in zip(sides, pair)]
     noise = _noise(state, problem, context)
     shared_grid = np.vstack(shared_grid)
     return [View(shared_rows, shared_grid, sides[k], sides[1 - k], b[0], noise) for k in (0, 1)]
+
+
+def _stacked(effects, context):
+    return np.vstack([e.columns(context).reshape(-1, 2 * len(context)) for e in effects])
 
 
 def place_of(context, j):

@@ -1,10 +1,12 @@
 """Where observations are proposed."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from calibration.diagnosis import diagnose
-from calibration.diagnosis.next_observations import BEYOND, turned_to
+from calibration.diagnosis.next_observations import BEYOND, _members, turned_to
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.mounts import Mount, is_beyond
 from pointing_model.run import PointingRun
@@ -44,3 +46,15 @@ def test_no_star_is_proposed_with_the_counterweight_up():
     angles = np.array([one['ha_deg'] for one in result.next_observations])
     assert len(angles) >= 6
     assert (np.mod(angles + BEYOND / DEG, 360.0) < 180.0 + 2.0 * BEYOND / DEG).all()
+
+
+def test_each_of_a_pair_has_what_its_own_model_has():
+    def named(*names):
+        return [SimpleNamespace(name=name) for name in names]
+
+    def members(companions):
+        best, rival, shared = _members(None, *named('a'), named('c', 'd'), *named('b'), companions)
+        return [[e.name for e in part] for part in (best, rival, shared)]
+    assert members(None) == [['a'], ['b'], ['c', 'd']]
+    own = [SimpleNamespace(effect=lambda problem, e=e: e) for e in named('d', 'f')]
+    assert members(own) == [['a', 'c'], ['b', 'f'], ['d']]
