@@ -56,7 +56,8 @@ def with_rivals(problem, chosen, alpha, chance, partitions=(), replacing=True):
     alpha, chance, partitions
         As of `choose`.
     replacing : bool
-        Whether a model that is better by more than `SET_WIDTH` is taken instead.
+        Whether a model that is better by more than `SET_WIDTH`, with no more effects, is taken
+        instead.
 
     Returns
     -------
@@ -71,7 +72,9 @@ def with_rivals(problem, chosen, alpha, chance, partitions=(), replacing=True):
         best = min(tried, key=lambda one: one.behind, default=None)
         if best is None:
             continue
-        if best.behind >= -SET_WIDTH or not replacing:
+        # what needs more effects for it is no better explanation: both are told
+        more = len(best.chosen.found.chosen) > len(chosen.found.chosen)
+        if best.behind >= -SET_WIDTH or more or not replacing:
             _take_in(chosen, i, tried)
             continue
         rest = [replace(one, behind=one.behind - best.behind) for one in tried if one is not best]
