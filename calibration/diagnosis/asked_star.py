@@ -12,7 +12,7 @@ from msg_tools.units import DEG
 from pointing_model.context import Context
 from pointing_model.mounts import is_beyond
 
-from .next_observations import MIN_GAP, SHORT, forecast, place_of, turned_to, views_of
+from .next_observations import MIN_GAP, SHORT, forecast, on_turn, place_of, turned_to, views_of
 
 #: 2 ln(likelihood ratio) from which a member is out: of two 1 in 100 is wrong (Wald 1945)
 TOLD = 9.2
@@ -83,6 +83,7 @@ class Points:
         if not mount.altaz:
             points[1:3] = mount.axes_of(*points[1:3], points[0] != 0.0)
             points = points[:, turned_to(known.az, points[1])]
+            points[1] = on_turn(known.az, points[1])
         _, az, el, s_az, s_el, self.later, self.short, bright = points
         self.short = self.short != 0.0
         columns = {'approach_az': s_az, 'approach_el': s_el, 'az_enc': az, 'el_enc': el,

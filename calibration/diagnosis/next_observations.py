@@ -12,7 +12,7 @@ from copy import copy
 
 import numpy as np
 
-from msg_tools.units import DEG
+from msg_tools.units import DEG, wrap
 from pointing_model.context import Context
 from pointing_model.mounts import is_beyond
 
@@ -113,7 +113,8 @@ def _grid(obs):
     if not mount.altaz:
         az, el = mount.axes_of(az, el, side)
         seen = turned_to(obs.context.az, az)
-        az, el = (az[seen], el[seen]) if seen.any() else (obs.context.az, obs.context.el)
+        az, el = (on_turn(obs.context.az, az[seen]), el[seen]) if seen.any() else (
+            obs.context.az, obs.context.el)
     s_az, s_el, later, short = (np.tile(v.ravel(), len(az)) for v in np.meshgrid(
         [-1.0, 1.0], [-1.0, 1.0], _LATER, [False, True], indexing='ij'))
     az, el = (np.repeat(v, len(later) // len(v)) for v in (az, el))
@@ -156,6 +157,12 @@ def turned_to(seen, angles):
     last = int(np.argmax(gaps))
     first, span = places[(last + 1) % len(places)], 2.0 * np.pi - gaps[last]
     return np.mod(angles - first + BEYOND, 2.0 * np.pi) <= span + 2.0 * BEYOND
+
+
+def on_turn(seen, angles):
+    """Angles on the turn on which an axis has been: what grows with it has no jump between."""
+    middle = 0.5 * (seen.min() + seen.max())
+    return middle + wrap(angles - middle)
 
 
 def forecast(time, temperature, then, n):

@@ -6,8 +6,15 @@ import numpy as np
 import pytest
 
 from calibration.diagnosis import diagnose
-from calibration.diagnosis.next_observations import BEYOND, _members, turned_to
+from calibration.diagnosis.next_observations import (
+    BEYOND,
+    _grid,
+    _members,
+    on_turn,
+    turned_to,
+)
 from msg_tools.units import ARCSEC, DEG
+from pointing_model.context import Context
 from pointing_model.mounts import Mount, is_beyond
 from pointing_model.run import PointingRun
 
@@ -23,6 +30,24 @@ def test_an_axis_has_been_where_it_was_and_between(seen, inside, outside):
     seen = np.array(seen) * DEG
     assert turned_to(seen, np.array(inside) * DEG).all()
     assert not turned_to(seen, np.array(outside) * DEG).any()
+
+
+def test_angles_lie_on_the_turn_of_the_rows():
+    seen = np.array([3.7, 175.2]) * DEG
+    np.testing.assert_allclose(on_turn(seen, np.array([-180.0, 180.0, -1.0, 90.0]) * DEG) / DEG,
+                               [180.0, 180.0, -1.0, 90.0])
+    other = on_turn(-seen, np.array([180.0, -90.0]) * DEG)
+    np.testing.assert_allclose(other / DEG, [-180.0, -90.0])
+
+
+def test_possible_places_are_on_the_turn_of_the_rows():
+    mount = Mount.equatorial(31.0 * DEG, 'german')
+    first, second = np.array([3.0, 60.0, 120.0, 177.0]) * DEG, np.array([40, 20, 150, 120]) * DEG
+    context = Context(first, second, mount=mount)
+    places = _grid(SimpleNamespace(context=context))[0].az
+    # a straight line of the angle has no jump at half a turn, where the grid has directions
+    assert places.min() > first.min() - 2.0 * BEYOND and places.max() < first.max() + 2.0 * BEYOND
+    assert np.any(np.abs(places - np.pi) < 1e-9)
 
 
 def test_no_star_is_proposed_with_the_counterweight_up():
