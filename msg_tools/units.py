@@ -20,3 +20,24 @@ def wrap(angle):
         The same direction, radians in [-pi, pi).
     """
     return (angle + np.pi) % (2.0 * np.pi) - np.pi
+
+
+def covered(angles):
+    """The arc that angles cover: all of the circle but the largest gap between two of them.
+
+    Parameters
+    ----------
+    angles : ndarray, shape (n,)
+        Radians, one at least.
+
+    Returns
+    -------
+    start : float
+        Where it begins, radians in [0, 2 pi).
+    span : float
+        How far it goes from there, radians; 0 of one angle.
+    """
+    places = np.sort(np.mod(angles, 2.0 * np.pi))
+    gaps = np.diff(places, append=places[0] + 2.0 * np.pi)
+    last = int(np.argmax(gaps))
+    return float(places[(last + 1) % len(places)]), float(2.0 * np.pi - gaps[last])

@@ -10,9 +10,8 @@ from scipy.special import ndtr
 
 from msg_tools.units import DEG
 from pointing_model.context import Context
-from pointing_model.mounts import is_beyond
 
-from .next_observations import MIN_GAP, SHORT, forecast, on_turn, place_of, turned_to, views_of
+from .next_observations import MIN_GAP, SHORT, forecast, place_of, places_under, views_of
 
 #: 2 ln(likelihood ratio) from which a member is out: of two 1 in 100 is wrong (Wald 1945)
 TOLD = 9.2
@@ -65,7 +64,6 @@ class Points:
         low, high = elevations or (max(15.0 * DEG, float(above.min())), float(above.max()))
         low = low if low_deg is None else min(low, low_deg * DEG)
         high = min(88.0 * DEG, max(high, low + 0.1))
-        beyond = np.unique(is_beyond(known.el)) if not mount.altaz else [False]
         sides = [[-1.0, 1.0] if {f'approach_{axis}', f'before_{axis}'} & drivers else [1.0]
                  for axis in ('az', 'el')]
         later = [h for h in _LATER if h < hours] + [hours] * (hours > 0.0)
@@ -77,15 +75,8 @@ class Points:
         bright = [np.nan] if magnitude is None else [np.nanmedian(magnitude)]
         if magnitude is not None and 'magnitude' in drivers:
             bright = [0.0, 9.0] if any_magnitude else [np.nanmin(magnitude), np.nanmax(magnitude)]
-        points = np.array([v.ravel() for v in np.meshgrid(
-            beyond, np.arange(0.0, 360.0, 15.0) * DEG, np.linspace(low, high, 9), *sides, later,
-            moves, bright, indexing='ij')])
-        if not mount.altaz:
-            points[1:3] = mount.axes_of(*points[1:3], points[0] != 0.0)
-            points = points[:, turned_to(known.az, points[1])]
-            points[1] = on_turn(known.az, points[1])
-        _, az, el, s_az, s_el, self.later, self.short, bright = points
-        self.short = self.short != 0.0
+        az, el, s_az, s_el, self.later, self.short, bright = places_under(
+            known, low, high, *sides, later, moves, bright)
         columns = {'approach_az': s_az, 'approach_el': s_el, 'az_enc': az, 'el_enc': el,
                    'magnitude': bright}
         time, order = known.get('time'), known.get('order')

@@ -218,9 +218,5 @@ def _axes(residual):
     return {'radial': float(np.hypot(x, y)), 'x': x, 'y': y}
 
 
-def _radial(residual):
-    return _axes(residual)['radial']
-
-
 def _scatter(residual):
     return np.array([float(sigma_of(one)) for one in residual]) / ARCSEC

@@ -12,7 +12,7 @@ from copy import copy
 
 import numpy as np
 
-from msg_tools.units import DEG, wrap
+from msg_tools.units import DEG, covered, wrap
 from pointing_model.context import Context
 from pointing_model.mounts import is_beyond
 
@@ -93,9 +93,6 @@ def _members(problem, best, others, rival, companions):
 def _grid(obs):
     """Possible observations: the sky, both approaches, soon and late, after a long move or a short.
 
-    Of a mount that is no alt-azimuth one, as far as its first axis has turned in the rows: beyond,
-    the counterweight may be up.
-
     Returns
     -------
     context : Context
@@ -107,17 +104,8 @@ def _grid(obs):
     mount, above = obs.context.mount, obs.context.get('elevation')
     low = max(15.0 * DEG, float(above.min()))
     high = min(88.0 * DEG, max(float(above.max()), low + 0.1))
-    beyond = np.unique(is_beyond(obs.context.el)) if not mount.altaz else [False]
-    side, az, el = (v.ravel() for v in np.meshgrid(
-        beyond, np.arange(0.0, 360.0, 15.0) * DEG, np.linspace(low, high, 9), indexing='ij'))
-    if not mount.altaz:
-        az, el = mount.axes_of(az, el, side)
-        seen = turned_to(obs.context.az, az)
-        az, el = (on_turn(obs.context.az, az[seen]), el[seen]) if seen.any() else (
-            obs.context.az, obs.context.el)
-    s_az, s_el, later, short = (np.tile(v.ravel(), len(az)) for v in np.meshgrid(
-        [-1.0, 1.0], [-1.0, 1.0], _LATER, [False, True], indexing='ij'))
-    az, el = (np.repeat(v, len(later) // len(v)) for v in (az, el))
+    az, el, s_az, s_el, later, short = places_under(
+        obs.context, low, high, [-1.0, 1.0], [-1.0, 1.0], _LATER, [False, True])
     columns = {'approach_az': s_az, 'approach_el': s_el, 'az_enc': az, 'el_enc': el}
     known = obs.context.columns
     time = obs.context.get('time')
@@ -141,6 +129,41 @@ def _grid(obs):
     return context, later, short
 
 
+def places_under(known, low, high, *conditions):
+    """Places on the sky for an observation, each under all conditions.
+
+    Of a mount that is no alt-azimuth one, as far as its first axis has turned in the rows: beyond,
+    the counterweight may be up.
+
+    Parameters
+    ----------
+    known : Context
+        Of the rows.
+    low, high : float
+        Elevations between which the places are, rad.
+    *conditions : sequence
+        The values of each.
+
+    Returns
+    -------
+    az, el : ndarray, shape (m,)
+        Angles of the axes, rad; the conditions change fastest.
+    *values : ndarray, shape (m,)
+        Of each condition.
+    """
+    mount = known.mount
+    beyond = np.unique(is_beyond(known.el)) if not mount.altaz else [False]
+    side, az, el = (v.ravel() for v in np.meshgrid(
+        beyond, np.arange(0.0, 360.0, 15.0) * DEG, np.linspace(low, high, 9), indexing='ij'))
+    if not mount.altaz:
+        az, el = mount.axes_of(az, el, side)
+        seen = turned_to(known.az, az)
+        az, el = (on_turn(known.az, az[seen]), el[seen]) if seen.any() else (known.az, known.el)
+    values = [v.ravel() for v in np.meshgrid(*conditions, indexing='ij')]
+    each = len(values[0])
+    return np.repeat(az, each), np.repeat(el, each), *(np.tile(v, len(az)) for v in values)
+
+
 def turned_to(seen, angles):
     """Whether an axis has been within `BEYOND` of some angles, or between: shape of `angles`, bool.
 
@@ -152,10 +175,7 @@ def turned_to(seen, angles):
     angles : ndarray
         rad.
     """
-    places = np.sort(np.mod(seen, 2.0 * np.pi))
-    gaps = np.diff(places, append=places[0] + 2.0 * np.pi)
-    last = int(np.argmax(gaps))
-    first, span = places[(last + 1) % len(places)], 2.0 * np.pi - gaps[last]
+    first, span = covered(seen)
     return np.mod(angles - first + BEYOND, 2.0 * np.pi) <= span + 2.0 * BEYOND
 
 

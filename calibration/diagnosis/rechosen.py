@@ -101,8 +101,8 @@ def near_rivals(problem, chosen, i):
     -------
     list of int
         Groups of the dictionary, of each cause as people are told it the one that fits best; the
-        nearest first. None of an effect that is small beside the
-        largest, and of one so small that a rival so near would be in its set with any companions.
+        nearest first. None of an effect that is small beside the largest, and of one so small that
+        a rival so near would be in its set with any companions.
     """
     found, stand = chosen.found, chosen.stands[i]
     choice = found.chosen[i]

@@ -5,7 +5,7 @@ from datetime import datetime, timedelta, timezone
 
 import numpy as np
 
-from msg_tools.units import ARCSEC, DEG
+from msg_tools.units import ARCSEC, DEG, covered
 from pointing_model.effects.base import SIDES
 
 _TURN = 2.0 * np.pi
@@ -109,13 +109,10 @@ def driver_of(context, name):
 def _in_one_piece(angles):
     """Angles of an axis, cut where it has not been: through the pole they go on beyond 180°."""
     known = np.isfinite(angles)
-    turned = np.mod(angles, _TURN)
-    places = np.sort(turned[known])
-    gaps = np.diff(places, append=places[0] + _TURN)
-    if gaps.max() < _NOWHERE:
+    start, span = covered(angles[known])
+    if span > _TURN - _NOWHERE:
         return angles
-    start = places[(int(gaps.argmax()) + 1) % len(places)]
-    out = start + np.mod(turned - start, _TURN)
+    out = start + np.mod(angles - start, _TURN)
     # the turn in which the middle of them is looked for
     return out - _TURN * np.round(np.median(out[known]) / _TURN)
 

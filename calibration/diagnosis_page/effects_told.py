@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from calibration.diagnosis.summary import beyond_base, effect_offsets, ends, over_the_rows
+from calibration.diagnosis.summary import effect_offsets, ends, over_the_rows
 from msg_tools.units import ARCSEC
 from pointing_model.effects import Amount
 from pointing_model.effects.base import arcsec, readable
@@ -66,7 +66,7 @@ def told_of(diagnosis, found):
     context = diagnosis.observations.context
     e = found.fitted.effect
     fitted = effect_offsets(found)
-    rms = beyond_base(diagnosis, fitted)
+    rms = found.removes_arcsec
     rows, values = over_the_rows(diagnosis, fitted)
     more = []
     if len(found.causes) > 1:

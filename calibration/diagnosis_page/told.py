@@ -194,9 +194,13 @@ def proposals(document):
 def no_star_sentences(document, but=None):
     """A sentence for each effect, but for one, of which no observation tells the causes apart."""
     told = causes_of(document)
-    return [f'No star tells {told.get(one, one)} from {_either(others, told)}: on the whole sky '
-            'they look alike, so look at the mount.'
+    return [_no_star(told.get(one, one), _either(others, told))
             for one, *others in document.get('no_star') or [] if one != but]
+
+
+def _no_star(one, others):
+    return (f'No star tells {one} from {others}: on the whole sky they look alike, so look at the '
+            'mount.')
 
 
 def _either(names, told):
@@ -233,8 +237,7 @@ def next_sentence(document, row):
             rest = {told.get(name) for name in others} >= set(told.values()) - {told[one]}
             # each was tried against the best, not against each other
             last = ('the other' + 's' * (open_causes(row) > 2)) if rest else _either(others, told)
-            return (f'No star tells {told[one]} from {last}: on the whole sky they look alike, so '
-                    'look at the mount.')
+            return _no_star(told[one], last)
     return ''
 
 

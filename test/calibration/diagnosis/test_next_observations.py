@@ -11,6 +11,7 @@ from calibration.diagnosis.next_observations import (
     _grid,
     _members,
     on_turn,
+    places_under,
     turned_to,
 )
 from msg_tools.units import ARCSEC, DEG
@@ -48,6 +49,15 @@ def test_possible_places_are_on_the_turn_of_the_rows():
     # a straight line of the angle has no jump at half a turn, where the grid has directions
     assert places.min() > first.min() - 2.0 * BEYOND and places.max() < first.max() + 2.0 * BEYOND
     assert np.any(np.abs(places - np.pi) < 1e-9)
+
+
+def test_rows_at_one_hour_angle_leave_places_too():
+    mount = Mount.equatorial(31.0 * DEG, 'german')
+    context = Context(np.full(3, 8.0) * DEG, np.array([20, 30, 40]) * DEG, mount=mount)
+    narrow = context.get('elevation')[1] + np.array([0.0, 1e-3])  # no place of the grid is there
+    az, el, side = places_under(context, *narrow, [-1.0, 1.0])
+    assert len(az) == len(el) == len(side) > 0 and set(side) == {-1.0, 1.0}
+    assert np.abs(az / DEG - 8.0).max() <= BEYOND / DEG
 
 
 def test_no_star_is_proposed_with_the_counterweight_up():
