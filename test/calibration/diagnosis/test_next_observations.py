@@ -51,13 +51,13 @@ def test_possible_places_are_on_the_turn_of_the_rows():
     assert np.any(np.abs(places - np.pi) < 1e-9)
 
 
-def test_rows_at_one_hour_angle_leave_places_too():
+def test_where_the_axis_has_not_been_the_places_of_the_rows_are_left():
     mount = Mount.equatorial(31.0 * DEG, 'german')
-    context = Context(np.full(3, 8.0) * DEG, np.array([20, 30, 40]) * DEG, mount=mount)
-    narrow = context.get('elevation')[1] + np.array([0.0, 1e-3])  # no place of the grid is there
-    az, el, side = places_under(context, *narrow, [-1.0, 1.0])
-    assert len(az) == len(el) == len(side) > 0 and set(side) == {-1.0, 1.0}
-    assert np.abs(az / DEG - 8.0).max() <= BEYOND / DEG
+    context = Context(np.full(3, 90.0) * DEG, np.array([20, 30, 40]) * DEG, mount=mount)
+    az, el, side = places_under(context, 80.0 * DEG, 81.0 * DEG, [-1.0, 1.0])  # near the zenith
+    np.testing.assert_array_equal(az, np.repeat(context.az, 2))
+    np.testing.assert_array_equal(el, np.repeat(context.el, 2))
+    np.testing.assert_array_equal(side, [-1.0, 1.0] * 3)
 
 
 def test_no_star_is_proposed_with_the_counterweight_up():
