@@ -2,12 +2,20 @@
 
 A question that was sent before the last answer was given cannot follow from that answer: it is the
 same question once more, or one that waited in the network or behind the work. It gets the same
-answer. One that comes while the work is under way joins it. Any later one is a new question. What
-a client does in its place stands in `steps.call`.
+answer. One that comes while the work is under way joins it. One that passed the answer on its way
+is known by its time and number: a `steps.Question` is asked again after `AGAIN` s, and another is
+not begun before `PASSED` s after such an answer. Any later one is a new question. What a client
+does in its place stands in `steps.call`.
 """
 
 import time
 
+#: s after which a question is asked again: that or its answer was lost
+AGAIN = 3.0
+#: s in which an answer may not have come to who asks again
+PASSED = 1.0
+#: s that may have gone since the last time where one is asked again
+EARLIEST = 0.9 * AGAIN
 #: s; a question that seems older than this is of a computer whose clock is off, and is done
 OLDEST = 60.0
 
@@ -25,6 +33,7 @@ class Answers:
         self._wall = wall
         self._request = self._response = None
         self._given = 0
+        self._last = None  # header of the last question that was answered
         self._waiting = None  # headers of the questions that the work under way answers
 
     def take(self, request, header):
@@ -35,7 +44,8 @@ class Answers:
         request
             Of the service.
         header
-            With ``source_timestamp``, when it was sent, ns of the asker's clock.
+            With ``source_timestamp``, when it was sent, ns of the asker's clock, and
+            ``request_id.sequence_number`` of its asker.
 
         Returns
         -------
@@ -50,10 +60,21 @@ class Answers:
                 return False, None
             return True, None  # other work of the same service, beside this one
         sent = header.source_timestamp
-        if same and self._given - round(OLDEST * 1e9) < sent <= self._given:
+        if same and (self._given - round(OLDEST * 1e9) < sent <= self._given
+                     or self._passed(header)):
+            self._last = header
             return False, self._response
         self._request, self._waiting = request, [header]
         return True, None
+
+    def _passed(self, header):
+        """Whether a question seems to be the last one again, sent before its answer came."""
+        if self._last is None:
+            return False
+        sent, before = header.source_timestamp, self._last.source_timestamp
+        return (sent - self._given <= round(PASSED * 1e9) and sent - before >= round(EARLIEST * 1e9)
+                and header.request_id.sequence_number
+                == self._last.request_id.sequence_number + 1)
 
     def given(self, response, header):
         """The work on the question with `header` is done.
@@ -66,6 +87,7 @@ class Answers:
         if self._waiting is None or header is not self._waiting[0]:
             return [header]
         waiting, self._waiting = self._waiting, None
+        self._last = waiting[-1]
         self._response, self._given = response, self._wall()
         return waiting
 

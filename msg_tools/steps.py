@@ -6,6 +6,8 @@ what a condition looks at (a message, a timer, the answer of a service) calls `S
 
 import time
 
+from .asked_again import AGAIN, EARLIEST, PASSED
+
 
 class Refused(Exception):
     """A step cannot be done; the text says why."""
@@ -77,12 +79,12 @@ def until(condition, what=''):
     yield condition
 
 
-#: wall seconds after which a question is asked again: that or its answer was lost
-AGAIN = 3.0
 #: so long one may take to answer that has done it, and is asked once only
 PATIENCE = 20.0
 #: wall seconds between looks whether the server is there
 _LOOK = 0.25
+#: attribute of a client: until when a new question might be taken for its last one
+_TAKEN = 'questions_taken_for_the_last_until'
 
 
 class Question:
@@ -110,13 +112,23 @@ class Question:
         self._futures, self._away, self._looked, self._seen = [], False, 0.0, None
         self._gone = None  # since when the server is
         self._lost = False  # its answer; what was asked for is done
-        self._ask()
+        self._begin()
+
+    def _begin(self):
+        if self._wall() >= getattr(self._client, _TAKEN, 0.0):
+            self._ask()
 
     def _ask(self):
         self._since, self._away = self._wall(), False
         future = self._client.call_async(self._request)
         self._futures.append(future)
-        future.add_done_callback(lambda _: self._wake())
+        future.add_done_callback(self._answered)
+
+    def _answered(self, _):
+        now = self._wall()
+        if now - self._since >= EARLIEST - PASSED:
+            setattr(self._client, _TAKEN, now + PASSED)
+        self._wake()
 
     @property
     def away(self):
@@ -135,6 +147,9 @@ class Question:
 
     def over(self):
         """Whether it is answered, or done; asks again where it is time to."""
+        if not self._futures:
+            self._begin()
+            return False
         if self._lost or any(future.done() for future in self._futures):
             return True
         now = self._wall()

@@ -2,7 +2,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from msg_tools.asked_again import OLDEST, Answers
+from msg_tools.asked_again import AGAIN, OLDEST, PASSED, Answers
 
 SECOND = 10**9
 
@@ -11,12 +11,14 @@ class Service:
     """`Answers` on a clock of the test."""
 
     def __init__(self):
-        self.now, self.done = 1000 * SECOND, 0
+        self.now, self.done, self.asked = 1000 * SECOND, 0, 0
         self.answers = Answers(lambda: self.now)
 
     def ask(self, ago=0.0, request='home'):
         """A question that was sent so long ago, s: header, and what `take` says."""
-        header = SimpleNamespace(source_timestamp=self.now - round(ago * SECOND))
+        self.asked += 1
+        header = SimpleNamespace(source_timestamp=self.now - round(ago * SECOND),
+                                 request_id=SimpleNamespace(sequence_number=self.asked))
         return header, *self.answers.take(request, header)
 
     def work(self, ago=0.0):
@@ -38,8 +40,35 @@ def test_a_question_that_waited_behind_the_work_has_the_answer_of_that_work():
 def test_a_question_after_the_answer_is_a_new_one():
     service = Service()
     service.work()
-    service.now += 1
+    service.now += round(PASSED * SECOND) + 1
     assert len(service.work()) == 1 and service.done == 2
+
+
+def test_a_question_asked_again_that_passed_the_answer_on_its_way_has_that_answer():
+    service = Service()
+    service.work()
+    service.now += SECOND // 10
+    assert service.ask()[1:] == (False, 1)  # 10.1 s after it was asked
+    service.now += SECOND // 10
+    work = service.ask()[1]  # asked 0.1 s after another is not again
+    assert work
+
+
+def test_a_question_of_another_asker_is_a_new_one():
+    service = Service()
+    service.work()
+    service.asked += 5
+    service.now += SECOND // 10
+    assert service.ask()[1]
+
+
+@pytest.mark.parametrize('again', [AGAIN / 2.0, AGAIN])
+def test_a_short_work_that_is_asked_for_at_once_is_done_at_once(again):
+    service = Service()
+    header, *_ = service.ask()
+    service.answers.given('done', header)
+    service.now += round(again * SECOND)
+    assert service.ask()[1]
 
 
 def test_questions_join_the_work_that_is_under_way():
@@ -48,7 +77,7 @@ def test_questions_join_the_work_that_is_under_way():
     second, *told = service.ask()
     assert work and told == [False, None]
     assert service.answers.given('done', first) == [first, second]
-    service.now += 1
+    service.now += 1  # ns
     assert service.ask()[1:] == (True, None)
 
 

@@ -2,7 +2,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from msg_tools.steps import AGAIN, PATIENCE, Question, Refused, Steps, call
+from msg_tools.asked_again import AGAIN, PASSED
+from msg_tools.steps import PATIENCE, Question, Refused, Steps, call
 
 
 class Client:
@@ -172,6 +173,17 @@ def test_a_question_that_is_not_answered_is_asked_again_within_seconds_and_any_a
     assert not asking.after(AGAIN) and len(asking.client.asked) == 3
     asking.client.asked[0].say(True, 'late')
     assert asking.question.over() and asking.question.answer.message == 'late'
+
+
+@pytest.mark.parametrize(('took', 'waits'), [(AGAIN - 0.1, True), (1.0, False)])
+def test_after_a_long_work_a_question_waits_until_it_is_none_that_is_asked_again(took, waits):
+    asking = Asking()
+    asking.after(took)
+    asking.client.asked[0].say(True, 'done')
+    assert asking.question.over()
+    asking.question = Question(asking.client, wall=lambda: asking.now)
+    assert len(asking.client.asked) == 2 - waits
+    assert not asking.after(PASSED + 0.1) and len(asking.client.asked) == 2
 
 
 def test_what_is_seen_to_be_done_is_not_asked_for_again_and_its_answer_may_still_come():
