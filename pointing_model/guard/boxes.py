@@ -31,6 +31,19 @@ class Boxes(NamedTuple):
         return Boxes(self.low[:, which], self.high[:, which], self.time[which], self.pad)
 
 
+def points(places, time):
+    """`Boxes` of no size.
+
+    Parameters
+    ----------
+    places : ndarray, shape (2, n)
+        rad.
+    time : ndarray, shape (n,)
+        s.
+    """
+    return Boxes(places, places, time)
+
+
 def arc(function, value):
     """An arc function of a value that may be beyond its range by a rounding."""
     return function(np.minimum(np.maximum(value, -1.0), 1.0))

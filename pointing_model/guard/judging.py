@@ -9,7 +9,7 @@ from msg_tools.units import DEG
 
 from ..earth import TURN_RATE
 from .boxes import Boxes, arc, largest_cosine, most_cosine, quartered
-from .motion import BENT, FAST, Cubic, State, slew_boxes
+from .motion import BENT, FAST, Cubic, Slew, State
 from .sun import turned
 
 _TURN = 2.0 * np.pi
@@ -26,7 +26,7 @@ MARGIN_SUN = 1.0 * DEG
 FINER = 6
 #: boxes into which a way may be cut that passes close by a limit
 MOST_BOXES = 20000
-#: the same where many ways are tried
+#: the same before finer boxes are taken, and where many ways are tried
 QUICK = 200
 #: knots are apart by so much at least, s
 SOON = 1e-6
@@ -168,24 +168,27 @@ class Judge:
         """Judge the way onto a track and, if told so, what it passes of the sky itself."""
         if self._surely_clear(cubic, state, sun):
             return Allowed(cubic)
+        reason = track and self._begins_out(cubic, sun) and self.where_not(cubic.points(), sun)
+        if reason:
+            return Refused(f'the track {reason}')
         try:
-            boxes = slew_boxes(state, cubic, self.limits.axes, self.limits.timing)
+            slew = Slew(state, cubic, self.limits.axes, self.limits.timing)
         except ValueError as err:
             return Refused(f'{self._words[err.args[0]]} cannot catch up with the track: ask for a '
                            'slower one')
-        out = self._out_of_travel(boxes, 'the way to it', state)
-        track = cubic.boxes(self._slow) if track else None
-        if out or not self._surely_free(boxes, track, sun):
+        refused = self.where_not(slew.passed(), sun, state)  # tells soon what is told mostly
+        boxes = None if refused else slew.boxes()
+        out = not refused and self._out_of_travel(boxes, 'the way to it', state)
+        track = None if not track or self._track_clear(cubic, sun) else cubic.boxes(self._slow)
+        if refused or out or not self._surely_free(boxes, track, sun):
             reason = track is not None and self.where_not(track, sun)
             if reason:
                 return Refused(f'the track {reason}')
             if out:
                 return Refused(out, cubic)
-            reason = self.where_not(boxes, sun, state, QUICK if quick else MOST_BOXES)
-            if reason and not quick:  # what looked so may be both axes of two moments
-                limits = self.limits
-                boxes = slew_boxes(state, cubic, limits.axes, limits.timing, FINER)
-                reason = self.where_not(boxes, sun, state)
+            reason = refused or self.where_not(boxes, sun, state, QUICK)
+            if reason and not refused and not quick:  # it may be both axes of two moments
+                reason = self.where_not(slew.boxes(FINER), sun, state)
             if reason:
                 return Refused(f'the way to the track {reason}', cubic)
         return Allowed(cubic)
@@ -210,15 +213,25 @@ class Judge:
             if low < axis.low or high > axis.high:
                 return False
             ends.append((low, high))
-        if self._straight and ends[1][1] <= 0.5 * math.pi and ends[1][0] >= -0.5 * math.pi:
-            lowest = ends[1][0]
+        return self._clear(*ends, sun, seconds)
+
+    def _track_clear(self, cubic, sun):
+        """Whether all pairs of angles of a track are far from everything, stopped on it or not."""
+        ends = [(low - brake - BENT, high + brake + BENT) for low, high, brake in zip(
+            cubic.low, cubic.high, cubic.brakes(self._slow))]
+        return self._clear(*ends, sun, float(cubic.times[-1]))
+
+    def _clear(self, first, second, sun, seconds):
+        """Whether all pairs of angles between two ends of each axis are far from everything."""
+        if self._straight and second[1] <= 0.5 * math.pi and second[0] >= -0.5 * math.pi:
+            lowest = second[0]
         else:
-            lowest = math.asin(max(min(-largest_cosine(-self._zenith, *ends), 1.0), -1.0))
-        if lowest < limits.horizon.top:
+            lowest = math.asin(max(min(-largest_cosine(-self._zenith, first, second), 1.0), -1.0))
+        if lowest < self.limits.horizon.top:
             return False
         if sun is None:
             return True
-        near = math.acos(max(min(largest_cosine(sun[0], *ends), 1.0), -1.0))
+        near = math.acos(max(min(largest_cosine(sun[0], first, second), 1.0), -1.0))
         return near > self.keep_out + TURN_RATE * seconds + BENT
 
     # --- the track by itself ------------------------------------------------------------------
@@ -338,6 +351,19 @@ class Judge:
         far = self.keep_out + TURN_RATE * max(boxes.time[-1], 0.0) + 0.1 * DEG
         return bool((above >= 0.0).all() and (apart >= far).all())
 
+    def _begins_out(self, cubic, sun):
+        """Whether a track seems to begin where nothing may be: a first look."""
+        place, az, el = self._seen(*cubic.angles[0].tolist())
+        if el < self.limits.horizon.over(az):
+            return True
+        return sun is not None and float(sun[0] @ place) > math.cos(min(self.keep_out, math.pi))
+
+    def _seen(self, a, b):
+        """Direction of angles of the axes in their frame; azimuth and elevation of it, floats."""
+        place = np.array([math.cos(b) * math.sin(a), math.cos(b) * math.cos(a), math.sin(b)])
+        x, y, z = (place @ self._frame).tolist()
+        return place, math.atan2(x, y), math.asin(min(max(z, -1.0), 1.0))
+
     def where_not(self, boxes, sun=None, state=None, most=MOST_BOXES):
         """Why the axes may not be at all pairs of angles of boxes, '' if they may.
 
@@ -364,13 +390,13 @@ class Judge:
             if sure.all():
                 return ''
             if state is not None:
-                here, state = np.array(state.angles)[:, None], None
-                above, apart = self._clearances(Boxes(here, here, np.zeros(1)), sun, False)[1]
-                if sun is not None and apart[0] - SLACK < self.keep_out + TURN_RATE * np.max(
-                        boxes.time):
-                    begin = here
-                if begin is not None or above[0] - SLACK < lowest:
-                    lowest = min(lowest, above[0] - SLACK)
+                (place, az, el), here, state = self._seen(*state.angles), state.angles, None
+                above = el - self.limits.horizon.over(az) - SLACK
+                if sun is not None and math.acos(min(max(float(sun[0] @ place), -1.0), 1.0)) - (
+                        SLACK) < self.keep_out + TURN_RATE * float(boxes.time.max()):
+                    begin = np.array(here)[:, None]
+                if begin is not None or above < lowest:
+                    lowest = min(lowest, above)
                     continue
             bad = above_here < lowest
             if sun is not None:
@@ -395,28 +421,31 @@ class Judge:
 
         And half the size of each box on the sky. What is not `exact` is too small and quick.
         """
-        a, b = 0.5 * (boxes.low + boxes.high)
-        ha, hb = 0.5 * (boxes.high - boxes.low)
-        cos_b = np.cos(b)
+        if boxes.low is boxes.high:
+            (a, b), ha, half, exact = boxes.low, 0.0, np.zeros(boxes.low.shape[1]), False
+            cos_b, hb = np.cos(b), 0.0
+        else:
+            a, b = 0.5 * (boxes.low + boxes.high)
+            ha, hb = 0.5 * (boxes.high - boxes.low)
+            cos_b = np.cos(b)
+            half = np.hypot(np.minimum(np.abs(cos_b) + hb, 1.0) * ha, hb)
         place = np.array([cos_b * np.sin(a), cos_b * np.cos(a), np.sin(b)])
-        widest = np.minimum(np.abs(cos_b) + hb, 1.0) * ha
-        half = np.sqrt(widest * widest + hb * hb)
         el = arc(np.arcsin, self._zenith @ place)
         lowest = arc(np.arcsin, -most_cosine(-self._zenith, boxes)) if exact else el - half
         horizon = self.limits.horizon
-        if horizon.flat:
-            above_here, above = el - horizon.least, lowest - horizon.least
+        if horizon.flat or lowest.min(initial=np.inf) >= horizon.top:
+            above_here, above = el - horizon.top, lowest - horizon.top
         else:
             az = a if self._straight and not np.any(cos_b < 0.0) else np.arctan2(
                 *(self._frame.T @ place)[:2])
-            above_here = el - horizon.at(az)
-            # of all that is so near on the sky
-            share = np.sin(np.minimum(half, np.pi / 2.0)) / np.maximum(np.cos(el), 1e-9)
-            wide = np.where((share < 1.0) & (half < np.pi / 2.0),
-                            np.arcsin(np.minimum(share, 1.0)), np.pi)
-            if self._straight:
-                wide = np.where(np.abs(b) + hb < np.pi / 2.0, np.minimum(ha, wide), wide)
-            above = lowest - horizon.highest(az, wide)
+            above_here = above = el - horizon.at(az)
+            if boxes.low is not boxes.high:  # of all that is so near on the sky
+                share = np.sin(np.minimum(half, np.pi / 2.0)) / np.maximum(np.cos(el), 1e-9)
+                wide = np.where((share < 1.0) & (half < np.pi / 2.0),
+                                np.arcsin(np.minimum(share, 1.0)), np.pi)
+                if self._straight:
+                    wide = np.where(np.abs(b) + hb < np.pi / 2.0, np.minimum(ha, wide), wide)
+                above = lowest - horizon.highest(az, wide)
         if sun is None:
             return (above, None), (above_here, None), half
         toward, pole = sun
@@ -427,11 +456,10 @@ class Judge:
         return (above, apart), (above_here, apart_here), half
 
     def _said(self, boxes, i, horizon, sun):
-        first, second = 0.5 * (boxes.low[:, i] + boxes.high[:, i])
-        az, el = (float(v) for v in self.limits.mount.horizon_of(first, second))
+        _, az, el = self._seen(*(0.5 * (boxes.low[:, i] + boxes.high[:, i])).tolist())
         where = f'azimuth {np.mod(az, _TURN) / DEG:.1f} deg, elevation {el / DEG:.1f} deg'
         if horizon:
-            least = float(self.limits.horizon.at(az)) / DEG
+            least = self.limits.horizon.over(az) / DEG
             return (f'comes below the horizon of {least:.1f} deg at {where}: choose a higher '
                     'target')
         return (f'comes within {self.limits.sun / DEG:g} deg of the Sun at {where}: choose '

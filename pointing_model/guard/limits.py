@@ -99,6 +99,10 @@ class Horizon:
             return np.full(np.shape(az), self.least)
         return np.maximum(np.interp(np.mod(az, _TURN), self._az, self._el), self.least)
 
+    def over(self, az):
+        """As `at`, of one azimuth: a float."""
+        return self.least if self.flat else float(self.at(az))
+
     def highest(self, az, half):
         """The largest `at` within `half` of azimuths; both of shape (n,), rad."""
         if self.flat:

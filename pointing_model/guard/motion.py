@@ -6,6 +6,7 @@ much of their speed they use; what must hold of every pair is then asked of all 
 
 import copy
 import math
+from bisect import bisect_right
 from functools import cached_property
 from typing import NamedTuple
 
@@ -13,12 +14,14 @@ import numpy as np
 
 from msg_tools.units import DEG
 
-from .boxes import Boxes
+from .boxes import Boxes, points
 
 #: the boxes of a slew are about so large, rad, and not more than so many
 STEP, MOST = 2.0 * DEG, 120
 #: a track is cut so that it leaves the straight line between cuts by less, rad
 BENT = 0.02 * DEG
+#: of each axis, places that are tried where both may go in any order
+_ALONG = 9
 #: the place of an arrival is known to so much, rad; a target moves so fast at least, rad/s
 CLOSE, CREEP = 0.01 * DEG, 0.005 * DEG
 #: a track that is faster is run after in ways that are the mount's own, rad/s
@@ -106,10 +109,16 @@ class Cubic:
         _, places, bent = self._fine
         return (places.max(0) + bent).tolist()
 
+    @cached_property
+    def _knots(self):
+        """Times, and of each axis angles and rates, as lists: one number is had sooner."""
+        return self.times.tolist(), self.angles.T.tolist(), self.rates.T.tolist()
+
     def turned(self, first, second=0):
         """The same, with whole turns added to the axes."""
         add = np.array([first, second]) * 2.0 * math.pi
         out = copy.copy(self)
+        out.__dict__.pop('_knots', None)
         times, places, bent = self._fine
         out.angles, out._fine = self.angles + add, (times, places + add, bent)
         out.low, out.high = (list(map(float, ends + add)) for ends in (self.low, self.high))
@@ -117,14 +126,15 @@ class Cubic:
 
     def at(self, t, axis):
         """Angle and rate of one axis at `t`, floats; the end stands for what is after it."""
-        times = self.times
+        times, angles, rates = self._knots
+        angles, rates = angles[axis], rates[axis]
         t = min(max(t, times[0]), times[-1])
-        i = min(int(times.searchsorted(t, 'right')) - 1, len(times) - 2)
         if len(times) == 1:
-            return float(self.angles[0, axis]), float(self.rates[0, axis])
-        t0, t1 = float(times[i]), float(times[i + 1])
-        p0, p1 = float(self.angles[i, axis]), float(self.angles[i + 1, axis])
-        v0, v1 = float(self.rates[i, axis]), float(self.rates[i + 1, axis])
+            return angles[0], rates[0]
+        i = min(bisect_right(times, t) - 1, len(times) - 2)
+        t0, t1 = times[i], times[i + 1]
+        p0, p1 = angles[i], angles[i + 1]
+        v0, v1 = rates[i], rates[i + 1]
         h, step = t1 - t0, p1 - p0
         s = (t - t0) / h
         return (p0 + s * s * (3.0 - 2.0 * s) * step
@@ -160,6 +170,10 @@ class Cubic:
         """
         return [v * v / (2.0 * a) for v, a in zip(self.peak_rate.tolist(), slow)]
 
+    def points(self):
+        """`Boxes` of no size: some of its angles, the knots among them."""
+        return points(self._fine[1].T, self._fine[0])
+
     def boxes(self, slow=None):
         """`Boxes` of all of it, and of where the axes come to rest if they are stopped on it.
 
@@ -170,7 +184,7 @@ class Cubic:
         """
         times, angles, bent = self._fine
         if len(times) == 1:
-            return Boxes(angles.T, angles.T, times)
+            return points(angles.T, times)
         a, b = angles[:-1].T, angles[1:].T
         low, high = np.minimum(a, b), np.maximum(a, b)
         if slow is not None and max(self.brakes(slow)) > BENT:
@@ -329,23 +343,8 @@ def _chased(state, cubic, axes, t, brakes, timing, moves):
     return lows, highs, highs
 
 
-def _hull(state, cubic, axes):
-    ends = []
-    for i, axis in enumerate(axes):
-        here, rate = state.angles[i], state.rates[i]
-        brake, stop = cubic.brakes((axis.acceleration,) * 2)[i], rate * abs(rate) / (
-            2.0 * axis.acceleration)
-        if float(cubic.peak_rate.max()) > FAST:  # a target that stops while the axis comes
-            brake += cubic.change(-math.inf, math.inf, i) * axis.rate / axis.acceleration
-        ends.append((min(here, here + stop, cubic.low[i] - brake),
-                     max(here, here + stop, cubic.high[i] + brake)))
-    low, high = np.array(ends).T[:, :, None]
-    pad = np.full((2, 1), BENT)
-    return Boxes(low - pad, high + pad, np.array([0.5 * cubic.times[-1]]), pad)
-
-
-def slew_boxes(state, cubic, axes, timing, finer=1):
-    """`Boxes` of the way onto a track, however late either axis is.
+class Slew:
+    """The way onto a track, however late either axis is.
 
     Parameters
     ----------
@@ -354,48 +353,96 @@ def slew_boxes(state, cubic, axes, timing, finer=1):
     axes : sequence of limits.Axis, length 2
     timing : float
         Of `limits.Limits`.
-    finer : int
-        So many boxes for one.
-
-    Returns
-    -------
-    Boxes
 
     Raises
     ------
     ValueError
         The track is too fast to be caught up with; the text is the axis, 0 or 1.
     """
-    if timing == 0.0:  # in any order, at any time: all pairs of what each axis may pass
-        return _hull(state, cubic, axes)
-    fast, slow = [], []
-    for i in _AXES:
-        here, rate, axis = float(state.angles[i]), float(state.rates[i]), axes[i]
-        for moves, share in ((fast, 1.0), (slow, timing)) if timing < 1.0 else ((fast, 1.0),):
-            move = plan_move(here, rate, cubic, i, share * axis.rate, share * axis.acceleration)
-            if move is None:
-                raise ValueError(i)
-            moves.append(move)
-    slow = slow or fast
-    arrival = max(move.end for move in slow)
-    # stopped on the way, an axis goes on for as long as it brakes, and the other may stand already
-    # gone on with that speed it covers twice the braking distance; of the slowest drive once
-    longer = max(1.0, 0.5 / timing)
-    brakes = np.array([[longer * abs(move.cruise) / axis.acceleration]
-                       for move, axis in zip(fast, axes)])
-    way = max(abs(float(cubic.angles[0, i]) - state.angles[i]) for i in _AXES)
-    count = finer * int(min(max(way / STEP, 8.0), MOST))
-    dt = arrival / count
-    t = dt * np.arange(count + 1)
-    later = np.concatenate([np.broadcast_to(t, (2, count + 1)), t + brakes], 1)
-    moves = fast if slow is fast else fast + slow
-    x = along(moves, cubic, later if slow is fast else np.concatenate([later, later]))
-    near, late = x[:2, :count + 1], x[-2:, :count + 1]
-    ahead = x[:2, count + 1:]
-    if float(cubic.peak_rate.max()) > FAST:
-        near, ahead, late = _chased(state, cubic, axes, t, brakes[:, 0], timing, moves)
-    edges = np.stack([near[:, :-1], near[:, 1:], ahead[:, :-1], ahead[:, 1:], late[:, :-1],
-                      late[:, 1:]])
-    low, high = edges.min(0), edges.max(0)
-    pad = np.array([[axis.acceleration] for axis in axes]) * dt * dt / 8.0 + BENT
-    return Boxes(low - pad, high + pad, t[:-1] + 0.5 * dt, pad)
+
+    def __init__(self, state, cubic, axes, timing):
+        self._state, self._cubic, self._axes, self._timing = state, cubic, axes, timing
+        self._chased = float(cubic.peak_rate.max()) > FAST  # how is the mount's own
+        if timing == 0.0:
+            return
+        shares = (1.0, timing) if timing < 1.0 else (1.0,)
+        self._moves = []  # of both axes at their fastest, then at their slowest
+        for share in shares:
+            for i, axis in enumerate(axes):
+                move = plan_move(float(state.angles[i]), float(state.rates[i]), cubic, i,
+                                 share * axis.rate, share * axis.acceleration)
+                if move is None:
+                    raise ValueError(i)
+                self._moves.append(move)
+        # stopped on the way, an axis goes on for as long as it brakes, and the other may stand
+        # already; gone on with that speed it covers twice the braking distance; of the slowest
+        # drive once
+        longer = max(1.0, 0.5 / timing)
+        self._brakes = np.array([[longer * abs(move.cruise) / axis.acceleration]
+                                 for move, axis in zip(self._moves, axes)])
+        way = max(abs(float(cubic.angles[0, i]) - state.angles[i]) for i in _AXES)
+        self._count = int(min(max(way / STEP, 8.0), MOST))
+        self._arrival = max(move.end for move in self._moves[-2:])
+
+    def _times(self, finer=1):
+        count = finer * self._count
+        return self._arrival / count * np.arange(count + 1)
+
+    def _lags(self, t):
+        return _chased(self._state, self._cubic, self._axes, t, self._brakes[:, 0], self._timing,
+                       self._moves)
+
+    def passed(self):
+        """Pairs of angles that the axes may have on it: `boxes.points`."""
+        state, cubic = self._state, self._cubic
+        if self._timing == 0.0:
+            ways = [here + np.linspace(0.0, 1.0, _ALONG) * (float(there) - here)
+                    for here, there in zip(state.angles, cubic.angles[0])]
+            places = np.stack(np.meshgrid(*ways)).reshape(2, -1)
+            return points(places, np.full(places.shape[1], 0.5 * cubic.times[-1]))
+        t = self._times()
+        x = along(self._moves, cubic, np.broadcast_to(t, (len(self._moves), len(t))))
+        if self._chased:
+            low, high, _ = self._lags(t)
+            x = np.clip(x, np.tile(low, (len(x) // 2, 1)), np.tile(high, (len(x) // 2, 1)))
+        if len(x) == 2:
+            return points(x, t)
+        a, b, late_a, late_b = x  # whichever is the slower one
+        return points(np.array([np.concatenate([a, late_a, a, late_a]),
+                                np.concatenate([b, late_b, late_b, b])]), np.tile(t, 4))
+
+    def boxes(self, finer=1):
+        """`Boxes` of it.
+
+        Parameters
+        ----------
+        finer : int
+            So many for one.
+        """
+        if self._timing == 0.0:  # in any order, at any time: all pairs of what each may pass
+            return self._hull()
+        t = self._times(finer)
+        dt, n = float(t[1]), len(t)
+        later = np.concatenate([np.broadcast_to(t, (2, n)), t + self._brakes], 1)
+        x = along(self._moves, self._cubic, np.tile(later, (len(self._moves) // 2, 1)))
+        near, late, ahead = x[:2, :n], x[-2:, :n], x[:2, n:]
+        if self._chased:
+            near, ahead, late = self._lags(t)
+        edges = np.stack([near[:, :-1], near[:, 1:], ahead[:, :-1], ahead[:, 1:], late[:, :-1],
+                          late[:, 1:]])
+        pad = np.array([[axis.acceleration] for axis in self._axes]) * dt * dt / 8.0 + BENT
+        return Boxes(edges.min(0) - pad, edges.max(0) + pad, t[:-1] + 0.5 * dt, pad)
+
+    def _hull(self):
+        state, cubic, ends = self._state, self._cubic, []
+        for i, axis in enumerate(self._axes):
+            here, rate = state.angles[i], state.rates[i]
+            brake, stop = cubic.brakes((axis.acceleration,) * 2)[i], rate * abs(rate) / (
+                2.0 * axis.acceleration)
+            if self._chased:  # a target that stops while the axis comes
+                brake += cubic.change(-math.inf, math.inf, i) * axis.rate / axis.acceleration
+            ends.append((min(here, here + stop, cubic.low[i] - brake),
+                         max(here, here + stop, cubic.high[i] + brake)))
+        low, high = np.array(ends).T[:, :, None]
+        pad = np.full((2, 1), BENT)
+        return Boxes(low - pad, high + pad, np.array([0.5 * cubic.times[-1]]), pad)
