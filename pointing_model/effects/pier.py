@@ -144,8 +144,8 @@ def _polynomial(result, of, power, mount='equatorial'):
 
     return Effect(f'{names.key(word)}{"_on_sky" if result == "sky" else ""}_grows_with_'
                   f'{names.key(of)}' + ('_squared' if k == 2 else ''),
-                  f'{where} error grows with the {names.word(of)}'
-                  + (', quadratically' if k == 2 else ''),
+                  f'{where} error proportional to the {"square of the " if k == 2 else ""}'
+                  f'{names.word(of)}',
                   f'{names.letter(of)}{"^2" if k == 2 else ""} in {where}', names.key(of),
                   word, ('slope',), columns,
                   say,
