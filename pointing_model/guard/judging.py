@@ -32,6 +32,8 @@ QUICK = 200
 SOON = 1e-6
 #: the largest number that is an angle, rad: a hundred turns
 NO_ANGLE = 100.0 * _TURN
+# of the knots of a track; the methods of arrays take longer to begin
+_largest, _smallest = np.maximum.reduce, np.minimum.reduce
 
 
 class Allowed(NamedTuple):
@@ -239,14 +241,16 @@ class Judge:
     def _no_track(self, times, angles, rates, state):
         if not (times.ndim == 1 and len(times) and angles.shape == rates.shape == (len(times), 2)):
             return 'no track: give times, and angles and rates of both axes for each'
-        # a sum is not finite where a term is not
-        if not math.isfinite(float(angles.sum() + rates.sum() + times.sum())):
+        # what is largest is not finite where any is not, nor is a step beside it
+        largest = _largest(np.abs(np.concatenate((angles, rates), 1)))
+        step = float(_smallest(times[1:] - times[:-1], initial=np.inf)) if len(times) > 1 else 1.0
+        if not all(map(math.isfinite, (*largest.tolist(), step, times[0], times[-1]))):
             return 'a track with a value that is not finite: give numbers'
         if not all(map(math.isfinite, (*state.angles, *state.rates))):
             return 'where the axes stand is not known: home the mount, or wait for its encoder'
-        if np.any(times[1:] - times[:-1] < SOON):
+        if step < SOON:
             return 'times of the track do not increase: give the knots in their order'
-        if max(rates.max(), -rates.min()) > NO_ANGLE:
+        if max(largest[2:]) > NO_ANGLE:
             return 'a rate of the track that is none of an axis: give radians a second'
         if times[0] > 1.0 or times[-1] < 0.0:
             return (f'a track from {times[0]:.1f} to {times[-1]:.1f} s from now: '
@@ -256,10 +260,9 @@ class Judge:
                     'and the next one in time')
         if len(times) == 1 and rates.any():
             return 'a track of one knot with a rate has no end: give the last knot too'
-        if max(angles.max(), -angles.min()) > NO_ANGLE:
-            worst = np.abs(angles).max(0)
-            i = int(worst.argmax())
-            return (f'{self._words[i]} {worst[i]:.6g} rad is no angle of an axis: '
+        if max(largest[:2]) > NO_ANGLE:
+            i = int(largest[:2].argmax())
+            return (f'{self._words[i]} {largest[i]:.6g} rad is no angle of an axis: '
                     'give radians')
         return ''
 
