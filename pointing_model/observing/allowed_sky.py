@@ -32,9 +32,8 @@ def rows_of(limits):
         Degrees; the corners of the skyline as its parameter has them.
     """
     corners = ', '.join(f'{az / DEG:.10g} {el / DEG:.10g}' for az, el in limits.horizon.points)
-    travel = {} if not limits.mount.altaz else {
-        name: f'{axis.low / DEG:.10g},{axis.high / DEG:.10g}'
-        for name, axis in zip(TRAVEL, limits.axes)}
+    travel = {name: f'{axis.low / DEG:.10g},{axis.high / DEG:.10g}'
+              for name, axis in zip(TRAVEL, limits.axes)}
     return {LEAST: f'{limits.horizon.least / DEG:.10g}', HORIZON: corners,
             SUN: f'{limits.sun / DEG:.10g}', **travel}
 
@@ -49,7 +48,7 @@ class AllowedSky(NamedTuple):
         From the Sun, rad; 0: it is no matter.
     sun : guard.sun.Sun
     travel : tuple of (float, float)
-        Ends of azimuth, with turns counted, and elevation, rad; empty for other axes.
+        Ends of both axes, rad; empty where an older guard does not tell.
     """
 
     horizon: Horizon
@@ -82,12 +81,24 @@ class AllowedSky(NamedTuple):
         ndarray of bool, shape (n,)
         """
         up = el >= self.horizon.at(az) + NEAR
-        if self.travel:
-            (low, high), (lowest, highest) = self.travel
-            # on whatever turn
-            up &= np.mod(az - low - NEAR, _TURN) <= high - low - 2.0 * NEAR
-            up &= (el >= lowest + NEAR) & (el <= highest - NEAR)
         if not self.distance:
             return up
         place = np.stack([np.cos(el) * np.sin(az), np.cos(el) * np.cos(az), np.sin(el)], axis=-1)
         return up & (place @ self.sun.at(time) < np.cos(self.distance + NEAR_SUN))
+
+    def within(self, first, second):
+        """Whether the travel of the axes has such angles, on whatever turn.
+
+        Parameters
+        ----------
+        first, second : ndarray, shape (n,)
+            Of the axes, rad.
+
+        Returns
+        -------
+        ndarray of bool, shape (n,)
+        """
+        inside = np.ones(len(first), bool)
+        for angles, (low, high) in zip((first, second), self.travel):
+            inside &= np.mod(angles - low - NEAR, _TURN) <= high - low - 2.0 * NEAR
+        return inside

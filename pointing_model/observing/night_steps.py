@@ -388,7 +388,7 @@ class NightSteps:
         time, mount = np.array([self.exposer.now() * 1e-9]), self._out.mount()
         place = self._polaris.place(time, *self._out.sky())
         highest = self._out.value('max_elevation_deg')
-        if not Limits().reached(mount, *place, highest * DEG, time[0])[0]:
+        if not Limits().reached(mount, *place, highest * DEG, time[0], [POLARIS_HIP])[0]:
             angle = abs(mount.axes_of(*place)[1][0])
             raise Refused(f'Polaris stands at {angle / DEG:.1f} deg of {mount.names.axes[1]}, '
                           f'beyond max_elevation_deg = {highest}, and tells no zero of the '

@@ -25,32 +25,51 @@ class Limits(NamedTuple):
         Past the meridian, of a German mount.
     hour_angle : float
         On either side, of the first axis of a mount that does not go through the pole.
-    allowed : callable, optional
-        As an `allowed_sky.AllowedSky`: where the guard lets the tube look.
+    allowed : allowed_sky.AllowedSky, optional
+        Where the guard lets tube and axes be.
     """
 
     meridian: float = 5.0 * DEG
     hour_angle: float = np.pi
     allowed: object = None
 
-    def reached(self, mount, az, el, most, time):
-        """Whether the axes may reach places of the horizon, no nearer to the pole than `most`.
+    def permitted(self, mount, az, el, time, numbers):
+        """Whether the guard lets the tube look at stars, with the axes where they are observed.
+
+        Parameters
+        ----------
+        mount, az, el, time, numbers
+            As of `reached`.
+
+        Returns
+        -------
+        bool or ndarray of bool, shape (n,)
+        """
+        if self.allowed is None:
+            return True
+        return self.allowed(time, az, el) & self.allowed.within(
+            *axes_at(mount, az, el, self, numbers))
+
+    def reached(self, mount, az, el, most, time, numbers):
+        """Whether the axes may reach stars, no nearer to the pole than `most`.
 
         Parameters
         ----------
         mount : Mount
         az, el : ndarray, shape (n,)
-            Radians.
+            Places of the horizon, radians.
         most : float
             Largest angle from the equator of the axes, radians.
         time : float
             UTC, s.
+        numbers : ndarray of int, shape (n,)
+            Of the stars.
 
         Returns
         -------
         ndarray of bool, shape (n,)
         """
-        allowed = True if self.allowed is None else self.allowed(time, az, el)
+        allowed = self.permitted(mount, az, el, time, numbers)
         if mount.altaz:
             return allowed & (el <= most)
         first, second = mount.axes_of(az, el)
@@ -149,7 +168,7 @@ def _observable(stars, moments, site, weather, min_el, max_el, mag_limit, exclud
     """
     bright = np.flatnonzero(stars.mag <= mag_limit)
     places = [observed_place(stars.select(bright), t, site, weather) for t in moments]
-    up = np.all([(el >= min_el) & limits.reached(mount, az, el, max_el, t)
+    up = np.all([(el >= min_el) & limits.reached(mount, az, el, max_el, t, stars.hip[bright])
                  for t, (az, el) in zip(moments, places)], axis=0)
     known = np.isin(stars.hip[bright], np.fromiter(exclude, int))
     lonely = np.ones(len(bright), bool)

@@ -133,11 +133,9 @@ class ZeroChoice:
         return heights, *self._axes(np.zeros(n, int), star)
 
     def _polaris_is_allowed(self):
-        if self._reach.allowed is None:
-            return True
         star = load_catalogue(hip=[POLARIS_HIP])
-        return bool(self._reach.allowed(self._time, *observed_place(
-            star, self._time, self._site, self._weather))[0])
+        place = observed_place(star, self._time, self._site, self._weather)
+        return bool(np.all(self._reach.permitted(self._mount, *place, self._time, star.hip)))
 
     def _polaris_is_up(self, n):
         heights = self._polaris(n)[0]

@@ -334,7 +334,7 @@ def zero_stars(stars, time, n, *, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, mo
     bright = np.flatnonzero(stars.mag <= mag_limit)
     moments = [time, time + 0.5 * duration, time + duration]
     places = [observed_place(stars.select(bright), t, site, weather) for t in moments]
-    up = np.all([(el >= min_el) & limits.reached(mount, az, el, max_el, t)
+    up = np.all([(el >= min_el) & limits.reached(mount, az, el, max_el, t, stars.hip[bright])
                  for t, (az, el) in zip(moments, places)], axis=0)
     up &= ~np.isin(stars.hip[bright], [POLARIS_HIP, *exclude])
     up[up] = ~has_neighbour(stars, bright[up])

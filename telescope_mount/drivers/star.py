@@ -70,7 +70,7 @@ def bright_star(mount, site, time, here, allowed=None):
     rows = np.flatnonzero(stars.mag <= BRIGHT)
     az, el = observed_place(stars.select(rows), time, site, DEFAULT_WEATHER)
     good = (el > LOW) & (el < HIGH) & ~has_neighbour(stars, rows) & limits.reached(
-        mount, az, el, HIGH if mount.altaz else 80.0 * DEG, time)
+        mount, az, el, HIGH if mount.altaz else 80.0 * DEG, time, stars.hip[rows])
     if not good.any():
         raise ValueError(f'no star brighter than {BRIGHT:g} between {LOW / DEG:.0f} and '
                          f'{HIGH / DEG:.0f} deg where the guard lets the tube look: look at site '

@@ -46,10 +46,31 @@ def test_what_the_guard_tells_is_what_it_keeps():
     axes = tuple(Axis(low * DEG, high * DEG, 1.0, 1.0) for low, high in ((20, 330), (-5, 80)))
     sky, near = told(axes=axes, horizon=Horizon(0.0), sun=0.0), NEAR / DEG
     az = np.array([20.0 - 1.0, 20.0 + near + 1.0, 330.0 - near - 1.0, 331.0, 359.0, 100.0])
-    assert sky(NIGHT, az * DEG, np.full(6, 0.9)).tolist() == [False, True, True, False, False, True]
-    assert not sky(NIGHT, np.ones(1), np.array([80.0 * DEG]))[0]
-    assert not told(mount=parse_mount('german', 0.5)).travel  # of readings through the pole
+    assert sky.within(az * DEG, np.full(6, 0.9)).tolist() == [
+        False, True, True, False, False, True]
+    assert not sky.within(np.ones(1), np.array([80.0 * DEG]))[0]
     assert AllowedSky.of_rows({'state': 'idle'}, DEFAULT_SITE) is None  # an older guard
+
+
+@pytest.mark.parametrize(('kind', 'first', 'second'), [
+    ('equatorial', (-60.0, 95.0), (-40.0, 70.0)), ('german', (20.0, 150.0), (-20.0, 230.0))])
+@pytest.mark.parametrize('choose', [choose_stars, zero_stars])
+def test_polar_axes_stay_within_their_travel(kind, first, second, choose):
+    mount = parse_mount(kind, DEFAULT_SITE.latitude)
+    axes = tuple(Axis(low * DEG, high * DEG, 1.0, 1.0) for low, high in (first, second))
+    sky = told(mount=mount, axes=axes, horizon=Horizon(10.0 * DEG), sun=0.0)
+    stars = load_catalogue(mag_limit=6.0)
+
+    def outside(limits):
+        rows = choose(stars, NIGHT, n=30, limits=limits, mount=mount, max_el=88.0 * DEG)
+        numbers = stars.hip[rows if isinstance(rows, np.ndarray) else rows.rows]
+        chosen = stars.select(np.flatnonzero(np.isin(stars.hip, numbers)))
+        angles = np.array(star_choice.axes_at(
+            mount, *observed_place(chosen, NIGHT), limits, chosen.hip)) / DEG
+        return np.count_nonzero(~((np.array([first, second])[:, 0] <= angles.T)
+                                  & (np.array([first, second])[:, 1] >= angles.T)).all(axis=1))
+
+    assert outside(star_choice.Limits(allowed=sky)) == 0 < outside(star_choice.Limits())
 
 
 @pytest.mark.parametrize('choose', [
@@ -120,7 +141,15 @@ def test_where_no_other_star_is_left_the_plan_goes_on_with_fewer():
     bench = Bench('stars 6')
     refuses(bench, lambda track: any(track is bench.commands[n] for n in (1, 4)
                                      if n < len(bench.commands)))
-    bench.sky_allowed = lambda time, az, el: np.full(len(el), not bench.commands)
+
+    class Sky:  # of which nothing is left once the mount has been commanded
+        def __call__(self, time, az, el):
+            return np.full(len(el), not bench.commands)
+
+        def within(self, first, second):
+            return np.ones(len(first), bool)
+
+    bench.sky_allowed = Sky()
     assert bench.run() == ('done', 'plan finished')
     progress = bench.plan.progress
     assert (len(bench.rows), progress.refused, progress.lost) == (4, 2, 2)
