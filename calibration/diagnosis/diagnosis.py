@@ -144,7 +144,7 @@ def _in_memory(obs, base, alpha, rng, flips, folds, ways, progress):
     base_fit, fitted = _fits(work, found, left, mixed)
     result = _assemble(work, found, chosen.stands, (base_fit, fitted), chance)
     if left is not None:
-        result.told_of_wander(wander_entry(left, problem, obs.context))
+        result.told_of_wander(wander_entry(left, problem, obs.context, found.chosen))
     if errors:
         if not found.chosen:  # the model stays as it was
             errors.before, errors.stretches = errors.after, {
@@ -239,11 +239,16 @@ def _as_well_as_a_step(problem, found, i):
     return list(out.values())[:_MOST_CURVES]
 
 
-def _beside(found, rival, others):
+def _beside(found, rival, others, more=0, better=0.0):
     """A note on what else a model has that explains the run as well with a rival in it."""
-    beside = [readable(e.name) for e in others]
-    return (f'with {readable(rival)} in the place of {readable(found.name)} the run is explained '
-            f'as well, with other effects beside it: {", ".join(beside) or "none"}')
+    beside = ', '.join(readable(e.name) for e in others) or 'none'
+    text = (f'with {readable(rival)} in the place of {readable(found.name)} the run is explained '
+            f'as well, with other effects beside it: {beside}')
+    if more:
+        text += (f'. That is {more} effect{"s" * (more > 1)} more'
+                 + (f', which the rows pay for (ΔBIC {better:.0f} better); the model with fewer '
+                    'was kept' if better > SET_WIDTH else ''))
+    return text
 
 
 def _assemble(work, found, stands, fits, chance):
@@ -252,19 +257,25 @@ def _assemble(work, found, stands, fits, chance):
     nothing = problem.plain.state([])
     made = work.model(base_fit, []), work.model(fitted, found.chosen)
     effects = [DiagnosedEffect(f, p, f.effect.columns(obs.context)) for f, p in work.slips]
+    beside = []
     for i, (c, s, f) in enumerate(zip(found.chosen, stands, made[1][0].effects)):
         bank, group = c.family(problem, found.chosen)
         one = diagnosed(f, s.p, c.columns(problem).reshape(-1, 2, len(obs)), bank.effects,
                         s.every, group, s.alternatives, s.same)
         one.companions = {bank.effects[k].name: [c.effect(problem) for c in others]
                           for k, others in s.companions.items()}
+        larger = {bank.effects[k].name: told for k, told in s.larger.items()}
+        for told in one.causes:
+            told['more_effects'] = min(larger.get(name, (0,))[0] for name in told['effects'])
         gradual = _as_well_as_a_step(problem, found, i)
         for e, gain in gradual:
             one.alternatives.append(e.name)
             one.rivals.append(e.name)
             if e.cause_told not in [told['cause'] for told in one.causes]:
                 one.causes.append(cause_entry(e, gain))
-        one.causes.sort(key=lambda told: -told['delta_bic'])
+        one.causes.sort(key=lambda told: (told['more_effects'] > 0, -told['delta_bic']))
+        beside += [_beside(f.effect, rival, others, *larger.get(rival, ()))
+                   for rival, others in one.companions.items()]
         effects.append(one)
     notes = list(obs.notes)
     for why, dropped in (('no gain on rows left out', found.dropped_by_cv),
@@ -277,8 +288,7 @@ def _assemble(work, found, stands, fits, chance):
     if work.infeasible.any():
         notes.append(f'{int(work.infeasible.sum())} rows are nearer to the zenith than the mount '
                      'can look')
-    notes += [_beside(e.fitted.effect, rival, others) for e in effects
-              for rival, others in e.companions.items()]
+    notes += beside
     notes += [f'something unknown is left that follows {the(e.fitted.effect.driver)}: the model '
               f'has a curve for it, {e.fitted.effect.shape}' for e in effects
               if e.fitted.effect.kind == 'smooth']

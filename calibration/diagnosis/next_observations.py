@@ -56,9 +56,10 @@ def propose(problem, obs, base, found, stands):
         others = [c.effect(problem) for j, c in enumerate(found.chosen) if j != i]
         bank, group = choice.family(problem, found.chosen)
         own = bank.effects[group].cause_told
-        # what people are told as another cause comes first
+        # what people are told as another cause comes first, what takes more effects last
         rivals = [] if choice.curve else sorted(
-            stand.alternatives, key=lambda k, bank=bank, own=own: bank.effects[k].cause_told == own)
+            stand.alternatives, key=lambda k, bank=bank, own=own, more=stand.larger: (
+                bank.effects[k].cause_told == own, k in more))
         for rival in rivals[:_RIVALS]:
             *pair, shared = _members(problem, choice.effect(problem), others, bank.effects[rival],
                                      stand.companions.get(rival))

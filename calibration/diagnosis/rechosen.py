@@ -216,11 +216,16 @@ def _take_in(chosen, i, rivals):
     if not rivals:
         return
     stand.every = stand.every.copy()
-    best = min(0.0, *(one.behind for one in rivals))
-    for one in rivals:
-        stand.every[one.choice.group] = stand.delta_bic - one.behind
-        if one.behind - best < SET_WIDTH:
-            stand.alternatives.append(one.choice.group)
-            stand.companions[one.choice.group] = [
-                c for c in one.chosen.found.chosen if c != one.choice]
+    # what is better only with more effects stands beside it, no more
+    more = [len(one.chosen.found.chosen) - len(chosen.found.chosen) for one in rivals]
+    behind = [max(one.behind, 0.0) if n > 0 else one.behind for one, n in zip(rivals, more)]
+    best = min(0.0, *behind)
+    for one, n, distance in zip(rivals, more, behind):
+        group = one.choice.group
+        stand.every[group] = stand.delta_bic - distance
+        if distance - best < SET_WIDTH:
+            stand.alternatives.append(group)
+            stand.companions[group] = [c for c in one.chosen.found.chosen if c != one.choice]
+            if n > 0:
+                stand.larger[group] = n, max(-one.behind, 0.0)
     stand.alternatives.sort(key=lambda k: -stand.every[k])

@@ -36,8 +36,9 @@ class DiagnosedEffect:
         ``in_set``; best first.
     causes : list of dict
         What it may be, as people are told it: ``cause``, ``effects`` (names), ``delta_bic`` and
-        ``only_shape`` (even alone it is one possibility, see `Effect`); those within `SET_WIDTH` of
-        the best, the best first. What people are told alike is one.
+        ``only_shape`` (even alone it is one possibility, see `Effect`), and ``more_effects`` (so
+        many more its model has); those within `SET_WIDTH` of the best, the best first, and last
+        those that take more effects. What people are told alike is one.
     companions : dict of str to list of Effect
         Of rivals that explain the run as well only with other effects beside them: these.
     columns : ndarray, shape (k, 2, n)
@@ -266,7 +267,7 @@ def cause_entry(e, delta_bic, names=None):
     """Entry of `DiagnosedEffect.causes` for an effect, with its own name unless others are told."""
     return {'cause': e.cause_told, 'shape': e.shape, 'look_at': e.look_at, 'effort': e.effort,
             'only_shape': e.only_shape, 'effects': [e.name] if names is None else list(names),
-            'delta_bic': delta_bic}
+            'delta_bic': delta_bic, 'more_effects': 0}
 
 
 def _causes(effects, delta_bic, groups):

@@ -27,6 +27,9 @@ class Standing:
         Gain of each candidate in its place.
     companions : dict of int to list of Choice
         Of alternatives that are as good only with other companions, see `rechosen`: these.
+    larger : dict of int to tuple of (int, float)
+        Of alternatives whose model has more effects: so many more, and by how much (BIC) it is
+        better all the same, or 0.
     """
 
     p: float
@@ -35,6 +38,7 @@ class Standing:
     same: list
     every: np.ndarray
     companions: dict = field(default_factory=dict)
+    larger: dict = field(default_factory=dict)
 
 
 def standing(problem, found, i, chance, alpha):

@@ -6,9 +6,10 @@ import numpy as np
 from scipy.special import chdtrc
 
 from msg_tools.units import ARCSEC
-from pointing_model.effects.base import the
+from pointing_model.effects.base import arcsec, the
 
 from .constants import WANDER_TESTS
+from .slow_part import beyond_terms, slow_part, trend
 
 _AHEAD, _POINTS = 1800.0, 12  # s, and places in them
 _SOME = 100  # rows that stand for a run
@@ -16,6 +17,9 @@ _NIGHTS = 1000  # simulated
 _PART = 0.5  # of the run, in which it is said how rows differ
 _STEP = 1.0 / 3.0  # of the distance of any two rows: steps so short go along the sky
 _NAMED = 3  # drivers in a sentence, at most
+#: of the variance of an axis, from where an even drift is told
+#: of the variance of an axis, from where an even drift is told
+MOSTLY = 0.5
 
 
 @dataclass
@@ -132,7 +136,7 @@ def _after(sequence, one, root, raw, count, rng):
     return np.square(drawn).mean(axis=1) * np.mean(np.square(on_sky))
 
 
-def wander_entry(found, problem, context):
+def wander_entry(found, problem, context, chosen=()):
     """JSON-ready entry of a result.
 
     Parameters
@@ -141,24 +145,27 @@ def wander_entry(found, problem, context):
     problem : Problem
     context : Context
         Of the rows.
+    chosen : sequence of Choice
+        The effects in the model.
 
     Returns
     -------
     dict
         ``p`` (at most); ``like`` (names of effects that would explain it); ``slow``: it lasts
         longer than from row to row; ``text``, a sentence; ``along_the_sky``, see
-        `along_the_sky`; and ``axes``: of each ``sigma_arcsec`` of the process, ``memory`` and
+        `along_the_sky`; ``removes_rms_arcsec``: what the wander did in these rows, RMS on the sky
+        beyond the terms; and ``axes``: of each ``sigma_arcsec`` of the process, ``memory`` and
         ``span`` (of the rows) in ``unit`` (hours, rows), ``angle`` (it is one of the azimuth axis:
         times cos E on the sky), ``moves_arcsec``: by how much two rows differ because of it (RMS)
-        that are ``apart`` from one another, in ``unit``; and ``row_to_row_arcsec``, the noise
-        that neighbours show between them.
+        that are ``apart`` from one another, in ``unit``; ``row_to_row_arcsec``, the noise that
+        neighbours show between them; and ``trend``, see `slow_part.trend`.
     """
     sequence, words = problem.sequence, context.mount.names.axes
     unit = 3600.0 if sequence.timed else 1.0
     apart, said = _apart(sequence)
     gap = sequence.gap
     usual = float(np.quantile(gap[np.isfinite(gap)], 0.9))
-    axes, parts, slow = {}, [], False
+    axes, parts, slow, drifts = {}, [], False, []
     typical = 1.0 if problem.inverse_sigma is None else 1.0 / np.median(
         problem.inverse_sigma.reshape(2, -1), axis=1)
     typical = np.broadcast_to(typical, 2)
@@ -172,7 +179,11 @@ def wander_entry(found, problem, context):
                       'span': sequence.span / unit,
                       'unit': 'hours' if sequence.timed else 'rows', 'moves_arcsec': float(moves),
                       'apart': apart / unit, 'angle': one.angle,
-                      'row_to_row_arcsec': float(np.sqrt(near) * typical[axis] / ARCSEC)}
+                      'row_to_row_arcsec': float(np.sqrt(near) * typical[axis] / ARCSEC),
+                      'trend': trend(problem, list(chosen), name, one)}
+        drift = axes[name]['trend']
+        if drift and drift['share'] > MOSTLY:
+            drifts.append(drift_words(words[axis], drift))
         slow |= one.memory > usual
         beside = axes[name]['row_to_row_arcsec']
         parts.append(f'by {moves:.2f}\u2033 in {words[axis]} (noise of each row: '
@@ -181,7 +192,11 @@ def wander_entry(found, problem, context):
     if slow:
         text = ('neighbouring rows err alike, as where the zero wanders' if step else
                 'the zero wanders') + (f': because of that, rows {said} apart differ '
-                                       f'{" and ".join(parts)}, RMS. What moves it is not known')
+                                       f'{" and ".join(parts)}, RMS')
+        if drifts:
+            text += (f'. Most of that is even: {" and ".join(drifts)}, as where something slips or '
+                     'settles (clutch, clamp, saddle, tripod or pier, mirror)')
+        text += '. What moves it is not known'
         like = _like(found, problem)
         if like:
             text += f'; {like} would look the same'
@@ -193,8 +208,16 @@ def wander_entry(found, problem, context):
     else:
         text = 'rows taken close together share their error: they count as fewer'
     return {'axes': axes, 'p': found.p,
+            'removes_rms_arcsec': beyond_terms(
+                problem, slow_part(problem, list(chosen), found.axes)),
             'like': list(dict.fromkeys(c.effect(problem).name for c in found.like)),
             'slow': bool(slow), 'along_the_sky': step, 'text': text}
+
+
+def drift_words(axis, drift):
+    """A `slow_part.trend` of an axis in words."""
+    rate = drift['rate_arcsec_per_hour']
+    return f'the {axis} error {"falls" if rate < 0.0 else "grows"} by {arcsec(abs(rate))} an hour'
 
 
 def _apart(sequence):

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from calibration.diagnosis.as_read import as_read_sentence
 from calibration.diagnosis.facts import bad_nights, worst_sentence
 from calibration.diagnosis.rows_told import outlier_sentence
+from calibration.diagnosis.unexplained import MOSTLY, drift_words
 from calibration.term_notes import said_of_term
 from pointing_model.effects.base import arcsec, readable
 from pointing_model.mounts import KINDS
@@ -26,6 +27,7 @@ from .told import (
 #: arcsec; what is left beyond this is no noise of pointing
 _ABSURD = 1800.0
 _NO_GAIN = 0.98  # of the error before, above which nothing was gained
+_LITTLE_GAIN = 0.75  # and above which most of it is left to be explained
 #: of the effects that would have been found, so many are told
 _MOST_SAID = 8
 
@@ -135,18 +137,18 @@ def _told(document, effects, limit, caution):
         if document['wander'].get('along_the_sky'):
             return Verdict(
                 'Neighbouring rows err alike: the zero wanders, or the direction has an error '
-                'that no effect describes', [*_wander(document), *odd], [],
+                f'that no effect describes{_drifts(document)}', [*_wander(document), *odd], [],
                 ['No effect is added. Observe once more in an order that mixes the sky.', *last])
         return Verdict(
-            'The zero wanders, and what moves it is not known', [*_wander(document), *odd], [],
+            f'The zero wanders, and what moves it is not known{_drifts(document)}', [*_wander(document), *odd], [],
             ['No effect is added. How far the zero can be trusted is part of the model: set it '
              'anew as often as that asks for.', *last])
     ranked = _ranked(document, effects)
     axes = KINDS[document.get('mount') or 'altaz'].axes
-    return Verdict(
-        _headline(document, effects),
-        [*odd, caution, *bad_nights(document, axes), _count(document)], ranked[:limit],
-        [*_wander(document), worst_sentence(document), *last], smaller=ranked[limit:])
+    first, rest = [*odd, caution, *bad_nights(document, axes)], [worst_sentence(document), *last]
+    (first if slow_is_largest(document) else rest)[:0] = _wander(document)
+    return Verdict(_headline(document, effects), [*first, _count(document)], ranked[:limit], rest,
+                   smaller=ranked[limit:])
 
 
 def verdict_sentences(document, effects=(), limit=5, caution=''):
@@ -210,18 +212,54 @@ def _headline(document, effects):
                 'before stays in force')
     label, before, after = best_pair(document)
     told = _by_size(document, effects)
-    text = 'Something is wrong beyond the terms'
+    slow, text = _slow_words(document), 'Something is wrong beyond the terms'
     if told:
         row, one = told[0]
         text = one.head.removesuffix('.')
-        text += (f', the largest of {counted(count, "error")}' if count > 1
-                 else ', the only error found') + ' beyond the terms of the model'
+        if slow:
+            text = f'{slow}. Beside it {text[:1].lower()}{text[1:]}'
+            text += f', the largest of {counted(count, "other error")}' * (count > 1)
+        else:
+            text += (f', the largest of {counted(count, "error")}' if count > 1
+                     else ', the only error found') + ' beyond the terms of the model'
     if after is None:
         return text
     share = f', {100 * (after / before - 1):+.0f} %'.replace('-', '−') if before else ''
-    none = ': that is no gain' if before and after > _NO_GAIN * before else ''
+    gained = ''
+    if before and after > _NO_GAIN * before:
+        gained = ': that is no gain'
+    elif before and slow and after > _LITTLE_GAIN * before:
+        gained = ': most of the error stays unexplained'
     return (f'{text}. With {"it" if count == 1 else "all of them"} in the model {arcsec(after)} '
-            f'remain {label} ({arcsec(before)} without{share}){none}')
+            f'remain {label} ({arcsec(before)} without{share}){gained}')
+
+
+def slow_is_largest(document):
+    """Whether what moves slowly is a larger error than any effect that was found."""
+    wander = document.get('wander') or {}
+    size = wander.get('removes_rms_arcsec')
+    return bool(wander.get('slow') and size is not None and size > max(
+        (row.get('removes_rms_arcsec') or 0.0 for row in document['effects']), default=0.0))
+
+
+def _slow_words(document):
+    """What moves slowly, where it is the largest error; '' where it is not."""
+    if not slow_is_largest(document):
+        return ''
+    wander = document['wander']
+    return ('The largest error moves slowly, '
+            + ('with time or over the sky' if wander.get('along_the_sky') else 'with time')
+            + f', and its cause is not known ({arcsec(wander["removes_rms_arcsec"])} RMS on the '
+            f'sky){_drifts(document)}')
+
+
+def _drifts(document):
+    """Which axes drift evenly, after a colon; '' where none does."""
+    names = dict(zip(('az', 'el'), KINDS[document.get('mount') or 'altaz'].axes))
+    told = [drift_words(names[key], one['trend'])
+            for key, one in document['wander'].get('axes', {}).items()
+            if one.get('trend') and one['trend']['share'] > MOSTLY]
+    return f': {" and ".join(told)}' if told else ''
 
 
 def _count(document):

@@ -183,7 +183,7 @@ def _how_to_read(driver, effect):
 
 # ------------------------------------------------------------------------------- the candidates
 
-def ranking(rows, width, limit=15):
+def ranking(rows, width, limit=15, slow=()):
     """Candidates by gain, those that are not told apart marked.
 
     Parameters
@@ -194,18 +194,26 @@ def ranking(rows, width, limit=15):
         Of a set, in BIC.
     limit : int
         Rows shown; the others fold away.
+    slow : sequence of str
+        Names of those that a zero that wanders explains as well.
     """
     if not rows:
         return ''
     cells, least = _candidates(rows), _least(rows)
     for cell, row in zip(cells, rows):
+        if row['name'] in slow:
+            cell[6] = f'{cell[6]}{"; " * bool(cell[6])}or a wander'
         if least is not None and row.get('p_family') == least:
             cell[5] = ''
     out = _ranked(cells[:limit])
     if len(cells) > limit:
         out += folded(f'{len(cells) - limit} more candidates', _ranked(cells[limit:]))
     return out + (f'<p class="note">Candidates within {width:g} of the best ΔBIC are one set: '
-                  'these observations do not tell them apart. p: how often noise alone gives any '
+                  'these observations do not tell them apart. '
+                  + ('Those with "or a wander" go with the order of the rows: a zero that wanders '
+                     'explains them as well, so they were not added. ' * any(
+                         row['name'] in slow for row in rows))
+                  + 'p: how often noise alone gives any '
                   'candidate such a gain'
                   + (f'; where none is written {probability(least)}, the least that so many '
                      'trials tell' if least is not None else '') + '.</p>')

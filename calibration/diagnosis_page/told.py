@@ -128,7 +128,9 @@ def plain(cause):
 
 def causes_sentence(causes):
     """Causes as equals, the best first."""
-    told = [plain(one['cause']) for one in causes]
+    told = [plain(one['cause']) + (
+        f' (with {counted(one["more_effects"], "effect")} more beside it)'
+        if one.get('more_effects') else '') for one in causes]
     if len(told) > _MOST_CAUSES:
         told = [*told[:_MOST_CAUSES], f'{len(told) - _MOST_CAUSES} more']
     return (f'{counted(len(causes), "cause").capitalize()} explain it equally well: '
@@ -160,18 +162,21 @@ def first_check(document, row):
             text += (' Until its cause is known a curve takes it off, which holds where these '
                      'rows are and not beyond.')
         return text
-    efforts = [one.get('effort', 1) for one in causes]
+    # what needs more effects beside it comes after what stands by itself
+    own = [one for one in causes if not one.get('more_effects')] or causes
+    efforts = [one.get('effort', 1) for one in own]
     least = min(efforts)
-    one = causes[efforts.index(least)]
+    one = own[efforts.index(least)]
     # what weighs on the tube and the air bear on the same curve
     terms = [term['name'] for term in document.get('unphysical') or () if row.get('axes') == 'el'
              and row.get('driver') == 'elevation' and term['name'] in ('TF', 'TX')]
     head = f'It bears on the same curve as {terms[0]} (above): check that first. Then: ' \
         if terms else 'Check first: '
-    cheapest = efforts.count(least) < open_causes(row)
-    others = 'take more' if cheapest else 'take as much'
+    others = 'take as much' if efforts.count(least) == open_causes(row) else (
+        'take more' if len(own) > 1 else 'stand only with more effects beside them')
     if open_causes(row) == 2:
-        others = f'other {others.replace("take", "takes")}'
+        others = 'other ' + others.replace('take', 'takes').replace('stand', 'stands').replace(
+            'them', 'it')
     else:
         others = f'others {others}'
     return (f'{head}{one["look_at"]}. That tests "{plain(one["cause"])}", and takes '

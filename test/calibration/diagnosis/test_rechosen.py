@@ -3,6 +3,7 @@
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,9 +11,11 @@ import pytest
 from calibration.diagnosis.chance import Chance
 from calibration.diagnosis.choosing import choose
 from calibration.diagnosis.constants import SET_WIDTH
-from calibration.diagnosis.rechosen import choose_with_rivals
+from calibration.diagnosis.problem import Choice
+from calibration.diagnosis.rechosen import Rival, _take_in, choose_with_rivals
 from calibration.diagnosis.result import diagnosed, verdict_of
 from calibration.diagnosis.scores import Bank
+from calibration.diagnosis.standing import Standing
 from msg_tools.units import ARCSEC
 from pointing_model.effects import Effect
 from pointing_model.fitted_effects import FittedEffect
@@ -113,3 +116,14 @@ def test_a_rival_that_nothing_helps_stays_behind(seed):
                   for how in (choose, choose_with_rivals))
     assert found_of(problem, one) == found_of(problem, other) == {NAMES[1], NAMES[3]}
     assert not any(stand.companions or stand.alternatives for stand in other.stands)
+
+
+def test_a_better_model_with_more_effects_is_beside_the_found_one_and_no_more():
+    def model(*groups):
+        return SimpleNamespace(found=SimpleNamespace(chosen=[Choice(g) for g in groups]))
+    stand = Standing(0.001, 87.0, [], [], np.array([87.0, 40.0, 30.0, 20.0]))
+    chosen = SimpleNamespace(stands=[stand], found=model(0).found)
+    _take_in(chosen, 0, [Rival(Choice(1), model(1, 4, 5), -161.0), Rival(Choice(2), model(2), 3.0),
+                         Rival(Choice(3), model(3, 4), 20.0)])
+    assert stand.alternatives == [1, 2] and stand.every.tolist() == [87.0, 87.0, 84.0, 67.0]
+    assert stand.larger == {1: (2, 161.0)} and stand.companions[1] == [Choice(4), Choice(5)]

@@ -2,6 +2,7 @@
 
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 
 from calibration.diagnosis import diagnose
 from calibration.diagnosis.linear import Columns, fit_state
+from calibration.diagnosis.slow_part import beyond_terms, slow_part, trend
 from calibration.diagnosis.wander import AxisWander, Sequence, White, Whitened
 from calibration.diagnosis.wander_estimate import estimate
 from calibration.diagnosis_page.plain_words import verdict_sentences
@@ -81,6 +83,33 @@ def test_a_wander_is_estimated_and_white_noise_is_left_white():
     assert min(w.gain for w in found) > 10.0 and np.median(white) < 3.0
 
 
+def test_what_a_wander_did_in_the_rows_is_told_from_their_noise():
+    problem, rng = make_problem(31, 80), np.random.default_rng(31)
+    walk = wandering_noise(problem.sequence, (5.0 * ARCSEC)**2, 3600.0, rng)
+    true = np.array([np.zeros(80), walk])
+    noise = ARCSEC * rng.normal(size=160)
+    problem = replace(problem, b=true.ravel() + noise)
+    one = AxisWander((5.0 * ARCSEC)**2, 3600.0, False, problem.plain.state([]).scale[1] * 0.2)
+    found = slow_part(problem, [], {'el': one})
+    assert not found[0].any()
+    left = problem.base.left_of(true.ravel(), White(np.ones(160))).reshape(2, -1)
+    assert np.sqrt(np.mean(np.square(found[1] - left[1]))) < ARCSEC
+    assert beyond_terms(problem, found) == pytest.approx(beyond_terms(problem, true), rel=0.15)
+
+
+def test_an_even_drift_has_a_rate_and_a_share():
+    problem = make_problem(32, 60)
+    hours = problem.sequence.position / 3600.0
+    rng = np.random.default_rng(32)
+    drift = np.concatenate((np.zeros(60), -40.0 * ARCSEC * hours))
+    problem = replace(problem, b=drift + ARCSEC * rng.normal(size=120))
+    told = trend(problem, [], 'el', AxisWander())
+    assert told['rate_arcsec_per_hour'] == pytest.approx(-40.0, abs=1.5) and told['share'] > 0.9
+    assert told['removes_rms_arcsec'] == pytest.approx(beyond_terms(
+        problem, drift.reshape(2, -1)), rel=0.05)
+    assert trend(problem, [], 'az', AxisWander())['share'] < 0.2
+
+
 # --- what the diagnosis says of it ---------------------------------------------------------------
 
 
@@ -123,6 +152,7 @@ def test_a_zero_that_wanders_is_no_effect_and_is_told():
     for axis in told.wander['axes'].values():
         assert axis['sigma_arcsec'] > 0.3 and 0.0 < axis['moves_arcsec'] < 5.0
         assert axis['unit'] == 'hours' and 0.05 < axis['memory'] < 10.0
+    assert 0.5 < told.wander['removes_rms_arcsec'] < 2.0
     assert 'the zero wanders' in told.wander['text']
     headline, sentences = verdict_sentences(told.to_dict())
     assert 'wanders' in headline and 'What moves it is not known' in sentences[0]

@@ -20,6 +20,7 @@ from calibration.diagnosis_page.plain_words import (
 )
 from calibration.diagnosis_page.told import (
     WORDS,
+    causes_sentence,
     explained,
     first_check,
     model_words,
@@ -120,6 +121,51 @@ def test_the_headline_says_what_is_wrong_and_what_remains():
     headline, sentences = verdict_sentences(told, [EffectTold('The error has a wave', 3.5)])
     assert headline.endswith('on rows held out (5.00″ without, +0 %): that is no gain')
     assert 'Rows left out of the runs fitted are missed by 4.30″' in sentences[-1]
+
+
+def slow(size, **more):
+    trend = {'rate_arcsec_per_hour': -226.4, 'share': 0.8, 'removes_rms_arcsec': 55.0}
+    return {'slow': True, 'along_the_sky': {'step_deg': 9.0, 'any_deg': 51.0},
+            'removes_rms_arcsec': size, 'text': 'neighbouring rows err alike',
+            'axes': {'az': {'trend': {**trend, 'share': 0.2}}, 'el': {'trend': trend}}, **more}
+
+
+def test_what_moves_slowly_leads_where_it_is_the_largest():
+    told = document(CAUSES, mount='german', wander=slow(62.6))
+    told['effects'][0]['removes_rms_arcsec'] = 3.5
+    told['after'] = {**told['after'], 'cv_rms_arcsec': 5.3}
+    headline, sentences = verdict_sentences(told, [EffectTold('The error has a wave', 3.5)])
+    assert headline == (
+        'The largest error moves slowly, with time or over the sky, and its cause is not known '
+        '(62.6″ RMS on the sky): the declination error falls by 226″ an hour. Beside it the error '
+        'has a wave (3.50″ RMS on the sky). With it in the model 5.30″ remain on rows left out '
+        '(5.67″ without, −7 %): most of the error stays unexplained')
+    assert sentences[0] == 'Neighbouring rows err alike.'
+    small = {**told, 'wander': slow(3.0)}
+    headline, sentences = verdict_sentences(small, [EffectTold('The error has a wave', 3.5)])
+    assert headline.startswith('The error has a wave') and 'only error found' in headline
+    assert sentences[0].startswith('One effect') and 'Neighbouring rows err alike.' in sentences
+
+
+def test_a_zero_that_wanders_evenly_has_its_rate_in_the_headline():
+    told = {**document([]), 'verdict': 'wanders', 'effects': [], 'wander': slow(62.6)}
+    headline, _ = verdict_sentences(told)
+    assert headline.endswith(
+        'an error that no effect describes: the elevation error falls by 226″ an hour')
+    headline, _ = verdict_sentences({**told, 'wander': {**slow(62.6), 'along_the_sky': None}})
+    assert headline == ('The zero wanders, and what moves it is not known: the elevation error '
+                        'falls by 226″ an hour')
+
+
+def test_a_cause_that_takes_more_effects_is_the_last_and_is_not_checked_first():
+    easy = {'cause': 'scale', 'effects': ['scale'], 'look_at': 'the scale', 'effort': 0,
+            'more_effects': 3, 'delta_bic': 20.0}
+    row = {'name': 'elevation_encoder_2', 'causes': [*CAUSES[1:], easy]}
+    told = causes_sentence(row['causes'])
+    assert told.endswith('; or scale (with three effects more beside it).')
+    said = first_check({}, row)
+    assert said.startswith(f'Check first: {CAUSES[1]["look_at"]}.')
+    assert 'the other stands only with more effects beside it' in said
 
 
 def test_the_terms_are_called_by_the_mount_that_has_them():
