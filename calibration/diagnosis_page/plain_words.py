@@ -140,7 +140,8 @@ def _told(document, effects, limit, caution):
                 f'that no effect describes{_drifts(document)}', [*_wander(document), *odd], [],
                 ['No effect is added. Observe once more in an order that mixes the sky.', *last])
         return Verdict(
-            f'The zero wanders, and what moves it is not known{_drifts(document)}', [*_wander(document), *odd], [],
+            f'The zero wanders, and what moves it is not known{_drifts(document)}',
+            [*_wander(document), *odd], [],
             ['No effect is added. How far the zero can be trusted is part of the model: set it '
              'anew as often as that asks for.', *last])
     ranked = _ranked(document, effects)
