@@ -43,7 +43,7 @@ def survey(wanted):
         client.send(DEVICE, 'POLLING_PERIOD', PERIOD_MS=100)
         telescope.prepare(SITE)
         # beside other processes many messages are late: of more of them one is not
-        return observer.run(wanted, ticks=12)
+        return observer.run(wanted, ticks=24)
 
 
 @pytest.fixture(scope='module')
