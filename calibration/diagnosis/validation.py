@@ -51,6 +51,8 @@ _IN = {'radial': '', 'x': ', in {0}', 'y': ', in {1}'}
 #: part by which one axis may seem worse while the whole gains: from partition to partition the
 #: figure of the MMT's night differs by 0.4 %, that of the 8 m telescope by 3 %
 _WORSE = 0.02
+#: partitions by whose scatter it is told how many there will be
+_FEWEST_JUDGED = 4
 
 
 def partitions_of(problem, count, rng):
@@ -161,10 +163,11 @@ def cross_validated(work, chosen, wanders, count, alpha, chance, rng, ways=None,
         (PARTITIONS, MOST_PARTITIONS) if problem.n <= MANY else (FEW_PARTITIONS, FEW_PARTITIONS))
     while len(parts) < least or (len(parts) < most and _unsure(parts, keep)):
         folds = partitions_of(problem, count, rng)[0]
-        expected = len(folds) * (max(least, len(parts) + 1) + (
+        each_run = len(folds) == len(np.unique(problem.sequence.run)) > 1
+        expected = len(folds) * ((1 if each_run else _needed(parts, keep, least, most)) + (
             effective_runs(problem.sequence.run) < RUNS))
         parts.append(apart(folds))
-        if len(folds) == len(np.unique(problem.sequence.run)) > 1:
+        if each_run:
             break  # each run alone: there is but one such partition
     before = _mean([one for one, _ in parts])
     by_count = [_figure(before, [_first(squares, k) for _, squares in parts], keep)
@@ -246,6 +249,15 @@ def _surely(before, after):
     more = after - before
     scatter = more.std(axis=1, ddof=1) / np.sqrt(more.shape[1])
     return {axis for axis, worse in zip('xy', more.mean(axis=1) > scatter) if worse}
+
+
+def _needed(parts, keep, least, most):
+    """How many partitions there will be, as far as those that there are tell it."""
+    if least == most or len(parts) < _FEWEST_JUDGED:
+        return least
+    every = np.array([_rms(squares[-1], keep)['radial'] for _, squares in parts])
+    needed = np.ceil((every.std(ddof=1) / (SPREAD * every.mean()))**2)
+    return int(np.clip(needed, max(least, len(parts) + 1), most))
 
 
 def _rms(squares, keep):

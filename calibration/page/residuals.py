@@ -181,29 +181,41 @@ def sky_maps(data):
     drawn = drawn[thin(len(drawn), MAX_ARROWS)]
     long = 34.0 if len(drawn) <= 150 else 24.0
     typical = {when: float(np.quantile(np.hypot(*data.of(when)[:, used]), 0.9)) for when in WHENS}
-    scale = long / max(*typical.values(), 1e-6)
-    own = long / max(typical['after'], 1e-6)
+    places, toward = (data.az[drawn], data.el[drawn]), {}
+    for when in WHENS:
+        x, y = data.of(when)[:, drawn]
+        toward[when] = (x, y) if data.turned is None else tuple(
+            one[0, drawn] * x + one[1, drawn] * y for one in data.turned)
+    blank = SkyMap(400, lowest)
+    scale = min(blank.scale_for(*places, *toward[when], long / max(*typical.values(), 1e-6))
+                for when in WHENS)
+    own = blank.scale_for(*places, *toward['after'], long / max(typical['after'], 1e-6))
     maps = [('before', scale, ''), ('after', scale, '')]
     if own > _MAGNIFIED * scale:
         times = float(f'{own / scale:.1g}')
         maps.append(('after', times * scale, f', drawn {times:g} times as large'))
-    out = []
-    for when, size, more in maps:
+    skies = []
+    for when, size, _ in maps:
         sky = SkyMap(400, lowest)
         x, y = data.of(when)[:, drawn]
         names = [f'{data.names[i]}: {number(a, 2, True)}″ {data.axes[0]}, {number(b, 2, True)}″ '
                  f'{data.axes[1]}' for i, a, b in zip(drawn, x, y)] if len(drawn) <= 150 else None
-        if data.turned is not None:
-            x, y = (one[0, drawn] * x + one[1, drawn] * y for one in data.turned)
-        sky.arrows(data.az[drawn], data.el[drawn], x, y, size, when, names,
-                   [data.keys[i] for i in drawn])
+        sky.arrows(*places, *toward[when], size, when, names, [data.keys[i] for i in drawn])
+        skies.append(sky)
+    out, margin = [], np.ceil(max(sky.beyond for sky in skies))
+    margin += 3.0 * (margin > 0.0)
+    for (when, size, more), sky in zip(maps, skies):
         unit = ticks(0.0, max(60.0 / size, 1e-9), 2)
         unit = float(unit[unit > 0][0]) if (unit > 0).any() else 1.0
-        sky.parts.append(f'<path class="{when} key" d="M12 388h{unit * size:.1f}"/>'
-                         + text(12, 382, f'{unit:g}″', anchor='start'))
+        left, low = 12 - margin, 388 + margin
+        sky.parts.append(f'<path class="{when} key" d="M{left:g} {low:g}h{unit * size:.1f}"/>'
+                         + text(left, low - 6, f'{unit:g}″', anchor='start'))
         said = f'{data.text_of(when).capitalize()}: {arcsec(data.radial(when))} radial RMS{more}'
-        out.append(figure(svg(400, 400, sky.parts, f'Map of the sky. {said}', 'link'),
-                          f'{said}. Zenith in the middle, rim at {lowest:g}° elevation.', when))
+        longer = f' {sky.shortened} of the arrows {"is" if sky.shortened == 1 else "are"} ' \
+            'longer than drawn.' if sky.shortened else ''
+        out.append(figure(
+            svg(400, 400, sky.parts, f'Map of the sky. {said}', 'link', margin),
+            f'{said}. Zenith in the middle, rim at {lowest:g}° elevation.{longer}', when))
     some = f' {len(drawn)} of {int(used.sum())} rows are drawn.' if len(drawn) < used.sum() else ''
     return pair(out) + ('<p class="note">Arrows show where the encoders read beyond the model; '
                         f'before and after on one scale.{some}</p>')

@@ -1,5 +1,6 @@
 """The page of a diagnosis: what it says, that it stands alone, that no name in it can do harm."""
 
+import re
 import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -336,7 +337,7 @@ def test_north_is_up_and_east_to_the_right():
 
 
 def test_both_maps_have_one_scale(page):
-    keys = [part.split('"')[0] for part in page.split(' key" d="M12 388h')[1:]]
+    keys = re.findall(r' key" d="M[-\d]+ \d+h([\d.]+)"', page)
     assert len(keys) == 2 and keys[0] == keys[1] and float(keys[0]) > 10
 
 
