@@ -25,6 +25,8 @@ from .base import (
 
 _DIRECTION = {key for names in KINDS.values() for key in names.keys}
 _DEGREES = (1, 2)
+#: what knows no side: the clock and the site; what differs so is a zero or a lean of the axes
+_SAME_ON_BOTH = ('clock', 'latitude')
 
 
 @form
@@ -79,7 +81,8 @@ def by_side(effects, context):
         return [], ('what differs by the side of the pier', against)
     terms = [effect('term', name=name, mount=mount.kind) for name in mount.names.physical]
     known = {e.name for e in terms}
-    others = [e for e in effects if direct(e) and e.size is None and e.name not in known]
+    others = [e for e in effects if direct(e) and e.size is None and e.name not in known
+              and e.form not in _SAME_ON_BOTH]
     return [effect('by_side', of=to_document(e)) for e in terms + others], None
 
 

@@ -12,7 +12,7 @@ from calibration.diagnosis.facts import bad_nights, nights_held_out, worst_sente
 from calibration.diagnosis.result import diagnosed
 from calibration.diagnosis.unexplained import _like
 from calibration.diagnosis.unphysical import refraction_in_place
-from calibration.diagnosis_page.effects_told import EffectTold
+from calibration.diagnosis_page.effects_told import EffectTold, title_of
 from calibration.diagnosis_page.plain_words import (
     figures_sentence,
     told_verdict,
@@ -74,9 +74,14 @@ def test_no_cause_is_an_alternative_for_itself():
 
 def test_what_is_seen_is_what_all_causes_share():
     nod, wobble = effect('nod', order=1), effect('bearing_wobble', order=1)
-    assert common_shape([nod.shape, wobble.shape], 'azimuth') == \
+    assert common_shape([nod.shape, wobble.shape], ['azimuth']) == \
         'a wave of the azimuth, once per turn'
-    assert common_shape([nod.shape, 'a rise'], 'azimuth') == 'a curve of the azimuth'
+    assert common_shape([nod.shape, 'a rise'], ['azimuth']) == 'a curve of the azimuth'
+    # a curve of one angle is a hypothesis where causes follow others
+    assert common_shape(['a', 'b', 'c'], ['elevation', 'hour_angle', 'elevation']) == \
+        'a curve of the elevation or of the hour angle'
+    assert common_shape(['a', 'b', 'c'], ['elevation', 'hour_angle', 'time']) == \
+        'a curve of the elevation, of the hour angle or of time'
     saw = effect('smooth', axis='el', driver='elevation', shape='sawtooth', start=0.0,
                  period=np.radians(15.2))
     assert saw.shape == 'a sawtooth of the elevation with a period of 15.2°'
@@ -88,6 +93,19 @@ def test_what_is_seen_is_what_all_causes_share():
     # one of the periods that are tried; of a long one no second wave is seen
     assert wave(2.5) == 'a smooth curve of the elevation'
     assert wave(12) == 'a wave of the elevation with a period of about 30.0°'
+
+
+def test_an_effect_acts_where_its_causes_act():
+    flexure = effect('terms', name='declination_axis_flexure', mount='german')
+    slope = effect('polynomial', result='az', of='az', power=1, mount='german')
+    wobble = effect('bearing_wobble', order=1, mount='german')
+
+    def seen(*effects):
+        found = SimpleNamespace(fitted=SimpleNamespace(effect=effects[0]),
+                                causes=causes_of(list(effects), [9.0] * len(effects)))
+        return title_of(found, KINDS['german'].axes)
+    assert seen(flexure, slope) == 'hour angle: a curve of the elevation or of the hour angle'
+    assert seen(flexure, wobble).startswith('both axes: a curve of the ')
 
 
 def test_what_would_look_like_a_wander_is_told_by_what_it_follows():
