@@ -59,6 +59,8 @@ class Residuals:
         What those are called.
     utc : bool
         Whether times are UTC, and not since an arbitrary start.
+    noise_text : str
+        What `noise` is called: more than noise where something else is in it.
     """
 
     names: Sequence
@@ -79,6 +81,7 @@ class Residuals:
     places: tuple | None = None
     place_words: tuple = ('azimuth', 'elevation')
     utc: bool = True
+    noise_text: str = 'noise of the fit'
 
     def __post_init__(self):
         self.known = np.isfinite(self.before).all(axis=0) & np.isfinite(self.after).all(axis=0)
@@ -239,11 +242,11 @@ def targets(data):
         out.append(target(data.axes, limit, x[data.used], y[data.used],
                           data.text_of(when) + more, when, noise,
                           lambda panel, x=x, y=y, when=when, linked=not more: _marks(
-                              panel, x, y, data, when, linked)))
+                              panel, x, y, data, when, linked), data.noise_text))
     return pair(out) + marks_legend(data)
 
 
-def target(axes, limit, x, y, what, when, noise=None, draw=None):
+def target(axes, limit, x, y, what, when, noise=None, draw=None, noise_text='noise of the fit'):
     """A target with its hits.
 
     Parameters
@@ -262,6 +265,8 @@ def target(axes, limit, x, y, what, when, noise=None, draw=None):
         Radial RMS of the noise, arcsec.
     draw : callable, optional
         ``draw(panel)``, by default a mark for each hit.
+    noise_text : str
+        What `noise` is.
 
     Returns
     -------
@@ -278,7 +283,8 @@ def target(axes, limit, x, y, what, when, noise=None, draw=None):
         panel.parts.append(f'<circle class="noise" cx="{cx:.1f}" cy="{cy:.1f}" '
                            f'r="{min(panel.width * noise / (2 * limit), 165.0):.1f}"/>')
         inside = float(np.mean(np.hypot(x, y) <= noise))
-        said += (f' Dashed: the noise of the fit, {arcsec(noise)} radial; {100 * inside:.0f} % lie '
+        named = noise_text if noise_text.startswith('all') else f'the {noise_text}'
+        said += (f' Dashed: {named}, {arcsec(noise)} radial; {100 * inside:.0f} % lie '
                  f'within it (of noise alone {100 * _WITHIN:.0f} %).')
     if draw is None:
         panel.points(x, y, when)
@@ -305,7 +311,7 @@ def marks_legend(data):
     """What dots, squares and crosses are."""
     left = bool((data.known & ~data.used).any())
     return legend(('before', f'{data.before_text} (dots)'), ('after', f'{data.after_text} '
-                  '(squares)'), *[('noise', 'noise of the fit')] * (data.noise is not None),
+                  '(squares)'), *[('noise', data.noise_text)] * (data.noise is not None),
                   *[('cross', 'not used in the fit')] * left)
 
 

@@ -152,8 +152,8 @@ def _polynomial(result, of, power, mount='equatorial'):
                   f'{names.letter(of)}{"^2" if k == 2 else ""} in {where}', names.key(of),
                   word, ('slope',), columns,
                   say,
-                  f'the scale of the {names.word(word)} encoder, and what bends as the '
-                  f'{names.shaft(of)} turns',
+                  f'the steps or lines in a turn of the {names.shaft(word)} that are set, and '
+                  f'what bends as the {names.shaft(of)} turns',
                   f'a {"parabola" if k == 2 else "straight line"} of the {names.word(of)}', '',
                   'arcsec/rad' + ('^2' if k == 2 else ''),
                   tpoint=name)
