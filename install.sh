@@ -38,8 +38,13 @@ fi
 wanted="$extras $("$python" --version) $(cat setup.py constraints.txt | cksum)"
 if [ "$(cat "$venv/.installed" 2>/dev/null || true)" != "$wanted" ]; then
     [ -x "$venv/bin/python" ] || "$python" -m venv "$venv"
+    [ $# -gt 0 ] || say 'no EXTRAS given: with ROS (for files alone: pip install ., see README.md)'
     say "installing telescope_mount[$extras] into $venv ..."
     "$venv/bin/python" -m pip install -q --disable-pip-version-check \
         -c constraints.txt -e ".[$extras]"
     printf '%s\n' "$wanted" > "$venv/.installed"
+    case $extras in *ros*) next='night --out night' ;; *) next=--help ;; esac
+    say "done; next: $venv/bin/telescope-mount $next"
+else
+    say "telescope_mount[$extras] is in $venv already"
 fi

@@ -3,13 +3,18 @@
 import numpy as np
 
 from msg_tools.units import ARCSEC
+from pointing_model.effects.base import readable
 from pointing_model.mounts import KINDS
 from pointing_model.rms import rms
 from pointing_model.terms import stacked_design
 
+from .summary import correlations
+
 _ROWS = 20000  # of which the size of a term is told, at most
 _MUCH = 3.0  # times what the terms leave, from where it is said what the errors as read are
 _PART, _MOST_NAMED = 0.3, 2  # of them, of a term that is named, and how many of these
+_MOST_MOVED, _RESEMBLES = 3, 0.7  # terms told so; correlation from where it says why
+_MOVED = 3.0  # sigma, from where it is said what a term is beside the effects
 
 
 def as_read(obs, weights):
@@ -39,7 +44,9 @@ def as_read_terms(diagnosis):
     -------
     list of dict
         ``name``, ``value_arcsec`` (of a term that each run has for itself the median) and
-        ``rms_arcsec``, what it is on the sky over the rows with weight.
+        ``rms_arcsec``, what it is on the sky over the rows with weight. Of one that effects have
+        moved by more than three of its standard errors: ``beside_effects_arcsec``, and
+        ``resembles`` (the effect that it is most correlated with) with ``correlation``.
     """
     # beside effects that are nearly the same curve a term is a difference of large numbers
     obs, terms = diagnosis.observations, diagnosis.base_model.terms
@@ -49,10 +56,33 @@ def as_read_terms(diagnosis):
     keep = keep[::len(keep) // _ROWS + 1]
     columns = stacked_design(tuple(terms), obs.context.az[keep], obs.context.el[keep],
                              obs.run.mount).reshape(len(terms), 2, -1)
+    moved = _moved(diagnosis)
     out = [{'name': name, 'value_arcsec': value / ARCSEC,
-            'rms_arcsec': _radial(value * column)}
+            'rms_arcsec': _radial(value * column), **moved.get(name, {})}
            for (name, value), column in zip(terms.items(), columns)]
     return sorted(out, key=lambda row: -row['rms_arcsec'])
+
+
+def _moved(diagnosis):
+    """Of terms that the effects have moved: what they are beside them, and whom they resemble."""
+    model, base = diagnosis.model, diagnosis.base_model
+    if not diagnosis.effects:
+        return {}
+    sigma = np.sqrt(np.maximum(np.diag(base.covariance), 0.0))
+    moved = [name for (name, value), s in zip(base.terms.items(), sigma)
+             if name not in diagnosis.base.own and name in model.terms
+             and abs(model.terms[name] - value) > _MOVED * s]
+    names, matrix = correlations(diagnosis) if moved else ([], None)
+    found = [i for i, (_, coefficient) in enumerate(names) if coefficient is not None]
+    out = {}
+    for name in moved:
+        one = {'beside_effects_arcsec': model.terms[name] / ARCSEC}
+        if found and (name, None) in names:
+            row = matrix[names.index((name, None))]
+            most = max(found, key=lambda i, row=row: abs(row[i]))
+            one.update(resembles=names[most][0], correlation=float(row[most]))
+        out[name] = one
+    return out
 
 
 def as_read_sentence(document):
@@ -75,21 +105,60 @@ def as_read_sentence(document):
     values = {names.terms[row['name']][0]: row for row in rows if row['name'] in names.terms}
     others = [row for own, row in values.items() if own not in ('AN', 'AW')
               and row['rms_arcsec'] > _PART * read][:_MOST_NAMED]
-    named = ' and '.join(
-        f'{row["name"]} {_signed(row["value_arcsec"])} ({_what(row["name"], names)})'
-        for row in others)
-    said = [f'Most of what the encoders read is {named}'] if named else []
+    said = [f'Most of what the encoders read is {_named(others, names)}'] if others else []
+    more = _beyond_zeros(values, others, left)
+    if more:
+        said.append(f'Beyond the zeros it is {_named(more, names)}')
     lean = _lean(values, names, document.get('south', False))
     if lean:
         said.append(f'The {names.shafts[0]} {lean}')
+    if said:
+        said += _of_which_fit(document, rows)
     return '. '.join(said) + '.' if said else ''
+
+
+def _named(rows, names):
+    return ' and '.join(f'{row["name"]} {_signed(row["value_arcsec"])} '
+                        f'({_what(row["name"], names)})' for row in rows)
+
+
+def _beyond_zeros(values, named, left):
+    """What is much of the errors as read once the zeros, which may be anything, are off them."""
+    rows = {own: row for own, row in values.items() if own not in ('IA', 'IE')}
+    size = np.sqrt(sum(row['rms_arcsec']**2 for row in rows.values()))
+    return [row for own, row in rows.items() if own not in ('AN', 'AW') and row not in named
+            and row['rms_arcsec'] > max(_PART * size, left)]
+
+
+def _of_which_fit(document, rows):
+    """Of which fit these values are, and which are others beside the effects, in sentences."""
+    effects = len(document['effects'])
+    if not effects or document['before'] == document['after']:
+        return []
+    said = ['These values are of the terms fitted alone, without the '
+            f'effect{"s" * (effects > 1)}']
+    moved = sorted((row for row in rows if 'beside_effects_arcsec' in row),
+                   key=lambda row: -abs(row['beside_effects_arcsec'] - row['value_arcsec']))
+    told = []
+    for row in moved[:_MOST_MOVED]:
+        text = (f'{row["name"]} is {_signed(row["beside_effects_arcsec"])} in place of '
+                f'{_signed(row["value_arcsec"])}')
+        if abs(row.get('correlation') or 0.0) > _RESEMBLES:
+            text += (f', for it resembles {readable(row["resembles"])} (correlation '
+                     f'{row["correlation"]:.2f})').replace('-', '\u2212')
+        told.append(text)
+    if told:
+        said.append(f'Beside {"it" if effects == 1 else "them"} {"; ".join(told)}')
+    return said
 
 
 def _what(name, names):
     """A term of the geometry, in words."""
     own = names.terms[name][0]
+    cone = ', the cone error' if names.axes[0] == 'hour angle' else ''
     return {'IA': f'zero of the {names.axes[0]}', 'IE': f'zero of the {names.axes[1]}',
-            'CA': 'collimation', 'NPAE': 'the axes are not square', 'TF': 'the tube bends'}[own]
+            'CA': f'collimation{cone}', 'NPAE': 'the axes are not square',
+            'TF': 'the tube bends'}[own]
 
 
 def _lean(values, names, south):

@@ -7,6 +7,7 @@ import numpy as np
 
 from calibration.robust import sigma_of
 from msg_tools.units import ARCSEC
+from pointing_model.effects.base import arcsec
 from pointing_model.mounts import KINDS
 from pointing_model.rms import rms
 
@@ -73,7 +74,7 @@ def worst_sentence(document):
             '-', '−')
 
     def moved(row):
-        return f'{row["before_arcsec"]:.2f}\u2033 before, {row["after_arcsec"]:.2f}\u2033 after'
+        return f'{arcsec(row["before_arcsec"])} before, {arcsec(row["after_arcsec"])} after'
 
     def worse(row):
         return row['after_arcsec'] > _FOOT * row['before_arcsec']

@@ -35,10 +35,10 @@ class DiagnosedEffect:
         Every candidate with this effect left out: ``name``, ``driver``, ``axes``, ``delta_bic``,
         ``in_set``; best first.
     causes : list of dict
-        What it may be, as people are told it: ``cause``, ``effects`` (names), ``delta_bic`` and
-        ``only_shape`` (even alone it is one possibility, see `Effect`), and ``more_effects`` (so
-        many more its model has); those within `SET_WIDTH` of the best, the best first, and last
-        those that take more effects. What people are told alike is one.
+        What it may be, as people are told it: ``cause``, ``effects`` (names), ``driver``, ``axes``,
+        ``delta_bic``, ``only_shape`` (even alone it is one possibility, see `Effect`), and
+        ``more_effects`` (so many more its model has); those within `SET_WIDTH` of the best, the
+        best first, and last those that take more effects. What people are told alike is one.
     companions : dict of str to list of Effect
         Of rivals that explain the run as well only with other effects beside them: these.
     columns : ndarray, shape (k, 2, n)
@@ -265,7 +265,8 @@ def diagnosed(fitted, p, columns, effects, delta_bic, group, near, same):
 
 def cause_entry(e, delta_bic, names=None):
     """Entry of `DiagnosedEffect.causes` for an effect, with its own name unless others are told."""
-    return {'cause': e.cause_told, 'shape': e.shape, 'look_at': e.look_at, 'effort': e.effort,
+    return {'cause': e.cause_told, 'shape': e.shape, 'driver': e.driver, 'axes': e.axes,
+            'look_at': e.look_at, 'effort': e.effort,
             'only_shape': e.only_shape, 'effects': [e.name] if names is None else list(names),
             'delta_bic': delta_bic, 'more_effects': 0}
 

@@ -1,6 +1,6 @@
 """Figures that a page of a diagnosis shows beside its result."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -9,6 +9,8 @@ from msg_tools.units import ARCSEC
 from .wander import White
 
 _NEIGHBOURS, _PLACES = 4, 12  # rows of one place at least, places of a driver at most
+_ALIKE = 0.1  # of their range, within which means are as low or as high as the one that is
+_ROUND = 340.0  # degrees, from where an axis has been all round and no end is one
 _FOLLOWED = 0.5  # of the variance, from where the values are said to follow a driver
 _ROWS = 20000  # that a design is made of, at most: more change no printed digit
 
@@ -125,6 +127,24 @@ def over_the_rows(diagnosis, offsets):
     return rows, left[int(np.argmax(np.ptp(left, axis=1)))] if left.size else np.zeros(0)
 
 
+@dataclass
+class Extreme:
+    """Where something is lowest or highest along a driver.
+
+    Attributes
+    ----------
+    at, low, high : float
+        There, and from where to where it is hardly less so.
+    end : bool
+        The rows end there: beyond it may be lower or higher still.
+    """
+
+    at: float
+    low: float
+    high: float
+    end: bool
+
+
 def ends(driver, values):
     """Places of a driver around which some values are lowest and highest.
 
@@ -137,9 +157,9 @@ def ends(driver, values):
 
     Returns
     -------
-    tuple of float or None
-        Medians of the driver where the means are lowest and highest; None where the driver is
-        not what most of the values follow.
+    tuple of Extreme or None
+        Where the means are lowest and highest; None where the driver is not what most of the
+        values follow.
     """
     known = np.isfinite(driver)
     driver, values = driver[known], values[known]
@@ -152,7 +172,24 @@ def ends(driver, values):
     between = sum(len(group) * (mean - values.mean())**2 for group, mean in zip(groups, means))
     if not between > _FOLLOWED * np.square(values - values.mean()).sum():
         return None
-    return tuple(float(np.median(driver[groups[k]])) for k in (means.argmin(), means.argmax()))
+    places = np.array([np.median(driver[group]) for group in groups])
+    alike = _ALIKE * np.ptp(means)
+    round_ = np.ptp(driver) > _ROUND
+    if not round_:
+        places[[0, -1]] = driver.min(), driver.max()
+    return tuple(_extreme(places, size <= size.min() + alike, int(size.argmin()), round_)
+                 for size in (means, -means))
+
+
+def _extreme(places, alike, k, round_):
+    """`Extreme` at the place `k`, with the neighbours that are as low or as high."""
+    low = high = k
+    while low > 0 and alike[low - 1]:
+        low -= 1
+    while high + 1 < len(places) and alike[high + 1]:
+        high += 1
+    return Extreme(*(float(places[i]) for i in (k, low, high)),
+                   bool(not round_ and (low == 0 or high == len(places) - 1)))
 
 
 def correlations(diagnosis):

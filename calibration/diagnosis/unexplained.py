@@ -16,8 +16,7 @@ _SOME = 100  # rows that stand for a run
 _NIGHTS = 1000  # simulated
 _PART = 0.5  # of the run, in which it is said how rows differ
 _STEP = 1.0 / 3.0  # of the distance of any two rows: steps so short go along the sky
-_NAMED = 3  # drivers in a sentence, at most
-#: of the variance of an axis, from where an even drift is told
+_NAMED = 5  # drivers in a sentence, at most
 #: of the variance of an axis, from where an even drift is told
 MOSTLY = 0.5
 
@@ -186,8 +185,8 @@ def wander_entry(found, problem, context, chosen=()):
             drifts.append(drift_words(words[axis], drift))
         slow |= one.memory > usual
         beside = axes[name]['row_to_row_arcsec']
-        parts.append(f'by {moves:.2f}\u2033 in {words[axis]} (noise of each row: '
-                     f'{beside:.2f}\u2033)')
+        parts.append(f'by {arcsec(moves)} in {words[axis]} (noise of each row: '
+                     f'{arcsec(beside)})')
     step = along_the_sky(context, sequence)
     if slow:
         text = ('neighbouring rows err alike, as where the zero wanders' if step else
@@ -204,7 +203,8 @@ def wander_entry(found, problem, context, chosen=()):
             text += (f'. The rows went over the sky step by step, {step["step_deg"]:.0f}\u00b0 '
                      f'from one to the next ({step["any_deg"]:.0f}\u00b0 between any two): an '
                      'error of the direction that no effect here describes would look the same. '
-                     'Only rows in an order that mixes the sky tell them apart')
+                     'To tell them apart return to stars of the beginning now and then, or '
+                     'observe in an order that mixes the sky')
     else:
         text = 'rows taken close together share their error: they count as fewer'
     return {'axes': axes, 'p': found.p,
@@ -266,5 +266,5 @@ def _like(found, problem):
         return f'"{causes[0]}"'
     drivers = list(dict.fromkeys(the(e.driver) for e in effects))
     if len(drivers) > _NAMED:
-        drivers = [*drivers[:_NAMED], 'others']
+        drivers = [*drivers[:_NAMED - 1], f'{len(drivers) - _NAMED + 1} more that the ranking has']
     return f'something that changes with {" or ".join(drivers)}' if drivers else ''

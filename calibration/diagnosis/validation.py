@@ -3,6 +3,7 @@
 A run held out is a new night of the same mount.
 """
 
+from collections import Counter
 from dataclasses import dataclass, field, replace
 from pathlib import PurePath
 
@@ -51,6 +52,9 @@ _IN = {'radial': '', 'x': ', in {0}', 'y': ', in {1}'}
 #: part by which one axis may seem worse while the whole gains: from partition to partition the
 #: figure of the MMT's night differs by 0.4 %, that of the 8 m telescope by 3 %
 _WORSE = 0.02
+#: partitions by whose scatter it is told how many there will be
+_FEWEST_JUDGED = 4
+_MOST_OTHERS = 3  # choices of folds that are named
 
 
 def partitions_of(problem, count, rng):
@@ -91,7 +95,9 @@ class Errors:
         Residuals of rows left out, the choice repeated: the mean over partitions of their squares,
         as its root, radians.
     spread : dict or None
-        ``partitions``, and of the radial RMS after ``min_arcsec`` and ``max_arcsec``.
+        ``partitions``, and of the radial RMS after ``min_arcsec`` and ``max_arcsec``; of how many
+        ``folds``, with those of stretches, ``same_choice`` chose the same effects, and
+        ``other_choices``: ``effects`` (names) and ``folds`` of the others, the most frequent first.
     cut : int or None
         How many choices hold, where not all do.
     stretches : dict
@@ -153,26 +159,45 @@ def cross_validated(work, chosen, wanders, count, alpha, chance, rng, ways=None,
             progress('cross-validation', folds_done, max(expected, folds_done))
 
     def apart(folds):
-        left, _ = nested(problem, folds, alpha, rng, wanders, whole=chance, done=told,
-                         chooser=chooser)
+        left, choices = nested(problem, folds, alpha, rng, wanders, whole=chance, done=told,
+                               chooser=chooser)
+        every.extend(choices)
         return _rms(np.square(cross_validate(problem.plain, [], folds)), keep), np.square(left)
-    parts, folds_done, expected = [], 0, 0
+    parts, every, folds_done, expected = [], [], 0, 0
     least, most = (ways, ways) if ways is not None else (
         (PARTITIONS, MOST_PARTITIONS) if problem.n <= MANY else (FEW_PARTITIONS, FEW_PARTITIONS))
     while len(parts) < least or (len(parts) < most and _unsure(parts, keep)):
         folds = partitions_of(problem, count, rng)[0]
-        expected = len(folds) * (max(least, len(parts) + 1) + (
+        each_run = len(folds) == len(np.unique(problem.sequence.run)) > 1
+        expected = len(folds) * ((1 if each_run else _needed(parts, keep, least, most)) + (
             effective_runs(problem.sequence.run) < RUNS))
         parts.append(apart(folds))
-        if len(folds) == len(np.unique(problem.sequence.run)) > 1:
+        if each_run:
             break  # each run alone: there is but one such partition
     before = _mean([one for one, _ in parts])
     by_count = [_figure(before, [_first(squares, k) for _, squares in parts], keep)
                 for k in range(max(len(squares) for _, squares in parts))]
     if effective_runs(problem.sequence.run) >= RUNS:
-        return _by_runs(by_count, keep, len(chosen), words)
-    stretches = apart(partitions_of(problem, count, rng)[1])
-    return _by_rows(by_count, stretches, keep, len(chosen), words)
+        out = _by_runs(by_count, keep, len(chosen), words)
+    else:
+        stretches = apart(partitions_of(problem, count, rng)[1])
+        out = _by_rows(by_count, stretches, keep, len(chosen), words)
+    out.spread.update(_repeated(problem, chosen, every))
+    return out
+
+
+def _repeated(problem, chosen, choices):
+    """How often the same effects were chosen, and which others: entries of `Errors.spread`."""
+    def lines(some):
+        return tuple(sorted(c.effect(problem).line for c in some))
+
+    names, counts, own = {}, Counter(map(lines, choices)), lines(chosen)
+    for some in choices:
+        names.setdefault(lines(some), [c.effect(problem).name for c in some])
+    others = [{'effects': names[line], 'folds': count} for line, count in counts.most_common()
+              if line != own]
+    return {'folds': len(choices), 'same_choice': counts[own],
+            'other_choices': others[:_MOST_OTHERS]}
 
 
 def _first(squares, k):
@@ -246,6 +271,15 @@ def _surely(before, after):
     more = after - before
     scatter = more.std(axis=1, ddof=1) / np.sqrt(more.shape[1])
     return {axis for axis, worse in zip('xy', more.mean(axis=1) > scatter) if worse}
+
+
+def _needed(parts, keep, least, most):
+    """How many partitions there will be, as far as those that there are tell it."""
+    if least == most or len(parts) < _FEWEST_JUDGED:
+        return least
+    every = np.array([_rms(squares[-1], keep)['radial'] for _, squares in parts])
+    needed = np.ceil((every.std(ddof=1) / (SPREAD * every.mean()))**2)
+    return int(np.clip(needed, max(least, len(parts) + 1), most))
 
 
 def _rms(squares, keep):

@@ -13,6 +13,9 @@ from pointing_model.effects.words import common_shape
 from .drivers import driver_of, utc_text
 from .told import causes_sentence
 
+#: degrees over which a lowest or a highest is no place but a stretch
+_WIDE = 15.0
+
 
 @dataclass
 class EffectTold:
@@ -70,9 +73,9 @@ def told_of(diagnosis, found):
     rows, values = over_the_rows(diagnosis, fitted)
     more = []
     if len(found.causes) > 1:
-        where = dict(zip(('az', 'el'), context.mount.names.axes)).get(e.axes, 'pointing')
+        where = acting_word(found, context.mount.names.axes, 'pointing')
         seen = ', '.join(filter(None, [f'The {where} error has {shape_of(found)}',
-                                       _where(diagnosis, e, fitted, rows, values)]))
+                                       _where(diagnosis, found, fitted, rows, values)]))
         more.append(causes_sentence(found.causes))
     else:
         raw = context.get(e.driver)
@@ -117,7 +120,7 @@ def title_of(found, axes):
     e = found.fitted.effect
     if not (e.shape and (len(found.causes) > 1 or e.kind == 'smooth')):
         return plain_name(e.name, e.parameters.get('mount'))
-    where = dict(zip(('az', 'el'), axes)).get(e.axes, 'both axes')
+    where = acting_word(found, axes, 'both axes')
     return f'{where}: {shape_of(found)}'
 
 
@@ -126,23 +129,46 @@ def plain_name(name, kind):
     return readable(name.replace('fork', 'saddle') if kind == 'german' else name)
 
 
+def acting_word(found, axes, both):
+    """On which of the `axes` an effect and all its causes act, else `both`."""
+    acting = {one.get('axes', found.fitted.effect.axes) for one in found.causes} or {
+        found.fitted.effect.axes}
+    return dict(zip(('az', 'el'), axes)).get(acting.pop(), both) if len(acting) == 1 else both
+
+
+def _drivers(found):
+    """What an effect and its causes follow, each once."""
+    own = found.fitted.effect.driver
+    return list(dict.fromkeys(one.get('driver', own) for one in found.causes)) or [own]
+
+
 def shape_of(found):
     """What is seen of an effect, whatever its cause."""
     e = found.fitted.effect
-    return common_shape([one['shape'] for one in found.causes] or [e.shape], e.driver)
+    return common_shape([one['shape'] for one in found.causes] or [e.shape], _drivers(found))
 
 
-def _where(diagnosis, e, fitted, rows, values):
+def _where(diagnosis, found, fitted, rows, values):
     """Which way an effect goes: on which side, or at which places of its driver; '' if neither."""
+    e = found.fitted.effect
     driver = driver_of(diagnosis.observations.context, e.driver)
-    if driver is None:
+    # of causes that follow other angles too no place of this one says where the error is
+    if driver is None or len(_drivers(found)) > 1:
         return ''
     if driver.levels:
         return _sides(diagnosis, e, fitted, driver)
     places = ends(driver.values[rows], values) if driver.label.endswith('[°]') else None
-    if places is None:
-        return ''
-    return 'lowest near {:.0f}°, highest near {:.0f}°'.format(*places).replace('-', '−')
+    return '' if places is None else ', '.join(
+        f'{word} {_place(one)}' for word, one in zip(('lowest', 'highest'), places))
+
+
+def _place(one):
+    """An `Extreme` in words."""
+    low, high = (f'{value:.0f}°'.replace('-', '−') for value in (one.low, one.high))
+    if one.high - one.low > _WIDE and low != high:
+        return f'from {low} to {high}'
+    at = f'{one.at:.0f}°'.replace('-', '−')
+    return f'at {at}, where the rows end' if one.end else f'near {at}'
 
 
 def _sides(diagnosis, e, fitted, driver):

@@ -6,13 +6,21 @@ from calibration.diagnosis.rows_told import used_sentence
 from pointing_model.effects.base import arcsec
 
 from ..page.drawing import clean
-from ..page.parts import cards, listed, said, section, verdict, whole
+from ..page.parts import cards, folded, listed, said, section, verdict, whole
 from ..page.provenance import provenance_section
 from ..page.residuals import controls, histograms, sky_maps, targets
 from ..page.stars import stars_table
 from ..page.terms import correlation_table, terms_table
 from . import sections as page
-from .plain_words import FITTED, Said, best_pair, floor_words, told_verdict
+from .plain_words import (
+    FITTED,
+    Said,
+    _led,
+    best_pair,
+    count_sentence,
+    floor_words,
+    told_verdict,
+)
 from .told import STAYS, causes_of, counted, model_words, open_causes, proposals, way_size
 from .view import view_of
 
@@ -62,6 +70,11 @@ def render(view, more=''):
         section('Where the residuals are on the sky', sky_maps(data)),
         section('Target', targets(data)),
         _effects(view),
+        section('What to observe next', page.next_observations(
+            proposals(document), document.get('mount') or 'altaz',
+            causes_of(document)), page.no_star(document),
+            note='Observations that would best tell causes apart.'),
+        section('Notes on the data', listed(view.notes)),
         section('Residual against each driver', page.legend(view.changed),
                      page.driver_figures(view), note=view.axes_note),
         section('Ranking of the candidate effects',
@@ -71,17 +84,15 @@ def render(view, more=''):
         section('Distribution of the residuals', histograms(data)),
         section('Terms of the model', terms_table(view.terms),
                      page.run_terms_table(view.run_terms),
-                     correlation_table(view.correlated, view.correlations),
-                     note=f'Encoder − catalogue, σ from the fit. {_tpoint_signs(document)}'),
+                     _correlations(view),
+                     note='Encoder − catalogue, σ from the fit, each axis weighed by its own '
+                     'scatter; `fit` weighs both alike and has no effects, so its terms may '
+                     f'differ. {_tpoint_signs(document)}'),
         section('Stars', stars_table(data), note='Point at a star: it lights up everywhere.'),
         section('What was left out, and why', page.exclusions(
             document.get('excluded'), document.get('rows_are') or 'row')),
-        section('What to observe next', page.next_observations(
-            proposals(document), document.get('mount') or 'altaz',
-            causes_of(document)), page.no_star(document),
-            note='Observations that would best tell causes apart.'),
         section('What these observations cannot show', page.untestable(view.untestable)),
-        section('Notes on the data', listed(view.notes)), more,
+        more,
         f'<footer>All offsets are encoder − catalogue, {_offsets(view)}, in seconds of '
         'arc on the sky (arcsec, ″). RMS values are radial unless an axis is named.</footer>',
     ]
@@ -116,10 +127,15 @@ def _verdict(view):
     body = page.gain_bars(document, view.axes)
     numbers = _numbers(document)
     headline, _, then = told.headline.partition('. ')
+    first, ranked = told.first, told.ranked
+    if len(ranked) == 1 and ranked[0].more and headline.startswith(ranked[0].lead[:-1]):
+        # what the headline has said
+        first, ranked = [one for one in first if one.text != count_sentence(document)], [
+            _led(ranked[0].more)]
     return (verdict(_VERDICTS.get(badge, badge), headline, [], cards(numbers),
                     badge if badge in _VERDICTS else '',
                     page.words(' '.join((told.headline, *told.sentences, floor_words(document)))),
-                    said(told.first) + said(told.ranked, True) + page.smaller(told.smaller)
+                    said(first) + said(ranked, True) + page.smaller(told.smaller)
                     + said([Said(told.as_read)] if told.as_read else []) + said(told.rest), then)
             + section('Error before and after', body, page.held_out(document, view.axes)))
 
@@ -141,6 +157,12 @@ def _numbers(document):
                         f'{told.get("within", "half hour")} after the last row, '
                         f'{arcsec(told["low_arcsec"])} to {arcsec(told["high_arcsec"])}'))
     return numbers
+
+
+def _correlations(view):
+    """How the terms go together, folded away."""
+    body = correlation_table(view.correlated, view.correlations)
+    return folded('Correlations of the terms', body) if body else ''
 
 
 def _tpoint_signs(document):

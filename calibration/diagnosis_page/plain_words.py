@@ -148,8 +148,8 @@ def _told(document, effects, limit, caution):
     axes = KINDS[document.get('mount') or 'altaz'].axes
     first, rest = [*odd, caution, *bad_nights(document, axes)], [worst_sentence(document), *last]
     (first if slow_is_largest(document) else rest)[:0] = _wander(document)
-    return Verdict(_headline(document, effects), [*first, _count(document)], ranked[:limit], rest,
-                   smaller=ranked[limit:])
+    return Verdict(_headline(document, effects), [*first, count_sentence(document)],
+                   ranked[:limit], rest, smaller=ranked[limit:])
 
 
 def verdict_sentences(document, effects=(), limit=5, caution=''):
@@ -263,7 +263,7 @@ def _drifts(document):
     return f': {" and ".join(told)}' if told else ''
 
 
-def _count(document):
+def count_sentence(document):
     """How many effects were found, and of how many the cause is open."""
     effects = document['effects']
     unclear = sum(open_causes(row) > 1 or bool('causes' not in row and row.get('alternatives'))
@@ -312,9 +312,10 @@ def figures_sentence(document):
                         'with them what a run has of its own')
     wanders = bool((document.get('wander') or {}).get('slow'))
     if floor is not None:
-        said.append(f'The noise floor, {arcsec(floor)}, is what is left on the rows fitted, made '
-                    'larger for the coefficients'
-                    + (', with what the zero wanders over the whole run in it' if wanders else ''))
+        said.append(f'{arcsec(floor)} is left on the rows fitted, made larger for the coefficients'
+                    ': no noise floor, for what wanders over the whole run is in it' if wanders else
+                    f'The noise floor, {arcsec(floor)}, is what is left on the rows fitted, made '
+                    'larger for the coefficients')
     if told:
         low, high = told['low_arcsec'], told['high_arcsec']
         said.append(f'{arcsec(told["rms_arcsec"])} ({arcsec(low)} to {arcsec(high)}, nine times in '
@@ -322,7 +323,7 @@ def figures_sentence(document):
                     'after the last row')
         if floor is not None and told['rms_arcsec'] < floor:
             within = low <= floor <= high
-            said.append('It can be below the floor: '
+            said.append(f'It can be below {arcsec(floor) if wanders else "the floor"}: '
                         + ('the zero moves less by then than over the whole run'
                            if wanders else 'rows late in the run may scatter less than the others')
                         + (', and the difference is within its uncertainty' if within else ''))
@@ -350,7 +351,8 @@ def _wander(document):
 def floor_words(document):
     """What the noise floor is called: it holds what wanders too."""
     wander = document.get('wander')
-    return 'noise floor, with what wanders' if wander and wander.get('slow') else 'noise floor'
+    return 'left by the model, noise and what wanders' if wander and wander.get('slow') \
+        else 'noise floor'
 
 
 def _listed(names):

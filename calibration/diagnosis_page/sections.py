@@ -12,7 +12,14 @@ from ..page.drawing import MAX_NAMED, Panel, SkyMap, clean, limit_of, svg
 from ..page.parts import Markup, figure, folded, gains, number, pair, probability, said, table
 from ..page.parts import legend as legend_of
 from .plain_words import floor_words
-from .told import enough, explained, no_star_sentences
+from .told import (
+    choice_sentence,
+    counterweight_up,
+    enough,
+    explained,
+    no_star_sentences,
+    spread_sentence,
+)
 
 _MEASURES = (('holdout_rms_arcsec', 'runs held out'), ('cv_rms_arcsec', 'rows left out'),
              ('rms_arcsec', 'rows fitted'), ('rms_x_arcsec', 'rows fitted, {}'),
@@ -38,9 +45,16 @@ def gain_bars(document, axes=('azimuth × cos E', 'elevation')):
                   for label, *pair in rows], document.get('noise_floor_arcsec'),
                  floor_words(document)) + (
         '<p class="note">RMS on the sky in arcsec (″), radial unless an axis is named. A gain '
-        'counts on rows that neither the fit nor the choice has seen. The noise floor is what is '
-        'left on the rows fitted, made larger for the coefficients that were fitted: seeing, and '
-        'all that nothing here describes.</p>')
+        f'counts on rows that neither the fit nor the choice has seen. {_floor_note(document)}</p>'
+        + ''.join(f'<p class="note">{clean(text)}</p>' for text in (
+            spread_sentence(document), choice_sentence(document)) if text))
+
+
+def _floor_note(document):
+    """What the last bar is."""
+    text = ('is what is left on the rows fitted, made larger for the coefficients that were '
+            'fitted: seeing, and all that nothing here describes.')
+    return f'{clean(floor_words(document)).capitalize()} {text}'
 
 
 def words(text):
@@ -327,6 +341,8 @@ def _next_group(names, group, kind):
                  if row.get(key) in (-1, 1)]
         if row.get('through_pole'):
             sides.insert(0, 'through the pole')
+        if counterweight_up(row, kind):
+            sides.insert(0, 'counterweight up')
         if row.get('last_move_deg'):
             sides.append(f'{row["last_move_deg"]:g}° back')
         hours = [number(row.get('after_hours'), 1)] if timed else []

@@ -1,11 +1,14 @@
 """The way of a diagnosis, what an effect looks like, its causes, what would tell them apart."""
 
+import numpy as np
+
 from calibration.diagnosis.constants import SET_WIDTH
-from pointing_model.effects.base import EFFORTS, arcsec
+from pointing_model.effects.base import EFFORTS, arcsec, readable
 from pointing_model.mounts import KINDS
 
 #: causes that are told; the others are counted
 _MOST_CAUSES = 5
+_LEVEL = np.sin(np.radians(0.5))  # of a counterweight that is called up
 #: the model stays as it was
 STAYS = ('none', 'wanders', 'undecided', 'refused', 'withheld', 'taken_back')
 
@@ -255,6 +258,44 @@ def enough(items):
                    f', still below {SET_WIDTH:g}: more of them are needed')
 
 
+def counterweight_up(item, kind):
+    """Whether the counterweight of a German mount is above level at a proposed observation."""
+    return bool(kind == 'german' and 'ha_deg' in item
+                and np.sin(np.radians(item['ha_deg'])) < -_LEVEL)
+
+
+def spread_sentence(document):
+    """How far the figure of rows left out depends on which are; '' where that is not known."""
+    spread = document['after'].get('cv_spread') or {}
+    if spread.get('partitions', 0) < 2:
+        return ''
+    return (f'Rows left out: the mean of {spread["partitions"]} ways to leave them out, after from '
+            f'{arcsec(spread["min_arcsec"])} to {arcsec(spread["max_arcsec"])}.')
+
+
+def choice_sentence(document):
+    """How often the same effects were chosen where rows were left out; '' where it is not known.
+
+    Parameters
+    ----------
+    document : dict
+
+    Returns
+    -------
+    str
+    """
+    spread = document['after'].get('cv_spread') or {}
+    folds, same = spread.get('folds'), spread.get('same_choice')
+    if not folds or document['verdict'] in STAYS or not document['effects']:
+        return ''
+    which = 'same effect was' if len(document['effects']) == 1 else 'same effects were'
+    text = (f'With a part of the rows left out the choice was repeated {folds} times, and the '
+            f'{which} chosen {"each time" if same == folds else f"{same} times"}')
+    others = [f'{", ".join(map(readable, one["effects"])) or "no effect"} ({one["folds"]} times)'
+              for one in spread.get('other_choices') or ()]
+    return text + (f'; in its place {"; ".join(others)}' if others else '') + '.'
+
+
 def place_words(item, kind='altaz'):
     """A proposed observation in words.
 
@@ -279,12 +320,15 @@ def place_words(item, kind='altaz'):
              for key, axis in zip(('approach_az', 'approach_el'), names.axes) if item.get(key)]
     if item.get('through_pole'):
         place += ', through the pole'
+    if counterweight_up(item, kind):
+        place += ', counterweight up (only if your mount may)'
     if sides:
         place += ', approached with ' + ' and '.join(sides)
     if item.get('last_move_deg'):
         place += f' by a last move back of {item["last_move_deg"]:g}°'
     if item.get('after_hours'):
-        place += f', {item["after_hours"]:g} h later'
+        place += (f', {item["after_hours"]:g} h after the last row, for something in one of the '
+                  'explanations changes with time')
     return place
 
 

@@ -14,6 +14,7 @@ from pointing_model.effects.base import arcsec, readable
 from pointing_model.effects.words import coefficient_word
 from pointing_model.mounts import ALTAZ
 
+from ..page.parts import measured
 from ..page.residuals import Residuals
 from .about import about, axes_note
 from .drivers import Driver, driver_of
@@ -135,7 +136,8 @@ class View:
             self.axes, self.time, self.groups, noise=None if floor is None else (
                 floor / np.sqrt(2.0), floor / np.sqrt(2.0)),
             before_text='with the terms alone', after_text='with what was found' if self.changed
-            else 'after', turned=self.turned, utc=self.utc)
+            else 'after', turned=self.turned, utc=self.utc, noise_text='all that the model leaves'
+            if (self.document.get('wander') or {}).get('slow') else 'noise of the fit')
 
     @property
     def changed(self):
@@ -277,14 +279,15 @@ def _found(diagnosis, found):
     e = found.fitted.effect
     name = title_of(found, context.mount.names.axes)
     return FoundEffect(
-        name[:1].upper() + name[1:], told_of(diagnosis, found), _facts(found, context),
+        name[:1].upper() + name[1:], told_of(diagnosis, found),
+        _facts(found, context, len(diagnosis.effects) > 1),
         effect_offsets(found), _effect_driver(context, e),
         _in_words(found.ranking, context.mount),
         bool(e.parameters.get('memory_deg')), 'cos' in e.formula and e.driver.startswith('appr'),
         its_own(diagnosis, found))
 
 
-def _facts(found, context):
+def _facts(found, context, several):
     e = found.fitted.effect
     if len(found.causes) > 1:
         facts = [(f'Cause {i}, ΔBIC {one["delta_bic"]:.1f}',
@@ -296,7 +299,7 @@ def _facts(found, context):
     values = zip(e.coefficient_names, found.fitted.coefficients / ARCSEC,
                  found.fitted.sigma / ARCSEC)
     facts += [(f'Coefficient, {context.said(coefficient_word(e, name))}',
-               f'{value:+.4g} ± {sigma:.2g} {e.unit}'.replace('-', '−'))
+               f'{" ± ".join(measured(value, sigma))} {e.unit}')
               for name, value, sigma in values]
     if e.tpoint:
         facts.append(('TPOINT', e.tpoint))
@@ -304,9 +307,12 @@ def _facts(found, context):
     facts.append(('p (family-wise)', 'not tested' if p is None else f'{p:.2g}'))
     if found.delta_bic is not None:
         facts.append(('Gain ΔBIC', f'{found.delta_bic:.1f}'))
-    if found.cv_gain_arcsec is not None:
+    # of one effect the gain is that of the whole, which is judged with the choice repeated
+    if found.cv_gain_arcsec is not None and several:
+        where = dict(zip(('az', 'el'), context.mount.names.axes)).get(e.axes)
         facts.append(('Rows left out without it', f'{arcsec(found.cv_gain_arcsec, True)} RMS at '
-                      'least, the others refitted'))
+                      f'least{f" in {where}" if where else ""}, the others refitted and the choice '
+                      'not repeated'))
     if found.removes_arcsec is not None:
         facts.append(('Takes off', f'{arcsec(found.removes_arcsec)} RMS on the sky'))
     if found.aliases:
@@ -330,7 +336,9 @@ def _terms(diagnosis):
     sigma = np.sqrt(np.maximum(np.diag(model.covariance), 0.0)) / ARCSEC
     own, said = set(diagnosis.base.own), diagnosis.observations.context.said
     out = [{'name': name + (' (median of the runs)' if name in own else ''),
-            'value': value / ARCSEC, 'sigma': None if name in own else float(s), 'unit': 'arcsec'}
+            'value': value / ARCSEC, 'sigma': None if name in own else float(s), 'unit': 'arcsec',
+            'alone': diagnosis.base_model.terms[name] / ARCSEC
+            if diagnosis.effects and name in diagnosis.base_model.terms else None}
            for (name, value), s in zip(model.terms.items(), sigma)]
     for found in diagnosis.effects:
         e, f = found.fitted.effect, found.fitted

@@ -10,6 +10,8 @@ MAX_POINTS = 3000
 MAX_ARROWS = 400
 #: marks that are no dots, by class
 _MARKS = {'third': 'm-2.8 2.4h5.6l-2.8 -5z', 'fit': 'm-2.6 -2.6l5.2 5.2m0 -5.2l-5.2 5.2'}
+#: of a map of the sky, for arrows that reach out of it
+ARROW_MARGIN = 40.0
 MAX_NAMED = 400  # up to here every point has its name as a tooltip
 
 
@@ -212,7 +214,7 @@ def _open(limits):
     return low, high
 
 
-def svg(width, height, parts, label, kind=''):
+def svg(width, height, parts, label, kind='', margin=0.0):
     """A whole drawing that scales with the page.
 
     Parameters
@@ -224,9 +226,12 @@ def svg(width, height, parts, label, kind=''):
         For readers that do not see it.
     kind : str
         Class: ``link`` where what is pointed at lights up.
+    margin : float
+        Around it on all sides, for what reaches out of it.
     """
     kind = f' class="{kind}"' if kind else ''
-    return (f'<svg{kind} viewBox="0 0 {width:g} {height:g}" role="img" aria-label="{clean(label)}">'
+    box = f'{0.0 - margin:g} {0.0 - margin:g} {width + 2.0 * margin:g} {height + 2.0 * margin:g}'
+    return (f'<svg{kind} viewBox="{box}" role="img" aria-label="{clean(label)}">'
             f'{"".join(parts)}</svg>')
 
 
@@ -260,9 +265,11 @@ class SkyMap:
     """
 
     def __init__(self, size, lowest):
-        self.centre, self.radius = size / 2, size / 2 - 24
+        self.size, self.centre, self.radius = size, size / 2, size / 2 - 24
         self.lowest = lowest
         self.parts = []
+        #: how far arrows reach out of the drawing, and how many are longer than they are drawn
+        self.beyond, self.shortened = 0.0, 0
         c, r = self.centre, self.radius
         for elevation in np.arange(np.ceil(lowest / 30.0) * 30.0, 90.0, 30.0):
             rr = r * (90.0 - elevation) / (90.0 - lowest)
@@ -280,6 +287,31 @@ class SkyMap:
         distance = self.radius * (90.0 - np.degrees(el)) / (90.0 - self.lowest)
         return self.centre + distance * np.sin(az), self.centre - distance * np.cos(az)
 
+    def _vectors(self, az, el, x, y):
+        """Where arrows begin, and what they are with a drawing unit an arcsec."""
+        s, c = np.sin(az), np.cos(az)
+        return *self.place(az, el), x * c - y * s, x * s + y * c
+
+    def _room(self, px, py, dx, dy):
+        """By how much each arrow may be multiplied to end within the drawing and its margin."""
+        low, high = -ARROW_MARGIN, self.size + ARROW_MARGIN
+        with np.errstate(divide='ignore', invalid='ignore'):
+            return np.min([np.where(d == 0.0, np.inf, (np.where(d > 0.0, high, low) - p) / d)
+                           for p, d in ((px, dx), (py, dy))], axis=0)
+
+    def scale_for(self, az, el, x, y, wanted):
+        """Scale of arrows with which all end within the drawing and its margin.
+
+        Parameters
+        ----------
+        az, el, x, y : ndarray, shape (n,)
+            As of `arrows`.
+        wanted : float
+            Drawing units an arcsec; of it a half at least, whatever single rows need.
+        """
+        room = self._room(*self._vectors(az, el, x, y))
+        return float(np.clip(room.min(initial=np.inf), 0.5 * wanted, wanted))
+
     def arrows(self, az, el, x, y, scale, style, names, keys=None):
         """Residual vectors: toward growing azimuth and elevation, `scale` drawing units an arcsec.
 
@@ -292,12 +324,13 @@ class SkyMap:
         names, keys : sequence of str
             As of `Panel.points`.
         """
-        px, py = self.place(az, el)
-        s, c = np.sin(az), np.cos(az)
-        dx = (x * c - y * s) * scale
-        dy = (x * s + y * c) * scale
-        long = np.hypot(dx, dy)
-        cap = np.minimum(1.0, 0.6 * self.radius / np.maximum(long, 1e-12))
+        px, py, dx, dy = self._vectors(az, el, x, y)
+        dx, dy = dx * scale, dy * scale
+        cap = np.minimum(1.0, 0.6 * self.radius / np.maximum(np.hypot(dx, dy), 1e-12))
+        cap = np.minimum(cap, self._room(px, py, dx, dy))
+        self.shortened += int((cap < 1.0 - 1e-9).sum())
+        ends = np.concatenate((px + cap * dx, py + cap * dy, [self.centre]))
+        self.beyond = max(self.beyond, -ends.min(), ends.max() - self.size)
         self.parts.append(f'<g class="{style}">')
         for i, (a, b, u, v) in enumerate(zip(px, py, dx * cap, dy * cap)):
             key = '' if keys is None else f' data-i="{keys[i]}"'

@@ -195,6 +195,34 @@ def number(value, digits=2, sign=False):
     return out.replace('-', '−')
 
 
+def measured(value, sigma, sign=True):
+    """A value and its standard error as texts, to the second digit of the error.
+
+    Parameters
+    ----------
+    value : float
+    sigma : float or None
+        Without it the value has five digits.
+    sign : bool
+        Whether a positive value has one.
+
+    Returns
+    -------
+    tuple of str
+    """
+    if sigma is None or not np.isfinite(sigma) or not sigma > 0.0:
+        size = abs(value) if np.isfinite(value) else 0.0
+        return number(value, _digits(size, 5) if size else 2, sign), number(sigma, 3)
+    digits = _digits(sigma, 2)
+    return number(value, digits, sign), number(sigma, digits)
+
+
+def _digits(size, significant):
+    """Decimal places with which a number has so many digits that tell, 6 at most."""
+    return int(np.clip(significant - 1 - np.floor(np.log10(float(f'{size:.{significant}g}'))),
+                       0, 6))
+
+
 def probability(p):
     """A p-value as text."""
     if p is None or not np.isfinite(p):

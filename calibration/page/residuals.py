@@ -59,6 +59,8 @@ class Residuals:
         What those are called.
     utc : bool
         Whether times are UTC, and not since an arbitrary start.
+    noise_text : str
+        What `noise` is called: more than noise where something else is in it.
     """
 
     names: Sequence
@@ -79,6 +81,7 @@ class Residuals:
     places: tuple | None = None
     place_words: tuple = ('azimuth', 'elevation')
     utc: bool = True
+    noise_text: str = 'noise of the fit'
 
     def __post_init__(self):
         self.known = np.isfinite(self.before).all(axis=0) & np.isfinite(self.after).all(axis=0)
@@ -181,29 +184,41 @@ def sky_maps(data):
     drawn = drawn[thin(len(drawn), MAX_ARROWS)]
     long = 34.0 if len(drawn) <= 150 else 24.0
     typical = {when: float(np.quantile(np.hypot(*data.of(when)[:, used]), 0.9)) for when in WHENS}
-    scale = long / max(*typical.values(), 1e-6)
-    own = long / max(typical['after'], 1e-6)
+    places, toward = (data.az[drawn], data.el[drawn]), {}
+    for when in WHENS:
+        x, y = data.of(when)[:, drawn]
+        toward[when] = (x, y) if data.turned is None else tuple(
+            one[0, drawn] * x + one[1, drawn] * y for one in data.turned)
+    blank = SkyMap(400, lowest)
+    scale = min(blank.scale_for(*places, *toward[when], long / max(*typical.values(), 1e-6))
+                for when in WHENS)
+    own = blank.scale_for(*places, *toward['after'], long / max(typical['after'], 1e-6))
     maps = [('before', scale, ''), ('after', scale, '')]
     if own > _MAGNIFIED * scale:
         times = float(f'{own / scale:.1g}')
         maps.append(('after', times * scale, f', drawn {times:g} times as large'))
-    out = []
-    for when, size, more in maps:
+    skies = []
+    for when, size, _ in maps:
         sky = SkyMap(400, lowest)
         x, y = data.of(when)[:, drawn]
         names = [f'{data.names[i]}: {number(a, 2, True)}″ {data.axes[0]}, {number(b, 2, True)}″ '
                  f'{data.axes[1]}' for i, a, b in zip(drawn, x, y)] if len(drawn) <= 150 else None
-        if data.turned is not None:
-            x, y = (one[0, drawn] * x + one[1, drawn] * y for one in data.turned)
-        sky.arrows(data.az[drawn], data.el[drawn], x, y, size, when, names,
-                   [data.keys[i] for i in drawn])
+        sky.arrows(*places, *toward[when], size, when, names, [data.keys[i] for i in drawn])
+        skies.append(sky)
+    out, margin = [], np.ceil(max(sky.beyond for sky in skies))
+    margin += 3.0 * (margin > 0.0)
+    for (when, size, more), sky in zip(maps, skies):
         unit = ticks(0.0, max(60.0 / size, 1e-9), 2)
         unit = float(unit[unit > 0][0]) if (unit > 0).any() else 1.0
-        sky.parts.append(f'<path class="{when} key" d="M12 388h{unit * size:.1f}"/>'
-                         + text(12, 382, f'{unit:g}″', anchor='start'))
+        left, low = 12 - margin, 388 + margin
+        sky.parts.append(f'<path class="{when} key" d="M{left:g} {low:g}h{unit * size:.1f}"/>'
+                         + text(left, low - 6, f'{unit:g}″', anchor='start'))
         said = f'{data.text_of(when).capitalize()}: {arcsec(data.radial(when))} radial RMS{more}'
-        out.append(figure(svg(400, 400, sky.parts, f'Map of the sky. {said}', 'link'),
-                          f'{said}. Zenith in the middle, rim at {lowest:g}° elevation.', when))
+        longer = f' {sky.shortened} of the arrows {"is" if sky.shortened == 1 else "are"} ' \
+            'longer than drawn.' if sky.shortened else ''
+        out.append(figure(
+            svg(400, 400, sky.parts, f'Map of the sky. {said}', 'link', margin),
+            f'{said}. Zenith in the middle, rim at {lowest:g}° elevation.{longer}', when))
     some = f' {len(drawn)} of {int(used.sum())} rows are drawn.' if len(drawn) < used.sum() else ''
     return pair(out) + ('<p class="note">Arrows show where the encoders read beyond the model; '
                         f'before and after on one scale.{some}</p>')
@@ -227,11 +242,11 @@ def targets(data):
         out.append(target(data.axes, limit, x[data.used], y[data.used],
                           data.text_of(when) + more, when, noise,
                           lambda panel, x=x, y=y, when=when, linked=not more: _marks(
-                              panel, x, y, data, when, linked)))
+                              panel, x, y, data, when, linked), data.noise_text))
     return pair(out) + marks_legend(data)
 
 
-def target(axes, limit, x, y, what, when, noise=None, draw=None):
+def target(axes, limit, x, y, what, when, noise=None, draw=None, noise_text='noise of the fit'):
     """A target with its hits.
 
     Parameters
@@ -250,6 +265,8 @@ def target(axes, limit, x, y, what, when, noise=None, draw=None):
         Radial RMS of the noise, arcsec.
     draw : callable, optional
         ``draw(panel)``, by default a mark for each hit.
+    noise_text : str
+        What `noise` is.
 
     Returns
     -------
@@ -266,7 +283,8 @@ def target(axes, limit, x, y, what, when, noise=None, draw=None):
         panel.parts.append(f'<circle class="noise" cx="{cx:.1f}" cy="{cy:.1f}" '
                            f'r="{min(panel.width * noise / (2 * limit), 165.0):.1f}"/>')
         inside = float(np.mean(np.hypot(x, y) <= noise))
-        said += (f' Dashed: the noise of the fit, {arcsec(noise)} radial; {100 * inside:.0f} % lie '
+        named = noise_text if noise_text.startswith('all') else f'the {noise_text}'
+        said += (f' Dashed: {named}, {arcsec(noise)} radial; {100 * inside:.0f} % lie '
                  f'within it (of noise alone {100 * _WITHIN:.0f} %).')
     if draw is None:
         panel.points(x, y, when)
@@ -293,7 +311,7 @@ def marks_legend(data):
     """What dots, squares and crosses are."""
     left = bool((data.known & ~data.used).any())
     return legend(('before', f'{data.before_text} (dots)'), ('after', f'{data.after_text} '
-                  '(squares)'), *[('noise', 'noise of the fit')] * (data.noise is not None),
+                  '(squares)'), *[('noise', data.noise_text)] * (data.noise is not None),
                   *[('cross', 'not used in the fit')] * left)
 
 

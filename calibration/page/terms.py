@@ -3,19 +3,32 @@
 import numpy as np
 
 from .drawing import clean
-from .parts import Markup, number, section, table
+from .parts import Markup, measured, number, section, table
 
 #: terms up to which every correlation is drawn; of more the strong pairs are listed
 _DRAWN = 24
 
 
 def terms_table(terms):
-    """Terms with their standard errors: list of dict ``name, value, sigma, unit``."""
-    rows = [[t['name'], number(t['value'], 3, True), number(t['sigma'], 3),
-             number(abs(t['value'] / t['sigma']), 1) if t['sigma'] else '–', t['unit']]
-            for t in terms]
-    return table(['term', 'value', 'σ', '|value| / σ', 'unit'], rows, 'numbers',
-                 'Terms of the model') if rows else ''
+    """Terms with their standard errors.
+
+    Parameters
+    ----------
+    terms : list of dict
+        ``name, value, sigma, unit``; of some ``alone``: what it is without the effects.
+
+    Returns
+    -------
+    str
+        HTML.
+    """
+    alone = any(t.get('alone') is not None for t in terms)
+    rows = [[t['name'], *measured(t['value'], t['sigma']),
+             number(abs(t['value'] / t['sigma']), 1) if t['sigma'] else '–',
+             *([measured(t['alone'], t['sigma'])[0] if t.get('alone') is not None else '–']
+               if alone else []), t['unit']] for t in terms]
+    return table(['term', 'value', 'σ', '|value| / σ', *['without the effects'] * alone, 'unit'],
+                 rows, 'numbers', 'Terms of the model') if rows else ''
 
 
 def correlation_table(names, matrix, limit=_DRAWN):

@@ -14,6 +14,22 @@ def _tpoint(names, text):
     return text.translate(str.maketrans('12vs', ''.join(names.tpoint)))
 
 
+#: kinds of mounts of which most have no encoder on an axis: it is counted at the motor, and the
+#: wheel that the worm turns takes the place of the disc
+_GEARED = ('equatorial', 'german')
+_OF_GEARS = {
+    1: ('encoder disc or worm wheel off its centre', 'its worm wheel or encoder disc off centre',
+        'disc or worm wheel off its centre',
+        'how true the worm wheel runs, or the disc of an encoder on the axis'),
+    2: ('encoder disc or worm wheel oval or tilted', 'its worm wheel or encoder disc oval or '
+        'tilted', 'disc or worm wheel oval or tilted',
+        'the tilt and the roundness of the worm wheel, or of the disc of an encoder on the axis'),
+    **dict.fromkeys(range(3, 7), (
+        'encoder, gear or coupling uneven', 'its gear, encoder or coupling uneven',
+        ', gear or coupling uneven',
+        'worm and wheel for dirt and wear, the coupling between axis and encoder'))}
+
+
 @form
 def _encoder(axis, order, mount='altaz'):
     """Harmonic of an encoder, `order` a turn."""
@@ -25,7 +41,7 @@ def _encoder(axis, order, mount='altaz'):
         angle = k * (c.az if az else c.el)
         return [on_axis(axis, f(angle), c.trig.cos_el) for f in (np.cos, np.sin)]
 
-    cause, short, told, look_at = {
+    cause, short, told, look_at = (_OF_GEARS if mount in _GEARED else {}).get(k) or {
         1: ('encoder disc off its centre', 'the disc of its encoder off centre',
             'disc off its centre',
             'the centring of the disc; the mean of two heads opposite each other'),
@@ -48,7 +64,7 @@ def _encoder(axis, order, mount='altaz'):
                   f'{short}',
                   look_at,
                   f'a wave of the {names.word(axis)}, {times(order)}',
-                  f'{names.word(axis)} encoder {told} ({times(order)})',
+                  f'{names.word(axis)} encoder {told} ({times(order)})'.replace(' ,', ','),
                   effort=2, tpoint=_tpoint(names, f'{number}CEC {number}CES') if k == 1 else
                   _of_order(names, f'H{number}C{number}# H{number}S{number}#', k),
                   only_shape=True)

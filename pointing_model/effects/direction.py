@@ -65,9 +65,9 @@ def _terms(name, mount='altaz'):
     term, cause, formula, sentence, look_at = _named(mount)[name]
     known = terms_of(mount)[term]
     plain = mount == 'altaz'
+    axes = 'el' if plain else {'FO': 'el', 'DAF': 'az'}.get(term, 'both')
     return Effect(name, cause, formula if plain else known.formula,
-                  'hour_angle' if name == 'fork_flexure' else 'elevation',
-                  'el' if plain or name == 'fork_flexure' else 'both', (term,),
+                  'hour_angle' if name == 'fork_flexure' else 'elevation', axes, (term,),
                   lambda c: [known.of(c.trig)], lambda _: sentence, look_at,
                   _SHAPES[name], _TOLD.get(name, ''),
                   tpoint=term if known.tpoint_sign else None,

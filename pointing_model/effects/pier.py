@@ -25,6 +25,8 @@ from .base import (
 
 _DIRECTION = {key for names in KINDS.values() for key in names.keys}
 _DEGREES = (1, 2)
+#: what knows no side: the clock and the site; what differs so is a zero or a lean of the axes
+_SAME_ON_BOTH = ('clock', 'latitude')
 
 
 @form
@@ -79,7 +81,8 @@ def by_side(effects, context):
         return [], ('what differs by the side of the pier', against)
     terms = [effect('term', name=name, mount=mount.kind) for name in mount.names.physical]
     known = {e.name for e in terms}
-    others = [e for e in effects if direct(e) and e.size is None and e.name not in known]
+    others = [e for e in effects if direct(e) and e.size is None and e.name not in known
+              and e.form not in _SAME_ON_BOTH]
     return [effect('by_side', of=to_document(e)) for e in terms + others], None
 
 
@@ -149,8 +152,8 @@ def _polynomial(result, of, power, mount='equatorial'):
                   f'{names.letter(of)}{"^2" if k == 2 else ""} in {where}', names.key(of),
                   word, ('slope',), columns,
                   say,
-                  f'the scale of the {names.word(word)} encoder, and what bends as the '
-                  f'{names.shaft(of)} turns',
+                  f'the steps or lines in a turn of the {names.shaft(word)} that are set, and '
+                  f'what bends as the {names.shaft(of)} turns',
                   f'a {"parabola" if k == 2 else "straight line"} of the {names.word(of)}', '',
                   'arcsec/rad' + ('^2' if k == 2 else ''),
                   tpoint=name)

@@ -74,7 +74,8 @@ def _clock(latitude, mount='altaz'):
     alias = {'altaz': 'IA + AW', 'free': ''}.get(mount, 'IH')
     pole = np.array([[0.0], [np.cos(latitude)], [np.sin(latitude)]])
     return Effect('clock_or_longitude', 'clock, UT1 or longitude wrong (15" a second of time)',
-                  'rotation about the pole', 'azimuth', 'both', ('hour_angle',),
+                  'rotation about the pole', 'azimuth', 'az' if alias == 'IH' else 'both',
+                  ('hour_angle',),
                   lambda c: [_displaced(c, -np.cross(pole, c.direction(), axis=0))], look_at=_CLOCK,
                   shape='a turn about the pole', effort=0,
                   alias=f'clock and longitude are exactly {alias}: no pointing run can tell them '

@@ -20,11 +20,25 @@ def coefficient_word(effect, name):
     return f'{("sin", "cos")[number % 2]}, {order:g} per period'
 
 
-def common_shape(shapes, driver):
-    """What shapes have in common, up to where they differ; else that they follow the driver."""
+def common_shape(shapes, drivers):
+    """What shapes have in common, up to where they differ; else that they follow their drivers.
+
+    Parameters
+    ----------
+    shapes : sequence of str
+    drivers : sequence of str
+        What each follows, the best first.
+
+    Returns
+    -------
+    str
+    """
     parts = []
     for same in zip(*(shape.split(', ') for shape in shapes)):
         if len(set(same)) > 1:
             break
         parts.append(same[0])
-    return ', '.join(filter(None, parts)) or f'a curve of {the(driver)}'
+    followed = [f'of {the(driver)}' for driver in dict.fromkeys(drivers)]
+    return ', '.join(filter(None, parts)) or 'a curve ' + ', '.join(
+        [', '.join(followed[:-1])] * (len(followed) > 1)) + ' or ' * (
+            len(followed) > 1) + followed[-1]

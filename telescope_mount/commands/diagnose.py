@@ -149,7 +149,11 @@ def show(found, console):
     )
     from calibration.diagnosis_page.effects_told import effects_told, title_of
     from calibration.diagnosis_page.plain_words import floor_words, verdict_sentences
-    from calibration.diagnosis_page.told import no_star_sentences, signs_sentences
+    from calibration.diagnosis_page.told import (
+        choice_sentence,
+        no_star_sentences,
+        signs_sentences,
+    )
     from calibration.tables import new_table
     from pointing_model.effects.base import driver_word
     document, names = found.to_dict(), found.observations.run.mount.names
@@ -184,6 +188,8 @@ def show(found, console):
     if spread and spread['partitions'] > 1:
         console.print(f'mean of {spread["partitions"]} ways to leave rows out; after goes from '
                       f'{_number(spread["min_arcsec"])} to {_number(spread["max_arcsec"])} arcsec')
+    if choice_sentence(document):
+        console.print(choice_sentence(document), markup=False)
     if found.expected:
         console.print(expected_sentence(document))
     console.print(f'{floor_words(document)}: {_number(document["noise_floor_arcsec"])} arcsec '

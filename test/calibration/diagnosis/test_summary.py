@@ -47,13 +47,26 @@ def test_places_are_of_neighbours_and_only_of_what_is_followed():
     beyond = np.where(rng.random(300) < 0.5, dec, np.pi - dec)
     wave = 20.0 * np.cos(hour)
     low, high = ends(np.degrees(hour), wave)
-    assert low > 160.0 and high < 20.0
+    assert low.at > 170.0 and high.at < 10.0 and low.end and high.end
     reversed_ = wave * np.cos(beyond)
     assert ends(np.degrees(hour), reversed_) is None
     # shrunk by the other axis it is followed still
     low, high = ends(np.degrees(hour), wave * np.cos(dec))
-    assert low > 130.0 and high < 50.0
+    assert low.at > 130.0 and high.at < 50.0
     assert ends(np.full(8, np.nan), np.zeros(8)) is None
+
+
+def test_a_plateau_is_no_place_and_an_end_no_extremum():
+    el = np.linspace(20.0, 88.0, 120)
+    low, high = ends(el, -np.sin(np.radians(el)))
+    # flat near the zenith, steep at the horizon: both are where the rows end
+    assert low.end and low.high == 88.0 and low.low < 75.0
+    assert high.end and high.at == 20.0 and high.high < 30.0
+    low, high = ends(el, np.cos(np.radians(6.0 * (el - 54.0))))
+    assert not high.end and 45.0 < high.low <= high.at <= high.high < 63.0
+    # all round an axis there is no end
+    az = np.linspace(0.0, 359.0, 120)
+    assert not any(one.end for one in ends(az, np.cos(np.radians(az))))
 
 
 def test_what_is_drawn_of_an_effect_is_its_own(found):

@@ -1,5 +1,6 @@
 """The page of a diagnosis: what it says, that it stands alone, that no name in it can do harm."""
 
+import re
 import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -124,14 +125,15 @@ def test_everything_is_in_it_in_order(page, diagnosis):
         'the model',
         'Error before and after',
         'Where the residuals are on the sky', 'Target', 'What was added to the model',
-        'Residual against each driver', 'Ranking of the candidate effects',
+        'Notes on the data', 'Residual against each driver', 'Ranking of the candidate effects',
         'Distribution of the residuals', 'Terms of the model', 'Stars',
-        'What was left out, and why',
-        'What these observations cannot show', 'Notes on the data']
+        'What was left out, and why', 'What these observations cannot show']
     assert (f'With it in the model {after} remain on the rows fitted ({before} without, ') in page
     assert '<h1>Pointing diagnosis: ' in page
     assert f'{way_start(diagnosis)}″</b><span>as the encoders read' in page
-    assert 'One effect was found beyond the seven terms.' in page
+    # what the headline has said is not said again
+    assert 'One effect was found beyond' not in page and page.count(f'<b>{found.head}') == 0
+    assert '<summary>Correlations of the terms</summary>' in page
     assert 'model: the seven terms of an alt-azimuth mount (IA, IE' in page
     assert page.count('<svg') >= 1 + 2 + 1 + 2 * 5 + 2
 
@@ -336,7 +338,7 @@ def test_north_is_up_and_east_to_the_right():
 
 
 def test_both_maps_have_one_scale(page):
-    keys = [part.split('"')[0] for part in page.split(' key" d="M12 388h')[1:]]
+    keys = re.findall(r' key" d="M[-\d]+ \d+h([\d.]+)"', page)
     assert len(keys) == 2 and keys[0] == keys[1] and float(keys[0]) > 10
 
 

@@ -12,7 +12,7 @@ from calibration.diagnosis.facts import bad_nights, nights_held_out, worst_sente
 from calibration.diagnosis.result import diagnosed
 from calibration.diagnosis.unexplained import _like
 from calibration.diagnosis.unphysical import refraction_in_place
-from calibration.diagnosis_page.effects_told import EffectTold
+from calibration.diagnosis_page.effects_told import EffectTold, title_of
 from calibration.diagnosis_page.plain_words import (
     figures_sentence,
     told_verdict,
@@ -21,12 +21,15 @@ from calibration.diagnosis_page.plain_words import (
 from calibration.diagnosis_page.told import (
     WORDS,
     causes_sentence,
+    choice_sentence,
     explained,
     first_check,
     model_words,
     next_sentence,
     no_star_sentences,
+    place_words,
     signs_sentences,
+    spread_sentence,
     way,
 )
 from calibration.page.parts import said
@@ -75,9 +78,14 @@ def test_no_cause_is_an_alternative_for_itself():
 
 def test_what_is_seen_is_what_all_causes_share():
     nod, wobble = effect('nod', order=1), effect('bearing_wobble', order=1)
-    assert common_shape([nod.shape, wobble.shape], 'azimuth') == \
+    assert common_shape([nod.shape, wobble.shape], ['azimuth']) == \
         'a wave of the azimuth, once per turn'
-    assert common_shape([nod.shape, 'a rise'], 'azimuth') == 'a curve of the azimuth'
+    assert common_shape([nod.shape, 'a rise'], ['azimuth']) == 'a curve of the azimuth'
+    # a curve of one angle is a hypothesis where causes follow others
+    assert common_shape(['a', 'b', 'c'], ['elevation', 'hour_angle', 'elevation']) == \
+        'a curve of the elevation or of the hour angle'
+    assert common_shape(['a', 'b', 'c'], ['elevation', 'hour_angle', 'time']) == \
+        'a curve of the elevation, of the hour angle or of time'
     saw = effect('smooth', axis='el', driver='elevation', shape='sawtooth', start=0.0,
                  period=np.radians(15.2))
     assert saw.shape == 'a sawtooth of the elevation with a period of 15.2°'
@@ -91,6 +99,19 @@ def test_what_is_seen_is_what_all_causes_share():
     assert wave(12) == 'a wave of the elevation with a period of about 30.0°'
 
 
+def test_an_effect_acts_where_its_causes_act():
+    flexure = effect('terms', name='declination_axis_flexure', mount='german')
+    slope = effect('polynomial', result='az', of='az', power=1, mount='german')
+    wobble = effect('bearing_wobble', order=1, mount='german')
+
+    def seen(*effects):
+        found = SimpleNamespace(fitted=SimpleNamespace(effect=effects[0]),
+                                causes=causes_of(list(effects), [9.0] * len(effects)))
+        return title_of(found, KINDS['german'].axes)
+    assert seen(flexure, slope) == 'hour angle: a curve of the elevation or of the hour angle'
+    assert seen(flexure, wobble).startswith('both axes: a curve of the ')
+
+
 def test_what_would_look_like_a_wander_is_told_by_what_it_follows():
     def like(*effects):
         return _like(SimpleNamespace(like=[SimpleNamespace(effect=lambda _, e=e: e)
@@ -101,7 +122,10 @@ def test_what_would_look_like_a_wander_is_told_by_what_it_follows():
             effect('drift', of='IA', driver='temperature'),
             effect('terms', name='refraction')]
     assert like(*many[:3]) == 'something that changes with time or the azimuth'
-    assert like(*many).endswith('the temperature or others') and '_' not in like(*many)
+    assert like(*many).endswith('the temperature or the elevation') and '_' not in like(*many)
+    many += [effect('proportional', axis='el', driver=name) for name in ('magnitude', 'fan')]
+    # of more than are named it is said where the others are
+    assert like(*many).endswith('the elevation or 2 more that the ranking has')
     assert like() == ''
 
 
@@ -189,8 +213,9 @@ def test_which_figure_to_quote_and_why_others_differ(figures, wanders, said):
         zip(('rms_arcsec', 'low_arcsec', 'high_arcsec'), figures), within='ten rows'))
     text = figures_sentence(told)
     assert text.startswith('Quote 4.30″, on rows left out') and text.endswith(said)
-    assert ('over the whole run in it' in text) == wanders
-    assert ('below the floor' in text) == (figures[0] < 3.9)
+    assert ('over the whole run is in it' in text) == wanders
+    assert ('The noise floor, ' in text) != wanders
+    assert ('It can be below ' in text) == (figures[0] < 3.9)
     fitted = {'before': {'rms_arcsec': 5.4}, 'after': {'rms_arcsec': 3.7}}
     assert figures_sentence({**told, **fitted}).startswith('3.70″ is of the rows fitted alone')
 
@@ -221,11 +246,77 @@ def test_what_the_errors_as_read_consist_of(kind, values, said):
             for name, v in zip(KINDS[kind].physical, values)]
     told = document(CAUSES, mount=kind, as_read_rms_arcsec=850.0, as_read_terms=sorted(
         rows, key=lambda row: -row['rms_arcsec']))
+    assert as_read_sentence({**told, 'effects': []}) == said
+    said += ' These values are of the terms fitted alone, without the effect.'
     assert as_read_sentence(told) == said
     assert as_read_sentence({**told, 'as_read_rms_arcsec': 9.0}) == ''
     assert told_verdict(told, [EffectTold('A')]).sentences[2].endswith(f'rows left out. {said}')
     if kind == 'german':  # the other pole
         assert 'too high (ME) and 3″ east' in as_read_sentence({**told, 'south': True})
+
+
+def test_what_is_read_beyond_the_zeros_and_what_effects_move():
+    values = {'IH': -7295.0, 'ID': -7192.0, 'CH': 1284.0, 'NP': 65.0, 'MA': -245.0, 'ME': 594.0,
+              'TF': 122.0}
+    rows = [{'name': name, 'value_arcsec': v, 'rms_arcsec': 0.8 * abs(v)}
+            for name, v in values.items()]
+    told = document(CAUSES, mount='german', as_read_rms_arcsec=9384.0, as_read_terms=rows)
+    text = as_read_sentence(told)
+    assert 'and ID −7192″ (zero of the declination). Beyond the zeros it is CH +1284″ ' \
+        '(collimation, the cone error). The polar axis' in text
+    assert text.endswith('terms fitted alone, without the effect.')
+    rows[2].update(beside_effects_arcsec=1046.0, resembles='declination_axis_flexure',
+                   correlation=-0.97)
+    rows[5].update(beside_effects_arcsec=620.0, resembles='declination_axis_flexure',
+                   correlation=0.2)
+    assert as_read_sentence(told).endswith(
+        'Beside it CH is +1046″ in place of +1284″, for it resembles declination axis flexure '
+        '(correlation −0.97); ME is +620″ in place of +594″.')
+    rows[2]['rms_arcsec'] = 150.0  # no more than a part of the lean
+    assert 'Beyond the zeros' not in as_read_sentence(told)
+
+
+def test_terms_that_an_effect_moves_are_told_with_it():
+    rng = np.random.default_rng(2)
+    n = 60
+    az, el = rng.uniform(0.0, 6.28, n), rng.uniform(0.4, 1.4, n)
+    bend = 60.0 * ARCSEC * np.sin(2.0 * el)
+    x, y = ARCSEC * rng.normal(size=(2, n))
+    run = PointingRun({'az': az, 'el': el, 'az_enc': az + x / np.cos(el),
+                       'el_enc': el + y + bend}, {})
+    found = diagnose(run, flips=199, cross_validation=False)
+    rows = {row['name']: row for row in found.to_dict()['as_read_terms']}
+    assert found.effects and rows['TF']['beside_effects_arcsec'] == pytest.approx(
+        found.model.terms['TF'] / ARCSEC)
+    assert rows['TF']['resembles'] == found.effects[0].fitted.effect.name
+    assert 0.5 < abs(rows['TF']['correlation']) <= 1.0
+    assert 'beside_effects_arcsec' not in rows['IA']
+
+
+@pytest.mark.parametrize('hour, kind, up', [(186.0, 'german', True), (-20.0, 'german', True),
+                                            (140.0, 'german', False),
+                                            (186.0, 'equatorial', False)])
+def test_a_place_is_told_with_the_counterweight_and_from_when_hours_count(hour, kind, up):
+    text = place_words({'az_deg': 345.0, 'el_deg': 21.0, 'ha_deg': hour, 'dec_deg': 68.0,
+                        'after_hours': 2.0}, kind)
+    assert ('counterweight up' in text) == up
+    assert '2 h after the last row, for something' in text
+
+
+def test_whether_the_choice_repeats_is_told():
+    spread = {'partitions': 15, 'min_arcsec': 76.0, 'max_arcsec': 101.9, 'folds': 160,
+              'same_choice': 40, 'other_choices': [{'effects': ['elevation_nod_1'], 'folds': 100},
+                                                   {'effects': [], 'folds': 20}]}
+    told = document(CAUSES)
+    assert choice_sentence(told) == spread_sentence(told) == ''
+    told['after'] = {**told['after'], 'cv_spread': spread}
+    assert choice_sentence(told) == (
+        'With a part of the rows left out the choice was repeated 160 times, and the same effect '
+        'was chosen 40 times; in its place elevation nod, 1 per turn (100 times); no effect (20 '
+        'times).')
+    assert spread_sentence(told).endswith('15 ways to leave them out, after from 76.0″ to 102″.')
+    assert 'chosen each time' in choice_sentence({**told, 'after': {'cv_spread': {
+        'folds': 7, 'same_choice': 7}}})
 
 
 def test_a_german_mount_has_no_fork():

@@ -40,6 +40,22 @@ def test_axes_go_by_the_names_of_the_mount():
     assert 'azimuth' not in words and 'elevation' not in words
 
 
+@pytest.mark.parametrize('mount', [ALTAZ, GERMAN, Mount.equatorial(31.0 * DEG)])
+def test_an_effect_says_on_which_axes_it_acts(mount):
+    c = context(mount, sides=2 if mount is GERMAN else 1)
+    for e in [*dictionary(c)[0], *smooths(c)[:20], *steps(c)[:4]]:
+        acts = np.abs(e.columns(c)).max(axis=(0, 2)) > 1e-12
+        if acts.any():  # a short memory has nothing to show without short moves
+            assert e.axes == ('both' if acts.all() else ('az', 'el')[int(acts[1])]), e.name
+
+
+def test_nothing_is_a_candidate_twice_by_the_side_of_the_pier():
+    c = context()
+    sided = [e for e in dictionary(c)[0] if e.form == 'by_side']
+    assert 'IH_by_side' in {e.name for e in sided}
+    assert not any('clock' in e.name or 'latitude' in e.name for e in sided)
+
+
 def test_tpoint_names_are_those_of_the_catalogue():
     effects = by_name()
     assert effects['hour_angle_encoder_1'].tpoint == 'HCEC HCES'
