@@ -32,6 +32,7 @@ from .check import ways
 from .distrust import contradicted
 from .finished import document_text
 from .harmonic_fit import choice_of
+from .held_out import steps_of
 from .live_apart import LiveApart
 from .nights import NightSeries
 from .session import CalibrationSession
@@ -279,9 +280,10 @@ class Calibration(MountNode):
         self._send_report(report)
         self._publish_model(model)
         give_back()
-        held_out = report['steps'][-1]['held_out']['radial']
-        done = (f'{report["stars"]} stars fitted; {report["steps"][-1]["step"]}: '
-                f'{held_out:.2f} arcsec radial on stars held out'
+        step = steps_of(report)[-1]
+        done = (f'{report["stars"]} stars fitted; ' + (
+            f'{step["step"]}: {step["held_out"]["radial"]:.2f} arcsec radial on stars held out'
+            if step else 'too few to hold some of them out')
                 + (f'; {report["rejected"]} rejected' if report['rejected'] else ''))
         if 'refused' in report:
             done = self._refused = report['refused']

@@ -91,3 +91,18 @@ def held_out_steps(rows, recipe_of, used, reference, first, way, notes, publishe
         except ValueError as err:
             notes.append(f'{label}: {err}')
     return steps
+
+
+def steps_of(report):
+    """The first step, the zero set, and the model that was published; None of what is not there.
+
+    Returns
+    -------
+    tuple of (dict or None)
+    """
+    steps = report.get('steps') or []
+    first = steps[0] if steps else None
+    zeroed = next((step for step in steps if step['step'].startswith('zero set')), None)
+    last = next((step for step in reversed(steps) if step['step'].startswith(PUBLISHED)), None) \
+        or next((step for step in steps if step['step'] == TERMS), None)
+    return first, zeroed, last

@@ -56,10 +56,10 @@ def run_nodes(makers, args=None):
         Exit code; 2 where one of them has bad input, and none runs then.
     """
     large_apart()
-    nodes, executor, running = [], None, False
+    nodes, executor, running, told = [], None, False, []
     # KeyboardInterrupt could fall into the middle of a record of the log; rclpy shuts the
-    # context down at either signal, and that ends `spin`
-    signal.signal(signal.SIGINT, lambda *_: None)
+    # context down at either signal, and that ends `spin`; before it is there this one counts
+    signal.signal(signal.SIGINT, lambda *_: told.append(True))
     # a terminal that is closed ends a node as Ctrl-C does, and not in the middle of a record;
     # not where it was told to go on (nohup)
     if signal.getsignal(signal.SIGHUP) == signal.SIG_DFL:
@@ -67,7 +67,7 @@ def run_nodes(makers, args=None):
     last = any(hasattr(make, 'before_end') for make in makers)
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO if last else None)
-        running, told = True, []
+        running = True
         if last:
             for number in (signal.SIGINT, signal.SIGTERM):
                 signal.signal(number, lambda *_: told.append(True))

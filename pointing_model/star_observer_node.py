@@ -65,6 +65,7 @@ class StarObserver(MountNode):
         self._sky = sky_of(self)
         self._request_pub, self._request = self.publisher(topics.REQUEST), None
         self._guard, self._refused, self._allowed = '', (0, ''), None
+        self._guard_spoke = False
         self._own_way = False
         self._observation_pub = self.publisher(topics.OBSERVATION)
         self._observations_pub = self.publisher(topics.OBSERVATIONS)
@@ -186,7 +187,7 @@ class StarObserver(MountNode):
 
     def _on_guard(self, message):
         rows = {row.key: row.value for row in message.values}
-        state = rows.get('state', '')
+        state, self._guard_spoke = rows.get('state', ''), True
         self._refused = int(rows.get('refused', 0)), rows.get('reason', '')
         self._own_way = rows.get('goto') == 'True'
         self._allowed = AllowedSky.of_rows(rows, self._sky[0])
@@ -377,6 +378,9 @@ class StarObserver(MountNode):
             if not (missing or self._calibration_spoke) and any(
                     status in self._reports[name][PUBLISHES] for name in self._wanted_nodes):
                 missing = ['the calibration to say what it knows']
+        elif not self._guard_spoke and self.count_publishers(
+                self.resolve_topic_name(topics.GUARD_STATUS.name)):
+            missing = ['the guard to say whether the mount may move']
         elif self._calibration_is_silent():
             missing = ['the calibration to say what it knows']
         if not missing and self._has_rows and not len(self._table):

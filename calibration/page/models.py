@@ -1,23 +1,8 @@
 """Which models were compared, and what is said of the best in one sentence."""
 
-from calibration.held_out import BOTH, PUBLISHED, RAW, TERMS
+from calibration.held_out import BOTH, RAW, steps_of
 
 from .parts import number, section, table
-
-
-def steps_of(report):
-    """The first step, the zero set, and the model that was published; None of what is not there.
-
-    Returns
-    -------
-    tuple of (dict or None)
-    """
-    steps = report.get('steps') or []
-    first = steps[0] if steps else None
-    zeroed = next((step for step in steps if step['step'].startswith('zero set')), None)
-    last = next((step for step in reversed(steps) if step['step'].startswith(PUBLISHED)), None) \
-        or next((step for step in steps if step['step'] == TERMS), None)
-    return first, zeroed, last
 
 
 def headline_of(report):

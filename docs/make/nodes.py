@@ -282,7 +282,7 @@ def topics_page(found):
              '| --- | --- | --- | --- | --- | --- |']
     every = [value for value in vars(topics).values() if isinstance(value, topics.Topic)]
     for topic in sorted(every, key=lambda each: each.name.lstrip('/')):
-        quality = ('reliable' if 'RELIABLE' in str(topic.qos.reliability) else 'best effort') + (
+        quality = topic.qos.reliability.name.lower().replace('_', ' ') + (
             f', {topic.qos.depth} deep') + (', latched' if topic.latched else '')
         ends = [', '.join(f'[{name}](nodes/{name}.md)' for name in found
                           if topic.name in found[name][kind]) for kind in ('publishes',

@@ -34,6 +34,9 @@ REACHED, STILL = 0.1 * DEG, 0.02 * DEG
 LAG = 0.5
 #: a track that begins later than this has to wait for its time, s
 LATER = 1.0
+#: a request that begins so much later is none of now, and a clock that steps back by more makes
+#: all that was known of the future false, s
+FAR = 60.0
 OK, WARN, ERROR = 0, 1, 2
 UNKNOWN = 'where the axes stand is not known: home the mount, or wait for its encoder'
 
@@ -140,6 +143,10 @@ class Keeper:
             raise ValueError(f'{owner} asks while {self._owner} commands: end one of them')
         if track.start == self.refused[0]:
             return
+        self._forget_future(now)
+        ahead = (track.start - now) * 1e-9
+        if ahead > FAR and not self._settings.whole:
+            raise self._refuse(track, f'a request for {ahead:.0f} s from now: send one of now')
         again = self._goal is not None and track.start == self._goal.start
         if not again and track.start == self._last:
             return  # it is over
@@ -156,6 +163,19 @@ class Keeper:
         self._goal = track if self._settings.whole else ended(track, self._limits.axes)
         if self.state != 'paused':
             self._begin(now)
+
+    def _forget_future(self, now):
+        """After the clock has been set back, or began anew: whether what was asked for is over."""
+        far = now + round(FAR * 1e9)
+        if self._settings.whole or max(self._last, self._sent) <= far:
+            return False
+        self._last = self._sent = 0
+        if self._goal is None and self._path is None:
+            return False
+        self._goal, self._path, self._vias, self._out = None, None, [], []
+        if not self.locked:
+            self._told('stopped', WARN, 'the clock was set back: ask anew')
+        return True
 
     def withdraw(self, now):
         """Nobody asks for anything any more: stop."""
@@ -316,6 +336,8 @@ class Keeper:
         return out
 
     def _step(self, now, due):
+        if self._forget_future(now):
+            return
         known = self.readings.here is not None
         if self._alive and known and (
                 self.state == 'waiting' or (self.state == 'stopping' and self._stands())):

@@ -243,6 +243,9 @@ class NightSteps:
 
     def _do_home(self, count=0):
         self.homes = True
+        held = self._out.held
+        if held():  # homing moves the mount, whoever guards it
+            yield from self._until(lambda: not held(), held())
         before = self._instruments.stamp
         while not self._instruments.homed_since(before):
             yield from self._call('home', lambda: self._instruments.homed_since(before))
@@ -422,6 +425,9 @@ class NightSteps:
         health = self._instruments.health
         if health.blocked:
             yield from self._until(lambda: not health.blocked, f'an end: {health.blocked}')
+        if self.homes and self._instruments.here is None:  # taken up again: nothing was read yet
+            yield from self._until(lambda: self._instruments.here is not None,
+                                   'the encoder to say where it stands')
         if not self._instruments.homed and self.homes:
             self._out.get_logger().warning('the encoder has no zero any more: homing again')
             yield from self._do_home()

@@ -257,3 +257,22 @@ def test_a_german_mount_changes_its_side_above_the_horizon(latitude, east):
     assert german.horizon_of(*np.array(mount.path).T)[1].min() > 10.0 * DEG
     back = mount.ask(*here, 0.0).run(120.0)
     assert back.state == 'following' and np.allclose(mount.here / DEG, here, atol=1e-4)
+
+
+def test_a_request_from_the_future_is_refused_and_locks_nobody_out(mount):
+    times, angles = np.array([0.0, 100.0]), np.tile([60.0 * DEG, 45.0 * DEG], (2, 1))
+    late = Track(mount.now + 3600 * 10**9, times, angles, np.zeros((2, 2)))
+    with pytest.raises(ValueError, match='a request for 3600 s from now: send one of now'):
+        mount.keeper.take_request(late, mount.now, 'somebody')
+    assert mount.ask(40.0, 60.0).run(20.0).state == 'following'
+
+
+def test_a_clock_that_is_set_back_ends_what_was_asked_for_and_no_more(mount):
+    mount.ask(40.0, 60.0).run(5.0)
+    mount.asked, there = None, mount.here
+    mount.sent, mount.start = [], mount.start - 3600 * 10**9
+    mount.run(0.2)
+    assert (mount.state, mount.keeper.reason) == ('stopped', 'the clock was set back: ask anew')
+    assert mount.sent == [] and np.all(mount.here == there)
+    assert mount.ask(40.0, 60.0).run(20.0).state == 'following'
+    assert np.abs(off(mount)).max() < 30.0

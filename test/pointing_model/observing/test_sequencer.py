@@ -425,3 +425,25 @@ def test_a_plan_that_is_held_up_goes_on_and_one_that_is_cancelled_ends():
     assert bench.plan.cancel('by hand') and not bench.plan.busy
     assert bench.statuses[-1][0].state == 'cancelled' and bench.statuses[-1][1] == 'by hand'
     assert not bench.plan.cancel('again')
+
+
+def test_a_mount_that_must_not_move_is_not_homed():
+    bench = Bench('home', homed=False)
+    bench.services['home'] = lambda: bench.read(bench.stamp + SECOND, bench.position) or (True, '')
+    bench.hold = 'mount_guard is unconfigured: configure it'
+    bench.waits('mount_guard is unconfigured: configure it')
+    assert bench.calls == []
+    bench.hold = ''
+    bench.plan.advance()
+    assert bench.calls == ['home']
+
+
+def test_a_plan_that_is_taken_up_again_waits_for_the_first_reading_and_homes_nothing():
+    bench = Bench('stars 1', homed=False)
+    bench.services['home'] = lambda: (True, '')
+    bench.plan._night.homes = True
+    bench.waits('the encoder to say where it stands')
+    assert bench.calls == []
+    bench.read(bench.stamp, bench.position)
+    bench.plan.advance()
+    assert bench.calls == [] and bench.commands
