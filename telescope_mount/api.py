@@ -264,7 +264,7 @@ class Diagnosis:
 
 
 def read_run(path, *, mount=None, latitude_deg=None, longitude_deg=None, height_m=None,
-             pressure_hpa=None, temperature_c=None, azimuth_origin=None):
+             pressure_hpa=None, temperature_c=None, azimuth_origin=None, equinox=None):
     """Read a pointing run from a file of any kind that the commands take, or from a log.
 
     Parameters
@@ -281,6 +281,8 @@ def read_run(path, *, mount=None, latitude_deg=None, longitude_deg=None, height_
         Of the air, for the refraction of places in right ascension.
     azimuth_origin : {'N', 'S'}, optional
         Where azimuth 0 is in a TPOINT file.
+    equinox : {'j2000', 'date'}, optional
+        Of catalogue places in right ascension; by default what the file tells, or what fits.
 
     Returns
     -------
@@ -295,7 +297,7 @@ def read_run(path, *, mount=None, latitude_deg=None, longitude_deg=None, height_
     """
     place = place_of(SimpleNamespace(
         mount=mount, latitude=latitude_deg, longitude=longitude_deg, height=height_m,
-        pressure=pressure_hpa, temperature=temperature_c))
+        pressure=pressure_hpa, temperature=temperature_c, equinox=equinox))
     return Run(load_run(path, azimuth_origin=azimuth_origin, **place))
 
 

@@ -14,7 +14,7 @@ from pointing_model.run_files import NoObservations, read_run, swap_encoders
 
 
 def load_run(path, azimuth_origin=None, *, site=None, weather=None, encoder=None,
-             graduation=None, drivers=(), mount=None):
+             graduation=None, drivers=(), mount=None, equinox=None):
     """Read a pointing run from a file of any kind that `read_run` takes, or from a log.
 
     Rows that are there to judge by (``check`` not 0) are left out, and a note says so.
@@ -38,6 +38,8 @@ def load_run(path, azimuth_origin=None, *, site=None, weather=None, encoder=None
         Columns of the file that may be a cause, though their names do not say so.
     mount : str or Mount, optional
         Of a file, in place of what it tells; see `pointing_model.mounts.parse_mount`.
+    equinox : {'j2000', 'date'}, optional
+        Of the catalogue places of a file, see `read_run`.
 
     Returns
     -------
@@ -54,8 +56,10 @@ def load_run(path, azimuth_origin=None, *, site=None, weather=None, encoder=None
     if not path.is_dir() and path.suffix != '.mcap':
         run = _without_judges(judge_solves(read_run(
             path, azimuth_origin=azimuth_origin, site=site, weather=weather, encoder=encoder,
-            mount=mount)))
+            mount=mount, equinox=equinox)))
     else:
+        if equinox is not None:
+            raise ValueError(f'{path} is a log, which has no catalogue places; leave out --equinox')
         run = run_of_log(path)
         if mount is not None and not run.mount.agrees(parse_mount(mount, run.mount.latitude)):
             raise ValueError(f'{path} is a log of a night with a mount that is '

@@ -91,7 +91,7 @@ def as_read_sentence(document):
     Parameters
     ----------
     document : dict
-        With ``as_read_rms_arcsec``, ``as_read_terms``, ``before`` and ``mount``.
+        With ``as_read_rms_arcsec``, ``as_read_terms``, ``before``, ``mount`` and ``equinox``.
 
     Returns
     -------
@@ -111,7 +111,7 @@ def as_read_sentence(document):
         said.append(f'Beyond the zeros it is {_named(more, names)}')
     lean = _lean(values, names, document.get('south', False))
     if lean:
-        said.append(f'The {names.shafts[0]} {lean}')
+        said.append(f'The {names.shafts[0]} {lean}{_if_so(document, values, names)}')
     if said:
         said += _of_which_fit(document, rows)
     return '. '.join(said) + '.' if said else ''
@@ -150,6 +150,21 @@ def _of_which_fit(document, rows):
     if told:
         said.append(f'Beside {"it" if effects == 1 else "them"} {"; ".join(told)}')
     return said
+
+
+def _if_so(document, values, names):
+    """With which equinox of the catalogue the axis stands so, where the rows do not tell it."""
+    found = document.get('equinox')
+    if not found or found['told']:
+        return ''
+    polar, taken, other = found['polar_axis_arcsec'], found['taken'], found['other']
+    out = f', if the catalogue of the file is {taken}, which its rows do not tell'
+    if {taken, other} <= set(polar):
+        by = {name: polar[other][name] - value for name, value in polar[taken].items()}
+        moved = {own: {**row, 'value_arcsec': row['value_arcsec'] + by.get(row['name'], 0.0)}
+                 for own, row in values.items()}
+        out += f'; if it is {other}, it {_lean(moved, names, document.get("south", False))}'
+    return f'{out}. Say which with --equinox before the axis is moved'
 
 
 def _what(name, names):

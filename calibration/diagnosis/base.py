@@ -209,6 +209,8 @@ def observations(runs, encoder='enc'):
     excluded = [{**e, 'source': r.meta.get('source')} for r in runs
                 for e in r.meta.get('excluded', ())]
     names, label = _labels(runs)
+    guessed = next((r.meta['equinox_taken'] for r in runs
+                    if not r.meta.get('equinox_taken', {}).get('told', True)), None)
     runs = _one_clock(runs, notes)
     run = runs[0] if len(runs) == 1 else PointingRun.concatenate(runs)
     lost = sorted({n for r in runs for n in r.columns} - set(run.columns))
@@ -218,7 +220,7 @@ def observations(runs, encoder='enc'):
     if len(runs) > 1 or 'run' not in columns or columns['run'].dtype.kind not in 'fiu':
         columns['run'] = label
     columns['row'] = np.arange(len(run))
-    run = PointingRun(columns, run.meta)
+    run = PointingRun(columns, {**run.meta, 'equinox_taken': guessed} if guessed else run.meta)
     good = usable(run, encoder)
     lines, sources = _places(runs)
     bad = [{'row': int(lines[e['row']]), 'source': sources[e['row']], 'reason': e['reason']}

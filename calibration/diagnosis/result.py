@@ -180,6 +180,7 @@ class Diagnosis:
             'wander': self.wander, 'expected': self.expected,
             'as_read_rms_arcsec': as_read(self.observations, self.weights) if self.whole else None,
             'as_read_terms': as_read_terms(self) if self.whole else [],
+            'equinox': self.observations.run.meta.get('equinox_taken'),
             'cv_contiguous': self.cv_contiguous, 'worst_rows': worst_rows(self),
             'held_out': self.held_out, 'no_star': self.no_star,
             # what is left beside terms that were taken off before has any sign

@@ -61,8 +61,7 @@ def read_exported(path, body, meta):
     meta.update(equinox=None, clock_tells=True)
     beyond = np.abs(angles['dec of the telescope']) > 90.0
     meta['mount_told'] = 'german' if beyond.any() else 'equatorial'
-    meta['notes'].append('time: made from the sidereal time of each row and the date of the file'
-                         + ('' if 'longitude' in meta['site'] else ', at longitude 0'))
+    meta['time_note'] = 'time: made from the sidereal time of each row and the date of the file'
     columns = {
         'ra_deg': angles['ra'], 'dec_deg': angles['dec'], 'lst_told': lst,
         'time': np.full(len(lst), day + 43200.0),

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from msg_tools.units import DEG
 from pointing_model.mounts import ALTAZ, KINDS, Mount, parse_mount
+from pointing_model.plate_solved.frames import ICRS, OF_DATE
 from pointing_model.plate_solved.mapping import looks_like_mapping
 from pointing_model.run import PointingRun
 
@@ -25,7 +26,12 @@ _KINDS = ('a CSV file with a header row (az_deg, el_deg, az_enc_deg, el_enc_deg,
           'MountWizzard4, input of gpoint, or the YAML of a folder of solved images')
 
 
-def read_run(path, *, azimuth_origin=None, site=None, weather=None, encoder=None, mount=None):
+#: what may be given of the equinox of catalogue places
+EQUINOXES = {'j2000': ICRS, 'date': OF_DATE}
+
+
+def read_run(path, *, azimuth_origin=None, site=None, weather=None, encoder=None, mount=None,
+             equinox=None):
     """Read a pointing run; the kind of file is told from its content.
 
     Parameters
@@ -57,6 +63,9 @@ def read_run(path, *, azimuth_origin=None, site=None, weather=None, encoder=None
         'abs' takes the second encoder for the first, and the first for the second.
     mount : str or Mount, optional
         In place of what the file tells, see `mounts.parse_mount`.
+    equinox : {'j2000', 'date'}, optional
+        Of ``ra_deg, dec_deg``, in place of what the file tells or what fits: J2000 (ICRS), or
+        apparent places of date.
 
     Returns
     -------
@@ -83,8 +92,10 @@ def read_run(path, *, azimuth_origin=None, site=None, weather=None, encoder=None
         raise ValueError(f'azimuth origin {azimuth_origin!r} is neither N nor S')
     if encoder not in (None, 'enc', 'abs'):
         raise ValueError(f"encoder {encoder!r} is neither 'enc' nor 'abs'")
+    if equinox not in (None, *EQUINOXES):
+        raise ValueError(f'equinox {equinox!r} is none of {", ".join(EQUINOXES)}')
     try:
-        return _read_run(path, azimuth_origin, site, weather, encoder, mount)
+        return _read_run(path, azimuth_origin, site, weather, encoder, mount, equinox)
     except ValueError as error:
         # names and cells of a foreign file may hold anything
         text = ''.join(c if c.isprintable() else '?' for c in str(error))
@@ -93,7 +104,7 @@ def read_run(path, *, azimuth_origin=None, site=None, weather=None, encoder=None
         raise said from None
 
 
-def _read_run(path, azimuth_origin, site, weather, encoder, mount):
+def _read_run(path, azimuth_origin, site, weather, encoder, mount, equinox):
     table = _read_table(path, encoder)
     columns, meta = table.columns, {'source': str(path), **table.meta}
     table.meta = meta
@@ -103,6 +114,8 @@ def _read_run(path, azimuth_origin, site, weather, encoder, mount):
     if site is not None:
         _compare_site(site, meta)
         meta['site'] = {**(meta.get('site') or {}), **site} if isinstance(site, dict) else site
+    if equinox is not None:
+        _settle_equinox(path, table, equinox)
     mount = _settle_mount(path, table, mount)
     checks.refuse_radians(path, table)
     solves.take_sigma(table)
@@ -221,6 +234,24 @@ def _settle_origin(given, meta, of_azimuths):
         meta['notes'].append(
             'azimuth taken from ' + {'N': 'north', 'S': 'south'}[meta['azimuth_origin']]
             + ' through east, as ' + ('the file says' if told else 'it was asked for'))
+
+
+def _settle_equinox(path, table, given):
+    """The equinox that was given, in place of what the file tells.
+
+    Raises
+    ------
+    ValueError
+        The file has no catalogue places.
+    """
+    if 'ra_deg' not in table.columns:
+        raise ValueError(f'{path}: an equinox is of right ascensions and declinations of a '
+                         'catalogue, and this file has none; leave out --equinox')
+    frame, told = EQUINOXES[given], table.meta.get('sky_frame')
+    if told is not None and told != frame:
+        table.meta['notes'].append(f'the file says that its places are {told.text}, they were read '
+                                   f'as {frame.text}')
+    table.meta['sky_frame'] = frame
 
 
 def _compare_site(site, meta):

@@ -62,7 +62,8 @@ def read_mountwizzard(path, lines):
     values = {name: np.array([_number(point.get(name)) for point in points])
               for name in (*_NUMBERS, 'scaleS', 'latitude')}
     names = [PurePath(str(point.get('imagePath') or '')).name for point in points]
-    meta = {'format': 'mountwizzard4', 'notes': ['time: of the mount\'s sidereal clock'],
+    meta = {'format': 'mountwizzard4', 'time_note': 'time: of the mount\'s sidereal clock',
+            'notes': [],
             'site': {'latitude': _latitude(path, values['latitude'])}, 'mount_told': 'german',
             'clock_tells': True, 'sky_frame': ICRS,
             'row_names': {int(i): name for i, name in zip(numbers, names) if name}}

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from msg_tools.units import wrap
+from msg_tools.units import DEG, wrap
 from pointing_model.mounts import is_beyond, through_pole
 from pointing_model.run import column_name
 
@@ -46,6 +46,7 @@ def observe_places(path, table, weather, origin, mount):
         time[known] = moment_of(columns['lst_h'][known] * (np.pi / 12.0),
                                 columns['time'][known], site)
         columns['time'] = time
+        _note_clock(meta, site if told_longitude else None)
         if not told_longitude:  # the clock tells the day, and what comes after what
             meta['time_is_utc'] = False
     table.exclude(np.abs(dec) > np.pi / 2, 'dec_deg is beyond 90')
@@ -60,20 +61,36 @@ def observe_places(path, table, weather, origin, mount):
             if not by_fit:
                 meta['solved'] = Solved(table.lines[ok], ra[ok], dec[ok], time[ok], frame,
                                         declared is not None, site, air, of_images)
-            if meta.pop('equinox', 'J2000') is None:
+            if by_fit and declared is None:
                 az[ok], el[ok] = equinox.which_fits(
                     table, ok, (az[ok], el[ok]), (ra[ok], dec[ok], time[ok], site, air), mount)
         except ValueError as error:
             said = str(error)
             raise ValueError(said if said.startswith(str(path)) else f'{path}: {said}') from None
+    meta.pop('equinox', None)
     columns['az'], columns['el'] = (np.pi - az if origin == 'S' else az), el
     meta['from_horizon'] = True
     if by_fit:
+        if declared is not None:
+            meta['notes'].append(f'places of the catalogue taken as {declared.text}, as it was '
+                                 'given')
         return
     angles = 'az, el' if mount.altaz else f'{" and ".join(mount.names.axes)} of the catalogue'
     meta['notes'].append(f'{angles} are observed places of ra_deg, dec_deg ({frame.text}, no '
                          'proper motion)'
                          + ('' if declared else '; no comment "# frame: ..." says so'))
+
+
+def _note_clock(meta, site):
+    """A note of how a sidereal clock became moments; `site` None: its longitude is not told."""
+    told = meta.pop('time_note', None)
+    if told is None:
+        return
+    meta['notes'].append(told + (
+        f', at longitude {site.longitude / DEG:.6g} deg' if site is not None else
+        ', at longitude 0, for none is given: the order of the rows and the time between them are '
+        'right, the hour of UTC is not, and places of the sky are off by up to 1 arcsec '
+        '(--longitude)'))
 
 
 def _whole_site(path, told, clock_tells):

@@ -42,7 +42,8 @@ def add(commands):
     options.add(parser, 'encoder', 'azimuth-origin')
     options.add(parser, 'latitude', help='of the site, for runs in right ascension and of '
                 'equatorial mounts')
-    options.add(parser, 'longitude', 'height', 'pressure', 'temperature', 'mount')
+    options.add(parser, 'longitude', 'height', 'pressure', 'temperature', 'mount',
+                'equinox')
     options.add(parser, 'seed', default=0, help='of the resampling (default: 0)')
 
 

@@ -47,7 +47,7 @@ def add(commands):
     options.add(parser, 'azimuth-origin')
     options.add(parser, 'latitude', help='of the site, for runs in right ascension, for models '
                 'and runs of equatorial mounts, and for --to indi')
-    options.add(parser, 'longitude', 'height', 'pressure', 'temperature')
+    options.add(parser, 'longitude', 'height', 'pressure', 'temperature', 'equinox')
     options.add(parser, 'mount', help='that a run, or a model of another program, is of: '
                 'equatorial, german (with --latitude), free:AZ,EL[,ROLL]')
 
@@ -95,6 +95,8 @@ def _run_model(args, console):
     zero = args.zero or 'none'
     if zero not in ('none', 'newest') and not zero.lstrip('-').isdigit():
         raise ValueError(f'--zero {zero}: write newest, none or the number of a run')
+    if args.equinox != 'auto' and args.sky is None:
+        raise ValueError('--equinox is of the run that --sky names; leave it out')
     place = options.place_of(args) | {'mount': options.mount_of(args)}
     place['site'] = _whole_site(place.get('site'), args)
     written = model_export.export_model(args.file, args.out, args.to, sky=args.sky, zero=zero,

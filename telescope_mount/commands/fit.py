@@ -16,7 +16,7 @@ def add(commands):
     options.add(parser, 'encoder', 'azimuth-origin', 'mount')
     options.add(parser, 'latitude', help='of the site, for runs in right ascension and of '
                 'equatorial mounts')
-    options.add(parser, 'longitude', 'height', 'pressure', 'temperature')
+    options.add(parser, 'longitude', 'height', 'pressure', 'temperature', 'equinox')
     parser.add_argument('--predict', action='store_true', help='add effects of the direction that '
                         'predict stars left out, without a claim that they are causes')
     parser.add_argument('--run', dest='number', type=options.whole(-10**6, 10**6), metavar='N',

@@ -78,6 +78,9 @@ SHARED = {
                  'help': 'for runs in right ascension; 0: no refraction'},
     'temperature': {'type': real(-90.0, 60.0, 'degrees Celsius'), 'metavar': 'C',
                     'help': 'for runs in right ascension'},
+    'equinox': {'choices': ('auto', 'j2000', 'date'), 'default': 'auto',
+                'help': 'of right ascensions in the file: J2000, or apparent places of date; auto '
+                '(default): what the file tells, else what fits'},
     'harmonics': {'choices': ('none', 'zenith', 'printed'), 'default': 'none',
                   'help': "paper 000's spherical harmonics in the model, by how their E is read: "
                   'zenith distance, or as printed (default: none)'},
@@ -149,7 +152,7 @@ def mount_of(args):
 
 
 def place_of(args):
-    """Site, weather and mount for reading a run, where options give them.
+    """Site, weather, mount and equinox for reading a run, where options give them.
 
     Of a site what is given: the rest is what the file tells, see `read_run`.
     """
@@ -170,6 +173,8 @@ def place_of(args):
              if value is not None}
     if given:
         out['weather'] = replace(DEFAULT_WEATHER, **given)
+    if args.equinox not in (None, 'auto'):
+        out['equinox'] = args.equinox
     return out
 
 

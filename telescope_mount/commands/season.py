@@ -23,7 +23,7 @@ def add(commands):
     parser.add_argument('--cause', action='append', default=[], metavar='COLUMN',
                         help='a column that may move the mount though its name does not say so')
     options.add(parser, 'azimuth-origin', 'mount', 'latitude', 'longitude', 'height', 'pressure',
-                'temperature')
+                'temperature', 'equinox')
     options.add_outputs(parser, save='the model foretold')
 
 

@@ -18,7 +18,7 @@ def add(commands):
                         help='stars that it is fitted to (default: a third, 12 at least)')
     parser.add_argument('--terms', type=options.names, help='comma-separated, of that fit')
     options.add(parser, 'azimuth-origin', 'mount', 'latitude', 'longitude', 'height', 'pressure',
-                'temperature')
+                'temperature', 'equinox')
     options.add_outputs(parser, save='the model after the last star')
 
 

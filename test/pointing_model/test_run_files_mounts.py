@@ -11,8 +11,9 @@ from pointing_model.context import Context
 from pointing_model.effects import dictionary
 from pointing_model.mounts import Mount, is_beyond, through_pole
 from pointing_model.run import PointingRun
-from pointing_model.run_files import read_run, write_csv
+from pointing_model.run_files import equinox, read_run, write_csv
 from pointing_model.sky import Site, Weather, icrs_to_observed, moment_of, sidereal_time
+from pointing_model.terms import stacked_design
 
 DATA = Path(__file__).resolve().parents[2].parent / 'shared' / 'data'
 SITE = Site(31.0455305556 * DEG, -115.4669 * DEG, 2790.0)
@@ -183,10 +184,100 @@ def test_short_form_whose_fields_touch(read):
         read('5m\nE\n+33.356111\n  6.330566 +30.152204\n')
 
 
-def test_equinox_is_that_which_fits():
+def test_how_the_time_of_a_sidereal_clock_was_made(read):
+    def note(run):
+        return next(text for text in run.meta['notes'] if text.startswith('time: made'))
+    without, given = read(EXPORT), read(EXPORT, site={'longitude': -117.0 * DEG})
+    whole = read(EXPORT, site=Site(39.0 * DEG, -117.0 * DEG, 10.0))
+    assert 'at longitude 0, for none is given' in note(without) and '--longitude' in note(without)
+    assert without.meta['time_is_utc'] is False
+    for run in (given, whole):
+        assert note(run).endswith('at longitude -117 deg') and run.meta.get('time_is_utc', True)
+    # 117 degrees west it is 7.8 h later when the same stars are due south, or a day before that
+    hours = (given['time'] - without['time']) / 3600.0 - 117.0 / 15.0 / 1.0027379
+    assert np.abs(np.remainder(hours + 1.0, 23.9344696) - 1.0).max() < 1e-3
+
+
+def test_an_equinox_that_is_given_goes_before_what_fits(read):
+    date, j2000 = (read(EXPORT, equinox=name) for name in ('date', 'j2000'))
+    apart = np.hypot(wrap(date['az'] - j2000['az']) * np.cos(date['el']),
+                     wrap(date['el'] - j2000['el'])) / ARCSEC
+    assert 300.0 < apart.max() < 1400.0  # 26 years of precession
+    assert np.array_equal(j2000['az'], read(EXPORT)['az'])  # four rows tell nothing: the default
+    for run, words in ((date, 'as of date'), (j2000, 'as ICRS')):
+        notes = ' '.join(run.meta['notes'])
+        assert f'taken {words}, as it was given' in notes and 'does not say' not in notes
+        assert 'equinox_taken' not in run.meta
+    with pytest.raises(ValueError, match='this file has none; leave out --equinox'):
+        read('# mount: german\n# latitude_deg: 31\nha_deg,dec_deg,ha_enc_deg,dec_enc_deg\n'
+             '30,20,30.1,20.2\n', equinox='date')
+    with pytest.raises(ValueError, match="'b1950' is none of j2000, date"):
+        read(EXPORT, equinox='b1950')
+
+
+def test_an_equinox_that_the_file_tells_otherwise(read):
+    run = read('# frame: J2000\n# mount: german\n# latitude_deg: 31\n# longitude_deg: -115\n'
+               'time,ra_deg,dec_deg,ha_enc_deg,dec_enc_deg\n'
+               '2026-04-21T04:00:00Z,150,20,30.1,20.2\n', equinox='date')
+    assert run.meta['solved'].frame.text == 'of date'
+    assert any('the file says that its places are ICRS, they were read as of date' in note
+               for note in run.meta['notes'])
+
+
+def sky_run(rng, mount, drift, n=60, hours=1.5):
+    """Places of one precession and another, what was read with the first, and the moments."""
+    az = np.sort(rng.uniform(0.0, 2.0 * np.pi, n))  # once round the sky
+    el = np.arcsin(rng.uniform(0.35, 0.99, n))
+    time = 3600.0 * hours * np.linspace(0.0, 1.0, n)
+    h, _ = mount.axes_of(az, el)
+    first, second = mount.axes_of(az, el, h < 0.0)
+    # a pole 9' from where it is, that goes round with the sky
+    turn = 2.0 * np.pi * time / 86164.0
+    polar = {'ME': 530.0 * ARCSEC * np.cos(turn), 'MA': 530.0 * ARCSEC * np.sin(turn)}
+    columns = stacked_design(tuple(polar), first, second, mount)
+    moved = sum(v * column.reshape(2, n) for v, column in zip(polar.values(), columns))
+    other = mount.horizon_of(first + moved[0] / np.cos(second), second + moved[1])
+    zero = drift * ARCSEC * time / 3600.0
+    reading = np.array([first + 0.001 + zero, second + zero]) + 5.0 * ARCSEC * rng.normal(
+        size=(2, n))
+    return (az, el), other, reading, time
+
+
+@pytest.mark.parametrize('swapped', [False, True])
+def test_the_equinox_is_decided_with_wandering_zeros_in_the_model(swapped):
+    right, wrong, reading, time = sky_run(np.random.default_rng(5), GERMAN, 200.0, n=30,
+                                         hours=1.0)
+    names = ('of date', 'J2000') if swapped else ('J2000', 'of date')
+    ways = dict(zip(names, (right, wrong)))
+    found = equinox.judged({name: ways[name] for name in ('J2000', 'of date')}, reading, time,
+                           GERMAN)
+    assert found['told'] and found['taken'] == names[0] and found['other'] == names[1]
+    # to the terms alone the drift looks like the other precession
+    assert found['left_arcsec'][names[1]] < 0.8 * found['left_arcsec'][names[0]]
+    polar = found['polar_axis_arcsec']
+    assert abs(polar[names[1]]['ME'] - polar[names[0]]['ME']) > 300.0
+    said = equinox.sentence(found)
+    assert f'taken as {names[0]}; ' in said and 'guess' not in said
+
+
+def test_rows_that_cannot_tell_the_equinox_say_so():
+    right, wrong, reading, time = sky_run(np.random.default_rng(4), GERMAN, 200.0, n=12, hours=0.3)
+    found = equinox.judged({'J2000': wrong, 'of date': right}, reading, time, GERMAN)
+    assert not found['told'] and found['taken'] == 'J2000' and found['log_likelihood'] < 10.0
+    said = equinox.sentence(found)
+    assert 'the rows do not tell it, taken as J2000, which is a guess' in said
+    assert 'of date would change ME by' in said and '--equinox date' in said
+    few = equinox.judged({'J2000': tuple(v[:5] for v in right), 'of date': tuple(
+        v[:5] for v in wrong)}, reading[:, :5], time[:5], GERMAN)
+    assert not few['told'] and 'too few' in equinox.sentence(few)
+
+
+def test_equinox_of_a_measured_run_is_not_told():
     run = read_run(measured('warp_astron', 'warp-astron.dat'))
-    said = next(note for note in run.meta['notes'] if 'equinox' in note)
-    assert 'taken as J2000' in said and len(run) == 98
+    found = run.meta['equinox_taken']
+    assert not found['told'] and found['taken'] == 'J2000' and len(run) == 98
+    polar = found['polar_axis_arcsec']
+    assert polar['J2000']['ME'] - polar['of date']['ME'] == pytest.approx(486.0, abs=30.0)
     assert int(is_beyond(run['el']).sum()) == 37
 
 

@@ -37,7 +37,7 @@ KEYS = {'observations', 'runs', 'base_terms', 'verdict', 'before', 'after', 'noi
         'rows_read', 'rows_used', 'outliers', 'rms_with_outliers_arcsec', 'columns_alike',
         'readings', 'as_read_rms_arcsec', 'worst_rows', 'held_out', 'no_star',
         'unphysical', 'approach_from', 'rows_are', 'rows_taken_back',
-        'as_read_terms', 'south', 'cv_contiguous'}
+        'as_read_terms', 'south', 'cv_contiguous', 'equinox'}
 RMS = {'rms_arcsec', 'rms_x_arcsec', 'rms_y_arcsec', 'cv_rms_arcsec', 'cv_rms_x_arcsec',
        'cv_rms_y_arcsec', 'cv_spread', 'holdout_rms_arcsec'}
 EFFECT = {'name', 'tpoint', 'driver', 'axes', 'coefficients_arcsec', 'sigma_arcsec', 'p_family',

@@ -319,6 +319,26 @@ def test_whether_the_choice_repeats_is_told():
         'folds': 7, 'same_choice': 7}}})
 
 
+def test_where_the_axis_points_hangs_on_an_equinox_that_is_a_guess():
+    values = zip(KINDS['german'].physical, [-7290, -7200, 1280, 60, -245, 594, 120])
+    rows = [{'name': name, 'value_arcsec': float(v), 'rms_arcsec': abs(v)} for name, v in values]
+    found = {'taken': 'J2000', 'other': 'of date', 'told': False, 'polar_axis_arcsec': {
+        'J2000': {'ME': 594.0, 'MA': -245.0}, 'of date': {'ME': 108.0, 'MA': -84.0}}}
+    told = document(CAUSES, mount='german', as_read_rms_arcsec=9400.0, as_read_terms=rows,
+                    equinox=found)
+    said = as_read_sentence(told)
+    assert (
+        'The polar axis points 9.9′ too high (ME) and 4.1′ east of the pole (MA), if the catalogue '
+        'of the file is J2000, which its rows do not tell; if it is of date, it points 1.8′ too '
+        'high (ME) and 84″ east of the pole (MA). Say which with --equinox before the axis is '
+        'moved.') in said
+    assert said in ' '.join(told_verdict(told, [EffectTold('A')]).sentences)
+    for settled in (None, {**found, 'told': True}):
+        assert 'catalogue' not in as_read_sentence({**told, 'equinox': settled})
+    few = as_read_sentence({**told, 'equinox': {**found, 'polar_axis_arcsec': {}}})
+    assert 'do not tell. Say which' in few
+
+
 def test_a_german_mount_has_no_fork():
     for one in (effect('terms', name='fork_flexure', mount='german'),
                 effect('fork_cross_term', mount='german'), effect('nod', order=1, mount='german'),
