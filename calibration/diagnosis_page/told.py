@@ -6,6 +6,8 @@ from calibration.diagnosis.constants import SET_WIDTH
 from pointing_model.effects.base import EFFORTS, arcsec, readable
 from pointing_model.mounts import KINDS
 
+#: why hours are told with a place
+WHY_LATER = ' (something in one of the explanations changes with time)'
 #: causes that are told; the others are counted
 _MOST_CAUSES = 5
 _LEVEL = np.sin(np.radians(0.5))  # of a counterweight that is called up
@@ -116,7 +118,7 @@ def steps(document):
 
 def way_size(value):
     """An RMS as `way` writes it."""
-    return f'{value:.1f}″' if value >= 9.995 else arcsec(value)
+    return f'{value:.{0 if value >= 999.5 else 1}f}″' if value >= 9.995 else arcsec(value)
 
 
 def open_causes(row):
@@ -234,7 +236,8 @@ def next_sentence(document, row):
         kind = document.get('mount') or 'altaz'
         other = told.get(mine[0]['separates'][1], 'the next')
         return (f'To tell {told[row["name"]]} from {other}, observe first '
-                f'{place_words(mine[0], kind)}; {enough(mine)}.')
+                f'{place_words(mine[0], kind)}{WHY_LATER * bool(mine[0].get("after_hours"))}; '
+                f'{enough(mine)}.')
     for one, *others in document.get('no_star') or []:
         if one == row['name']:
             rest = {told.get(name) for name in others} >= set(told.values()) - {told[one]}
@@ -251,6 +254,10 @@ def enough(items):
         'it' if len(items) == 1 else f'{len(items)} such observations')
     return text + ('' if after >= SET_WIDTH else
                    f', still below {SET_WIDTH:g}: more of them are needed')
+
+
+def _degrees(value):
+    return f'{int(round(value))}°'.replace('-', '−')
 
 
 def counterweight_up(item, kind):
@@ -285,10 +292,14 @@ def choice_sentence(document):
         return ''
     which = 'same effect was' if len(document['effects']) == 1 else 'same effects were'
     text = (f'With a part of the rows left out the choice was repeated {folds} times, and the '
-            f'{which} chosen {"each time" if same == folds else f"{same} times"}')
-    others = [f'{", ".join(map(readable, one["effects"])) or "no effect"} ({one["folds"]} times)'
-              for one in spread.get('other_choices') or ()]
-    return text + (f'; in its place {"; ".join(others)}' if others else '') + '.'
+            f'{which} chosen {"each time" if same == folds else _times(same)}')
+    others = [f'{" with ".join(map(readable, one["effects"])) or "no effect"} '
+              f'{_times(one["folds"])}' for one in spread.get('other_choices') or ()]
+    return text + (f'; instead {", ".join(others)}' if others else '') + '.'
+
+
+def _times(number):
+    return {0: 'never', 1: 'once', 2: 'twice'}.get(number, f'{number} times')
 
 
 def place_words(item, kind='altaz'):
@@ -306,11 +317,11 @@ def place_words(item, kind='altaz'):
     str
     """
     names = KINDS[kind]
-    place = f'azimuth {item["az_deg"]:.0f}°, elevation {item["el_deg"]:.0f}°'
+    place = f'azimuth {_degrees(item["az_deg"])}, elevation {_degrees(item["el_deg"])}'
     keys = [f'{column}_deg' for column in names.columns]
     if keys[0] != 'az_deg' and keys[0] in item:
-        place = ', '.join(f'{axis} {item[key]:.0f}°' for axis, key in zip(names.axes, keys)) + (
-            f' ({place})')
+        own = (f'{axis} {_degrees(item[key])}' for axis, key in zip(names.axes, keys))
+        place = f'{", ".join(own)} ({place})'
     sides = [{-1: f'{axis} falling', 1: f'{axis} rising'}[item[key]]
              for key, axis in zip(('approach_az', 'approach_el'), names.axes) if item.get(key)]
     if item.get('through_pole'):
@@ -322,8 +333,7 @@ def place_words(item, kind='altaz'):
     if item.get('last_move_deg'):
         place += f' by a last move back of {item["last_move_deg"]:g}°'
     if item.get('after_hours'):
-        place += (f', {item["after_hours"]:g} h after the last row, for something in one of the '
-                  'explanations changes with time')
+        place += f', {item["after_hours"]:g} h after the last row'
     return place
 
 
