@@ -10,6 +10,7 @@ from pointing_model.mounts import KINDS
 WHY_LATER = ' (something in one of the explanations changes with time)'
 #: causes that are told; the others are counted
 _MOST_CAUSES = 5
+_MOST_OTHERS = 3  # effects chosen instead that are named
 _LEVEL = np.sin(np.radians(0.5))  # of a counterweight that is called up
 #: the model stays as it was
 STAYS = ('none', 'wanders', 'undecided', 'refused', 'withheld', 'taken_back')
@@ -50,6 +51,11 @@ def counted(number, word):
     """A small number in words, with what is counted."""
     text = _NUMBERS[number] if number < len(_NUMBERS) else f'{number}'
     return f'{text} {word}{"" if number == 1 else "s"}'
+
+
+def plain_name(name, kind):
+    """`readable`, with what a kind of mount has: the first axis of a German one carries no fork."""
+    return readable(name.replace('fork', 'saddle') if kind == 'german' else name)
 
 
 def way(document):
@@ -287,19 +293,28 @@ def choice_sentence(document):
     str
     """
     spread = document['after'].get('cv_spread') or {}
-    folds, same = spread.get('folds'), spread.get('same_choice')
+    folds = spread.get('folds')
     if not folds or document['verdict'] in STAYS or not document['effects']:
         return ''
-    which = 'same effect was' if len(document['effects']) == 1 else 'same effects were'
-    text = (f'With a part of the rows left out the choice was repeated {folds} times, and the '
-            f'{which} chosen {"each time" if same == folds else _times(same)}')
-    others = [f'{" with ".join(map(readable, one["effects"])) or "no effect"} '
-              f'{_times(one["folds"])}' for one in spread.get('other_choices') or ()]
-    return text + (f'; instead {", ".join(others)}' if others else '') + '.'
+    kind = document.get('mount') or 'altaz'
+    own, others = ([f'{plain_name(name, kind)} {_times(count, folds)}' for name, count in
+                    sorted(spread.get(key, {}).items(), key=lambda one: -one[1])]
+                   for key in ('chosen', 'others'))
+    text = (f'With a part of the rows left out the choice was repeated {folds} times. Of what was '
+            f'found it had {"; ".join(own)}')
+    if len(own) > 1:
+        text += f'; all of it and nothing else {_times(spread["same_choice"], folds)}'
+    if others:
+        more = f'; and {len(others) - _MOST_OTHERS} more' if len(others) > _MOST_OTHERS else ''
+        text += f'. Of other effects it had {"; ".join(others[:_MOST_OTHERS])}{more}'
+    if spread.get('no_choice'):
+        text += f'. It had no effect at all {_times(spread["no_choice"], folds)}'
+    return f'{text}.'
 
 
-def _times(number):
-    return {0: 'never', 1: 'once', 2: 'twice'}.get(number, f'{number} times')
+def _times(number, of):
+    return 'each time' if number == of else {0: 'never', 1: 'once', 2: 'twice'}.get(
+        number, f'{number} times')
 
 
 def place_words(item, kind='altaz'):

@@ -18,8 +18,8 @@ from ..page.parts import measured
 from ..page.residuals import Residuals
 from .about import about, axes_note
 from .drivers import Driver, driver_of
-from .effects_told import EffectTold, plain_name, title_of, told_of
-from .told import signs_sentences
+from .effects_told import EffectTold, title_of, told_of
+from .told import plain_name, signs_sentences
 
 _ALWAYS = ('azimuth', 'elevation', 'time', 'order', 'temperature', 'approach_az', 'approach_el',
            'magnitude', 'az_rate')

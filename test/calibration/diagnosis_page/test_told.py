@@ -259,17 +259,20 @@ def test_a_place_is_told_with_the_counterweight_and_from_when_hours_count(hour, 
 
 def test_whether_the_choice_repeats_is_told():
     spread = {'partitions': 15, 'min_arcsec': 76.0, 'max_arcsec': 101.9, 'folds': 160,
-              'same_choice': 40, 'other_choices': [{'effects': ['elevation_nod_1'], 'folds': 100},
-                                                   {'effects': [], 'folds': 20}]}
-    told = document(CAUSES)
+              'same_choice': 40, 'no_choice': 1, 'chosen': {'fork_cross_term': 90},
+              'others': dict(zip('abcde', (70, 50, 2, 1, 1)))}
+    told = document(CAUSES, mount='german')
     assert choice_sentence(told) == spread_sentence(told) == ''
     told['after'] = {**told['after'], 'cv_spread': spread}
     assert choice_sentence(told) == (
-        'With a part of the rows left out the choice was repeated 160 times, and the same effect '
-        'was chosen 40 times; instead elevation nod, 1 per turn 100 times, no effect 20 times.')
+        'With a part of the rows left out the choice was repeated 160 times. Of what was found it '
+        'had saddle cross term 90 times. Of other effects it had a 70 times; b 50 times; c twice; '
+        'and 2 more. It had no effect at all once.')
     assert spread_sentence(told).endswith('15 ways to leave them out, after from 76.0″ to 102″.')
-    assert 'chosen each time' in choice_sentence({**told, 'after': {'cv_spread': {
-        'folds': 7, 'same_choice': 7}}})
+    two = {'folds': 7, 'same_choice': 0, 'chosen': {'x': 0, 'y': 7}}
+    assert choice_sentence({**told, 'after': {'cv_spread': two}}).endswith(
+        'found it had y each time; x never; all of it and nothing else never.')
+    assert choice_sentence({**told, 'verdict': 'none'}) == ''
 
 
 def test_a_german_mount_has_no_fork():
