@@ -21,7 +21,7 @@ from calibration.page.fit import write_fit_page
 from calibration.page.log_health import log_health
 from calibration.page.night import render_night, residuals_of, write_night_page
 from calibration.page.of_log import write_page_of_log
-from calibration.page.parts import number
+from calibration.page.parts import number, value_and_error
 from calibration.page.provenance import sum_of
 from calibration.page.residuals import Residuals, controls, residual_sections
 from calibration.page.style import CSS
@@ -147,7 +147,7 @@ def test_a_night_that_is_over_has_its_page_from_its_log(tmp_path):
     report = json.loads([message.data.data for message in BagReader(log).messages(
         '/mount/calibration/report', decode=True)][-1])
     for term in report['terms']:
-        assert number(term['value_arcsec'], 3, True) in text
+        assert value_and_error(term['value_arcsec'], term['sigma_arcsec'])[0] in text
     assert 'No message of an instrument was lost.' in text and len(text) < 400_000
     assert text.count('<tr data-i=') == report['stars'] == 60
     with BagWriter(tmp_path / 'empty'):
@@ -272,8 +272,10 @@ def test_in_a_browser_its_numbers_are_those_of_the_json(browser, night):
     tables = dict(cells)
     terms = {row[0]: row for row in tables['Terms of the model'] if len(row) == 5}
     for term in night.report['terms']:
-        assert float(terms[term['name']][1]) == pytest.approx(term['value_arcsec'], abs=5.1e-4)
-        assert float(terms[term['name']][2]) == pytest.approx(term['sigma_arcsec'], abs=5.1e-4)
+        # to the second digit of its error
+        assert float(terms[term['name']][1]) == pytest.approx(
+            term['value_arcsec'], abs=0.051 * term['sigma_arcsec'])
+        assert float(terms[term['name']][2]) == pytest.approx(term['sigma_arcsec'], rel=0.051)
     models = {row[0].removesuffix(' ← published'): row
               for row in tables['Models that were compared']}
     for step in night.report['steps']:
