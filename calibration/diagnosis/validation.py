@@ -54,7 +54,6 @@ _IN = {'radial': '', 'x': ', in {0}', 'y': ', in {1}'}
 _WORSE = 0.02
 #: partitions by whose scatter it is told how many there will be
 _FEWEST_JUDGED = 4
-_MOST_OTHERS = 3  # choices of folds that are named
 
 
 def partitions_of(problem, count, rng):
@@ -96,8 +95,9 @@ class Errors:
         as its root, radians.
     spread : dict or None
         ``partitions``, and of the radial RMS after ``min_arcsec`` and ``max_arcsec``; of how many
-        ``folds``, with those of stretches, ``same_choice`` chose the same effects, and
-        ``other_choices``: ``effects`` (names) and ``folds`` of the others, the most frequent first.
+        ``folds``, with those of stretches, ``same_choice`` chose the same effects, ``no_choice``
+        none; and in how many each effect that was ``chosen``, and ``others``, the most frequent
+        first.
     cut : int or None
         How many choices hold, where not all do.
     stretches : dict
@@ -187,17 +187,17 @@ def cross_validated(work, chosen, wanders, count, alpha, chance, rng, ways=None,
 
 
 def _repeated(problem, chosen, choices):
-    """How often the same effects were chosen, and which others: entries of `Errors.spread`."""
-    def lines(some):
-        return tuple(sorted(c.effect(problem).line for c in some))
-
-    names, counts, own = {}, Counter(map(lines, choices)), lines(chosen)
-    for some in choices:
-        names.setdefault(lines(some), [c.effect(problem).name for c in some])
-    others = [{'effects': names[line], 'folds': count} for line, count in counts.most_common()
-              if line != own]
-    return {'folds': len(choices), 'same_choice': counts[own],
-            'other_choices': others[:_MOST_OTHERS]}
+    """How often the same effects were chosen, and each, and others: entries of `Errors.spread`."""
+    every = [[c.effect(problem) for c in some] for some in choices]
+    own = {c.effect(problem).line: c.effect(problem).name for c in chosen}
+    counts = Counter(line for some in every for line in {e.line for e in some})
+    others = {e.line: e.name for some in every for e in some if e.line not in own}
+    return {'folds': len(choices),
+            'same_choice': sum({e.line for e in some} == set(own) for some in every),
+            'no_choice': sum(not some for some in every),
+            'chosen': {name: counts[line] for line, name in own.items()},
+            'others': {others[line]: count for line, count in counts.most_common()
+                       if line in others}}
 
 
 def _first(squares, k):

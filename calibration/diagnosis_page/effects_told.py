@@ -7,11 +7,11 @@ import numpy as np
 from calibration.diagnosis.summary import effect_offsets, ends, over_the_rows
 from msg_tools.units import ARCSEC
 from pointing_model.effects import Amount
-from pointing_model.effects.base import arcsec, readable
+from pointing_model.effects.base import arcsec
 from pointing_model.effects.words import common_shape
 
 from .drivers import driver_of, utc_text
-from .told import causes_sentence
+from .told import causes_sentence, plain_name
 
 #: degrees over which a lowest or a highest is no place but a stretch
 _WIDE = 15.0
@@ -122,11 +122,6 @@ def title_of(found, axes):
         return plain_name(e.name, e.parameters.get('mount'))
     where = acting_word(found, axes, 'both axes')
     return f'{where}: {shape_of(found)}'
-
-
-def plain_name(name, kind):
-    """`readable`, with what a kind of mount has: the first axis of a German one carries no fork."""
-    return readable(name.replace('fork', 'saddle') if kind == 'german' else name)
 
 
 def acting_word(found, axes, both):

@@ -1,5 +1,6 @@
 """The page of a diagnosis: one HTML file that opens from disk, offline, and prints."""
 
+from dataclasses import replace
 from pathlib import Path
 
 from calibration.diagnosis.rows_told import used_sentence
@@ -128,10 +129,11 @@ def _verdict(view):
     numbers = _numbers(document)
     headline, _, then = told.headline.partition('. ')
     first, ranked = told.first, told.ranked
-    if len(ranked) == 1 and ranked[0].more and headline.startswith(ranked[0].lead[:-1]):
-        # what the headline has said
-        first, ranked = [one for one in first if one.text != count_sentence(document)], [
-            _led(ranked[0].more)]
+    if ranked and ranked[0].more and headline.startswith(ranked[0].lead[:-1]):
+        # what the headline has said is not said again
+        first = [one for one in first if one.text != count_sentence(document)]
+        ranked = [_led(ranked[0].more) if len(ranked) == 1 else replace(
+            ranked[0], lead='The largest, told above.'), *ranked[1:]]
     return (verdict(_VERDICTS.get(badge, badge), headline, [], cards(numbers),
                     badge if badge in _VERDICTS else '',
                     page.words(' '.join((told.headline, *told.sentences, floor_words(document)))),

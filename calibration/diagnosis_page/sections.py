@@ -13,6 +13,7 @@ from ..page.parts import Markup, figure, folded, gains, number, pair, probabilit
 from ..page.parts import legend as legend_of
 from .plain_words import floor_words
 from .told import (
+    WHY_LATER,
     choice_sentence,
     counterweight_up,
     enough,
@@ -52,9 +53,10 @@ def gain_bars(document, axes=('azimuth × cos E', 'elevation')):
 
 def _floor_note(document):
     """What the last bar is."""
-    text = ('is what is left on the rows fitted, made larger for the coefficients that were '
-            'fitted: seeing, and all that nothing here describes.')
-    return f'{clean(floor_words(document)).capitalize()} {text}'
+    return ('The last bar is what is left on the rows fitted, made larger for the coefficients '
+            'that were fitted: ' + ('noise of each row, and what wanders.' if (
+                document.get('wander') or {}).get('slow') else
+                'seeing, and all that nothing here describes.'))
 
 
 def words(text):
@@ -351,6 +353,8 @@ def _next_group(names, group, kind):
     text = enough([row for _, row in group]) \
         if None not in (group[0][1].get('separation_before'),
                         group[-1][1].get('separation_after')) else ''
+    if text and any(row.get('after_hours') for _, row in group):
+        text += f'. Hours count{WHY_LATER}'
     text = f'<p class="note">{clean(text[:1].upper() + text[1:])}.</p>' if text else ''
     return (f'<h3>{clean("Tells " + head if head else "Proposed")}</h3>{text}'
             + table(['', *(f'{word} [°]' for word in places.values()),

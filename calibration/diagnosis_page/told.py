@@ -6,8 +6,11 @@ from calibration.diagnosis.constants import SET_WIDTH
 from pointing_model.effects.base import EFFORTS, arcsec, readable
 from pointing_model.mounts import KINDS
 
+#: why hours are told with a place
+WHY_LATER = ' (something in one of the explanations changes with time)'
 #: causes that are told; the others are counted
 _MOST_CAUSES = 5
+_MOST_OTHERS = 3  # effects chosen instead that are named
 _LEVEL = np.sin(np.radians(0.5))  # of a counterweight that is called up
 #: the model stays as it was
 STAYS = ('none', 'wanders', 'undecided', 'refused', 'withheld', 'taken_back')
@@ -48,6 +51,11 @@ def counted(number, word):
     """A small number in words, with what is counted."""
     text = _NUMBERS[number] if number < len(_NUMBERS) else f'{number}'
     return f'{text} {word}{"" if number == 1 else "s"}'
+
+
+def plain_name(name, kind):
+    """`readable`, with what a kind of mount has: the first axis of a German one carries no fork."""
+    return readable(name.replace('fork', 'saddle') if kind == 'german' else name)
 
 
 def way(document):
@@ -116,7 +124,7 @@ def steps(document):
 
 def way_size(value):
     """An RMS as `way` writes it."""
-    return f'{value:.1f}″' if value >= 9.995 else arcsec(value)
+    return f'{value:.{0 if value >= 999.5 else 1}f}″' if value >= 9.995 else arcsec(value)
 
 
 def open_causes(row):
@@ -239,7 +247,8 @@ def next_sentence(document, row):
         kind = document.get('mount') or 'altaz'
         other = told.get(mine[0]['separates'][1], 'the next')
         return (f'To tell {told[row["name"]]} from {other}, observe first '
-                f'{place_words(mine[0], kind)}; {enough(mine)}.')
+                f'{place_words(mine[0], kind)}{WHY_LATER * bool(mine[0].get("after_hours"))}; '
+                f'{enough(mine)}.')
     for one, *others in document.get('no_star') or []:
         if one == row['name']:
             rest = {told.get(name) for name in others} >= set(told.values()) - {told[one]}
@@ -256,6 +265,10 @@ def enough(items):
         'it' if len(items) == 1 else f'{len(items)} such observations')
     return text + ('' if after >= SET_WIDTH else
                    f', still below {SET_WIDTH:g}: more of them are needed')
+
+
+def _degrees(value):
+    return f'{int(round(value))}°'.replace('-', '−')
 
 
 def counterweight_up(item, kind):
@@ -285,15 +298,28 @@ def choice_sentence(document):
     str
     """
     spread = document['after'].get('cv_spread') or {}
-    folds, same = spread.get('folds'), spread.get('same_choice')
+    folds = spread.get('folds')
     if not folds or document['verdict'] in STAYS or not document['effects']:
         return ''
-    which = 'same effect was' if len(document['effects']) == 1 else 'same effects were'
-    text = (f'With a part of the rows left out the choice was repeated {folds} times, and the '
-            f'{which} chosen {"each time" if same == folds else f"{same} times"}')
-    others = [f'{", ".join(map(readable, one["effects"])) or "no effect"} ({one["folds"]} times)'
-              for one in spread.get('other_choices') or ()]
-    return text + (f'; in its place {"; ".join(others)}' if others else '') + '.'
+    kind = document.get('mount') or 'altaz'
+    own, others = ([f'{plain_name(name, kind)} {_times(count, folds)}' for name, count in
+                    sorted(spread.get(key, {}).items(), key=lambda one: -one[1])]
+                   for key in ('chosen', 'others'))
+    text = (f'With a part of the rows left out the choice was repeated {folds} times. Of what was '
+            f'found it had {"; ".join(own)}')
+    if len(own) > 1:
+        text += f'; all of it and nothing else {_times(spread["same_choice"], folds)}'
+    if others:
+        more = f'; and {len(others) - _MOST_OTHERS} more' if len(others) > _MOST_OTHERS else ''
+        text += f'. Of other effects it had {"; ".join(others[:_MOST_OTHERS])}{more}'
+    if spread.get('no_choice'):
+        text += f'. It had no effect at all {_times(spread["no_choice"], folds)}'
+    return f'{text}.'
+
+
+def _times(number, of):
+    return 'each time' if number == of else {0: 'never', 1: 'once', 2: 'twice'}.get(
+        number, f'{number} times')
 
 
 def place_words(item, kind='altaz'):
@@ -311,11 +337,11 @@ def place_words(item, kind='altaz'):
     str
     """
     names = KINDS[kind]
-    place = f'azimuth {item["az_deg"]:.0f}°, elevation {item["el_deg"]:.0f}°'
+    place = f'azimuth {_degrees(item["az_deg"])}, elevation {_degrees(item["el_deg"])}'
     keys = [f'{column}_deg' for column in names.columns]
     if keys[0] != 'az_deg' and keys[0] in item:
-        place = ', '.join(f'{axis} {item[key]:.0f}°' for axis, key in zip(names.axes, keys)) + (
-            f' ({place})')
+        own = (f'{axis} {_degrees(item[key])}' for axis, key in zip(names.axes, keys))
+        place = f'{", ".join(own)} ({place})'
     sides = [{-1: f'{axis} falling', 1: f'{axis} rising'}[item[key]]
              for key, axis in zip(('approach_az', 'approach_el'), names.axes) if item.get(key)]
     if item.get('through_pole'):
@@ -327,8 +353,7 @@ def place_words(item, kind='altaz'):
     if item.get('last_move_deg'):
         place += f' by a last move back of {item["last_move_deg"]:g}°'
     if item.get('after_hours'):
-        place += (f', {item["after_hours"]:g} h after the last row, for something in one of the '
-                  'explanations changes with time')
+        place += f', {item["after_hours"]:g} h after the last row'
     return place
 
 

@@ -14,12 +14,12 @@ from pointing_model.effects.base import arcsec, readable
 from pointing_model.effects.words import coefficient_word
 from pointing_model.mounts import ALTAZ
 
-from ..page.parts import measured
+from ..page.parts import value_and_error
 from ..page.residuals import Residuals
 from .about import about, axes_note
 from .drivers import Driver, driver_of
-from .effects_told import EffectTold, plain_name, title_of, told_of
-from .told import signs_sentences
+from .effects_told import EffectTold, title_of, told_of
+from .told import plain_name, signs_sentences
 
 _ALWAYS = ('azimuth', 'elevation', 'time', 'order', 'temperature', 'approach_az', 'approach_el',
            'magnitude', 'az_rate')
@@ -299,7 +299,7 @@ def _facts(found, context, several):
     values = zip(e.coefficient_names, found.fitted.coefficients / ARCSEC,
                  found.fitted.sigma / ARCSEC)
     facts += [(f'Coefficient, {context.said(coefficient_word(e, name))}',
-               f'{" ± ".join(measured(value, sigma))} {e.unit}')
+               f'{" ± ".join(value_and_error(value, sigma))} {e.unit}')
               for name, value, sigma in values]
     if e.tpoint:
         facts.append(('TPOINT', e.tpoint))

@@ -214,7 +214,7 @@ def _open(limits):
     return low, high
 
 
-def svg(width, height, parts, label, kind='', margin=0.0):
+def svg(width, height, parts, label, kind='', margins=(0.0, 0.0, 0.0, 0.0)):
     """A whole drawing that scales with the page.
 
     Parameters
@@ -226,11 +226,12 @@ def svg(width, height, parts, label, kind='', margin=0.0):
         For readers that do not see it.
     kind : str
         Class: ``link`` where what is pointed at lights up.
-    margin : float
-        Around it on all sides, for what reaches out of it.
+    margins : sequence of float
+        Left, above, right, below: for what reaches out of it.
     """
     kind = f' class="{kind}"' if kind else ''
-    box = f'{0.0 - margin:g} {0.0 - margin:g} {width + 2.0 * margin:g} {height + 2.0 * margin:g}'
+    left, top, right, bottom = margins
+    box = f'{0.0 - left:g} {0.0 - top:g} {width + left + right:g} {height + top + bottom:g}'
     return (f'<svg{kind} viewBox="{box}" role="img" aria-label="{clean(label)}">'
             f'{"".join(parts)}</svg>')
 
@@ -268,8 +269,9 @@ class SkyMap:
         self.size, self.centre, self.radius = size, size / 2, size / 2 - 24
         self.lowest = lowest
         self.parts = []
-        #: how far arrows reach out of the drawing, and how many are longer than they are drawn
-        self.beyond, self.shortened = 0.0, 0
+        #: how far arrows reach out of the drawing: left, above, right, below; and how many are
+        #: longer than they are drawn
+        self.beyond, self.shortened = np.zeros(4), 0
         c, r = self.centre, self.radius
         for elevation in np.arange(np.ceil(lowest / 30.0) * 30.0, 90.0, 30.0):
             rr = r * (90.0 - elevation) / (90.0 - lowest)
@@ -329,8 +331,9 @@ class SkyMap:
         cap = np.minimum(1.0, 0.6 * self.radius / np.maximum(np.hypot(dx, dy), 1e-12))
         cap = np.minimum(cap, self._room(px, py, dx, dy))
         self.shortened += int((cap < 1.0 - 1e-9).sum())
-        ends = np.concatenate((px + cap * dx, py + cap * dy, [self.centre]))
-        self.beyond = max(self.beyond, -ends.min(), ends.max() - self.size)
+        ends = np.array((px + cap * dx, py + cap * dy))
+        self.beyond = np.maximum(self.beyond, np.concatenate((
+            -ends.min(axis=1, initial=0.0), ends.max(axis=1, initial=self.size) - self.size)))
         self.parts.append(f'<g class="{style}">')
         for i, (a, b, u, v) in enumerate(zip(px, py, dx * cap, dy * cap)):
             key = '' if keys is None else f' data-i="{keys[i]}"'

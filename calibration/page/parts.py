@@ -195,7 +195,7 @@ def number(value, digits=2, sign=False):
     return out.replace('-', '−')
 
 
-def measured(value, sigma, sign=True):
+def value_and_error(value, sigma, sign=True):
     """A value and its standard error as texts, to the second digit of the error.
 
     Parameters

@@ -205,19 +205,19 @@ def sky_maps(data):
                  f'{data.axes[1]}' for i, a, b in zip(drawn, x, y)] if len(drawn) <= 150 else None
         sky.arrows(*places, *toward[when], size, when, names, [data.keys[i] for i in drawn])
         skies.append(sky)
-    out, margin = [], np.ceil(max(sky.beyond for sky in skies))
-    margin += 3.0 * (margin > 0.0)
+    out, margins = [], np.ceil(np.max([sky.beyond for sky in skies], axis=0))
+    margins += 3.0 * (margins > 0.0)
     for (when, size, more), sky in zip(maps, skies):
         unit = ticks(0.0, max(60.0 / size, 1e-9), 2)
         unit = float(unit[unit > 0][0]) if (unit > 0).any() else 1.0
-        left, low = 12 - margin, 388 + margin
+        left, low = 12 - margins[0], 388 + margins[3]
         sky.parts.append(f'<path class="{when} key" d="M{left:g} {low:g}h{unit * size:.1f}"/>'
                          + text(left, low - 6, f'{unit:g}″', anchor='start'))
         said = f'{data.text_of(when).capitalize()}: {arcsec(data.radial(when))} radial RMS{more}'
         longer = f' {sky.shortened} of the arrows {"is" if sky.shortened == 1 else "are"} ' \
             'longer than drawn.' if sky.shortened else ''
         out.append(figure(
-            svg(400, 400, sky.parts, f'Map of the sky. {said}', 'link', margin),
+            svg(400, 400, sky.parts, f'Map of the sky. {said}', 'link', margins),
             f'{said}. Zenith in the middle, rim at {lowest:g}° elevation.{longer}', when))
     some = f' {len(drawn)} of {int(used.sum())} rows are drawn.' if len(drawn) < used.sum() else ''
     return pair(out) + ('<p class="note">Arrows show where the encoders read beyond the model; '

@@ -3,7 +3,7 @@
 import numpy as np
 
 from .drawing import clean
-from .parts import Markup, measured, number, section, table
+from .parts import Markup, number, section, table, value_and_error
 
 #: terms up to which every correlation is drawn; of more the strong pairs are listed
 _DRAWN = 24
@@ -23,9 +23,9 @@ def terms_table(terms):
         HTML.
     """
     alone = any(t.get('alone') is not None for t in terms)
-    rows = [[t['name'], *measured(t['value'], t['sigma']),
+    rows = [[t['name'], *value_and_error(t['value'], t['sigma']),
              number(abs(t['value'] / t['sigma']), 1) if t['sigma'] else '–',
-             *([measured(t['alone'], t['sigma'])[0] if t.get('alone') is not None else '–']
+             *([value_and_error(t['alone'], t['sigma'])[0] if t.get('alone') is not None else '–']
                if alone else []), t['unit']] for t in terms]
     return table(['term', 'value', 'σ', '|value| / σ', *['without the effects'] * alone, 'unit'],
                  rows, 'numbers', 'Terms of the model') if rows else ''

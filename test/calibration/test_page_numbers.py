@@ -2,7 +2,7 @@
 
 import pytest
 
-from calibration.page.parts import measured
+from calibration.page.parts import value_and_error
 from calibration.page.terms import terms_table
 
 
@@ -11,7 +11,7 @@ from calibration.page.terms import terms_table
     (0.5, 9.96, ('0', '10')), (12.0, 0.995, ('+12.00', '0.99')), (3.14159, None, ('+3.1416', '–')),
     (4000.0, 0.0, ('+4000.0', '0.000')), (float('nan'), 1.0, ('–', '1.0'))])
 def test_a_value_has_the_digits_of_its_error(value, sigma, texts):
-    assert measured(value, sigma) == texts
+    assert value_and_error(value, sigma) == texts
 
 
 def test_a_table_of_terms_has_what_they_are_without_the_effects():

@@ -17,12 +17,11 @@ from calibration.diagnosis import diagnose
 from calibration.diagnosis_page.page import write_report
 from calibration.fit import fit_terms
 from calibration.fit_document import fit_document
-from calibration.page import parts
 from calibration.page.fit import write_fit_page
 from calibration.page.log_health import log_health
 from calibration.page.night import render_night, residuals_of, write_night_page
 from calibration.page.of_log import write_page_of_log
-from calibration.page.parts import number
+from calibration.page.parts import number, value_and_error
 from calibration.page.provenance import sum_of
 from calibration.page.residuals import Residuals, controls, residual_sections
 from calibration.page.style import CSS
@@ -148,7 +147,7 @@ def test_a_night_that_is_over_has_its_page_from_its_log(tmp_path):
     report = json.loads([message.data.data for message in BagReader(log).messages(
         '/mount/calibration/report', decode=True)][-1])
     for term in report['terms']:
-        assert parts.measured(term['value_arcsec'], term['sigma_arcsec'])[0] in text
+        assert value_and_error(term['value_arcsec'], term['sigma_arcsec'])[0] in text
     assert 'No message of an instrument was lost.' in text and len(text) < 400_000
     assert text.count('<tr data-i=') == report['stars'] == 60
     with BagWriter(tmp_path / 'empty'):
@@ -273,12 +272,10 @@ def test_in_a_browser_its_numbers_are_those_of_the_json(browser, night):
     tables = dict(cells)
     terms = {row[0]: row for row in tables['Terms of the model'] if len(row) == 5}
     for term in night.report['terms']:
-        assert terms[term['name']][1:3] == [text.replace('\u2212', '-') for text in parts.measured(
-            term['value_arcsec'], term['sigma_arcsec'])]
-        # as many digits as its error lets count
-        digit = 0.051 * term['sigma_arcsec']
-        assert float(terms[term['name']][1]) == pytest.approx(term['value_arcsec'], abs=digit)
-        assert float(terms[term['name']][2]) == pytest.approx(term['sigma_arcsec'], abs=digit)
+        # to the second digit of its error
+        assert float(terms[term['name']][1]) == pytest.approx(
+            term['value_arcsec'], abs=0.051 * term['sigma_arcsec'])
+        assert float(terms[term['name']][2]) == pytest.approx(term['sigma_arcsec'], rel=0.051)
     models = {row[0].removesuffix(' ← published'): row
               for row in tables['Models that were compared']}
     for step in night.report['steps']:

@@ -138,6 +138,13 @@ def test_everything_is_in_it_in_order(page, diagnosis):
     assert page.count('<svg') >= 1 + 2 + 1 + 2 * 5 + 2
 
 
+def test_the_largest_of_several_is_told_once(diagnosis):
+    found, = diagnosis.effects
+    page = render(view_of(replace(diagnosis, effects=[found, found])))
+    assert page.count('<b>The largest, told above.</b>') == 1
+    assert page.count(f'<b>{effects_told(diagnosis)[0].head}</b>') == 1
+
+
 def test_the_finding_is_said_in_plain_words(page, diagnosis):
     assert diagnosis.verdict == 'identified'
     found, = diagnosis.effects
