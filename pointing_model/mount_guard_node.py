@@ -226,7 +226,7 @@ class MountGuard(ManagedNode):
             LEVELS[level], self.get_fully_qualified_name(), reason,
             state=state, refused=keeper.refused[0], reason=keeper.refused[1],
             goto=self.value('goto'), **self._sky))
-        text = f'{state}: {reason}'
+        text = reason if reason.startswith(state) else f'{state}: {reason}'
         if level == ERROR:
             self.get_logger().error(text)
         elif level:

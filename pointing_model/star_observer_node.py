@@ -65,7 +65,7 @@ class StarObserver(MountNode):
         self._sky = sky_of(self)
         self._request_pub, self._request = self.publisher(topics.REQUEST), None
         self._guard, self._refused, self._allowed = '', (0, ''), None
-        self._guard_spoke = False
+        self._guard_spoke, self._guard_ends = False, ''
         self._own_way = False
         self._observation_pub = self.publisher(topics.OBSERVATION)
         self._observations_pub = self.publisher(topics.OBSERVATIONS)
@@ -191,6 +191,7 @@ class StarObserver(MountNode):
         self._refused = int(rows.get('refused', 0)), rows.get('reason', '')
         self._own_way = rows.get('goto') == 'True'
         self._allowed = AllowedSky.of_rows(rows, self._sky[0])
+        self._guard_ends = f'the mount guard: {message.message}' if state in ENDING else ''
         if state in ENDING:
             self._request = None
             self._sequencer.cancel(f'by the mount guard: {message.message}')
@@ -277,8 +278,8 @@ class StarObserver(MountNode):
             f'started: {{}}; progress on {topics.OBSERVER_STATUS.name}')
 
     def _begin(self, response, plan, answer, anew=True):
-        response.success = not self._sequencer.busy
-        response.message = answer.format(plan) if response.success else 'a plan is under way'
+        why = 'a plan is under way' if self._sequencer.busy else self._guard_ends
+        response.success, response.message = not why, why or answer.format(plan)
         if response.success:
             self._sequencer.start(plan, anew)
         return response

@@ -9,6 +9,7 @@ from msg_tools.units import ARCSEC
 CONFIDENCE = 0.9
 #: stretches that stand for the night: rows of one share what rows close in time share
 _BLOCKS = 10
+_FARTHEST = 300.0  # of a logarithm
 _FRESH = 100  # stars that it is the RMS of
 _NORMAL = 60.0  # rows that normal noise counts as, where its scatter is estimated
 #: largest growth or decay of the noise along a night (ln of its root), and values that are tried
@@ -47,8 +48,9 @@ def expected_error(residual, keep, order, rng, ahead=_STANDS, still=np.nan):
     sigma, free = _error_of_mean(squares / level[np.argmax(chance)])
     # where the zero wanders, that is why the rows scatter differently along the night
     still = np.where(np.isnan(still), rng.choice(means, len(ahead), p=chance), still)
-    drawn = still * np.exp(sigma * rng.standard_t(free, len(ahead))
-                           + _FRESH**-0.5 * rng.standard_normal(len(ahead))) + ahead
+    # of few rows hardly anything is known: what is far beyond every quantile must stay a number
+    off = np.clip(sigma * rng.standard_t(free, len(ahead)), -_FARTHEST, _FARTHEST)
+    drawn = still * np.exp(off + _FRESH**-0.5 * rng.standard_normal(len(ahead))) + ahead
     tail = 0.5 - 0.5 * CONFIDENCE
     low, middle, high = np.sqrt(np.quantile(drawn, (tail, 0.5, 1.0 - tail))) / ARCSEC
     return {'rms_arcsec': float(middle), 'low_arcsec': float(low), 'high_arcsec': float(high),

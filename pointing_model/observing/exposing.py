@@ -259,7 +259,7 @@ class Exposer:
         yield from self._ready()
         instruments, value, held = self._instruments, self._out.value, self._out.held
         if held():
-            self._waiting(held())
+            self._waiting(f'the guard ({held()})')
             yield lambda: not held()
             self._waiting('')
         self.commanded = max(self.now(), self.earliest)

@@ -245,7 +245,7 @@ class NightSteps:
         self.homes = True
         held = self._out.held
         if held():  # homing moves the mount, whoever guards it
-            yield from self._until(lambda: not held(), held())
+            yield from self._until(lambda: not held(), f'the guard ({held()})')
         before = self._instruments.stamp
         while not self._instruments.homed_since(before):
             yield from self._call('home', lambda: self._instruments.homed_since(before))

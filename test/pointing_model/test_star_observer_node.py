@@ -317,6 +317,24 @@ def test_another_site_at_runtime_is_used(graph):
     assert sky.commands[0][1][0, 1] / DEG == pytest.approx(50.0, abs=1.0)
 
 
+def test_no_plan_begins_while_the_guard_takes_no_request(graph):
+    Instruments(graph)
+    night = Night(graph, 'stars 1', autostart=False)
+    publisher = graph.publisher(topics.GUARD_STATUS)
+
+    def tell(state):
+        publisher.publish(convert.status(
+            DiagnosticStatus.WARN, '/mount/mount_guard', f'{state}: call resume', state=state))
+        graph.wait_for(lambda: night.node._guard_ends == (
+            'the mount guard: aborted: call resume' if state == 'aborted' else ''))
+    graph.connect()
+    tell('aborted')
+    answer = graph.call('observe')
+    assert not answer.success and answer.message == 'the mount guard: aborted: call resume'
+    tell('idle')
+    assert graph.call('observe').success and len(night.run()) == 1
+
+
 def test_its_clients_are_discovered_before_what_the_graph_is_judged_by(graph, monkeypatch):
     """Who is matched with its subscriptions, and says so, can answer its services."""
     made = []

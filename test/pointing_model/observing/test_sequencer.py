@@ -418,7 +418,7 @@ def test_targets_that_the_guard_refuses_are_left_out_and_five_end_the_plan():
 def test_a_plan_that_is_held_up_goes_on_and_one_that_is_cancelled_ends():
     bench = Bench('stars 3')
     bench.hold = 'paused: call resume'
-    bench.waits('paused: call resume')
+    bench.waits('the guard (paused: call resume)')
     assert not bench.commands
     bench.hold = ''
     bench.until(lambda: len(bench.rows) == 1)
@@ -431,7 +431,7 @@ def test_a_mount_that_must_not_move_is_not_homed():
     bench = Bench('home', homed=False)
     bench.services['home'] = lambda: bench.read(bench.stamp + SECOND, bench.position) or (True, '')
     bench.hold = 'mount_guard is unconfigured: configure it'
-    bench.waits('mount_guard is unconfigured: configure it')
+    bench.waits('the guard (mount_guard is unconfigured: configure it)')
     assert bench.calls == []
     bench.hold = ''
     bench.plan.advance()
