@@ -95,7 +95,7 @@ WAYS = {
 }
 _OWN = re.compile(r'/(?:describe|get|list|set)_[a-z_]*parameter|get_type_description|'
                   r'(?:change|get)_(?:available_)?(?:state|transition)')
-_UNIT = re.compile(r'\s*\[([^\]]+)\]')
+_UNIT = re.compile(r'\s+\[([^\]]+)\]')
 #: ends of names of parameters that say their unit
 _UNITS = (('_deg_s2', 'deg/s²'), ('_deg_s', 'deg/s'), ('_arcsec_s', 'arcsec/s'), ('_deg', 'deg'),
           ('_arcsec', 'arcsec'), ('_hz', 'Hz'), ('_ms', 'ms'), ('_hpa', 'hPa'),
@@ -288,7 +288,9 @@ def topics_page(found):
                           if topic.name in found[name][kind]) for kind in ('publishes',
                                                                            'subscribes')]
         if topic.name == '/diagnostics':
-            ends = ['every node', 'mcap_logger']
+            ends = ['every node', ', '.join(f'[{name}](nodes/{name}.md)' for name in (
+                'mcap_logger', 'star_observer', 'mcap_replay', 'run_player'))
+                + ' (the last three until the others are connected)']
         lines.append(f'| `{topic.name}` | {TOPICS[topic.name]} | {_kind(topic)} | {quality} | '
                      f'{ends[0] or "a driver, or a program of yours"} | {ends[1]} |')
     return '\n'.join(lines) + '\n'
