@@ -30,12 +30,23 @@ def test_a_bright_star_is_followed_on_the_turn_and_side_of_the_mount(kind):
     np.testing.assert_allclose(np.exp(1j * angles), np.exp(1j * wanted), atol=0.01 * ARCSEC)
 
 
+class Sky:
+    """Allowed where `free(az)` says so."""
+
+    def __init__(self, free):
+        self._free = free
+
+    def __call__(self, time, az, el):
+        return self._free(az)
+
+    def within(self, first, second):
+        return np.ones(len(first), bool)
+
+
 def test_a_star_is_taken_only_where_the_guard_lets_the_tube_look():
     mount, here = parse_mount('altaz', DEFAULT_SITE.latitude), np.array([100.0, 45.0]) * DEG
 
-    def west(_, az, el):
-        return np.sin(az) < -0.2
-    target = bright_star(mount, DEFAULT_SITE, NIGHT, here, west)
+    target = bright_star(mount, DEFAULT_SITE, NIGHT, here, Sky(lambda az: np.sin(az) < -0.2))
     assert np.sin(target.place(np.array([NIGHT]), DEFAULT_SITE, DEFAULT_WEATHER)[0][0]) < -0.2
     with pytest.raises(ValueError, match='no star brighter than 3 between 30 and 75 deg where'):
-        bright_star(mount, DEFAULT_SITE, NIGHT, here, lambda t, az, el: np.zeros(len(az), bool))
+        bright_star(mount, DEFAULT_SITE, NIGHT, here, Sky(lambda az: np.zeros(len(az), bool)))
