@@ -130,3 +130,16 @@ def test_the_glossary_has_every_term_of_every_mount():
     named = set(re.findall(r'\*\*([A-Z0-9]+)\*\*', text))
     wanted = {name for kind in KINDS for name in terms_of(kind)}
     assert wanted - named == set()
+
+
+def test_the_reliability_of_each_topic_is_told_as_it_is():
+    pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportError)
+    from rclpy.qos import ReliabilityPolicy
+
+    from msg_tools import topics
+    rows = {row.split('`')[1]: row for row in (DOCS / 'topics.md').read_text().splitlines()
+            if row.startswith('| `')}
+    for topic in (value for value in vars(topics).values() if isinstance(value, topics.Topic)):
+        best_effort = topic.qos.reliability == ReliabilityPolicy.BEST_EFFORT
+        assert ('| best effort, ' in rows[topic.name]) == best_effort, topic.name
+        assert ('| reliable, ' in rows[topic.name]) != best_effort, topic.name
