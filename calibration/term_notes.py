@@ -67,6 +67,9 @@ def said_of_term(row):
     figure = f'{value} ± {row["sigma_arcsec"]:.1f}″'
     if row.get('alone_arcsec') is not None:
         figure += f'; {_signed(row["alone_arcsec"])}″ before the effects were added'
+    if row.get('beside_effects_arcsec') is not None:
+        figure += (f' before the effects were added; {_signed(row["beside_effects_arcsec"])}″ '
+                   'beside them, which take up the same curve')
     if row['what'] == 'sign':
         return (f'{name}, the bending of the tube, is negative ({figure}), and weight bends no '
                 f'tube upward. {_of_air(row.get("refraction"), bool(row.get("altaz")))}')

@@ -15,6 +15,8 @@ from .constants import BAD_NIGHT
 from .input_check import MOST_LEFT_OUT
 
 _FOOT = 1.01  # times as far off, from where a row is said to be worse
+#: chance that the worst of all rows of noise alone is farther off: below that it is none to look at
+_BY_CHANCE = 0.05
 
 
 def worst_rows(diagnosis):
@@ -58,6 +60,7 @@ def worst_sentence(document):
     Returns
     -------
     str
+        '' too where noise alone would have a row as far off among so many.
     """
     rows = document.get('worst_rows')
     if not rows:
@@ -77,7 +80,8 @@ def worst_sentence(document):
         return f'{arcsec(row["before_arcsec"])} before, {arcsec(row["after_arcsec"])} after'
 
     def worse(row):
-        return row['after_arcsec'] > _FOOT * row['before_arcsec']
+        return row['after_arcsec'] > max(_FOOT * row['before_arcsec'], by_chance)
+    by_chance = _worst_by_chance(document)
     same = before == after
     said = []
     if worse(before):
@@ -87,6 +91,13 @@ def worst_sentence(document):
     if not said:
         return ''
     return ' '.join([*said, 'The effects help on the whole, not there: look at that observation.'])
+
+
+def _worst_by_chance(document):
+    """How far off the worst of so many rows is by noise alone at most, as a rule; arcsec."""
+    left, count = document.get('after') or {}, document.get('observations')
+    sigma = max(left.get('rms_x_arcsec') or 0.0, left.get('rms_y_arcsec') or 0.0)
+    return float(sigma * np.sqrt(2.0 * np.log(count / _BY_CHANCE))) if count else 0.0
 
 
 @dataclass

@@ -23,7 +23,9 @@ def unphysical(result):
     -------
     list of dict
         As of `term_notes.suspicious`, and ``altaz`` (the mount is one); ``alone_arcsec``, its
-        value without the effects; of a negative TF `refraction_in_place` as ``refraction``.
+        value without the effects; of a negative TF `refraction_in_place` as ``refraction``. Of a
+        sign that a term has without the effects, and that they only leave in doubt, the value is
+        the one without, and ``beside_effects_arcsec`` the other.
     """
     sigma = np.sqrt(np.maximum(np.diag(result.model.covariance), 0.0)) / ARCSEC
     rows = [{'name': name, 'value_arcsec': value / ARCSEC, 'sigma_arcsec': float(s)}
@@ -31,14 +33,30 @@ def unphysical(result):
     rows += [{'name': 'TX', 'value_arcsec': float(one.fitted.coefficients[0]) / ARCSEC,
               'sigma_arcsec': float(one.fitted.sigma[0]) / ARCSEC} for one in result.effects
              if one.fitted.effect.coefficient_names == ('TX',)]
-    out = suspicious(rows)
+    out = suspicious(rows) + _in_doubt(result, rows)
     for one in out:
         one['altaz'] = result.observations.run.mount.altaz
-        if result.effects and one['name'] in result.base_model.terms:
+        if result.effects and one['name'] in result.base_model.terms and (
+                'beside_effects_arcsec' not in one):
             one['alone_arcsec'] = result.base_model.terms[one['name']] / ARCSEC
         if one['name'] == 'TF':
             one['refraction'] = refraction_in_place(result)
     return out
+
+
+def _in_doubt(result, rows):
+    """Terms of a wrong sign without the effects, which have it beside them too, if less surely."""
+    if not result.effects:
+        return []
+    alone, covariance = result.base_model.terms, result.base_model.covariance
+    sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0)) / ARCSEC
+    known = {row['name'] for row in suspicious(rows)}
+    beside = {row['name']: row['value_arcsec'] for row in rows}
+    return [{**one, 'beside_effects_arcsec': beside[one['name']]} for one in suspicious(
+        {'name': name, 'value_arcsec': value / ARCSEC, 'sigma_arcsec': float(s)}
+        for (name, value), s in zip(alone.items(), sigma))
+        if one['what'] == 'sign' and one['name'] not in known
+        and beside.get(one['name'], 0.0) * one['value_arcsec'] > 0.0]
 
 
 def refraction_in_place(result):

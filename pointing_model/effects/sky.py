@@ -124,7 +124,8 @@ def propose(context, lacking, own):
         yield Offer('clock', [effect('clock', latitude=float(context.latitude))])
     if context.equatorial() is None:
         yield Offer('annual_aberration', [], 'annual_aberration, precession_or_epoch_error',
-                    'the sidereal time or the latitude is not known')
+                    'the sidereal time is not known' if context.latitude is not None
+                    else 'the latitude of the site is not known')
     else:
         for name in ('annual_aberration', 'epoch_error'):
             yield Offer(name, [effect(name)])

@@ -115,8 +115,10 @@ def _body(lines, meta):
             break
         if line:
             body.append((number, line))
-        elif comment and all(map(is_number, comment.split())):
-            commented.append((number, comment.split()))
+            continue
+        words = comment.partition('!')[0].split()  # a comment may have one of its own
+        if words and all(map(is_number, words)):
+            commented.append((number, words))
     return body, commented
 
 

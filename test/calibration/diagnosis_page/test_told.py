@@ -341,6 +341,24 @@ def test_where_the_axis_points_hangs_on_an_equinox_that_is_a_guess():
     assert 'do not tell. Say which' in few
 
 
+def test_a_row_that_noise_would_have_among_so_many_is_none_to_look_at():
+    row = {'row': 80, 'before_arcsec': 6.0, 'after_arcsec': 8.9}
+    rms = {'rms_arcsec': 3.91, 'rms_x_arcsec': 2.5, 'rms_y_arcsec': 3.0}
+    told = {'worst_rows': {'before': {**row, 'before_arcsec': 12.0, 'row': 3}, 'after': row},
+            'after': rms, 'observations': 98}
+    assert worst_sentence(told) == ''
+    told['worst_rows']['after'] = {**row, 'after_arcsec': 14.0}
+    assert worst_sentence(told).startswith('Now the worst row is row 80: 6.00″ before, 14.0″ after')
+
+
+def test_a_sign_that_the_effects_only_leave_in_doubt_is_told():
+    text = said_of_term({'name': 'TF', 'value_arcsec': -60.2, 'sigma_arcsec': 3.1, 'what': 'sign',
+                         'beside_effects_arcsec': -13.4, 'altaz': True})
+    assert text.startswith(
+        'TF, the bending of the tube, is negative (−60.2 ± 3.1″ before the effects were added; '
+        '−13.4″ beside them, which take up the same curve), and weight bends no tube upward.')
+
+
 def test_a_german_mount_has_no_fork():
     for one in (effect('terms', name='fork_flexure', mount='german'),
                 effect('fork_cross_term', mount='german'), effect('nod', order=1, mount='german'),
