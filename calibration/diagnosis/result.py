@@ -13,7 +13,7 @@ from pointing_model.rms import rms
 from .as_read import as_read, as_read_terms
 from .base import Base, Observations
 from .constants import SET_WIDTH
-from .facts import worst_rows
+from .facts import unequal_scatter, worst_rows
 from .resampling import radial_arcsec
 from .rows_told import RMS_KEYS, rows_told
 
@@ -183,6 +183,7 @@ class Diagnosis:
             'equinox': self.observations.run.meta.get('equinox_taken'),
             'cv_contiguous': self.cv_contiguous, 'worst_rows': worst_rows(self),
             'held_out': self.held_out, 'no_star': self.no_star,
+            'unequal_scatter': unequal_scatter(self),
             # what is left beside terms that were taken off before has any sign
             'unphysical': self.unphysical if self.whole else [],
             'approach_from': self.observations.run.meta.get('approach_from'),

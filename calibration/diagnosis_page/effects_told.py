@@ -87,8 +87,13 @@ def told_of(diagnosis, found):
             utc_text if utc and e.driver == 'time' else None))
     memory = e.parameters.get('memory_deg')
     if memory:
+        # the same with another memory, or none
+        open_ = any(row['in_set'] and row['name'] != e.name and row['driver'] == e.driver
+                    and 'hysteresis' in row['name'] for row in found.ranking)
         more.append('After a reversal the new side is reached little by little, most of it '
-                    f'within {memory:g}° of motion (its memory): a short move shows less of it.')
+                    f'within {memory:g}° of motion (its memory)'
+                    + (', or sooner or later: these rows do not tell.' if open_
+                       else ': a short move shows less of it.'))
     return EffectTold(seen, rms, more + _of_approach(diagnosis, e),
                       float(np.ptp(values)) if len(values) else None)
 

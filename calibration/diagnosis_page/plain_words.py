@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 
 from calibration.diagnosis.as_read import as_read_sentence
-from calibration.diagnosis.facts import bad_nights, worst_sentence
+from calibration.diagnosis.facts import bad_nights, scatter_sentence, worst_sentence
 from calibration.diagnosis.rows_told import outlier_sentence
 from calibration.diagnosis.unexplained import MOSTLY, drift_words
 from calibration.term_notes import said_of_term
@@ -124,7 +124,8 @@ def told_verdict(document, effects=(), limit=5, caution=''):
 
 def _told(document, effects, limit, caution):
     verdict = document['verdict']
-    last = [_led(figures_sentence(document)), outlier_sentence(document)]
+    last = [_led(scatter_sentence(document)), _led(figures_sentence(document)),
+            outlier_sentence(document)]
     odd = [_led(said_of_term(row)) for row in document.get('unphysical') or ()]
     if verdict == 'refused':
         return Verdict('Nothing is concluded from so few of the rows', [caution], [], last)

@@ -35,7 +35,7 @@ def off_centre(size):
 KEYS = {'observations', 'runs', 'base_terms', 'verdict', 'before', 'after', 'noise_floor_arcsec',
         'effects', 'excluded', 'next_observations', 'wander', 'detectable', 'expected',
         'rows_read', 'rows_used', 'outliers', 'rms_with_outliers_arcsec', 'columns_alike',
-        'readings', 'as_read_rms_arcsec', 'worst_rows', 'held_out', 'no_star',
+        'readings', 'as_read_rms_arcsec', 'unequal_scatter', 'worst_rows', 'held_out', 'no_star',
         'unphysical', 'approach_from', 'rows_are', 'rows_taken_back',
         'as_read_terms', 'south', 'cv_contiguous', 'equinox'}
 RMS = {'rms_arcsec', 'rms_x_arcsec', 'rms_y_arcsec', 'cv_rms_arcsec', 'cv_rms_x_arcsec',
