@@ -14,6 +14,19 @@ def interrupt(number, _):
     raise KeyboardInterrupt(number)
 
 
+def check():
+    """Raise once more what an import, or a library's ``except:``, has swallowed.
+
+    For long work that nothing has to end in order.
+
+    Raises
+    ------
+    KeyboardInterrupt
+    """
+    if _told:
+        raise KeyboardInterrupt(_told[-1])
+
+
 @contextlib.contextmanager
 def interrupted_in_order():
     """Within, both raise KeyboardInterrupt with their number, where nobody else handles them.

@@ -211,7 +211,7 @@ def refused_document(error):
         'rows_used': error.rows_used, 'outliers': [], 'rms_with_outliers_arcsec': None,
         'columns_alike': [], 'readings': error.readings, 'detectable': None, 'wander': None,
         'expected': None, 'as_read_rms_arcsec': None, 'as_read_terms': [], 'south': False,
-        'equinox': None,
+        'equinox': None, 'unequal_scatter': None,
         'cv_contiguous': {}, 'worst_rows': None, 'held_out': [],
         'no_star': [], 'unphysical': [], 'approach_from': None, 'rows_are': 'line',
         'rows_taken_back': 0}

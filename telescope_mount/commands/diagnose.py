@@ -4,6 +4,7 @@ import argparse
 from itertools import groupby
 from pathlib import Path
 
+from .. import interrupt
 from . import options
 from .console import Progress, new_console, print_lines, write_outputs
 
@@ -78,9 +79,12 @@ def _run(args):
     else:
         runs, held = _settled(runs, held, args, console)
     with Progress(unit='folds', first='looking for effects', lines=True) as progress:
+        def on(*what):
+            interrupt.check()
+            progress(*what)
         found = diagnose(runs, '+'.join(base.terms) if base else args.base, args.alpha,
                          holdout=held, own_terms=args.own, encoder=args.encoder, seed=args.seed,
-                         sessions=args.sessions, progress=progress)
+                         sessions=args.sessions, progress=on)
     found.whole = not (base and base.held is not None)
     show(found, console)
     if base:
