@@ -25,10 +25,11 @@ import numpy as np
 from guard_drives import KNOTS, Many, Setting, carry_out, hermite
 
 from msg_tools.units import DEG
-from pointing_model.guard.judging import Allowed, Judge
+from pointing_model.guard.judging import Judge
 from pointing_model.guard.limits import Axis, Horizon, Limits, travel_of
 from pointing_model.guard.motion import State
 from pointing_model.guard.sun import Sun
+from pointing_model.guard.verdicts import Allowed
 from pointing_model.guard.way import lead, stopped
 from pointing_model.mounts import ALTAZ, Mount
 from pointing_model.sky import Site

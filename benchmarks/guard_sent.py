@@ -19,7 +19,8 @@ from guard import KINDS, places, setting, track_of
 from guard_drives import Many, hermite
 
 from msg_tools.units import DEG
-from pointing_model.guard.keeper import Keeper, Settings
+from pointing_model.guard.keeper import Keeper
+from pointing_model.guard.settings import Settings
 from pointing_model.observing.pointing import Track
 
 TICK, SECONDS = 0.05, 240.0

@@ -15,8 +15,9 @@ from msg_tools.running import run_node
 from msg_tools.units import DEG
 
 from .guard.goto import GotoKeeper
-from .guard.keeper import ERROR, WARN, Keeper, Settings
+from .guard.keeper import ERROR, WARN, Keeper
 from .guard.limits import Axis, Horizon, Limits, parse_horizon, parse_pair, travel_of
+from .guard.settings import Settings
 from .guard.sun import Sun
 from .observing.allowed_sky import rows_of
 from .observing.instrument_health import AHEAD_LIVE, BEHIND_LIVE

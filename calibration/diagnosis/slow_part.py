@@ -45,17 +45,23 @@ def slow_part(problem, chosen, axes):
     return out
 
 
-def beyond_terms(problem, offsets):
+def beyond_terms(problem, offsets, chosen=()):
     """RMS of some offsets, radial on the sky, beyond what the declared terms take up, arcsec.
+
+    As `summary.beyond_base`, of a result that there is not yet: over the rows with weight.
 
     Parameters
     ----------
     problem : Problem
     offsets : ndarray, shape (2, n)
         Radians.
+    chosen : list of Choice
+        The effects in the model, beside which rows have their weight.
     """
-    left = problem.base.left_of(offsets.ravel(), White(np.ones(offsets.size)))
-    return float(np.sqrt(np.square(left).sum() / max(problem.n, 1)) / ARCSEC)
+    live = problem.plain.state(list(chosen)).weights > 0.0
+    left = problem.base.left_of(offsets.ravel(), White(np.tile(live, 2).astype(float)))
+    return float(np.sqrt(np.square(left.reshape(2, -1)[:, live]).sum() / max(live.sum(), 1))
+                 / ARCSEC)
 
 
 def trend(problem, chosen, name, one):
@@ -82,8 +88,8 @@ def trend(problem, chosen, name, one):
     plain = problem.plain.state(chosen)
     part = slice(0, n) if name == 'az' else slice(n, 2 * n)
     hours = sequence.position / 3600.0
-    for run in np.unique(sequence.run):
-        hours = np.where(sequence.run == run, hours - hours[sequence.run == run].mean(), hours)
+    run = np.unique(sequence.run, return_inverse=True)[1]
+    hours = hours - (np.bincount(run, hours) / np.bincount(run))[run]
     column = np.zeros(2 * n)
     column[part] = hours * (sequence.cos_el if one.angle else 1.0)
     own, left = plain.basis.off(plain.white(column)), plain.white(plain.raw)
@@ -91,4 +97,4 @@ def trend(problem, chosen, name, one):
     rate = float(own @ left) / max(size, 1e-300)
     share = rate**2 * size / max(float(np.square(left[part]).sum()), 1e-300)
     return {'rate_arcsec_per_hour': rate / ARCSEC, 'share': share,
-            'removes_rms_arcsec': beyond_terms(problem, (rate * column).reshape(2, -1))}
+            'removes_rms_arcsec': beyond_terms(problem, (rate * column).reshape(2, -1), chosen)}

@@ -209,7 +209,7 @@ def wander_entry(found, problem, context, chosen=()):
         text = 'rows taken close together share their error: they count as fewer'
     return {'axes': axes, 'p': found.p,
             'removes_rms_arcsec': beyond_terms(
-                problem, slow_part(problem, list(chosen), found.axes)),
+                problem, slow_part(problem, list(chosen), found.axes), chosen),
             'like': list(dict.fromkeys(c.effect(problem).name for c in found.like)),
             'slow': bool(slow), 'along_the_sky': step, 'text': text}
 

@@ -1,7 +1,6 @@
 """Judges a track before it is sent: over all of it, and the whole way of the axes onto it."""
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -11,6 +10,7 @@ from ..earth import TURN_RATE
 from .boxes import Boxes, arc, largest_cosine, most_cosine, quartered
 from .motion import BENT, FAST, Cubic, Slew, State
 from .sun import turned
+from .verdicts import Allowed, Refused
 
 _TURN = 2.0 * np.pi
 #: longest track, s
@@ -34,32 +34,6 @@ SOON = 1e-6
 NO_ANGLE = 100.0 * _TURN
 # of the knots of a track; the methods of arrays take longer to begin
 _largest, _smallest = np.maximum.reduce, np.minimum.reduce
-
-
-class Allowed(NamedTuple):
-    """A track that may be sent.
-
-    Attributes
-    ----------
-    cubic : Cubic
-        Its knots, the first axis on the turn that the mount takes.
-    """
-
-    cubic: Cubic
-
-
-class Refused(NamedTuple):
-    """A track that may not: one line that says what, where and what to do.
-
-    Attributes
-    ----------
-    reason : str
-    cubic : Cubic or None
-        The track, where it could be followed and only the way onto it cannot be gone.
-    """
-
-    reason: str
-    cubic: Cubic | None = None
 
 
 class Judge:

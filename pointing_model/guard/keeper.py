@@ -9,18 +9,18 @@ more stops by itself.
 import math
 from contextlib import suppress
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
 from msg_tools.units import DEG, wrap
 
 from ..observing.pointing import Track
-from .judging import Allowed, Judge, Refused
+from .judging import Judge
 from .limits import safe_travel
 from .motion import Cubic, State, moment, plan_move
 from .readings import Readings
 from .rest import braked, ended
+from .verdicts import Allowed, Refused
 from .way import around, lead
 
 #: of the speed and the acceleration of an axis, what a slew in pieces uses: the rest is for
@@ -39,31 +39,6 @@ LATER = 1.0
 FAR = 60.0
 OK, WARN, ERROR = 0, 1, 2
 UNKNOWN = 'where the axes stand is not known: home the mount, or wait for its encoder'
-
-
-class Settings(NamedTuple):
-    """How a `Keeper` sends.
-
-    Attributes
-    ----------
-    whole : bool
-        The judged track at once; nothing is renewed, and silence is no matter.
-    ahead : float
-        From now to the last moving knot of a piece, s.
-    silence, commander : float
-        Seconds without a reading, and without a renewed request, after which the axes are stopped.
-    behind : float
-        Largest distance of an axis from where it was sent, rad.
-    turn_known : bool
-        The first axis reads the turn that it is on.
-    """
-
-    whole: bool = True
-    ahead: float = 1.5
-    silence: float = 0.5
-    commander: float = 0.45
-    behind: float = 2.0 * DEG
-    turn_known: bool = True
 
 
 class Keeper:

@@ -10,9 +10,10 @@ from msg_tools.units import DEG
 
 from ..earth import TURN_RATE
 from .boxes import Boxes
-from .judging import Allowed, Judge
+from .judging import Judge
 from .motion import Cubic, State, plan_move
 from .sun import turned
+from .verdicts import Allowed
 
 #: between points of the grids on which a way is looked for, one after the other, rad
 GRIDS = (5.0 * DEG, 1.5 * DEG)

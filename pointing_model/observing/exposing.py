@@ -254,14 +254,19 @@ class Exposer:
                 found = None
         return found
 
-    def _try(self, pointing):
-        """Command once; None when nobody answered in time."""
-        yield from self._ready()
-        instruments, value, held = self._instruments, self._out.value, self._out.held
+    def until_free(self):
+        """The steps that wait while the guard lets nothing move the mount."""
+        held = self._out.held
         if held():
             self._waiting(f'the guard ({held()})')
             yield lambda: not held()
             self._waiting('')
+
+    def _try(self, pointing):
+        """Command once; None when nobody answered in time."""
+        yield from self._ready()
+        instruments, value, held = self._instruments, self._out.value, self._out.held
+        yield from self.until_free()
         self.commanded = max(self.now(), self.earliest)
         track = track_to(pointing, self.commanded, self._conditions(), value('slew_rate_deg_s'))
         instruments.exposures.begin(track.start, track.times, track.angles)

@@ -38,8 +38,7 @@ AFTER_HOME = ("start the mount's driver, or leave home out of the plan",
               "it homes the mount; if the axes stand, look at the mount's driver")
 #: services of drivers; those of a simulated mount know what is asked again
 MOVING = ('home', *{service for services in POWER_CYCLES.values() for service in services})
-#: elevation of a star that both axes follow evenly, deg
-BEST = 35.0, 65.0
+BEST = 35.0, 65.0  # elevation of a star that both axes follow evenly, deg
 _HOUR = 3_600_000_000_000  # ns
 
 
@@ -243,9 +242,7 @@ class NightSteps:
 
     def _do_home(self, count=0):
         self.homes = True
-        held = self._out.held
-        if held():  # homing moves the mount, whoever guards it
-            yield from self._until(lambda: not held(), f'the guard ({held()})')
+        yield from self.exposer.until_free()  # homing moves the mount, whoever guards it
         before = self._instruments.stamp
         while not self._instruments.homed_since(before):
             yield from self._call('home', lambda: self._instruments.homed_since(before))
@@ -254,8 +251,7 @@ class NightSteps:
             self._instruments.hear(MOUNT)
             yield from self._until(
                 lambda: self._instruments.homed_since(before) or self._instruments.mute(
-                    MOUNT, self._out.value('answer_timeout_s')),
-                'the encoder to be homed')
+                    MOUNT, self._out.value('answer_timeout_s')), 'the encoder to be homed')
 
     def _do_power_cycle(self, what):
         for service in POWER_CYCLES[what or 'incremental']:
@@ -444,9 +440,8 @@ class NightSteps:
 
         # a driver that is at it need not know that it is asked again
         patient = verb in MOVING and not self._out.value('use_sim_time')
-        answer = yield from call(
-            verb, self._out.client(verb), self._wake, wait, effect, patient,
-            0.0 if verb in MOVING else self._out.value('give_up_s'))
+        answer = yield from call(verb, self._out.client(verb), self._wake, wait, effect, patient,
+                                 0.0 if verb in MOVING else self._out.value('give_up_s'))
         self._out.get_logger().info(answer)
 
     def _until(self, condition, what):

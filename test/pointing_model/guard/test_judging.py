@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from msg_tools.units import DEG
-from pointing_model.guard.judging import Allowed, Judge, Refused
+from pointing_model.guard.judging import Judge
 from pointing_model.guard.limits import (
     Axis,
     Horizon,
@@ -15,6 +15,7 @@ from pointing_model.guard.limits import (
 )
 from pointing_model.guard.motion import Cubic, Slew, State
 from pointing_model.guard.sun import Sun, sun_place, turned
+from pointing_model.guard.verdicts import Allowed, Refused
 from pointing_model.guard.way import around, lead
 from pointing_model.mounts import Mount
 
