@@ -352,7 +352,8 @@ class Night:
         noise = covariance[1, 1]
         expected = np.sqrt(noise + budget.absolute**2)
         freedom = max(before.exposures + now.exposures - 2, 1)
-        freedom *= (expected**2 / noise) ** 2  # Welch: only the noise was estimated
+        with np.errstate(divide='ignore'):  # without any noise all of it is known
+            freedom *= (expected**2 / noise) ** 2  # Welch: only the noise was estimated
         p = float(two_sided(second / expected, freedom)) * tests
         alarm = p < budget.false_alarm
         moved, tilt = {}, 0.0

@@ -6,6 +6,7 @@ of one line.
 """
 
 import asyncio
+import contextlib
 import logging
 import threading
 import time
@@ -84,7 +85,7 @@ class IndiClient:
         self.host, self.port = host, port
         self.connected = self._closed = False
         self._heard, self._said, self._connection, self._blob = heard, said, connection, blob
-        self._vectors = {}
+        self._vectors, self._defined = {}, {}
         self._news = threading.Condition()
         self._loop = self._client = None
         bridge = self
@@ -157,6 +158,8 @@ class IndiClient:
             vector = Vector(_values(event.vector), event.vector.state, now)
             with self._news:
                 self._vectors[device, name] = vector
+                if kind == 'Define':
+                    self._defined[device, name] = now
                 self._news.notify_all()
             if self._heard is not None:
                 self._heard(device, name, vector)
@@ -218,6 +221,24 @@ class IndiClient:
         """As `get`, waiting for it; IndiError where it does not come."""
         return self.wait(lambda: self._vectors.get((device, name)),
                          f'{device} does not send its property {name}', timeout)
+
+    def settle(self, device, name, timeout):
+        """Wait until all has come that a driver is defining.
+
+        INDI marks no end of it. The driver is asked for a property that it has, and does one thing
+        after the other: when the answer is there, so is all that it sent before.
+
+        Parameters
+        ----------
+        device, name : str
+        timeout : float
+            s; a driver that does not answer again is not an error.
+        """
+        asked = time.time_ns()
+        asyncio.run_coroutine_threadsafe(
+            self._client.send_getProperties(device, name), self._loop).result(PATIENCE)
+        with contextlib.suppress(IndiError):
+            self.wait(lambda: self._defined.get((device, name), 0) > asked, '', timeout)
 
     # --- what is sent -------------------------------------------------------------------------
 

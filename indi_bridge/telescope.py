@@ -26,6 +26,8 @@ RATE, KIND, CLOCK, CONNECTION = 'TELESCOPE_SLEW_RATE', 'MOUNT_TYPE', 'TIME_UTC',
 KINDS = {'ALTAZ': 'altaz', 'EQ_FORK': 'equatorial', 'EQ_GEM': 'german'}
 #: readings that come within so much of each other are of one tick, ns: a driver sends them at once
 TICK = 30_000_000
+#: s that a driver has to tell the rest of its properties, once it tells where it looks
+SETTLING = 2.0
 
 
 class Tick(NamedTuple):
@@ -138,12 +140,17 @@ class IndiTelescope:
         return self.client.get(self.device, name)
 
     def connect(self, timeout=PATIENCE):
-        """Have the server connect to the mount; IndiError where it does not."""
+        """Have the server connect to the mount, and hear all that its driver defines.
+
+        IndiError where it does not.
+        """
         state = self.client.property(self.device, CONNECTION, timeout)
         if state.on != 'CONNECT':
             self.client.switch(self.device, CONNECTION, 'CONNECT')
         self.client.wait(lambda: self.get(CONNECTION).on == 'CONNECT' and self.get(PLACE),
                          f'{self.device} does not connect to its mount', timeout)
+        # what kind of mount it is, where it stands, its axes: some of it may be on its way
+        self.client.settle(self.device, CONNECTION, SETTLING)
 
     @property
     def has_axes(self):

@@ -57,6 +57,8 @@ class FakeServer:
         XML that answers ``getProperties``.
     obeys : bool
         Whether it sets what it is told to set, and says so.
+    late : str
+        XML of properties that it comes to define only when somebody asks for the second time.
 
     Attributes
     ----------
@@ -65,8 +67,9 @@ class FakeServer:
         What clients sent, an element each.
     """
 
-    def __init__(self, properties=TELESCOPE, obeys=True):
+    def __init__(self, properties=TELESCOPE, obeys=True, late=''):
         self.properties, self.obeys, self.got = properties, obeys, []
+        self._late = late
         self._socket = socket.create_server(('127.0.0.1', 0))
         self.port = self._socket.getsockname()[1]
         self._client, self._open = None, True
@@ -117,6 +120,7 @@ class FakeServer:
     def _obey(self, tag, head, body):
         if tag == 'getProperties':
             self.say(self.properties)
+            self.properties, self._late = self._late + self.properties, ''
         elif self.obeys and tag.startswith('new'):
             name = re.search(r'name="([^"]*)"', head)[1]
             values = dict(re.findall(r'name="([^"]*)"[^>]*>\s*([^<]*?)\s*<', body))

@@ -1,5 +1,6 @@
 """What a night asks of an INDI or Alpaca server before it starts a graph, and where it goes on."""
 
+import re
 import sys
 from pathlib import Path
 
@@ -41,6 +42,15 @@ def test_kind_and_site_are_the_drivers_unless_the_user_says():
         assert found.sky == pytest.approx(
             {'latitude_deg': 10.0, 'longitude_deg': -10.0, 'height_m': 5.0})
         assert ask_server(f'{address}:equatorial').kind == 'equatorial'
+
+
+def test_a_driver_that_is_still_telling_what_it_is_is_heard_out():
+    site = re.search('<defNumberVector [^>]*name="GEOGRAPHIC_COORD".*?</defNumberVector>',
+                     SIMULATED)[0]
+    kind = switch('MOUNT_TYPE', {'ALTAZ': 'Off', 'EQ_FORK': 'On', 'EQ_GEM': 'Off'}, 'def')
+    with FakeServer(SIMULATED.replace(site, ''), late=kind + site) as server:
+        found = ask_server(f'indi:localhost:{server.port}')
+    assert found.kind == 'equatorial' and found.sky['latitude_deg'] == pytest.approx(10.0)
 
 
 def test_a_driver_that_does_not_tell_its_kind_asks_for_it():
