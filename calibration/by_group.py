@@ -5,21 +5,23 @@ group's column takes of a vector is one sum over the group (Frisch and Waugh 193
 387). So a zero more costs a sum more, and not a column of the design.
 """
 
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 
-class ByGroup(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class ByGroup:
     """A design: of each group a column `own`, zero in other groups, then the columns of `rest`.
 
     Attributes
     ----------
     group : ndarray of int, shape (n,)
         0, 1, ...; none is empty.
-    own : ndarray, shape (n,)
-        Nonzero somewhere in each group.
-    rest : ndarray, shape (n, k)
+    own : ndarray, shape (..., n)
+        Nonzero somewhere in each group. Leading dimensions: as many designs of the same groups.
+    rest : ndarray, shape (..., n, k)
     """
 
     group: np.ndarray
@@ -34,7 +36,7 @@ class ByGroup(NamedTuple):
                    np.ones(n) if own is None else own,
                    np.empty((n, 0)) if rest is None else rest)
 
-    @property
+    @cached_property
     def groups(self):
         """How many."""
         return int(self.group.max(initial=-1)) + 1
@@ -46,30 +48,49 @@ class ByGroup(NamedTuple):
 
     def beside(self, *columns):
         """With further columns, shape (n,) or (n, j) each."""
-        return self._replace(rest=np.column_stack([self.rest, *columns]))
+        return self._with(rest=np.column_stack([self.rest, *columns]))
 
     def white(self, colour):
         """Whitened rows, see `witness_noise.Colour`: no row resembles one of another group."""
-        return self._replace(own=colour.white(self.own), rest=colour.white(self.rest))
+        return self._with(own=colour.white(self.own), rest=colour.white(self.rest))
+
+    def _with(self, **changed):
+        out = replace(self, **changed)
+        out.__dict__['groups'] = self.groups
+        return out
 
     def squares(self, weights=None):
-        """Square of the length of the group's columns, shape (groups,)."""
+        """Square of the length of the group's columns, shape (..., groups)."""
         own = np.square(self.own)
-        return np.bincount(self.group, own if weights is None else weights * own)
+        return self._sums((own if weights is None else weights * own)[..., None])[..., 0]
 
     def off(self, values, weights=None):
-        """What the groups' columns leave of `values`, shape (n,) or (n, k), with those weights."""
-        own = self.own if weights is None else weights * self.own
-        size = self.squares(weights)
+        """What the groups' columns leave of `values`, with those weights.
 
-        def left(v):
-            return v - self.own * (np.bincount(self.group, own * v) / size)[self.group]
+        Parameters
+        ----------
+        values : ndarray, shape (n,) or (..., n, k)
+            With leading dimensions where `own` has them: as many designs of the same groups.
+        weights : ndarray, shape (n,), optional
+        """
         if values.ndim == 1:
-            return left(values)
-        out = np.empty_like(values)
-        for i, column in enumerate(values.T):
-            out[:, i] = left(column)
-        return out
+            return self.off(values[:, None], weights)[:, 0]
+        own = (self.own if weights is None else weights * self.own)[..., None]
+        size = self.squares(weights)[..., None]
+        share = self._sums(own * values) / size
+        return values - self.own[..., None] * share[..., self.group, :]
+
+    def _sums(self, values):
+        """Sum over each group, shape (..., groups, k), of `values`, shape (..., n, k)."""
+        *leading, n, k = values.shape
+        if k == 1 and not leading:
+            return np.bincount(self.group, values[:, 0])[:, None]
+        designs = int(np.prod(leading))
+        # a bin for each design, group and column: one pass, in the order of the rows
+        first = np.arange(designs)[:, None] * self.groups + self.group
+        place = first[..., None] * k + np.arange(k)
+        return np.bincount(place.ravel(), values.ravel(), designs * self.groups * k).reshape(
+            *leading, self.groups, k)
 
     def dense(self):
         """All columns, shape (n, width): those of the groups first."""

@@ -128,12 +128,15 @@ def robust_fit(design, y):
         raise ValueError(f'{n} rows do not determine {width} numbers; observe more')
     inverse = (vt[keep].T / s[keep] ** 2) @ vt[keep]
 
+    both = None if groups is None else np.column_stack([columns, y])
+
     def solve(weights):
         root = np.sqrt(weights)
         if groups is None:
             value = np.linalg.pinv(columns * root[:, None], _RCOND) @ (root * y)
             return value, y - columns @ value, weights
-        own, left = groups.off(columns, weights), groups.off(y, weights)
+        own, left = np.split(groups.off(both, weights), [-1], axis=1)
+        left = left[:, 0]
         u, s, vt = np.linalg.svd(own * root[:, None], full_matrices=False)
         kept = s > _RCOND * max(least, 0.0, *s[:1])
         value = vt[kept].T @ ((u[:, kept].T @ (root * left)) / s[kept])

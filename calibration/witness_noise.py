@@ -6,6 +6,7 @@ the best candidate, for a step is correlation too. What cannot be told from whit
 white.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +21,8 @@ from .step_scan import clipped, robust_fit, scan
 LEAST = 0.02 * ARCSEC
 #: correlations of neighbours that are tried
 _TRIED = np.arange(0.05, 0.96, 0.05)
+#: numbers that are whitened at once, of all correlations that are tried
+_AT_ONCE = 50_000
 #: twice the logarithm of the likelihood ratio from which rows are correlated: 5 %, one-sided
 _CLAIMED = 2.71
 #: likewise: correlations within 90 % of the likeliest. The largest of them counts, for the
@@ -28,7 +31,10 @@ _SIGMA = 2.71
 
 
 class Colour(NamedTuple):
-    """Correlation of each row with the one before it, shape (n,); 0 where there is none before."""
+    """Correlation of each row with the one before it, shape (..., n); 0 where there is none before.
+
+    With leading dimensions: as many colours of the same rows.
+    """
 
     rho: np.ndarray
 
@@ -44,6 +50,8 @@ class Colour(NamedTuple):
     def white(self, values):
         """Values (n,) or (n, k), a ByGroup or Moves, whitened; white noise keeps its size.
 
+        Of many colours (..., n) or (..., n, k).
+
         Rows of a constant variance stay at it: a noise that is estimated from whitened rows is
         that of a row.
         """
@@ -51,7 +59,7 @@ class Colour(NamedTuple):
             return values
         if isinstance(values, ByGroup | Moves):
             return values.white(self)
-        rho = self.rho if values.ndim == 1 else self.rho[:, None]
+        rho = self.rho if values.ndim == 1 else self.rho[..., None]
         before = np.concatenate([np.zeros_like(values[:1]), values[:-1]])
         return (values - rho * before) / np.sqrt(1.0 - rho**2)
 
@@ -91,25 +99,30 @@ def colour_of(design, y, sequence, series=None, most=1.0):
     series = np.zeros(len(y), int) if series is None else series
     rho = np.zeros(len(y))
     allowed = _TRIED[:np.searchsorted(_TRIED, most + 1e-9)]
+    rest = design.rest if isinstance(design, ByGroup) else design
+    numbers = len(y) * (rest.shape[1] + 1)
     for number in np.unique(series):
         mine = follows & (series == number)
-        all_ = [restricted_coloured(design, y, np.where(mine, value, rho))
-                for value in (0.0, *allowed)]
-        if min(all_) < all_[0] - _CLAIMED:
-            near = np.flatnonzero(all_[1:] < min(all_) + _SIGMA)
+        tried = np.concatenate([[0.0], allowed])[:, None]
+        all_ = np.concatenate([
+            restricted_coloured(design, y, np.where(mine, part, rho))
+            for part in np.array_split(tried, math.ceil(tried.size * numbers / _AT_ONCE))])
+        if all_.min() < all_[0] - _CLAIMED:
+            near = np.flatnonzero(all_[1:] < all_.min() + _SIGMA)
             rho = np.where(mine, allowed[near[-1]], rho)
     return Colour(rho)
 
 
 def restricted_coloured(design, y, rho, least=LEAST):
-    """`restricted` of rows with that correlation to the row before, (n,): its value."""
-    colour, log_det = Colour(rho), np.log1p(-rho**2).sum()
+    """`restricted` of rows with that correlation to the row before, (..., n): its value, (...)."""
+    colour, log_det = Colour(rho), np.log1p(-rho**2).sum(-1)
     if not isinstance(design, ByGroup):
         return restricted(colour.white(np.column_stack([design, y])), log_det, least)[0]
-    white = colour.white(design)
-    size = np.sqrt(np.einsum('ij,ij->j', white.rest, white.rest))
-    left = white.off(np.column_stack([white.rest, colour.white(y)]))
-    return restricted(left, log_det + np.log(white.squares()).sum(), least, white.groups, size)[0]
+    white = colour.white(design.beside(y))
+    size = np.sqrt(np.einsum('...ij,...ij->...j', white.rest[..., :-1], white.rest[..., :-1]))
+    left = white.off(white.rest)
+    return restricted(left, log_det + np.log(white.squares()).sum(-1), least, white.groups,
+                      size)[0]
 
 
 class Strongest(NamedTuple):
