@@ -25,6 +25,8 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 
+from .fixed_width import fixed_width
+
 MJD_1970 = 40587.0
 DAY = 86400.0
 TURN_RATE = 2.0 * np.pi * 1.00273781191135448 / DAY  # Earth rotation, rad per second of UT1
@@ -416,12 +418,6 @@ def _lines(path, header, width, first, count):
     if data.size != count * width:
         raise ValueError(f'{path} ends too early: reinstall astropy-iers-data')
     return data.reshape(count, width)
-
-
-def fixed_width(lines, first, last):
-    """Numbers in the bytes `first` to `last`, counted from 1, of each row of `lines`."""
-    text = np.ascontiguousarray(lines[:, first - 1 : last])
-    return text.view(f'S{last - first + 1}')[:, 0].astype(float)
 
 
 def _fields(lines, columns):

