@@ -195,11 +195,11 @@ def _ratios(beyond, bank):
 def _reduced(q, left, squares):
     """Sums of squares of either axis with each group taken out, shape (2, rows, G)."""
     n = left.shape[1] // 2
-    share = np.einsum('gdi,bi->gdb', q, left, optimize=True)
+    share = np.tensordot(q, left, (2, 1))
     out = np.empty((2, len(left), len(q)))
     for axis, part in enumerate((slice(0, n), slice(n, 2 * n))):
         gram = q[:, :, part] @ q[:, :, part].transpose(0, 2, 1)
-        cross = np.einsum('gdi,bi->gdb', q[:, :, part], left[:, part], optimize=True)
+        cross = np.tensordot(q[:, :, part], left[:, part], (2, 1))
         taken = (2.0 * share * cross - share * (gram @ share)).sum(axis=1)
         out[axis] = squares[:, axis, None] - taken.T
     return out
