@@ -42,7 +42,7 @@ PACKAGES = tuple(name for name in BELOW if name != 'launch')
 #: what the simulator may use of the pointing model: the sky is the same for both, and how a mount
 #: stands under it
 SKY = tuple(f'pointing_model.{name}' for name in (
-    'star_catalogue', 'earth', 'sky', 'sky_frame', 'sky_params', 'target', 'satellite_elements',
+    'star_catalogue', 'fixed_width', 'earth', 'sky', 'sky_frame', 'sky_params', 'target', 'satellite_elements',
     'satellite', 'mounts', 'mount_names'))
 #: the one door from outside to the simulator; besides, `NODES` of graph.py names its nodes
 DOOR = ROOT / 'telescope_mount' / 'simulator.py'
@@ -76,9 +76,9 @@ def named_in(text):
             yield (package + rest).replace('/', '.')
 
 
-def imported(tree, package):
+def imported(nodes, package):
     """(line, full name) of all that a source in `package` imports, wherever in it."""
-    for node in ast.walk(tree):
+    for node in nodes:
         if isinstance(node, ast.Import):
             yield from ((node.lineno, alias.name) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -87,22 +87,21 @@ def imported(tree, package):
             yield from ((node.lineno, '.'.join([*parts, alias.name])) for alias in node.names)
 
 
-def names_used(text, package=()):
+def names_used(nodes, package=()):
     """(line, name) of what a source names of the house: imports, and strings in it.
 
     Parameters
     ----------
-    text : str
-        Python.
+    nodes : list of ast.AST
+        All of its tree.
     package : tuple of str
         In which it stands, for relative imports.
     """
-    tree = ast.parse(text)
-    prose = {id(node.body[0].value) for node in ast.walk(tree) if isinstance(node, (
+    prose = {id(node.body[0].value) for node in nodes if isinstance(node, (
         ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef))
         and node.body and isinstance(node.body[0], ast.Expr)}
-    named = list(imported(tree, package))
-    for node in ast.walk(tree):
+    named = list(imported(nodes, package))
+    for node in nodes:
         names = ()
         if isinstance(node, ast.Constant) and isinstance(node.value, str):
             names = () if id(node) in prose else named_in(node.value)
@@ -125,23 +124,32 @@ def _parts(node):
     return [*node.args, *(k.value for k in node.keywords)] if name in LOADERS else ()
 
 
-@functools.cache
+def nodes_of(text):
+    return list(ast.walk(ast.parse(text)))
+
+
 def uses(path):
     """`names_used` of a file; without the names of the nodes, which `NODES` has for all."""
-    text = path.read_text(encoding='utf-8')
+    return read(path)[0]
+
+
+def imports(path):
+    """Full names of all that a source file imports, wherever in it."""
+    return read(path)[1]
+
+
+@functools.cache
+def read(path):
+    text, package = path.read_text(encoding='utf-8'), path.relative_to(ROOT).parent.parts
+    whole = nodes_of(text)
+    found = {name for _, name in imported(whole, package)}
     if path == ROOT / 'telescope_mount' / 'graph.py':
         nodes = next(item for item in ast.parse(text).body
                      if isinstance(item, ast.Assign) and item.targets[0].id == 'NODES')
         lines = text.splitlines()
         text = '\n'.join([*lines[:nodes.lineno - 1], *lines[nodes.end_lineno:]])
-    return names_used(text, path.relative_to(ROOT).parent.parts)
-
-
-@functools.cache
-def imports(path):
-    """Full names of all that a source file imports, wherever in it."""
-    tree = ast.parse(path.read_text(encoding='utf-8'))
-    return {name for _, name in imported(tree, path.relative_to(ROOT).parent.parts)}
+        whole = nodes_of(text)
+    return names_used(whole, package), found
 
 
 def sources(*packages):
@@ -320,7 +328,7 @@ def test_the_simulator_is_seen_through_one_door_and_by_the_list_of_nodes():
     assert {name.split('.')[0] for _, name in forbidden('telescope_mount', uses(DOOR))} == {
         'encoder_sim'}
     graph = (ROOT / 'telescope_mount' / 'graph.py').read_text(encoding='utf-8')
-    named = {name for _, name in forbidden('telescope_mount', names_used(graph))}
+    named = {name for _, name in forbidden('telescope_mount', names_used(nodes_of(graph)))}
     assert named == {module for module in NODES.values() if module.startswith('encoder_sim.')}
 
 
@@ -374,7 +382,7 @@ def test_every_package_has_its_place():
     ("run_module('telescope_mount.cli')", 'telescope_mount.cli'),
 ])
 def test_the_checker_finds(source, wanted):
-    found = names_used(source, ('pointing_model',))
+    found = names_used(nodes_of(source), ('pointing_model',))
     assert wanted in {name for _, name in found}
     assert all(line == source.count('\n') + 1 for line, _ in found)
     assert forbidden('pointing_model', found)
@@ -396,12 +404,13 @@ def test_the_checker_finds(source, wanted):
     'import calibrations',
 ])
 def test_the_checker_lets_pass(source):
-    assert not forbidden('pointing_model', names_used(source, ('pointing_model',)))
+    assert not forbidden('pointing_model', names_used(nodes_of(source), ('pointing_model',)))
 
 
 def test_the_simulator_may_use_the_sky_and_nothing_else_of_the_model():
-    found = names_used('from pointing_model import sky, terms\n'
-                       'from pointing_model.target import Star\nfrom pointing_model import x')
+    found = names_used(nodes_of(
+        'from pointing_model import sky, terms\n'
+        'from pointing_model.target import Star\nfrom pointing_model import x'))
     assert {name for _, name in forbidden('encoder_sim', found)} == {
         'pointing_model.terms', 'pointing_model'}
 
