@@ -126,8 +126,8 @@ def points_worse(before, after, judged=None):
 
 
 def close_the_loop(out, *, scenario='', file=None, seed=1, stars=90, polaris=16, check=30,
-                   check_every=4, alpha=0.01, start_time='', azimuth_origin=None, sky=None,
-                   mount='', domain_number=None, progress=None):
+                   check_every=4, alpha=0.01, start_time='', place=None, sky=None, mount='',
+                   domain_number=None, progress=None):
     """Carry out one night with a scenario, or one measured run.
 
     Parameters
@@ -142,8 +142,9 @@ def close_the_loop(out, *, scenario='', file=None, seed=1, stars=90, polaris=16,
         As of `loop_plan`.
     alpha : float
         Chance that a clean night gets any effect.
-    azimuth_origin : str, optional
-        As of `runs.load_run`.
+    place : dict, optional
+        For the measured run: ``azimuth_origin``, ``mount``, ``site``, ``weather``, ``equinox`` as of
+        `runs.load_run`.
     seed, start_time, sky, mount, domain_number
         As of `night.run_night`.
     progress : callable, optional
@@ -161,10 +162,10 @@ def close_the_loop(out, *, scenario='', file=None, seed=1, stars=90, polaris=16,
     NightFailed
         A node ended, or a step could not be carried out.
     """
-    sky = sky or {}
+    sky, place = sky or {}, place or {}
     if file is not None:
         # whatever cannot be read is said before a node starts
-        run = _sound_run(file, azimuth_origin, mount, sky)
+        run = _sound_run(file, place)
         progress = progress and partial(_of, len(run), progress)
         plan = _MEASURED_PLAN
     else:
@@ -176,7 +177,7 @@ def close_the_loop(out, *, scenario='', file=None, seed=1, stars=90, polaris=16,
     if file is not None:
         specs = measured_graph(
             bag=str(folder / 'bag'), seed=seed, calibration=calibration,
-            player=_player(run, file, azimuth_origin, folder) | {'check_every': check_every})
+            player=_player(run, file, place.get('azimuth_origin'), folder) | {'check_every': check_every})
     else:
         specs = night_graph(
             bag=str(folder / 'bag'), scenario=scenario, seed=seed, start_time=start_time,
@@ -238,17 +239,13 @@ def close_all(out, *, names=ALL, seed=1, progress=None, **options):
     return report
 
 
-def _sound_run(file, azimuth_origin, mount='', sky=None):
+def _sound_run(file, place):
     """A measured run of which the columns and enough rows can be used."""
     from calibration.diagnosis import check_columns, naming_columns
-    from msg_tools.units import DEG
 
     from .runs import load_run
-    site = {name: sky[f'{name}_deg'] * DEG for name in ('latitude', 'longitude')
-            if f'{name}_deg' in (sky or {})}
     with naming_columns():
-        run = load_run(file, azimuth_origin=azimuth_origin,
-                       **({'mount': mount, 'site': site or None} if mount else {}))
+        run = load_run(file, **place)
     check_columns(run)
     told = rows_of_reader(run)
     if told.too_few:

@@ -35,7 +35,8 @@ def add(commands):
     options.add(parser, 'date')
     options.add(parser, 'latitude', help='of the site; a measured run whose file does not tell it '
                 'gets what follows the stars only with both')
-    options.add(parser, 'longitude', 'azimuth-origin')
+    options.add(parser, 'longitude', 'height', 'azimuth-origin', 'pressure', 'temperature',
+                'equinox')
     options.add(parser, 'mount', help=options.MOUNT_OF_NIGHT)
     options.add(parser, 'domain')
     options.add_json(parser, 'the report')
@@ -52,6 +53,12 @@ def run(args):
     if options.is_list(args):
         return options.list_scenarios(args, 'loop_*', 'mount_*')
     options.check_target(args.json)
+    if args.file is None:
+        for name in ('azimuth_origin', 'pressure', 'temperature'):
+            if getattr(args, name) is not None:
+                _refuse(name)
+        if args.equinox != 'auto':
+            _refuse('equinox')
     chosen = {
         'seed': args.seed, 'stars': args.stars, 'polaris': args.polaris, 'check': args.check,
         'alpha': args.alpha, 'start_time': args.date, 'sky': options.sky_of(args),
@@ -65,8 +72,7 @@ def run(args):
         else:
             report = close_the_loop(
                 args.out, scenario=args.scenario or '', file=args.file,
-                check_every=args.check_every, azimuth_origin=args.azimuth_origin,
-                progress=progress, **chosen)
+                check_every=args.check_every, place=_place_of(args), progress=progress, **chosen)
     written = args.json, lambda p: options.write_json(p, report), 'report'
     if 'scenarios' in report:
         console.print(all_table(report))
@@ -81,3 +87,15 @@ def run(args):
         expected_sentence(report), outlier_sentence(report)) if text] + loop_sentences(report))
     write_outputs(console, written)
     print_files(console, report['files'])
+
+
+def _place_of(args):
+    """As of `close_the_loop`; nothing of a simulated night."""
+    if args.file is None:
+        return {}
+    return {'azimuth_origin': args.azimuth_origin, **options.place_of(args)}
+
+
+def _refuse(name):
+    raise ValueError(f'--{name.replace("_", "-")} is of a measured run; leave it out with a '
+                     'scenario')

@@ -341,6 +341,12 @@ def test_bad_input_is_one_line(refused, tmp_path):
     assert 'is not empty' in refused(
         'close-the-loop', '--scenario', 'loop_clean', '--out', tmp_path / 'full')
     assert '--alpha' in refused('close-the-loop', MMT, '--alpha', 3)
+    for option in (('--equinox', 'date'), ('--pressure', 800), ('--azimuth-origin', 'S')):
+        assert f'{option[0]} is of a measured run' in refused(
+            'close-the-loop', '--scenario', 'loop_clean', *option, '--out', tmp_path / 'c')
+    # what places of a file are taken for reaches its reader, before a node starts
+    assert 'leave out --equinox' in refused('close-the-loop', MMT, '--equinox', 'date', '--out',
+                                            tmp_path / 'c')
     lines = [line.split(',') for line in MMT.read_text().splitlines()]
     for name in ('el_deg', 'el_enc_deg'):
         place = lines[0].index(name)
