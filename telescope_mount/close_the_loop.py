@@ -143,8 +143,8 @@ def close_the_loop(out, *, scenario='', file=None, seed=1, stars=90, polaris=16,
     alpha : float
         Chance that a clean night gets any effect.
     place : dict, optional
-        For the measured run: ``azimuth_origin``, ``mount``, ``site``, ``weather``, ``equinox`` as of
-        `runs.load_run`.
+        For the measured run, as of `runs.load_run`: ``azimuth_origin``, ``mount``, ``site``,
+        ``weather``, ``equinox``.
     seed, start_time, sky, mount, domain_number
         As of `night.run_night`.
     progress : callable, optional
@@ -177,7 +177,8 @@ def close_the_loop(out, *, scenario='', file=None, seed=1, stars=90, polaris=16,
     if file is not None:
         specs = measured_graph(
             bag=str(folder / 'bag'), seed=seed, calibration=calibration,
-            player=_player(run, file, place.get('azimuth_origin'), folder) | {'check_every': check_every})
+            player=_player(run, file, place.get('azimuth_origin'), folder) | {
+                'check_every': check_every})
     else:
         specs = night_graph(
             bag=str(folder / 'bag'), scenario=scenario, seed=seed, start_time=start_time,
