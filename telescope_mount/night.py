@@ -20,6 +20,8 @@ from .simulator import kind_of_mount
 
 #: wall seconds without any progress after which a night is given up
 STALL = 60.0
+#: the same of a diagnosis, which on a mount of several sides thinks for minutes between two words
+THINKING = 1800.0
 #: wall seconds after which a wait is told
 SAID_AFTER = 1.5
 #: in the folder of a real mount's night: where its plan stands
@@ -267,6 +269,11 @@ def _progress(watcher):
     return Progress.read(watcher.latest.get(OBSERVER_STATUS.name))
 
 
+def _said(watcher, topic):
+    status = watcher.latest.get(topic.name)
+    return '' if status is None else status.message
+
+
 def _watch(watcher, nodes, plan, progress, stall=STALL, say=None, note=None):
     """Follow the observer until the plan is done."""
     from diagnostic_msgs.msg import DiagnosticStatus
@@ -280,7 +287,8 @@ def _watch(watcher, nodes, plan, progress, stall=STALL, say=None, note=None):
         nodes.check()
         status = watcher.latest.get(topics.OBSERVER_STATUS.name)
         at = _progress(watcher)
-        now = status is None, at.observations, at.step, at.lost, len(watcher.reports)
+        now = (status is None, at.observations, at.step, at.lost, len(watcher.reports),
+               _said(watcher, topics.CALIBRATION_STATUS))
         if now != last:
             last, since = now, time.monotonic()
         if status is not None:
@@ -311,9 +319,10 @@ def _watch(watcher, nodes, plan, progress, stall=STALL, say=None, note=None):
                     hinted = True
                     if hint := _no_driver(watcher):
                         note(hint)
-        if time.monotonic() - since > stall:
+        if time.monotonic() - since > (max(stall, THINKING) if at.step == 'diagnose' else stall):
             what = status.message if status is not None else 'the star observer'
-            raise NightFailed(f'nothing went on for {stall:g} s: waiting for {what}')
+            raise NightFailed(f'nothing went on for {time.monotonic() - since:.0f} s: waiting for '
+                              f'{what}')
 
 
 def _complete(watcher, plan):

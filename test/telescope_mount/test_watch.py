@@ -36,7 +36,7 @@ def says(statuses, monkeypatch, **graph):
     watched = Watched([(level, text, Progress(**progress), more)
                        for level, text, progress, more in statuses], **graph)
     night._watch(watched, SimpleNamespace(check=lambda: None), 'stars 4', lambda *_: None,
-                 say=lambda text: out.append(text or 'goes on'), note=out.append)
+                 stall=night.STALL, say=lambda text: out.append(text or 'goes on'), note=out.append)
     return out
 
 
@@ -58,6 +58,15 @@ def test_what_was_held_up_goes_on(monkeypatch):
     assert says([(OK, 'stars 4', at, {}), held, held, (OK, 'stars 4', at, {}), held,
                  (OK, 'plan finished', {'state': 'done'}, {})], monkeypatch) == [
         'camera silent', 'goes on', 'camera silent', 'goes on']
+
+
+def test_a_night_that_stands_still_is_given_up_but_not_one_that_thinks(monkeypatch):
+    monkeypatch.setattr(night, 'STALL', -1.0)
+    at = {'state': 'observing', 'step': 'diagnose'}
+    thinks = [(OK, 'diagnose', at, {})] * 3
+    assert says([*thinks, (OK, 'plan finished', {'state': 'done'}, {})], monkeypatch) == []
+    with pytest.raises(night.NightFailed, match='nothing went on for 0 s: waiting for stars 4'):
+        says([(OK, 'stars 4', at | {'step': 'stars 4'}, {})] * 3, monkeypatch)
 
 
 @pytest.mark.parametrize('driver, hinted', [((), True), ((('my_camera', '/mount'),), False)])
