@@ -340,7 +340,7 @@ def fit(run, terms=None, *, encoder='enc', robust=True):
 
 @_one_thread
 def diagnose(runs, base='physical', *, alpha=0.01, holdout=(), encoder='enc', seed=0,
-             progress=None):
+             progress=None, jobs=1):
     """Find the effects that a model lacks, and prove the gain.
 
     Parameters
@@ -357,7 +357,9 @@ def diagnose(runs, base='physical', *, alpha=0.01, holdout=(), encoder='enc', se
     seed : int
         Of the resampling.
     progress : callable, optional
-        See `calibration.diagnosis.diagnose`.
+    jobs : int
+        See `calibration.diagnosis.diagnose`: with so many processes at a time, of which this one
+        is forked, the same result comes sooner.
 
     Returns
     -------
@@ -370,7 +372,7 @@ def diagnose(runs, base='physical', *, alpha=0.01, holdout=(), encoder='enc', se
     """
     (runs, held), _ = settled_together(_several(runs), _several(holdout), encoder=encoder)
     return Diagnosis(_diagnose(runs, base, alpha, holdout=held or None, encoder=encoder,
-                               seed=seed, progress=progress))
+                               seed=seed, progress=progress, jobs=jobs))
 
 
 def apply(model, az_deg, el_deg, *, reverse=False, zero='newest', latitude_deg=None,

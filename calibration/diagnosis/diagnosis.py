@@ -37,7 +37,8 @@ _MORE = 1.02  # what terms fitted beside a wander leave over those without, from
 
 def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None, encoder='enc',
              flips=FLIPS, folds=FOLDS, seed=0, cross_validation=True,
-             streamed_from=STREAMED_FROM, sessions=None, partitions=None, progress=None):
+             streamed_from=STREAMED_FROM, sessions=None, partitions=None, progress=None,
+             jobs=1):
     """Find the effects that a model lacks, and prove the gain.
 
     Parameters
@@ -73,6 +74,9 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
     progress : callable, optional
         Is told what is being done, and of the cross-validation how many folds of how many (str,
         int, int; None where there is nothing to count).
+    jobs : int
+        Folds of the cross-validation at a time, in processes that are forked: not where threads
+        of a ROS node hold locks. The result is the same.
 
     Returns
     -------
@@ -103,7 +107,7 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
         result = diagnose_streamed(obs, base, alpha, rng, streamed_from)
     else:
         result = _in_memory(obs, base, alpha, rng, flips, folds if cross_validation else 0,
-                            partitions, progress or _silent)
+                            partitions, progress or _silent, jobs)
     result = claimed(result)
     by_size(result)
     result.columns_alike = checked.alike
@@ -119,7 +123,7 @@ def _silent(text, done, total):
     """Progress that nobody asked for."""
 
 
-def _in_memory(obs, base, alpha, rng, flips, folds, ways, progress):
+def _in_memory(obs, base, alpha, rng, flips, folds, ways, progress, jobs):
     progress('looking for effects', 0, None)
     work = Work(obs, base, alpha)
     problem = work.problem
@@ -132,7 +136,8 @@ def _in_memory(obs, base, alpha, rng, flips, folds, ways, progress):
     mixed = along_the_sky(obs.context, problem.sequence) is None
     errors = cross_validated(work, found.chosen, left is not None and mixed, folds, alpha, chance,
                              rng, ways, progress,
-                             choose_with_rivals if chosen.replaced else choose) if folds else None
+                             choose_with_rivals if chosen.replaced else choose,
+                             jobs) if folds else None
     if errors and errors.cut is not None:
         found.not_repeated = found.chosen[errors.cut:]
         del found.chosen[errors.cut:]

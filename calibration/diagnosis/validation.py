@@ -9,6 +9,7 @@ from pathlib import PurePath
 
 import numpy as np
 
+from msg_tools.forks import forked
 from msg_tools.units import ARCSEC
 from pointing_model.effects.base import driver_word, readable
 from pointing_model.fitted_effects import total
@@ -115,7 +116,7 @@ class Errors:
 
 
 def cross_validated(work, chosen, wanders, count, alpha, chance, rng, ways=None,
-                    progress=None, chooser=choose):
+                    progress=None, chooser=choose, jobs=1):
     """RMS of rows left out, without any effect and with the choice repeated in each fold.
 
     Parameters
@@ -137,6 +138,8 @@ def cross_validated(work, chosen, wanders, count, alpha, chance, rng, ways=None,
         As of `diagnose`.
     chooser : callable
         What chooses in each fold, see `choose`.
+    jobs : int
+        Folds at a time, see `forked`.
 
     Returns
     -------
@@ -160,7 +163,7 @@ def cross_validated(work, chosen, wanders, count, alpha, chance, rng, ways=None,
 
     def apart(folds):
         left, choices = nested(problem, folds, alpha, rng, wanders, whole=chance, done=told,
-                               chooser=chooser)
+                               chooser=chooser, jobs=jobs)
         every.extend(choices)
         return _rms(np.square(cross_validate(problem.plain, [], folds)), keep), np.square(left)
     parts, every, folds_done, expected = [], [], 0, 0
@@ -293,7 +296,7 @@ def _mean(entries):
 
 
 def nested(problem, folds, alpha, rng, wanders=False, flips=NESTED_FLIPS, whole=None, done=None,
-           chooser=choose):
+           chooser=choose, jobs=1):
     """As `cross_validate`, with the whole choice repeated without each fold.
 
     Parameters
@@ -310,6 +313,7 @@ def nested(problem, folds, alpha, rng, wanders=False, flips=NESTED_FLIPS, whole=
     done : callable, optional
         Called after each fold.
     chooser : callable
+    jobs : int
         As of `cross_validated`.
 
     Returns
@@ -320,21 +324,25 @@ def nested(problem, folds, alpha, rng, wanders=False, flips=NESTED_FLIPS, whole=
     choices : list of list of Choice
         Of each fold.
     """
-    choices, parts = [], []
     everything = np.arange(problem.n)
-    for fold in folds:
+
+    def without(fold):
+        # all that is random is drawn here, in order, whoever does the work
         part = problem.rows(np.setdiff1d(everything, fold))
-        found = chooser(part, alpha, Chance(part.n, flips, rng, whole, part.sequence.group),
-                        partitions_of(part, FEW_FOLDS, rng)).found
-        choices.append(found.chosen)
-        left = []
-        for k in range(len(found.chosen) + 1):
-            state = (part if wanders else part.plain).state(
-                found.chosen[:k], found.state.weights if k else None, final=True)
-            left.append(predicted(problem, part, found.chosen[:k], state, fold))
-        parts.append(left)
-        if done is not None:
-            done()
+        chance = Chance(part.n, flips, rng, whole, part.sequence.group)
+        partitions = partitions_of(part, FEW_FOLDS, rng)
+
+        def work():
+            found = chooser(part, alpha, chance, partitions).found
+            left = []
+            for k in range(len(found.chosen) + 1):
+                state = (part if wanders else part.plain).state(
+                    found.chosen[:k], found.state.weights if k else None, final=True)
+                left.append(predicted(problem, part, found.chosen[:k], state, fold))
+            return found.chosen, left
+        return work
+
+    choices, parts = zip(*forked(map(without, folds), jobs, done))
     out = np.empty((max(map(len, parts)), 2, problem.n))
     for fold, left in zip(folds, parts):
         for k in range(len(out)):

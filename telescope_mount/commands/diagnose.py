@@ -46,6 +46,7 @@ def add(commands):
     options.add(parser, 'longitude', 'height', 'pressure', 'temperature', 'mount',
                 'equinox')
     options.add(parser, 'seed', default=0, help='of the resampling (default: 0)')
+    options.add(parser, 'jobs')
 
 
 def run(args):
@@ -63,6 +64,7 @@ def run(args):
 
 def _run(args):
     from calibration.diagnosis import diagnose
+    from msg_tools.forks import cores
 
     from ..runs import load_runs
     console = new_console()
@@ -84,7 +86,7 @@ def _run(args):
             progress(*what)
         found = diagnose(runs, '+'.join(base.terms) if base else args.base, args.alpha,
                          holdout=held, own_terms=args.own, encoder=args.encoder, seed=args.seed,
-                         sessions=args.sessions, progress=on)
+                         sessions=args.sessions, progress=on, jobs=args.jobs or cores())
     found.whole = not (base and base.held is not None)
     show(found, console)
     if base:

@@ -88,6 +88,8 @@ SHARED = {
                         'paper; else of what the terms leave'},
     'harmonics-degree': {'type': whole(0, 4), 'default': 0, 'metavar': 'N', 'help': 'where the '
                          'series ends; 0 (default): what predicts stars left out best'},
+    'jobs': {'type': whole(1, 1024), 'metavar': 'N', 'help': 'folds of the cross-validation at a '
+             'time, a process each; the result is the same (default: one a processor)'},
     'domain': {'type': whole(0, 101), 'metavar': 'N', 'help': 'ROS domain (default: a free one)'},
 }
 

@@ -1,0 +1,143 @@
+"""Calls that need nothing of each other, each in a child of this process: one a core."""
+
+import ctypes
+import os
+import pickle
+import signal
+import sys
+import time
+import warnings
+from contextlib import suppress
+from multiprocessing.connection import wait
+
+#: s of a call from which a child, which costs some hundredths, is worth it
+WORTH = 0.2
+_SET_DEATH_SIGNAL = 1  # Linux: prctl
+
+
+def cores():
+    """How many processors this process may use."""
+    with suppress(AttributeError):  # not everywhere
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def forked(calls, jobs, done=None):
+    """What calls return, in their order.
+
+    A child begins with all that this process knows, so nothing is sent to it. Random numbers that
+    are drawn where a call is made, and not in it, are the same for any number of jobs. As long as
+    calls are short, and where there is no fork (on macOS its libraries do not survive one), they
+    are carried out here, one after the other.
+
+    Parameters
+    ----------
+    calls : iterable of callable
+        Made one after the other, each as it is due.
+    jobs : int
+        Processes at a time.
+    done : callable, optional
+        Called after each; it may raise, which ends all.
+
+    Returns
+    -------
+    list
+
+    Raises
+    ------
+    Exception
+        What a call raised.
+    """
+    many = jobs > 1 and hasattr(os, 'fork') and sys.platform != 'darwin'
+    out, running, worth = {}, {}, False
+
+    def one_ends():
+        for source in wait(list(running)):
+            number, child = running.pop(source)
+            out[number] = child.result()
+            if done is not None:
+                done()
+    try:
+        for number, call in enumerate(calls):
+            if worth:
+                running_child = _Child(call, list(running))
+                running[running_child.source] = number, running_child
+                while len(running) >= jobs:
+                    one_ends()
+                continue
+            began = time.monotonic()
+            out[number] = call()
+            worth = many and time.monotonic() - began > WORTH
+            if done is not None:
+                done()
+        while running:
+            one_ends()
+    finally:
+        for _, child in running.values():
+            child.end()
+    return [out[number] for number in range(len(out))]
+
+
+class _Child:
+    """A call in a process of its own.
+
+    Parameters
+    ----------
+    call : callable
+    others : iterable of int
+        Ends of pipes that are not its own.
+
+    Attributes
+    ----------
+    source : int
+        End of a pipe from which it can be read that the call has returned.
+    """
+
+    def __init__(self, call, others):
+        self._call = call
+        self.source, target = os.pipe()
+        parent = os.getpid()
+        with warnings.catch_warnings():
+            # of threads that may hold a lock: the child takes none of theirs
+            warnings.simplefilter('ignore', DeprecationWarning)
+            self._pid = os.fork()
+        if self._pid == 0:
+            try:
+                self._work(target, parent, others)
+            finally:
+                os._exit(0)
+        os.close(target)
+
+    def _work(self, target, parent, others):
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # of the whole group: the parent ends it
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        with suppress(OSError, AttributeError):
+            ctypes.CDLL(None).prctl(_SET_DEATH_SIGNAL, signal.SIGKILL)
+        if os.getppid() != parent:  # it died before that
+            return
+        for other in (self.source, *others):
+            os.close(other)
+        try:
+            told = True, self._call()
+        except Exception as error:
+            told = False, error
+        with open(target, 'wb') as file:
+            pickle.dump(told, file, pickle.HIGHEST_PROTOCOL)
+
+    def result(self):
+        """What the call returned; made once more here, where the child was killed."""
+        with open(self.source, 'rb') as file:
+            told = file.read()
+        os.waitpid(self._pid, 0)
+        if not told:
+            return self._call()
+        returned, value = pickle.loads(told)
+        if not returned:
+            raise value
+        return value
+
+    def end(self):
+        """Kill it."""
+        os.kill(self._pid, signal.SIGKILL)
+        os.waitpid(self._pid, 0)
+        os.close(self.source)
