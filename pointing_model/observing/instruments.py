@@ -232,9 +232,11 @@ class Instruments:
         self._heard[name] = self._wall()
 
     def ask(self):
-        """All of them are to answer from now on."""
-        self._asked = dict.fromkeys(self.names, self._wall())
+        """All of them are to answer from now on, which is returned; wall s."""
+        now = self._wall()
+        self._asked = dict.fromkeys(self.names, now)
         self._heard = dict(self._asked)
+        return now
 
     def silent(self, seconds):
         """Names of those that have said nothing for so long."""
