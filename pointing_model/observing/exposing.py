@@ -278,6 +278,7 @@ class Exposer:
         self._following = FollowingCheck(
             track, before, self._out.mount(),
             max(OFF_TARGET, value('on_target_arcsec') * ARCSEC), self._out.own_way(), asked)
+        began = instruments.began
         take = partial(instruments.exposures.take, value('on_target_arcsec') * ARCSEC,
                        self._out.refuse_frame, value('exposure_s'),
                        value('smear_arcsec') * ARCSEC)
@@ -289,7 +290,8 @@ class Exposer:
             # a slew may take as long as the track
             return (found is not None or self._out.refusal(track.start) or held()
                     or instruments.silent(value('answer_timeout_s'))
-                    or not instruments.homed or instruments.stamp > track.end)
+                    or not instruments.homed or instruments.stamp > track.end
+                    or instruments.began != began)
 
         yield answered
         self._following = None

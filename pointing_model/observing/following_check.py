@@ -4,8 +4,8 @@ import numpy as np
 
 from msg_tools.units import ARCSEC, DEG, wrap
 
-#: an axis must come nearer to its demand within so long, by so much, rad; of the graph's time and of
-#: the wall's: simulated time may pass quickly, and messages and looks take as long as ever; s
+#: an axis must come nearer to its demand within so long, s, by so much, rad; of the graph's time
+#: and of the wall's: simulated time may pass quickly, and messages and looks take as long as ever
 WITHIN, NEARER = 1.5, 5.0 * ARCSEC
 #: one that swings has longer, s
 SWINGS = 6.0

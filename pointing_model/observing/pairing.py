@@ -253,6 +253,12 @@ class Exposures:
         self._frames.clear()
         self.restless = []
 
+    def forget(self):
+        """The clock began anew: what was read before is of no time that will be asked for."""
+        for readings in self._readings.values():
+            readings.clear()
+        self._frames.clear()
+
     def add_reading(self, encoder, stamp, angle):
         """Take a reading.
 
