@@ -152,7 +152,6 @@ class Keeper:
         self._halt, self._back = True, self._wall() + FAR
         if self._goal is None and self._path is None:
             return False
-        # what was sent last ends at rest, if the driver still goes by its time
         self._goal, self._path, self._vias, self._out = None, None, [], []
         if not self.locked:
             self._told('stopped', WARN, 'the clock was set back: ask anew')
@@ -386,8 +385,8 @@ class Keeper:
             angle, rate = self._moment(self.readings.stamp, i)
             off = abs(self.readings.here[i] - angle)
             if off > self._settings.behind + LAG * abs(rate):
-                return (f'the {word} is {off / DEG:.1f} deg from where it was sent: stopped; look '
-                        'at its drive and encoder, and call resume')
+                return (f'the {word} is {off / DEG:.1f} deg from where it was sent: stopped; '
+                        'somebody homed it, or look at its drive and encoder; then call resume')
         return ''
 
     def _at(self, place, now):

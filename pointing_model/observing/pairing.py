@@ -258,6 +258,7 @@ class Exposures:
         for readings in self._readings.values():
             readings.clear()
         self._frames.clear()
+        self._track = None
 
     def add_reading(self, encoder, stamp, angle):
         """Take a reading.
@@ -352,6 +353,8 @@ class Exposures:
         (int, ndarray) or None
             Stamp in ns and miss distance (2,) in rad; None where there is none yet.
         """
+        if self._track is None:
+            return None
         start, times, track = self._track
         half = half_of(exposure)
         while self._frames:
