@@ -260,17 +260,23 @@ def catch_up(start, angles, rates, trajectory, limits, words=AXES):
     trajectory = trajectory.shifted(_short_way(angles[0], trajectory, limits[0], words[0]))
     moves, arrival, frame_rate = [], np.empty(2), np.empty(2)
     for i, limit in enumerate(limits):
+        def meeting(duration, i=i, limit=limit):
+            """The move, and the target's rate, if they meet after so long."""
+            target, rate = (v[0, i] for v in trajectory.at(start + duration))
+            distance = target - rate * duration - angles[i]
+            return plan_move(distance, rates[i] - rate, limit, rate), rate
+
         duration = 0.0
         # the target's place and rate at the arrival decide the arrival: iterate
         for _ in range(60):
-            target, rate = (v[0, i] for v in trajectory.at(start + duration))
-            distance = target - rate * duration - angles[i]
-            move = plan_move(distance, rates[i] - rate, limit, rate)
+            move, rate = meeting(duration)
             before, duration = duration, move.duration
             if abs(duration - before) < 1e-12:
                 break
         # a move of a hair's breadth may go to and fro between two roots a microsecond apart
         if abs(duration - before) > 1e-4:
+            move, rate, duration = _met(meeting, max(duration, before))
+        if move is None:
             raise ValueError(
                 f'{words[i]} cannot catch up with the trajectory: ask for a slower one')
         moves.append(move)
@@ -283,6 +289,23 @@ def catch_up(start, angles, rates, trajectory, limits, words=AXES):
         start, trajectory, tuple(moves), arrival, float(settled), tuple(limits),
         np.array(angles, dtype=float), frame_rate,
     )
+
+
+def _met(meeting, long):
+    """Where a target that brakes is met: move, its rate and duration; Nones if nowhere."""
+    early, late = 0.0, long
+    for _ in range(10):  # so late that the axis would have been there before
+        if meeting(late)[0].duration <= late:
+            break
+        early, late = late, 2.0 * late
+    for _ in range(60):
+        middle = 0.5 * (early + late)
+        if meeting(middle)[0].duration > middle:
+            early = middle
+        else:
+            late = middle
+    move, rate = meeting(late)
+    return (move, rate, late) if abs(move.duration - late) < 1e-4 else (None, None, None)
 
 
 class MountAxes:

@@ -27,6 +27,9 @@ from .scenario_file import load_scenario, scenario_files
 THERMOMETER_STEP = 0.05
 #: s between two looks at what is waited for, as fast as the graph answers
 LOOK = 0.1
+#: live, s of the wall without a command after which nobody moves the mount, and s to wait for that:
+#: who homes withdraws what was asked for, of which the guard's stop is on its way
+CALM, CALMS = 0.8, 2.0
 #: a track that is renewed moves no axis by more: the side it came from stays, rad
 HAIR = 0.05 * ARCSEC
 
@@ -60,7 +63,8 @@ class MountSimulator(ManagedNode):
         self._air, self._warmth = scenario.weather, None
         self._live = self.value('time_scale') > 0.0
         self._time = 0.0
-        self._settling = self._homing = None
+        self._settling = self._homing = self._calm = None
+        self._commanded = -np.inf  # when a command was taken last, as `_awake`
         self._open_loop = 0
         self._truth_pub = self.publisher(topics.TRUTH_JOINTS)
         self._clock_pub = self.publisher(topics.CLOCK)
@@ -89,6 +93,7 @@ class MountSimulator(ManagedNode):
         stamp, times, positions, velocities = self.read_command(message, self._names)
         if self._live and self._homing is not None:
             raise ValueError('homing is under way')
+        self._commanded = self._awake
         at = (stamp - self._start) * 1e-9
         settled = self._mount.follow(max(at, self._time), at + times, positions, velocities)
         if not self._live:
@@ -98,6 +103,13 @@ class MountSimulator(ManagedNode):
         """Pass the marks; where one was not noticed, again and slower."""
         if not self.active:
             response.message = self.inactive
+            return response
+        if self._live and not await self._until_calm():
+            response.message = ('not homed: commands move the mount; cancel the plan '
+                                '(star_observer/cancel) or call pause of the guard first')
+            return response
+        if self._homing is not None:
+            response.message = 'homing is under way'
             return response
         reason = ''
         for attempt in range(HOME_ATTEMPTS):
@@ -116,6 +128,22 @@ class MountSimulator(ManagedNode):
             'both axes have met their reference marks' if reading is not None else
             'both axes have passed their reference marks; no encoder answered')
         return response
+
+    def _until_calm(self):
+        """A future: whether commands have ceased."""
+        if self._calm is not None:
+            return self._calm[0]
+        future = Future()
+        self._calm = future, self._awake + CALMS
+        self._look_for_calm()
+        return future
+
+    def _look_for_calm(self):
+        future, until = self._calm
+        calm = self._awake - self._commanded > CALM
+        if calm or self._awake > until:
+            self._calm = None
+            future.set_result(calm)
 
     def _pass_marks(self, first, last):
         """A future of the first reading after the passage; None where none comes."""
@@ -176,6 +204,8 @@ class MountSimulator(ManagedNode):
         now = time.monotonic()
         self._awake += min(now - self._looked, 2.0 * self._period)
         self._looked = now
+        if self._calm is not None:
+            self._look_for_calm()
         if self._homing is not None and self._awake > self._homing[2]:
             self._passed(None)
 

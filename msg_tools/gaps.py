@@ -12,7 +12,8 @@ class SequenceGaps:
 
     The numbers come without the name of the publisher, so each is taken as the next of the
     publisher that it fits best. A jump is a loss, until the number before it comes after all:
-    then it was the first message from a publisher that was found late.
+    then it was the first message from a publisher that was found late. As long as fewer publishers
+    were heard than there are, it is the first message of one of these.
 
     Parameters
     ----------
@@ -25,11 +26,14 @@ class SequenceGaps:
         Messages lost.
     publishers : int
         Publishers told apart, those that were started anew counted again.
+    present : callable or None
+        Says how many publishers there are now, where that is known.
     """
 
     def __init__(self, latched=False):
         self.gaps = 0
         self.publishers = 0
+        self.present = None
         self._latched = latched
         self._next = {}  # number expected -> publishers that it is expected from
         self._jumps = {}
@@ -49,7 +53,7 @@ class SequenceGaps:
         below = None if number == 1 else max((n for n in following if n < number), default=None)
         # who was thought to have jumped far has not: hardly that another lost as many as lead here
         jump = self._jumps.get(number, 0)
-        if below is None or jump >= _FAR:
+        if below is None or jump >= _FAR or self._one_more():
             self._begin(number)
             return
         self._move(below, number + 1)
@@ -57,6 +61,9 @@ class SequenceGaps:
             self.gaps += number - below
             if len(self._jumps) < _JUMPS:
                 self._jumps[below] = number - below
+
+    def _one_more(self):
+        return self.present is not None and sum(self._next.values()) < self.present()
 
     def _begin(self, number):
         self.publishers += 1

@@ -132,6 +132,7 @@ class McapLogger(MountNode):
         sub = self.create_subscription(
             message, name, take, deep, raw=True,
             event_callbacks=NO_SUBSCRIPTION_EVENTS, **options)
+        counter.sequence.present = sub.get_publisher_count
         try:
             self._recorder.add_topic(
                 name, type_name, offers, self._type_hash(name, type_name))

@@ -140,6 +140,7 @@ class MountNode(ParameterNode):
             topic.message, topic.name, guarded, copy.copy(topic.qos),
             event_callbacks=NO_SUBSCRIPTION_EVENTS,
             qos_overriding_options=QoSOverridingOptions.with_default_policies())
+        counter.sequence.present = sub.get_publisher_count
         self._subscriptions_of.setdefault(sub.topic_name, []).append((sub, counter))
         return sub
 

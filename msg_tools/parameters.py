@@ -1,11 +1,17 @@
 """A node with declared parameters: range and unit, validated without side effects, then applied."""
 
-from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.msg import ParameterDescriptor, ParameterType, SetParametersResult
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from .params import OF_SITE, BadInput
+
+#: rclpy declares it for every node, and does not say what it is
+USE_SIM_TIME = ParameterDescriptor(
+    name='use_sim_time', type=ParameterType.PARAMETER_BOOL,
+    description='time is that of /clock (a simulated or replayed night), not of this machine; the '
+    'same for all nodes of a graph')
 
 
 class ParameterNode(Node):
@@ -30,6 +36,8 @@ class ParameterNode(Node):
         given = [Parameter(key, value=value) for key, value in (overrides or {}).items()]
         super().__init__(name, context=context, namespace=namespace, parameter_overrides=given,
                          start_parameter_services=True, enable_rosout=True)
+        if self.has_parameter(USE_SIM_TIME.name):
+            self.set_descriptor(USE_SIM_TIME.name, USE_SIM_TIME)
         self._params = {}
         self.declare(params)
         unknown = [key for key in self._parameter_overrides

@@ -3,6 +3,7 @@
     python -m msg_tools.running MODULE,MODULE... --ros-args ...
 """
 
+import faulthandler
 import gc
 import os
 import signal
@@ -17,6 +18,9 @@ from rclpy.signals import SignalHandlerOptions
 from .executor import NodeExecutor
 from .memory import large_apart
 from .node import MountNode
+
+#: s in which DDS lets go of nodes that have ended
+LETS_GO = 12.0
 
 
 def run_node(make_node, args=None):
@@ -103,10 +107,15 @@ def run_nodes(makers, args=None):
             executor.shutdown()
         for node in nodes:
             node.finish()
+        # Fast DDS may wait for ever while other nodes end too, and lets no Python run meanwhile
+        # (github.com/eProsima/Fast-DDS, 6513): files are closed, so this process ends, with code 1
+        faulthandler.dump_traceback_later(LETS_GO, exit=True, file=2)
+        for node in nodes:
             node.destroy_node()
         if executor is None:
             gc.collect()  # what was made of one that failed: it would stay in /dev/shm
         rclpy.try_shutdown()
+        faulthandler.cancel_dump_traceback_later()
         # a second signal would find rclpy's handlers gone and end the process hard
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, signal.SIG_IGN)

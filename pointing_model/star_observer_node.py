@@ -9,7 +9,8 @@ from functools import partial
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
-from rclpy.clock import Clock, ClockType
+from rclpy.clock import Clock, ClockType, JumpThreshold
+from rclpy.duration import Duration
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
@@ -23,6 +24,7 @@ from msg_tools.units import DEG
 from .apart import Asked
 from .in_force_topics import in_force_of
 from .observing.allowed_sky import AllowedSky
+from .observing.instrument_health import CLOCK_JUMP
 from .observing.instruments import ABSOLUTE, CAMERA, MOUNT, Instruments
 from .observing.night_file import NightFile
 from .observing.sequencer import Sequencer
@@ -115,6 +117,10 @@ class StarObserver(MountNode):
         self.serve('~/cancel', self._on_cancel)
         if self.value('renew_request_s'):
             self.every(self.value('renew_request_s'), self._renew)
+            # live; else the time of the graph waits for events, and readings are ahead of it
+            self._jumps = self.get_clock().create_jump_callback(JumpThreshold(
+                min_forward=None, min_backward=Duration(nanoseconds=-CLOCK_JUMP),
+                on_clock_change=False), post_callback=self._clock_back)
         self.every(0.5, self._look)
         # steady: the observer must see a time-out while simulated time stands still
         self.create_timer(0.05, self._sequencer.advance,
@@ -164,6 +170,10 @@ class StarObserver(MountNode):
     def _in_force_changed(self, topic):
         if topic is not topics.HOMING:
             self._sequencer.pointing_changed()
+
+    def _clock_back(self, _):
+        self._instruments.clock_back()
+        self._note_clock(True)
 
     def _note_clock(self, went_back):
         if went_back:

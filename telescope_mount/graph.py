@@ -139,7 +139,7 @@ def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time
             'slew_timing': 1.0,
             # one that is simulated in the south goes through the pole below the horizon
             'least_elevation_deg': -90.0 if below else 0.0,
-        } | ({'ahead_s': 1.5 * time_scale, 'request_timeout_s': 1.0,
+        } | ({'ahead_s': 1.5 * time_scale, 'request_timeout_s': 1.0, 'silence_s': 1.0,
                # half a second of the wall at full speed
                'behind_deg': min(2.0 + 3.0 * time_scale, 180.0)}
               if time_scale else {'renew_s': 0.0}) | (

@@ -27,7 +27,7 @@ from pointing_model.observing.clocks import offset_of
 from pointing_model.run_messages import cloud_to_run
 from pointing_model.zero_message import joints_to_zero
 
-from .verify_rows import RAW, Pairing, at_time
+from .verify_rows import RAW, Pairing, at_time, began_anew
 
 #: what the encoders said of their marks around a fit, so many are tried for its report
 _STATES = 3
@@ -60,7 +60,8 @@ def verify_log(bag, *, reference=None, seed=None, progress=None):
     Raises
     ------
     ValueError
-        Nothing derived is in the log, it holds the simulator's truth, or the reference is gone.
+        Nothing derived is in the log, it holds the simulator's truth, its time went back, or the
+        reference is gone.
     OSError
         It may not be read.
     """
@@ -70,6 +71,12 @@ def verify_log(bag, *, reference=None, seed=None, progress=None):
     name = next((t.name for t in log.topics if t.name.endswith('/observation') and t.count), None)
     if name is None:
         raise ValueError(f'{bag} has no observation in it; it is no log of a night')
+    back = began_anew(log)
+    if back:
+        raise ValueError(
+            f'{bag}: time went back at {at_time(back[0][0])} to {at_time(back[0][1])} (a simulator '
+            f'or replay was started anew): the log has {len(back) + 1} parts of the same time, '
+            'which cannot be told apart; start the whole graph anew with it, in another folder')
     check = _Check()
     prefix = name[:-len('observation')]
     rows = _read(log, prefix, check)

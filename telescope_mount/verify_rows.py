@@ -31,6 +31,26 @@ def at_time(stamp):
     return f'{stamp // 10**9}.{stamp % 10**9:09d} s'
 
 
+def began_anew(log):
+    """When the time of a log went back.
+
+    Parameters
+    ----------
+    log : BagReader
+
+    Returns
+    -------
+    list of (int, int)
+        Each time that ``/clock`` went back, in the order in which it was published: from and to
+        which time, ns.
+    """
+    clock = sorted((message.publish_time, stamp) for message in log.messages('/clock')
+                   if (stamp := _stamp_in(message)) is not None)
+    stamps = np.array([stamp for _, stamp in clock], np.int64)
+    back = np.flatnonzero(np.diff(stamps) <= -CLOCK_JUMP)
+    return [(int(stamps[i]), int(stamps[i + 1])) for i in back]
+
+
 class Pairing:
     """Observations from readings and exposures, as the observer makes them.
 

@@ -33,7 +33,8 @@ TOPICS = {
     'absolute/sigma': 'standard error of these readings as the image gives it, rad',
     'absolute/frame': 'image of the discs\' bars, one row an axis',
     'camera/miss_distance': 'star − boresight in the frame of the tube, rad; NaN: no star',
-    'ambient/temperature': 'air temperature, °C',
+    'ambient/temperature': 'air temperature, °C; the simulator gives it in scenarios with '
+                           '`weather` alone, else a driver of yours may',
     'inclinometer': 'what the base leans to the north (x) and west (y), rad',
     'observation': 'one star: catalogue place, readings, miss distance, air',
     'observations': 'all rows of the night so far',
@@ -207,12 +208,19 @@ def node_page(name, entry):
         lines += ['', 'It takes every topic of the graph that it is told to record.']
     if name == 'mcap_replay':
         lines += ['', 'It gives the topics that the log has.']
-    lines += ['', 'Every node reports on `/diagnostics` once a second.', '']
+    lines += ['', 'Every node reports on `/diagnostics` once a second.'
+              + (' As every managed node it tells each change of its state on `~/transition_event` '
+                 '(lifecycle_msgs/TransitionEvent).' if entry['managed'] else ''), '']
     for kind, title in (('services', 'Services'), ('asks', 'Services that it asks for')):
         if entry[kind]:
             lines += [f'## {title}', '', '| service | type | what it does |', '| --- | --- | --- |']
             lines += [f'| `{service}` | {entry[kind][service]} | {SERVICES[service]} |'
                       for service in sorted(entry[kind])] + ['']
+    if entry['managed']:
+        lines += ['As every managed node it has `~/get_state`, `~/change_state`, '
+                  '`~/get_available_states`, `~/get_available_transitions` and '
+                  '`~/get_transition_graph` (lifecycle_msgs), which `ros2 lifecycle` and '
+                  '`telescope-mount lifecycle` ask.', '']
     lines += ['## Parameters', '']
     if entry['params']:
         lines += ['| parameter | default | unit | range | what it does | |',
@@ -264,7 +272,10 @@ def index_page(found):
     lines = [HEAD, '# Nodes', '', 'A page for each: topics, services, and parameters with unit, '
              'range and default. Names are relative to the namespace `/mount`. '
              '[topics.md](../topics.md) lists the topics, [graph.md](../graph.md) shows how they '
-             'hang together.', '', '| node | package | what it is |', '| --- | --- | --- |']
+             'hang together.', '', 'Every node also has the parameter `use_sim_time` (default '
+             '`false`): whether time is that of `/clock`, as in a simulated or replayed night, or '
+             'of this machine. All nodes of a graph must have the same.', '',
+             '| node | package | what it is |', '| --- | --- | --- |']
     lines += [f'| [{name}]({name}.md) | {entry["module"].split(".")[0]} | '
               f'{_said(entry["doc"].strip().splitlines()[0])} |' for name, entry in found.items()]
     return '\n'.join(lines) + '\n'

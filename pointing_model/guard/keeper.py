@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from msg_tools.units import DEG, wrap
+from msg_tools.units import DEG
 
 from ..observing.pointing import Track
 from .judging import Judge
@@ -74,7 +74,7 @@ class Keeper:
         self._vias, self._heard, self._owner, self._last = [], 0.0, '', 0
         self._sent = 0  # when something was sent last, ns
         self._turns = None  # of the first axis, where a way led to the goal on another turn
-        self._out = []
+        self._out, self._halt, self._back = [], False, -math.inf
 
     # --- what comes in ------------------------------------------------------------------------
 
@@ -121,7 +121,9 @@ class Keeper:
         self._forget_future(now)
         ahead = (track.start - now) * 1e-9
         if ahead > FAR and not self._settings.whole:
-            raise self._refuse(track, f'a request for {ahead:.0f} s from now: send one of now')
+            text = f'a request for {ahead:.0f} s from now: send one of now'
+            # whoever asks may hear of a clock that was set back a moment later
+            raise (self._refuse(track, text) if self._wall() > self._back else ValueError(text))
         again = self._goal is not None and track.start == self._goal.start
         if not again and track.start == self._last:
             return  # it is over
@@ -133,7 +135,9 @@ class Keeper:
                 self._begin(now)
             return
         if track.start < self._last:
-            raise self._refuse(track, 'a request older than the one before: check its stamp')
+            text = 'a request older than the one before: check its stamp'
+            raise (ValueError(text) if self._last - track.start > FAR * 1e9  # ours will be set back
+                   else self._refuse(track, text))
         self._last, self._vias, self._turns = track.start, [], None
         self._goal = track if self._settings.whole else ended(track, self._limits.axes)
         if self.state != 'paused':
@@ -145,12 +149,20 @@ class Keeper:
         if self._settings.whole or max(self._last, self._sent) <= far:
             return False
         self._last = self._sent = 0
+        self._halt, self._back = True, self._wall() + FAR
         if self._goal is None and self._path is None:
             return False
         self._goal, self._path, self._vias, self._out = None, None, [], []
         if not self.locked:
             self._told('stopped', WARN, 'the clock was set back: ask anew')
         return True
+
+    def _halted(self, now):
+        """After that: a stop from the first reading of the new time, as nobody knows the way."""
+        if self._halt and self.readings.stamp <= now + round(0.5 * FAR * 1e9):
+            self._halt = False
+            if self._path is None and not self.readings.stand(STILL):
+                self._brake(now)
 
     def withdraw(self, now):
         """Nobody asks for anything any more: stop."""
@@ -183,8 +195,9 @@ class Keeper:
     def _begin(self, now):
         """Judge what is asked for from where the axes are, and set out."""
         goal, late = self._goal, 0.0
-        if self.readings.here is None or (not self._settings.whole and (
-                self.readings.doubtful or self.readings.quiet(self._settings.silence))):
+        if self.readings.here is None or not self._settings.whole and (
+                self._halt or self.readings.doubtful
+                or self.readings.quiet(self._settings.silence)):
             return self._told('waiting', WARN, UNKNOWN)
         if not self._settings.whole:
             late = (now - goal.start) * 1e-9
@@ -313,9 +326,9 @@ class Keeper:
     def _step(self, now, due):
         if self._forget_future(now):
             return
-        known = self.readings.here is not None
-        if self._alive and known and (
-                self.state == 'waiting' or (self.state == 'stopping' and self._stands())):
+        self._halted(now)
+        if self._alive and self.readings.here is not None and (self.state == 'waiting' or (
+                self.state == 'stopping' and self.readings.stand(STILL))):
             self._begin(now)
         if not self._settings.whole and self._path is not None:
             if self._hung(now):
@@ -372,20 +385,16 @@ class Keeper:
             angle, rate = self._moment(self.readings.stamp, i)
             off = abs(self.readings.here[i] - angle)
             if off > self._settings.behind + LAG * abs(rate):
-                return (f'the {word} is {off / DEG:.1f} deg from where it was sent: stopped; look '
-                        'at its drive and encoder, and call resume')
+                return (f'the {word} is {off / DEG:.1f} deg from where it was sent: stopped; '
+                        'somebody homed it, or look at its drive and encoder; then call resume')
         return ''
-
-    def _stands(self):
-        return (self.readings.here is not None
-                and float(np.nanmax(np.abs(self.readings.rate))) < STILL)
 
     def _at(self, place, now):
         if self._path is None:
             return False
         start, moves, _ = self._path
         over = not moves or (now - start) * 1e-9 >= max(move.end for move in moves)
-        return over and self._stands() and all(
+        return over and self.readings.stand(STILL) and all(
             abs(a - b) < REACHED for a, b in zip(self.readings.here, place))
 
     # --- services -----------------------------------------------------------------------------
@@ -427,13 +436,7 @@ class Keeper:
         if max(map(abs, state.rates)) > 2.0 * STILL:
             self._brake(now)  # it is a way of its own from there
             state = State(tuple(self._out[-1].angles[-1].tolist()))
-        there = np.array([place[0], place[1]], float)
-        if self._limits.mount.altaz:
-            there[0] = state.angles[0] + wrap(place[0] - state.angles[0])
-            axis = self._judge.limits.axes[0]
-            if not axis.low <= there[0] <= axis.high:
-                there[0] = place[0]
-        sun = self._sun_at(now)
+        there, sun = self._judge.limits.nearest_turn(place, state.angles[0]), self._sun_at(now)
         found, vias = self._judge.way(state.angles, there, sun, self._pole), []
         if not isinstance(found, Allowed):
             vias = found.cubic is not None and around(

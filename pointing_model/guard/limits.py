@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from msg_tools.units import DEG
+from msg_tools.units import DEG, wrap
 
 from ..mounts import ALTAZ, Mount
 
@@ -165,6 +165,12 @@ class Limits:
             return first, second
         return tuple(angle + _TURN * round((0.5 * (axis.low + axis.high) - angle) / _TURN)
                      for angle, axis in zip((first, second), self.axes))
+
+    def nearest_turn(self, place, here):
+        """A place, rad, with the azimuth on the turn nearest to `here` if its travel has it."""
+        first = here + wrap(place[0] - here) if self.mount.altaz else place[0]
+        return np.array([first if self.axes[0].low <= first <= self.axes[0].high else place[0],
+                         place[1]])
 
     def __post_init__(self):
         for axis, word in zip(self.axes, self.mount.names.axes):

@@ -85,6 +85,10 @@ class Readings:
         """Whether the last reading contradicts `here`, and is not believed yet."""
         return self._jumped is not None
 
+    def stand(self, still):
+        """Whether both axes are known to be slower than `still`, rad/s."""
+        return self.here is not None and float(np.nanmax(np.abs(self.rate))) < still
+
     def _again(self, angles):
         """Whether readings keep to where one jumped to."""
         near = self._jumped is not None and np.all(np.abs(angles - self._jumped) < FARTHER)

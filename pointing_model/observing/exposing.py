@@ -69,8 +69,11 @@ class Exposer:
         """With a new model or zero, what was learned of the stars before is in it."""
         self._carried = np.zeros(2)
 
-    def watch(self):
-        """Say whether the axes follow what is commanded, while an exposure is waited for."""
+    def watch(self, now):
+        """Say whether the axes follow what is commanded, while an exposure is waited for.
+
+        `now` is of the clock of the instruments that goes on, s.
+        """
         instruments = self._instruments
         if self._following is None or not instruments.homed:
             return
@@ -79,7 +82,7 @@ class Exposer:
             text = (f'moves by {swings[-1] / ARCSEC:.2g} arcsec beside its track within an '
                     f'exposure, smear_arcsec = {self._out.value("smear_arcsec"):g}')
         instruments.health.axes(
-            MOUNT, self._following.say(instruments.stamp, instruments.here,
+            MOUNT, self._following.say(instruments.stamp, instruments.here, now,
                                        self._out.sent(instruments.stamp)) or text)
 
     def observe(self, target, block, blind=False):
@@ -271,11 +274,11 @@ class Exposer:
         track = track_to(pointing, self.commanded, self._conditions(), value('slew_rate_deg_s'))
         instruments.exposures.begin(track.start, track.times, track.angles)
         self._out.send_command(track)
-        instruments.ask()
-        before = instruments.here
+        asked, before = instruments.ask(), instruments.here
         self._following = FollowingCheck(
             track, before, self._out.mount(),
-            max(OFF_TARGET, value('on_target_arcsec') * ARCSEC), self._out.own_way())
+            max(OFF_TARGET, value('on_target_arcsec') * ARCSEC), self._out.own_way(), asked)
+        began = instruments.began
         take = partial(instruments.exposures.take, value('on_target_arcsec') * ARCSEC,
                        self._out.refuse_frame, value('exposure_s'),
                        value('smear_arcsec') * ARCSEC)
@@ -287,7 +290,8 @@ class Exposer:
             # a slew may take as long as the track
             return (found is not None or self._out.refusal(track.start) or held()
                     or instruments.silent(value('answer_timeout_s'))
-                    or not instruments.homed or instruments.stamp > track.end)
+                    or not instruments.homed or instruments.stamp > track.end
+                    or instruments.began != began)
 
         yield answered
         self._following = None

@@ -65,7 +65,7 @@ class FaultWatch:
         """
         if begun:
             self._instruments.watch(self._out.value('answer_timeout_s'))
-            self._exposer.watch()
+            self._exposer.watch(now)
         found = dict(self._instruments.health.told)
         # what the graph lacks comes and goes while it is discovered
         if waits.partition(':')[0] != self._waits[0].partition(':')[0]:

@@ -4,10 +4,11 @@ import numpy as np
 
 from msg_tools.units import ARCSEC, DEG, wrap
 
-#: an axis must come nearer to its demand within so long, ns, by so much, rad
-WITHIN, NEARER = 1_500_000_000, 5.0 * ARCSEC
-#: one that swings has longer, ns
-SWINGS = 6_000_000_000
+#: an axis must come nearer to its demand within so long, s, by so much, rad; of the graph's time
+#: and of the wall's: simulated time may pass quickly, and messages and looks take as long as ever
+WITHIN, NEARER = 1.5, 5.0 * ARCSEC
+#: one that swings has longer, s
+SWINGS = 6.0
 #: an axis that is farther by so much than at the command went the wrong way, rad
 AWAY = 1.0 * DEG
 
@@ -25,16 +26,19 @@ class FollowingCheck:
         A smaller distance from the demand is no fault, rad.
     own_way : bool
         The mount is told places, and slews to them as it likes: axis after axis, with rests.
+    asked : float
+        When it was commanded, s of the wall.
     """
 
-    def __init__(self, track, here, mount, near, own_way=False):
+    def __init__(self, track, here, mount, near, own_way=False, asked=0.0):
         self._track, self._mount, self._near, self._own = track, mount, near, own_way
         self._here = np.array(here)
         self._first = self._least = None
-        self._since = np.zeros(2, np.int64)
+        #: of each axis, s: by the graph's time since the track began, and by the wall's
+        self._since = np.tile((0.0, asked), (2, 1))
         self._sent = None
 
-    def say(self, stamp, here, sent=None):
+    def say(self, stamp, here, wall, sent=None):
         """What is wrong by a reading, '' where nothing is.
 
         Parameters
@@ -43,6 +47,8 @@ class FollowingCheck:
             ns.
         here : ndarray, shape (2,)
             rad.
+        wall : float
+            Of the clock of `asked`, s.
         sent : ndarray, shape (2,), optional
             Where the mount was sent at that moment, rad: it may have to go around something, or
             the longer way because of its cables.
@@ -55,6 +61,7 @@ class FollowingCheck:
         if not track.start <= stamp <= track.end or not np.isfinite(here).all():
             return ''
         at = (stamp - track.start) * 1e-9
+        now = at, wall
         demand = np.array([np.interp(at, track.times, axis) for axis in track.angles.T])
         way = here - demand
         if self._mount.altaz:  # its reading may wrap; that of others is on the mount's travel
@@ -62,31 +69,31 @@ class FollowingCheck:
         left = np.abs(way)
         if self._first is None:
             self._first, self._least = left, left
+            self._since[np.abs(wrap(here - self._here)) > NEARER] = now
             self._then = self._here, way  # reading and way when it was nearest
-            self._since[:] = track.start
             self._sent = None if sent is None else (here, sent)
-            return self._stuck(stamp, here, demand, way)
+            return self._stuck(now, here, demand, way)
         if self._own:
             # neither standing nor going along beside the track
             goes = (np.abs(wrap(here - self._then[0])) > NEARER) & (
                 np.abs(way - self._then[1]) > NEARER)
             if goes.any():
-                self._then, self._since[:] = (here, way), stamp
-            return self._stuck(stamp, here, demand, way)
+                self._then, self._since[:] = (here, way), now
+            return self._stuck(now, here, demand, way)
         # of its own: a demand that comes toward an axis that stands tells nothing
         nearer = (left < self._least - NEARER) & (np.abs(wrap(here - self._then[0])) > NEARER)
         self._least = np.where(nearer, left, self._least)
-        self._since[nearer] = stamp
+        self._since[nearer] = now
         self._then = tuple(np.where(nearer, now, then)
                            for now, then in zip((here, way), self._then))
         as_sent = self._as_sent(here, demand, sent)
-        self._since[as_sent] = stamp
+        self._since[as_sent] = now
         names = self._mount.names.axes
         for axis in (0, 1):
             if left[axis] > self._first[axis] + AWAY and not as_sent[axis]:
                 return (f'{names[axis]} moves away from its demand: reversed, or the axes are '
                         'exchanged')
-        return self._stuck(stamp, here, demand, way)
+        return self._stuck(now, here, demand, way)
 
     def _as_sent(self, here, demand, sent):
         """Axes that go where they are sent, which is not yet their demand, shape (2,)."""
@@ -100,13 +107,14 @@ class FollowingCheck:
         comes = off < np.abs(wrap(before[0] - sent)) - NEARER
         return ~there & (comes | ((off < AWAY) & (still | (moved > NEARER))))
 
-    def _stuck(self, stamp, here, demand, way):
+    def _stuck(self, now, here, demand, way):
         sky = way * (np.cos(demand[1]), 1.0)
         # an axis that stands, or goes along beside its track
         still = (np.abs(wrap(here - self._then[0])) < NEARER) | (
             np.abs(way - self._then[1]) < NEARER)
         stuck = (np.abs(sky) > self._near) & (
-            stamp - self._since >= np.where(still & (not self._own), WITHIN, SWINGS))
+            (np.array(now) - self._since).min(axis=1)
+            >= np.where(still & (not self._own), WITHIN, SWINGS))
         if not stuck.any():
             return ''
         if np.abs(wrap(here - self._here)).max() < NEARER:

@@ -192,6 +192,10 @@ class InstrumentHealth:
         else:
             self._others.pop(name, None)
 
+    def forget_stamps(self):
+        """The clock of the graph began anew."""
+        self._stamps.clear()
+
     def stamp(self, name, stamp, now):
         """Take the stamp of a message.
 

@@ -54,6 +54,8 @@ class Instruments:
         none, each time that it has been homed.
     power_on, absolute_power_on : PowerOn or None
         What the incremental and the absolute encoder tell of it.
+    began : int
+        How often the clock of the graph began anew.
     names : tuple of str
         Of the instruments that there are.
     health : InstrumentHealth
@@ -69,7 +71,7 @@ class Instruments:
         self.names = (MOUNT, ABSOLUTE, CAMERA) if absolute else (MOUNT, CAMERA)
         self.exposures = Exposures(ENCODERS if absolute else ENCODERS[:1])
         self.stamp, self.here, self.rate = 0, None, None
-        self.homed = False
+        self.homed, self.began = False, 0
         self.run = self._newest = first_run - 1
         self.power_on, self._frame = None, ''
         self.absolute_power_on = None
@@ -160,6 +162,12 @@ class Instruments:
             raise ValueError(reason)
         self.exposures.add_frame(stamp, x, y)
 
+    def clock_back(self):
+        """The clock of the graph began anew: stamps of before are those of a time to come."""
+        self.exposures.forget()
+        self.health.forget_stamps()
+        self.stamp, self.began = 0, self.began + 1
+
     def _check_stamp(self, name, stamp):
         now = self._now()
         if now and not self._live:
@@ -232,9 +240,11 @@ class Instruments:
         self._heard[name] = self._wall()
 
     def ask(self):
-        """All of them are to answer from now on."""
-        self._asked = dict.fromkeys(self.names, self._wall())
+        """All of them are to answer from now on, which is returned; wall s."""
+        now = self._wall()
+        self._asked = dict.fromkeys(self.names, now)
         self._heard = dict(self._asked)
+        return now
 
     def silent(self, seconds):
         """Names of those that have said nothing for so long."""

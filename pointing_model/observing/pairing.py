@@ -253,6 +253,13 @@ class Exposures:
         self._frames.clear()
         self.restless = []
 
+    def forget(self):
+        """The clock began anew: what was read before is of no time that will be asked for."""
+        for readings in self._readings.values():
+            readings.clear()
+        self._frames.clear()
+        self._track = None
+
     def add_reading(self, encoder, stamp, angle):
         """Take a reading.
 
@@ -346,6 +353,8 @@ class Exposures:
         (int, ndarray) or None
             Stamp in ns and miss distance (2,) in rad; None where there is none yet.
         """
+        if self._track is None:
+            return None
         start, times, track = self._track
         half = half_of(exposure)
         while self._frames:

@@ -177,3 +177,23 @@ def test_the_first_axis_of_a_german_mount_never_takes_its_counterweight_up():
     with pytest.raises(ValueError, match='hour angle from 189.000 to 191.000'):
         mount.follow(at, Trajectory([at, at + 500.0], np.array([[189, 200], [191, 200]]) * DEG,
                                     np.zeros((2, 2))))
+
+
+def test_a_target_that_slews_and_comes_to_rest_is_met_however_late_it_is_heard_of():
+    """As the pieces of a slew, that a mount hears of seconds late where its time is fast."""
+    limits = AxisLimits(max_rate=6.0 * DEG, max_acceleration=3.0 * DEG, settling_time=1.0)
+    rng, hard = np.random.default_rng(11), 0
+    for _ in range(300):
+        begin, rate, time = rng.uniform(-60.0, 60.0), rng.uniform(-4.8, 4.8), rng.uniform(1.0, 15.0)
+        brakes = abs(rate) / 2.4
+        end = begin + rate * (time + 0.5 * brakes)
+        track = Trajectory([0.0, time, time + brakes], np.array(
+            [[begin, 0.0], [begin + rate * time, 0.0], [end, 0.0]]) * DEG, np.array(
+            [[rate, 0.0], [rate, 0.0], [0.0, 0.0]]) * DEG)
+        leg = catch_up(rng.uniform(0.0, 5.0), (rng.uniform(-90.0, 90.0) * DEG, 0.0),
+                       (rng.uniform(-4.0, 4.0) * DEG, 0.0), track, (limits, limits))
+        met = leg.arrival[0]
+        hard += met > time
+        here, want = leg.state(met - 1e-6)[0], track.at(np.array([met]))[0]
+        assert abs(here[0, 0] - want[0, 0]) < 1e-3 * DEG
+    assert hard > 50

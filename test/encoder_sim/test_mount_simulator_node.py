@@ -261,6 +261,18 @@ def test_live_the_servo_closes_too(graph, drifting):
     assert 'is inactive' in graph.call('home').message
 
 
+def test_live_home_is_refused_while_somebody_moves_the_mount(graph):
+    desk = Desk(graph, time_scale=10.0)
+    graph.wait_for(lambda: desk.clock)
+    timer = graph.tester.create_timer(0.1, lambda: desk.pub.publish(convert.trajectory(
+        desk.now(), [0.0], [np.array([182.0, 47.0]) * DEG], [[0.0, 0.0]])))
+    graph.wait_for(lambda: desk.node._commanded >= 0.0, 'a command')
+    answer = graph.call('home')
+    assert not answer.success and 'commands move the mount; cancel the plan' in answer.message
+    timer.cancel()
+    assert graph.call('home').success  # who homes may have withdrawn what it asked for just now
+
+
 @pytest.mark.parametrize('overrides, text', [
     ({'time_scale': -1.0}, 'must be 0.0 to 1000.0'),
     ({'scenario': 'no_such'}, 'no_such'),

@@ -33,6 +33,17 @@ def test_a_latched_topic_may_skip():
     assert count([1, 5, 9], latched=True) == (0, 1)
 
 
+def test_whoever_was_not_heard_yet_begins_somewhere():
+    gaps = SequenceGaps()
+    gaps.present = lambda: 3
+    for number in (170, 40, 3000, 171, 41, 3001):  # a listener that comes late
+        gaps.add(number)
+        assert gaps.gaps == 0
+    assert gaps.publishers == 3
+    gaps.add(45)
+    assert (gaps.gaps, gaps.publishers) == (3, 3)
+
+
 def test_interleaved_publishers_with_losses():
     """The total is right as long as no publisher overtakes another by its losses."""
     rng = random.Random(4)

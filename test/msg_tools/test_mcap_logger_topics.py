@@ -175,6 +175,22 @@ def test_losses_are_counted_for_each_publisher(graph, tmp_path):
     assert rows['lost /lab/numbers'] == '3 of 2 publishers'
 
 
+def test_a_logger_that_comes_late_counts_from_the_first_message_of_each_publisher(graph, tmp_path):
+    pubs = [graph.publisher(NUMBERS) for _ in range(3)]
+    for pub, sent in zip(pubs, (170, 40, 300)):
+        for i in range(sent):
+            pub.publish(number(i))
+    logger = add(graph, tmp_path, topics=['/lab/numbers'])
+    graph.wait_for(lambda: all(pub.get_subscription_count() for pub in pubs), 'the logger')
+    sub, counter = logger._recorded['/lab/numbers']
+    graph.wait_for(lambda: sub.get_publisher_count() == 3, 'all publishers')
+    for count in range(1, 7):
+        pubs[count % 3].publish(number(count))
+        graph.wait_for(lambda n=count: counter.count == n)
+        assert counter.gaps == 0
+    assert counter.sequence.publishers == 3
+
+
 def call(graph, name):
     answer = graph.call(f'/mount/mcap_logger/{name}')
     return answer.success, answer.message

@@ -7,6 +7,7 @@ pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportErr
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
+from rcl_interfaces.msg import ParameterType
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 
@@ -113,6 +114,8 @@ def test_descriptors_tell_range_and_unit(graph):
     assert (limits.from_value, limits.to_value) == (0, 10)
     assert 'red, blue' in node.describe_parameter('colour').additional_constraints
     assert node.describe_parameter('start').read_only
+    clock = node.describe_parameter('use_sim_time')
+    assert '/clock' in clock.description and clock.type == ParameterType.PARAMETER_BOOL
     assert not speed.read_only
 
 

@@ -75,6 +75,22 @@ def test_a_night_is_the_same_to_the_bit(night):
     assert report['checked']['model'] == report['checked']['report'] == 1
 
 
+def test_a_log_in_which_time_went_back_is_refused_in_one_line(night, tmp_path):
+    source = BagReader(night / 'bag')
+    count, seen = next(t.count for t in source.topics if t.name == '/clock'), []
+
+    def change(topic, data):  # as of a simulator that was started anew amid the night
+        if topic == '/clock':
+            seen.append(data)
+            if len(seen) > count // 2:
+                return seen[len(seen) - 1 - count // 2]
+        return data
+    bag = rewrite(night / 'bag', tmp_path / 'bag', change)
+    with pytest.raises(ValueError, match=r'time went back at 17\d+\.\d+ s to 17.*2 parts'):
+        verify_log(bag)
+    assert main(['verify', str(bag)]) == 2
+
+
 def test_a_node_that_was_logged_late(night, tmp_path):
     late = ('/mount/camera/miss_distance', '/mount/absolute/joint_states')
     bag = rewrite(night / 'bag', tmp_path / 'bag', lambda topic, data: data, late=late)

@@ -270,10 +270,33 @@ def test_a_request_from_the_future_is_refused_and_locks_nobody_out(mount):
 
 def test_a_clock_that_is_set_back_ends_what_was_asked_for_and_no_more(mount):
     mount.ask(40.0, 60.0).run(5.0)
-    mount.asked, there = None, mount.here
-    mount.sent, mount.start = [], mount.start - 3600 * 10**9
+    mount.asked, there, late = None, mount.here, mount.asked
+    early = late._replace(start=late.start - 3600 * 10**9)
+    with pytest.raises(ValueError, match='older'):  # who asks has heard of it before the guard
+        mount.keeper.take_request(early, mount.now, 'observer')
+    mount.sent, mount.start, mount.speed = [], mount.start - 3600 * 10**9, np.zeros(2)
     mount.run(0.2)
+    with pytest.raises(ValueError, match='send one of now'):  # who asks has not heard of it yet
+        mount.keeper.take_request(late, mount.now, 'observer')
+    assert mount.keeper.refused == (0, '')
     assert (mount.state, mount.keeper.reason) == ('stopped', 'the clock was set back: ask anew')
     assert mount.sent == [] and np.all(mount.here == there)
     assert mount.ask(40.0, 60.0).run(20.0).state == 'following'
     assert np.abs(off(mount)).max() < 30.0
+
+
+def test_a_mount_that_goes_on_after_its_clock_was_set_back_is_stopped_from_its_own_reading(mount):
+    mount.ask(140.0, 60.0).run(5.0)
+    mount.asked, going = None, mount.sent[-1]
+    mount.sent, mount.start = [], mount.start - 3600 * 10**9
+    keeper, speed = mount.keeper, mount.speed[0]
+    assert speed > 2.0 * DEG
+    # no reading of the new time yet: nothing is known
+    mount.time += 0.05
+    assert keeper.step(mount.now) == [] and keeper.step(mount.now) == []
+    here = mount.here + np.array([0.05 * speed, 0.0])
+    keeper.take_reading(mount.now, here, mount.speed)
+    stop, = keeper.step(mount.now)
+    assert stop.start == mount.now < going.start and np.all(stop.angles[0] == here)
+    assert stop.rates[0, 0] == speed and not stop.rates[-1].any()
+    assert keeper.step(mount.now) == [] and keeper.state == 'stopped'

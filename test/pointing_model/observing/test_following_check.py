@@ -11,19 +11,23 @@ SECOND = 10**9
 SPEED = 4.0 * DEG
 
 
-def says(moves, sent, seconds=40.0, drift=0.1, **how):
-    """All sentences about azimuths of a mount that is asked to go from 100 to -80 deg."""
+def says(moves, sent, seconds=40.0, drift=0.1, scale=1.0, late=0.0, **how):
+    """All sentences about azimuths of a mount that is asked to go from 100 to -80 deg.
+
+    Looks are half a second of the wall apart, of which the mount needs `late` to hear of it.
+    """
     times = np.array([0.0, 60.0])
     demand = np.array([[-80.0, 40.0], [-80.0 + drift, 40.0]]) * DEG
     here = np.array([100.0, 40.0]) * DEG
     check = FollowingCheck(Track(0, times, demand, np.zeros((2, 2))), here, ALTAZ, 60.0 * ARCSEC,
                            **how)
     found = {}
-    for i in range(round(seconds / 0.5)):
-        t = 0.5 * i
-        place = np.array([moves(t), 40.0 * DEG])
-        wanted = None if sent is None else np.array([sent(t), 40.0 * DEG])
-        text = check.say(round(t * SECOND), place, wanted)
+    for i in range(round(seconds / 0.5 / scale)):
+        t = 0.5 * i * scale
+        gone = max(0.0, t - late * scale)
+        place = np.array([moves(gone), 40.0 * DEG])
+        wanted = None if sent is None else np.array([sent(gone), 40.0 * DEG])
+        text = check.say(round(t * SECOND), place, 0.5 * i, wanted)
         if text:
             found.setdefault(text, t)
     return found
@@ -51,6 +55,27 @@ def test_an_axis_that_rests_where_it_is_sent_on_the_way_around_is_no_fault():
 def test_an_axis_that_does_not_go_where_it_is_sent_is_named_in_time():
     (text, when), *_ = says(lambda t: 100.0 * DEG, to(280.0)).items()
     assert text == 'no axis has moved since the command' and when <= 1.5
+
+
+def test_where_time_is_fast_the_way_of_messages_and_looks_is_no_fault():
+    for scale in (5.0, 20.0, 50.0):
+        for late in (0.0, 0.2, 0.7):
+            assert says(to(280.0), to(280.0), scale=scale, late=late, seconds=55.0) == {}
+            assert says(to(-70.0), None, scale=scale, late=late, seconds=42.0, drift=6.0) == {}
+    (text, when), *_ = says(lambda t: 100.0 * DEG, to(280.0), scale=5.0).items()
+    assert text == 'no axis has moved since the command' and when <= 5.0 * 2.0
+
+
+def test_where_time_is_slow_an_axis_has_its_time_to_set_out():
+    assert says(lambda t: to(280.0)(max(t - 1.0, 0.0)), None, scale=0.1, seconds=3.0) == {}
+
+
+def test_an_axis_that_moves_at_a_first_look_that_comes_late_is_no_fault():
+    check = FollowingCheck(Track(0, np.array([0.0, 60.0]), np.tile((-1.0, 0.7), (2, 1)),
+                                 np.zeros((2, 2))), np.array([1.0, 0.7]), ALTAZ, 1e-4)
+    assert check.say(3 * SECOND, np.array([0.8, 0.7]), 3.0) == ''
+    assert check.say(4 * SECOND, np.array([0.8, 0.7]), 4.0) == ''
+    assert 'stays' in check.say(5 * SECOND, np.array([0.8, 0.7]), 5.0)
 
 
 def test_an_axis_that_ends_beside_its_demand_is_named():

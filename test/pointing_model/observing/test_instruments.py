@@ -1,6 +1,7 @@
 """Which power-on a reading is of, by what the encoder tells and where it tells nothing."""
 
 import numpy as np
+import pytest
 
 from msg_tools.power_on import PowerOn
 from pointing_model.observing.instruments import Instruments
@@ -81,3 +82,17 @@ def test_without_a_word_of_the_encoder_it_gets_a_number_of_its_own():
     read()
     read.instruments.remember_runs([1, 2], [np.nan, np.nan])
     assert read.instruments.run == read() == 3
+
+
+def test_where_the_clock_began_anew_readings_of_before_are_forgotten():
+    now = [100 * 10**9]
+    read = Instruments(now=lambda: now[0])
+    read.exposures.begin(now[0], np.array([0.0, 600.0]), np.zeros((2, 2)))
+    read.take_incremental(now[0], HERE, (0.0, 0.0))
+    now[0] = 2 * 10**9
+    with pytest.raises(ValueError, match='run back'):  # of the track that was commanded
+        read.take_incremental(now[0], HERE, (0.0, 0.0))
+    read.clock_back()
+    assert (read.stamp, read.began) == (0, 1) and read.exposures.take(1.0, print) is None
+    read.take_incremental(now[0], HERE, (0.0, 0.0))
+    assert read.stamp == now[0]

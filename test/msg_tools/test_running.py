@@ -1,0 +1,33 @@
+"""How a process of nodes ends."""
+
+import subprocess
+import sys
+
+HANGS = """
+import ctypes, sys
+from msg_tools import running
+from msg_tools.node import MountNode
+
+class Held(MountNode):
+    def __init__(self):
+        super().__init__('held')
+        self.every(0.01, self.end)
+
+    def end(self):
+        raise KeyboardInterrupt
+
+    def finish(self):
+        print('files are closed', flush=True)
+
+    def destroy_node(self):  # as DDS may: for ever, and no Python runs meanwhile
+        ctypes.PyDLL(None).pause()
+
+running.LETS_GO = 0.2
+sys.exit(running.run_nodes([Held]))
+"""
+
+
+def test_a_process_that_dds_does_not_let_go_of_ends_all_the_same_with_its_files_closed():
+    done = subprocess.run([sys.executable, '-c', HANGS], capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout) == (1, 'files are closed\n'), done.stderr
+    assert 'destroy_node' in done.stderr
