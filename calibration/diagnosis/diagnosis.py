@@ -144,7 +144,8 @@ def _in_memory(obs, base, alpha, rng, flips, folds, ways, progress):
     base_fit, fitted = _fits(work, found, left, mixed)
     result = _assemble(work, found, chosen.stands, (base_fit, fitted), chance)
     if left is not None:
-        result.told_of_wander(wander_entry(left, problem, obs.context, found.chosen))
+        result.told_of_wander(wander_entry(left, problem, obs.context, found.chosen,
+                                           result.residual_after))
     if errors:
         if not found.chosen:  # the model stays as it was
             errors.before, errors.stretches = errors.after, {

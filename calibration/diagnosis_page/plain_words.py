@@ -140,8 +140,11 @@ def _told(document, effects, limit, caution):
                 'Neighbouring rows err alike: the zero wanders, or the direction has an error '
                 f'that no effect describes{_drifts(document)}', [*_wander(document), *odd], [],
                 ['No effect is added. Observe once more in an order that mixes the sky.', *last])
+        what = 'The zero wanders, and what moves it is not known' if not \
+            document['wander'].get('like') else \
+            'The zero wanders, or something that these rows do not tell from it'
         return Verdict(
-            f'The zero wanders, and what moves it is not known{_drifts(document)}',
+            f'{what}{_drifts(document)}',
             [*_wander(document), *odd], [],
             ['No effect is added. How far the zero can be trusted is part of the model: set it '
              'anew as often as that asks for.', *last])
