@@ -11,6 +11,7 @@ from .base import Base, mount_of, observations
 from .chance import Chance
 from .choosing import choose, settled
 from .constants import FLIPS, FOLDS, SET_WIDTH, STREAMED_FROM
+from .contenders import contenders
 from .detectable import detectable
 from .expected import expected_error
 from .input_check import check_columns
@@ -169,9 +170,13 @@ def _in_memory(obs, base, alpha, rng, flips, folds, ways, progress):
         result.detectable = detectable(work.problem, chance, alpha)
     if left is not None and mixed:
         result.notes += _without_memory(work, found, fitted)
-    if result.verdict == 'ambiguous':
-        result.next_observations, result.no_star = propose(problem, obs, base, found,
-                                                           chosen.stands)
+    rivals = contenders(problem, chosen, errors.chosen if errors else [])
+    for entry, some in zip(result.effects[len(work.slips):], rivals):
+        entry.contenders = [one.entry for one in some]
+    if result.verdict == 'ambiguous' or any(one.entry['open'] for some in rivals for one in some):
+        result.next_observations, result.no_star = propose(
+            problem, obs, base, found, chosen.stands,
+            [[one.group for one in some if one.entry['open']] for some in rivals])
     return result
 
 

@@ -10,17 +10,16 @@ from calibration.term_notes import said_of_term
 from pointing_model.effects.base import arcsec, readable
 from pointing_model.mounts import KINDS
 
+from .causes import counted, first_check, open_causes
 from .told import (
     FITTED,
     HELD,
     LEFT_OUT,
     STAYS,
     best_pair,
-    counted,
-    first_check,
     model_words,
     next_sentence,
-    open_causes,
+    repeat_sentence,
     way,
 )
 
@@ -152,7 +151,8 @@ def _told(document, effects, limit, caution):
     axes = KINDS[document.get('mount') or 'altaz'].axes
     first, rest = [*odd, caution, *bad_nights(document, axes)], [worst_sentence(document), *last]
     (first if slow_is_largest(document) else rest)[:0] = _wander(document)
-    return Verdict(_headline(document, effects), [*first, count_sentence(document)],
+    return Verdict(_headline(document, effects),
+                   [*first, count_sentence(document), repeat_sentence(document)],
                    ranked[:limit], rest, smaller=ranked[limit:])
 
 
