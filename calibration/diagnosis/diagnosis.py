@@ -17,9 +17,10 @@ from .expected import expected_error
 from .input_check import check_columns
 from .next_observations import propose
 from .rechosen import choose_with_rivals, with_rivals
+from .repeats import repeats_sentence
 from .resampling import radial_arcsec
 from .result import DiagnosedEffect, cause_entry, concluded, diagnosed, hidden, ranking_of
-from .rows_told import claimed
+from .rows_told import claimed, row_word
 from .scores import Bank
 from .sessions import arrange, split
 from .streamed import diagnose_streamed
@@ -144,6 +145,9 @@ def _in_memory(obs, base, alpha, rng, flips, folds, ways, progress):
     _refine_steps(work, found)
     base_fit, fitted = _fits(work, found, left, mixed)
     result = _assemble(work, found, chosen.stands, (base_fit, fitted), chance)
+    twice = repeats_sentence(problem.sequence.group, obs.lines, result.residual_after,
+                             row_word(obs.run))
+    result.notes += [twice] * bool(twice)
     if left is not None:
         result.told_of_wander(wander_entry(left, problem, obs.context, found.chosen,
                                            result.residual_after))

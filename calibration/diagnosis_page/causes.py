@@ -60,18 +60,19 @@ def contenders_sentence(row, found):
     """
     said = []
     for one in row.get('contenders') or ():
-        text = f'{plain(one["cause"])[:1].upper()}{plain(one["cause"])[1:]}'
+        text = short_cause(one['cause'])
+        text = f'{text[:1].upper()}{text[1:]}'
         gains = (f'alone it explains the rows as well (ΔBIC {one["alone"]:.0f}, against '
                  f'{one["found_alone"]:.0f})' if abs(one['alone'] - one['found_alone']) < SET_WIDTH
                  else '')
         behind = (f'with all effects in the model it is {one["behind"]:.0f} behind in ΔBIC'
                   if one['behind'] > 0.0 else '')
-        often = (f'it was chosen instead {one["instead"]} of {one["folds"]} times that a part of '
-                 'the rows was left out' if one['instead'] else '')
+        often = (f'it was chosen instead {one["instead"]} of the {one["folds"]} times that a part '
+                 'of the rows was left out' if one['instead'] else '')
         told = ', but '.join(filter(None, [' and '.join(filter(None, [gains, often])), behind]))
         said.append(f'{text} {"is not excluded" if one["open"] else "lost its place"}: {told}.')
     if still_open(row) and len(row.get('causes') or ()) < 2:
-        said.insert(0, f'With all rows {plain(found)} fits best.')
+        said.insert(0, f'With all rows fits best: {short_cause(found)}.')
     return ' '.join(said)
 
 
@@ -112,11 +113,11 @@ def first_check(document, row):
 
 def _only_check(row, cause):
     """What to look at for the one cause that fits best, and for what contends with it."""
-    more = ''.join(f'; for the {short_cause(one["cause"])}: {one["look_at"]}'
+    more = ''.join(f'; for "{short_cause(one["cause"])}": {one["look_at"]}'
                    for one in still_open(row) if one.get('look_at'))
-    text = f'Look at {cause["look_at"]}{more}' + (
-        # the shape is all that speaks for it: what else repeats so often may make it
-        ', and what else bends or runs out as often.' if cause.get('only_shape') else '.')
+    # the shape may be all that speaks for it: what else repeats so often makes it too
+    else_ = ', and what else bends or runs out as often' * bool(cause.get('only_shape'))
+    text = f'Look at {cause["look_at"]}{else_}{more}.'
     if str(row.get('name')).startswith('smooth_of'):
         text += (' Until its cause is known a curve takes it off, which holds where these '
                  'rows are and not beyond.')

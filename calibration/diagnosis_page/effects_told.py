@@ -89,7 +89,8 @@ def told_of(diagnosis, found):
     elif contenders:
         where = acting_word(found, context.mount.names.axes, 'pointing')
         named = [short_cause(one['cause']) for one in (*found.causes, *contenders)]
-        seen = f'The {where} error has {shape_of(found)}: {", or ".join(named)}'
+        shape = shape_of(found).replace(f' of the {where}', '', 1)
+        seen = f'The {where} error has {shape}: {", or ".join(named)}'
     else:
         raw = context.get(e.driver)
         known = raw[np.isfinite(raw)] if raw is not None else np.zeros(0)
@@ -143,7 +144,7 @@ def _of_axis(context, e, values, used):
     def near(at):
         return f'{at + turn * np.round((middle - at) / turn):.0f}°'.replace('-', '−')
     high = np.degrees(np.arctan2(values[1], values[0])) / order
-    return size, (f'On the angle of the axis it is {arcsec(size, True)} near {near(high)} and '
+    return size, (f'In the angle of the axis it is {arcsec(size, True)} near {near(high)} and '
                   f'{arcsec(-size)} near {near(high + 0.5 * turn)}; on the sky that is times '
                   f'cos {context.mount.names.letters[1]}.')
 

@@ -6,13 +6,13 @@ from calibration.diagnosis.constants import SET_WIDTH
 from pointing_model.effects.base import arcsec, readable
 from pointing_model.mounts import KINDS
 
-from .causes import counted, open_causes, still_open
+from .causes import counted, open_causes, short_cause, still_open
 
 #: what was taken for the catalogue and for the mount, by the format of the file
 _AS_NAMED = 'the columns were taken as the file names them'
 _TAKEN = {
     'tpoint': 'the columns were taken as this format has them, which does not name them: of each '
-              'row first the catalogue (observed place), then the mount',
+              'row first the catalogue (the observed place, refraction in it), then the mount',
     'iram': 'the pointing offsets of the log were taken as what the mount reads too much',
     'gpoint': 'the columns were taken as this format has them',
     'mountwizzard4': 'the keys were taken as this format has them',
@@ -156,7 +156,7 @@ def serves_sentence(document):
             f'{plain_name(largest["name"], kind)} ({arcsec(largest["removes_rms_arcsec"])} RMS on '
             'the sky), they tell nothing: ' + (
                 'no observation tells its causes apart, so look at the mount.' if open_ else
-                'one cause was left for it, and only a look at the mount tells whether it is that.'))
+                'one cause was left for it, which only a look at the mount can test.'))
 
 
 def repeat_sentence(document):
@@ -222,8 +222,10 @@ def next_sentence(document, row):
     mine = [item for item in proposals(document) if item['separates'][0] == row['name']]
     if mine:
         kind = document.get('mount') or 'altaz'
-        other = told.get(mine[0]['separates'][1], 'the next')
-        return (f'To tell {told[row["name"]]} from {other}, observe first '
+        both = [told[row['name']], told.get(mine[0]['separates'][1], 'the next')]
+        if len({short_cause(one) for one in both}) > 1:
+            both = [short_cause(one) for one in both]
+        return (f'To tell {" from ".join(both)}, observe first '
                 f'{place_words(mine[0], kind)}{WHY_LATER * bool(mine[0].get("after_hours"))}; '
                 f'{enough(mine)}.')
     for one, *others in document.get('no_star') or []:
@@ -360,6 +362,9 @@ WORDS = {
     'rows held out': 'runs that were kept aside altogether, such as other nights',
     'rows left out': 'rows that neither the fit nor the choice of effects has seen: '
                      'cross-validation',
+    'line of sight': 'where the tube looks: it swings where what holds the tube bends or turns, '
+                     'and no encoder is wrong then',
+    'nods': 'the tube goes up and down as the mount turns, and no encoder is wrong',
     'hysteresis': 'the reading depends on the side from which the star was reached',
 }
 
@@ -394,7 +399,7 @@ def signs_sentences(alike, names, written=None):
     said = []
     if 'mount and catalogue exchanged' in alike or mirror:
         said.append(f'signs: {_TAKEN.get(written, _AS_NAMED)}, and fit so; positive is '
-                    ' an encoder that reads too much. Signs alone no run can confirm: they are '
+                    'an encoder that reads too much. Signs alone no run can confirm: they are '
                     f'right unless mount and catalogue are exchanged in the file{mirror}')
     if rest:
         said.append('read otherwise the columns fit as well, so make sure that they are not: '
