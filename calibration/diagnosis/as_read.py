@@ -106,9 +106,9 @@ def as_read_sentence(document):
     others = [row for row in values.values() if row['rms_arcsec'] > _PART * read][:_MOST_NAMED]
     said = [f'Most of what the encoders read is {_named(others, names)}'] if others else []
     more = _beyond_zeros(values, others, left)
-    if more:
-        said.append(f'Beyond the zeros it is {_named(more, names)}')
     lean = _lean(values, names, document.get('south', False))
+    if any(names.terms[row['name']][0] not in ('AN', 'AW') or not lean for row in more):
+        said.append(f'Beyond the zeros it is {_named(more, names, sizes=True)}')
     if lean:
         said.append(f'The {names.shafts[0]} {lean}{_if_so(document, values, names)}')
     if said:
@@ -116,10 +116,11 @@ def as_read_sentence(document):
     return '. '.join(said) + '.' if said else ''
 
 
-def _named(rows, names):
+def _named(rows, names, sizes=False):
     return ' and '.join(f'{row["name"]} {_signed(row["value_arcsec"])} '
-                        f'({_what(row["name"], names)}; {arcsec(row["rms_arcsec"])} RMS on the '
-                        'sky)' for row in rows)
+                        f'({_what(row["name"], names)}'
+                        + f'; {arcsec(row["rms_arcsec"])} RMS on the sky' * sizes + ')'
+                        for row in rows)
 
 
 def _beyond_zeros(values, named, left):
