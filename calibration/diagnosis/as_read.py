@@ -117,10 +117,10 @@ def as_read_sentence(document):
 
 
 def _named(rows, names, sizes=False):
-    return ' and '.join(f'{row["name"]} {_signed(row["value_arcsec"])} '
-                        f'({_what(row["name"], names)}'
-                        + f'; {arcsec(row["rms_arcsec"])} RMS on the sky' * sizes + ')'
-                        for row in rows)
+    told = [f'{row["name"]} {_signed(row["value_arcsec"])} '
+            f'({_what(row["name"], names)}'
+            + f'; {arcsec(row["rms_arcsec"])} RMS on the sky' * sizes + ')' for row in rows]
+    return ' and '.join(filter(None, [', '.join(told[:-1]), told[-1]]))
 
 
 def _beyond_zeros(values, named, left):

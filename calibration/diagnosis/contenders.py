@@ -1,8 +1,8 @@
 """What would stand in the place of a found effect and lost, though not by much or not always.
 
 A rival within `SET_WIDTH` of an effect is one of its causes. Another one may explain the rows as
-well alone, or be chosen instead where a part of them is left out: that it lost is said, and where
-it is chosen often the cause is open.
+well alone, and lose only beside the other effects: that is said, and where it is often chosen
+instead with a part of the rows left out, the cause is open.
 """
 
 from dataclasses import dataclass, field
@@ -13,7 +13,8 @@ from .constants import SET_WIDTH
 from .rechosen import signal_shares
 from .result import cause_entry
 
-#: of the folds, from where what is chosen in place of an effect leaves its cause open
+#: of the folds, from where what is chosen in place of an effect, and as good alone, leaves its
+#: cause open
 OFTEN = 0.1
 #: of the signal of an effect, that what stands in its place must take up alone
 _MOST = 0.5
@@ -71,11 +72,10 @@ def _of_one(problem, chosen, i, alone, lines, taken):
         e = bank.effects[g]
         if e.kind != 'effect' or e.cause_told in taken or not np.isfinite(stand.every[g]):
             continue
-        instead = sum(e.line in some and own.line not in some for some in lines)
-        as_good = min(alone[g], alone[choice.group]) > max(limit, 0.0)
-        open_ = bool(lines) and instead >= OFTEN * len(lines)
-        if not (open_ or as_good):
+        if not min(alone[g], alone[choice.group]) > max(limit, 0.0):
             continue
+        instead = sum(e.line in some and own.line not in some for some in lines)
+        open_ = bool(lines) and instead >= OFTEN * len(lines)
         behind = min(stand.delta_bic - stand.every[g], stand.tried.get(int(g), np.inf))
         one = Contender(int(g), {
             **cause_entry(e, float(stand.every[g])), 'behind': float(behind),

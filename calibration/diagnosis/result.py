@@ -43,8 +43,8 @@ class DiagnosedEffect:
         Of rivals that explain the run as well only with other effects beside them: these.
     columns : ndarray, shape (k, 2, n)
     contenders : list of dict
-        What lost its place to this effect, though it explains the rows as well alone, or is chosen
-        often where a part of them is left out: see `contenders.Contender.entry`.
+        What lost its place to this effect, though it explains the rows as well alone: see
+        `contenders.Contender.entry`.
     removes_arcsec : float or None
         RMS on the sky that it takes off, beyond what the declared terms could.
     """

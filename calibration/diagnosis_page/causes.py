@@ -128,9 +128,9 @@ def _rest(rest, own, least):
     """What the causes take that a first check does not test, after it."""
     if not rest:
         return ''
-    efforts = [each.get('effort', 1) for each in rest if each in own]
+    efforts = [each.get('effort', 1) for each in rest]
     many = len(rest) > 1
-    if not efforts:
+    if not any(each in own for each in rest):
         text = 'stand only with more effects beside them' if many else \
             'stands only with more effects beside it'
     else:

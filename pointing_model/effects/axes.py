@@ -18,7 +18,7 @@ def _tpoint(names, text):
 #: wheel that the worm turns takes the place of the disc
 _GEARED = ('equatorial', 'german')
 #: what turns with the polar axis
-_CARRIERS = {'german': 'saddle and counterweight', 'equatorial': 'fork, yoke or horseshoe'}
+_CARRIERS = {'german': 'saddle', 'equatorial': 'fork, yoke or horseshoe'}
 _OF_GEARS = {
     1: ('encoder disc or worm wheel off its centre', 'its worm wheel or encoder disc off centre',
         'disc or worm wheel off its centre',
@@ -122,7 +122,8 @@ def _nod(order, mount='altaz'):
                   f'{names.shaft("az")}',
                   'wheels or pads under the azimuth axis, and the base under the fork'
                   if mount == 'altaz' else f'bearings of the {names.shaft("az")}, and what it '
-                  f'carries: {_CARRIERS.get(mount, "fork or saddle")}',
+                  f'carries: {_CARRIERS.get(mount, "fork or saddle")}'
+                  f'{" and counterweight" * (mount == "german")}',
                   f'a wave of the {names.word("az")}, {times(order)}',
                   f'mount nods{" on its wheels, pads or base" * (mount == "altaz")} '
                   f'({times(order)} of {names.word("az")})',
