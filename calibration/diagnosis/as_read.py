@@ -3,7 +3,7 @@
 import numpy as np
 
 from msg_tools.units import ARCSEC
-from pointing_model.effects.base import readable
+from pointing_model.effects.base import arcsec, readable
 from pointing_model.mounts import KINDS
 from pointing_model.rms import rms
 from pointing_model.terms import stacked_design
@@ -14,7 +14,7 @@ _ROWS = 20000  # of which the size of a term is told, at most
 _MUCH = 3.0  # times what the terms leave, from where it is said what the errors as read are
 _PART, _MOST_NAMED = 0.3, 2  # of them, of a term that is named, and how many of these
 _MOST_MOVED, _RESEMBLES = 3, 0.7  # terms told so; correlation from where it says why
-_MOVED = 3.0  # sigma, from where it is said what a term is beside the effects
+_MOVED = 2.0  # sigma, from where it is said what a term is beside the effects
 
 
 def as_read(obs, weights):
@@ -45,7 +45,7 @@ def as_read_terms(diagnosis):
     list of dict
         ``name``, ``value_arcsec`` (of a term that each run has for itself the median) and
         ``rms_arcsec``, what it is on the sky over the rows with weight. Of one that effects have
-        moved by more than three of its standard errors: ``beside_effects_arcsec``, and
+        moved by more than two of its standard errors: ``beside_effects_arcsec``, and
         ``resembles`` (the effect that it is most correlated with) with ``correlation``.
     """
     # beside effects that are nearly the same curve a term is a difference of large numbers
@@ -103,13 +103,12 @@ def as_read_sentence(document):
         return ''
     names = KINDS[document.get('mount') or 'altaz']
     values = {names.terms[row['name']][0]: row for row in rows if row['name'] in names.terms}
-    others = [row for own, row in values.items() if own not in ('AN', 'AW')
-              and row['rms_arcsec'] > _PART * read][:_MOST_NAMED]
+    others = [row for row in values.values() if row['rms_arcsec'] > _PART * read][:_MOST_NAMED]
     said = [f'Most of what the encoders read is {_named(others, names)}'] if others else []
     more = _beyond_zeros(values, others, left)
-    if more:
-        said.append(f'Beyond the zeros it is {_named(more, names)}')
     lean = _lean(values, names, document.get('south', False))
+    if any(names.terms[row['name']][0] not in ('AN', 'AW') or not lean for row in more):
+        said.append(f'Beyond the zeros it is {_named(more, names, sizes=True)}')
     if lean:
         said.append(f'The {names.shafts[0]} {lean}{_if_so(document, values, names)}')
     if said:
@@ -117,16 +116,18 @@ def as_read_sentence(document):
     return '. '.join(said) + '.' if said else ''
 
 
-def _named(rows, names):
-    return ' and '.join(f'{row["name"]} {_signed(row["value_arcsec"])} '
-                        f'({_what(row["name"], names)})' for row in rows)
+def _named(rows, names, sizes=False):
+    told = [f'{row["name"]} {_signed(row["value_arcsec"])} '
+            f'({_what(row["name"], names)}'
+            + f'; {arcsec(row["rms_arcsec"])} RMS on the sky' * sizes + ')' for row in rows]
+    return ' and '.join(filter(None, [', '.join(told[:-1]), told[-1]]))
 
 
 def _beyond_zeros(values, named, left):
     """What is much of the errors as read once the zeros, which may be anything, are off them."""
     rows = {own: row for own, row in values.items() if own not in ('IA', 'IE')}
     size = np.sqrt(sum(row['rms_arcsec']**2 for row in rows.values()))
-    return [row for own, row in rows.items() if own not in ('AN', 'AW') and row not in named
+    return [row for row in rows.values() if row not in named
             and row['rms_arcsec'] > max(_PART * size, left)]
 
 
@@ -173,7 +174,8 @@ def _what(name, names):
     cone = ', the cone error' if names.axes[0] == 'hour angle' else ''
     return {'IA': f'zero of the {names.axes[0]}', 'IE': f'zero of the {names.axes[1]}',
             'CA': f'collimation{cone}', 'NPAE': 'the axes are not square',
-            'TF': 'the tube bends'}[own]
+            'TF': 'the tube bends', **dict.fromkeys(('AN', 'AW'), 'the tilt of the '
+                                                    f'{names.shafts[0]}')}[own]
 
 
 def _lean(values, names, south):

@@ -11,14 +11,16 @@ from .base import Base, mount_of, observations
 from .chance import Chance
 from .choosing import choose, settled
 from .constants import FLIPS, FOLDS, SET_WIDTH, STREAMED_FROM
+from .contenders import contenders
 from .detectable import detectable
 from .expected import expected_error
 from .input_check import check_columns
 from .next_observations import propose
 from .rechosen import choose_with_rivals, with_rivals
+from .repeats import repeats_sentence
 from .resampling import radial_arcsec
 from .result import DiagnosedEffect, cause_entry, concluded, diagnosed, hidden, ranking_of
-from .rows_told import claimed
+from .rows_told import claimed, row_word
 from .scores import Bank
 from .sessions import arrange, split
 from .streamed import diagnose_streamed
@@ -148,8 +150,12 @@ def _in_memory(obs, base, alpha, rng, flips, folds, ways, progress, jobs):
     _refine_steps(work, found)
     base_fit, fitted = _fits(work, found, left, mixed)
     result = _assemble(work, found, chosen.stands, (base_fit, fitted), chance)
+    twice = repeats_sentence(problem.sequence.group, obs.lines, result.residual_after,
+                             row_word(obs.run))
+    result.notes += [twice] * bool(twice)
     if left is not None:
-        result.told_of_wander(wander_entry(left, problem, obs.context, found.chosen))
+        result.told_of_wander(wander_entry(left, problem, obs.context, found.chosen,
+                                           result.residual_after))
     if errors:
         if not found.chosen:  # the model stays as it was
             errors.before, errors.stretches = errors.after, {
@@ -173,9 +179,13 @@ def _in_memory(obs, base, alpha, rng, flips, folds, ways, progress, jobs):
         result.detectable = detectable(work.problem, chance, alpha)
     if left is not None and mixed:
         result.notes += _without_memory(work, found, fitted)
-    if result.verdict == 'ambiguous':
-        result.next_observations, result.no_star = propose(problem, obs, base, found,
-                                                           chosen.stands)
+    rivals = contenders(problem, chosen, errors.chosen if errors else [])
+    for entry, some in zip(result.effects[len(work.slips):], rivals):
+        entry.contenders = [one.entry for one in some]
+    if result.verdict == 'ambiguous' or any(one.entry['open'] for some in rivals for one in some):
+        result.next_observations, result.no_star = propose(
+            problem, obs, base, found, chosen.stands,
+            [[one.group for one in some if one.entry['open']] for some in rivals])
     return result
 
 

@@ -28,7 +28,7 @@ BEYOND = 5.0 * DEG
 SHORT = 2.0 * DEG  # a last move in which a hysteresis is not yet complete
 
 
-def propose(problem, obs, base, found, stands):
+def propose(problem, obs, base, found, stands, contenders=None):
     """Observations that separate the best effect from the strongest rival that they can separate.
 
     Parameters
@@ -38,6 +38,8 @@ def propose(problem, obs, base, found, stands):
     base : Base
     found : Found
     stands : list of Standing
+    contenders : list of list of int, optional
+        Of each choice: groups that lost their place to it and leave its cause open all the same.
 
     Returns
     -------
@@ -56,10 +58,13 @@ def propose(problem, obs, base, found, stands):
         others = [c.effect(problem) for j, c in enumerate(found.chosen) if j != i]
         bank, group = choice.family(problem, found.chosen)
         own = bank.effects[group].cause_told
-        # what people are told as another cause comes first, what takes more effects last
+        look_at = bank.effects[group].look_at
+        # what people are told as another cause, and look for elsewhere, comes first, what takes
+        # more effects last
         rivals = [] if choice.curve else sorted(
-            stand.alternatives, key=lambda k, bank=bank, own=own, more=stand.larger: (
-                bank.effects[k].cause_told == own, k in more))
+            [*stand.alternatives, *(contenders[i] if contenders else ())],
+            key=lambda k, bank=bank, own=own, look_at=look_at, more=stand.larger: (
+                bank.effects[k].cause_told == own, bank.effects[k].look_at == look_at, k in more))
         for rival in rivals[:_RIVALS]:
             *pair, shared = _members(problem, choice.effect(problem), others, bank.effects[rival],
                                      stand.companions.get(rival))

@@ -69,6 +69,7 @@ def with_rivals(problem, chosen, alpha, chance, partitions=(), replacing=True):
         left -= len(near)
         tried = [rival for g in near if (rival := _tried(
             problem, chosen, i, g, near, alpha, chance, partitions)) is not None]
+        chosen.stands[i].tried = {one.choice.group: one.behind for one in tried}
         best = min(tried, key=lambda one: one.behind, default=None)
         if best is None:
             continue
@@ -113,7 +114,7 @@ def near_rivals(problem, chosen, i):
     bank = problem.dictionary
     taken = {bank.effects[k].cause_told for k in (choice.group, *stand.alternatives)}
     taken |= {c.effect(problem).cause_told for c in found.chosen}
-    shares = _shares(problem, found, i)
+    shares = signal_shares(problem, found, i)
     out = {}
     for g in np.argsort(-shares, kind='stable'):
         if shares[g] < NEAR:
@@ -124,7 +125,7 @@ def near_rivals(problem, chosen, i):
     return list(out.values())
 
 
-def _shares(problem, found, i):
+def signal_shares(problem, found, i):
     """Part of the signal of a choice, beyond the base, that each candidate takes up alone."""
     white, bank = found.state.white, problem.dictionary
     own = found.chosen[i].columns(problem)

@@ -42,6 +42,9 @@ class DiagnosedEffect:
     companions : dict of str to list of Effect
         Of rivals that explain the run as well only with other effects beside them: these.
     columns : ndarray, shape (k, 2, n)
+    contenders : list of dict
+        What lost its place to this effect, though it explains the rows as well alone: see
+        `contenders.Contender.entry`.
     removes_arcsec : float or None
         RMS on the sky that it takes off, beyond what the declared terms could.
     """
@@ -57,6 +60,7 @@ class DiagnosedEffect:
     cv_gain_arcsec: float | None = None
     causes: list = field(default_factory=list)
     companions: dict = field(default_factory=dict)
+    contenders: list = field(default_factory=list)
     removes_arcsec: float | None = None
 
     def to_dict(self):
@@ -69,7 +73,8 @@ class DiagnosedEffect:
             'sigma_arcsec': dict(zip(names, (self.fitted.sigma / ARCSEC).tolist())),
             'p_family': self.p_family, 'delta_bic': self.delta_bic,
             'alternatives': self.alternatives, 'cv_gain_arcsec': self.cv_gain_arcsec,
-            'causes': self.causes, 'removes_rms_arcsec': self.removes_arcsec,
+            'causes': self.causes, 'contenders': self.contenders,
+            'removes_rms_arcsec': self.removes_arcsec,
         }
 
 

@@ -30,6 +30,8 @@ class Standing:
     larger : dict of int to tuple of (int, float)
         Of alternatives whose model has more effects: so many more, and by how much (BIC) it is
         better all the same, or 0.
+    tried : dict of int to float
+        Of rivals that were tried with companions of their own: how far behind (BIC) they are.
     """
 
     p: float
@@ -39,6 +41,7 @@ class Standing:
     every: np.ndarray
     companions: dict = field(default_factory=dict)
     larger: dict = field(default_factory=dict)
+    tried: dict = field(default_factory=dict)
 
 
 def standing(problem, found, i, chance, alpha):

@@ -10,6 +10,7 @@ from pointing_model.effects.base import arcsec, the
 
 from .constants import WANDER_TESTS
 from .slow_part import beyond_terms, slow_part, trend
+from .wander_seen import Seen, direction_sentence, seen_sentence
 
 _AHEAD, _POINTS = 1800.0, 12  # s, and places in them
 _SOME = 100  # rows that stand for a run
@@ -135,7 +136,7 @@ def _after(sequence, one, root, raw, count, rng):
     return np.square(drawn).mean(axis=1) * np.mean(np.square(on_sky))
 
 
-def wander_entry(found, problem, context, chosen=()):
+def wander_entry(found, problem, context, chosen=(), residual=None):
     """JSON-ready entry of a result.
 
     Parameters
@@ -146,6 +147,8 @@ def wander_entry(found, problem, context, chosen=()):
         Of the rows.
     chosen : sequence of Choice
         The effects in the model.
+    residual : ndarray, shape (2, n), optional
+        What the model leaves, radians; by default what a fit without memory does.
 
     Returns
     -------
@@ -155,56 +158,46 @@ def wander_entry(found, problem, context, chosen=()):
         `along_the_sky`; ``removes_rms_arcsec``: what the wander did in these rows, RMS on the sky
         beyond the terms; and ``axes``: of each ``sigma_arcsec`` of the process, ``memory`` and
         ``span`` (of the rows) in ``unit`` (hours, rows), ``angle`` (it is one of the azimuth axis:
-        times cos E on the sky), ``moves_arcsec``: by how much two rows differ because of it (RMS)
-        that are ``apart`` from one another, in ``unit``; ``row_to_row_arcsec``, the noise that
-        neighbours show between them; and ``trend``, see `slow_part.trend`.
+        times cos E on the sky), as the likelihood has them; ``row_to_row_arcsec``, the noise that
+        neighbours show between them by it; what is measured of rows that are ``apart`` from one
+        another, in ``unit``, see `wander_seen.Seen.to_dict`; and ``trend``, see `slow_part.trend`.
     """
     sequence, words = problem.sequence, context.mount.names.axes
     unit = 3600.0 if sequence.timed else 1.0
     apart, said = _apart(sequence)
     gap = sequence.gap
     usual = float(np.quantile(gap[np.isfinite(gap)], 0.9))
-    axes, parts, slow, drifts = {}, [], False, []
+    axes, slow, drifts = {}, False, []
     typical = 1.0 if problem.inverse_sigma is None else 1.0 / np.median(
         problem.inverse_sigma.reshape(2, -1), axis=1)
     typical = np.broadcast_to(typical, 2)
+    plain = problem.plain.state(list(chosen))
+    seen = Seen(context, sequence, plain.raw.reshape(2, -1) if residual is None else residual,
+                plain.weights > 0.0, apart)
     for name, one in found.axes.items():
         axis = ('az', 'el').index(name)
-        sigma = np.sqrt(one.variance) / ARCSEC
-        moves = sigma * np.sqrt(2.0 * -np.expm1(-apart / one.memory))
         near = one.scale**2 + one.variance * -np.expm1(-float(np.median(gap[np.isfinite(gap)]))
                                                        / one.memory)
-        axes[name] = {'sigma_arcsec': float(sigma), 'memory': float(one.memory / unit),
-                      'span': sequence.span / unit,
-                      'unit': 'hours' if sequence.timed else 'rows', 'moves_arcsec': float(moves),
-                      'apart': apart / unit, 'angle': one.angle,
+        axes[name] = {'sigma_arcsec': float(np.sqrt(one.variance) / ARCSEC),
+                      'memory': float(one.memory / unit), 'span': sequence.span / unit,
+                      'unit': 'hours' if sequence.timed else 'rows', 'apart': apart / unit,
+                      'angle': one.angle, **seen.to_dict(axis),
                       'row_to_row_arcsec': float(np.sqrt(near) * typical[axis] / ARCSEC),
                       'trend': trend(problem, list(chosen), name, one)}
         drift = axes[name]['trend']
         if drift and drift['share'] > MOSTLY:
             drifts.append(drift_words(words[axis], drift))
         slow |= one.memory > usual
-        beside = axes[name]['row_to_row_arcsec']
-        parts.append(f'by {arcsec(moves)} in {words[axis]} (noise of each row: '
-                     f'{arcsec(beside)})')
     step = along_the_sky(context, sequence)
     if slow:
-        text = ('neighbouring rows err alike, as where the zero wanders' if step else
-                'the zero wanders') + (f': because of that, rows {said} apart differ '
-                                       f'{" and ".join(parts)}, RMS')
-        if drifts:
-            text += (f'. Most of that is even: {" and ".join(drifts)}, as where something slips or '
-                     'settles (clutch, clamp, saddle, tripod or pier, mirror)')
-        text += '. What moves it is not known'
-        like = _like(found, problem)
-        if like:
-            text += f'; {like} would look the same'
-        if step:
-            text += (f'. The rows went over the sky step by step, {step["step_deg"]:.0f}\u00b0 '
-                     f'from one to the next ({step["any_deg"]:.0f}\u00b0 between any two): an '
-                     'error of the direction that no effect here describes would look the same. '
-                     'To tell them apart return to stars of the beginning now and then, or '
-                     'observe in an order that mixes the sky')
+        text = '. '.join(filter(None, [
+            _lead(step, _like(found, problem)), seen_sentence(axes, words, said),
+            direction_sentence(axes, words, said, seen.within, seen.pairs()) if step else '',
+            f'Most of it is even: {" and ".join(drifts)}, as where something slips or settles '
+            '(clutch, clamp, saddle, tripod or pier, mirror)' if drifts else '',
+            'What moves it is not known' if not step else
+            'To tell them apart return to stars of the beginning now and then, or observe in an '
+            'order that mixes the sky']))
     else:
         text = 'rows taken close together share their error: they count as fewer'
     return {'axes': axes, 'p': found.p,
@@ -214,6 +207,18 @@ def wander_entry(found, problem, context, chosen=()):
             'slow': bool(slow), 'along_the_sky': step, 'text': text}
 
 
+def _lead(step, like):
+    """What it may be: what the rows do not tell apart comes first."""
+    if not step:
+        return f'neighbouring rows err alike: the zero wanders, or {like} does it' if like else \
+            'the zero wanders'
+    more = f', or {like} does it' if like else ''
+    return ('neighbouring rows err alike, and these rows do not tell why: the zero wanders, or the '
+            f'direction has an error that no effect in the model describes{more}; for they went '
+            f'over the sky step by step, {step["step_deg"]:.0f}\u00b0 from one to the next '
+            f'({step["any_deg"]:.0f}\u00b0 between any two)')
+
+
 def drift_words(axis, drift):
     """A `slow_part.trend` of an axis in words."""
     rate = drift['rate_arcsec_per_hour']
@@ -221,13 +226,9 @@ def drift_words(axis, drift):
 
 
 def _apart(sequence):
-    """How far apart two rows are of which is said how they differ, and in words.
-
-    Size and memory of a wander are hardly known beside one another where the memory is as long as
-    the run; what rows differ by within a part of it is.
-    """
+    """How far apart two rows are of which is said how they differ, and in words."""
     if not sequence.timed:
-        return (10.0, 'ten rows') if _PART * sequence.span >= 10.0 else (3.0, 'three rows')
+        return (10.0, 'ten') if _PART * sequence.span >= 10.0 else (3.0, 'three')
     for seconds, words in ((3600.0, 'an hour'), (600.0, 'ten minutes')):
         if seconds <= _PART * sequence.span:
             return seconds, words

@@ -103,6 +103,8 @@ class Errors:
         How many choices hold, where not all do.
     stretches : dict
         ``before``, ``after``: radial RMS with stretches of time left out; ``before_x``, ...
+    chosen : list of list of Effect
+        What was chosen in each fold.
     caution : str
     """
 
@@ -112,6 +114,7 @@ class Errors:
     spread: dict | None = None
     cut: int | None = None
     stretches: dict = field(default_factory=dict)
+    chosen: list = field(default_factory=list)
     caution: str = ''
 
 
@@ -186,6 +189,7 @@ def cross_validated(work, chosen, wanders, count, alpha, chance, rng, ways=None,
         stretches = apart(partitions_of(problem, count, rng)[1])
         out = _by_rows(by_count, stretches, keep, len(chosen), words)
     out.spread.update(_repeated(problem, chosen, every))
+    out.chosen = [[c.effect(problem) for c in some] for some in every]
     return out
 
 

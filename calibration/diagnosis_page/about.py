@@ -42,8 +42,10 @@ def axes_note(context):
             f'In {int(through.sum())} of {len(context)} rows the telescope looks through the pole, '
             f'the {second} beyond 90°')
     if names.columns[0] == 'ha':
+        way = 'on either side of the pier' if context.mount.kind == 'german' else \
+            'through the pole or not'
         text += (f': there the {first} of the axis is 12 h from that of the star. A value of the '
-                 f'{first} is so one position of the {names.shafts[0]}, on either side of the pier')
+                 f'{first} is so one position of the {names.shafts[0]}, {way}')
     return f'{text}.'
 
 

@@ -5,16 +5,19 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from calibration.diagnosis.summary import effect_offsets, ends, over_the_rows
-from msg_tools.units import ARCSEC
+from msg_tools.units import ARCSEC, covered
 from pointing_model.effects import Amount
 from pointing_model.effects.base import arcsec
 from pointing_model.effects.words import common_shape
 
+from .causes import causes_sentence, contenders_sentence, short_cause, still_open
 from .drivers import driver_of, utc_text
-from .told import causes_sentence, plain_name
+from .told import plain_name
 
 #: degrees over which a lowest or a highest is no place but a stretch
 _WIDE = 15.0
+#: of a turn of an axis: where less was observed, that is said of what repeats so often in it
+_MOST_OF_TURN = 2.0 / 3.0
 
 
 @dataclass
@@ -29,6 +32,8 @@ class EffectTold:
         What it does to the stars of the run, on the sky.
     more : list of str
         Sentences: its causes, what its driver rests on, how far it depends on the last motion.
+    of_axis_arcsec : float, optional
+        Half of a wave of the angle of an axis, where that is another size than the one on the sky.
     range_arcsec : float, optional
         From the lowest to the highest of the rows, on the axis where it is larger. As
         `rms_arcsec` of what the declared terms cannot take up: both sizes, of every effect.
@@ -38,6 +43,7 @@ class EffectTold:
     rms_arcsec: float | None = None
     more: list = field(default_factory=list)
     range_arcsec: float | None = None
+    of_axis_arcsec: float | None = None
 
     @property
     def head(self):
@@ -46,7 +52,9 @@ class EffectTold:
             return f'{self.seen}.'
         range_ = f'{arcsec(self.range_arcsec)} from lowest to highest, ' \
             if self.range_arcsec else ''
-        return f'{self.seen} ({range_}{arcsec(self.rms_arcsec)} RMS on the sky).'
+        own = f'; \u00b1{arcsec(self.of_axis_arcsec)} in the angle of the axis' \
+            if self.of_axis_arcsec else ''
+        return f'{self.seen} ({range_}{arcsec(self.rms_arcsec)} RMS on the sky{own}).'
 
     @property
     def sentence(self):
@@ -72,11 +80,17 @@ def told_of(diagnosis, found):
     rms = found.removes_arcsec
     rows, values = over_the_rows(diagnosis, fitted)
     more = []
+    contenders = still_open(vars(found))
     if len(found.causes) > 1:
         where = acting_word(found, context.mount.names.axes, 'pointing')
         seen = ', '.join(filter(None, [f'The {where} error has {shape_of(found)}',
                                        _where(diagnosis, found, fitted, rows, values)]))
         more.append(causes_sentence(found.causes))
+    elif contenders:
+        where = acting_word(found, context.mount.names.axes, 'pointing')
+        named = [short_cause(one['cause']) for one in (*found.causes, *contenders)]
+        shape = shape_of(found).replace(f' of the {where}', '', 1)
+        seen = f'The {where} error has {shape}: {", or ".join(named)}'
     else:
         raw = context.get(e.driver)
         known = raw[np.isfinite(raw)] if raw is not None else np.zeros(0)
@@ -85,6 +99,11 @@ def told_of(diagnosis, found):
             found.fitted.coefficients / ARCSEC, rms,
             (known.min(), known.max()) if known.size else None,
             utc_text if utc and e.driver == 'time' else None))
+    more.append(contenders_sentence(vars(found), e.cause_told))
+    used = diagnosis.weights > 0.0
+    seen, observed = _as_observed(seen, context, e, used)
+    own, places = _of_axis(context, e, found.fitted.coefficients / ARCSEC, used)
+    more += [places, observed]
     memory = e.parameters.get('memory_deg')
     if memory:
         # the same with another memory, or none
@@ -94,8 +113,40 @@ def told_of(diagnosis, found):
                     f'within {memory:g}° of motion (its memory)'
                     + (', or sooner or later: these rows do not tell.' if open_
                        else ': a short move shows less of it.'))
-    return EffectTold(seen, rms, more + _of_approach(diagnosis, e),
-                      float(np.ptp(values)) if len(values) else None)
+    return EffectTold(seen, rms, [*filter(None, more), *_of_approach(diagnosis, e)],
+                      float(np.ptp(values)) if len(values) else None, own)
+
+
+def _as_observed(seen, context, e, used):
+    """What is seen so often a turn, over how much of it that was, and what that leaves open."""
+    driver = driver_of(context, e.driver) if e.parameters.get('order') else None
+    if driver is None or driver.levels or not driver.label.endswith('[°]') \
+            or ' per turn' not in seen:
+        return seen, ''
+    span = np.degrees(covered(np.radians(driver.values[used]))[1])
+    if span > _MOST_OF_TURN * 360.0:
+        return seen, ''
+    over = f'{span:.0f}°'
+    return (seen.replace(' per turn', f' per turn over the {over} observed', 1),
+            f'Of the turn {over} of 360° were observed: another number of times, or a curve that '
+            'is no wave, may fit there as well.')
+
+
+def _of_axis(context, e, values, used):
+    """Half of a wave of the first axis, which is smaller on the sky, and where it is highest."""
+    order = e.parameters.get('order')
+    if e.form != 'encoder' or e.axes != 'az':
+        return None, ''
+    size, turn = float(np.hypot(*values)), 360.0 / order
+    angles = driver_of(context, e.driver).values[used]
+    middle = 0.5 * (angles.min() + angles.max())
+
+    def near(at):
+        return f'{at + turn * np.round((middle - at) / turn):.0f}°'.replace('-', '−')
+    high = np.degrees(np.arctan2(values[1], values[0])) / order
+    return size, (f'In the angle of the axis it is {arcsec(size, True)} near {near(high)} and '
+                  f'{arcsec(-size)} near {near(high + 0.5 * turn)}; on the sky that is times '
+                  f'cos {context.mount.names.letters[1]}.')
 
 
 def _of_approach(diagnosis, e):
@@ -123,7 +174,7 @@ def title_of(found, axes):
     str
     """
     e = found.fitted.effect
-    if not (e.shape and (len(found.causes) > 1 or e.kind == 'smooth')):
+    if not (e.shape and (len(found.causes) > 1 or still_open(vars(found)) or e.kind == 'smooth')):
         return plain_name(e.name, e.parameters.get('mount'))
     where = acting_word(found, axes, 'both axes')
     return f'{where}: {shape_of(found)}'
@@ -131,7 +182,7 @@ def title_of(found, axes):
 
 def acting_word(found, axes, both):
     """On which of the `axes` an effect and all its causes act, else `both`."""
-    acting = {one.get('axes', found.fitted.effect.axes) for one in found.causes} or {
+    acting = {one.get('axes', found.fitted.effect.axes) for one in _may_be(found)} or {
         found.fitted.effect.axes}
     return dict(zip(('az', 'el'), axes)).get(acting.pop(), both) if len(acting) == 1 else both
 
@@ -139,13 +190,18 @@ def acting_word(found, axes, both):
 def _drivers(found):
     """What an effect and its causes follow, each once."""
     own = found.fitted.effect.driver
-    return list(dict.fromkeys(one.get('driver', own) for one in found.causes)) or [own]
+    return list(dict.fromkeys(one.get('driver', own) for one in _may_be(found))) or [own]
+
+
+def _may_be(found):
+    """Its causes, and what contends with them."""
+    return [*found.causes, *still_open(vars(found))]
 
 
 def shape_of(found):
     """What is seen of an effect, whatever its cause."""
     e = found.fitted.effect
-    return common_shape([one['shape'] for one in found.causes] or [e.shape], _drivers(found))
+    return common_shape([one['shape'] for one in _may_be(found)] or [e.shape], _drivers(found))
 
 
 def _where(diagnosis, found, fitted, rows, values):

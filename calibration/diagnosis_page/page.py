@@ -4,7 +4,6 @@ from dataclasses import replace
 from pathlib import Path
 
 from calibration.diagnosis.rows_told import used_sentence
-from pointing_model.effects.base import arcsec
 
 from ..page.drawing import clean
 from ..page.parts import cards, folded, listed, said, section, verdict, whole
@@ -13,6 +12,7 @@ from ..page.residuals import controls, histograms, sky_maps, targets
 from ..page.stars import stars_table
 from ..page.terms import correlation_table, terms_table
 from . import sections as page
+from .causes import counted, open_causes
 from .plain_words import (
     FITTED,
     Said,
@@ -22,7 +22,7 @@ from .plain_words import (
     floor_words,
     told_verdict,
 )
-from .told import STAYS, causes_of, counted, model_words, open_causes, proposals, way_size
+from .told import STAYS, causes_of, model_words, proposals, way_size
 from .view import view_of
 
 _VERDICTS = {'none': 'nothing missing', 'wanders': 'the zero wanders', 'undecided': 'undecided',
@@ -73,7 +73,7 @@ def render(view, more=''):
         _effects(view),
         section('What to observe next', page.next_observations(
             proposals(document), document.get('mount') or 'altaz',
-            causes_of(document)), page.no_star(document),
+            causes_of(document)), page.serves(document), page.no_star(document),
             note='Observations that would best tell causes apart.'),
         section('Notes on the data', listed(view.notes)),
         section('Residual against each driver', page.legend(view.changed),
@@ -123,8 +123,10 @@ def _verdict(view):
     document = view.document
     name = document['verdict']
     told = told_verdict(document, [e.told for e in view.effects], caution=view.caution)
-    badge = 'identified' if name == 'ambiguous' and view.effects and not any(
-        open_causes(row) > 1 for row in document['effects']) else name
+    badge = name
+    if view.effects and name in ('ambiguous', 'identified'):
+        badge = 'ambiguous' if any(
+            open_causes(row) > 1 for row in document['effects']) else 'identified'
     body = page.gain_bars(document, view.axes)
     numbers = _numbers(document)
     headline, _, then = told.headline.partition('. ')
@@ -133,7 +135,7 @@ def _verdict(view):
         # what the headline has said is not said again
         first = [one for one in first if one.text != count_sentence(document)]
         ranked = [_led(ranked[0].more) if len(ranked) == 1 else replace(
-            ranked[0], lead='The largest, told above.'), *ranked[1:]]
+            ranked[0], lead=f'{view.effects[0].name}.'), *ranked[1:]]
     return (verdict(_VERDICTS.get(badge, badge), headline, [], cards(numbers),
                     badge if badge in _VERDICTS else '',
                     page.words(' '.join((told.headline, *told.sentences, floor_words(document)))),
@@ -152,12 +154,6 @@ def _numbers(document):
                (before, f'with {model_words(document, whose=False)}, {label}{quote * stays}')]
     if not stays:
         numbers.append((after, f'with {effects} more, {label}{quote}'))
-    numbers.append((document.get('noise_floor_arcsec'), f'{floor_words(document)}, {FITTED}'))
-    told = document.get('expected')
-    if told:
-        numbers.append((told['rms_arcsec'], 'expected on fresh stars in the '
-                        f'{told.get("within", "half hour")} after the last row, '
-                        f'{arcsec(told["low_arcsec"])} to {arcsec(told["high_arcsec"])}'))
     return numbers
 
 

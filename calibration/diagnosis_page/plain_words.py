@@ -10,17 +10,16 @@ from calibration.term_notes import said_of_term
 from pointing_model.effects.base import arcsec, readable
 from pointing_model.mounts import KINDS
 
+from .causes import counted, first_check, open_causes
 from .told import (
     FITTED,
     HELD,
     LEFT_OUT,
     STAYS,
     best_pair,
-    counted,
-    first_check,
     model_words,
     next_sentence,
-    open_causes,
+    repeat_sentence,
     way,
 )
 
@@ -140,8 +139,11 @@ def _told(document, effects, limit, caution):
                 'Neighbouring rows err alike: the zero wanders, or the direction has an error '
                 f'that no effect describes{_drifts(document)}', [*_wander(document), *odd], [],
                 ['No effect is added. Observe once more in an order that mixes the sky.', *last])
+        what = 'The zero wanders, and what moves it is not known' if not \
+            document['wander'].get('like') else \
+            'The zero wanders, or something that these rows do not tell from it'
         return Verdict(
-            f'The zero wanders, and what moves it is not known{_drifts(document)}',
+            f'{what}{_drifts(document)}',
             [*_wander(document), *odd], [],
             ['No effect is added. How far the zero can be trusted is part of the model: set it '
              'anew as often as that asks for.', *last])
@@ -149,7 +151,8 @@ def _told(document, effects, limit, caution):
     axes = KINDS[document.get('mount') or 'altaz'].axes
     first, rest = [*odd, caution, *bad_nights(document, axes)], [worst_sentence(document), *last]
     (first if slow_is_largest(document) else rest)[:0] = _wander(document)
-    return Verdict(_headline(document, effects), [*first, count_sentence(document)],
+    return Verdict(_headline(document, effects),
+                   [*first, count_sentence(document), repeat_sentence(document)],
                    ranked[:limit], rest, smaller=ranked[limit:])
 
 

@@ -9,7 +9,7 @@ from pointing_model.effects.base import SIDES, arcsec, readable
 from pointing_model.mounts import KINDS
 
 from ..page.drawing import MAX_NAMED, Panel, SkyMap, clean, limit_of, svg
-from ..page.parts import Markup, figure, folded, gains, number, pair, probability, said, table
+from ..page.parts import Markup, figure, folded, gains, number, pair, said, table
 from ..page.parts import legend as legend_of
 from .plain_words import floor_words
 from .told import (
@@ -19,6 +19,7 @@ from .told import (
     enough,
     explained,
     no_star_sentences,
+    serves_sentence,
     spread_sentence,
 )
 
@@ -83,6 +84,12 @@ def held_out(document, axes):
                                        for name in names)], rows, 'numbers folding') + (
         '<p class="note">RMS on the sky in arcsec, of all rows: those set aside as outliers too.'
         '</p>')
+
+
+def serves(document):
+    """Whether the proposals serve the largest effect, where they do not."""
+    text = serves_sentence(document)
+    return f'<p>{clean(text)}</p>' if text else ''
 
 
 def no_star(document):
@@ -205,7 +212,7 @@ def ranking(rows, width, limit=15, slow=()):
     Parameters
     ----------
     rows : list of dict
-        ``name, delta_bic, p_family, in_set, driver, axes``.
+        ``name, delta_bic, in_set, driver, axes``.
     width : float
         Of a set, in BIC.
     limit : int
@@ -215,45 +222,25 @@ def ranking(rows, width, limit=15, slow=()):
     """
     if not rows:
         return ''
-    cells, least = _candidates(rows), _least(rows)
+    cells = _candidates(rows)
     for cell, row in zip(cells, rows):
         if row['name'] in slow:
-            cell[6] = f'{cell[6]}{"; " * bool(cell[6])}or a wander'
-        if least is not None and row.get('p_family') == least:
-            cell[5] = ''
-    out = _ranked(cells[:limit])
+            cell[5] = f'{cell[5]}{"; " * bool(cell[5])}or a wander'
+    out = table(_RANKING, cells[:limit], 'ranking')
     if len(cells) > limit:
-        out += folded(f'{len(cells) - limit} more candidates', _ranked(cells[limit:]))
+        out += folded(f'{len(cells) - limit} more candidates',
+                      table(_RANKING, cells[limit:], 'ranking'))
     return out + (f'<p class="note">Candidates within {width:g} of the best ΔBIC are one set: '
-                  'these observations do not tell them apart. '
+                  'alone, these observations do not tell them apart. '
                   + ('Those with "or a wander" go with the order of the rows: a zero that wanders '
                      'explains them as well, so they were not added. ' * any(
                          row['name'] in slow for row in rows))
-                  + 'p: how often noise alone gives any '
-                  'candidate such a gain'
-                  + (f'; where none is written {probability(least)}, the least that so many '
-                     'trials tell' if least is not None else '') + '.</p>')
+                  + 'A large gain alone is none beside the effects that were found: of each of '
+                  'these "What else was tried in its place" has the gains with the others in '
+                  'the model.</p>')
 
 
-def _ranked(cells):
-    """A table of candidates, without a column in which nothing is written."""
-    if any(cell[5] for cell in cells):
-        return table(_RANKING, cells, 'ranking')
-    return table(_RANKING[:5] + _RANKING[6:], [cell[:5] + cell[6:] for cell in cells], 'ranking')
-
-
-def _least(rows):
-    """The least p of candidates, where so many have it that it tells them not apart."""
-    known = [row['p_family'] for row in rows if row.get('p_family') is not None]
-    least = min(known, default=None)
-    return least if known.count(least) >= _ALIKE else None
-
-
-#: candidates with the same p, from where it is not written
-_ALIKE = 3
-
-
-_RANKING = ('', 'candidate', 'driver', 'axis', 'gain ΔBIC', 'p (family-wise)', 'set')
+_RANKING = ('', 'candidate', 'driver', 'axis', 'gain ΔBIC', 'set')
 
 
 def _candidates(rows):
@@ -267,7 +254,7 @@ def _candidates(rows):
                      f'style="width:{100 * part:.0f}%"></i></span>{number(gain, 1)}')
         out.append([str(i), readable(r['name']), readable(r.get('driver') or '–'),
                     AXIS_WORDS.get(r.get('axes'), r.get('axes')), bar,
-                    probability(r.get('p_family')), '● in the set' if r['in_set'] else ''])
+                    '● in the set' if r['in_set'] else ''])
     return out
 
 
@@ -275,9 +262,8 @@ def rivals(rows, limit=6):
     """The strongest candidates for the place of one effect, folded away."""
     if len(rows) < 2:
         return ''
-    cells = [c[:5] + c[6:] for c in _candidates(rows)[:limit]]
     return folded('What else was tried in its place, all other effects in the model',
-                  table([*_RANKING[:5], _RANKING[6]], cells, 'ranking'))
+                  table(_RANKING, _candidates(rows)[:limit], 'ranking'))
 
 
 # ------------------------------------------------------------------------ exclusions, proposals
@@ -358,7 +344,8 @@ def _next_group(names, group, kind):
     text = f'<p class="note">{clean(text[:1].upper() + text[1:])}.</p>' if text else ''
     return (f'<h3>{clean("Tells " + head if head else "Proposed")}</h3>{text}'
             + table(['', *(f'{word} [°]' for word in places.values()),
-                     'last motion' if kind == 'altaz' else 'side, last motion',
+                     'side, last motion' if kind == 'german' or any(
+                         row.get('through_pole') for _, row in group) else 'last motion',
                      *(['hours from the last row [h]'] if timed else []),
                      'ΔBIC expected with it and those above'], cells))
 

@@ -1,15 +1,26 @@
-"""The way of a diagnosis, what an effect looks like, its causes, what would tell them apart."""
+"""The way of a diagnosis, what would tell causes apart, words of the page."""
 
 import numpy as np
 
 from calibration.diagnosis.constants import SET_WIDTH
-from pointing_model.effects.base import EFFORTS, arcsec, readable
+from pointing_model.effects.base import arcsec, readable
 from pointing_model.mounts import KINDS
 
+from .causes import counted, open_causes, short_cause, still_open
+
+#: what was taken for the catalogue and for the mount, by the format of the file
+_AS_NAMED = 'the columns were taken as the file names them'
+_TAKEN = {
+    'tpoint': 'the columns were taken as this format has them, which does not name them: of each '
+              'row first the catalogue (the observed place, refraction in it), then the mount',
+    'iram': 'the pointing offsets of the log were taken as what the mount reads too much',
+    'gpoint': 'the columns were taken as this format has them',
+    'mountwizzard4': 'the keys were taken as this format has them',
+    'mmt': 'TAA was taken for the catalogue and RAA for the mount',
+    'unam': 'the columns were taken as this format has them',
+    'images': 'the keywords were taken as the mapping names them'}
 #: why hours are told with a place
 WHY_LATER = ' (something in one of the explanations changes with time)'
-#: causes that are told; the others are counted
-_MOST_CAUSES = 5
 _MOST_OTHERS = 3  # effects chosen instead that are named
 _LEVEL = np.sin(np.radians(0.5))  # of a counterweight that is called up
 #: the model stays as it was
@@ -21,8 +32,6 @@ HELD, LEFT_OUT, FITTED = 'on rows held out', 'on rows left out', 'on the rows fi
 STRETCHES = 'on stretches of rows left out'
 _MOUNTS = {'altaz': 'an alt-azimuth mount', 'equatorial': 'an equatorial mount',
            'german': 'a German mount', 'free': 'a mount of two axes'}
-_NUMBERS = ('no', 'one', 'two', 'three', 'four', 'five', 'six', 'seven', 'eight', 'nine', 'ten',
-            'eleven', 'twelve')
 
 
 def model_words(document, whose=True):
@@ -45,12 +54,6 @@ def model_words(document, whose=True):
     if usual == 'the ' and terms != list(KINDS[kind].physical):
         return f'the {counted(len(terms), "declared term")}'
     return f'{usual}{counted(len(terms), "term")}{of}'
-
-
-def counted(number, word):
-    """A small number in words, with what is counted."""
-    text = _NUMBERS[number] if number < len(_NUMBERS) else f'{number}'
-    return f'{text} {word}{"" if number == 1 else "s"}'
 
 
 def plain_name(name, kind):
@@ -127,77 +130,10 @@ def way_size(value):
     return f'{value:.{0 if value >= 999.5 else 1}f}″' if value >= 9.995 else arcsec(value)
 
 
-def open_causes(row):
-    """How many causes an effect of the document may have, as people are told them."""
-    return max(len(row.get('causes') or ()), 1)
-
-
-def plain(cause):
-    """A cause as one clause: what parts it is the mark between causes in a sentence."""
-    return cause.replace('; it ', ', which ').replace('; ', ', ')
-
-
-def causes_sentence(causes):
-    """Causes as equals, the best first."""
-    told = [plain(one['cause']) + (
-        f' (with {counted(one["more_effects"], "effect")} more beside it)'
-        if one.get('more_effects') else '') for one in causes]
-    if len(told) > _MOST_CAUSES:
-        told = [*told[:_MOST_CAUSES], f'{len(told) - _MOST_CAUSES} more']
-    return (f'{counted(len(causes), "cause").capitalize()} explain it equally well: '
-            f'{"; ".join(told[:-1])}; or {told[-1]}.')
-
-
-def first_check(document, row):
-    """What to do about an effect: what to look at, and of several causes which first, and why.
-
-    Parameters
-    ----------
-    document : dict
-    row : dict
-        Of its effects.
-
-    Returns
-    -------
-    str
-        '' where the document does not tell the causes.
-    """
-    causes = [one for one in row.get('causes') or () if one.get('look_at')]
-    if not causes:
-        return ''
-    if open_causes(row) == 1:
-        only = causes[0].get('only_shape')  # then what else repeats so often may make it
-        text = f'Look at {causes[0]["look_at"]}' + (
-            ', and what else bends or runs out as often.' if only else '.')
-        if str(row.get('name')).startswith('smooth_of'):
-            text += (' Until its cause is known a curve takes it off, which holds where these '
-                     'rows are and not beyond.')
-        return text
-    # what needs more effects beside it comes after what stands by itself
-    own = [one for one in causes if not one.get('more_effects')] or causes
-    efforts = [one.get('effort', 1) for one in own]
-    least = min(efforts)
-    one = own[efforts.index(least)]
-    # what weighs on the tube and the air bear on the same curve
-    terms = [term['name'] for term in document.get('unphysical') or () if row.get('axes') == 'el'
-             and row.get('driver') == 'elevation' and term['name'] in ('TF', 'TX')]
-    head = f'It bears on the same curve as {terms[0]} (above): check that first. Then: ' \
-        if terms else 'Check first: '
-    others = 'take as much' if efforts.count(least) == open_causes(row) else (
-        'take more' if len(own) > 1 else 'stand only with more effects beside them')
-    if open_causes(row) == 2:
-        others = 'other ' + others.replace('take', 'takes').replace('stand', 'stands').replace(
-            'them', 'it')
-    else:
-        others = f'others {others}'
-    return (f'{head}{one["look_at"]}. That tests "{plain(one["cause"])}", and takes '
-            f'{EFFORTS[least]}; the {others}. Which is likelier these rows do not say.')
-
-
 def causes_of(document):
     """Name of an effect -> the cause that it stands for, in words, dict."""
-    return {name: one['cause'] for row in document['effects'] for one in row.get('causes') or ()
-            for name in one['effects']}
+    return {name: one['cause'] for row in document['effects']
+            for one in (*still_open(row), *(row.get('causes') or ())) for name in one['effects']}
 
 
 def proposals(document):
@@ -205,6 +141,47 @@ def proposals(document):
     told = causes_of(document)
     return [item for item in document.get('next_observations') or []
             if len({told.get(name, name) for name in item['separates']}) > 1]
+
+
+def serves_sentence(document):
+    """Whom the proposals do not serve, where that is the largest effect; '' elsewhere."""
+    rows = [row for row in document['effects'] if row.get('causes')]
+    serves = {item['separates'][0] for item in proposals(document)}
+    largest = max(rows, key=lambda row: row.get('removes_rms_arcsec') or 0.0, default=None)
+    if not serves or largest is None or largest['name'] in serves:
+        return ''
+    kind = document.get('mount') or 'altaz'
+    open_ = open_causes(largest) > 1
+    return (f'These serve the smaller effects alone. Of the largest, '
+            f'{plain_name(largest["name"], kind)} ({arcsec(largest["removes_rms_arcsec"])} RMS on '
+            'the sky), they tell nothing: ' + (
+                'no observation tells its causes apart, so look at the mount.' if open_ else
+                'one cause was left for it, which only a look at the mount can test.'))
+
+
+def repeat_sentence(document):
+    """In how many of the choices repeated all of the effects were found and no other.
+
+    Returns
+    -------
+    str
+        '' where it is not known.
+    """
+    spread = document['after'].get('cv_spread') or {}
+    folds, count = spread.get('folds'), len(document['effects'])
+    if not folds or document['verdict'] in STAYS or not count or 'same_choice' not in spread:
+        return ''
+    what = 'this effect' if count == 1 else f'these {counted(count, "effect")}'
+    text = (f'With a part of the rows left out, {what} and no other were found '
+            if count > 1 else f'With a part of the rows left out, {what} and no other was found ')
+    text += f'{spread["same_choice"]} of {folds} times' if spread['same_choice'] else \
+        f'not once in {folds} times'
+    chosen = spread.get('chosen') or {}
+    if count > 1 and chosen:
+        largest = max(document['effects'], key=lambda row: row.get('removes_rms_arcsec') or 0.0)
+        if largest['name'] in chosen:
+            text += f', the largest {chosen[largest["name"]]} times'
+    return f'{text}.'
 
 
 def no_star_sentences(document, but=None):
@@ -241,12 +218,15 @@ def next_sentence(document, row):
     """
     if open_causes(row) < 2:
         return ''
-    told = {name: one['cause'] for one in row['causes'] for name in one['effects']}
+    told = {name: one['cause'] for one in (*row['causes'], *still_open(row))
+            for name in one['effects']}
     mine = [item for item in proposals(document) if item['separates'][0] == row['name']]
     if mine:
         kind = document.get('mount') or 'altaz'
-        other = told.get(mine[0]['separates'][1], 'the next')
-        return (f'To tell {told[row["name"]]} from {other}, observe first '
+        both = [told[row['name']], told.get(mine[0]['separates'][1], 'the next')]
+        if len({short_cause(one) for one in both}) > 1:
+            both = [short_cause(one) for one in both]
+        return (f'To tell {" from ".join(both)}, observe first '
                 f'{place_words(mine[0], kind)}{WHY_LATER * bool(mine[0].get("after_hours"))}; '
                 f'{enough(mine)}.')
     for one, *others in document.get('no_star') or []:
@@ -383,6 +363,9 @@ WORDS = {
     'rows held out': 'runs that were kept aside altogether, such as other nights',
     'rows left out': 'rows that neither the fit nor the choice of effects has seen: '
                      'cross-validation',
+    'line of sight': 'where the tube looks: it swings where what holds the tube bends or turns, '
+                     'and no encoder is wrong then',
+    'nods': 'the tube goes up and down as the mount turns, and no encoder is wrong',
     'hysteresis': 'the reading depends on the side from which the star was reached',
 }
 
@@ -393,7 +376,7 @@ def explained(text):
     return [(word, meaning) for word, meaning in WORDS.items() if word.lower() in low]
 
 
-def signs_sentences(alike, names):
+def signs_sentences(alike, names, written=None):
     """What no fit can see of the columns, in words of what it means.
 
     Parameters
@@ -401,6 +384,8 @@ def signs_sentences(alike, names):
     alike : sequence of str
         `Diagnosis.columns_alike`.
     names : mounts.Names
+    written : str, optional
+        Format of the file, as ``meta['format']`` of its run.
 
     Returns
     -------
@@ -414,8 +399,8 @@ def signs_sentences(alike, names):
             rest.append(text)
     said = []
     if 'mount and catalogue exchanged' in alike or mirror:
-        said.append('signs: the columns were taken as the file names them, and fit so; positive '
-                    'is an encoder that reads too much. Signs alone no run can confirm: they are '
+        said.append(f'signs: {_TAKEN.get(written, _AS_NAMED)}, and fit so; positive is '
+                    'an encoder that reads too much. Signs alone no run can confirm: they are '
                     f'right unless mount and catalogue are exchanged in the file{mirror}')
     if rest:
         said.append('read otherwise the columns fit as well, so make sure that they are not: '

@@ -17,6 +17,7 @@ from pointing_model.mounts import ALTAZ
 from ..page.parts import value_and_error
 from ..page.residuals import Residuals
 from .about import about, axes_note
+from .causes import still_open
 from .drivers import Driver, driver_of
 from .effects_told import EffectTold, title_of, told_of
 from .told import plain_name, signs_sentences
@@ -256,7 +257,8 @@ def _notes(diagnosis):
         if e.fitted.effect.alias:
             notes.append(e.fitted.effect.alias)
     return notes + signs_sentences(diagnosis.columns_alike,
-                                   diagnosis.observations.context.mount.names)
+                                   diagnosis.observations.context.mount.names,
+                                   diagnosis.observations.run.meta.get('format'))
 
 
 # --------------------------------------------------------------------------------------- drivers
@@ -296,6 +298,8 @@ def _facts(found, context, several):
         facts.append(('Fitted as', f'{plain_name(e.name, context.mount.kind)}: {e.formula}'))
     else:
         facts = [('Cause', e.cause), ('Look at', e.look_at), ('Formula', e.formula)]
+    facts += [('Not excluded', f'{one["cause"]}. Look at {one["look_at"]}')
+              for one in still_open(vars(found))]
     values = zip(e.coefficient_names, found.fitted.coefficients / ARCSEC,
                  found.fitted.sigma / ARCSEC)
     facts += [(f'Coefficient, {context.said(coefficient_word(e, name))}',

@@ -118,7 +118,11 @@ path.gauss { fill:none; stroke:var(--after); stroke-dasharray:2 4 }
 .gains i.floor { background:none; height:11px; border:2px dashed var(--fit) }
 @media (max-width:620px) { .gains { grid-template-columns:minmax(0,1fr) }
   .gains>div:nth-child(odd) { text-align:left; margin-top:6px; max-width:none } }
-.scroll { overflow-x:auto; max-width:100% }
+.scroll { overflow-x:auto; max-width:100%;  /* a shadow where it goes on */
+  background:linear-gradient(to right,var(--card) 40%,transparent) 0 0/40px 100% no-repeat local,
+    linear-gradient(to left,var(--card) 40%,transparent) 100% 0/40px 100% no-repeat local,
+    linear-gradient(to right,rgba(110,110,110,.55),transparent) 0 0/14px 100% no-repeat,
+    linear-gradient(to left,rgba(110,110,110,.55),transparent) 100% 0/14px 100% no-repeat }
 .scroll svg { min-width:620px }
 .scroll.tall { max-height:min(70vh,560px); overflow:auto }
 .tall thead th { position:sticky; top:0; background:var(--card); z-index:1 }

@@ -17,6 +17,8 @@ def _tpoint(names, text):
 #: kinds of mounts of which most have no encoder on an axis: it is counted at the motor, and the
 #: wheel that the worm turns takes the place of the disc
 _GEARED = ('equatorial', 'german')
+#: what turns with the polar axis
+_CARRIERS = {'german': 'saddle', 'equatorial': 'fork, yoke or horseshoe'}
 _OF_GEARS = {
     1: ('encoder disc or worm wheel off its centre', 'its worm wheel or encoder disc off centre',
         'disc or worm wheel off its centre',
@@ -28,6 +30,12 @@ _OF_GEARS = {
         'encoder, gear or coupling uneven', 'its gear, encoder or coupling uneven',
         ', gear or coupling uneven',
         'worm and wheel for dirt and wear, the coupling between axis and encoder'))}
+#: the same twice a turn of a polar axis on a large ring, which its own weight makes oval
+_RING = ('encoder disc, worm wheel or horseshoe ring oval or tilted',
+         'its worm wheel, encoder disc or horseshoe ring oval or tilted',
+         'disc, worm wheel or horseshoe ring oval or tilted',
+         'the tilt and the roundness of the worm wheel, of a horseshoe ring (its weight makes it '
+         'oval as it turns), or of the disc of an encoder on the axis')
 
 
 @form
@@ -41,7 +49,9 @@ def _encoder(axis, order, mount='altaz'):
         angle = k * (c.az if az else c.el)
         return [on_axis(axis, f(angle), c.trig.cos_el) for f in (np.cos, np.sin)]
 
-    cause, short, told, look_at = (_OF_GEARS if mount in _GEARED else {}).get(k) or {
+    ring = (mount, axis, k) == ('equatorial', 'az', 2)
+    cause, short, told, look_at = _RING if ring else (
+        _OF_GEARS if mount in _GEARED else {}).get(k) or {
         1: ('encoder disc off its centre', 'the disc of its encoder off centre',
             'disc off its centre',
             'the centring of the disc; the mean of two heads opposite each other'),
@@ -112,7 +122,8 @@ def _nod(order, mount='altaz'):
                   f'{names.shaft("az")}',
                   'wheels or pads under the azimuth axis, and the base under the fork'
                   if mount == 'altaz' else f'bearings of the {names.shaft("az")}, and what it '
-                  f'carries: {"saddle and" if mount == "german" else "fork, or"} counterweight',
+                  f'carries: {_CARRIERS.get(mount, "fork or saddle")}'
+                  f'{" and counterweight" * (mount == "german")}',
                   f'a wave of the {names.word("az")}, {times(order)}',
                   f'mount nods{" on its wheels, pads or base" * (mount == "altaz")} '
                   f'({times(order)} of {names.word("az")})',
@@ -133,7 +144,7 @@ def _line_of_sight(order, mount='altaz'):
                   f'what turns with the {word} and holds the beam: a Nasmyth mirror or the cabin, '
                   'the fork that twists on an uneven track, cables' if mount == 'altaz' else
                   f'what turns with the {shaft} and bends under its weight: '
-                  f'{"" if mount == "german" else "fork, "}saddle, cables',
+                  f'{_CARRIERS.get(mount, "fork or saddle")}, cables',
                   f'a wave of the {word}, {times(order)}, the same at any {names.word("el")}',
                   f'line of sight swings ({times(order)} of the {shaft})',
                   tpoint=_of_order(names, 'HsC1# HsS1#', k))

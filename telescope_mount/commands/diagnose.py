@@ -159,6 +159,7 @@ def show(found, console):
     from calibration.diagnosis_page.told import (
         choice_sentence,
         no_star_sentences,
+        serves_sentence,
         signs_sentences,
     )
     from calibration.tables import new_table
@@ -217,9 +218,11 @@ def show(found, console):
                                row_word(found.observations.run)):
         console.print(line, markup=False)
     print_lines(console, 'note', found.notes)
-    print_lines(console, 'note', signs_sentences(found.columns_alike, names))
+    print_lines(console, 'note', signs_sentences(
+        found.columns_alike, names, found.observations.run.meta.get('format')))
     largest = document['effects'][0]['name'] if document['effects'] else None
-    for line in [*_proposals(document), *no_star_sentences(document, largest)]:
+    for line in filter(None, [*_proposals(document), serves_sentence(document),
+                              *no_star_sentences(document, largest)]):
         console.print(line, markup=False)
 
 

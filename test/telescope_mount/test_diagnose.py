@@ -21,7 +21,8 @@ KEYS = {'observations', 'runs', 'base_terms', 'verdict', 'before', 'after', 'noi
 RMS = {'rms_arcsec', 'rms_x_arcsec', 'rms_y_arcsec', 'cv_rms_arcsec', 'cv_rms_x_arcsec',
        'cv_rms_y_arcsec', 'cv_spread', 'holdout_rms_arcsec'}
 EFFECT = {'name', 'tpoint', 'driver', 'axes', 'coefficients_arcsec', 'sigma_arcsec', 'p_family',
-          'delta_bic', 'alternatives', 'cv_gain_arcsec', 'causes', 'removes_rms_arcsec'}
+          'delta_bic', 'alternatives', 'cv_gain_arcsec', 'causes', 'contenders',
+          'removes_rms_arcsec'}
 
 
 def night(path, seed, effect=0.0, n=60):

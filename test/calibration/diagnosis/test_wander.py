@@ -10,12 +10,16 @@ import pytest
 
 from calibration.diagnosis import diagnose
 from calibration.diagnosis.linear import Columns, fit_state
+from calibration.diagnosis.repeats import repeats, repeats_sentence
 from calibration.diagnosis.slow_part import beyond_terms, slow_part, trend
 from calibration.diagnosis.wander import AxisWander, Sequence, White, Whitened
 from calibration.diagnosis.wander_estimate import estimate
+from calibration.diagnosis.wander_seen import Seen, direction_sentence, seen_sentence
 from calibration.diagnosis_page.plain_words import verdict_sentences
 from calibration.fit import fit_terms
 from msg_tools.units import ARCSEC
+from pointing_model.context import Context
+from pointing_model.mounts import ALTAZ
 from pointing_model.run import PointingRun
 
 sys.path.append(str(Path(__file__).parent))
@@ -248,13 +252,70 @@ def test_a_wander_along_the_sky_moves_no_term_and_is_told_as_that():
     for axis in entry['axes'].values():
         assert axis['apart'] <= 0.5 * axis['span']
         assert axis['row_to_row_arcsec'] < axis['moves_arcsec']
+        assert axis['moves_arcsec'] == pytest.approx(np.sqrt(
+            axis['apart_arcsec']**2 - axis['next_arcsec']**2))
     headline, sentences = verdict_sentences(result.to_dict())
-    assert 'Neighbouring rows' in headline and 'ten minutes apart differ' in sentences[0]
-    assert 'noise of each row' in sentences[0]
+    assert 'Neighbouring rows' in headline
+    # what the rows do not tell apart is said first, then what can be seen in them
+    assert sentences[0].startswith('Neighbouring rows err alike, and these rows do not tell why')
+    assert 'rows about ten minutes apart by' in sentences[0]
     assert 'smooth of' not in sentences[0] and 'mixes the sky' in sentences[0]
     # a night that goes back and forth says nothing of the kind, and its terms rest on the wander
     other = diagnose(night(301, noise=correlated(0.9)), **FAST)
     assert other.wander['along_the_sky'] is None
+
+
+def seen(residual, az, el, live=None, apart=10.0):
+    """`Seen` of rows in their order, elevations and azimuths in degrees."""
+    n = len(az)
+    context = Context(np.radians(az), np.radians(el), {})
+    sequence = Sequence(np.arange(float(n)), np.zeros(n, int), context.trig.cos_el, False)
+    return Seen(context, sequence, ARCSEC * residual, np.ones(n, bool) if live is None else live,
+                apart)
+
+
+def test_how_rows_differ_is_measured_in_what_is_left_of_them():
+    rng = np.random.default_rng(8)
+    az, el = rng.uniform(0.0, 360.0, 60), rng.uniform(20.0, 80.0, 60)
+    left = rng.normal(size=(2, 60))
+    live = np.arange(60) != 7
+    told = seen(left, az, el, live).to_dict(1)
+    y = left[1][live]
+    assert told['next_arcsec'] == pytest.approx(np.sqrt(np.mean(np.diff(y)**2)))
+    row = np.arange(60)[live]
+    far = [(y[i] - y[j])**2 for i in range(59) for j in range(i) if 5 <= row[i] - row[j] <= 15]
+    assert told['apart_arcsec'] == pytest.approx(np.sqrt(np.mean(far)))
+    # noise alone: nothing is said to move that cannot be seen
+    assert told['moves_arcsec'] < told['next_arcsec']
+    none = {key: {**told, 'moves_arcsec': 0.0} for key in ('az', 'el')}
+    assert 'no more' in seen_sentence(none, ALTAZ.names.axes, 'ten')
+    assert seen_sentence({'az': {**told, 'moves_arcsec': None}}, ALTAZ.names.axes, 'ten') == ''
+
+
+def test_an_error_of_the_direction_comes_again_where_the_order_does():
+    rng = np.random.default_rng(9)
+    az = np.concatenate([np.arange(0.0, 300.0, 6.0), np.arange(2.0, 302.0, 6.0)])
+    el = np.full(100, 45.0)
+    place, walk = 3.0 * np.sin(np.radians(3.0 * az)), np.cumsum(rng.normal(size=100))
+    of_place = seen(np.array([place, walk]) + 0.3 * rng.normal(size=(2, 100)), az, el)
+    same, moved = (of_place.to_dict(axis) for axis in (0, 1))
+    assert of_place.pairs() >= 50
+    assert same['near_apart_arcsec'] < 1.3 * same['near_next_arcsec'] < 0.5 * same['apart_arcsec']
+    assert moved['near_apart_arcsec'] > 2.0 * moved['near_next_arcsec']
+    text = direction_sentence({'az': same, 'el': moved}, ALTAZ.names.axes, 'ten', of_place.within,
+                              of_place.pairs())
+    assert f'({of_place.pairs()} pairs)' in text
+    assert direction_sentence({'az': same}, ALTAZ.names.axes, 'ten', 5.0, 3) == ''
+
+
+def test_a_star_that_stands_twice_is_told():
+    context = Context(np.radians([10.0, 80.0, 80.01, 200.0]), np.radians([40.0] * 4), {})
+    group = repeats(context, np.arange(4.0), np.zeros(4, int), False)
+    assert group.tolist() == [0, 1, 1, 3]
+    left = ARCSEC * np.array([[0.0, 1.0, 1.3, 0.0], [0.0, 2.0, 2.4, 0.0]])
+    text = repeats_sentence(group, [11, 12, 13, 14], left, 'line')
+    assert text.startswith('lines 12 and 13 are of one place') and 'differs by 0.50″' in text
+    assert repeats_sentence(np.arange(4), [1, 2, 3, 4], left) == ''
 
 
 def test_errors_of_terms_beside_a_wander_are_those_of_all_noise():

@@ -11,6 +11,12 @@ from calibration.diagnosis.as_read import as_read_sentence
 from calibration.diagnosis.result import diagnosed
 from calibration.diagnosis.unexplained import _like
 from calibration.diagnosis.unphysical import refraction_in_place
+from calibration.diagnosis_page.causes import (
+    causes_sentence,
+    contenders_sentence,
+    first_check,
+    open_causes,
+)
 from calibration.diagnosis_page.effects_told import EffectTold, title_of
 from calibration.diagnosis_page.plain_words import (
     figures_sentence,
@@ -19,14 +25,14 @@ from calibration.diagnosis_page.plain_words import (
 )
 from calibration.diagnosis_page.told import (
     WORDS,
-    causes_sentence,
     choice_sentence,
     explained,
-    first_check,
     model_words,
     next_sentence,
     no_star_sentences,
     place_words,
+    repeat_sentence,
+    serves_sentence,
     signs_sentences,
     spread_sentence,
     way,
@@ -262,7 +268,8 @@ def test_what_is_read_beyond_the_zeros_and_what_effects_move():
     told = document(CAUSES, mount='german', as_read_rms_arcsec=9384.0, as_read_terms=rows)
     text = as_read_sentence(told)
     assert 'and ID −7192″ (zero of the declination). Beyond the zeros it is CH +1284″ ' \
-        '(collimation, the cone error). The polar axis' in text
+        '(collimation, the cone error; 1027″ RMS on the sky) and ME +594″ (the tilt of the polar ' \
+        'axis; 475″ RMS on the sky). The polar axis' in text
     assert text.endswith('terms fitted alone, without the effect.')
     rows[2].update(beside_effects_arcsec=1046.0, resembles='declination_axis_flexure',
                    correlation=-0.97)
@@ -273,6 +280,11 @@ def test_what_is_read_beyond_the_zeros_and_what_effects_move():
         '(correlation −0.97); ME is +620″ in place of +594″.')
     rows[2]['rms_arcsec'] = 150.0  # no more than a part of the lean
     assert 'Beyond the zeros' not in as_read_sentence(told)
+    # rows come by their size on the sky: what is larger there is said first
+    rows[2]['rms_arcsec'] = 400.0
+    told['as_read_terms'] = sorted(rows, key=lambda row: -row['rms_arcsec'])
+    text = as_read_sentence(told)
+    assert 0 < text.index('ME +594″ (the tilt') < text.index('CH +1284″ (collimation')
 
 
 def test_terms_that_an_effect_moves_are_told_with_it():
@@ -382,6 +394,73 @@ def test_the_cheapest_check_is_advice():
     assert first_check(told, {'name': 'a', 'alternatives': ['b']}) == ''
 
 
+def test_a_check_tests_all_causes_that_it_looks_at():
+    mount = 'equatorial'
+    four = causes_of([effect('nod', order=2, mount=mount), effect('nod', order=1, mount=mount),
+                      effect('bearing_wobble', order=1, mount=mount),
+                      effect('bearing_wobble', order=2, mount=mount)], [22.7, 19.5, 19.5, 18.3])
+    text = first_check(document(four), {'name': 'declination_nod_2', 'causes': four})
+    for one in four[:2]:
+        assert f'"{one["cause"]}"' in text.split('; ')[0]
+    assert '; the others take more.' in text
+    text = first_check(document(four[:2]), {'name': 'declination_nod_2', 'causes': four[:2]})
+    assert 'other' not in text
+    # where nothing goes over a pier, and what a polar axis carries
+    assert 'fork, yoke or horseshoe' in text and 'counterweight' not in text
+    german = effect('nod', order=1, mount='german')
+    assert 'saddle and counterweight' in german.look_at
+    assert 'horseshoe ring' in effect('encoder', axis='az', order=2, mount=mount).cause_told
+    assert 'horseshoe' not in effect('encoder', axis='az', order=2, mount='german').cause_told
+    assert 'horseshoe' not in effect('encoder', axis='el', order=2, mount=mount).cause_told
+
+
+def contended(**more):
+    """An effect of a document with one cause, and what was often chosen in its place."""
+    own, other = causes_of([effect('encoder', axis='az', order=2, mount='equatorial'),
+                            effect('line_of_sight', order=2, mount='equatorial')], [94.0, 49.0])
+    return {'name': 'hour_angle_encoder_2', 'causes': [own], 'removes_rms_arcsec': 4.6,
+            'contenders': [{**other, 'behind': 45.0, 'alone': 111.0, 'found_alone': 110.0,
+                            'instead': 50, 'folds': 150, 'open': True, **more}]}
+
+
+def test_what_contends_with_an_effect_is_named_and_why_it_lost():
+    row = contended()
+    told = document([], mount='equatorial')
+    text = contenders_sentence(row, row['causes'][0]['cause'])
+    assert 'Line of sight swings is not excluded: alone it explains the rows as well (ΔBIC 111, ' \
+        'against 110) and it was chosen instead 50 of the 150 times' in text
+    assert text.endswith('but with all effects in the model it is 45 behind in ΔBIC.')
+    assert open_causes(row) == 2
+    assert 'for "line of sight swings": what turns with the polar axis' in first_check(told, row)
+    closed = contended(open=False, instead=0)
+    assert open_causes(closed) == 1 and 'swings' not in first_check(told, closed)
+    assert contenders_sentence(closed, '').startswith('Line of sight swings lost its place: alone')
+    assert contenders_sentence({'contenders': []}, '') == ''
+
+
+def test_proposals_that_do_not_serve_the_largest_effect_say_so():
+    small = {**contended(), 'name': 'declination_nod_2', 'removes_rms_arcsec': 1.8}
+    star = {'az_deg': 60.0, 'el_deg': 17.0, 'separates': ['declination_nod_2', 'line_of_sight_2'],
+            'separation_before': 0.7, 'separation_after': 5.9}
+    told = {**document([], next_observations=[star]), 'effects': [contended(open=False), small]}
+    text = serves_sentence(told)
+    assert 'Of the largest, hour angle encoder, 2 per turn (4.60″ RMS on the sky)' in text
+    assert 'one cause was left' in text
+    star['separates'][0] = 'hour_angle_encoder_2'
+    assert serves_sentence(told) == '' == serves_sentence({**told, 'next_observations': []})
+
+
+def test_how_often_all_was_chosen_stands_beside_what_was_found():
+    told = document(CAUSES)
+    told['after'] = {**told['after'], 'cv_spread': {
+        'folds': 150, 'same_choice': 37, 'chosen': {'elevation_encoder_2': 99}}}
+    assert repeat_sentence(told) == ('With a part of the rows left out, this effect and no other '
+                                     'was found 37 of 150 times.')
+    told['effects'] = [{**told['effects'][0], 'removes_rms_arcsec': 2.0}, {'name': 'b'}]
+    assert repeat_sentence(told).endswith('were found 37 of 150 times, the largest 99 times.')
+    assert repeat_sentence(document(CAUSES)) == ''
+
+
 def test_a_star_for_the_largest_effect_or_none():
     row = {'az_deg': 60.0, 'el_deg': 17.0, 'separates': ['elevation_encoder_2', 'second_flexure'],
            'separation_before': 0.7, 'separation_after': 5.9}
@@ -467,6 +546,9 @@ def test_signs_in_words():
     assert text.startswith('signs: the columns were taken as the file names them')
     assert f'exchanged in the file, or {mirror}' in text
     assert signs_sentences([], ALTAZ.names) == []
+    # a format of fixed columns names none
+    text, = signs_sentences([mirror], ALTAZ.names, 'tpoint')
+    assert 'first the catalogue' in text and 'the file names' not in text
     assert 'zenith distance' in signs_sentences(['zenith distance in place'], ALTAZ.names)[0]
 
 
