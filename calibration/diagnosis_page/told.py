@@ -172,10 +172,10 @@ def repeat_sentence(document):
     if not folds or document['verdict'] in STAYS or not count or 'same_choice' not in spread:
         return ''
     what = 'this effect' if count == 1 else f'these {counted(count, "effect")}'
-    text = (f'With a part of the rows left out, {what} and no other were found '
-            if count > 1 else f'With a part of the rows left out, {what} and no other was found ')
-    text += f'{spread["same_choice"]} of {folds} times' if spread['same_choice'] else \
-        f'not once in {folds} times'
+    often = (f'{spread["same_choice"]} of {folds} times' if spread['same_choice'] else
+             f'in none of {folds} times')
+    text = (f'With a part of the rows left out, {what} and no other '
+            f'{"were" if count > 1 else "was"} found {often}')
     chosen = spread.get('chosen') or {}
     if count > 1 and chosen:
         largest = max(document['effects'], key=lambda row: row.get('removes_rms_arcsec') or 0.0)

@@ -293,5 +293,5 @@ def test_what_is_played_to_the_graph_is_the_judged_run(night, tmp_path):
     columns['ra_deg'] = columns['ra_deg'].copy()
     columns['ra_deg'][3] += 40.0
     path = write(tmp_path / 'run.csv.in', columns)
-    played = load_run(_player(_sound_run(path, None), path, None, tmp_path)['file'])
+    played = load_run(_player(_sound_run(path, {}), path, None, tmp_path)['file'])
     assert len(played) == len(night.az) - 1 and not reasons(played)

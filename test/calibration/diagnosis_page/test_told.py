@@ -458,6 +458,8 @@ def test_how_often_all_was_chosen_stands_beside_what_was_found():
                                      'was found 37 of 150 times.')
     told['effects'] = [{**told['effects'][0], 'removes_rms_arcsec': 2.0}, {'name': 'b'}]
     assert repeat_sentence(told).endswith('were found 37 of 150 times, the largest 99 times.')
+    told['after']['cv_spread']['same_choice'] = 0
+    assert ' were found in none of 150 times, the largest 99 times.' in repeat_sentence(told)
     assert repeat_sentence(document(CAUSES)) == ''
 
 
