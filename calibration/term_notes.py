@@ -70,6 +70,8 @@ def said_of_term(row):
     if row.get('beside_effects_arcsec') is not None:
         figure += (f' before the effects were added; {_signed(row["beside_effects_arcsec"])}″ '
                    'beside them, which take up the same curve')
+    if row['what'] == 'sign' and row.get('sound_with'):
+        return _with_others(row, figure)
     if row['what'] == 'sign':
         return (f'{name}, the bending of the tube, is negative ({figure}), and weight bends no '
                 f'tube upward. {_of_air(row.get("refraction"), bool(row.get("altaz")))}')
@@ -80,6 +82,16 @@ def said_of_term(row):
                    else 'put into the star places twice') + f'. {_DESK}?')
     return (f'{name} is {figure}, more than a degree: mounts are not built so. Check first, at the '
             'desk, what the columns of the file mean, and where their zeros are.')
+
+
+def _with_others(row, figure):
+    """Of a bending of the tube that is negative with the cause that fits best, not with others."""
+    told = '; '.join(f'{_signed(one["value_arcsec"])} ± {one["sigma_arcsec"]:.1f}″ with '
+                     f'{one["cause"]}' for one in row['sound_with'])
+    return (f'{row["name"]}, the bending of the tube, is negative with the cause that fits best '
+            f'({figure}), and not with others that fit as well ({told}). Weight bends no tube '
+            'upward, which speaks for these; or look at the refraction: '
+            + _DESK[0].lower() + _DESK[1:] + '?')
 
 
 _DESK = ('Check first, at the desk: have star places and readings both the refraction, once, or '

@@ -149,7 +149,11 @@ def _of_which_fit(document, rows):
                      f'{row["correlation"]:.2f})').replace('-', '\u2212')
         told.append(text)
     if told:
-        said.append(f'Beside {"it" if effects == 1 else "them"} {"; ".join(told)}')
+        wander = document.get('wander')
+        # then that fit does not follow what wanders, and the one of the terms alone does
+        beside = ', and with what wanders in mind,' * bool(
+            wander and wander.get('along_the_sky') is None)
+        said.append(f'Beside {"it" if effects == 1 else "them"}{beside} {"; ".join(told)}')
     return said
 
 

@@ -1,5 +1,7 @@
 """Diagnosis of a pointing run: what the declared model lacks, how sure that is, what it gains."""
 
+from functools import partial
+
 import numpy as np
 
 from calibration.robust import BISQUARE
@@ -8,6 +10,7 @@ from pointing_model.effects.base import readable, the
 from pointing_model.effects.drifts import places_of_steps
 
 from .base import Base, mount_of, observations
+from .by_cause import fit_causes, same_set
 from .chance import Chance
 from .choosing import choose, settled
 from .constants import FLIPS, FOLDS, SET_WIDTH, STREAMED_FROM
@@ -149,7 +152,8 @@ def _in_memory(obs, base, alpha, rng, flips, folds, ways, progress, jobs):
         left = unexplained(problem, found, alpha)
     _refine_steps(work, found)
     base_fit, fitted = _fits(work, found, left, mixed)
-    result = _assemble(work, found, chosen.stands, (base_fit, fitted), chance)
+    result = _assemble(work, found, chosen.stands, (base_fit, fitted), chance,
+                       problem if left is not None and mixed else problem.plain)
     twice = repeats_sentence(problem.sequence.group, obs.lines, result.residual_after,
                              row_word(obs.run))
     result.notes += [twice] * bool(twice)
@@ -165,6 +169,8 @@ def _in_memory(obs, base, alpha, rng, flips, folds, ways, progress, jobs):
         for entry, one in ((result.before, errors.before), (result.after, errors.after)):
             entry.update(cv_rms_arcsec=one['radial'], cv_rms_x_arcsec=one['x'],
                          cv_rms_y_arcsec=one['y'])
+        if errors.spread and found.chosen:
+            errors.spread['same_set'] = same_set(errors.chosen, result.effects[len(work.slips):])
         result.after['cv_spread'] = errors.spread
         result.cv_contiguous, result.caution = errors.stretches, errors.caution
         result.expected = expected_error(
@@ -266,7 +272,7 @@ def _beside(found, rival, others, more=0, better=0.0):
     return text
 
 
-def _assemble(work, found, stands, fits, chance):
+def _assemble(work, found, stands, fits, chance, by):
     problem, obs = work.problem, work.obs
     base_fit, fitted = fits
     nothing = problem.plain.state([])
@@ -282,6 +288,8 @@ def _assemble(work, found, stands, fits, chance):
         larger = {bank.effects[k].name: told for k, told in s.larger.items()}
         for told in one.causes:
             told['more_effects'] = min(larger.get(name, (0,))[0] for name in told['effects'])
+        if len(one.causes) > 1:
+            fit_causes(work, found, i, s, one.causes, partial(by.state, final=True))
         gradual = _as_well_as_a_step(problem, found, i)
         for e, gain in gradual:
             one.alternatives.append(e.name)

@@ -7,6 +7,7 @@ import numpy as np
 from calibration.term_notes import suspicious
 from msg_tools.units import ARCSEC
 
+from .by_cause import sound_with
 from .linear import solve
 from .summary import some_rows
 from .wander import White
@@ -23,7 +24,8 @@ def unphysical(result):
     -------
     list of dict
         As of `term_notes.suspicious`, and ``altaz`` (the mount is one); ``alone_arcsec``, its
-        value without the effects; of a negative TF `refraction_in_place` as ``refraction``. Of a
+        value without the effects; of a negative TF `refraction_in_place` as ``refraction`` and
+        `by_cause.sound_with`. Of a
         sign that a term has without the effects, and that they only leave in doubt, the value is
         the one without, and ``beside_effects_arcsec`` the other.
     """
@@ -41,6 +43,7 @@ def unphysical(result):
             one['alone_arcsec'] = result.base_model.terms[one['name']] / ARCSEC
         if one['name'] == 'TF':
             one['refraction'] = refraction_in_place(result)
+            one['sound_with'] = sound_with(result.effects, 'TF')
     return out
 
 

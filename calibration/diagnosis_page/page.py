@@ -74,7 +74,9 @@ def render(view, more=''):
         section('What to observe next', page.next_observations(
             proposals(document), document.get('mount') or 'altaz',
             causes_of(document)), page.serves(document), page.no_star(document),
-            note='Observations that would best tell causes apart.'),
+            note='Observations that would best tell causes apart. They are no lower than the rows: '
+                 'where the mount may go lower, stars there tell more of what follows the '
+                 'elevation.'),
         section('Notes on the data', listed(view.notes)),
         section('Residual against each driver', page.legend(view.changed),
                      page.driver_figures(view), note=view.axes_note),

@@ -105,7 +105,8 @@ def smaller(rows):
 def legend(fit=False):
     """What the marks mean."""
     marks = [('before', 'before'), ('after', 'after')]
-    return legend_of(*marks, *[('fit', 'what the added effects take away')] * fit)
+    return legend_of(*marks, *[('fit', 'what the added effects, and the terms fitted anew '
+                                'beside them, take away')] * fit)
 
 
 # ----------------------------------------------------------------------------- against a driver

@@ -12,11 +12,12 @@ from .causes import counted, open_causes, short_cause, still_open
 _AS_NAMED = 'the columns were taken as the file names them'
 _TAKEN = {
     'tpoint': 'the columns were taken as this format has them, which does not name them: of each '
-              'row first the catalogue (the observed place, refraction in it), then the mount',
+              'row first the catalogue (where it has no right ascensions the observed place, '
+              'refraction in it), then the mount',
     'iram': 'the pointing offsets of the log were taken as what the mount reads too much',
     'gpoint': 'the columns were taken as this format has them',
     'mountwizzard4': 'the keys were taken as this format has them',
-    'mmt': 'TAA was taken for the catalogue and RAA for the mount',
+    'mmt': 'RAA, with the refraction in it, was taken for the catalogue and TAA for the mount',
     'unam': 'the columns were taken as this format has them',
     'images': 'the keywords were taken as the mapping names them'}
 #: why hours are told with a place
@@ -172,8 +173,10 @@ def repeat_sentence(document):
     if not folds or document['verdict'] in STAYS or not count or 'same_choice' not in spread:
         return ''
     what = 'this effect' if count == 1 else f'these {counted(count, "effect")}'
-    often = (f'{spread["same_choice"]} of {folds} times' if spread['same_choice'] else
-             f'in none of {folds} times')
+    same = spread['same_choice']
+    if spread.get('same_set', same) > same:
+        what, same = f'{what}, by one or another of the causes,', spread['same_set']
+    often = f'{same} of {folds} times' if same else f'in none of {folds} times'
     text = (f'With a part of the rows left out, {what} and no other '
             f'{"were" if count > 1 else "was"} found {often}')
     chosen = spread.get('chosen') or {}

@@ -289,11 +289,28 @@ def _found(diagnosis, found):
         its_own(diagnosis, found))
 
 
+def _size_of(cause, context):
+    """What the coefficients of a cause would be, and TF beside it; '' where it was not fitted."""
+    fitted = cause.get('fitted')
+    if fitted is None:
+        return ''
+    told = [f'{context.said(one["name"])} {_with_error(one)} {one["unit"]}'
+            for one in fitted['coefficients']]
+    if 'TF' in fitted['terms']:
+        told.append(f'TF {_with_error(fitted["terms"]["TF"])} beside it')
+    return f' ({", ".join(told)})'
+
+
+def _with_error(one):
+    return ' ± '.join(value_and_error(one['value_arcsec'], one['sigma_arcsec']))
+
+
 def _facts(found, context, several):
     e = found.fitted.effect
     if len(found.causes) > 1:
         facts = [(f'Cause {i}, ΔBIC {one["delta_bic"]:.1f}',
-                  one['cause'] + (f'. Look at {one["look_at"]}' if one.get('look_at') else ''))
+                  one['cause'] + _size_of(one, context)
+                  + (f'. Look at {one["look_at"]}' if one.get('look_at') else ''))
                  for i, one in enumerate(found.causes, 1)]
         facts.append(('Fitted as', f'{plain_name(e.name, context.mount.kind)}: {e.formula}'))
     else:

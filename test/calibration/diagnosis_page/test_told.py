@@ -45,6 +45,7 @@ from pointing_model.effects.words import coefficient_word, common_shape
 from pointing_model.fitted_effects import FittedEffect
 from pointing_model.mounts import ALTAZ, KINDS
 from pointing_model.run import PointingRun
+from pointing_model.run_files.mmt import _WANTED as WANTED
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -458,7 +459,10 @@ def test_how_often_all_was_chosen_stands_beside_what_was_found():
                                      'was found 37 of 150 times.')
     told['effects'] = [{**told['effects'][0], 'removes_rms_arcsec': 2.0}, {'name': 'b'}]
     assert repeat_sentence(told).endswith('were found 37 of 150 times, the largest 99 times.')
-    told['after']['cv_spread']['same_choice'] = 0
+    told['after']['cv_spread']['same_set'] = 120
+    assert ', by one or another of the causes, and no other were found 120 of 150 times, ' in (
+        repeat_sentence(told))
+    told['after']['cv_spread'] |= {'same_choice': 0, 'same_set': 0}
     assert ' were found in none of 150 times, the largest 99 times.' in repeat_sentence(told)
     assert repeat_sentence(document(CAUSES)) == ''
 
@@ -502,6 +506,9 @@ def test_what_refraction_has_to_do_with_it(gain, said):
     assert said in text and '−41.0″ of cot E' in text and '−58.0″ before the effects' in text
     assert ('disc is off centre' in text) == (gain < 6.0)
     assert 'disc' not in said_of_term({**row, 'altaz': False})
+    other = {'cause': 'disc oval', 'value_arcsec': 24.3, 'sigma_arcsec': 5.5}
+    text_of_both = said_of_term({**row, 'sound_with': [other]})
+    assert 'not with others that fit as well (+24.3 ± 5.5″ with disc oval)' in text_of_both
     # among the first things, also where nothing is missing
     told = document([], unphysical=[row])
     assert told_verdict(told, [EffectTold('A')]).first[0].more in text
@@ -549,6 +556,9 @@ def test_signs_in_words():
     assert f'exchanged in the file, or {mirror}' in text
     assert signs_sentences([], ALTAZ.names) == []
     # a format of fixed columns names none
+    assert WANTED['RAA'] == ('az', 'el') and WANTED['TAA'] == ('az_enc', 'el_enc')
+    text, = signs_sentences([mirror], ALTAZ.names, 'mmt')
+    assert 'RAA, with the refraction in it, was taken for the catalogue and TAA for the' in text
     text, = signs_sentences([mirror], ALTAZ.names, 'tpoint')
     assert 'first the catalogue' in text and 'the file names' not in text
     assert 'zenith distance' in signs_sentences(['zenith distance in place'], ALTAZ.names)[0]
