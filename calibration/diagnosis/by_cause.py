@@ -6,9 +6,10 @@ import numpy as np
 
 from calibration.term_notes import suspicious
 from msg_tools.units import ARCSEC
+from pointing_model.effects.words import coefficient_word
 
 
-def fit_causes(work, found, i, standing, causes, state):
+def fit_causes(work, found, i, standing, causes, fit):
     """Fit the model with each cause of an effect in its place, and write it down there.
 
     Parameters
@@ -20,11 +21,11 @@ def fit_causes(work, found, i, standing, causes, state):
     standing : Standing
         Of that choice.
     causes : list of dict
-        Of `DiagnosedEffect`. Each gets ``fitted``: ``coefficients`` (``name``, ``value_arcsec``,
-        ``sigma_arcsec``, ``unit``) and ``terms`` (name: ``value_arcsec``, ``sigma_arcsec``); None
-        for a cause that is tried by its score alone.
-    state : callable
-        ``state(chosen)``: the `State` by which a choice is fitted.
+        Of `DiagnosedEffect`. Each gets ``fitted``: ``coefficients`` (``name``, ``word`` for people,
+        ``value_arcsec``, ``sigma_arcsec``, ``unit``) and ``terms`` (name: ``value_arcsec``,
+        ``sigma_arcsec``); None for a cause that is tried by its score alone.
+    fit : callable
+        ``fit(chosen)``: a choice as the found one is fitted.
     """
     choice, problem = found.chosen[i], work.problem
     bank, own = choice.family(problem, found.chosen)
@@ -37,17 +38,17 @@ def fit_causes(work, found, i, standing, causes, state):
         if group is not None:
             mine = replace(choice, group=group)
             told['fitted'] = _fitted(work, [mine, *(
-                one for one in standing.companions.get(group, others) if one != mine)], state)
+                one for one in standing.companions.get(group, others) if one != mine)], fit)
 
 
-def _fitted(work, chosen, state):
-    model, _ = work.model(work.fit(chosen, state(chosen)), chosen)
+def _fitted(work, chosen, fit):
+    model, _ = work.model(fit(chosen), chosen)
     one = model.effects[0]
     sigma = np.sqrt(np.maximum(np.diag(model.covariance), 0.0))
     return {
         'coefficients': [
-            {'name': name, 'value_arcsec': float(value / ARCSEC),
-             'sigma_arcsec': float(s / ARCSEC), 'unit': one.effect.unit}
+            {'name': name, 'word': coefficient_word(one.effect, name), 'unit': one.effect.unit,
+             'value_arcsec': float(value / ARCSEC), 'sigma_arcsec': float(s / ARCSEC)}
             for name, value, s in zip(one.effect.coefficient_names, one.coefficients, one.sigma)],
         'terms': {name: {'value_arcsec': float(value / ARCSEC), 'sigma_arcsec': float(s / ARCSEC)}
                   for (name, value), s in zip(model.terms.items(), sigma)}}

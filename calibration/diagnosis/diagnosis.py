@@ -1,7 +1,5 @@
 """Diagnosis of a pointing run: what the declared model lacks, how sure that is, what it gains."""
 
-from functools import partial
-
 import numpy as np
 
 from calibration.robust import BISQUARE
@@ -153,7 +151,7 @@ def _in_memory(obs, base, alpha, rng, flips, folds, ways, progress, jobs):
     _refine_steps(work, found)
     base_fit, fitted = _fits(work, found, left, mixed)
     result = _assemble(work, found, chosen.stands, (base_fit, fitted), chance,
-                       problem if left is not None and mixed else problem.plain)
+                       lambda some: _fit_of(work, some, left, mixed)[0])
     twice = repeats_sentence(problem.sequence.group, obs.lines, result.residual_after,
                              row_word(obs.run))
     result.notes += [twice] * bool(twice)
@@ -201,14 +199,21 @@ def _fits(work, found, left, mixed):
     What is not beyond chance is no reason for another fit. Without the effects what wanders is
     mostly what they do: before them the rows are taken as `fit` takes them.
     """
-    plain = work.problem.plain
+    fitted, found.state = _fit_of(work, found.chosen, left, mixed)
+    if left is not None and not found.chosen:
+        return fitted, fitted
+    return work.fit([], work.problem.plain.state([], final=True)), fitted
+
+
+def _fit_of(work, chosen, left, mixed):
+    """The exact fit of a choice, and the state by which it is made."""
+    problem = work.problem
     if left is None:
-        found.state = plain.state(found.chosen, final=True)
-        return work.fit([], plain.state([], final=True)), work.fit(found.chosen, found.state)
-    found.state = work.problem.state(found.chosen, final=True)
-    fitted = work.fit(found.chosen, found.state) if mixed else work.fit(
-        found.chosen, plain.state(found.chosen, final=True), found.state)
-    return (work.fit([], plain.state([], final=True)) if found.chosen else fitted), fitted
+        state = problem.plain.state(chosen, final=True)
+        return work.fit(chosen, state), state
+    state = problem.state(chosen, final=True)
+    return (work.fit(chosen, state) if mixed else work.fit(
+        chosen, problem.plain.state(chosen, final=True), state)), state
 
 
 def _without_memory(work, found, fitted):
@@ -272,7 +277,7 @@ def _beside(found, rival, others, more=0, better=0.0):
     return text
 
 
-def _assemble(work, found, stands, fits, chance, by):
+def _assemble(work, found, stands, fits, chance, fit):
     problem, obs = work.problem, work.obs
     base_fit, fitted = fits
     nothing = problem.plain.state([])
@@ -289,7 +294,7 @@ def _assemble(work, found, stands, fits, chance, by):
         for told in one.causes:
             told['more_effects'] = min(larger.get(name, (0,))[0] for name in told['effects'])
         if len(one.causes) > 1:
-            fit_causes(work, found, i, s, one.causes, partial(by.state, final=True))
+            fit_causes(work, found, i, s, one.causes, fit)
         gradual = _as_well_as_a_step(problem, found, i)
         for e, gain in gradual:
             one.alternatives.append(e.name)

@@ -294,7 +294,7 @@ def _size_of(cause, context):
     fitted = cause.get('fitted')
     if fitted is None:
         return ''
-    told = [f'{context.said(one["name"])} {_with_error(one)} {one["unit"]}'
+    told = [f'{context.said(one["word"])} {_with_error(one)} {one["unit"]}'
             for one in fitted['coefficients']]
     if 'TF' in fitted['terms']:
         told.append(f'TF {_with_error(fitted["terms"]["TF"])} beside it')
