@@ -76,28 +76,33 @@ def sound_with(effects, name):
     return out
 
 
-def same_set(choices, effects):
-    """How many repeated choices are the effects that were found, each by one of its causes.
+def by_any_cause(choices, effects):
+    """How often the effects that were found are chosen again, each by one of its causes.
 
     Parameters
     ----------
     choices : list of list of Effect
+        Repeated without a part of the rows.
     effects : list of DiagnosedEffect
 
     Returns
     -------
-    int
+    dict
+        ``same_set``: how many choices are these and no other; ``chosen_set``: name of each effect
+        and how many choices have it.
     """
-    sets = [({one.fitted.effect.name, *one.alternatives}.union(
-        *(told['effects'] for told in one.causes)), one.fitted.effect.line) for one in effects]
+    sets = {one.fitted.effect.name: ({one.fitted.effect.name, *one.alternatives}.union(
+        *(told['effects'] for told in one.causes)), one.fitted.effect.line) for one in effects}
 
-    def same(chosen):
-        left = list(sets)
+    def of(chosen):
+        """Found effects that a choice has, and whether it has these and no other."""
+        left, others = dict(sets), 0
         for effect in chosen:
-            mine = next((one for one in left if effect.name in one[0] or effect.line == one[1]),
-                        None)
-            if mine is None:
-                return False
-            left.remove(mine)
-        return not left
-    return sum(map(same, choices))
+            mine = next((name for name, (names, line) in left.items()
+                         if effect.name in names or effect.line == line), None)
+            others += mine is None
+            left.pop(mine, None)
+        return set(sets) - set(left), not left and not others
+    told = [of(chosen) for chosen in choices]
+    return {'same_set': sum(same for _, same in told),
+            'chosen_set': {name: sum(name in found for found, _ in told) for name in sets}}

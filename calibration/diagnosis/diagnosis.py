@@ -8,7 +8,7 @@ from pointing_model.effects.base import readable, the
 from pointing_model.effects.drifts import places_of_steps
 
 from .base import Base, mount_of, observations
-from .by_cause import fit_causes, same_set
+from .by_cause import by_any_cause, fit_causes
 from .chance import Chance
 from .choosing import choose, settled
 from .constants import FLIPS, FOLDS, SET_WIDTH, STREAMED_FROM
@@ -168,7 +168,7 @@ def _in_memory(obs, base, alpha, rng, flips, folds, ways, progress, jobs):
             entry.update(cv_rms_arcsec=one['radial'], cv_rms_x_arcsec=one['x'],
                          cv_rms_y_arcsec=one['y'])
         if errors.spread and found.chosen:
-            errors.spread['same_set'] = same_set(errors.chosen, result.effects[len(work.slips):])
+            errors.spread |= by_any_cause(errors.chosen, result.effects[len(work.slips):])
         result.after['cv_spread'] = errors.spread
         result.cv_contiguous, result.caution = errors.stretches, errors.caution
         result.expected = expected_error(

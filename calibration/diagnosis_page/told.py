@@ -173,13 +173,13 @@ def repeat_sentence(document):
     if not folds or document['verdict'] in STAYS or not count or 'same_choice' not in spread:
         return ''
     what = 'this effect' if count == 1 else f'these {counted(count, "effect")}'
-    same = spread['same_choice']
-    if spread.get('same_set', same) > same:
-        what, same = f'{what}, by one or another of the causes,', spread['same_set']
+    same, chosen = spread['same_choice'], spread.get('chosen') or {}
+    any_ = spread.get('chosen_set') or chosen
+    if spread.get('same_set', same) > same or sum(any_.values()) > sum(chosen.values()):
+        what, same, chosen = f'{what}, by one or another of the causes,', spread['same_set'], any_
     often = f'{same} of {folds} times' if same else f'in none of {folds} times'
     text = (f'With a part of the rows left out, {what} and no other '
             f'{"were" if count > 1 else "was"} found {often}')
-    chosen = spread.get('chosen') or {}
     if count > 1 and chosen:
         largest = max(document['effects'], key=lambda row: row.get('removes_rms_arcsec') or 0.0)
         if largest['name'] in chosen:

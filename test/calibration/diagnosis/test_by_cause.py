@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calibration.diagnosis import diagnose
-from calibration.diagnosis.by_cause import same_set, sound_with
+from calibration.diagnosis.by_cause import by_any_cause, sound_with
 from msg_tools.units import ARCSEC
 
 sys.path.append(str(Path(__file__).parent))
@@ -48,6 +48,8 @@ def test_a_choice_repeated_counts_by_any_of_the_causes(found):
     chosen = [e.fitted.effect for e in found.effects]
     other = SimpleNamespace(name=one.alternatives[0], line='another')
     by_another = [other if e is one.fitted.effect else e for e in chosen]
-    assert same_set([chosen, chosen[::-1], by_another], found.effects) == 3
+    told = by_any_cause([chosen, chosen[::-1], by_another], found.effects)
+    assert told == {'same_set': 3, 'chosen_set': {e.name: 3 for e in chosen}}
     unknown = SimpleNamespace(name='unknown', line='unknown')
-    assert same_set([[], [*chosen, other], [unknown]], found.effects) == 0
+    told = by_any_cause([[], [*chosen, other], [unknown]], found.effects)
+    assert told == {'same_set': 0, 'chosen_set': {e.name: 1 for e in chosen}}

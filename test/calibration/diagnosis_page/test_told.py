@@ -459,10 +459,11 @@ def test_how_often_all_was_chosen_stands_beside_what_was_found():
                                      'was found 37 of 150 times.')
     told['effects'] = [{**told['effects'][0], 'removes_rms_arcsec': 2.0}, {'name': 'b'}]
     assert repeat_sentence(told).endswith('were found 37 of 150 times, the largest 99 times.')
-    told['after']['cv_spread']['same_set'] = 120
-    assert ', by one or another of the causes, and no other were found 120 of 150 times, ' in (
-        repeat_sentence(told))
-    told['after']['cv_spread'] |= {'same_choice': 0, 'same_set': 0}
+    told['after']['cv_spread'] |= {'same_set': 120, 'chosen_set': {'elevation_encoder_2': 148}}
+    assert repeat_sentence(told).endswith(
+        ', by one or another of the causes, and no other were found 120 of 150 times, '
+        'the largest 148 times.')
+    told['after']['cv_spread'] |= {'same_choice': 0, 'same_set': 0, 'chosen_set': None}
     assert ' were found in none of 150 times, the largest 99 times.' in repeat_sentence(told)
     assert repeat_sentence(document(CAUSES)) == ''
 
