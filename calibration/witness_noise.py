@@ -55,7 +55,7 @@ class Colour(NamedTuple):
         Rows of a constant variance stay at it: a noise that is estimated from whitened rows is
         that of a row.
         """
-        if not self.rho.any():
+        if self.rho.ndim == 1 and not self.rho.any():
             return values
         if isinstance(values, ByGroup | Moves):
             return values.white(self)
@@ -104,9 +104,9 @@ def colour_of(design, y, sequence, series=None, most=1.0):
     for number in np.unique(series):
         mine = follows & (series == number)
         tried = np.concatenate([[0.0], allowed])[:, None]
-        all_ = np.concatenate([
-            restricted_coloured(design, y, np.where(mine, part, rho))
-            for part in np.array_split(tried, math.ceil(tried.size * numbers / _AT_ONCE))])
+        parts = min(math.ceil(tried.size * numbers / _AT_ONCE), len(tried))
+        all_ = np.concatenate([restricted_coloured(design, y, np.where(mine, part, rho))
+                               for part in np.array_split(tried, parts)])
         if all_.min() < all_[0] - _CLAIMED:
             near = np.flatnonzero(all_[1:] < all_.min() + _SIGMA)
             rho = np.where(mine, allowed[near[-1]], rho)

@@ -6,6 +6,7 @@ of one line.
 """
 
 import asyncio
+import concurrent.futures
 import contextlib
 import logging
 import threading
@@ -235,9 +236,9 @@ class IndiClient:
             s; a driver that does not answer again is not an error.
         """
         asked = time.time_ns()
-        asyncio.run_coroutine_threadsafe(
-            self._client.send_getProperties(device, name), self._loop).result(PATIENCE)
-        with contextlib.suppress(IndiError):
+        with contextlib.suppress(IndiError, concurrent.futures.TimeoutError):
+            asyncio.run_coroutine_threadsafe(
+                self._client.send_getProperties(device, name), self._loop).result(timeout)
             self.wait(lambda: self._defined.get((device, name), 0) > asked, '', timeout)
 
     # --- what is sent -------------------------------------------------------------------------

@@ -60,8 +60,8 @@ def forked(calls, jobs, done=None):
     try:
         for number, call in enumerate(calls):
             if worth:
-                running_child = _Child(call, list(running))
-                running[running_child.source] = number, running_child
+                child = _Child(call, list(running))
+                running[child.source] = number, child
                 while len(running) >= jobs:
                     one_ends()
                 continue
@@ -102,10 +102,12 @@ class _Child:
             warnings.simplefilter('ignore', DeprecationWarning)
             self._pid = os.fork()
         if self._pid == 0:
+            code = 1
             try:
                 self._work(target, parent, others)
+                code = 0
             finally:
-                os._exit(0)
+                os._exit(code)
         os.close(target)
 
     def _work(self, target, parent, others):
@@ -125,11 +127,11 @@ class _Child:
             pickle.dump(told, file, pickle.HIGHEST_PROTOCOL)
 
     def result(self):
-        """What the call returned; made once more here, where the child was killed."""
+        """What the call returned; made once more here, where the child did not get to say it."""
         with open(self.source, 'rb') as file:
             told = file.read()
-        os.waitpid(self._pid, 0)
-        if not told:
+        _, status = os.waitpid(self._pid, 0)
+        if status or not told:
             return self._call()
         returned, value = pickle.loads(told)
         if not returned:

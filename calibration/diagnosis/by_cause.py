@@ -55,7 +55,7 @@ def _fitted(work, chosen, fit):
 
 
 def sound_with(effects, name):
-    """With which causes a term is not as no mount has it, and what it is with them.
+    """With which other causes a term is as mounts have it, and what it is beside them.
 
     Parameters
     ----------
@@ -65,12 +65,14 @@ def sound_with(effects, name):
     Returns
     -------
     list of dict
-        ``cause``, ``value_arcsec``, ``sigma_arcsec``; of the best fit nothing.
+        ``cause``, ``value_arcsec``, ``sigma_arcsec``.
     """
     out = []
     for effect in effects:
-        for told in effect.causes[1:]:
-            one = ((told.get('fitted') or {}).get('terms') or {}).get(name)
+        for told in effect.causes:
+            if not told.get('fitted') or effect.fitted.effect.name in told['effects']:
+                continue
+            one = told['fitted']['terms'].get(name)
             if one is not None and not suspicious([{'name': name, **one}]):
                 out.append({'cause': told['cause'], **one})
     return out

@@ -24,10 +24,10 @@ def unphysical(result):
     -------
     list of dict
         As of `term_notes.suspicious`, and ``altaz`` (the mount is one); ``alone_arcsec``, its
-        value without the effects; of a negative TF `refraction_in_place` as ``refraction`` and
-        `by_cause.sound_with`. Of a
-        sign that a term has without the effects, and that they only leave in doubt, the value is
-        the one without, and ``beside_effects_arcsec`` the other.
+        value without the effects; of a negative TF `refraction_in_place` as ``refraction``, and
+        `by_cause.sound_with` as ``sound_with`` where it is negative beside the effects. Of a sign
+        that a term has without the effects, and that they only leave in doubt, the value is the
+        one without, and ``beside_effects_arcsec`` the other.
     """
     sigma = np.sqrt(np.maximum(np.diag(result.model.covariance), 0.0)) / ARCSEC
     rows = [{'name': name, 'value_arcsec': value / ARCSEC, 'sigma_arcsec': float(s)}
@@ -43,7 +43,8 @@ def unphysical(result):
             one['alone_arcsec'] = result.base_model.terms[one['name']] / ARCSEC
         if one['name'] == 'TF':
             one['refraction'] = refraction_in_place(result)
-            one['sound_with'] = sound_with(result.effects, 'TF')
+            one['sound_with'] = [] if 'beside_effects_arcsec' in one else sound_with(
+                result.effects, 'TF')
     return out
 
 

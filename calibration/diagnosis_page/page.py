@@ -16,10 +16,10 @@ from .causes import counted, open_causes
 from .plain_words import (
     FITTED,
     Said,
-    _led,
     best_pair,
     count_sentence,
     floor_words,
+    led,
     told_verdict,
 )
 from .told import STAYS, causes_of, model_words, proposals, way_size
@@ -136,7 +136,7 @@ def _verdict(view):
     if ranked and ranked[0].more and headline.startswith(ranked[0].lead[:-1]):
         # what the headline has said is not said again
         first = [one for one in first if one.text != count_sentence(document)]
-        ranked = [_led(ranked[0].more) if len(ranked) == 1 else replace(
+        ranked = [led(ranked[0].more) if len(ranked) == 1 else replace(
             ranked[0], lead=f'{view.effects[0].name}.'), *ranked[1:]]
     return (verdict(_VERDICTS.get(badge, badge), headline, [], cards(numbers),
                     badge if badge in _VERDICTS else '',

@@ -123,9 +123,9 @@ def told_verdict(document, effects=(), limit=5, caution=''):
 
 def _told(document, effects, limit, caution):
     verdict = document['verdict']
-    last = [_led(scatter_sentence(document)), _led(figures_sentence(document)),
+    last = [led(scatter_sentence(document)), led(figures_sentence(document)),
             outlier_sentence(document)]
-    odd = [_led(said_of_term(row)) for row in document.get('unphysical') or ()]
+    odd = [led(said_of_term(row)) for row in document.get('unphysical') or ()]
     if verdict == 'refused':
         return Verdict('Nothing is concluded from so few of the rows', [caution], [], last)
     if verdict == 'none':
@@ -162,7 +162,7 @@ def verdict_sentences(document, effects=(), limit=5, caution=''):
     return verdict.headline, verdict.sentences
 
 
-def _led(text):
+def led(text):
     """A text, its first sentence what it is about."""
     lead, stop, more = text.partition('. ')
     return Said(lead + '.' * bool(stop), more)
@@ -349,7 +349,7 @@ def _detectable(document):
 def _wander(document):
     """Rows that resemble their neighbours, if there is such a thing."""
     entry = document.get('wander')
-    return [_led(entry['text'][:1].upper() + entry['text'][1:] + '.')] if entry else []
+    return [led(entry['text'][:1].upper() + entry['text'][1:] + '.')] if entry else []
 
 
 def floor_words(document):

@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calibration import witness_noise
 from calibration.by_group import ByGroup, Moves
 from calibration.step_scan import clipped, robust_fit, scan
-from calibration.witness_noise import Colour, restricted_coloured, strongest
+from calibration.witness_noise import Colour, colour_of, restricted_coloured, strongest
 
 RUNS, ROWS = 30, 8
 RUN = np.repeat(np.arange(RUNS), ROWS)
@@ -66,6 +67,20 @@ def test_likelihoods_of_correlated_rows_are_those_of_all_columns():
     assert own == pytest.approx(whole, rel=1e-9)
     white = moves().white(Colour(rho)).dense()
     assert white == pytest.approx(Colour(rho).white(moves().dense()), abs=1e-12)
+
+
+def test_many_correlations_at_once_are_those_one_by_one(monkeypatch):
+    design, y, _ = simulated(6)
+    y[1:] += 0.5 * y[:-1]
+    rho = np.array([[0.0], [0.3], [0.6]]) * (np.arange(N) % ROWS > 0)
+    for one in (design, design.dense()):
+        assert restricted_coloured(one, y, rho) == pytest.approx(
+            [restricted_coloured(one, y, each) for each in rho], rel=1e-12)
+        assert restricted_coloured(one, y, rho[:1]).shape == (1,)
+    found = colour_of(design, y, RUN)
+    assert found.most > 0.2
+    monkeypatch.setattr(witness_noise, '_AT_ONCE', 1)  # each by itself
+    assert np.array_equal(colour_of(design, y, RUN).rho, found.rho)
 
 
 def test_a_column_that_depends_on_others_changes_no_likelihood():

@@ -69,6 +69,9 @@ def test_what_a_call_raises_is_raised_and_a_killed_one_made_again():
         forked([lambda: 1, fails, *calls(5)], 2)
     found = forked(calls(4, killed=(2,)), 2)
     assert [number for number, *_ in found] == [0, 1, 2, 3] and found[2][2] == os.getpid()
+    # what cannot be sent is no answer either
+    _, here = forked([lambda: 0, lambda: lambda: os.getpid()], 2)
+    assert here() == os.getpid()
 
 
 def test_who_is_told_may_end_it():
