@@ -13,7 +13,8 @@ from msg_tools.units import DEG
 
 from ..observing.pointing import Track
 from .keeper import KNOT, OK, Keeper
-from .motion import Cubic, State
+from .motion import State
+from .track import resting
 
 #: longest leg of an axis, rad: where half a turn is near, a driver may take the other way round
 LONGEST = 150.0 * DEG
@@ -58,7 +59,7 @@ class GotoKeeper(Keeper):
             # where it comes by, that has been judged with the whole
             there = here + np.clip(move, -longest / legs, longest / legs)
             self._vias = [tuple(there.tolist()), *self._vias]
-            cubic = Cubic(np.zeros(1), there[None, :], np.zeros((1, 2)))
+            cubic = resting(there)
             name, text = 'around', f'{len(self._vias)} points to pass'
         self._path = now, None, cubic
         ends = np.vstack([cubic.angles, here])

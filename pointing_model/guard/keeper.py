@@ -17,9 +17,10 @@ from msg_tools.units import DEG
 from ..observing.pointing import Track
 from .judging import Judge
 from .limits import safe_travel
-from .motion import Cubic, State, moment, plan_move
+from .motion import State, moment, plan_move
 from .readings import Readings
 from .rest import braked, ended
+from .track import resting
 from .verdicts import Allowed, Refused
 from .way import around, lead
 
@@ -229,13 +230,12 @@ class Keeper:
         raise self._refuse(goal, found.reason)
 
     def _to_via(self, now):
-        there = np.array([self._vias[0]])
-        found = self._judge.way(self._here(now).angles, there[0], self._sun_at(now), self._pole)
+        here, there = self._here(now), self._vias[0]
+        found = self._judge.way(here.angles, there, self._sun_at(now), self._pole)
         if not isinstance(found, Allowed):  # the Sun has come into the way since
             self._vias = []
             return self._told('waiting', WARN, found.reason)
-        cubic = Cubic(np.zeros(1), there, np.zeros((1, 2)))
-        self._set_out(cubic, self._here(now), now, 'around', f'{len(self._vias)} points to pass')
+        self._set_out(resting(there), here, now, 'around', f'{len(self._vias)} points to pass')
 
     def _sun_at(self, now):
         return self._sun.at(now * 1e-9) if self._limits.sun else None

@@ -1,5 +1,6 @@
 """Where the axes and the tube may be, and how fast."""
 
+import math
 import re
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -113,6 +114,17 @@ class Horizon:
         level = np.log2(count).astype(int)
         return np.maximum(self._highest[level, first],
                           self._highest[level, first + count - 2**level])
+
+
+    def highest_between(self, first, last):
+        """The largest `at` between two azimuths, floats, rad."""
+        if self.flat:
+            return self.least
+        begin = math.floor(first / self._step)
+        count = min(math.floor(last / self._step) - begin + 1, _STEPS)
+        level, begin = count.bit_length() - 1, begin % _STEPS
+        row = self._highest[level]
+        return float(max(row[begin], row[begin + count - 2**level]))
 
 
 @dataclass(frozen=True)

@@ -4,10 +4,7 @@ A row of `Boxes` holds every pair of angles that the axes may have in a stretch 
 much of their speed they use; what must hold of every pair is then asked of all of them at once.
 """
 
-import copy
 import math
-from bisect import bisect_right
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -15,19 +12,16 @@ import numpy as np
 from msg_tools.units import DEG
 
 from .boxes import Boxes, points
+from .track import BENT, STEP
 
-#: the boxes of a slew are about so large, rad, and not more than so many
-STEP, MOST = 2.0 * DEG, 120
-#: a track is cut so that it leaves the straight line between cuts by less, rad
-BENT = 0.02 * DEG
+#: the boxes of a slew are not more than so many
+MOST = 120
 #: of each axis, places that are tried where both may go in any order
 _ALONG = 9
 #: the place of an arrival is known to so much, rad; a target moves so fast at least, rad/s
 CLOSE, CREEP = 0.01 * DEG, 0.005 * DEG
 #: a track that is faster is run after in ways that are the mount's own, rad/s
 FAST = 0.05 * DEG
-_AXES = (0, 1)
-_largest, _smallest = np.maximum.reduce, np.minimum.reduce  # begin sooner than arrays' methods
 
 
 class State(NamedTuple):
@@ -35,167 +29,6 @@ class State(NamedTuple):
 
     angles: tuple
     rates: tuple = (0.0, 0.0)
-
-
-class Cubic:
-    """A track: cubic Hermite between its knots.
-
-    Parameters
-    ----------
-    times : ndarray, shape (n,)
-        Seconds.
-    angles, rates : ndarray, shape (n, 2)
-        rad, rad/s.
-
-    Attributes
-    ----------
-    peak_rate, peak_acceleration : ndarray, shape (2,)
-        The largest of each axis, rad/s and rad/s^2.
-    low, high : list of float
-        Ends of the angles of each axis, rad.
-    """
-
-    def __init__(self, times, angles, rates):
-        self.times, self.angles, self.rates = times, angles, rates
-        if len(times) == 1:
-            self.peak_rate, self.peak_acceleration = np.abs(rates[0]), np.zeros(2)
-            self._between = np.zeros((0, 2))
-            return
-        h = (times[1:] - times[:-1])[:, None]
-        step = angles[1:] - angles[:-1]
-        v0, v1 = rates[:-1], rates[1:]
-        mean = step / h
-        first = (6.0 * mean - 4.0 * v0 - 2.0 * v1) / h
-        last = (-6.0 * mean + 2.0 * v0 + 4.0 * v1) / h
-        change = first - last
-        at = np.minimum(np.maximum(first / np.where(change == 0.0, 1.0, change), 0.0), 1.0)
-        between = v0 + h * (first * at - 0.5 * change * at * at)
-        self.peak_rate = np.maximum(_largest(np.abs(rates)), _largest(np.abs(between)))
-        bend = np.maximum(np.abs(first), np.abs(last))
-        self.peak_acceleration = _largest(bend)
-        self._between, self._parts = between, (h, step, v0, v1, bend)
-
-    @cached_property
-    def _fine(self):
-        """Times and angles of cuts, and by how much the track leaves the lines between them."""
-        times, angles = self.times, self.angles
-        if len(times) == 1:
-            return times, angles, np.zeros(2)
-        h, step, v0, v1, bend = self._parts
-        squares = bend * (h * h)
-        bent = _largest(squares, 1) / 8.0
-        way = _largest(np.abs(step), 1) + _largest(np.abs(v0), 1) * h[:, 0] * (bent > BENT)
-        cuts = max(float(_largest(way)) / STEP, math.sqrt(float(_largest(bent)) / BENT))
-        cuts = int(min(max(math.ceil(cuts), 1), 400))
-        bent = _largest(squares) / (8.0 * cuts * cuts)
-        if cuts == 1:
-            return times, angles, bent
-        s = np.arange(cuts) / cuts
-        s = s[None, :, None]
-        h, v0, v1, step = h[:, None], v0[:, None], v1[:, None], step[:, None]
-        fine = (angles[:-1, None] + s * s * (3.0 - 2.0 * s) * step
-                + h * s * (1.0 - s) * ((1.0 - s) * v0 - s * v1))
-        return (np.append((times[:-1, None] + h[:, :, 0] * s[:, :, 0]).ravel(), times[-1]),
-                np.concatenate([fine.reshape(-1, 2), angles[-1:]]), bent)
-
-    @cached_property
-    def low(self):
-        """See above."""
-        _, places, bent = self._fine
-        return (_smallest(places) - bent).tolist()
-
-    @cached_property
-    def high(self):
-        """See above."""
-        _, places, bent = self._fine
-        return (_largest(places) + bent).tolist()
-
-    @cached_property
-    def _knots(self):
-        """Times, and of each axis angles and rates, as lists: one number is had sooner."""
-        return self.times.tolist(), self.angles.T.tolist(), self.rates.T.tolist()
-
-    def turned(self, first, second=0):
-        """The same, with whole turns added to the axes."""
-        add = np.array([first, second]) * 2.0 * math.pi
-        out = copy.copy(self)
-        out.__dict__.pop('_knots', None)
-        times, places, bent = self._fine
-        out.angles, out._fine = self.angles + add, (times, places + add, bent)
-        out.low, out.high = (list(map(float, ends + add)) for ends in (self.low, self.high))
-        return out
-
-    def at(self, t, axis):
-        """Angle and rate of one axis at `t`, floats; the end stands for what is after it."""
-        times, angles, rates = self._knots
-        angles, rates = angles[axis], rates[axis]
-        t = min(max(t, times[0]), times[-1])
-        if len(times) == 1:
-            return angles[0], rates[0]
-        i = min(bisect_right(times, t) - 1, len(times) - 2)
-        t0, t1 = times[i], times[i + 1]
-        p0, p1 = angles[i], angles[i + 1]
-        v0, v1 = rates[i], rates[i + 1]
-        h, step = t1 - t0, p1 - p0
-        s = (t - t0) / h
-        return (p0 + s * s * (3.0 - 2.0 * s) * step
-                + h * s * (1.0 - s) * ((1.0 - s) * v0 - s * v1),
-                6.0 * s * (1.0 - s) * step / h + (1.0 - s) * (1.0 - 3.0 * s) * v0
-                + s * (3.0 * s - 2.0) * v1)
-
-    def near(self, t, axis):
-        """Angles of one axis at times `t` (n,), to within `BENT`."""
-        return np.interp(t, self._fine[0], self._fine[1][:, axis])
-
-    def change(self, begin, end, axis):
-        """By how much the rate of one axis changes at most from `begin` to `end`, rad/s.
-
-        At the end of the track it stands still.
-        """
-        times = self.times
-        first = max(int(times.searchsorted(begin, 'right')) - 1, 0)
-        last = max(int(times.searchsorted(end)), first + 1)
-        rates = np.concatenate([self.rates[first:last + 1, axis], self._between[first:last, axis]])
-        low, high = float(rates.min()), float(rates.max())
-        if end > times[-1]:
-            low, high = min(low, 0.0), max(high, 0.0)
-        return high - low
-
-    def brakes(self, slow):
-        """How far each axis goes on at most when it is stopped on the track, rad, floats.
-
-        Parameters
-        ----------
-        slow : tuple of float
-            Accelerations with which the axes brake, rad/s^2.
-        """
-        return [v * v / (2.0 * a) for v, a in zip(self.peak_rate.tolist(), slow)]
-
-    def points(self):
-        """`Boxes` of no size: some of its angles, the knots among them."""
-        return points(self._fine[1].T, self._fine[0])
-
-    def boxes(self, slow=None):
-        """`Boxes` of all of it, and of where the axes come to rest if they are stopped on it.
-
-        Parameters
-        ----------
-        slow : tuple of float, optional
-            As of `brakes`; without, they are not stopped.
-        """
-        times, angles, bent = self._fine
-        if len(times) == 1:
-            return points(angles.T, times)
-        a, b = angles[:-1].T, angles[1:].T
-        low, high = np.minimum(a, b), np.maximum(a, b)
-        if slow is not None and max(self.brakes(slow)) > BENT:
-            h = times[1:] - times[:-1]
-            bend = 0.5 * self.peak_acceleration[:, None] * h
-            rate, slow = (b - a) / h, 2.0 * np.array(slow)[:, None]
-            low = low - np.minimum(rate - bend, 0.0) ** 2 / slow
-            high = high + np.maximum(rate + bend, 0.0) ** 2 / slow
-        pad = bent[:, None] + BENT
-        return Boxes(low - pad, high + pad, 0.5 * (times[:-1] + times[1:]))
 
 
 class Move(NamedTuple):
@@ -282,11 +115,44 @@ def moment(move, cubic, t, axis):
     if t >= move.end:
         angle, rate = cubic.at(t, axis)
         return angle, rate if t <= cubic.times[-1] else 0.0
-    u, w = min(t, move.t1), min(max(t - move.t1, 0.0), move.t2 - move.t1)
-    q = max(t - move.t2, 0.0)
-    rate = move.start + move.first * t if t < move.t1 else move.cruise + move.last * q
-    return (move.origin + move.frame * t + (move.start + 0.5 * move.first * u) * u
-            + move.cruise * w + (move.cruise + 0.5 * move.last * q) * q), move.frame + rate
+    rate = (move.start + move.first * t if t < move.t1
+            else move.cruise + move.last * max(t - move.t2, 0.0))
+    return _place(move, t), move.frame + rate
+
+
+def outermost(move, begin, end, low, high):
+    """Ends of one axis from `begin` to `end` (s) of a slew, floats.
+
+    Parameters
+    ----------
+    move : Move
+    begin, end : float
+        s.
+    low, high : float
+        Of the track after it, rad.
+    """
+    t1, t2, last = move.t1, move.t2, move.end
+    a, b = _place(move, begin if begin < last else last), _place(move, end if end < last else last)
+    least, most = (a, b) if a < b else (b, a)
+    if begin < t1 and move.first:  # where it turns round
+        t = -(move.start + move.frame) / move.first
+        if begin < t < min(end, t1):
+            a = _place(move, t)
+            least, most = min(least, a), max(most, a)
+    if end > t2 and move.last:
+        t = t2 - (move.cruise + move.frame) / move.last
+        if max(begin, t2) < t < min(end, last):
+            a = _place(move, t)
+            least, most = min(least, a), max(most, a)
+    return (min(least, low), max(most, high)) if end > last else (least, most)
+
+
+def _place(move, t):
+    origin, frame, start, first, cruise, last, t1, t2, _ = move
+    u, w, q = ((t, 0.0, 0.0) if t < t1 else (t1, t - t1, 0.0) if t < t2
+               else (t1, t2 - t1, t - t2))
+    return (origin + frame * t + (start + 0.5 * first * u) * u + cruise * w
+            + (cruise + 0.5 * last * q) * q)
 
 
 def along(moves, cubic, t):
@@ -323,18 +189,14 @@ def _chased(state, cubic, axes, t, brakes, timing, moves):
     Not farther than it can have come, and between where it was and where the target has been.
     `moves` are the soonest and the latest of either axis.
     """
-    fine, places, _ = cubic._fine
     lows, highs = np.empty((2, len(t))), np.empty((2, len(t)))
     for i, axis in enumerate(axes):
         here, rate = state.angles[i], state.rates[i]
         slowest = axis.acceleration * timing
         stop = here + rate * abs(rate) / (2.0 * slowest)
-        until = np.searchsorted(fine, t + brakes[i] + np.diff(t[:2]), 'right')
-        until = np.clip(until, 1, len(fine) - 1) if len(fine) > 1 else 0 * until
-        least = np.minimum.accumulate(places[:, i])[until]
-        most = np.maximum.accumulate(places[:, i])[until]
+        least, most = cubic.reached(t + brakes[i] + np.diff(t[:2]), i)
         # with the speed of the target it overshoots, and before it has braked
-        over = float(cubic.peak_rate[i]) ** 2 / (2.0 * slowest) + STEP / 4.0
+        over = cubic.peak_rate[i] ** 2 / (2.0 * slowest) + STEP / 4.0
         # and where the target brakes while the axis does, relative to it
         begin, end = min(m.t2 for m in moves[i::2]), max(m.end for m in moves[i::2])
         over += cubic.change(begin, end, i) * abs(moves[-2 + i].cruise) / slowest
@@ -355,6 +217,13 @@ class Slew:
     timing : float
         Of `limits.Limits`.
 
+    Attributes
+    ----------
+    chases : bool
+        The track is so fast that the way onto it is the mount's own.
+    arrival : float
+        At the latest, s; without any timing the end of the track.
+
     Raises
     ------
     ValueError
@@ -363,15 +232,17 @@ class Slew:
 
     def __init__(self, state, cubic, axes, timing):
         self._state, self._cubic, self._axes, self._timing = state, cubic, axes, timing
-        self._chased = float(cubic.peak_rate.max()) > FAST  # how is the mount's own
+        # how is the mount's own
+        self.chases = max(cubic.most_rate) > FAST and max(cubic.peak_rate) > FAST
         if timing == 0.0:
+            self.arrival = float(cubic.times[-1])
             return
         shares = (1.0, timing) if timing < 1.0 else (1.0,)
         self._moves = []  # of both axes at their fastest, then at their slowest
         for share in shares:
             for i, axis in enumerate(axes):
-                move = plan_move(float(state.angles[i]), float(state.rates[i]), cubic, i,
-                                 share * axis.rate, share * axis.acceleration)
+                move = plan_move(state.angles[i], state.rates[i], cubic, i, share * axis.rate,
+                                 share * axis.acceleration)
                 if move is None:
                     raise ValueError(i)
                 self._moves.append(move)
@@ -379,18 +250,43 @@ class Slew:
         # already; gone on with that speed it covers twice the braking distance; of the slowest
         # drive once
         longer = max(1.0, 0.5 / timing)
-        self._brakes = np.array([[longer * abs(move.cruise) / axis.acceleration]
-                                 for move, axis in zip(self._moves, axes)])
-        way = max(abs(float(cubic.angles[0, i]) - state.angles[i]) for i in _AXES)
+        self._brakes = [longer * abs(move.cruise) / axis.acceleration
+                        for move, axis in zip(self._moves, axes)]
+        way = max(abs(there - here) for there, here in zip(cubic.angles[0].tolist(), state.angles))
         self._count = int(min(max(way / STEP, 8.0), MOST))
-        self._arrival = max(move.end for move in self._moves[-2:])
+        self.arrival = max(move.end for move in self._moves[-2:])
+
+    def outermost(self, begin, end):
+        """Ends of both axes from `begin` to `end` (s), stopped in the meantime or not.
+
+        Returns
+        -------
+        list of (float, float)
+            rad.
+        """
+        if self._timing == 0.0:
+            box = self._hull()
+            return list(zip(box.low[:, 0].tolist(), box.high[:, 0].tolist()))
+        if self.chases:  # what may be grows all the time
+            dt = self.arrival / self._count
+            low, high, _ = self._lags(np.array([end - dt, end]))
+            pads = [axis.acceleration * dt * dt / 8.0 + BENT for axis in self._axes]
+            return [(a - pad, b + pad) for a, b, pad in zip(
+                low[:, 1].tolist(), high[:, 1].tolist(), pads)]
+        out = []
+        for soon, late, brake, low, high in zip(
+                self._moves, self._moves[-2:], self._brakes, *self._cubic.hull):
+            a, b = outermost(soon, begin, end + brake, low, high)
+            c, d = outermost(late, begin, end, low, high)
+            out.append(((a if a < c else c) - BENT, (b if b > d else d) + BENT))
+        return out
 
     def _times(self, finer=1):
         count = finer * self._count
-        return self._arrival / count * np.arange(count + 1)
+        return self.arrival / count * np.arange(count + 1)
 
     def _lags(self, t):
-        return _chased(self._state, self._cubic, self._axes, t, self._brakes[:, 0], self._timing,
+        return _chased(self._state, self._cubic, self._axes, t, self._brakes, self._timing,
                        self._moves)
 
     def passed(self):
@@ -403,7 +299,7 @@ class Slew:
             return points(places, np.full(places.shape[1], 0.5 * cubic.times[-1]))
         t = self._times()
         x = along(self._moves, cubic, np.broadcast_to(t, (len(self._moves), len(t))))
-        if self._chased:
+        if self.chases:
             low, high, _ = self._lags(t)
             x = np.clip(x, np.tile(low, (len(x) // 2, 1)), np.tile(high, (len(x) // 2, 1)))
         if len(x) == 2:
@@ -424,10 +320,10 @@ class Slew:
             return self._hull()
         t = self._times(finer)
         dt, n = float(t[1]), len(t)
-        later = np.concatenate([np.broadcast_to(t, (2, n)), t + self._brakes], 1)
+        later = np.concatenate([np.broadcast_to(t, (2, n)), t + np.array(self._brakes)[:, None]], 1)
         x = along(self._moves, self._cubic, np.tile(later, (len(self._moves) // 2, 1)))
         near, late, ahead = x[:2, :n], x[-2:, :n], x[:2, n:]
-        if self._chased:
+        if self.chases:
             near, ahead, late = self._lags(t)
         edges = np.stack([near[:, :-1], near[:, 1:], ahead[:, :-1], ahead[:, 1:], late[:, :-1],
                           late[:, 1:]])
@@ -440,7 +336,7 @@ class Slew:
             here, rate = state.angles[i], state.rates[i]
             brake, stop = cubic.brakes((axis.acceleration,) * 2)[i], rate * abs(rate) / (
                 2.0 * axis.acceleration)
-            if self._chased:  # a target that stops while the axis comes
+            if self.chases:  # a target that stops while the axis comes
                 brake += cubic.change(-math.inf, math.inf, i) * axis.rate / axis.acceleration
             ends.append((min(here, here + stop, cubic.low[i] - brake),
                          max(here, here + stop, cubic.high[i] + brake)))

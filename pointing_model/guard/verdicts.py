@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from .motion import Cubic
+from .track import Cubic
 
 
 class Allowed(NamedTuple):

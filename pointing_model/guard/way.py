@@ -11,8 +11,9 @@ from msg_tools.units import DEG
 from ..earth import TURN_RATE
 from .boxes import Boxes
 from .judging import Judge
-from .motion import Cubic, State, plan_move
+from .motion import State, plan_move
 from .sun import turned
+from .track import resting
 from .verdicts import Allowed
 
 #: between points of the grids on which a way is looked for, one after the other, rad
@@ -44,7 +45,7 @@ def lead(judge, cubic, state, sun=None, pole=None):
 
     Returns
     -------
-    (list of (float, float), motion.Cubic) or None
+    (list of (float, float), track.Cubic) or None
         Points as of `around`, none where the straight slew is allowed; the track on its turn.
     """
     for track in (cubic, *judge.other_turns(cubic, state)):
@@ -65,7 +66,7 @@ def around(judge, cubic, state, sun=None, pole=None):
     Parameters
     ----------
     judge : judging.Judge
-    cubic : motion.Cubic
+    cubic : track.Cubic
         The track, on the turn that the mount takes.
     state : motion.State
         At rest.
@@ -118,13 +119,13 @@ class _Leaving:
 
 def _free_of_all(judge, cubic, state, sun, pole, leaving):
     """The points of `around` for a Sun that stays; whether the track is clear of it too."""
-    own = judge.in_axes(sun, pole, state)
+    own = judge.sky.in_axes(sun, pole, state)
     for step in GRIDS:
         path = _path(judge, cubic, state, own, step, sun, pole, leaving)
         vias = path and _shortened(judge, tuple(map(float, state.angles)), path, cubic, sun, pole,
                                    leaving)
         if vias:
-            return vias, not judge.where_not(cubic.boxes(), own)
+            return vias, not judge.sky.where_not(cubic.boxes(), own)
     return None, False
 
 
@@ -135,7 +136,7 @@ def _lead_time(judge, here, vias):
         return 0.0  # as long as they like: each leg is judged once more when it begins
     seconds = 0.0
     for via in vias:
-        cubic = Cubic(np.zeros(1), np.array([via]), np.zeros((1, 2)))
+        cubic = resting(via)
         seconds += SETTLED + max(
             plan_move(here[i], 0.0, cubic, i, timing * axis.rate, timing * axis.acceleration).end
             for i, axis in enumerate(judge.limits.axes))
@@ -179,7 +180,7 @@ class _Grid:
             column.append(index[b].ravel())
             seconds.append((high[-1][axis] - low[-1][axis]) / judge.limits.axes[axis].rate)
         low, high = np.concatenate(low, 1), np.concatenate(high, 1)
-        free = judge.free(Boxes(low, high, np.zeros(low.shape[1])), None)
+        free = judge.sky.free(Boxes(low, high, np.zeros(low.shape[1])), None)
         self.boxes = Boxes(low, high, np.zeros(low.shape[1])).of(free)
         self.row, self.column, self.seconds = (
             np.concatenate(v)[free] for v in (row, column, seconds))
@@ -192,8 +193,8 @@ class _Grid:
         free = np.ones(len(self.row), bool)
         if sun is not None:
             near = np.flatnonzero(sun[0] @ self.place
-                                  > np.cos(min(judge.keep_out + step, np.pi)))
-            free[near] = judge.free(self.boxes.of(near), sun)
+                                  > np.cos(min(judge.sky.keep_out + step, np.pi)))
+            free[near] = judge.sky.free(self.boxes.of(near), sun)
         from scipy.sparse import coo_matrix  # few nights need a way around
         return coo_matrix((self.seconds[free], (self.row[free], self.column[free])),
                           shape=(self.size, self.size)).tocsr()

@@ -13,8 +13,9 @@ from pointing_model.guard.limits import (
     safe_travel,
     travel_of,
 )
-from pointing_model.guard.motion import Cubic, Slew, State
+from pointing_model.guard.motion import Slew, State
 from pointing_model.guard.sun import Sun, sun_place, turned
+from pointing_model.guard.track import Cubic
 from pointing_model.guard.verdicts import Allowed, Refused
 from pointing_model.guard.way import around, lead
 from pointing_model.mounts import Mount
@@ -97,7 +98,7 @@ def test_the_way_past_the_sun_is_refused_and_led_around(judge):
 
 
 def test_a_slow_mount_on_its_way_around_keeps_away_from_where_the_sun_will_be():
-    slow = tuple(Axis(*ends, 0.5 * DEG, 0.3 * DEG) for ends in (
+    slow = tuple(Axis(*ends, 0.4 * DEG, 0.3 * DEG) for ends in (
         (-270.0 * DEG, 270.0 * DEG), (-5.0 * DEG, 95.0 * DEG)))
     judge = Judge(Limits(axes=slow, horizon=Horizon(15.0 * DEG), timing=0.4))
     sun = toward(-15.0, 40.0)
@@ -108,7 +109,7 @@ def test_a_slow_mount_on_its_way_around_keeps_away_from_where_the_sun_will_be():
         assert isinstance(judge.way(here, there, turned(sun, POLE, seconds), POLE), Allowed)
         assert isinstance(judge.way(here, there, turned(sun, POLE, 0.4 * seconds), POLE), Allowed)
         way = np.abs(np.subtract(there, here))
-        seconds += (way / (0.2 * DEG)).max() + 0.5 / (0.4 * 0.3)  # and up to speed
+        seconds += (way / (0.16 * DEG)).max() + 0.4 / (0.4 * 0.3)  # and up to speed
         here = there
     assert seconds > 600.0  # in which the Sun goes 2.5 deg
 
