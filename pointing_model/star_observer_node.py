@@ -389,11 +389,11 @@ class StarObserver(MountNode):
             if not (missing or self._calibration_spoke) and any(
                     status in self._reports[name][PUBLISHES] for name in self._wanted_nodes):
                 missing = ['the calibration to say what it knows']
-        elif not self._guard_spoke and self.count_publishers(
-                self.resolve_topic_name(topics.GUARD_STATUS.name)):
-            missing = ['the guard to say whether the mount may move']
         elif self._calibration_is_silent():
             missing = ['the calibration to say what it knows']
+        if not (missing or self._guard_spoke) and self.count_publishers(
+                self.resolve_topic_name(topics.GUARD_STATUS.name)):
+            missing = ['the guard to say whether the mount may move']
         if not missing and self._has_rows and not len(self._table):
             missing = ['the calibration to give back the rows of the night so far']
         return missing

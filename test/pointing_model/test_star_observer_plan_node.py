@@ -269,6 +269,17 @@ def test_it_waits_for_the_nodes_that_it_was_told_of(graph):
     assert len(night.run()) == 1
 
 
+@pytest.mark.parametrize('wanted', [[''], ['/mount/star_observer']])
+def test_nothing_begins_before_a_guard_has_said_whether_the_mount_may_move(graph, wanted):
+    Instruments(graph)
+    guard = graph.publisher(topics.GUARD_STATUS)
+    node = Night(graph, 'stars 1', wait_for_nodes=wanted, autostart=False).node
+    reason = 'the guard to say whether the mount may move'
+    graph.wait_for(lambda: node.waiting_for() == [reason])
+    guard.publish(convert.status(DiagnosticStatus.OK, '/mount/mount_guard', 'idle', state='idle'))
+    graph.wait_for(lambda: not node.waiting_for())
+
+
 def test_foreign_diagnostics_do_no_harm(graph):
     from diagnostic_msgs.msg import DiagnosticArray, KeyValue
     night = Night(graph, 'stars 1', wait_for_nodes=['/mount/star_observer'])
