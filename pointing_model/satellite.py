@@ -31,7 +31,6 @@ from .earth import DAY, TURN_RATE, earth_orientation, split_utc, terrestrial
 from .sky import DEFAULT_SITE, DEFAULT_WEATHER
 
 _EARTH_RADIUS = 6378137.0  # m, equatorial, for the shadow
-_LIGHT_STEPS = 3
 # what ERFA's atioq takes as the least cosine and sine of an elevation
 _LEAST_COS, _LEAST_SIN = 1e-6, 0.05
 
@@ -91,9 +90,12 @@ def satellite_place(satellite, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER,
     ground = _ground(site, earth)
     path = _spin(satellite.state(time + time_bias)[0], turn) - ground
     if corrections.light_time:
-        for _ in range(_LIGHT_STEPS):
-            delay = _length(path) / erfa.CMPS
-            path = _spin(satellite.state(time + time_bias - delay)[0], turn) - ground
+        delay = _length(path) / erfa.CMPS
+        place, velocity = satellite.state(time + time_bias - delay)
+        path = _spin(place, turn) - ground
+        # the microsecond by which that is not yet the delay is a few millimetres
+        late = _length(path) / erfa.CMPS - delay
+        path = path - late[..., None] * _spin(velocity, turn)
     distance = _length(path)
     seen = path / distance[..., None]
     velocity = np.zeros_like(seen)
