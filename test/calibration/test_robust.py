@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from calibration import robust
-from calibration.gauss_newton import _Rounds
+from calibration.robust_rounds import Rounds
 from calibration.robust import bisquare, hampel, huber, reweighted, sigma_of
 
 U = np.linspace(0.0, 12.0, 120_001)
@@ -73,7 +73,7 @@ def test_steps_with_the_matrix_of_another_place_do_not_run_away():
     rows, noise = rng.normal(size=(3, 80)), 1e-6
     b = np.array([1e-3, -2e-3, 5e-4]) @ rows + noise * rng.normal(size=80)
     far = 1e9 * np.linalg.inv(rows @ rows.T)
-    rounds = _Rounds(rows, b, None, 1e-12, far)
+    rounds = Rounds(rows, b, None, 1e-12, far)
     scales = rounds.find_noise(3)
     assert scales == pytest.approx([noise, noise], rel=0.3)
     np.testing.assert_allclose(rounds.p, [1e-3, -2e-3, 5e-4], rtol=0, atol=1e-6)
