@@ -175,7 +175,7 @@ def gauss_newton(start, sigmas, robust, rcond):
         p = p + (solution.p if basis is None else basis @ solution.p)
         if start.linear:
             break
-        mean = float(np.sqrt(np.mean(np.square(solution.residual)) / n))
+        mean = float(np.dot(solution.residual, solution.residual) / (2 * n * n)) ** 0.5
         near = largest(residual - solution.residual) * mean < NEAR
     else:
         raise ValueError(

@@ -81,11 +81,11 @@ class Weigher:
         return np.square(kept), kept
 
     @staticmethod
-    def bisquare_longer(weights, kept):
-        """As `huber_longer`."""
+    def bisquare_longer(weights, kept, formed):
+        """As `huber_longer`, with a matrix that was formed at weights of the sum `formed`."""
         total = float(np.add.reduce(weights))
         slope = 3.0 * total - 2.0 * float(np.add.reduce(kept))
-        return min(total / slope, 1.9) if slope > 0.0 else 1.0
+        return min(total / slope, 1.9) * formed / total if slope > 0.0 else 1.0
 
     def distance(self, residual, scales):
         """Square of the radial distance in standard deviations, shape (n,)."""
@@ -128,9 +128,12 @@ class Rounds:
         self.rows, self.b, self.base, self.rcond = rows, b, base, rcond
         self.weigher = Weigher(base, len(b) // 2)
         self.solution, self.p, self.residual = None, np.zeros(len(rows)), b
-        self.inverse, self.newton, self.unweighted = inverse, None, before is None
+        #: sum of the weights that the matrix was formed with
+        self.total = float(len(b) // 2)
+        self.unweighted = before is None
+        self.inverse, self.newton = inverse, None
         if before is not None:
-            self.solution, self.newton = before.solution, before.newton
+            self.solution, self.newton, self.total = before.solution, before.newton, before.total
             self.inverse = self.solution.inverse
         self.begun = self.inverse is not None
         if not self.begun and plain is not None:
@@ -138,7 +141,7 @@ class Rounds:
         elif not self.begun:
             self.solve(None, normals)
             self.plain = self.p
-            self.begun = self.unweighted = normals is not None
+            self.begun = normals is not None
 
     def solve(self, weights, normals=None):
         """Exactly, with these weights of the rows (None: 1); how far it moves a residual."""
@@ -147,7 +150,9 @@ class Rounds:
             self.rows, self.b, self.base if weights is None else self.weigher.both(weights),
             self.rcond, normals)
         self.p, self.residual = self.solution.p, self.solution.residual
-        self.inverse, self.unweighted = self.solution.inverse, False
+        self.inverse = self.solution.inverse
+        if weights is not None:
+            self.total, self.unweighted = float(np.add.reduce(weights)), False
         return self.residual - before
 
     def force(self, weights):
@@ -159,8 +164,6 @@ class Rounds:
 
     def step(self, weights, longer):
         """One with the normal matrix that is there; how far it moves a residual at most."""
-        if self.unweighted:
-            longer *= len(weights) / float(np.add.reduce(weights))
         return self.go(longer * (self.inverse @ self.force(weights)))
 
     def go(self, step, most=np.inf):
@@ -198,7 +201,7 @@ class Rounds:
 
     def far(self, weights):
         """Whether steps with the normal matrix that is there could go too far."""
-        return self.unweighted and np.add.reduce(weights) < 0.5 * len(weights)
+        return float(np.add.reduce(weights)) < 0.5 * self.total
 
     def find_noise(self, rank, rough=False):
         """Huber's weights, with the noise by the medians; then that of what the bisquare keeps.
@@ -211,10 +214,13 @@ class Rounds:
         for _ in range(30):
             scales = weigher.noise(self.residual, dof_factor)
             weights = weigher.huber(self.residual, scales)
-            if exactly or self.far(weights):
+            if exactly or self.unweighted and self.far(weights):
                 moved = float(weigher.distance(self.solve(weights), scales).max()) ** 0.5
             else:
-                moved = self.step(weights, weigher.huber_longer(weights)) / weigher.least(scales)
+                longer = weigher.huber_longer(weights)
+                if self.unweighted:
+                    longer *= self.total / float(np.add.reduce(weights))
+                moved = self.step(weights, longer) / weigher.least(scales)
                 exactly, last = moved > 0.5 * last, moved
             if moved < (_ROUGHLY if rough else _SETTLED):
                 break
@@ -236,7 +242,7 @@ class Rounds:
         last, way = np.inf, 0.0
         little = _LITTLE * least if self.solution is not None else 0.0
         weights, kept = weigher.bisquare(self.residual, scales)
-        if not self.begun or self.far(weights):
+        if self.far(weights):
             self.solve(weights)
             weights, kept = weigher.bisquare(self.residual, scales)
         newton = len(weights) <= _NEWTON and isinstance(self.rows, np.ndarray)
@@ -246,12 +252,12 @@ class Rounds:
                 moved = self.by_newton(weights, kept, scales, form)
                 newton = moved is not None
             if moved is None:
-                moved = self.step(weights, weigher.bisquare_longer(weights, kept))
+                moved = self.step(weights, weigher.bisquare_longer(weights, kept, self.total))
             way += moved
             weights, kept = weigher.bisquare(self.residual, scales)
             less = moved / last  # what the next would be of this; square, by a matrix of its own
             less = max(less * less if form else less, 1e-5) if newton else max(less, 1e-3)
-            if 0.5 * TOLERANCE <= less * moved and moved <= _SLOW * last:
+            if less * moved >= 0.5 * TOLERANCE and moved <= _SLOW * last:
                 last = moved
                 continue
             if moved <= _SLOW * last and way < little:  # the matrix is as good as that of before

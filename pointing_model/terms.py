@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .mounts import ALTAZ, KINDS, OF_MOUNT, sides
-from .trig import sincos
+from .trig import BLOCK, sincos
 
 #: A column that is zero everywhere; the fit tells it by identity and skips it.
 ZERO = 0.0
@@ -40,8 +40,11 @@ class Trig:
             az, el, self.side = sides(az, el)
             mount = mount.with_errors(OF_MOUNT)
         self.az, self.el, self.mount = az, el, mount
-        self.sin_az, self.cos_az = sincos(az)
-        self.sin_el, self.cos_el = sincos(el)
+        if np.ndim(az) == np.ndim(el) == 1 and len(az) == len(el) <= BLOCK // 2:  # in one go
+            (self.sin_az, self.sin_el), (self.cos_az, self.cos_el) = sincos(np.array((az, el)))
+        else:
+            self.sin_az, self.cos_az = sincos(az)
+            self.sin_el, self.cos_el = sincos(el)
         self._zenith = self if mount.altaz else None
 
     def every(self, part):

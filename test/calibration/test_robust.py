@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from calibration import robust
-from calibration.robust_rounds import Rounds
 from calibration.robust import bisquare, hampel, huber, reweighted, sigma_of
+from calibration.robust_rounds import Rounds
 
 U = np.linspace(0.0, 12.0, 120_001)
 DENSITY = U * np.exp(-0.5 * U**2)  # of the radial distance at Gaussian noise
