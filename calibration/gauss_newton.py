@@ -134,7 +134,7 @@ def gauss_newton(start, sigmas, robust, rcond):
                 'the fit runs to a mount that can point nowhere; look for rows with degrees of '
                 'error or fit fewer terms')
         same = solution is not None and _same(feasible, known)
-        wrong = largest(residual - solution.residual) if same else np.inf
+        wrong = largest(residual - solution.residual) if same and (settled or scales) else np.inf
         if wrong < EXACT and near and settled:
             solution = solution._replace(residual=residual)
             break

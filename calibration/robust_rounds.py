@@ -81,9 +81,9 @@ class Weigher:
         return np.square(kept), kept
 
     @staticmethod
-    def bisquare_longer(weights, kept, formed):
+    def bisquare_longer(kept, formed):
         """As `huber_longer`, with a matrix that was formed at weights of the sum `formed`."""
-        total = float(np.add.reduce(weights))
+        total = float(np.dot(kept, kept))
         slope = 3.0 * total - 2.0 * float(np.add.reduce(kept))
         return min(total / slope, 1.9) * formed / total if slope > 0.0 else 1.0
 
@@ -230,8 +230,8 @@ class Rounds:
         # the median is wasteful: take the bisquare's own variance of what it keeps
         squares = weigher.squares(self.residual)
         for _ in range(3):
-            weights, _ = weigher.bisquare_of(squares, scales)
-            total = max(float(np.add.reduce(weights)), 1e-9) * BISQUARE_VARIANCE
+            weights, kept = weigher.bisquare_of(squares, scales)
+            total = max(float(np.dot(kept, kept)), 1e-9) * BISQUARE_VARIANCE
             scales = [max(dof_factor * (square / total) ** 0.5, scale / 1.5)
                       for square, scale in zip((squares @ weights).tolist(), scales)]
         return scales
@@ -252,7 +252,7 @@ class Rounds:
                 moved = self.by_newton(weights, kept, scales, form)
                 newton = moved is not None
             if moved is None:
-                moved = self.step(weights, weigher.bisquare_longer(weights, kept, self.total))
+                moved = self.step(weights, weigher.bisquare_longer(kept, self.total))
             way += moved
             weights, kept = weigher.bisquare(self.residual, scales)
             less = moved / last  # what the next would be of this; square, by a matrix of its own

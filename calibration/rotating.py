@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from msg_tools.units import all_finite
 from pointing_model.geometry import linearised
 from pointing_model.mount_names import CANONICAL
 from pointing_model.rotations import values
@@ -66,7 +67,7 @@ class Rotating:
             x, y = self._linearised(part, columns)
             residual[part] -= x
             residual[n + part.start:n + part.stop] -= y
-        if np.isfinite(residual[:n].sum()):
+        if all_finite(residual[:n]):
             return residual, None
         feasible = np.isfinite(residual[:n])
         residual[np.concatenate((~feasible, ~feasible))] = 0.0

@@ -327,6 +327,6 @@ def in_turn(angle):
     """`wrap` where something is out of it."""
     if angle.ndim == 0:
         return angle if -np.pi <= angle < np.pi else wrap(angle)
-    if angle.size and not (angle.max() < np.pi and angle.min() >= -np.pi):
-        return wrap(angle)
-    return angle
+    if (angle.ndim == 1 and np.dot(angle, angle) < np.pi * np.pi) or not angle.size:
+        return angle  # as the sum of the squares is
+    return angle if angle.max() < np.pi and angle.min() >= -np.pi else wrap(angle)

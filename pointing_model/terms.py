@@ -7,6 +7,7 @@ elevation). Terms of the axes have the same columns in every mount, under its ow
 gravity and refraction lift toward the zenith, wherever that is for the axes.
 """
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -239,7 +240,12 @@ def known_terms(names, mount=ALTAZ):
     ValueError
         A name is unknown or given twice.
     """
-    names, known = tuple(names), terms_of(mount)
+    return list(_known_terms(tuple(names), mount))
+
+
+@functools.lru_cache(256)  # a fit asks thrice, a model whenever it is made
+def _known_terms(names, mount):
+    known = terms_of(mount)
     unknown = [name for name in names if name not in known]
     if unknown:
         raise ValueError(
@@ -248,7 +254,7 @@ def known_terms(names, mount=ALTAZ):
             + f'; choose from {", ".join(known)}')
     if len(set(names)) < len(names):
         raise ValueError(f'a pointing term is named twice in {", ".join(names)}; name it once')
-    return [known[name] for name in names]
+    return tuple(known[name] for name in names)
 
 
 def stacked_design(names, az, el, mount=ALTAZ, trig=None):
