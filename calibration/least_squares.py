@@ -4,6 +4,7 @@ The design has a row a coefficient: x of all stars, then y of all stars. In the 
 it may be `run_columns.RunColumns`. A weight per value may be None: all equal.
 """
 
+import functools
 from typing import NamedTuple
 
 import numpy as np
@@ -42,6 +43,20 @@ class Solution(NamedTuple):
     rank: int
 
 
+@functools.cache
+def _lapack():
+    from scipy.linalg import lapack  # slow to import; its calls cost a quarter of numpy.linalg's
+    return lapack
+
+
+def inverse_of(matrix):
+    """As `numpy.linalg.inv` of one small matrix, LinAlgError where it is singular."""
+    factors, order, bad = _lapack().dgetrf(matrix)
+    if bad:
+        raise np.linalg.LinAlgError('singular matrix')
+    return _lapack().dgetri(factors, order)[0]
+
+
 def spectrum_of(rows, weights, normal):
     """Singular values of a design: from its normal matrix where those are accurate, else by QR.
 
@@ -60,7 +75,9 @@ def spectrum_of(rows, weights, normal):
     if found is None:
         scale = np.sqrt(normal.diagonal())
         scale[scale <= 0.0] = 1.0
-        values, vectors = np.linalg.eigh(normal / (scale[:, None] * scale))
+        values, vectors, bad = _lapack().dsyevd(normal / (scale[:, None] * scale))
+        if bad:
+            raise np.linalg.LinAlgError('the normal matrix of a fit is not finite')
     else:
         values, vectors, scale = found
     if values[0] > _GRAM_LIMIT * values[-1]:
@@ -130,7 +147,7 @@ def weighted_solve(rows, b, weights, rcond, normals=None):
     """
     x_normal, normal = normal_matrices(rows, weights) if normals is None else normals
     try:
-        inverse = (np.linalg.inv(normal) if isinstance(rows, np.ndarray)
+        inverse = (inverse_of(normal) if isinstance(rows, np.ndarray)
                    else rows.inverse(normal))
         # trace x trace of the scaled matrix and its inverse: never below the condition number
         condition = len(normal) * float(normal.diagonal() @ inverse.diagonal())

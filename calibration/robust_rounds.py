@@ -9,7 +9,7 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 
-from .least_squares import weighted_solve
+from .least_squares import inverse_of, weighted_solve
 from .robust import BISQUARE, BISQUARE_VARIANCE, HUBER, sigma_of
 
 TOLERANCE = 1e-9 * ARCSEC  # of the rounds, on the sky
@@ -190,7 +190,7 @@ class Rounds:
             change *= (4.0 / BISQUARE**2) * kept
             matrix = (rows * self.weigher.both(weights)) @ rows.T - (x + y) @ change.T
             try:
-                self.newton = np.linalg.inv(matrix)
+                self.newton = inverse_of(matrix)
             except np.linalg.LinAlgError:
                 return None
         force = self.force(weights)

@@ -194,7 +194,7 @@ def to_axes(sines, coefficients, mount, side):
 def _linear(matrix, values):
     """A matrix, shape (m, k), times k arrays of one shape."""
     values = np.array(values)
-    out = np.dot(matrix, values.reshape(len(values), -1))
+    out = np.array(matrix) @ values.reshape(len(values), -1)
     return out if values.ndim == 2 else out.reshape(len(out), *values.shape[1:])
 
 
